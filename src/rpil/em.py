@@ -1,0 +1,281 @@
+"""EM over demonstrations: pure steps on frozen states.
+
+The model (docs/model.md): demonstration m is an expert's with probability p; its reliability rho_m comes from the
+group's Beta; each of its actions is the expert's with probability rho_m, else the adversary's:
+
+    p(D_m) = sum_z p(z) sum_j P(rho_j | z) prod_n [ rho_j pi(a_n|s_n) + (1 - rho_j) psi(a_n|s_n) ]
+
+The paper's mixture (eq. 7, 9, 11) is this with point masses at rho = 1 and 0. Everything is in logs.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+from scipy.special import logsumexp
+
+from rpil.adversaries import Adversary
+from rpil.passes import Array
+from rpil.policies import Policy
+from rpil.reliability import ADVERSARY, EXPERT, Reliability
+
+MStep = Literal["joint", "expert_only"]
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """The data of one fit.
+
+    Attributes
+    ----------
+    features : (N, D) array
+        Design matrix, constant in the last column.
+    actions : (N,) int array
+        Codes 0..K-1 of the actions taken.
+    offsets : (M + 1,) int array
+        Demonstration m owns the steps ``offsets[m]:offsets[m + 1]``.
+    n_actions : int
+    labels : (M,) int array
+        1 known expert, -1 known adversary, 0 unknown.
+    weight : (N,) array or None
+        Weight of each step, 1 where None.
+    """
+
+    features: Array
+    actions: Array
+    offsets: Array
+    n_actions: int
+    labels: Array
+    weight: Array | None = None
+
+    @property
+    def n_demonstrations(self) -> int:
+        return len(self.offsets) - 1
+
+    @property
+    def lengths(self) -> Array:
+        return np.diff(self.offsets)
+
+    def sum_steps(self, values: Array) -> Array:
+        """Sums over the steps of each demonstration, (N, ...) -> (M, ...)."""
+        return np.add.reduceat(values, self.offsets[:-1], axis=0)
+
+    def spread(self, values: Array) -> Array:
+        """A value of each demonstration, repeated for its steps, (M, ...) -> (N, ...)."""
+        return np.repeat(values, self.lengths, axis=0)
+
+    def taken(self, log_proba: Array) -> Array:
+        """Log-probability of the action taken, (N, K) -> (N,)."""
+        return np.take_along_axis(log_proba, self.actions[:, None], axis=1)[:, 0]
+
+    def one_hot(self, weight: Array) -> Array:
+        """Targets (N, K) with `weight` (N,) on the action taken."""
+        targets = np.zeros((len(self.actions), self.n_actions))
+        np.put_along_axis(targets, self.actions[:, None], weight[:, None], axis=1)
+        return targets
+
+    def select(self, demonstrations: Array) -> Problem:
+        """The same problem with some of the demonstrations only."""
+        steps = np.concatenate([np.arange(self.offsets[m], self.offsets[m + 1]) for m in demonstrations])
+        offsets = np.concatenate([[0], np.cumsum(self.lengths[demonstrations])])
+        weight = None if self.weight is None else self.weight[steps]
+        return replace(
+            self,
+            features=self.features[steps],
+            actions=self.actions[steps],
+            offsets=offsets,
+            labels=self.labels[demonstrations],
+            weight=weight,
+        )
+
+
+@dataclass(frozen=True)
+class Prior:
+    """P(expert): fixed, or estimated under Beta(a, b)."""
+
+    p: float = 0.5
+    a: float = 2.0
+    b: float = 2.0
+    fixed: bool = False
+
+    def fit(self, n_expert: float, n: float) -> Prior:
+        """The posterior mode after `n_expert` expected experts of `n`."""
+        if self.fixed:
+            return self
+        p = (n_expert + self.a - 1) / (n + self.a + self.b - 2)
+        return replace(self, p=float(np.clip(p, 1e-12, 1 - 1e-12)))
+
+    @property
+    def log(self) -> Array:
+        """log P(expert), log P(adversary)."""
+        return np.array([np.log(self.p), np.log1p(-self.p)])
+
+    def log_prior(self) -> float:
+        return 0.0 if self.fixed else float(np.dot([self.a - 1, self.b - 1], self.log))
+
+
+@dataclass(frozen=True, eq=False)
+class State:
+    """The parameters: policy, adversary, P(expert), reliabilities."""
+
+    policy: Policy
+    adversary: Adversary
+    prior: Prior
+    reliability: Reliability
+
+
+@dataclass(frozen=True, eq=False)
+class Posterior:
+    """What an E-step finds.
+
+    Attributes
+    ----------
+    log_odds : (M,) array
+        Of expert against adversary; labels not counted.
+    joint : (M, 2, J) array
+        P(group, rho_j | D_m), labels counted.
+    step : (N,) array
+        P(the step is the expert's | data).
+    log_evidence : (M,) array
+        log p(D_m), or log p(D_m, label) where there is one.
+    log_ratio : (N,) array
+        log pi - log psi of the action taken.
+    log_proba : (N, K) array
+        The policy's, carried along so that no M-step computes it twice.
+    """
+
+    log_odds: Array
+    joint: Array
+    step: Array
+    log_evidence: Array
+    log_ratio: Array
+    log_proba: Array
+
+    @property
+    def expert(self) -> Array:
+        """Responsibilities P(expert | D_m), labels counted, (M,)."""
+        return self.joint[:, EXPERT].sum(axis=1)
+
+
+@dataclass(frozen=True, eq=False)
+class Result:
+    """Where EM ended: state, posterior, the objective at every iteration, and whether it had converged."""
+
+    state: State
+    posterior: Posterior
+    history: Array
+    converged: bool
+
+    @property
+    def objective(self) -> float:
+        return float(self.history[-1])
+
+
+def step_mixture(log_pi: Array, log_psi: Array, nodes: Array) -> tuple[Array, Array, Array]:
+    """log[rho pi + (1 - rho) psi] for every step and every rho of the grid.
+
+    Returns
+    -------
+    log_mixture : (N, J) array
+    share : (N,) array
+        pi / max(pi, psi).
+    mixture : (N, J) array
+        The mixture over max(pi, psi), between 0 and 1.
+    """
+    top = np.maximum(log_pi, log_psi)
+    share, rest = np.exp(log_pi - top), np.exp(log_psi - top)
+    mixture = np.outer(share, nodes) + np.outer(rest, 1 - nodes)
+    with np.errstate(divide="ignore"):
+        log_mixture = np.log(mixture)
+    log_mixture += top[:, None]
+    # At the ends the mixture is one of the two, to the last bit and below the smallest number there is.
+    log_mixture[:, nodes == 1.0] = log_pi[:, None]
+    log_mixture[:, nodes == 0.0] = log_psi[:, None]
+    return log_mixture, share, mixture
+
+
+def e_step(problem: Problem, state: State, log_proba: Array, beta: float = 1.0) -> Posterior:
+    """Posterior over groups, reliabilities and steps, with the likelihood to the power `beta`."""
+    log_pi = problem.taken(log_proba)
+    log_psi = state.adversary.log_prob(problem.features, log_proba, problem.actions)
+    nodes = state.reliability.nodes
+    log_mixture, share, mixture = step_mixture(log_pi, log_psi, nodes)
+    if problem.weight is not None:
+        log_mixture = log_mixture * problem.weight[:, None]
+    with np.errstate(invalid="ignore"):
+        log_joint = (
+            state.prior.log[:, None] + state.reliability.log_weight + beta * problem.sum_steps(log_mixture)[:, None]
+        )
+    by_group = logsumexp(log_joint, axis=2)
+    log_odds = by_group[:, EXPERT] - by_group[:, ADVERSARY]
+    log_joint[problem.labels > 0, ADVERSARY] = -np.inf
+    log_joint[problem.labels < 0, EXPERT] = -np.inf
+    log_evidence = logsumexp(log_joint, axis=(1, 2))
+    joint = np.exp(log_joint - log_evidence[:, None, None])
+
+    by_node = problem.spread(joint.sum(axis=1) * nodes)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        step = share * np.divide(by_node, mixture, out=np.zeros_like(mixture), where=by_node > 0).sum(axis=1)
+    return Posterior(log_odds, joint, np.clip(step, 0.0, 1.0), log_evidence, log_pi - log_psi, log_proba)
+
+
+def lower_bound(state: State, posterior: Posterior, beta: float = 1.0) -> float:
+    """The penalised observed-data log-likelihood at `state`, which the bound touches after an E-step."""
+    prior = state.prior.log_prior() + state.reliability.log_prior()
+    own = state.adversary.log_prior() - state.policy.penalty()
+    return float((posterior.log_evidence.sum() + prior) / beta + own)
+
+
+def m_step(
+    problem: Problem, state: State, posterior: Posterior, mode: MStep = "joint", max_iter: int = 1, max_cg: int = 10
+) -> tuple[State, Array]:
+    """One convex problem for the policy, closed forms for the rest; also the new log-probabilities (N, K).
+
+    ``mode="expert_only"`` drops the adversary's term from the policy's problem, as the paper's own code does.
+    """
+    expert = posterior.step if problem.weight is None else posterior.step * problem.weight
+    adversary = (1 - posterior.step) if problem.weight is None else (1 - posterior.step) * problem.weight
+    targets = problem.one_hot(expert)
+    intended = None
+    if mode == "joint":
+        intended = state.adversary.intended(posterior.log_proba, problem.actions)
+    if intended is not None:
+        targets += adversary[:, None] * intended
+    policy, log_proba = state.policy.fit(problem.features, targets, max_iter=max_iter, max_cg=max_cg)
+    counts = posterior.joint.sum(axis=0)
+    new = State(
+        policy,
+        state.adversary.fit(problem.features, posterior.log_proba, problem.actions, adversary),
+        state.prior.fit(float(counts[EXPERT].sum()), problem.n_demonstrations),
+        state.reliability.fit(counts),
+    )
+    return new, log_proba
+
+
+def run(
+    problem: Problem,
+    state: State,
+    *,
+    mode: MStep = "joint",
+    beta: float = 1.0,
+    max_iter: int = 100,
+    tol: float = 1e-4,
+    log_proba: Array | None = None,
+    m_iter: int = 1,
+    m_cg: int = 10,
+) -> Result:
+    """EM from `state` until the objective gains less than `tol` nats a demonstration, ending on an E-step."""
+    log_proba = state.policy.log_proba(problem.features) if log_proba is None else log_proba
+    posterior = e_step(problem, state, log_proba, beta)
+    history = [lower_bound(state, posterior, beta)]
+    converged = False
+    for _ in range(max_iter):
+        state, log_proba = m_step(problem, state, posterior, mode, m_iter, m_cg)
+        posterior = e_step(problem, state, log_proba, beta)
+        history.append(lower_bound(state, posterior, beta))
+        converged = abs(history[-1] - history[-2]) <= tol * problem.n_demonstrations
+        if converged:
+            break
+    return Result(state, posterior, np.array(history), converged)

@@ -1,0 +1,45 @@
+"""Parquet: the flat table with its types kept."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from numpy.typing import NDArray
+
+from rpil.demonstrations import Demonstrations
+from rpil.errors import DataError
+from rpil.files import replacing
+from rpil.formats import table as flat
+
+
+def read(path: Path) -> Demonstrations:
+    """Read the columns that hold data, and no others."""
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    try:
+        with pq.ParquetFile(path, page_checksum_verification=True) as file:
+            columns = flat.find_columns(file.schema_arrow.names, path.name)
+            table = file.read(columns=columns.all)
+        table.validate(full=True)  # text from a damaged file need not be Unicode
+    except (pa.ArrowException, OSError, UnicodeDecodeError) as error:
+        raise DataError(f"{path.name}: not a Parquet file, or a damaged or truncated one; write it again.") from error
+    return flat.to_demonstrations(table, columns, path.name)
+
+
+def write(path: Path, demonstrations: Demonstrations, truth: Mapping[str, NDArray[Any]]) -> None:
+    """Write the flat table, with its types."""
+    write_table(path, flat.from_demonstrations(demonstrations, truth))
+
+
+def write_table(path: Path, table: Any) -> None:
+    """Write any ``pyarrow.Table``."""
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    # Measurements hardly repeat, so that a dictionary of them only costs time and space.
+    repeating = [field.name for field in table.schema if not pa.types.is_floating(field.type)]
+    with replacing(path) as temporary:
+        pq.write_table(table, temporary, use_dictionary=repeating, write_page_checksum=True)

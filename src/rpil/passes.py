@@ -1,0 +1,68 @@
+"""What one pass over the data computes: sums over steps, in blocks that stay in cache.
+
+The design matrix is read once per pass, block by block; everything else a pass touches is (N, K). Objective, gradient
+and Hessian products below are those of weighted softmax regression on soft targets T (N, K), whose row sums are the
+weights of the steps:
+
+    f(W) = - sum_nk T_nk log softmax(x_n W)_k + 1/2 sum_dk penalty_d W_dk^2
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.floating]
+
+BLOCK_BYTES = 1 << 19
+"""Bytes of the design matrix in one block: half of a small second-level cache."""
+
+
+def blocks(features: Array) -> Iterator[slice]:
+    """Slices of whole rows, each about `BLOCK_BYTES` of `features` (N, D)."""
+    n_steps, n_features = features.shape
+    rows = max(64, BLOCK_BYTES // (features.itemsize * n_features))
+    for start in range(0, n_steps, rows):
+        yield slice(start, min(start + rows, n_steps))
+
+
+def linear(features: Array, weights: Array) -> Array:
+    """The product X W, (N, K)."""
+    out = np.empty((features.shape[0], weights.shape[1]), dtype=features.dtype)
+    for block in blocks(features):
+        np.matmul(features[block], weights, out=out[block])
+    return out
+
+
+def log_softmax(logits: Array) -> Array:
+    """``logits - logsumexp(logits)`` along the last axis, (N, K)."""
+    shifted = logits - logits.max(axis=-1, keepdims=True)
+    shifted -= np.log(np.exp(shifted).sum(axis=-1, keepdims=True))
+    return shifted
+
+
+def gradient(features: Array, residual: Array) -> Array:
+    """The product X^T R, (D, K), for residuals R (N, K)."""
+    total = np.zeros((features.shape[1], residual.shape[1]))
+    for block in blocks(features):
+        total += features[block].T @ residual[block]
+    return total
+
+
+def hessian_product(features: Array, proba: Array, weight: Array, direction: Array) -> Array:
+    """H V without the penalty, (D, K): X^T [ s p (z - p.z) ] with z = X V, in one reading of X.
+
+    `proba` (N, K) are the policy's probabilities, `weight` (N,) the weights s of the steps, `direction` V is (D, K).
+    """
+    total = np.zeros(direction.shape)
+    direction = direction.astype(features.dtype, copy=False)
+    for block in blocks(features):
+        rows, p = features[block], proba[block]
+        z = rows @ direction
+        z *= p
+        z -= p * z.sum(axis=1, keepdims=True)
+        z *= weight[block, None]
+        total += rows.T @ z
+    return total

@@ -1,0 +1,246 @@
+"""Playing a policy in a Gymnasium environment: its mean return with an interval, or the episodes themselves.
+
+All episodes run in lockstep, so the policy sees one batch per time step instead of one row per episode and step.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import stdtrit
+
+from rpil.errors import DataError, MissingExtraError
+
+
+class Policy(Protocol):
+    """Anything that maps observations (n, D) to actions (n,): an expert, an estimator, a scikit-learn classifier."""
+
+    def predict(self, observations: NDArray[Any], /) -> Any: ...
+
+
+class RandomPolicy:
+    """Uniform draws from the actions 0 .. K-1, whatever the observation.
+
+    The draws come from one stream, which a later `predict` of the same object continues."""
+
+    def __init__(self, n_actions: int, seed: int) -> None:
+        self.classes_ = np.arange(n_actions)
+        self._rng = np.random.default_rng(seed)
+
+    def predict(self, observations: NDArray[Any]) -> NDArray[np.int64]:
+        """Draw an action (n,) for every observation (n, D)."""
+        return self._rng.integers(len(self.classes_), size=len(observations))
+
+
+@dataclass(frozen=True, eq=False)
+class Returns:
+    """Undiscounted returns of a policy.
+
+    Attributes
+    ----------
+    mean : float
+    ci95 : tuple of float
+        Low and high end of the 95 % t interval of the mean over these episodes; (nan, nan) for a single episode.
+    returns : array (n_episodes,)
+        The return of every episode.
+    """
+
+    mean: float
+    ci95: tuple[float, float]
+    returns: NDArray[np.float64]
+
+    @classmethod
+    def of(cls, returns: NDArray[np.float64]) -> Returns:
+        """Summarise the returns (n_episodes,) of one policy."""
+        n, mean = len(returns), float(returns.mean())
+        if n == 1:
+            return cls(mean, (float("nan"), float("nan")), returns)
+        half_width = float(stdtrit(n - 1, 0.975) * returns.std(ddof=1) / np.sqrt(n))
+        return cls(mean, (mean - half_width, mean + half_width), returns)
+
+
+@dataclass(frozen=True, eq=False)
+class Episode:
+    """One recorded episode of n steps.
+
+    Attributes
+    ----------
+    observations : array (n, D)
+        What the policy saw before each action; the observation after the last action is not kept.
+    actions : array of int64 (n,)
+    rewards : array (n,)
+    """
+
+    observations: NDArray[Any]
+    actions: NDArray[np.int64]
+    rewards: NDArray[np.float64]
+
+    @property
+    def total_reward(self) -> float:
+        """The undiscounted return."""
+        return float(self.rewards.sum())
+
+
+def rollout(
+    policy: Policy, env_id: str, *, n_episodes: int, seed: int, progress: Callable[[int, int], None] | None = None
+) -> Returns:
+    """Play a policy and report its return.
+
+    Parameters
+    ----------
+    policy : object with `predict`
+        Maps observations (n, D) to actions (n,).
+    env_id : str
+        Gymnasium id of an environment with flat observations and discrete actions.
+    n_episodes : int
+        At least 1.
+    seed : int
+        Fixes every start. Episode i starts the same whatever `n_episodes` is, so two policies played with one seed are
+        compared on the same starts.
+    progress : callable, optional
+        Called as `progress(n_finished, n_episodes)` whenever episodes finish.
+
+    Returns
+    -------
+    Returns
+
+    Raises
+    ------
+    DataError
+        If the environment is unknown or of another kind, or does not fit the policy.
+    MissingExtraError
+        If Gymnasium, or what the environment needs, is not installed.
+    """
+    if n_episodes < 1:
+        raise DataError(f"rollout needs at least one episode but n_episodes is {n_episodes}: raise it.")
+    returns = np.zeros(n_episodes)
+    n_finished = 0
+    for step in _play(policy, env_id, _seeds(seed, n_episodes)):
+        returns[step.running] += step.rewards
+        if progress is not None and step.finished.any():
+            n_finished += int(step.finished.sum())
+            progress(n_finished, n_episodes)
+    return Returns.of(returns)
+
+
+def record(policy: Policy, env_id: str, *, n_episodes: int, seed: int) -> list[Episode]:
+    """Play a policy and keep every step; the parameters and errors are those of `rollout`.
+
+    Returns
+    -------
+    list of Episode
+        In the order of the seeds. With the same arguments `rollout` plays these very episodes, if the
+        policy is deterministic or made anew from its own seed.
+    """
+    steps = list(_play(policy, env_id, _seeds(seed, n_episodes)))
+    if not steps:
+        return []
+    owner = np.concatenate([step.running for step in steps])
+    # A stable sort by episode keeps the steps of each in the order of time.
+    order = np.argsort(owner, kind="stable")
+    ends = np.cumsum(np.bincount(owner))[:-1]
+    columns = zip(*((step.observations, step.actions, step.rewards) for step in steps), strict=True)
+    return [Episode(*parts) for parts in zip(*(np.split(np.concatenate(c)[order], ends) for c in columns), strict=True)]
+
+
+@dataclass(frozen=True, eq=False)
+class _Step:
+    """One time step of the r episodes still running: `running` (r,) holds their numbers, `finished` (r,) who ended."""
+
+    running: NDArray[np.int64]
+    observations: NDArray[Any]
+    actions: NDArray[np.int64]
+    rewards: NDArray[np.float64]
+    finished: NDArray[np.bool_]
+
+
+def _seeds(seed: int, n_episodes: int) -> list[int]:
+    """Independent seeds; the first n are the same for every larger n, so they can be handed out in chunks."""
+    return np.random.SeedSequence(seed).generate_state(n_episodes).tolist() if n_episodes > 0 else []
+
+
+def _play(policy: Policy, env_id: str, seeds: Sequence[int]) -> Iterator[_Step]:
+    """Play one episode per seed in lockstep; for a deterministic policy an episode depends on its seed alone."""
+    envs: list[Any] = []
+    try:
+        # One environment per episode, never reused: what a physics engine keeps beyond a reset cannot leak.
+        envs = [_make(env_id) for _ in seeds]
+        if envs:
+            _check_fit(policy, env_id, envs[0])
+        running = np.arange(len(envs))
+        observations = np.array([env.reset(seed=seed)[0] for env, seed in zip(envs, seeds, strict=True)])
+        active = list(envs)
+        while active:
+            actions = _actions(policy, observations, env_id, active[0].action_space)
+            # Python ints: environments check each action, which costs far more on NumPy scalars.
+            outcomes = [env.step(action) for env, action in zip(active, actions.tolist(), strict=True)]
+            following, rewards, terminated, truncated, _ = zip(*outcomes, strict=True)
+            finished = np.logical_or(terminated, truncated)
+            yield _Step(running, observations, actions, np.array(rewards, dtype=np.float64), finished)
+            observations = np.array(following)
+            if finished.any():
+                going = ~finished
+                running, observations = running[going], observations[going]
+                active = [env for env, goes in zip(active, going, strict=True) if goes]
+    finally:
+        for env in envs:
+            env.close()
+
+
+def _make(env_id: str) -> Any:
+    try:
+        import gymnasium
+    except ImportError as error:
+        raise MissingExtraError("Playing a policy", "gym") from error
+    try:
+        # The checker repeats at every environment what a registered one has passed before, and slows each step.
+        return gymnasium.make(env_id, disable_env_checker=True)
+    except gymnasium.error.DependencyNotInstalled as error:
+        raise MissingExtraError(f"The environment {env_id}", "gym") from error
+    except (gymnasium.error.Error, ModuleNotFoundError) as error:
+        raise DataError(
+            f"Gymnasium has no environment {env_id!r}: check the name and its version with gymnasium.pprint_registry()."
+        ) from error
+
+
+def _check_fit(policy: Policy, env_id: str, env: Any) -> None:
+    """Refuse spaces that are not supported, and a policy that was fitted on another environment."""
+    from gymnasium.spaces import Box, Discrete
+
+    space, choices = env.observation_space, env.action_space
+    if not isinstance(space, Box) or len(space.shape) != 1 or not isinstance(choices, Discrete):
+        raise DataError(
+            f"{env_id} has {type(space).__name__} observations of shape {space.shape} and {type(choices).__name__} "
+            "actions, but only flat Box observations and Discrete actions can be played: wrap it or choose another."
+        )
+    width = getattr(policy, "n_features_in_", None)
+    if width is not None and (width,) != space.shape:
+        raise DataError(
+            f"{env_id} has observations of shape {space.shape} but the policy was fitted on shape ({width},): "
+            "play it in the environment its demonstrations come from."
+        )
+    classes = getattr(policy, "classes_", None)
+    if classes is not None and not all(known in range(choices.start, choices.start + choices.n) for known in classes):
+        raise DataError(
+            f"{env_id} has the actions {choices.start} to {choices.start + choices.n - 1} but the policy knows "
+            f"{np.asarray(classes).tolist()}: play it in the environment its demonstrations come from."
+        )
+
+
+def _actions(policy: Policy, observations: NDArray[Any], env_id: str, choices: Any) -> NDArray[np.int64]:
+    """Ask the policy once for all running episodes, and refuse an answer that the environments would misread."""
+    answer = np.asarray(policy.predict(observations))
+    usable = answer.shape == (len(observations),) and answer.dtype.kind in "iufb"
+    # Compared before the cast: NaN and infinity have no integer.
+    if usable and answer.min() >= choices.start and answer.max() < choices.start + choices.n:
+        actions = answer.astype(np.int64)
+        if np.array_equal(actions, answer):
+            return actions
+    raise DataError(
+        f"In {env_id} the policy answered {len(observations)} observations with {answer.dtype} of shape "
+        f"{answer.shape}: predict must return one action {choices.start} to {choices.start + choices.n - 1} for each."
+    )

@@ -1,0 +1,168 @@
+"""Weighted, soft-target, ridge-penalised softmax regression by truncated Newton.
+
+One solver serves behavioural cloning (hard targets), every M-step of EM (soft targets, warm start, few steps) and the
+final refit (weights). Newton directions come from preconditioned conjugate gradients on Hessian products, the
+preconditioner from the exact class blocks of the Hessian on a subsample of steps.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import cho_factor, cho_solve
+
+from rpil.passes import Array, gradient, hessian_product, linear, log_softmax
+
+_PRECONDITIONER_ROWS = 16384
+"""At least so many steps, and four a feature, give the preconditioner."""
+
+
+@dataclass(frozen=True, eq=False)
+class SoftmaxFit:
+    """Where the solver stopped.
+
+    Attributes
+    ----------
+    weights : (D, K) array
+    log_proba : (N, K) array
+        Log-probabilities of all actions at `weights`.
+    objective : float
+        Penalised negative log-likelihood at `weights`.
+    gradient_norm : float
+        Largest absolute entry of the gradient, divided by the total weight of the steps.
+    n_iter : int
+        Newton steps taken.
+    converged : bool
+    """
+
+    weights: Array
+    log_proba: Array
+    objective: float
+    gradient_norm: float
+    n_iter: int
+    converged: bool
+
+
+def fit_softmax(
+    features: Array,
+    targets: Array,
+    penalty: Array,
+    *,
+    start: Array | None = None,
+    tol: float = 1e-6,
+    max_iter: int = 100,
+    max_cg: int = 200,
+) -> SoftmaxFit:
+    """Minimise -sum_nk T_nk log softmax(x_n W)_k + 1/2 sum_dk penalty_d W_dk^2.
+
+    Parameters
+    ----------
+    features : (N, D) array
+        Design matrix, with a constant column where an intercept is wanted.
+    targets : (N, K) array
+        Non-negative soft targets; a row's sum is the weight of the step.
+    penalty : (D,) array
+        Ridge penalty of each feature (0 for the constant).
+    start : (D, K) array, optional
+        Where to start; zero by default.
+    tol : float
+        Stop when `SoftmaxFit.gradient_norm` is at most this.
+    max_iter, max_cg : int
+        Most Newton steps, and most Hessian products in each. ``max_iter=1`` is one improving step.
+
+    Returns
+    -------
+    SoftmaxFit
+        Its objective is never above the one at `start`.
+    """
+    ridge = penalty[:, None]
+    weight = targets.sum(axis=1)
+    scale = max(float(weight.sum()), np.finfo(float).tiny)
+    weights = np.zeros((features.shape[1], targets.shape[1])) if start is None else np.array(start, dtype=float)
+    logits = linear(features, weights.astype(features.dtype, copy=False))
+    log_proba = log_softmax(logits)
+    objective = _objective(log_proba, targets, weights, ridge)
+    precondition = None
+
+    for n_iter in range(max_iter + 1):
+        proba = np.exp(log_proba)
+        slope = gradient(features, weight[:, None] * proba - targets) + ridge * weights
+        norm = float(np.abs(slope).max()) / scale
+        if norm <= tol or n_iter == max_iter:
+            return SoftmaxFit(weights, log_proba, objective, norm, n_iter, norm <= tol)
+        if precondition is None or n_iter % 4 == 0:
+            precondition = _Preconditioner(features, proba, weight, penalty)
+        step = _newton_direction(features, proba, weight, ridge, slope, precondition, max_cg)
+
+        # Logits move on a line, so that a trial length costs no pass over the features.
+        step_logits = linear(features, step.astype(features.dtype, copy=False))
+        descent = float((slope * step).sum())
+        length = 1.0
+        while True:
+            trial = weights + length * step
+            trial_log_proba = log_softmax(logits + length * step_logits)
+            trial_objective = _objective(trial_log_proba, targets, trial, ridge)
+            if trial_objective <= objective + 1e-4 * length * descent:
+                break
+            length *= 0.5
+            if length < 1e-10:  # rounding is all that is left to gain
+                return SoftmaxFit(weights, log_proba, objective, norm, n_iter, norm <= 100 * tol)
+        weights, log_proba, objective = trial, trial_log_proba, trial_objective
+        logits = logits + length * step_logits
+    raise AssertionError("unreachable")
+
+
+def _objective(log_proba: Array, targets: Array, weights: Array, ridge: Array) -> float:
+    return float(0.5 * (ridge * weights**2).sum() - np.einsum("nk,nk->", targets, log_proba, dtype=float))
+
+
+def _newton_direction(
+    features: Array, proba: Array, weight: Array, ridge: Array, slope: Array, precondition: _Preconditioner, max_cg: int
+) -> Array:
+    """Approximately solve H step = -slope; the relative residual shrinks with the gradient (Eisenstat-Walker)."""
+    step = np.zeros_like(slope)
+    residual = -slope
+    preconditioned = precondition(residual)
+    direction = preconditioned
+    energy = first = float((residual * preconditioned).sum())
+    scale = max(float(weight.sum()), np.finfo(float).tiny)
+    forcing = min(0.25, np.sqrt(np.sqrt(first / scale)))
+    for _ in range(max_cg):
+        product = hessian_product(features, proba, weight, direction) + ridge * direction
+        curvature = float((direction * product).sum())
+        if curvature <= 1e-14 * float((direction * direction).sum()):
+            break
+        length = energy / curvature
+        step += length * direction
+        residual = residual - length * product
+        preconditioned = precondition(residual)
+        previous, energy = energy, float((residual * preconditioned).sum())
+        if energy <= forcing**2 * first:
+            break
+        direction = preconditioned + (energy / previous) * direction
+    return step if step.any() else -slope
+
+
+class _Preconditioner:
+    """Inverse of the class blocks X^T diag(s p_k (1 - p_k)) X + penalty, from an even subsample of the steps.
+
+    The softmax does not feel a shift of all classes, so residuals and directions are centred over classes.
+    """
+
+    def __init__(self, features: Array, proba: Array, weight: Array, penalty: Array) -> None:
+        n_steps, n_features = features.shape
+        stride = max(1, n_steps // max(_PRECONDITIONER_ROWS, 4 * n_features))
+        rows = features[::stride]
+        curvature = stride * weight[::stride, None] * proba[::stride] * (1 - proba[::stride])
+        self.factors = []
+        for k in range(proba.shape[1]):
+            block = (rows.T * curvature[:, k]) @ rows
+            diagonal = np.einsum("dd->d", block)
+            # The floor keeps a class that the subsample hardly sees invertible.
+            diagonal += penalty + 1e-8 * (1e-8 + diagonal.max())
+            self.factors.append(cho_factor(block, lower=True, overwrite_a=True, check_finite=False))
+
+    def __call__(self, residual: Array) -> Array:
+        columns = [cho_solve(f, residual[:, k], check_finite=False) for k, f in enumerate(self.factors)]
+        return np.stack(columns, axis=1)

@@ -1,0 +1,55 @@
+"""Small made-up audits: what the pictures and the report are tried on."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from rpil.audit import Audit, Interval, Verdict
+
+
+def make_audit(
+    verdicts: Sequence[Verdict] = ("expert",) * 5 + ("uncertain",) + ("adversary",) * 4,
+    *,
+    ids: Sequence[Any] | None = None,
+    lengths: Sequence[int] | None = None,
+    seed: int = 0,
+    **changes: Any,
+) -> Audit:
+    """An audit with one demonstration for each verdict; adversaries go wrong in the middle half of their steps."""
+    rng = np.random.default_rng(seed)
+    size = len(verdicts)
+    lengths = rng.integers(30, 200, size) if lengths is None else np.asarray(lengths)
+    offsets = np.concatenate([[0], np.cumsum(lengths)])
+    ratios, reliability = [], np.empty(size)
+    for m, (verdict, length) in enumerate(zip(verdicts, lengths, strict=True)):
+        middle = np.abs(np.arange(length) - length / 2) < length / 4
+        bad = {"expert": 0.02, "uncertain": 0.3, "adversary": 0.5}[verdict]
+        wrong = rng.random(length) < np.where(middle, min(2 * bad, 1), bad / 10)
+        ratios.append(np.where(wrong, -rng.exponential(3.0, length), rng.uniform(0.1, np.log(3), length)))
+        reliability[m] = 1 - wrong.mean()
+    half = 1.96 * np.sqrt(reliability * (1 - reliability) / lengths + 1e-4)
+    sign = np.array([{"expert": 1.0, "uncertain": 0.0, "adversary": -1.0}[verdict] for verdict in verdicts])
+    log_odds = sign * (3 + 0.4 * lengths * rng.random(size)) + rng.normal(0, 0.5, size)
+    steps = np.concatenate(ratios)
+    fields: dict[str, Any] = {
+        "ids": tuple(range(size)) if ids is None else tuple(ids),
+        "offsets": offsets.astype(np.int64),
+        "log_odds": log_odds,
+        "expert_proba": 1 / (1 + np.exp(-log_odds)),
+        "reliability": reliability,
+        "reliability_interval": np.clip(np.stack([reliability - half, reliability + half], axis=1), 0, 1),
+        "verdicts": tuple(verdicts),
+        "step_log_ratio": steps,
+        "step_weight": (steps > 0).astype(float),
+        "prior": Interval(0.55, 0.31, 0.77),
+        "identifiable": True,
+        "competing": (),
+        "to_label": (),
+        "adversary": "uniform",
+        "history": -2000 + 900 * (1 - np.exp(-np.arange(25) / 4)),
+        "assumptions": ("Every expert follows one policy.", "An adversary acts uniformly at random."),
+    }
+    return Audit(**(fields | changes))

@@ -1,0 +1,218 @@
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from rpil.demonstrations import Demonstrations
+from rpil.errors import DataError
+
+X = np.arange(10.0).reshape(5, 2)
+Y = np.array([0, 1, 1, 0, 2])
+OFFSETS = [0, 2, 5]
+
+
+def small(**changes):
+    arguments = {"observations": X, "actions": Y, "offsets": OFFSETS, "ids": ["a", "b"], "source": "x.npz"} | changes
+    return Demonstrations.from_arrays(**arguments)
+
+
+def refused(match, call, *arguments, **keywords):
+    """Assert that the call raises a DataError of one sentence matching `match`."""
+    with pytest.raises(DataError, match=match) as caught:
+        call(*arguments, **keywords)
+    message = str(caught.value)
+    assert "\n" not in message
+    assert message.endswith(".")
+    assert ". " not in message
+    return message
+
+
+def test_properties():
+    d = small()
+    assert (len(d), d.n_demonstrations, d.n_steps, d.n_observations) == (2, 2, 5, 2)
+    assert d.lengths.tolist() == [2, 3]
+    assert d.groups.tolist() == [0, 0, 1, 1, 1]
+    assert d.is_discrete
+    assert d.observation_names == ("0", "1")
+    assert "2 demonstrations, 5 steps, 2 observations, discrete" in repr(d)
+    assert small(ids=None).ids == (0, 1)
+    assert small(ids=np.array([7, 3])).ids == (7, 3)
+    assert type(small(ids=np.array([7, 3])).ids[0]) is int
+
+
+def test_episodes():
+    d = small()
+    observations, actions = d.episode(1)
+    assert observations.tolist() == X[2:].tolist()
+    assert actions.tolist() == [1, 0, 2]
+    assert d.episode(-1)[1].tolist() == [1, 0, 2]
+    assert [len(a) for _, a in d] == [2, 3]
+    with pytest.raises(IndexError):
+        d.episode(2)
+
+
+def test_arrays_are_read_only_and_the_callers_stay_writable():
+    x = X.copy()
+    d = small(observations=x)
+    for array in (d.observations, d.actions, d.offsets, d.episode(0)[0]):
+        with pytest.raises(ValueError, match="read-only"):
+            array[0] = 0
+    x[0] = 0
+    with pytest.raises(AttributeError):
+        d.ids = ()
+
+
+def test_float32_is_kept_everything_else_is_float64():
+    assert small(observations=X.astype(np.float32)).observations.dtype == np.float32
+    assert small(observations=X.astype(np.float16)).observations.dtype == np.float64
+    assert small(observations=X.astype(int)).observations.dtype == np.float64
+    assert small(observations=X.astype(bool)).observations.dtype == np.float64
+    assert small(observations=X.astype(object)).observations.dtype == np.float64
+    assert small(observations=np.asfortranarray(X)).observations.flags.c_contiguous
+
+
+@pytest.mark.parametrize(
+    ("actions", "expected"),
+    [
+        ([0.0, 1.0, 1.0, 0.0, 2.0], np.array([0, 1, 1, 0, 2])),
+        (np.array([[0], [1], [1], [0], [2]], dtype=np.uint8), np.array([0, 1, 1, 0, 2])),
+        ([True, False, True, True, True], np.array([1, 0, 1, 1, 1])),
+        (["l", "r", "right", "l", "l"], np.array(["l", "r", "right", "l", "l"])),
+        (np.array(["l", "r", "right", "l", "l"], dtype=object), np.array(["l", "r", "right", "l", "l"])),
+        ([0.5, 1, 1, 0, 2], np.array([[0.5], [1], [1], [0], [2]])),
+        (np.ones((5, 2), dtype=np.float32), np.ones((5, 2), dtype=np.float32)),
+        (np.ones((5, 1)), np.ones((5, 1))),
+    ],
+)
+def test_actions(actions, expected):
+    d = small(actions=actions)
+    assert d.actions.dtype == expected.dtype
+    np.testing.assert_array_equal(d.actions, expected)
+    assert d.is_discrete == (expected.ndim == 1)
+    assert d.select([1]).is_discrete == d.is_discrete
+
+
+def test_from_episodes():
+    pairs = [(X[:2], Y[:2]), (X[2:], Y[2:])]
+    objects = [SimpleNamespace(observations=o, actions=a) for o, a in pairs]
+    for d in (Demonstrations.from_episodes(pairs, ids=["a", "b"]), Demonstrations.from_episodes(objects, ["a", "b"])):
+        np.testing.assert_array_equal(d.observations, X)
+        np.testing.assert_array_equal(d.actions, Y)
+        assert d.offsets.tolist() == OFFSETS
+        assert d.ids == ("a", "b")
+    mixed = Demonstrations.from_episodes([(X[:2], [0.0, 1.0]), (X[2:], [0.5, 1.0, 2.0])])
+    assert mixed.actions.shape == (5, 1)
+    assert mixed.ids == (0, 1)
+
+
+def test_from_groups_keeps_the_order_within_a_group():
+    d = Demonstrations.from_groups(X, Y, ["z", "a", "z", "a", "z"])
+    assert d.ids == ("z", "a")
+    assert d.observations[:, 0].tolist() == [0, 4, 8, 2, 6]
+    assert d.actions.tolist() == [0, 1, 2, 1, 0]
+    assert d.offsets.tolist() == [0, 3, 5]
+    assert Demonstrations.from_groups(X, Y, [9.0, 9.0, 4.0, 4.0, 4.0]).ids == (9, 4)
+    assert np.shares_memory(Demonstrations.from_groups(X, Y, [9, 9, 4, 4, 4]).observations, X)
+
+
+def test_select():
+    d = small(observation_names=["u", "v"])
+    back = d.select([1, 0])
+    assert back.ids == ("b", "a")
+    assert back.observations[:, 0].tolist() == [4, 6, 8, 0, 2]
+    assert back.actions.tolist() == [1, 0, 2, 0, 1]
+    assert back.offsets.tolist() == [0, 3, 5]
+    assert back.observation_names == ("u", "v")
+    assert back.source == "x.npz"
+    assert d.select([False, True]).ids == d.select(1).ids == d.select(slice(1, None)).ids == ("b",)
+    refused("x.npz: there are no demonstrations", d.select, [])
+    refused("'a' appears twice", d.select, [0, 0])
+
+
+def changed(array, row, column, value):
+    array = np.array(array, dtype=float)
+    array[row, column] = value
+    return array
+
+
+@pytest.mark.parametrize(
+    ("changes", "match"),
+    [
+        (
+            {"observations": changed(X, 3, 1, np.nan)},
+            r"x.npz, demonstration 'b', step 1: observation '1' is nan; repair",
+        ),
+        ({"observations": changed(X, 1, 0, -np.inf)}, "demonstration 'a', step 1: observation '0' is -inf"),
+        ({"observations": [[1, 2], [3, None], [1, 2], [1, 2], [1, 2]]}, "'a', step 1: observation '1' is nan"),
+        ({"actions": changed(np.ones((5, 2)), 4, 1, np.inf)}, "demonstration 'b', step 2: action 1 is inf"),
+        ({"actions": [0, 1, np.nan, 1, 1]}, "demonstration 'b', step 0: action 0 is nan"),
+        ({"offsets": [0, 0, 5]}, "x.npz, demonstration 'a': it has no steps; leave it out"),
+        ({"offsets": [0, 3, 2, 5], "ids": None}, "offsets must increase from 0 to the number of steps, 5"),
+        ({"offsets": [0, 2, 4]}, "offsets must increase from 0"),
+        ({"offsets": [1, 2, 5]}, "offsets must increase from 0"),
+        ({"offsets": [0.0, 2.0, 5.0]}, "offsets must be a list of whole numbers"),
+        ({"offsets": [0]}, "there are no demonstrations"),
+        ({"offsets": [], "observations": [], "actions": []}, "there are no demonstrations"),
+        ({"actions": Y[:4]}, "5 observations but 4 actions"),
+        ({"observations": X.astype(str)}, "observations hold text where numbers are due"),
+        ({"observations": X[:, 0]}, r"x.npz: observations must be \(N, D\), not \(N,\); .*reshape\(-1, 1\)"),
+        ({"observations": X.reshape(5, 2, 1)}, r"flatten each one"),
+        ({"observations": X[:, :0]}, r"observations must be \(N, D\)"),
+        ({"observations": [[1, 2], [3]]}, "rectangular"),
+        ({"observations": [[1, "a"], [3, 4]], "actions": [0, 1]}, "text where numbers are due"),
+        ({"observations": X.astype(complex)}, "not complex128"),
+        ({"observations": {"position": X}}, "rectangular"),
+        ({"actions": np.array(["a", 1, "b", "c", "d"], dtype=object)}, "mix text with numbers"),
+        ({"actions": np.zeros((5, 2), dtype=int)}, "number the combinations"),
+        ({"actions": np.full(5, 2**63, dtype=np.uint64)}, "renumber"),
+        ({"ids": ["a", "a"]}, "demonstration 'a' appears twice"),
+        ({"ids": ["a", 1]}, "all whole numbers or all text"),
+        ({"ids": [0.5, 1]}, "all whole numbers or all text"),
+        ({"ids": ["a"]}, "1 ids for 2 demonstrations"),
+        ({"observation_names": ["u"]}, "name each of the 2"),
+        ({"observation_names": ["u", "u"]}, "no two alike"),
+    ],
+)
+def test_bad_arrays(changes, match):
+    assert refused(match, small, **changes).startswith("x.npz")
+
+
+@pytest.mark.parametrize(
+    ("second", "match"),
+    [
+        ((X, Y[:4]), r"demonstration 'b': 5 observations but 4 actions; .*observations\[:-1\]"),
+        ((X[:0], Y[:0]), "demonstration 'b': it has no steps"),
+        (([], []), "demonstration 'b': it has no steps"),
+        ((X[:, 0], Y), r"demonstration 'b': observations must be \(N, D\)"),
+        ((X[:, :1], Y), "demonstration 'b': its observations differ in width"),
+        ((X, list("abcde")), "demonstration 'b': its actions differ"),
+        ((X, np.ones((5, 2))), "demonstration 'b': its actions differ"),
+        ((X.astype(str), Y), "demonstration 'b': observations hold text"),
+        ((changed(X, 2, 0, np.nan), Y), "demonstration 'b', step 2: observation '0' is nan"),
+        ((X, Y, Y), "one pair"),
+    ],
+)
+def test_bad_episodes(second, match):
+    refused(match, Demonstrations.from_episodes, [(X, Y), second], ids=["a", "b"])
+
+
+def test_bad_episode_lists():
+    refused("no demonstrations", Demonstrations.from_episodes, [])
+    refused("one id", Demonstrations.from_episodes, [(X, Y)], ids=["a", "b"])
+    refused("appears twice", Demonstrations.from_episodes, [(X, Y), (X, Y)], ids=["a", "a"])
+
+
+@pytest.mark.parametrize(
+    ("X", "y", "groups", "match"),
+    [
+        (X, Y, [0, 0, 1], "one row per step"),
+        (X, Y[:3], [0, 0, 1, 1, 1], "one row per step"),
+        (X, Y, np.zeros((5, 1)), "one row per step"),
+        (X, Y, [0, 0, 1, 1, np.nan], "fill in the missing"),
+        (X, Y, [0, 0, 1, 1, 0.5], "whole numbers or text"),
+        (X, Y, np.array(["a", None, "a", "a", "a"], dtype=object), "mix text"),
+        ([], [], [], "no demonstrations"),
+    ],
+)
+def test_bad_groups(X, y, groups, match):
+    refused(match, Demonstrations.from_groups, X, y, groups)

@@ -1,0 +1,105 @@
+"""The closed-form experts: their formulas, and the returns that they are used for."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from gymnasium.envs.box2d.lunar_lander import heuristic
+
+from rpil.errors import DataError
+from rpil.experts import EXPERTS, expert
+from rpil.rollouts import rollout
+
+
+@pytest.mark.parametrize(
+    ("env_id", "mean", "sd"),
+    [
+        ("MountainCar-v0", -102.7, 13.7),
+        # The long-run sd is 42 because one episode in a thousand never swings up.
+        ("Acrobot-v1", -90.4, 42),
+        ("LunarLander-v3", 235, 113),
+    ],
+)
+def test_return_is_the_documented_one(env_id, mean, sd):
+    seen = rollout(expert(env_id), env_id, n_episodes=30, seed=0)
+    # Three standard errors of 30 episodes around the mean of 1,000.
+    assert abs(seen.mean - mean) < 3 * sd / np.sqrt(30)
+
+
+def test_mountain_car_and_acrobot_reach_their_goal_in_every_episode():
+    assert rollout(expert("MountainCar-v0"), "MountainCar-v0", n_episodes=30, seed=1).returns.min() > -200
+    assert rollout(expert("Acrobot-v1"), "Acrobot-v1", n_episodes=30, seed=1).returns.min() > -500
+
+
+def test_cart_pole_balances_to_the_limit_in_every_episode():
+    np.testing.assert_array_equal(rollout(expert("CartPole-v1"), "CartPole-v1", n_episodes=30, seed=2).returns, 500)
+
+
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+def test_lunar_lander_agrees_with_gymnasium_action_for_action(dtype):
+    rng = np.random.default_rng(0)
+    # Wide states for the clipped angle, narrow ones for the thresholds of .05 around zero.
+    states = rng.normal(size=(6000, 8)) * np.repeat([1.0, 0.3, 0.05], 2000)[:, None]
+    states[:, 6:] = rng.random((6000, 2)) < 0.2
+    states = states.astype(dtype)
+    env = SimpleNamespace(unwrapped=SimpleNamespace(continuous=False))
+    wanted = [heuristic(env, state) for state in states]
+    actions = expert("LunarLander-v3").predict(states)
+    np.testing.assert_array_equal(actions, wanted)
+    assert set(actions) == {0, 1, 2, 3}
+
+
+def test_mountain_car_follows_the_formula_row_by_row():
+    rng = np.random.default_rng(1)
+    states = np.column_stack([rng.uniform(-1.2, 0.6, 3000), rng.uniform(-0.07, 0.07, 3000)])
+    states[:500, 1] *= 0.02  # near rest, where the first condition decides
+
+    def wanted(p, v):
+        lower = min(-0.09 * (p + 0.25) ** 2 + 0.03, 0.3 * (p + 0.9) ** 4 - 0.008)
+        upper = -0.07 * (p + 0.38) ** 2 + 0.07
+        if p < -0.45 and abs(v) < 0.001:
+            return 2
+        return 2 if lower < v < upper or (p > 0.2 and v > 0.02) or p > 0.45 else 0
+
+    np.testing.assert_array_equal(expert("MountainCar-v0").predict(states), [wanted(*state) for state in states])
+
+
+def test_acrobot_follows_the_formula_row_by_row():
+    rng = np.random.default_rng(2)
+    first, second = rng.uniform(-np.pi, np.pi, (2, 3000))
+    v0, v1 = rng.normal(size=(2, 3000))
+    states = np.column_stack([np.cos(first), np.sin(first), np.cos(second), np.sin(second), v0, v1])
+
+    def wanted(x0, y0, x1, y1, v0, v1):
+        if v1 < -0.3:
+            return 0
+        if v1 > 0.3:
+            return 2
+        return 0 if y1 + x0 * y1 + x1 * y0 > 0 else 2
+
+    np.testing.assert_array_equal(expert("Acrobot-v1").predict(states), [wanted(*state) for state in states])
+
+
+@pytest.mark.parametrize("env_id", EXPERTS)
+def test_actions_are_int64_within_the_classes(env_id):
+    driver = expert(env_id)
+    states = np.random.default_rng(3).normal(size=(200, driver.n_features_in_))
+    actions = driver.predict(states)
+    assert actions.shape == (200,)
+    assert actions.dtype == np.int64
+    assert set(actions) <= set(driver.classes_)
+    np.testing.assert_array_equal(driver.predict(states[:0]), [])
+    np.testing.assert_array_equal(driver.predict(states[5:6]), actions[5:6])
+
+
+def test_unknown_environment_lists_the_known():
+    with pytest.raises(DataError, match=r"'Pendulum-v1'.*MountainCar-v0, Acrobot-v1, LunarLander-v3, CartPole-v1\.$"):
+        expert("Pendulum-v1")
+
+
+@pytest.mark.parametrize("shape", [(2,), (5, 3), (5, 2, 1)])
+def test_wrong_shape_is_named(shape):
+    with pytest.raises(DataError, match=r"MountainCar-v0 needs observations of shape \(n, 2\)"):
+        expert("MountainCar-v0").predict(np.zeros(shape))

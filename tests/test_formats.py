@@ -1,0 +1,404 @@
+import json
+import os
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.csv
+import pyarrow.parquet as pq
+import pytest
+
+from rpil import formats
+from rpil.demonstrations import Demonstrations
+from rpil.errors import DataError
+
+SUFFIXES = [".parquet", ".csv", ".npz"]
+NASTY = [[0.1, -0.0], [np.nextafter(1, 2), 5e-324], [1e308, -1 / 3], [0.0, 2.0**60], [np.pi, 1e-17]]
+
+
+def demonstrations(dtype=np.float64, **changes):
+    with np.errstate(over="ignore", under="ignore"):
+        observations = np.clip(NASTY, -1e38, 1e38).astype(dtype) if dtype == np.float32 else np.array(NASTY)
+    arguments = {"actions": [1, 0, 2, 1, 0], "offsets": [0, 2, 5], "ids": ["b,\"'é", "a"]} | changes
+    return Demonstrations.from_arrays(observations, **arguments)
+
+
+def same(one, other, dtype=None):
+    assert one.ids == other.ids
+    assert one.observation_names == other.observation_names
+    np.testing.assert_array_equal(one.offsets, other.offsets)
+    for a, b in ((one.observations, other.observations), (one.actions, other.actions)):
+        a = a.astype(dtype) if dtype and a.dtype == np.float32 else a
+        assert a.shape == b.shape
+        assert a.dtype.kind == b.dtype.kind
+        assert a.dtype == b.dtype or a.dtype.kind == "U"
+        assert a.tolist() == b.tolist()
+        if a.dtype.kind == "f":
+            assert a.tobytes() == b.tobytes()  # -0.0 is 0.0 to ==
+
+
+def refused(match, call, path, *arguments):
+    """Assert that the call raises a DataError of one sentence naming the file and matching `match`."""
+    with pytest.raises(DataError, match=match) as caught:
+        call(path, *arguments)
+    message = str(caught.value)
+    assert path.name in message
+    assert "\n" not in message
+    assert message.endswith(".")
+    assert ". " not in message
+
+
+@pytest.mark.parametrize("suffix", [*SUFFIXES, ".CSV"])
+@pytest.mark.parametrize("dtype", [np.float64, np.float32])
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {},
+        {"ids": [7, -3], "observation_names": ["x pos", "v"]},
+        {"actions": ["left", "right", "a,b", 'q"', "left"]},
+        {"actions": np.array([[0.5, 1], [1, 2], [0.1, -0.0], [1, 1], [2, 2]])},
+        {"actions": np.array([[0.5, 1], [1, 2], [0.1, -0.0], [1, 1], [2, 2]], dtype=np.float32)},
+        {"actions": np.ones((5, 1))},
+    ],
+)
+def test_round_trip(tmp_path, suffix, dtype, changes):
+    path = tmp_path / f"x{suffix}"
+    original = demonstrations(dtype, **changes)
+    formats.write(path, original, truth={"is_good": [1, 0], "anything": [0.5, 0.25], "who": ["p", "q"]})
+    back = formats.read(str(path))
+    same(original, back, dtype=np.float64 if suffix.lower() == ".csv" else None)
+    assert back.source == path.name
+    assert os.listdir(tmp_path) == [path.name]
+
+
+def test_layout_of_the_table(tmp_path):
+    formats.write(tmp_path / "x.parquet", demonstrations(ids=[4, 9]), truth={"is_good": [1, 0]})
+    table = pq.read_table(tmp_path / "x.parquet")
+    names = ["episode_index", "step_index", "observation.0", "observation.1", "action", "is_good"]
+    assert table.column_names == names
+    assert table["episode_index"].to_pylist() == [4, 4, 9, 9, 9]
+    assert table["step_index"].to_pylist() == [0, 1, 0, 1, 2]
+    assert table["is_good"].to_pylist() == [1, 1, 0, 0, 0]
+    formats.write(tmp_path / "x.csv", demonstrations(ids=[4, 9]))
+    assert pa.csv.read_csv(tmp_path / "x.csv").column_names == names[:-1]
+
+
+def test_layout_of_the_npz(tmp_path):
+    formats.write(tmp_path / "x.npz", demonstrations(ids=[4, 9]), truth={"is_good": [1, 0]})
+    with np.load(tmp_path / "x.npz", allow_pickle=False) as file:
+        assert file["episode_ids"].tolist() == [4, 4, 9, 9, 9]
+        assert file["is_good"].tolist() == [1, 0]
+
+
+def write_table(path, **columns):
+    table = columns.pop("table", None) or pa.table(columns)
+    (pq.write_table if path.suffix == ".parquet" else pa.csv.write_csv)(table, path)
+    return path
+
+
+def columns(**changes):
+    good = {"episode_index": [3, 1, 3], "obs_x": [1.0, 2.0, 3.0], "obs_y": [4, 5, 6], "action": [0, 1, 2]}
+    return {name: values for name, values in (good | changes).items() if values is not None}
+
+
+@pytest.fixture(params=[".parquet", ".csv"])
+def path(request, tmp_path):
+    return tmp_path / f"x{request.param}"
+
+
+def test_unsorted_episodes(path):
+    d = formats.read(write_table(path, **columns()))
+    assert d.ids == (3, 1)
+    assert d.observations.tolist() == [[1, 4], [3, 6], [2, 5]]
+    assert d.actions.tolist() == [0, 2, 1]
+    assert d.observation_names == ("x", "y")
+
+
+def test_without_a_prefix_whatever_is_not_reserved_is_an_observation(path):
+    reserved = ["step_index", "reward", "next.done", "is_good", "label", "weight", "timestamp"]
+    good = columns(obs_x=None, obs_y=None, x=[1, 2, 3], z=[4, 5, 6], task=["a", "b", "c"])
+    d = formats.read(write_table(path, **good, **{name: [1, 2, 3] for name in reserved}))
+    assert d.observation_names == ("x", "z")
+
+
+def test_with_a_prefix_nothing_else_is_read(path):
+    assert formats.read(write_table(path, **columns(z=["a", "b", "c"]))).observation_names == ("x", "y")
+
+
+def test_row_index_of_pandas_is_no_observation(path):
+    table = {"": [0, 1, 2], "__index_level_0__": [0, 1, 2], **columns(obs_x=None), "Unnamed: 0": [0, 1, 2]}
+    table["y"] = table.pop("obs_y")
+    assert formats.read(write_table(path, **table)).observation_names == ("y",)
+
+
+@pytest.mark.parametrize("episode", ["episode_id", "episode_ids", "episode"])
+def test_spellings(path, episode):
+    table = {
+        "observations.a": [1, 2, 3],
+        "observations.b": [4, 5, 6],
+        "actions": ["l", "r", "l"],
+        episode: ["q", "q", "p"],
+    }
+    d = formats.read(write_table(path, **table))
+    assert d.ids == ("q", "p")
+    assert d.actions.tolist() == ["l", "r", "l"]
+    assert d.observation_names == ("a", "b")
+
+
+@pytest.mark.parametrize("prefix", ["action_", "action.", "actions."])
+def test_several_action_columns_are_continuous(path, prefix):
+    d = formats.read(write_table(path, **columns(action=None, **{f"{prefix}u": [1, 2, 3], f"{prefix}v": [4, 5, 6]})))
+    assert d.actions.tolist() == [[1, 4], [3, 6], [2, 5]]
+    assert d.actions.dtype == np.float64
+    assert d.observation_names == ("x", "y")
+
+
+def test_csv_ids_are_numbers_only_where_that_loses_nothing(tmp_path):
+    path = write_table(tmp_path / "x.csv", **columns(episode_index=["01", "1", "01"], action=["1.0", "2", "1e0"]))
+    d = formats.read(path)
+    assert d.ids == ("01", "1")
+    assert d.actions.tolist() == [1, 1, 2]
+
+
+@pytest.mark.parametrize("kind", [pa.list_(pa.float32()), pa.large_list(pa.float32()), pa.list_(pa.float32(), 2)])
+def test_list_columns_as_in_lerobot(tmp_path, kind):
+    table = pa.table(
+        {
+            "observation.state": pa.array([[1, 2], [3, 4], [5, 6]], type=kind),
+            "action": pa.array([[0.5, 1], [2, 3], [4, 5]], type=kind),
+            **{name: [0, 1, 2] for name in ("timestamp", "frame_index", "index", "task_index")},
+            "episode_index": [0, 0, 1],
+            "next.done": [False, True, True],
+        }
+    )
+    d = formats.read(write_table(tmp_path / "x.parquet", table=pa.concat_tables([table, table.slice(2)])))
+    assert d.observations.tolist() == [[1, 2], [3, 4], [5, 6], [5, 6]]
+    assert d.observations.dtype == d.actions.dtype == np.float32
+    assert d.actions.tolist() == [[0.5, 1], [2, 3], [4, 5], [4, 5]]
+    assert d.observation_names == ("state.0", "state.1")
+    formats.write(tmp_path / "y.parquet", d)
+    same(d, formats.read(tmp_path / "y.parquet"))
+
+
+def test_other_parquet_types(tmp_path):
+    table = pa.table(
+        {
+            "episode_index": pa.array(["b", "a", "b"]).dictionary_encode(),
+            "observation": pa.array([[1], [2], [3]], type=pa.list_(pa.int8())),
+            "observation_2": [True, False, True],
+            "observation_3": pa.array([1, 2, 3]).cast(pa.decimal128(20, 1)),
+            "action": pa.array([[0], [1], [2]]),
+        }
+    )
+    d = formats.read(write_table(tmp_path / "x.parquet", table=table))
+    assert d.ids == ("b", "a")
+    assert d.observations.tolist() == [[1, 1, 1], [3, 1, 3], [2, 0, 2]]
+    assert d.actions.tolist() == [0, 2, 1]
+
+
+@pytest.mark.parametrize(
+    ("changes", "match"),
+    [
+        ({"obs_y": ["1", "n/a?", "3"]}, "demonstration 1, row 2: column 'obs_y' holds text ('n/a\\?') where numbers"),
+        ({"obs_y": [1.0, None, 3.0]}, "demonstration 1, row 2: column 'obs_y' has no value"),
+        ({"obs_y": [None, None, None]}, "demonstration 3, row 1: column 'obs_y' has no value"),
+        ({"obs_y": [1.0, 2.0, np.inf]}, "demonstration 3, step 1: observation 'y' is inf"),
+        ({"action": [0, None, 1]}, "demonstration 1, row 2: column 'action' has no value"),
+        ({"action": ["a", "b", None]}, "demonstration 3, row 3: column 'action' has no value"),
+        ({"action": None, "action_0": [1.0, 2.0, 3.0], "action_1": ["a", "b", "c"]}, "'action_1' holds text"),
+        ({"episode_index": [1, None, 2]}, "row 2: column 'episode_index' has no value"),
+        ({"episode_index": None}, "name it episode_index .*'obs_x', 'obs_y', 'action'"),
+        ({"action": None}, "name it action .*'episode_index', 'obs_x', 'obs_y'"),
+        ({"obs_x": None, "obs_y": None}, "no column holds observations"),
+        ({"episode_index": [], "obs_x": [], "obs_y": [], "action": []}, "there are no demonstrations"),
+        ({"obs_x": [pa.scalar(0).cast(pa.timestamp("s"))] * 3}, "column 'obs_x' holds timestamp"),
+    ],
+)
+def test_bad_tables(path, changes, match):
+    match = match.replace("(", r"\(").replace(")", r"\)")
+    refused(match, formats.read, write_table(path, **columns(**changes)))
+
+
+def test_repeated_columns(path):
+    table = pa.table([[1, 1], [2, 3], [4, 5], [0, 1]], names=["episode_index", "obs_x", "obs_x", "action"])
+    refused("column 'obs_x' appears twice", formats.read, write_table(path, table=table))
+
+
+@pytest.mark.parametrize(
+    ("changes", "match"),
+    [
+        ({"obs_x": [[1.0, 2.0], [1.0], [1.0, 2.0]]}, "demonstration 1, row 2: column 'obs_x' holds 1 numbers, not 2"),
+        ({"obs_x": [[1.0, 2.0], [1.0, None], [1.0, 2.0]]}, "demonstration 1, row 2: column 'obs_x' has no value"),
+        ({"obs_x": [[1.0, 2.0], None, [1.0, 2.0]]}, "demonstration 1, row 2: column 'obs_x' has no value"),
+        ({"obs_x": pa.array([[], [], []], pa.list_(pa.float64())), "obs_y": None}, "observations must be"),
+        ({"obs_x": [[[1.0]], [[1.0]], [[1.0]]]}, "holds list<.*> where numbers or text are due"),
+        ({"obs_x": [{"bytes": b""}] * 3}, "holds struct<.*> where numbers or text are due"),
+        ({"action": [[1.0, 2.0], [1.0, np.nan], [1.0, 2.0]]}, "demonstration 1, step 0: action 1 is nan"),
+        ({"episode_index": [1.0, np.nan, 1.0]}, "fill in the missing"),
+        ({"episode_index": [[1], [2], [3]]}, "one row per step"),
+    ],
+)
+def test_bad_parquet_tables(tmp_path, changes, match):
+    refused(match, formats.read, write_table(tmp_path / "x.parquet", **columns(**changes)))
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
+def test_damaged_files(tmp_path, suffix):
+    path = tmp_path / f"x{suffix}"
+    refused("no such file", formats.read, path)
+    path.touch()
+    refused("the file is empty", formats.read, path)
+    formats.write(path, demonstrations())
+    whole = path.read_bytes()
+    for damaged in (whole[:-9], b"\xff\x00 rubbish", b"\n", whole[: len(whole) // 2] + b"\n\xff"):
+        path.write_bytes(damaged)
+        refused("damaged or truncated", formats.read, path)
+
+
+def test_one_wrong_byte_in_a_parquet_file_is_noticed(tmp_path):
+    path = tmp_path / "x.parquet"
+    d = Demonstrations.from_arrays(np.random.default_rng(0).normal(size=(1000, 2)), np.zeros(1000), [0, 1000])
+    formats.write(path, d)
+    data = bytearray(path.read_bytes())
+    data[len(data) * 2 // 3] ^= 1  # the first third is step_index, which is not read
+    path.write_bytes(data)
+    refused("damaged or truncated", formats.read, path)
+
+
+def test_unknown_extensions(tmp_path):
+    path = tmp_path / "x.xlsx"
+    for call in (formats.read, formats.check_format, lambda path: formats.write(path, demonstrations())):
+        refused("'.xlsx'; use one of .parquet, .csv, .npz", call, path)
+    refused("extension ''", formats.read, tmp_path / "x")
+
+
+def npz(path, **changes):
+    arrays = {"observations": np.ones((3, 2)), "actions": [0, 1, 0], "episode_ids": [0, 0, 1], "rewards": [1, 2, 3]}
+    np.savez(path, **{name: values for name, values in (arrays | changes).items() if values is not None})
+    return path
+
+
+@pytest.mark.parametrize(
+    ("changes", "match"),
+    [
+        ({"actions": np.array([0, 1, None], dtype=object)}, "never unpickled .* numpy.asarray"),
+        ({"episode_ids": None}, "no array is called 'episode_ids'; .*'observations', 'actions', 'rewards'"),
+        ({"observations": np.ones(3)}, r"reshape\(-1, 1\)"),
+        ({"actions": [0, 1]}, "one row per step"),
+        ({"observations": [[1, 2], [3, 4], [5, np.nan]]}, "demonstration 1, step 0: observation '1' is nan"),
+        ({"observations": np.array([["a"]] * 3)}, "text where numbers are due"),
+        ({"observations": np.ones((0, 2)), "actions": [], "episode_ids": []}, "no demonstrations"),
+    ],
+)
+def test_bad_npz(tmp_path, changes, match):
+    refused(match, formats.read, npz(tmp_path / "x.npz", **changes))
+
+
+def test_npz_truth_is_never_read(tmp_path):
+    path = npz(tmp_path / "x.npz", is_good=np.array([None, object()], dtype=object), episode_ids=[5, 2, 5])
+    assert formats.read(path).ids == (5, 2)
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
+def test_bad_truth(tmp_path, suffix):
+    path = tmp_path / f"x{suffix}"
+    for name in ("action_noise", "observation.x", "episode_index", "actions", "step_index"):
+        refused("would be taken for data", formats.write, path, demonstrations(), {name: [0, 1]})
+    refused("one value for each of 2", formats.write, path, demonstrations(), {"is_good": [0]})
+    assert not path.exists()
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
+def test_a_failed_write_leaves_the_old_file(tmp_path, suffix, monkeypatch):
+    path = tmp_path / f"x{suffix}"
+    formats.write(path, demonstrations())
+    before = path.read_bytes()
+
+    def crash(*arguments):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(os, "replace", crash)
+    refused("No space left", formats.write, path, demonstrations().select([0]))
+    assert path.read_bytes() == before
+    assert os.listdir(tmp_path) == [path.name]
+    refused("no folder", formats.write, tmp_path / "no" / path.name, demonstrations())
+
+
+@pytest.mark.parametrize("suffix", [".parquet", ".csv"])
+def test_weights(tmp_path, suffix):
+    path = tmp_path / f"w{suffix}"
+    weight, proba, odds = np.array([0.1, 1 / 3, 1, 0, 5e-324]), np.array([0.9, 0.1]), np.array([2.2, -np.inf])
+    formats.write_weights(path, ["b", "a"], np.array([0, 2, 5]), weight, proba, odds)
+    table = pq.read_table(path) if suffix == ".parquet" else pa.csv.read_csv(path)
+    assert table.to_pydict() == {
+        "episode_index": ["b", "b", "a", "a", "a"],
+        "step_index": [0, 1, 0, 1, 2],
+        "weight": weight.tolist(),
+        "expert_proba": [0.9, 0.9, 0.1, 0.1, 0.1],
+        "log_odds": [2.2, 2.2, -np.inf, -np.inf, -np.inf],
+    }
+    refused("use one of .parquet, .csv", formats.write_weights, tmp_path / "w.npz", [], [0], [], [], [])
+
+
+@pytest.mark.parametrize("header", ["id,label", "episode_index, label", "note,label,id", "\ufeffid,label"])
+def test_labels_csv(tmp_path, header):
+    path = tmp_path / "labels.csv"
+    row = "{note},{label},{id}" if header.startswith("note") else "{id},{label}"
+    rows = [row.format(id=i, label=word, note="") for i, word in ((7, "expert"), ("a", " Bad "), ("b", "good"))]
+    path.write_text("\n".join([header, *rows]), encoding="utf-8")
+    labels = formats.read_labels(path)
+    assert labels == {"7": "expert", "a": "adversary", "b": "expert"}
+    assert formats.match_labels(labels, ("b", "x", "a", 7)) == {3: True, 2: False, 0: True}
+
+
+def test_labels_json(tmp_path):
+    path = tmp_path / "labels.json"
+    path.write_text(json.dumps({"7": "expert", "a": "bad"}))
+    labels = formats.read_labels(path)
+    assert formats.match_labels(labels, [7, "a"]) == {0: True, 1: False}
+    refused(
+        "no demonstration is called 'a'; the ids are '7'",
+        lambda _: formats.match_labels(labels, [7], "labels.json"),
+        path,
+    )
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "match"),
+    [
+        ("l.csv", "id,label\n7,great\n", "demonstration '7': unknown label 'great'; write 'expert' or 'adversary'"),
+        ("l.csv", "id,label\n7,\n", "unknown label ''"),
+        ("l.csv", "id,label\n7\n", "demonstration '7': unknown label None"),
+        ("l.csv", "id,label\n7,good\n7,bad\n", "demonstration '7': it is labelled twice"),
+        ("l.csv", "id,label\n", "labels no demonstration"),
+        ("l.csv", "7,good\n", "must be id and label .*'7', 'good'"),
+        ("l.csv", "\n", "must be id and label"),
+        ("l.csv", 'id,label\n"7,good\n', "cannot be read as CSV"),
+        ("l.csv", "", "the file is empty"),
+        ("l.json", '{"7": 1}', "demonstration '7': unknown label 1"),
+        ("l.json", '{"7": {"a": "good"}}', "demonstration '7': unknown label"),
+        ("l.json", '{"7": "good", "7": "good"}', "demonstration '7': it is labelled twice"),
+        ("l.json", '[["7", "good"]]', "one object"),
+        ("l.json", '{"7": "go', "cannot be read as JSON"),
+        ("l.json", "{}", "labels no demonstration"),
+        ("l.txt", "", "use one of .csv, .json"),
+    ],
+)
+def test_bad_labels(tmp_path, name, text, match):
+    path = tmp_path / name
+    path.write_text(text)
+    refused(match, formats.read_labels, path)
+
+
+def test_labels_that_are_not_text(tmp_path):
+    path = tmp_path / "l.csv"
+    path.write_bytes(b"id,label\n\xff,good\n")
+    refused("cannot be read as CSV", formats.read_labels, path)
+    refused("no such file", formats.read_labels, tmp_path / "m.csv")
+
+
+def test_importing_the_formats_does_not_import_pyarrow():
+    import subprocess
+    import sys
+
+    code = "import sys, rpil.formats; sys.exit('pyarrow' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

@@ -1,0 +1,224 @@
+"""The pictures show the numbers they are given, and draw where they are told."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from collections.abc import Iterator
+from types import SimpleNamespace
+
+import matplotlib
+import numpy as np
+import pytest
+from matplotlib.colors import to_hex
+from matplotlib.figure import Figure
+
+from audits import make_audit
+from rpil import plots
+from rpil.demonstrations import Demonstrations
+from rpil.errors import DataError
+
+AUDIT_DISPLAYS = [plots.RankingDisplay, plots.LengthDisplay, plots.TimelineDisplay, plots.HistoryDisplay]
+
+
+@pytest.fixture(autouse=True)
+def closed_figures() -> Iterator[None]:
+    matplotlib.use("Agg")
+    import matplotlib.pyplot as plt
+
+    yield
+    plt.close("all")
+
+
+@pytest.fixture
+def demonstrations() -> Demonstrations:
+    observations = np.random.default_rng(0).normal(size=(60, 3))
+    actions = (observations[:, 0] > 0).astype(int)
+    return Demonstrations.from_arrays(
+        observations, actions, [0, 20, 60], observation_names=("position", "speed", "wind")
+    )
+
+
+class Threshold:
+    """Acts by the sign of the first column, and by the third one where that is large."""
+
+    classes_ = np.array(["left", "none", "right"])
+
+    def predict(self, X: np.ndarray) -> np.ndarray:
+        return np.where(X[:, 2] > 100, "none", np.where(X[:, 0] > 0, "right", "left"))
+
+
+def test_importing_plots_does_not_import_matplotlib() -> None:
+    code = "import sys, rpil.plots; sys.exit('matplotlib' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+@pytest.mark.parametrize("display", AUDIT_DISPLAYS)
+def test_a_display_draws_on_the_axes_it_is_given_without_pyplot(display: type) -> None:
+    import matplotlib.pyplot as plt
+
+    ax = Figure().subplots()
+    shown = display.from_audit(make_audit(), ax=ax)
+    assert shown.ax_ is ax
+    assert shown.figure_ is ax.figure
+    assert plt.get_fignums() == []
+
+
+@pytest.mark.parametrize("display", AUDIT_DISPLAYS)
+def test_a_display_brings_its_own_figure_and_can_be_drawn_again(display: type) -> None:
+    shown = display.from_audit(make_audit())
+    first = shown.figure_
+    assert shown.plot() is shown
+    assert shown.figure_ is not first
+
+
+@pytest.mark.parametrize("display", AUDIT_DISPLAYS)
+def test_from_estimator_takes_the_audit_of_a_fitted_estimator(display: type) -> None:
+    from sklearn.base import BaseEstimator
+    from sklearn.exceptions import NotFittedError
+
+    class Estimator(BaseEstimator):
+        def fit(self) -> Estimator:
+            self.audit_ = make_audit()
+            return self
+
+    assert display.from_estimator(Estimator().fit()).ax_.has_data()
+    with pytest.raises(NotFittedError):
+        display.from_estimator(Estimator())
+
+
+def test_running_mean_is_the_mean_of_the_window_cut_at_the_ends() -> None:
+    values = np.array([1.0, 2.0, 6.0, 3.0])
+    np.testing.assert_allclose(plots.running_mean(values, 3), [1.5, 3.0, 11 / 3, 4.5])
+    np.testing.assert_allclose(plots.running_mean(values), values)
+    np.testing.assert_allclose(plots.running_mean(values, 100), np.full(4, 3.0))
+
+
+def test_ranking_shows_every_demonstration_in_order_with_its_interval_and_colour() -> None:
+    audit = make_audit()
+    ax = plots.RankingDisplay.from_audit(audit).ax_
+    order = audit.ranking()
+    assert [text.get_text() for text in ax.get_yticklabels()] == [str(audit.ids[m]) for m in order]
+    assert ax.yaxis_inverted()
+    for line, bars in zip(ax.lines, ax.collections, strict=True):
+        verdict = line.get_label().split()[0]
+        assert line.get_color() == plots.COLOURS[verdict] == to_hex(bars.get_color()[0])
+        rows = line.get_ydata()
+        assert all(audit.verdicts[order[row]] == verdict for row in rows)
+        np.testing.assert_array_equal(line.get_xdata(), audit.reliability[order[rows]])
+        ends = [segment[:, 0] for segment in bars.get_segments()]
+        np.testing.assert_array_equal(ends, audit.reliability_interval[order[rows]])
+    assert [text.get_text() for text in ax.get_legend().texts] == ["expert (5)", "uncertain (1)", "adversary (4)"]
+
+
+def test_ranking_by_log_odds_keeps_labelled_demonstrations_in_the_picture() -> None:
+    audit = make_audit(("expert", "expert", "adversary"), log_odds=np.array([np.inf, 4.0, -np.inf]))
+    ax = plots.RankingDisplay.from_audit(audit, quantity="log_odds").ax_
+    drawn = np.concatenate(
+        [line.get_xdata() for line in ax.lines if line.get_label().startswith(("expert", "adversary"))]
+    )
+    np.testing.assert_array_equal(drawn, [8.0, 4.0, -8.0])
+
+
+def test_ranking_of_many_demonstrations_counts_ranks_instead_of_naming_ids() -> None:
+    ax = plots.RankingDisplay.from_audit(make_audit(("expert", "adversary") * 50)).ax_
+    assert ax.get_ylabel() == "Rank"
+    assert len(ax.get_yticks()) < 20
+
+
+def test_ranking_refuses_an_unknown_quantity() -> None:
+    with pytest.raises(ValueError, match="'reliability' or 'log_odds'"):
+        plots.RankingDisplay.from_audit(make_audit(), quantity="trust")
+
+
+def test_length_shows_reliability_against_steps() -> None:
+    audit = make_audit()
+    ax = plots.LengthDisplay.from_audit(audit).ax_
+    drawn = {tuple(point) for line in ax.lines for point in line.get_xydata()}
+    assert drawn == set(zip(audit.lengths.astype(float), audit.reliability, strict=True))
+    assert ax.get_xscale() == "linear"
+    assert plots.LengthDisplay.from_audit(make_audit(("expert",) * 2, lengths=[10, 900])).ax_.get_xscale() == "log"
+
+
+def test_timeline_marks_the_worst_steps_of_the_demonstration_asked_for() -> None:
+    audit = make_audit(ids="abcdefghij", lengths=[500] * 10)
+    ax = plots.TimelineDisplay.from_audit(audit, demonstration="h").ax_
+    ratio = audit.step_log_ratio[audit.offsets[7] : audit.offsets[8]]
+    points, _, mean, marks = ax.lines
+    np.testing.assert_array_equal(points.get_ydata(), ratio)
+    np.testing.assert_allclose(mean.get_ydata(), plots.running_mean(ratio))
+    assert list(marks.get_xdata()) == audit.worst_steps(7)
+    assert str(audit.worst_steps(7)[0]) in [text.get_text().strip() for text in ax.texts]
+    assert ax.get_title() == "Demonstration h"
+
+
+def test_timeline_shows_the_least_trusted_demonstration_unless_told_otherwise() -> None:
+    audit = make_audit()
+    ax = plots.TimelineDisplay.from_audit(audit).ax_
+    assert ax.get_title() == f"Demonstration {audit.ids[audit.ranking()[-1]]}"
+
+
+def test_timeline_names_ids_where_there_is_no_such_demonstration() -> None:
+    with pytest.raises(DataError, match=r"no demonstration 'x': choose one of the ids 0, 1, 2, 3, 4, \.\.\."):
+        plots.TimelineDisplay.from_audit(make_audit(), demonstration="x")
+
+
+def test_history_shows_the_objective_of_every_iteration() -> None:
+    audit = make_audit()
+    (line,) = plots.HistoryDisplay.from_audit(audit).ax_.lines
+    np.testing.assert_array_equal(line.get_xdata(), np.arange(1, 26))
+    np.testing.assert_array_equal(line.get_ydata(), audit.history)
+
+
+def test_policy_map_shows_the_action_at_each_point_with_other_columns_at_their_median(
+    demonstrations: Demonstrations,
+) -> None:
+    X = demonstrations.observations.copy()
+    X[0, 2] = 1000.0  # moves the mean, not the median
+    shown = plots.PolicyMapDisplay.from_estimator(
+        Threshold(), X, features=("speed", "position"), grid=7, observation_names=demonstrations.observation_names
+    )
+    assert shown.names == ("speed", "position")
+    assert (shown.actions == np.where(shown.y > 0, "right", "left")[:, None]).all()
+    (mesh,) = shown.ax_.collections
+    np.testing.assert_array_equal(np.unique(mesh.get_array()), [0, 2])
+    assert [text.get_text() for text in shown.ax_.get_legend().texts] == ["action left", "action none", "action right"]
+
+
+def test_policy_map_of_a_continuous_policy_has_a_colour_bar(demonstrations: Demonstrations) -> None:
+    policy = SimpleNamespace(predict=lambda X: X[:, :2] * 2)
+    shown = plots.PolicyMapDisplay.from_estimator(policy, demonstrations.observations, grid=5)
+    np.testing.assert_allclose(shown.actions[0], 2 * shown.x)
+    assert shown.ax_.get_xlabel() == "observation 0"
+    assert shown.figure_.axes[1].get_ylabel() == "Action"
+
+
+def test_demonstrations_are_coloured_by_action(demonstrations: Demonstrations) -> None:
+    shown = plots.DemonstrationDisplay.from_demonstrations(demonstrations, features=(0, "wind"))
+    (dots,) = shown.ax_.collections
+    np.testing.assert_array_equal(dots.get_offsets(), demonstrations.observations[:, [0, 2]])
+    np.testing.assert_array_equal(dots.get_array(), demonstrations.actions)
+    assert (shown.ax_.get_xlabel(), shown.ax_.get_ylabel()) == ("position", "wind")
+    assert [to_hex(dots.cmap(code)) for code in range(2)] == list(plots.ACTION_COLOURS[:2])
+
+
+def test_continuous_demonstrations_are_coloured_by_their_first_component() -> None:
+    rng = np.random.default_rng(0)
+    observations, actions = rng.normal(size=(30, 2)), rng.normal(size=(30, 2))
+    shown = plots.DemonstrationDisplay.from_demonstrations(Demonstrations.from_arrays(observations, actions, [0, 30]))
+    np.testing.assert_array_equal(shown.ax_.collections[0].get_array(), actions[:, 0])
+    assert shown.ax_.get_legend() is None
+
+
+@pytest.mark.parametrize("feature", [3, -1, "height"])
+def test_an_unknown_observation_column_is_named_with_those_there_are(
+    demonstrations: Demonstrations, feature: int | str
+) -> None:
+    with pytest.raises(DataError, match=f"no observation column {feature!r}: .* position, speed, wind"):
+        plots.DemonstrationDisplay.from_demonstrations(demonstrations, features=(0, feature))
+
+
+def test_actions_beyond_the_palette_still_have_colours_of_their_own(demonstrations: Demonstrations) -> None:
+    many = Demonstrations.from_arrays(demonstrations.observations, np.arange(60) % 12, [0, 60])
+    (dots,) = plots.DemonstrationDisplay.from_demonstrations(many).ax_.collections
+    assert len({to_hex(dots.cmap(code)) for code in range(12)}) == 12

@@ -1,0 +1,295 @@
+"""The report is one complete, offline page that says what the audit says, and no more."""
+
+from __future__ import annotations
+
+import json
+import re
+import shutil
+import subprocess
+from html.parser import HTMLParser
+from pathlib import Path
+
+import numpy as np
+import pytest
+from markupsafe import Markup
+from matplotlib.image import imread
+
+from audits import make_audit
+from rpil import report
+from rpil.audit import Audit
+from rpil.errors import DataError
+from rpil.report import wording
+from rpil.report.pictures import POINTS, Timelines
+
+VOID = {"meta", "input", "br", "hr", "img", "link"}
+
+
+class Page(HTMLParser):
+    """Tags, attributes and words of a page; complains where tags do not close in order."""
+
+    def __init__(self, page: str) -> None:
+        super().__init__()
+        self.tags: list[tuple[str, dict[str, str | None]]] = []
+        self.words: list[str] = []
+        self.open: list[str] = []
+        self.feed(page)
+        self.close()
+        assert self.open == []
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.tags.append((tag, dict(attrs)))
+        if tag not in VOID:
+            self.open.append(tag)
+
+    def handle_startendtag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.tags.append((tag, dict(attrs)))
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self.open.pop() == tag
+
+    def handle_data(self, data: str) -> None:
+        if self.open and self.open[-1] not in ("style", "script"):
+            self.words.append(data)
+
+    def all(self, tag: str, **attributes: str) -> list[dict[str, str | None]]:
+        wanted = attributes.items()
+        return [found for name, found in self.tags if name == tag and all(found.get(k) == v for k, v in wanted)]
+
+    @property
+    def text(self) -> str:
+        return " ".join(" ".join(self.words).split())
+
+
+def render(audit: Audit, **options: object) -> str:
+    return report.render(audit, **({"title": "An audit", "source": "demos.parquet"} | options))
+
+
+@pytest.fixture(scope="module")
+def audit() -> Audit:
+    return make_audit()
+
+
+@pytest.fixture(scope="module")
+def page(audit: Audit) -> Page:
+    return Page(render(audit, seconds=1.25))
+
+
+@pytest.fixture
+def unknown() -> Audit:
+    ids = [f"d{k}" for k in range(30)]
+    return make_audit(
+        ("uncertain",) * 30,
+        ids=ids,
+        identifiable=False,
+        competing=(tuple(ids[:4]), tuple(ids[4:])),
+        to_label=("d0", "d9"),
+    )
+
+
+def test_the_answer_comes_first(page: Page) -> None:
+    assert "10 demonstrations: 5 expert , 4 adversary , 1 uncertain ." in page.text
+    assert "Share of experts 55 % 95 % interval 31 % to 77 %" in page.text
+    assert "Adversary model uniform" in page.text
+    assert "Time 1.25 s" in page.text
+
+
+def test_the_page_needs_nothing_from_elsewhere(audit: Audit) -> None:
+    text = render(audit, sections=[("Returns", report.returns_figure([("all", 1.0, 0.0, 2.0)]))])
+    assert not re.search(r"https?:|//[a-z]|@import|url\((?!#)|srcset", text.replace("// ", ""), re.IGNORECASE)
+    for tag, attributes in Page(text).tags:
+        assert tag not in ("link", "iframe", "object", "embed", "base")
+        assert "src" not in attributes
+        assert (attributes.get("href") or "#").startswith("#")
+
+
+def test_the_page_is_the_same_every_time(audit: Audit) -> None:
+    assert render(audit) == render(audit)
+
+
+def test_every_link_and_label_leads_somewhere(page: Page) -> None:
+    ids = [attributes["id"] for _, attributes in page.tags if "id" in attributes]
+    assert len(ids) == len(set(ids))
+    used = [attributes["href"][1:] for _, attributes in page.tags if "href" in attributes]
+    used += [attributes["aria-labelledby"] for _, attributes in page.tags if "aria-labelledby" in attributes]
+    used += re.findall(r"url\(#(.*?)\)", str(page.tags))
+    assert set(used) <= set(ids)
+
+
+def test_pictures_are_described_and_headings_have_a_scope(page: Page, audit: Audit) -> None:
+    for attributes in page.all("svg"):
+        assert attributes.get("aria-label") or attributes.get("aria-hidden") == "true"
+    assert len(page.all("th", scope="row")) == len(audit.ids)
+    assert len(page.all("th")) == len(page.all("th", scope="row")) + len(page.all("th", scope="col"))
+
+
+def test_the_ranking_tells_what_the_audit_holds(page: Page, audit: Audit) -> None:
+    order = audit.ranking()
+    values = [attributes["data-value"] for attributes in page.all("td") if "data-value" in attributes]
+    minus_rank, proba, reliability, steps = (np.array(values[k::4], dtype=float) for k in range(4))
+    np.testing.assert_array_equal(minus_rank, -np.arange(1, 11))
+    np.testing.assert_array_equal(proba, audit.expert_proba[order])
+    np.testing.assert_array_equal(reliability, audit.reliability[order])
+    np.testing.assert_array_equal(steps, audit.lengths[order])
+    assert wording.number(audit.log_odds[order[0]]) in page.text
+
+
+def test_the_worst_steps_are_named_marked_and_linked(page: Page, audit: Audit) -> None:
+    index = int(audit.ranking()[-1])
+    said = [(n, wording.number(audit.step_log_ratio[audit.offsets[index] + n])) for n in audit.worst_steps(index)]
+    assert f"Worst steps: {' , '.join(f'{n} ({value})' for n, value in said)} ." in page.text
+    assert {f"step {n}: {value} nats" for n, value in said} <= {
+        mark["title"] for mark in page.all("span", **{"class": "mark"})
+    }
+    assert len(page.all("a", href=f"#demonstration-{index}")) == 3
+
+
+def test_a_timeline_marks_steps_where_they_are() -> None:
+    audit = make_audit(("expert", "adversary"), lengths=[40, 1000])
+    timelines = Timelines(audit)
+    shown = timelines.one(1)
+    band = np.array([point.split(",") for point in shown["band"].split()], dtype=float)
+    mean = np.array([point.split(",") for point in shown["mean"].split()], dtype=float)
+    assert len(mean) == POINTS + 2
+    assert len(band) == 2 * len(mean)
+    assert mean.min() >= 0
+    assert mean.max() <= 1000
+    assert (band[: len(mean), 1] <= band[::-1][: len(mean), 1]).all()
+    # The adversary goes wrong in the middle half: lower (further from the top) there than at either end.
+    assert mean[80:120, 1].mean() > timelines.zero > mean[:30, 1].mean()
+    for mark, step in zip(shown["marks"], audit.worst_steps(1), strict=True):
+        assert mark["step"] == step
+        assert mark["left"] == pytest.approx((step + 0.5) / 10)
+        assert mark["value"] == audit.step_log_ratio[40 + step]
+
+
+def test_a_demonstration_of_one_step_has_a_timeline() -> None:
+    shown = Timelines(make_audit(("expert", "adversary"), lengths=[1, 5])).one(0)
+    first, *_, last = shown["mean"].split()
+    assert first.startswith("0,")
+    assert last.startswith("1000,")
+
+
+def test_the_box_of_what_cannot_be_known_shows_the_groups_and_what_to_label(unknown: Audit, page: Page) -> None:
+    text = Page(render(unknown)).text
+    assert "The data hold 2 groups that each agree among themselves" in text
+    assert "Group A 4 demonstrations: d0, d1, d2, d3 Group B 26 demonstrations: d4," in text
+    assert "and 6 more" in text
+    assert "d0, d9 . Write the answers" in text
+    assert "rpil audit FILE --labels labels.csv" in text
+    assert "cannot tell" not in page.text
+    assert "Group" not in page.text
+
+
+def test_whatever_comes_from_outside_is_escaped() -> None:
+    evil = "<script>alert(1)</script>"
+    ids = (evil, '"><img src=x>')
+    changes = {"assumptions": (evil,), "adversary": evil, "competing": ((ids[0],), (ids[1],)), "to_label": ids}
+    audit = make_audit(("expert", "adversary"), ids=ids, identifiable=False, **changes)
+    text = render(audit, title=evil, source=evil, sections=[(evil, evil)])
+    assert evil not in text
+    page = Page(text)
+    assert len(page.all("script")) == 1
+    assert page.all("img") == []
+    assert text.count("&lt;script&gt;") >= 9
+
+
+def test_sections_come_before_the_ranking_and_only_markup_is_taken_as_html(audit: Audit) -> None:
+    text = render(audit, sections=[("One", Markup("<em>kept</em>")), ("Two", "a < b")])
+    assert text.index("<em>kept</em>") < text.index("<p>a &lt; b</p>") < text.index('id="ranking"')
+
+
+def test_returns_are_drawn_and_told(audit: Audit) -> None:
+    rows = [("R-PIL", -104.25, -110.0, -98.5), ("Trusting <all>", -128.0, -140.0, -116.0)]
+    figure = report.returns_figure(rows)
+    (svg,) = Page(figure).all("svg")
+    assert svg["aria-label"] == "Mean returns: R-PIL −104.2 (−110.0 to −98.5); Trusting <all> −128.0 (−140.0 to −116.0)"
+    assert "−104.2" in Page(figure).text
+    assert "Trusting <all>" in Page(figure).text
+    assert "var(--expert)" in figure
+    assert "currentColor" in figure
+
+
+def test_infinite_log_odds_of_a_labelled_demonstration_can_be_read() -> None:
+    text = Page(render(make_audit(("expert", "adversary"), log_odds=np.array([np.inf, -np.inf])))).text
+    assert "∞" in text
+    assert "−∞" in text
+    assert "inf " not in text
+
+
+def test_two_hundred_demonstrations_of_two_hundred_steps_stay_small() -> None:
+    text = render(make_audit(("expert", "adversary") * 100, lengths=[200] * 200))
+    assert len(Page(text).all("details")) == 200
+    assert len(text.encode()) < 3_000_000
+
+
+def test_beyond_two_hundred_demonstrations_timelines_are_those_of_the_least_trusted() -> None:
+    audit = make_audit(("expert",) * 150 + ("adversary",) * 100, lengths=[6] * 250)
+    page = Page(render(audit))
+    shown = {attributes["id"] for attributes in page.all("details")}
+    assert shown == {f"demonstration-{m}" for m in audit.ranking()[50:]}
+    assert "Drawn for the 200 least trusted of 250 demonstrations." in page.text
+    assert len(page.all("th", scope="row")) == 250
+
+
+def test_write_replaces_a_file_only_when_the_report_is_complete(tmp_path: Path, audit: Audit, monkeypatch) -> None:
+    path = tmp_path / "report.html"
+    report.write(path, audit, title="Été", source="demos.parquet")
+    assert path.read_text(encoding="utf-8") == render(audit, title="Été")
+    with pytest.raises(TypeError):
+        report.write(path, audit, title="Broken", source="demos.parquet", sections=[None])
+    assert path.read_text(encoding="utf-8") == render(audit, title="Été")
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_write_says_where_there_is_no_such_folder(tmp_path: Path, audit: Audit) -> None:
+    with pytest.raises(DataError, match="nowhere"):
+        report.write(tmp_path / "nowhere" / "report.html", audit, title="", source="")
+
+
+@pytest.mark.parametrize(
+    ("value", "said"), [(-3.14159, "−3.1"), (-0.04, "0.0"), (12345.6, "12,346"), (np.inf, "∞"), (-np.inf, "−∞")]
+)
+def test_numbers(value: float, said: str) -> None:
+    assert wording.number(value) == said
+
+
+@pytest.mark.parametrize(
+    ("share", "said"), [(0.0, "0 %"), (0.001, "<1 %"), (0.5, "50 %"), (0.999, ">99 %"), (1.0, "100 %")]
+)
+def test_percents(share: float, said: str) -> None:
+    assert wording.percent(share) == said
+
+
+@pytest.mark.skipif(shutil.which("chromium") is None, reason="needs a chromium binary on PATH")
+def test_the_page_works_in_a_browser(tmp_path: Path, unknown: Audit) -> None:
+    # The probe acts as a reader does, and leaves what it saw in the title.
+    probe = """<script>
+    const head = [...document.querySelectorAll("thead button")].find((one) => one.textContent === "Steps");
+    const steps = () => [...document.querySelectorAll("tbody tr")].map((row) => Number(row.cells[7].dataset.value));
+    head.click(); const up = steps(); head.click(); const down = steps();
+    document.querySelector("td.worst a").click();
+    const select = document.querySelector("#timeline-tools select");
+    select.value = document.querySelector("details:not([open])").id;
+    select.dispatchEvent(new Event("change"));
+    const opened = document.querySelectorAll("details[open]").length;
+    document.querySelector("#timeline-tools button").click();
+    document.title = JSON.stringify({ up, down, opened, all: document.querySelectorAll("details[open]").length,
+      sort: head.parentElement.getAttribute("aria-sort"), wide: document.documentElement.scrollWidth > innerWidth });
+    </script>"""
+    plain, probed, picture = (tmp_path / name for name in ("plain.html", "probed.html", "report.png"))
+    plain.write_text(render(unknown), encoding="utf-8")
+    probed.write_text(render(unknown).replace("</body>", probe + "</body>"), encoding="utf-8")
+    quiet = [f"--disable-{name}" for name in ("gpu", "quic", "background-networking", "component-update", "sync")]
+    command = ["chromium", "--headless", "--no-sandbox", "--no-first-run", "--enable-logging=stderr", *quiet]
+    command += [f"--user-data-dir={tmp_path / 'profile'}", "--window-size=500,2000"]
+
+    def run(*arguments: str) -> str:
+        done = subprocess.run([*command, *arguments], capture_output=True, text=True, timeout=120, check=True)
+        assert "CONSOLE" not in done.stderr
+        return done.stdout
+
+    told = json.loads(re.search("<title>(.*?)</title>", run("--dump-dom", probed.as_uri()))[1])
+    lengths = sorted(unknown.lengths.tolist())
+    assert told == {"up": lengths, "down": lengths[::-1], "opened": 2, "all": 30, "sort": "descending", "wide": False}
+    run(f"--screenshot={picture}", plain.as_uri())
+    assert imread(picture).std() > 0.05

@@ -1,0 +1,194 @@
+"""Lockstep rollouts: the same episodes as one at a time, fixed by the seed, with honest intervals and clear errors."""
+
+from __future__ import annotations
+
+import sys
+from types import SimpleNamespace
+
+import gymnasium
+import numpy as np
+import pytest
+from scipy import stats
+
+from rpil.errors import DataError, MissingExtraError
+from rpil.experts import expert
+from rpil.rollouts import RandomPolicy, Returns, record, rollout
+
+ENVIRONMENTS = ["MountainCar-v0", "Acrobot-v1", "LunarLander-v3", "CartPole-v1"]
+
+
+class Always:
+    """One action, whatever is seen; remembers how many rows each call had."""
+
+    def __init__(self, action):
+        self.action = action
+        self.batches = []
+
+    def predict(self, observations):
+        self.batches.append(len(observations))
+        return np.full(len(observations), self.action)
+
+
+def one_at_a_time(policy, env_id, seed):
+    env = gymnasium.make(env_id)
+    observation, _ = env.reset(seed=seed)
+    observations, actions, rewards, over = [], [], [], False
+    while not over:
+        observations.append(observation)
+        actions.append(int(policy.predict(observation[None])[0]))
+        observation, reward, terminated, truncated, _ = env.step(actions[-1])
+        rewards.append(reward)
+        over = terminated or truncated
+    env.close()
+    return np.array(observations), np.array(actions), np.array(rewards)
+
+
+@pytest.mark.parametrize("env_id", ENVIRONMENTS)
+def test_lockstep_equals_one_at_a_time(env_id):
+    driver = expert(env_id)
+    episodes = record(driver, env_id, n_episodes=5, seed=3)
+    seeds = np.random.SeedSequence(3).generate_state(5).tolist()
+    assert len(episodes) == 5
+    for episode, seed in zip(episodes, seeds, strict=True):
+        observations, actions, rewards = one_at_a_time(driver, env_id, seed)
+        np.testing.assert_array_equal(episode.observations, observations)
+        np.testing.assert_array_equal(episode.actions, actions)
+        np.testing.assert_array_equal(episode.rewards, rewards)
+        assert episode.total_reward == rewards.sum()
+
+
+@pytest.mark.parametrize("env_id", ENVIRONMENTS)
+def test_rollout_reports_the_recorded_episodes(env_id):
+    driver = expert(env_id)
+    episodes = record(driver, env_id, n_episodes=6, seed=4)
+    seen = rollout(driver, env_id, n_episodes=6, seed=4)
+    np.testing.assert_allclose(seen.returns, [episode.total_reward for episode in episodes], rtol=1e-12)
+    assert seen.mean == seen.returns.mean()
+
+
+def test_same_seed_same_bits_and_another_seed_others():
+    first, again, other = (record(RandomPolicy(4, 7), "LunarLander-v3", n_episodes=4, seed=seed) for seed in (1, 1, 2))
+    for one, two in zip(first, again, strict=True):
+        np.testing.assert_array_equal(one.observations, two.observations)
+        np.testing.assert_array_equal(one.actions, two.actions)
+        np.testing.assert_array_equal(one.rewards, two.rewards)
+    assert not any(np.array_equal(a.observations[0], b.observations[0]) for a in first for b in other)
+
+
+def test_episodes_of_one_run_start_differently_and_do_not_depend_on_how_many_there_are():
+    driver = expert("MountainCar-v0")
+    few, many = (rollout(driver, "MountainCar-v0", n_episodes=n, seed=5).returns for n in (3, 12))
+    np.testing.assert_array_equal(few, many[:3])
+    starts = {episode.observations[0].tobytes() for episode in record(driver, "MountainCar-v0", n_episodes=12, seed=5)}
+    assert len(starts) == 12
+
+
+def test_one_predict_per_time_step_with_finished_episodes_dropped():
+    policy = Always(1)
+    lengths = [len(episode.actions) for episode in record(policy, "CartPole-v1", n_episodes=20, seed=0)]
+    assert len(set(lengths)) > 1
+    assert policy.batches == [sum(length > t for length in lengths) for t in range(max(lengths))]
+
+
+def test_interval_is_students():
+    returns = np.random.default_rng(0).normal(10, 3, size=25)
+    seen = Returns.of(returns)
+    wanted = stats.t.interval(0.95, 24, loc=returns.mean(), scale=stats.sem(returns))
+    np.testing.assert_allclose(seen.ci95, wanted, rtol=1e-12)
+    assert seen.ci95[0] < seen.mean < seen.ci95[1]
+
+
+def test_interval_of_a_single_episode_is_unknown():
+    seen = rollout(Always(0), "CartPole-v1", n_episodes=1, seed=0)
+    assert seen.mean == seen.returns[0]
+    assert np.isnan(seen.ci95).all()
+
+
+def test_constant_returns_have_a_point_interval():
+    assert rollout(Always(1), "MountainCar-v0", n_episodes=3, seed=0).ci95 == (-200, -200)
+
+
+def test_progress_counts_up_to_the_number_of_episodes():
+    calls = []
+    rollout(Always(1), "CartPole-v1", n_episodes=15, seed=0, progress=lambda *call: calls.append(call))
+    finished = [done for done, _ in calls]
+    assert finished == sorted(set(finished))
+    assert finished[-1] == 15
+    assert {total for _, total in calls} == {15}
+
+
+def test_random_policy_is_uniform_and_seeded():
+    draws = RandomPolicy(4, 0).predict(np.zeros((40_000, 2)))
+    np.testing.assert_array_equal(draws, RandomPolicy(4, 0).predict(np.zeros((40_000, 2))))
+    assert (draws != RandomPolicy(4, 1).predict(np.zeros((40_000, 2)))).any()
+    # Four standard errors of a share of 1/4.
+    np.testing.assert_allclose(np.bincount(draws, minlength=4) / 40_000, 0.25, atol=4 * np.sqrt(0.1875 / 40_000))
+
+
+def test_float_labels_that_are_whole_are_actions():
+    whole = rollout(Always(1.0), "CartPole-v1", n_episodes=3, seed=0).returns
+    np.testing.assert_array_equal(whole, rollout(Always(1), "CartPole-v1", n_episodes=3, seed=0).returns)
+
+
+def test_recording_nothing_gives_nothing():
+    assert record(Always(0), "CartPole-v1", n_episodes=0, seed=0) == []
+
+
+def one_sentence(error):
+    message = str(error.value)
+    return message.endswith(".") and ". " not in message
+
+
+@pytest.mark.parametrize(
+    ("policy", "env_id", "words"),
+    [
+        (Always(0), "MountainCarr-v0", "no environment 'MountainCarr-v0'"),
+        (Always(0), "MountainCar-v99", "no environment 'MountainCar-v99'"),
+        (Always(0), "not an id", "no environment 'not an id'"),
+        (Always(0), "no_such_module:Thing-v0", "no environment 'no_such_module:Thing-v0'"),
+        (Always(0), "Pendulum-v1", "Pendulum-v1 has .* only flat Box observations and Discrete actions"),
+        (Always(0), "FrozenLake-v1", "FrozenLake-v1 has .* only flat Box observations and Discrete actions"),
+        (expert("Acrobot-v1"), "MountainCar-v0", r"MountainCar-v0 has .* shape \(2,\) .* shape \(6,\)"),
+        (RandomPolicy(3, 0), "CartPole-v1", r"CartPole-v1 has the actions 0 to 1 .* \[0, 1, 2\]"),
+        (SimpleNamespace(classes_=np.array(["left"]), predict=None), "CartPole-v1", r"CartPole-v1 .* \['left'\]"),
+        (Always(2), "CartPole-v1", r"CartPole-v1 .* one action 0 to 1"),
+        (Always(-1), "CartPole-v1", r"CartPole-v1 .* one action 0 to 1"),
+        (Always(0.5), "CartPole-v1", r"CartPole-v1 .* float64 .* one action"),
+        (Always(np.nan), "CartPole-v1", r"CartPole-v1 .* float64 .* one action"),
+        (Always("left"), "CartPole-v1", r"CartPole-v1 .* one action"),
+        (SimpleNamespace(predict=lambda rows: rows), "CartPole-v1", r"shape \(2, 4\): predict must return one action"),
+    ],
+)
+def test_errors_are_one_sentence_with_the_place(policy, env_id, words):
+    with pytest.raises(DataError, match=words) as error:
+        rollout(policy, env_id, n_episodes=2, seed=0)
+    assert one_sentence(error)
+
+
+def test_no_episodes_is_an_error():
+    with pytest.raises(DataError, match="n_episodes is 0") as error:
+        rollout(Always(0), "CartPole-v1", n_episodes=0, seed=0)
+    assert one_sentence(error)
+
+
+def test_missing_gymnasium_names_the_extra(monkeypatch):
+    monkeypatch.setitem(sys.modules, "gymnasium", None)
+    with pytest.raises(MissingExtraError, match=r"pip install 'rpil\[gym\]'"):
+        rollout(Always(0), "CartPole-v1", n_episodes=1, seed=0)
+
+
+def test_missing_physics_engine_names_the_extra(monkeypatch):
+    # Forget the module, so that it is imported again and misses what it needs.
+    monkeypatch.delitem(sys.modules, "gymnasium.envs.box2d.lunar_lander", raising=False)
+    monkeypatch.delitem(sys.modules, "gymnasium.envs.box2d", raising=False)
+    monkeypatch.setitem(sys.modules, "Box2D", None)
+    with pytest.raises(MissingExtraError, match=r"LunarLander-v3 needs .* 'rpil\[gym\]'"):
+        rollout(Always(0), "LunarLander-v3", n_episodes=1, seed=0)
+
+
+def test_environments_are_closed_also_after_an_error(monkeypatch):
+    closed = []
+    monkeypatch.setattr(gymnasium.Wrapper, "close", lambda self: closed.append(self))
+    with pytest.raises(DataError):
+        rollout(Always(2), "CartPole-v1", n_episodes=3, seed=0)
+    assert len(closed) == 3

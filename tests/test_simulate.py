@@ -1,0 +1,82 @@
+"""Simulated demonstrations: the good are the expert's, the bad are spoiled as asked, and the seed fixes all."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from rpil.corruptions import KINDS
+from rpil.errors import DataError
+from rpil.experts import expert
+from rpil.simulate import simulate
+
+CAR = "MountainCar-v0"
+
+
+def assert_same(first, second):
+    assert len(first) == len(second)
+    for (observations, actions), (others, other_actions) in zip(first, second, strict=True):
+        np.testing.assert_array_equal(observations, others)
+        np.testing.assert_array_equal(actions, other_actions)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_good_first_and_labelled(kind):
+    made = simulate(CAR, kind, n_good=3, n_bad=2, seed=0)
+    assert (made.env_id, made.kind) == (CAR, kind)
+    np.testing.assert_array_equal(made.is_good, [1, 1, 1, 0, 0])
+    assert made.returns.shape == (5,)
+    assert len(made.episodes) == 5
+    agrees = [(expert(CAR).predict(observations) == actions).mean() for observations, actions in made.episodes]
+    assert agrees[:3] == [1, 1, 1]
+    assert max(agrees[3:]) < 0.95
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_same_seed_same_bits_and_another_seed_others(kind):
+    first, again, other = (simulate(CAR, kind, n_good=1, n_bad=2, seed=seed) for seed in (1, 1, 2))
+    assert_same(first.episodes, again.episodes)
+    np.testing.assert_array_equal(first.returns, again.returns)
+    for (observations, _), (others, _) in zip(first.episodes, other.episodes, strict=True):
+        assert not np.array_equal(observations[0], others[0])
+
+
+def test_good_episodes_depend_on_neither_kind_nor_number_of_bad():
+    plain = simulate(CAR, "corrupted", n_good=3, n_bad=0, seed=3)
+    for kind in KINDS:
+        assert_same(plain.episodes, simulate(CAR, kind, n_good=3, n_bad=1, seed=3).episodes[:3])
+
+
+@pytest.mark.parametrize("kind", [kind for kind in KINDS if kind != "random"])
+def test_more_bad_ones_leave_the_first_as_they_were(kind):
+    few, many = (simulate(CAR, kind, n_good=0, n_bad=n, seed=4).episodes for n in (2, 4))
+    assert_same(few, many[:2])
+
+
+def test_spoiled_returns_are_the_experts_but_for_random():
+    assert (simulate(CAR, "flip", n_good=2, n_bad=4, seed=5).returns > -200).all()
+    made = simulate(CAR, "random", n_good=2, n_bad=4, seed=5)
+    assert (made.returns[:2] > -200).all()
+    np.testing.assert_array_equal(made.returns[2:], -200)
+
+
+def test_good_and_bad_are_different_episodes():
+    made = simulate(CAR, "flip", n_good=4, n_bad=4, seed=6)
+    assert len({observations[0].tobytes() for observations, _ in made.episodes}) == 8
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        ((CAR, "evil", 1, 1), "'evil': choose one of corrupted, random, flip, shift, noisy, window, sensor"),
+        (("Pendulum-v1", "flip", 1, 1), "'Pendulum-v1'.*MountainCar-v0"),
+        ((CAR, "flip", 0, 0), "n_good = 0 and n_bad = 0"),
+        ((CAR, "flip", 3, -1), "n_bad = -1"),
+    ],
+)
+def test_errors_are_one_sentence(arguments, words):
+    env_id, kind, n_good, n_bad = arguments
+    with pytest.raises(DataError, match=words) as error:
+        simulate(env_id, kind, n_good=n_good, n_bad=n_bad, seed=0)
+    assert str(error.value).endswith(".")
+    assert ". " not in str(error.value)
