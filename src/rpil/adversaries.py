@@ -12,10 +12,9 @@ from dataclasses import dataclass, field, replace
 from typing import Protocol, Self
 
 import numpy as np
-from scipy.special import logsumexp
 
 from rpil.errors import DataError
-from rpil.passes import Array
+from rpil.passes import Array, logsumexp
 from rpil.policies import Policy, SoftmaxPolicy
 
 
@@ -113,7 +112,7 @@ class Complement:
         others = log_policy.copy()
         np.put_along_axis(others, actions[:, None], -np.inf, axis=1)
         scale = np.log(log_policy.shape[1] - 1) if self.normalised else 0.0
-        return logsumexp(others, axis=1) - scale
+        return logsumexp(others, 1) - scale
 
     def intended(self, log_policy: Array, actions: Array) -> Array | None:
         others = log_policy.copy()
@@ -150,11 +149,11 @@ class Confusion:
         return cls(np.log(0.5 * anything + 0.5 * others))
 
     def log_prob(self, features: Array, log_policy: Array, actions: Array) -> Array:
-        return logsumexp(log_policy + self.log_matrix.T[actions], axis=1)
+        return logsumexp(log_policy + self.log_matrix.T[actions], 1)
 
     def intended(self, log_policy: Array, actions: Array) -> Array | None:
         joint = log_policy + self.log_matrix.T[actions]
-        return np.exp(joint - logsumexp(joint, axis=1, keepdims=True))
+        return np.exp(joint - logsumexp(joint, 1)[:, None])
 
     def fit(self, features: Array, log_policy: Array, actions: Array, weight: Array) -> Confusion:
         if not self.learned:
@@ -181,8 +180,8 @@ class OwnPolicy:
     name: str = "own policy"
 
     @classmethod
-    def start(cls, n_features: int, n_actions: int, ridge: float) -> OwnPolicy:
-        return cls(SoftmaxPolicy.zero(n_features, n_actions, ridge))
+    def start(cls, n_actions: int, ridge: Array) -> OwnPolicy:
+        return cls(SoftmaxPolicy.zero(n_actions, ridge))
 
     def log_prob(self, features: Array, log_policy: Array, actions: Array) -> Array:
         return np.take_along_axis(self.policy.log_proba(features), actions[:, None], axis=1)[:, 0]
@@ -200,19 +199,19 @@ class OwnPolicy:
         return -self.policy.penalty()
 
 
-ADVERSARIES: dict[str, Callable[[int, int, float], Adversary]] = {
-    "constant": lambda n_features, n_actions, ridge: Constant(),
-    "uniform": lambda n_features, n_actions, ridge: Uniform(),
-    "marginal": lambda n_features, n_actions, ridge: Marginal.start(n_actions),
-    "complement": lambda n_features, n_actions, ridge: Complement(),
-    "normalised complement": lambda n_features, n_actions, ridge: Complement(normalised=True),
-    "confusion": lambda n_features, n_actions, ridge: Confusion.start(n_actions),
-    "own policy": lambda n_features, n_actions, ridge: OwnPolicy.start(n_features, n_actions, ridge),
+ADVERSARIES: dict[str, Callable[[int, Array], Adversary]] = {
+    "constant": lambda n_actions, ridge: Constant(),
+    "uniform": lambda n_actions, ridge: Uniform(),
+    "marginal": lambda n_actions, ridge: Marginal.start(n_actions),
+    "complement": lambda n_actions, ridge: Complement(),
+    "normalised complement": lambda n_actions, ridge: Complement(normalised=True),
+    "confusion": lambda n_actions, ridge: Confusion.start(n_actions),
+    "own policy": lambda n_actions, ridge: OwnPolicy.start(n_actions, ridge),
 }
-"""Name -> start of the adversary, given the numbers of features and actions and the ridge."""
+"""Name -> start of the adversary, given the number of actions and the ridge of each feature."""
 
 
-def adversary(name: str, n_features: int, n_actions: int, ridge: float) -> Adversary:
+def adversary(name: str, n_actions: int, ridge: Array) -> Adversary:
     """The adversary called `name`, before it has seen data.
 
     Raises
@@ -222,4 +221,4 @@ def adversary(name: str, n_features: int, n_actions: int, ridge: float) -> Adver
     """
     if name not in ADVERSARIES:
         raise DataError(f"There is no adversary called {name!r}; choose auto, {', '.join(ADVERSARIES)}.")
-    return ADVERSARIES[name](n_features, n_actions, ridge)
+    return ADVERSARIES[name](n_actions, ridge)

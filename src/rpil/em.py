@@ -11,17 +11,23 @@ The paper's mixture (eq. 7, 9, 11) is this with point masses at rho = 1 and 0. E
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Literal
 
 import numpy as np
-from scipy.special import logsumexp
 
 from rpil.adversaries import Adversary
-from rpil.passes import Array
+from rpil.passes import Array, logsumexp
 from rpil.policies import Policy
 from rpil.reliability import ADVERSARY, EXPERT, Reliability
 
 MStep = Literal["joint", "expert_only"]
+
+_LARGE = 700.0
+"""Log-ratios beyond this are no different to a double."""
+
+_BLOCK_STEPS = 2048
+"""Steps whose mixtures over the whole grid of reliabilities are in memory, and in cache, at a time."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,6 +64,18 @@ class Problem:
     def lengths(self) -> Array:
         return np.diff(self.offsets)
 
+    @cached_property
+    def segments(self) -> list[tuple[slice, slice, Array]]:
+        """Blocks of steps: the steps, the demonstrations they belong to, and where each begins within the block."""
+        found = []
+        for start in range(0, len(self.actions), _BLOCK_STEPS):
+            stop = min(start + _BLOCK_STEPS, len(self.actions))
+            first = int(np.searchsorted(self.offsets, start, side="right")) - 1
+            last = int(np.searchsorted(self.offsets, stop, side="left"))
+            begins = np.maximum(self.offsets[first:last] - start, 0)
+            found.append((slice(start, stop), slice(first, last), begins))
+        return found
+
     def sum_steps(self, values: Array) -> Array:
         """Sums over the steps of each demonstration, (N, ...) -> (M, ...)."""
         return np.add.reduceat(values, self.offsets[:-1], axis=0)
@@ -76,7 +94,7 @@ class Problem:
         np.put_along_axis(targets, self.actions[:, None], weight[:, None], axis=1)
         return targets
 
-    def select(self, demonstrations: Array) -> Problem:
+    def select(self, demonstrations: Array, unlabelled: bool = False) -> Problem:
         """The same problem with some of the demonstrations only."""
         steps = np.concatenate([np.arange(self.offsets[m], self.offsets[m + 1]) for m in demonstrations])
         offsets = np.concatenate([[0], np.cumsum(self.lengths[demonstrations])])
@@ -86,7 +104,7 @@ class Problem:
             features=self.features[steps],
             actions=self.actions[steps],
             offsets=offsets,
-            labels=self.labels[demonstrations],
+            labels=np.zeros(len(demonstrations), dtype=int) if unlabelled else self.labels[demonstrations],
             weight=weight,
         )
 
@@ -173,27 +191,43 @@ class Result:
         return float(self.history[-1])
 
 
-def step_mixture(log_pi: Array, log_psi: Array, nodes: Array) -> tuple[Array, Array, Array]:
-    """log[rho pi + (1 - rho) psi] for every step and every rho of the grid.
-
-    Returns
-    -------
-    log_mixture : (N, J) array
-    share : (N,) array
-        pi / max(pi, psi).
-    mixture : (N, J) array
-        The mixture over max(pi, psi), between 0 and 1.
-    """
+def evidence_by_reliability(problem: Problem, log_pi: Array, log_psi: Array, nodes: Array) -> Array:
+    """log prod_n [rho pi + (1 - rho) psi] of every demonstration at every rho of the grid, (M, J)."""
+    total = np.zeros((len(nodes), problem.n_demonstrations))
     top = np.maximum(log_pi, log_psi)
     share, rest = np.exp(log_pi - top), np.exp(log_psi - top)
-    mixture = np.outer(share, nodes) + np.outer(rest, 1 - nodes)
-    with np.errstate(divide="ignore"):
-        log_mixture = np.log(mixture)
-    log_mixture += top[:, None]
-    # At the ends the mixture is one of the two, to the last bit and below the smallest number there is.
-    log_mixture[:, nodes == 1.0] = log_pi[:, None]
-    log_mixture[:, nodes == 0.0] = log_psi[:, None]
-    return log_mixture, share, mixture
+    for steps, demonstrations, begins in problem.segments:
+        mixture = nodes[:, None] * (share[steps] - rest[steps])
+        mixture += rest[steps]
+        with np.errstate(divide="ignore"):
+            np.log(mixture, out=mixture)
+        mixture += top[steps]
+        # At the ends the mixture is one of the two, to the last bit and below the smallest number there is.
+        mixture[nodes == 1.0] = log_pi[steps]
+        mixture[nodes == 0.0] = log_psi[steps]
+        if problem.weight is not None:
+            mixture *= problem.weight[steps]
+        total[:, demonstrations] += np.add.reduceat(mixture, begins, axis=1)
+    return total.T
+
+
+def expert_steps(problem: Problem, log_ratio: Array, by_node: Array, nodes: Array) -> Array:
+    """P(the step is the expert's), (N,), with the posterior `by_node` (M, J) over the reliabilities of the grid."""
+    inside = (nodes > 0.0) & (nodes < 1.0)  # at 0 no step is the expert's, at 1 every one is
+    out = problem.spread(by_node[:, nodes == 1.0].sum(axis=1))
+    if not inside.any():
+        return out
+    # rho pi / (rho pi + (1 - rho) psi) = 1 / (1 + (1 - rho) / rho * psi / pi)
+    odds_against = (1 - nodes[inside]) / nodes[inside]
+    weight = by_node[:, inside].T
+    ratio = np.exp(np.minimum(-log_ratio, _LARGE))
+    for steps, demonstrations, begins in problem.segments:
+        share = odds_against[:, None] * ratio[steps]
+        share += 1.0
+        lengths = np.diff(np.append(begins, steps.stop - steps.start))
+        np.divide(np.repeat(weight[:, demonstrations], lengths, axis=1), share, out=share)
+        out[steps] += share.sum(axis=0)
+    return np.clip(out, 0.0, 1.0)
 
 
 def e_step(problem: Problem, state: State, log_proba: Array, beta: float = 1.0) -> Posterior:
@@ -201,24 +235,16 @@ def e_step(problem: Problem, state: State, log_proba: Array, beta: float = 1.0) 
     log_pi = problem.taken(log_proba)
     log_psi = state.adversary.log_prob(problem.features, log_proba, problem.actions)
     nodes = state.reliability.nodes
-    log_mixture, share, mixture = step_mixture(log_pi, log_psi, nodes)
-    if problem.weight is not None:
-        log_mixture = log_mixture * problem.weight[:, None]
-    with np.errstate(invalid="ignore"):
-        log_joint = (
-            state.prior.log[:, None] + state.reliability.log_weight + beta * problem.sum_steps(log_mixture)[:, None]
-        )
-    by_group = logsumexp(log_joint, axis=2)
+    evidence = evidence_by_reliability(problem, log_pi, log_psi, nodes)
+    log_joint = state.prior.log[:, None] + state.reliability.log_weight + beta * evidence[:, None]
+    by_group = logsumexp(log_joint, 2)
     log_odds = by_group[:, EXPERT] - by_group[:, ADVERSARY]
     log_joint[problem.labels > 0, ADVERSARY] = -np.inf
     log_joint[problem.labels < 0, EXPERT] = -np.inf
-    log_evidence = logsumexp(log_joint, axis=(1, 2))
+    log_evidence = logsumexp(log_joint, (1, 2))
     joint = np.exp(log_joint - log_evidence[:, None, None])
-
-    by_node = problem.spread(joint.sum(axis=1) * nodes)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        step = share * np.divide(by_node, mixture, out=np.zeros_like(mixture), where=by_node > 0).sum(axis=1)
-    return Posterior(log_odds, joint, np.clip(step, 0.0, 1.0), log_evidence, log_pi - log_psi, log_proba)
+    step = expert_steps(problem, log_pi - log_psi, joint.sum(axis=1), nodes)
+    return Posterior(log_odds, joint, step, log_evidence, log_pi - log_psi, log_proba)
 
 
 def lower_bound(state: State, posterior: Posterior, beta: float = 1.0) -> float:

@@ -14,8 +14,11 @@ from scipy.linalg import cho_factor, cho_solve
 
 from rpil.passes import Array, gradient, hessian_product, linear, log_softmax
 
-_PRECONDITIONER_ROWS = 16384
+_PRECONDITIONER_ROWS = 8192
 """At least so many steps, and four a feature, give the preconditioner."""
+
+_PRECONDITIONER_STEPS = 4
+"""Newton steps that one preconditioner serves."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,6 +37,8 @@ class SoftmaxFit:
     n_iter : int
         Newton steps taken.
     converged : bool
+    preconditioner : Preconditioner or None
+        The last one made: good enough for a problem nearby.
     """
 
     weights: Array
@@ -42,6 +47,7 @@ class SoftmaxFit:
     gradient_norm: float
     n_iter: int
     converged: bool
+    preconditioner: Preconditioner | None
 
 
 def fit_softmax(
@@ -53,6 +59,7 @@ def fit_softmax(
     tol: float = 1e-6,
     max_iter: int = 100,
     max_cg: int = 200,
+    preconditioner: Preconditioner | None = None,
 ) -> SoftmaxFit:
     """Minimise -sum_nk T_nk log softmax(x_n W)_k + 1/2 sum_dk penalty_d W_dk^2.
 
@@ -70,6 +77,8 @@ def fit_softmax(
         Stop when `SoftmaxFit.gradient_norm` is at most this.
     max_iter, max_cg : int
         Most Newton steps, and most Hessian products in each. ``max_iter=1`` is one improving step.
+    preconditioner : Preconditioner, optional
+        Of a problem nearby, for the first Newton steps.
 
     Returns
     -------
@@ -83,17 +92,16 @@ def fit_softmax(
     logits = linear(features, weights.astype(features.dtype, copy=False))
     log_proba = log_softmax(logits)
     objective = _objective(log_proba, targets, weights, ridge)
-    precondition = None
 
     for n_iter in range(max_iter + 1):
         proba = np.exp(log_proba)
         slope = gradient(features, weight[:, None] * proba - targets) + ridge * weights
         norm = float(np.abs(slope).max()) / scale
         if norm <= tol or n_iter == max_iter:
-            return SoftmaxFit(weights, log_proba, objective, norm, n_iter, norm <= tol)
-        if precondition is None or n_iter % 4 == 0:
-            precondition = _Preconditioner(features, proba, weight, penalty)
-        step = _newton_direction(features, proba, weight, ridge, slope, precondition, max_cg)
+            return SoftmaxFit(weights, log_proba, objective, norm, n_iter, norm <= tol, preconditioner)
+        if preconditioner is None or (n_iter and n_iter % _PRECONDITIONER_STEPS == 0):
+            preconditioner = Preconditioner(features, proba, weight, penalty)
+        step = _newton_direction(features, proba, weight, ridge, slope, preconditioner, max_cg)
 
         # Logits move on a line, so that a trial length costs no pass over the features.
         step_logits = linear(features, step.astype(features.dtype, copy=False))
@@ -107,7 +115,7 @@ def fit_softmax(
                 break
             length *= 0.5
             if length < 1e-10:  # rounding is all that is left to gain
-                return SoftmaxFit(weights, log_proba, objective, norm, n_iter, norm <= 100 * tol)
+                return SoftmaxFit(weights, log_proba, objective, norm, n_iter, norm <= 100 * tol, preconditioner)
         weights, log_proba, objective = trial, trial_log_proba, trial_objective
         logits = logits + length * step_logits
     raise AssertionError("unreachable")
@@ -118,7 +126,7 @@ def _objective(log_proba: Array, targets: Array, weights: Array, ridge: Array) -
 
 
 def _newton_direction(
-    features: Array, proba: Array, weight: Array, ridge: Array, slope: Array, precondition: _Preconditioner, max_cg: int
+    features: Array, proba: Array, weight: Array, ridge: Array, slope: Array, precondition: Preconditioner, max_cg: int
 ) -> Array:
     """Approximately solve H step = -slope; the relative residual shrinks with the gradient (Eisenstat-Walker)."""
     step = np.zeros_like(slope)
@@ -144,7 +152,7 @@ def _newton_direction(
     return step if step.any() else -slope
 
 
-class _Preconditioner:
+class Preconditioner:
     """Inverse of the class blocks X^T diag(s p_k (1 - p_k)) X + penalty, from an even subsample of the steps.
 
     The softmax does not feel a shift of all classes, so residuals and directions are centred over classes.

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from rpil.passes import Array, linear, log_softmax
-from rpil.solvers import fit_softmax
+from rpil.solvers import Preconditioner, fit_softmax
+
+
+_PRECONDITIONER_FITS = 10
+"""Warm-started fits that one preconditioner serves: EM moves little in so many iterations."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -18,18 +22,19 @@ class SoftmaxPolicy:
     ----------
     weights : (D, K) array
         Coefficients, the intercepts in the last row.
-    ridge : float
-        Penalty on every coefficient but the intercepts: 1/C as scikit-learn means it (for two actions scikit-learn
-        penalises the difference of the two columns once, which is twice the penalty on each).
+    ridge : (D,) array
+        Penalty on the squares of each feature's coefficients, 0 for the constant.
     """
 
     weights: Array
-    ridge: float
+    ridge: Array
+    _preconditioner: Preconditioner | None = None
+    _age: int = 0
 
     @classmethod
-    def zero(cls, n_features: int, n_actions: int, ridge: float) -> SoftmaxPolicy:
+    def zero(cls, n_actions: int, ridge: Array) -> SoftmaxPolicy:
         """The policy that prefers nothing."""
-        return cls(np.zeros((n_features, n_actions)), ridge)
+        return cls(np.zeros((len(ridge), n_actions)), ridge)
 
     def log_proba(self, features: Array) -> Array:
         """log pi(k|s) of all actions, (N, K)."""
@@ -39,17 +44,20 @@ class SoftmaxPolicy:
         self, features: Array, targets: Array, *, tol: float = 1e-6, max_iter: int = 100, max_cg: int = 200
     ) -> tuple[SoftmaxPolicy, Array]:
         """The policy that explains soft `targets` (N, K) best, from here on, and its log-probabilities (N, K)."""
+        reuse = self._preconditioner if self._age < _PRECONDITIONER_FITS else None
         fit = fit_softmax(
-            features, targets, self._penalty(), start=self.weights, tol=tol, max_iter=max_iter, max_cg=max_cg
+            features,
+            targets,
+            self.ridge,
+            start=self.weights,
+            tol=tol,
+            max_iter=max_iter,
+            max_cg=max_cg,
+            preconditioner=reuse,
         )
-        return replace(self, weights=fit.weights), fit.log_proba
+        age = self._age + 1 if fit.preconditioner is reuse else 0
+        return SoftmaxPolicy(fit.weights, self.ridge, fit.preconditioner, age), fit.log_proba
 
     def penalty(self) -> float:
         """What the ridge takes off the log-likelihood."""
-        return float(0.5 * (self._penalty()[:, None] * self.weights**2).sum())
-
-    def _penalty(self) -> Array:
-        n_features, n_actions = self.weights.shape
-        penalty = np.full(n_features, self.ridge * (2.0 if n_actions == 2 else 1.0))
-        penalty[-1] = 0.0
-        return penalty
+        return float(0.5 * (self.ridge[:, None] * self.weights**2).sum())

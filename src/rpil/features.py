@@ -1,0 +1,127 @@
+"""Feature maps phi(s): what the linear policy sees of an observation.
+
+A map is fitted once, is frozen, and is a handful of arrays, so that it travels with a saved policy. Columns are centred
+and scaled for the solver's sake; the ridge is expressed in the scale the user chose (see `FeatureMap.ridge`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rpil.errors import DataError
+from rpil.passes import Array
+
+FEATURES = ("raw", "spline", "poly")
+
+RIDGE_PER_STEP = 1e-5
+"""The default ridge, for a step: strong enough to keep separable classes finite, too weak to bias a policy."""
+
+_N_KNOTS = 8
+_DEGREE = 3
+_MAX_POLY_COLUMNS = 2000
+
+
+@dataclass(frozen=True, eq=False)
+class FeatureMap:
+    """Observations (N, D) to a design matrix (N, F + 1) whose last column is the constant.
+
+    Attributes
+    ----------
+    kind : {"raw", "spline", "poly"}
+        The observation itself; a cubic B-spline basis of each observation (8 knots, linear beyond them); all products
+        of up to two observations.
+    knots : (8, D) array
+        Of the spline; (0, D) for the other kinds.
+    location, spread : (D,) arrays
+        What polynomials subtract and divide by before they multiply.
+    center, scale : (F,) arrays
+        What every column subtracts and divides by.
+    """
+
+    kind: str
+    knots: Array
+    location: Array
+    spread: Array
+    center: Array
+    scale: Array
+
+    @classmethod
+    def fit(cls, kind: str, observations: NDArray[Any]) -> FeatureMap:
+        """Choose knots, centres and scales from observations (N, D).
+
+        Raises
+        ------
+        DataError
+            If there is no such kind, or polynomials of so many observations would not fit in memory.
+        """
+        if kind not in FEATURES:
+            raise DataError(f"There are no features called {kind!r}; choose {', '.join(FEATURES)}.")
+        n_columns = observations.shape[1]
+        if kind == "poly" and n_columns * (n_columns + 3) // 2 > _MAX_POLY_COLUMNS:
+            raise DataError(f"Polynomials of {n_columns} observations are too many; choose features raw or spline.")
+        observations = np.asarray(observations, dtype=float)
+        location, spread = observations.mean(axis=0), _positive(observations.std(axis=0))
+        knots = np.empty((0, n_columns))
+        if kind == "spline":
+            low, high = observations.min(axis=0), observations.max(axis=0)
+            high = np.where(high > low, high, low + 1.0)  # a constant column still needs an interval
+            knots = np.linspace(low, high, _N_KNOTS)
+        raw = cls(kind, knots, location, spread, np.zeros(0), np.zeros(0))
+        columns = raw._columns(observations)
+        center = columns.mean(axis=0)
+        # Splines share one natural scale: a column that is rarely visited must stay rarely believed.
+        scale = np.ones(columns.shape[1]) if kind == "spline" else _positive(columns.std(axis=0))
+        return cls(kind, knots, location, spread, center, scale)
+
+    @property
+    def n_features_in(self) -> int:
+        """Columns of an observation."""
+        return len(self.location)
+
+    def design(self, observations: NDArray[Any]) -> Array:
+        """The design matrix, (N, F + 1)."""
+        columns = self._columns(np.asarray(observations, dtype=float))
+        out = np.empty((len(columns), columns.shape[1] + 1))
+        np.subtract(columns, self.center, out=out[:, :-1])
+        out[:, :-1] /= self.scale
+        out[:, -1] = 1.0
+        return out
+
+    def ridge(self, C: float | None, total_weight: float) -> Array:
+        """Penalty on each squared coefficient of the design matrix, (F + 1,).
+
+        With C it is what scikit-learn's `LogisticRegression` would take off on the unscaled columns; without, a
+        penalty on the scaled columns that grows with the number of steps, so that neither units nor the amount of data
+        change its meaning.
+        """
+        if C is None:
+            ridge = np.full(len(self.center), RIDGE_PER_STEP * total_weight)
+        else:
+            ridge = 1.0 / (C * self.scale**2)
+        return np.append(ridge, 0.0)
+
+    def _columns(self, observations: Array) -> Array:
+        if self.kind == "raw":
+            return observations
+        if self.kind == "spline":
+            return self._splines.transform(observations)
+        z = (observations - self.location) / self.spread
+        i, j = np.triu_indices(z.shape[1])
+        return np.hstack([z, z[:, i] * z[:, j]])
+
+    @cached_property
+    def _splines(self) -> Any:
+        from sklearn.preprocessing import SplineTransformer  # lazily: it takes a second to import
+
+        # linear beyond the knots: a state outside the data keeps the trend and cannot explode
+        return SplineTransformer(degree=_DEGREE, knots=self.knots, extrapolation="linear").fit(self.knots)
+
+
+def _positive(scale: Array) -> Array:
+    """`scale` with 1 where a column is constant, up to rounding."""
+    return np.where(scale > 1e-12 * max(1.0, float(scale.max(initial=0.0))), scale, 1.0)

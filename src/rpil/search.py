@@ -1,0 +1,174 @@
+"""From a problem to the EM run to believe: several starts, then several adversaries.
+
+Which local optimum EM reaches is decided by its start, so there are several and the best objective wins. Which adversary
+is right is decided by the likelihood of demonstrations that were held out. With labels, the start grows from them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from rpil.adversaries import adversary
+from rpil.em import MStep, Prior, Problem, Result, State, e_step, m_step, run
+from rpil.passes import Array
+from rpil.policies import Policy
+from rpil.reliability import Reliability
+
+AUTO = ("uniform", "marginal", "normalised complement", "confusion")
+"""The adversaries among which ``"auto"`` chooses: distributions, so that their held-out likelihoods compare."""
+
+_SEARCH_ADVERSARY = "marginal"
+_SHORT = 6
+"""EM iterations after which starts are compared."""
+
+_CARRIED = 2
+"""Starts that are carried on after the comparison."""
+
+
+@dataclass(frozen=True, eq=False)
+class Setting:
+    """What does not change during a fit.
+
+    Attributes
+    ----------
+    policy : Policy
+        The policy before it has seen data.
+    ridge : (D,) array
+    prior : Prior
+    reliability : Reliability
+    mode : {"joint", "expert_only"}
+    n_single : int
+        Starts from single demonstrations.
+    annealing : int
+        Temperatures between 1 / mean length and 1 that every start passes through.
+    max_iter : int
+    tol : float
+        Nats a demonstration.
+    """
+
+    policy: Policy
+    ridge: Array
+    prior: Prior
+    reliability: Reliability
+    mode: MStep = "joint"
+    n_single: int = 3
+    annealing: int = 0
+    max_iter: int = 200
+    tol: float = 1e-3
+
+
+Progress = Callable[[str], None]
+
+
+def fit(
+    problem: Problem, setting: Setting, names: Sequence[str], rng: np.random.Generator, progress: Progress
+) -> tuple[Result, str, list[Result]]:
+    """The winning run, the name of its adversary, and every start's run (for those who compare groups)."""
+    search_name = names[0] if len(names) == 1 else _SEARCH_ADVERSARY
+    runs = search(problem, setting, search_name, rng, progress)
+    best = runs[0]
+    if len(names) == 1:
+        return _continue(problem, setting, best), names[0], runs
+    results = {}
+    for name in names:
+        progress(f"adversary: {name}")
+        state = best.state
+        if name != search_name:
+            state = _with_adversary(problem, state, best, name, setting.ridge)
+        log_proba = best.posterior.log_proba
+        results[name] = run(
+            problem, state, log_proba=log_proba, mode=setting.mode, max_iter=setting.max_iter, tol=setting.tol
+        )
+    progress("comparing adversaries")
+    folds = _folds(problem, 3, rng)
+    score = {name: held_out(problem, setting, result, folds) for name, result in results.items()}
+    winner = max(score, key=lambda name: score[name])
+    return results[winner], winner, runs
+
+
+def starts(problem: Problem, setting: Setting, rng: np.random.Generator) -> dict[str, Array]:
+    """Weights of the demonstrations (M,) from which the policy of each start is fitted."""
+    known = problem.labels
+    if (known > 0).any():
+        return {"labelled": (known > 0).astype(float)}
+    open_to = (known == 0).astype(float)
+    found = {"pooled": open_to, "equal": open_to * problem.lengths.mean() / problem.lengths}
+    candidates = np.flatnonzero(known == 0)
+    for m in rng.permutation(candidates)[: setting.n_single]:
+        found[f"single {m}"] = (np.arange(problem.n_demonstrations) == m).astype(float)
+    return found
+
+
+def search(
+    problem: Problem, setting: Setting, name: str, rng: np.random.Generator, progress: Progress = lambda _: None
+) -> list[Result]:
+    """Runs from every start, the best first; only the most promising are carried on."""
+    begun = []
+    for start, weight in starts(problem, setting, rng).items():
+        progress(f"start: {start}")
+        targets = problem.one_hot(problem.spread(weight))
+        policy, log_proba = setting.policy.fit(problem.features, targets, tol=1e-3, max_iter=20, max_cg=20)
+        first = adversary(name, problem.n_actions, setting.ridge)
+        state = State(policy, first, setting.prior, setting.reliability)
+        for beta in _temperatures(problem, setting.annealing):
+            cooled = run(problem, state, log_proba=log_proba, mode=setting.mode, beta=beta, max_iter=3, tol=0.0)
+            state, log_proba = cooled.state, cooled.posterior.log_proba
+        begun.append(run(problem, state, log_proba=log_proba, mode=setting.mode, max_iter=_SHORT, tol=setting.tol))
+    begun.sort(key=lambda result: -result.objective)
+    carried = [_continue(problem, setting, result, 3 * _SHORT) for result in begun[:_CARRIED]]
+    return sorted(carried, key=lambda result: -result.objective) + begun[len(carried) :]
+
+
+def _continue(problem: Problem, setting: Setting, result: Result, max_iter: int | None = None) -> Result:
+    if result.converged:
+        return result
+    more = run(
+        problem,
+        result.state,
+        log_proba=result.posterior.log_proba,
+        mode=setting.mode,
+        max_iter=setting.max_iter if max_iter is None else max_iter,
+        tol=setting.tol,
+    )
+    return replace(more, history=np.concatenate([result.history, more.history[1:]]))
+
+
+def _temperatures(problem: Problem, n: int) -> Array:
+    """Powers of the likelihood, from about one step's worth up to (not including) 1."""
+    return np.geomspace(1 / problem.lengths.mean(), 1.0, n, endpoint=False) if n else np.empty(0)
+
+
+def _with_adversary(problem: Problem, state: State, result: Result, name: str, ridge: Array) -> State:
+    """The same state with another adversary, fitted to the steps that `result` takes for an adversary's."""
+    posterior = result.posterior
+    new = adversary(name, problem.n_actions, ridge)
+    new = new.fit(problem.features, posterior.log_proba, problem.actions, 1 - posterior.step)
+    return replace(state, adversary=new)
+
+
+def _folds(problem: Problem, n_folds: int, rng: np.random.Generator) -> list[Array]:
+    """Demonstrations to hold out together, balanced in number."""
+    order = rng.permutation(problem.n_demonstrations)
+    return [np.sort(order[k::n_folds]) for k in range(min(n_folds, problem.n_demonstrations))]
+
+
+def held_out(problem: Problem, setting: Setting, result: Result, folds: Sequence[Array]) -> float:
+    """Mixture log-likelihood of demonstrations that were not fitted, summed over folds, in nats.
+
+    Each fold starts from the fit to everything, so that all folds stay in its local optimum; a converged M-step then
+    forgets what the policy knew of the held-out demonstrations.
+    """
+    total = 0.0
+    everyone = np.arange(problem.n_demonstrations)
+    for fold in folds:
+        train = problem.select(np.setdiff1d(everyone, fold))
+        test = problem.select(fold, unlabelled=True)
+        state = result.state
+        posterior = e_step(train, state, state.policy.log_proba(train.features))
+        state, log_proba = m_step(train, state, posterior, setting.mode, max_iter=4, max_cg=20)
+        state, _ = m_step(train, state, e_step(train, state, log_proba), setting.mode)
+        total += float(e_step(test, state, state.policy.log_proba(test.features)).log_evidence.sum())
+    return total
