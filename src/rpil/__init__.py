@@ -1,3 +1,50 @@
-"""Robust probabilistic imitation learning."""
+"""Robust probabilistic imitation learning: which demonstrations to trust, and a policy from those."""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
 
 __version__ = "0.1.0"
+
+_HOME = {
+    "AmbiguousWarning": "rpil.estimators",
+    "Audit": "rpil.audit",
+    "BehavioralCloning": "rpil.estimators",
+    "Confusion": "rpil.adversaries",
+    "DataError": "rpil.errors",
+    "Demonstrations": "rpil.demonstrations",
+    "RPIL": "rpil.estimators",
+    "SoftmaxPolicy": "rpil.policies",
+    "load": "rpil.persistence",
+    "read": "rpil.formats",
+    "rollout": "rpil.rollouts",
+    "save": "rpil.persistence",
+    "simulate": "rpil.simulate",
+    "write": "rpil.formats",
+}
+
+__all__ = ["__version__", *sorted(_HOME)]
+
+if TYPE_CHECKING:
+    from rpil.adversaries import Confusion
+    from rpil.audit import Audit
+    from rpil.demonstrations import Demonstrations
+    from rpil.errors import DataError
+    from rpil.estimators import RPIL, AmbiguousWarning, BehavioralCloning
+    from rpil.formats import read, write
+    from rpil.persistence import load, save
+    from rpil.policies import SoftmaxPolicy
+    from rpil.rollouts import rollout
+    from rpil.simulate import simulate
+
+
+def __getattr__(name: str) -> Any:
+    """Public names are imported at first use: scikit-learn takes a second that ``rpil --help`` does not have."""
+    if name not in _HOME:
+        raise AttributeError(f"module 'rpil' has no attribute {name!r}")
+    return getattr(import_module(_HOME[name]), name)
+
+
+def __dir__() -> list[str]:
+    return __all__

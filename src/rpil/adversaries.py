@@ -12,6 +12,7 @@ from dataclasses import dataclass, field, replace
 from typing import Protocol, Self
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from rpil.errors import DataError
 from rpil.passes import Array, logsumexp
@@ -142,6 +143,22 @@ class Confusion:
     name: str = field(default="confusion")
 
     @classmethod
+    def given(cls, matrix: ArrayLike) -> Confusion:
+        """A known confusion: row j says how often each action is pressed when j is meant.
+
+        Raises
+        ------
+        DataError
+            Where the rows are not distributions over the same actions.
+        """
+        rows = np.asarray(matrix, dtype=float)
+        square = rows.ndim == 2 and rows.shape[0] == rows.shape[1]
+        if not square or (rows < 0).any() or not np.allclose(rows.sum(axis=1), 1.0):
+            raise DataError("A confusion matrix is square and its rows are distributions; divide each by its sum.")
+        with np.errstate(divide="ignore"):
+            return cls(np.log(rows), learned=False)
+
+    @classmethod
     def start(cls, n_actions: int) -> Confusion:
         """Half-way between pressing any key and pressing any but the expert's."""
         anything = np.full((n_actions, n_actions), 1.0 / n_actions)
@@ -211,14 +228,16 @@ ADVERSARIES: dict[str, Callable[[int, Array], Adversary]] = {
 """Name -> start of the adversary, given the number of actions and the ridge of each feature."""
 
 
-def adversary(name: str, n_actions: int, ridge: Array) -> Adversary:
-    """The adversary called `name`, before it has seen data.
+def adversary(which: str | Adversary, n_actions: int, ridge: Array) -> Adversary:
+    """The adversary called `which` before it has seen data, or `which` itself where it is one already.
 
     Raises
     ------
     DataError
         If there is none of that name.
     """
-    if name not in ADVERSARIES:
-        raise DataError(f"There is no adversary called {name!r}; choose auto, {', '.join(ADVERSARIES)}.")
-    return ADVERSARIES[name](n_actions, ridge)
+    if not isinstance(which, str):
+        return which
+    if which not in ADVERSARIES:
+        raise DataError(f"There is no adversary called {which!r}; choose auto, {', '.join(ADVERSARIES)}.")
+    return ADVERSARIES[which](n_actions, ridge)

@@ -2,11 +2,27 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import expit
+from scipy.stats import beta as beta_distribution
+
+from rpil.em import Prior, Problem, Result
+from rpil.errors import DataError
+
+SURE = 0.9
+"""Probability from which a demonstration is called an expert's, or an adversary's."""
+
+WHOLE = 0.9
+"""Reliability from which every step of an expert's demonstration is trained on: so few odd steps are as likely the
+policy's misfit as the demonstrator's, and dropping them would bias the policy."""
+
+_LABEL_LOG_ODDS = 20.0
+"""What a label is worth at least: as good as certain, and finite."""
 
 Verdict = Literal["expert", "adversary", "uncertain"]
 
@@ -86,6 +102,119 @@ class Audit:
 
     def worst_steps(self, index: int, k: int = 5) -> list[int]:
         """Up to `k` steps of demonstration `index` (counted from 0 within it) that speak most against an expert."""
-        ratio = self.step_log_ratio[self.offsets[index] : self.offsets[index + 1]]
+        ratio = self.step_log_ratio[self.steps(index)]
         worst = np.argsort(ratio, kind="stable")[:k]
         return [int(n) for n in worst if ratio[n] < 0]
+
+    def index(self, demonstration: Any) -> int:
+        """Index of the demonstration with this id.
+
+        Raises
+        ------
+        DataError
+            If there is none.
+        """
+        if demonstration not in self.ids:
+            raise DataError(f"No demonstration is called {demonstration!r}; the ids are in audit.ids.")
+        return self.ids.index(demonstration)
+
+    def steps(self, index: int) -> slice:
+        """The rows of demonstration `index`."""
+        return slice(int(self.offsets[index]), int(self.offsets[index + 1]))
+
+    def to_dict(self) -> dict[str, Any]:
+        """The audit as plain numbers and text, as ``rpil audit --json`` prints it; most trusted first."""
+        return {
+            "n_demonstrations": len(self.ids),
+            "n_steps": int(self.offsets[-1]),
+            "adversary": self.adversary,
+            "prior": {"mean": self.prior.mean, "low": self.prior.low, "high": self.prior.high},
+            "identifiable": self.identifiable,
+            "groups": [list(group) for group in self.competing],
+            "to_label": list(self.to_label),
+            "demonstrations": [
+                {
+                    "id": self.ids[m],
+                    "n_steps": int(self.lengths[m]),
+                    "log_odds": float(self.log_odds[m]),
+                    "expert_proba": float(self.expert_proba[m]),
+                    "reliability": float(self.reliability[m]),
+                    "verdict": self.verdicts[m],
+                    "worst_steps": self.worst_steps(m),
+                }
+                for m in self.ranking().tolist()
+            ],
+        }
+
+
+def summarise(
+    problem: Problem,
+    result: Result,
+    ids: Sequence[Any],
+    competing: Sequence[NDArray[np.int64]],
+    assumptions: Sequence[str],
+) -> Audit:
+    """What a fit says about each demonstration.
+
+    Parameters
+    ----------
+    problem, result
+        The data and where EM ended.
+    ids : sequence
+        Of the demonstrations.
+    competing : sequence of int arrays
+        Groups of demonstrations of which the data cannot say which is the expert; empty where they can.
+    assumptions : sequence of str
+    """
+    posterior = result.posterior
+    log_odds = _with_labels(posterior.log_odds, problem.labels)
+    proba = expit(log_odds)
+    nodes, by_node = result.state.reliability.nodes, posterior.joint.sum(axis=1)
+    reliability = by_node @ nodes
+    contested = np.zeros(len(ids), dtype=bool)
+    for group in competing:
+        contested[group] = True
+    contested &= problem.labels == 0
+    return Audit(
+        ids=tuple(ids),
+        offsets=np.asarray(problem.offsets, dtype=np.int64),
+        log_odds=log_odds,
+        expert_proba=proba,
+        reliability=reliability,
+        reliability_interval=np.stack([_quantile(nodes, by_node, q) for q in (0.025, 0.975)], axis=1),
+        verdicts=tuple(_verdict(p, unsure) for p, unsure in zip(proba, contested, strict=True)),
+        step_log_ratio=posterior.log_ratio,
+        step_weight=problem.spread(proba) * np.where(problem.spread(reliability) >= WHOLE, 1.0, posterior.step),
+        prior=_interval(result.state.prior, proba),
+        identifiable=not competing,
+        competing=tuple(tuple(ids[m] for m in group) for group in competing),
+        # the longest of each group tells most
+        to_label=tuple(ids[group[np.argmax(problem.lengths[group])]] for group in competing),
+        adversary=result.state.adversary.name,
+        history=result.history,
+        assumptions=tuple(assumptions),
+    )
+
+
+def _with_labels(log_odds: NDArray[np.float64], labels: NDArray[np.int64]) -> NDArray[np.float64]:
+    known = labels * np.maximum(np.abs(log_odds), _LABEL_LOG_ODDS)
+    return np.where(labels == 0, log_odds, known)
+
+
+def _verdict(proba: float, contested: bool) -> Verdict:
+    if contested or 1 - SURE < proba < SURE:
+        return "uncertain"
+    return "expert" if proba >= SURE else "adversary"
+
+
+def _quantile(nodes: NDArray[np.float64], weight: NDArray[np.float64], q: float) -> NDArray[np.float64]:
+    """Quantile of each row's distribution `weight` (M, J) over `nodes`, (M,)."""
+    return nodes[np.minimum((weight.cumsum(axis=1) < q).sum(axis=1), len(nodes) - 1)]
+
+
+def _interval(prior: Prior, proba: NDArray[np.float64]) -> Interval:
+    if prior.fixed:
+        return Interval(prior.p, prior.p, prior.p)
+    a, b = prior.a + proba.sum(), prior.b + (1 - proba).sum()
+    low, high = beta_distribution.ppf([0.025, 0.975], a, b)
+    return Interval(float(a / (a + b)), float(low), float(high))

@@ -32,7 +32,10 @@ def competing_groups(
     """Groups of demonstrations (their indices) that compete for being the expert; empty where none does.
 
     A policy can also blend two groups into one. Its parts are then what other starts (`runs`) found among its experts.
+    Labels settle it: a known expert, or a known adversary in every group but one.
     """
+    if (problem.labels > 0).any():
+        return []
     experts = _experts(result)
     parts = [part for part in map(_experts, runs) if len(part) < 0.9 * len(experts) and np.isin(part, experts).all()]
     seen: set[bytes] = set()
@@ -41,8 +44,9 @@ def competing_groups(
             continue
         seen.add(group.tobytes())
         groups = _with_rivals(problem, setting, group, rng)
-        if len(groups) > 1:
-            return groups
+        open_to = [other for other in groups if not (problem.labels[other] < 0).any()]
+        if len(open_to) > 1:
+            return open_to
     return []
 
 
@@ -66,7 +70,9 @@ def _with_rivals(problem: Problem, setting: Setting, experts: Array, rng: np.ran
 
 def _compete(problem: Problem, setting: Setting, one: Array, other: Array, rng: np.random.Generator) -> bool:
     """Whether most of what is predictable in either group is so from its own members only."""
-    own, beyond = zip(*(_predictable(problem, setting, *pair, rng) for pair in ((one, other), (other, one))), strict=True)
+    own, beyond = zip(
+        *(_predictable(problem, setting, *pair, rng) for pair in ((one, other), (other, one))), strict=True
+    )
     return min(beyond) > _RIVALRY * max(own) > 0.0
 
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from rpil.adversaries import adversary
+from rpil.adversaries import Adversary, adversary
 from rpil.em import MStep, Prior, Problem, Result, State, e_step, m_step, run
 from rpil.passes import Array
 from rpil.policies import Policy
@@ -64,75 +64,96 @@ Progress = Callable[[str], None]
 
 
 def fit(
-    problem: Problem, setting: Setting, names: Sequence[str], rng: np.random.Generator, progress: Progress
-) -> tuple[Result, str, list[Result]]:
-    """The winning run, the name of its adversary, and every start's run (for those who compare groups)."""
-    search_name = names[0] if len(names) == 1 else _SEARCH_ADVERSARY
-    runs = search(problem, setting, search_name, rng, progress)
+    problem: Problem,
+    setting: Setting,
+    candidates: Sequence[str | Adversary],
+    rng: np.random.Generator,
+    progress: Progress = lambda _: None,
+) -> tuple[Result, list[Result]]:
+    """The winning run among `candidates` for the adversary, and every start's run, for those who compare groups."""
+    first = candidates[0] if len(candidates) == 1 else _SEARCH_ADVERSARY
+    runs = search(problem, setting, first, rng, progress)
     best = runs[0]
-    if len(names) == 1:
-        return _continue(problem, setting, best), names[0], runs
-    results = {}
-    for name in names:
-        progress(f"adversary: {name}")
-        state = best.state
-        if name != search_name:
-            state = _with_adversary(problem, state, best, name, setting.ridge)
-        log_proba = best.posterior.log_proba
-        results[name] = run(
-            problem, state, log_proba=log_proba, mode=setting.mode, max_iter=setting.max_iter, tol=setting.tol
-        )
+    if len(candidates) == 1:
+        return _continue(problem, setting, best), runs
+    results = []
+    for candidate in candidates:
+        progress(f"adversary: {candidate}")
+        start = _with_adversary(problem, best, adversary(candidate, problem.n_actions, setting.ridge))
+        results.append(_run(problem, setting, start, best.posterior.log_proba, setting.max_iter))
     progress("comparing adversaries")
     folds = _folds(problem, 3, rng)
-    score = {name: held_out(problem, setting, result, folds) for name, result in results.items()}
-    winner = max(score, key=lambda name: score[name])
-    return results[winner], winner, runs
+    return max(results, key=lambda result: held_out(problem, setting, result, folds)), runs
 
 
 def starts(problem: Problem, setting: Setting, rng: np.random.Generator) -> dict[str, Array]:
     """Weights of the demonstrations (M,) from which the policy of each start is fitted."""
-    known = problem.labels
-    if (known > 0).any():
-        return {"labelled": (known > 0).astype(float)}
-    open_to = (known == 0).astype(float)
-    found = {"pooled": open_to, "equal": open_to * problem.lengths.mean() / problem.lengths}
-    candidates = np.flatnonzero(known == 0)
-    for m in rng.permutation(candidates)[: setting.n_single]:
+    labels = problem.labels
+    possible = (labels >= 0).astype(float)
+    found = {"pooled": possible, "equal": possible * problem.lengths.mean() / problem.lengths}
+    if (labels < 0).any():
+        found["unlike known adversaries"] = _unlike(problem, setting, labels < 0)
+    if (labels > 0).any():
+        return {"known experts": (labels > 0).astype(float), **found}
+    for m in rng.permutation(np.flatnonzero(labels == 0))[: setting.n_single]:
         found[f"single {m}"] = (np.arange(problem.n_demonstrations) == m).astype(float)
     return found
 
 
 def search(
-    problem: Problem, setting: Setting, name: str, rng: np.random.Generator, progress: Progress = lambda _: None
+    problem: Problem,
+    setting: Setting,
+    which: str | Adversary,
+    rng: np.random.Generator,
+    progress: Progress = lambda _: None,
 ) -> list[Result]:
-    """Runs from every start, the best first; only the most promising are carried on."""
+    """Runs from every start, the best first; only the most promising are carried on.
+
+    What contradicts a label is no candidate while something else is, whatever its objective: the likelihood prefers the
+    larger of two groups, a label knows the right one.
+    """
     begun = []
     for start, weight in starts(problem, setting, rng).items():
         progress(f"start: {start}")
-        targets = problem.one_hot(problem.spread(weight))
-        policy, log_proba = setting.policy.fit(problem.features, targets, tol=1e-3, max_iter=20, max_cg=20)
-        first = adversary(name, problem.n_actions, setting.ridge)
+        policy, log_proba = _taught(problem, setting, weight)
+        first = adversary(which, problem.n_actions, setting.ridge)
         state = State(policy, first, setting.prior, setting.reliability)
         for beta in _temperatures(problem, setting.annealing):
             cooled = run(problem, state, log_proba=log_proba, mode=setting.mode, beta=beta, max_iter=3, tol=0.0)
             state, log_proba = cooled.state, cooled.posterior.log_proba
-        begun.append(run(problem, state, log_proba=log_proba, mode=setting.mode, max_iter=_SHORT, tol=setting.tol))
-    begun.sort(key=lambda result: -result.objective)
+        begun.append(_run(problem, setting, state, log_proba, _SHORT))
+
+    def rank(result: Result) -> tuple[int, float]:
+        contradicted = (problem.labels * result.posterior.log_odds < 0).sum()
+        return int(contradicted), -result.objective
+
+    begun.sort(key=rank)
     carried = [_continue(problem, setting, result, 3 * _SHORT) for result in begun[:_CARRIED]]
-    return sorted(carried, key=lambda result: -result.objective) + begun[len(carried) :]
+    return sorted(carried, key=rank) + begun[len(carried) :]
+
+
+def _taught(problem: Problem, setting: Setting, weight: Array) -> tuple[Policy, Array]:
+    """The policy of demonstrations weighted by `weight` (M,), roughly, and its log-probabilities (N, K)."""
+    targets = problem.one_hot(problem.spread(weight))
+    return setting.policy.fit(problem.features, targets, tol=1e-3, max_iter=20, max_cg=20)
+
+
+def _unlike(problem: Problem, setting: Setting, adversaries: Array) -> Array:
+    """Weights 1 for that half of the other demonstrations which known adversaries (M,) explain worst."""
+    _, log_proba = _taught(problem, setting, adversaries.astype(float))
+    explained = problem.sum_steps(problem.taken(log_proba)) / problem.lengths
+    return (~adversaries & (explained <= np.median(explained[~adversaries]))).astype(float)
+
+
+def _run(problem: Problem, setting: Setting, state: State, log_proba: Array, max_iter: int) -> Result:
+    return run(problem, state, log_proba=log_proba, mode=setting.mode, max_iter=max_iter, tol=setting.tol)
 
 
 def _continue(problem: Problem, setting: Setting, result: Result, max_iter: int | None = None) -> Result:
     if result.converged:
         return result
-    more = run(
-        problem,
-        result.state,
-        log_proba=result.posterior.log_proba,
-        mode=setting.mode,
-        max_iter=setting.max_iter if max_iter is None else max_iter,
-        tol=setting.tol,
-    )
+    limit = setting.max_iter if max_iter is None else max_iter
+    more = _run(problem, setting, result.state, result.posterior.log_proba, limit)
     return replace(more, history=np.concatenate([result.history, more.history[1:]]))
 
 
@@ -141,12 +162,11 @@ def _temperatures(problem: Problem, n: int) -> Array:
     return np.geomspace(1 / problem.lengths.mean(), 1.0, n, endpoint=False) if n else np.empty(0)
 
 
-def _with_adversary(problem: Problem, state: State, result: Result, name: str, ridge: Array) -> State:
-    """The same state with another adversary, fitted to the steps that `result` takes for an adversary's."""
+def _with_adversary(problem: Problem, result: Result, new: Adversary) -> State:
+    """The state of `result` with another adversary, fitted to the steps that `result` takes for an adversary's."""
     posterior = result.posterior
-    new = adversary(name, problem.n_actions, ridge)
     new = new.fit(problem.features, posterior.log_proba, problem.actions, 1 - posterior.step)
-    return replace(state, adversary=new)
+    return replace(result.state, adversary=new)
 
 
 def _folds(problem: Problem, n_folds: int, rng: np.random.Generator) -> list[Array]:

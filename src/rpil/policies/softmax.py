@@ -9,7 +9,6 @@ import numpy as np
 from rpil.passes import Array, linear, log_softmax
 from rpil.solvers import Preconditioner, fit_softmax
 
-
 _PRECONDITIONER_FITS = 10
 """Warm-started fits that one preconditioner serves: EM moves little in so many iterations."""
 

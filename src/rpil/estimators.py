@@ -1,0 +1,450 @@
+"""The scikit-learn face: `RPIL` and `BehavioralCloning`."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from sklearn.base import BaseEstimator, ClassifierMixin
+from sklearn.exceptions import ConvergenceWarning
+from sklearn.utils.multiclass import check_classification_targets
+from sklearn.utils.validation import _check_sample_weight, check_is_fitted, validate_data
+from threadpoolctl import threadpool_limits
+
+from rpil.adversaries import Adversary
+from rpil.audit import Audit, summarise
+from rpil.demonstrations import Demonstrations
+from rpil.em import Prior, Problem, Result, State, e_step
+from rpil.errors import DataError
+from rpil.features import FeatureMap
+from rpil.formats.labels import match_labels
+from rpil.identify import competing_groups
+from rpil.policies import SoftmaxPolicy
+from rpil.reliability import PointMasses, Reliability, TwoBetas
+from rpil.search import AUTO, Setting, fit
+
+Array = NDArray[Any]
+
+
+class AmbiguousWarning(UserWarning):
+    """The data hold several groups that may each be the expert; `RPIL.audit_` says which to label."""
+
+
+class _SoftmaxClassifier(ClassifierMixin, BaseEstimator):
+    """What both estimators share once they have `classes_`, `features_` and `policy_`."""
+
+    classes_: Array
+    features_: FeatureMap
+    policy_: SoftmaxPolicy
+    n_features_in_: int
+    n_iter_: int
+
+    def predict(self, X: ArrayLike) -> Array:
+        """The policy's most likely action in each observation, (N,)."""
+        return self.classes_[self.predict_log_proba(X).argmax(axis=1)]
+
+    def predict_proba(self, X: ArrayLike) -> Array:
+        """pi(k|s), (N, K), columns in the order of `classes_`."""
+        return np.exp(self.predict_log_proba(X))
+
+    def predict_log_proba(self, X: ArrayLike) -> Array:
+        """log pi(k|s), (N, K)."""
+        check_is_fitted(self)
+        X = validate_data(self, X, reset=False)
+        return self.policy_.log_proba(self.features_.design(X))
+
+    @property
+    def coef_(self) -> Array:
+        """Coefficients on the unscaled columns of the feature map, shaped as scikit-learn's."""
+        coefficients = (self.policy_.weights[:-1] / self.features_.scale[:, None]).T
+        return coefficients[1:] - coefficients[:1] if len(self.classes_) == 2 else coefficients
+
+    @property
+    def intercept_(self) -> Array:
+        """Intercepts that go with `coef_`."""
+        weights = self.policy_.weights
+        intercepts = weights[-1] - (self.features_.center / self.features_.scale) @ weights[:-1]
+        return intercepts[1:] - intercepts[:1] if len(self.classes_) == 2 else intercepts
+
+    def _learn(self, X: Array, codes: Array, weight: Array, *, features: str, C: float | None, tol: float) -> None:
+        """Fit the feature map to what is trusted, and the policy to all by weight."""
+        trusted = weight > 0.5 * weight.max()
+        self.features_ = FeatureMap.fit(features, X[trusted])
+        ridge = _ridge(self.features_, C, weight.sum(), len(self.classes_))
+        targets = np.zeros((len(codes), len(self.classes_)))
+        np.put_along_axis(targets, codes[:, None], weight[:, None], axis=1)
+        used = weight > 0.0
+        policy = SoftmaxPolicy.zero(len(self.classes_), ridge)
+        self.policy_, _ = policy.fit(self.features_.design(X[used]), targets[used], tol=tol)
+
+
+class BehavioralCloning(_SoftmaxClassifier):
+    """Trust every demonstration alike: softmax regression of actions on observations.
+
+    Parameters
+    ----------
+    features : {"raw", "spline", "poly"}
+        What the policy sees of an observation, see `rpil.features`.
+    C : float, optional
+        Inverse ridge strength as in scikit-learn's `LogisticRegression`, with which the fit then agrees; by default a
+        ridge of 1e-5 a step on scaled columns, which depends neither on units nor on the amount of data.
+    tol : float
+        Largest gradient entry, a step, at which the solver stops.
+
+    Attributes
+    ----------
+    classes_ : (K,) array
+        The actions.
+    coef_, intercept_ : arrays
+        As scikit-learn's, on the columns of the feature map.
+    """
+
+    def __init__(self, features: str = "raw", C: float | None = None, tol: float = 1e-8) -> None:
+        self.features = features
+        self.C = C
+        self.tol = tol
+
+    def fit(
+        self, X: ArrayLike | Demonstrations, y: ArrayLike | None = None, sample_weight: ArrayLike | None = None
+    ) -> BehavioralCloning:
+        """Learn from observations X (N, D) and actions y (N,), or from `Demonstrations`.
+
+        Raises
+        ------
+        DataError
+            Where the actions are continuous or all the same.
+        """
+        data = _observations_and_actions(self, X, y)
+        weight = _check_sample_weight(sample_weight, data[0])
+        self.classes_, codes = _codes(data[1], _source(X))
+        with threadpool_limits(1, "blas"):  # thin products gain nothing from threads, and can lose a lot
+            self._learn(data[0], codes, weight, features=self.features, C=self.C, tol=self.tol)
+        return self
+
+
+class RPIL(_SoftmaxClassifier):
+    """Robust probabilistic imitation learning: a policy from demonstrations of unknown quality, and how far to trust
+    each of them.
+
+    Parameters
+    ----------
+    features : {"raw", "spline", "poly"}
+        What the policy sees of an observation.
+    adversary : str or Adversary
+        What bad demonstrators do. "auto" fits several and keeps the one under which held-out demonstrations are most
+        likely; or "constant", "uniform", "marginal", "complement" (the paper's), "normalised complement", "confusion",
+        "own policy", or an instance such as ``Confusion.given(matrix)``.
+    prior : float or (float, float), optional
+        P(expert): fixed, or estimated under Beta(a, b); by default estimated under Beta(2, 2).
+    C : float, optional
+        Inverse ridge strength, as in `BehavioralCloning`.
+    level : {"both", "demonstration"}
+        "both": every demonstration has a reliability, the share of its steps that are the expert's, so that partly bad
+        demonstrations are understood. "demonstration": all or nothing, the paper's model.
+    m_step : {"joint", "expert_only"}
+        "expert_only" drops the adversary's term from the policy's M-step, as the paper's code does.
+    labels : mapping of id to {"expert", "adversary"}, optional
+        What is known; fixes responsibilities, and the search starts from there. `fit` takes them too.
+    n_single : int
+        Starts from single demonstrations, beside the pooled one and the one where all demonstrations weigh the same.
+    annealing : int
+        Temperatures that each start passes through before EM proper; 0 is none.
+    max_iter : int
+        EM iterations.
+    tol : float
+        Gain of the objective, in nats a demonstration, at which EM stops.
+    random_state : int
+        Same seed, same bits.
+    progress : callable, optional
+        Called with a few words at every stage of a fit.
+
+    Attributes
+    ----------
+    audit_ : Audit
+        Verdicts, log-odds, weights of the steps, what cannot be known.
+    log_odds_, expert_proba_ : (M,) arrays
+        In the order of ``audit_.ids``.
+    classes_ : (K,) array
+    coef_, intercept_ : arrays
+    lower_bound_ : float
+        The EM objective.
+    n_iter_ : int
+    converged_ : bool
+
+    References
+    ----------
+    Crowe, "Robust Probabilistic Imitation Learning": eq. 3, 7, 9, 11; docs/model.md says what is repaired and added.
+
+    Examples
+    --------
+    >>> from rpil import RPIL
+    >>> model = RPIL().fit(observations, actions, groups=episode)    # doctest: +SKIP
+    >>> model.audit_.verdicts                                        # doctest: +SKIP
+    """
+
+    def __init__(
+        self,
+        features: str = "raw",
+        adversary: str | Adversary = "auto",
+        prior: float | tuple[float, float] | None = None,
+        C: float | None = None,
+        level: str = "both",
+        m_step: str = "joint",
+        labels: Mapping[Any, str] | None = None,
+        n_single: int = 3,
+        annealing: int = 0,
+        max_iter: int = 200,
+        tol: float = 1e-3,
+        random_state: int = 0,
+        progress: Callable[[str], None] | None = None,
+    ) -> None:
+        self.features = features
+        self.adversary = adversary
+        self.prior = prior
+        self.C = C
+        self.level = level
+        self.m_step = m_step
+        self.labels = labels
+        self.n_single = n_single
+        self.annealing = annealing
+        self.max_iter = max_iter
+        self.tol = tol
+        self.random_state = random_state
+        self.progress = progress
+
+    def fit(
+        self,
+        X: ArrayLike | Demonstrations,
+        y: ArrayLike | None = None,
+        groups: ArrayLike | None = None,
+        labels: Mapping[Any, str] | None = None,
+    ) -> RPIL:
+        """Learn from observations X (N, D), actions y (N,) and the demonstration of each step, groups (N,).
+
+        `Demonstrations` are accepted in the place of the three.
+
+        Raises
+        ------
+        DataError
+            One sentence: continuous or constant actions, a single demonstration, unknown label ids, no demonstration
+            left that may be an expert's.
+        """
+        demonstrations = _demonstrations(self, X, y, groups)
+        source = demonstrations.source
+        self.classes_, codes = _codes(demonstrations.actions, source)
+        if len(demonstrations) < 2:
+            raise DataError(f"{source}: n_samples=1 demonstration cannot be compared; give at least two.")
+        known = _labels(labels if labels is not None else self.labels, demonstrations)
+        progress = self.progress or (lambda _: None)
+        with threadpool_limits(1, "blas"):  # thin products gain nothing from threads, and can lose a lot
+            progress("features")
+            features = FeatureMap.fit(self.features, demonstrations.observations)
+            problem = Problem(
+                features.design(demonstrations.observations),
+                codes,
+                demonstrations.offsets,
+                len(self.classes_),
+                known,
+            )
+            setting = self._setting(features, problem)
+            candidates = AUTO if isinstance(self.adversary, str) and self.adversary == "auto" else (self.adversary,)
+            rng = np.random.default_rng(self.random_state)
+            result, runs = fit(problem, setting, candidates, rng, progress)
+            progress("competing groups")
+            groups_found = competing_groups(problem, setting, result, runs, rng)
+            self._finish(demonstrations, codes, features, problem, result, groups_found)
+        return self
+
+    @property
+    def log_odds_(self) -> Array:
+        """Log-odds of expert against adversary, (M,)."""
+        return self.audit_.log_odds
+
+    @property
+    def expert_proba_(self) -> Array:
+        """P(expert) of each demonstration, (M,)."""
+        return self.audit_.expert_proba
+
+    def score_demonstrations(
+        self, X: ArrayLike | Demonstrations, y: ArrayLike | None = None, groups: ArrayLike | None = None
+    ) -> Array:
+        """Log-odds of expert against adversary for demonstrations that were not fitted, (M,).
+
+        Raises
+        ------
+        DataError
+            Where an action is not among `classes_`.
+        """
+        check_is_fitted(self)
+        demonstrations = _demonstrations(self, X, y, groups, reset=False)
+        codes = np.searchsorted(self.classes_, demonstrations.actions).clip(max=len(self.classes_) - 1)
+        unknown = np.flatnonzero(self.classes_[codes] != demonstrations.actions)
+        if len(unknown):
+            m = demonstrations.ids[demonstrations.groups[unknown[0]]]
+            raise DataError(
+                f"{demonstrations.source}, demonstration {m!r}: action {demonstrations.actions[unknown[0]]!r} is not "
+                f"among the known ones ({', '.join(map(str, self.classes_))}); fit again with it, or leave it out."
+            )
+        design = self.search_features_.design(demonstrations.observations)
+        nobody = np.zeros(len(demonstrations), dtype=int)
+        problem = Problem(design, codes, demonstrations.offsets, len(self.classes_), nobody)
+        return e_step(problem, self.state_, self.state_.policy.log_proba(design)).log_odds
+
+    def _setting(self, features: FeatureMap, problem: Problem) -> Setting:
+        ridge = _ridge(features, self.C, len(problem.actions), problem.n_actions)
+        levels: dict[str, Callable[[], Reliability]] = {"both": TwoBetas.start, "demonstration": PointMasses}
+        for name, value, known in (("level", self.level, levels), ("m_step", self.m_step, ("joint", "expert_only"))):
+            if value not in known:
+                raise DataError(f"There is no {name} {value!r}; choose {' or '.join(known)}.")
+        return Setting(
+            policy=SoftmaxPolicy.zero(problem.n_actions, ridge),
+            ridge=ridge,
+            prior=_prior(self.prior),
+            reliability=levels[self.level](),
+            mode=self.m_step,  # type: ignore[arg-type]
+            n_single=self.n_single,
+            annealing=self.annealing,
+            max_iter=self.max_iter,
+            tol=self.tol,
+        )
+
+    def _finish(
+        self,
+        demonstrations: Demonstrations,
+        codes: Array,
+        features: FeatureMap,
+        problem: Problem,
+        result: Result,
+        competing: list[Array],
+    ) -> None:
+        """Keep what was found, and refit the policy to the expert's term alone (model.md: the adversary's biases it)."""
+        self.search_features_: FeatureMap = features
+        self.state_: State = result.state
+        self.n_iter_ = max(1, len(result.history) - 1)
+        self.lower_bound_ = result.objective
+        self.converged_ = result.converged
+        self.audit_: Audit = summarise(problem, result, demonstrations.ids, competing, _assumptions(self, problem))
+        weight = self.audit_.step_weight
+        if weight.sum() < 1.0:  # nobody is trusted: what little is the expert's, wherever it is
+            weight = result.posterior.step
+        self._learn(demonstrations.observations, codes, weight, features=self.features, C=self.C, tol=1e-8)
+        if not result.converged:
+            warnings.warn("EM stopped at max_iter; raise max_iter or tol.", ConvergenceWarning, stacklevel=3)
+        if competing:
+            which = ", ".join(repr(m) for m in self.audit_.to_label)
+            warnings.warn(
+                f"{demonstrations.source}: {len(competing)} groups of demonstrations each agree among themselves and "
+                f"nothing says which is the expert; label one of each, say {which}.",
+                AmbiguousWarning,
+                stacklevel=3,
+            )
+
+
+def _source(X: Any) -> str:
+    return X.source if isinstance(X, Demonstrations) else "the demonstrations"
+
+
+def _observations_and_actions(
+    estimator: BaseEstimator, X: ArrayLike | Demonstrations, y: ArrayLike | None, reset: bool = True
+) -> tuple[Array, Array]:
+    """X and y as scikit-learn wants them checked, or the columns of `Demonstrations`."""
+    if isinstance(X, Demonstrations):
+        if reset:
+            estimator.n_features_in_ = X.n_observations
+        elif estimator.n_features_in_ != X.n_observations:
+            raise DataError(f"{X.source}: {X.n_observations} observations, but {estimator.n_features_in_} were fitted.")
+        return X.observations, X.actions
+    return validate_data(estimator, X, y, reset=reset)
+
+
+def _demonstrations(
+    estimator: BaseEstimator,
+    X: ArrayLike | Demonstrations,
+    y: ArrayLike | None,
+    groups: ArrayLike | None,
+    reset: bool = True,
+) -> Demonstrations:
+    observations, actions = _observations_and_actions(estimator, X, y, reset)
+    if isinstance(X, Demonstrations):
+        return X
+    if np.asarray(actions).dtype.kind not in "fc":
+        check_classification_targets(actions)
+    if groups is None:
+        warnings.warn(
+            "No groups: every row is taken for a demonstration of its own; pass groups=, the demonstration of each row "
+            "(in cross_validate and the like that needs metadata routing: RPIL().set_fit_request(groups=True)).",
+            UserWarning,
+            stacklevel=3,
+        )
+        groups = np.arange(len(observations))
+    return Demonstrations.from_groups(observations, actions, groups)
+
+
+def _codes(actions: Array, source: str) -> tuple[Array, Array]:
+    """The distinct actions (K,), and the code of each step's (N,)."""
+    if np.ndim(actions) != 1 or np.asarray(actions).dtype.kind == "f":
+        check_classification_targets(actions)
+        if np.ndim(actions) != 1:
+            raise DataError(f"{source}: the actions are continuous, which is not supported yet; give discrete ones.")
+    classes, codes = np.unique(actions, return_inverse=True)
+    if len(classes) < 2:
+        raise DataError(f"{source}: every action is {classes[0]!r}, one class only; there is nothing to learn.")
+    return classes, codes
+
+
+def _labels(labels: Mapping[Any, str] | None, demonstrations: Demonstrations) -> Array:
+    """1 for known experts, -1 for known adversaries, 0 for the rest, (M,)."""
+    known = np.zeros(len(demonstrations), dtype=int)
+    for name, word in (labels or {}).items():
+        if word not in ("expert", "adversary"):
+            raise DataError(f"Demonstration {name!r}: the label {word!r} is unknown; use 'expert' or 'adversary'.")
+    for m, expert in match_labels({str(k): v for k, v in (labels or {}).items()}, demonstrations.ids).items():  # type: ignore[misc]
+        known[m] = 1 if expert else -1
+    if (known < 0).all():
+        raise DataError(
+            f"{demonstrations.source}: all demonstrations are labelled adversary; leave one that may be an expert's."
+        )
+    return known
+
+
+def _prior(prior: float | tuple[float, float] | None) -> Prior:
+    if prior is None:
+        return Prior()
+    if np.ndim(prior) == 0:
+        if not 0 < float(prior) < 1:  # type: ignore[arg-type]
+            raise DataError(f"The prior {prior!r} is no probability between 0 and 1.")
+        return Prior(float(prior), fixed=True)  # type: ignore[arg-type]
+    a, b = (float(value) for value in prior)  # type: ignore[union-attr]
+    if a < 1 or b < 1:
+        raise DataError(f"The Beta prior ({a}, {b}) has no single mode; give both numbers as 1 or more.")
+    return Prior((a / (a + b)), a, b)
+
+
+def _ridge(features: FeatureMap, C: float | None, total_weight: float, n_actions: int) -> Array:
+    """Penalty on each column: with two actions scikit-learn penalises the difference of the two columns once, which is
+    twice the penalty on each."""
+    if C is not None and not C > 0:
+        raise DataError(f"C={C!r} must be a positive number.")
+    ridge = features.ridge(C, total_weight)
+    return 2.0 * ridge if C is not None and n_actions == 2 else ridge
+
+
+def _assumptions(model: RPIL, problem: Problem) -> list[str]:
+    """What was taken for granted, one sentence each."""
+    labelled = int((problem.labels != 0).sum())
+    said = [
+        "Experts agree with one another: in similar states they act alike.",
+        "Steps are independent given the state; log-odds of long demonstrations may be overconfident.",
+        f"The policy is linear in the {model.features} features.",
+        "The order of demonstrations, their length and any reward were not used.",
+    ]
+    if model.level == "demonstration":
+        said.append("A demonstration is good or bad as a whole.")
+    if np.ndim(model.prior) == 0 and model.prior is not None:
+        said.append(f"The share of experts was given as {model.prior}.")
+    if labelled:
+        said.append(f"{labelled} labels were taken as certain.")
+    return said
