@@ -24,7 +24,23 @@ _HOME = {
     "write": "rpil.formats",
 }
 
-__all__ = ["__version__", *sorted(_HOME)]
+__all__ = [
+    "RPIL",
+    "AmbiguousWarning",
+    "Audit",
+    "BehavioralCloning",
+    "Confusion",
+    "DataError",
+    "Demonstrations",
+    "SoftmaxPolicy",
+    "__version__",
+    "load",
+    "read",
+    "rollout",
+    "save",
+    "simulate",
+    "write",
+]
 
 if TYPE_CHECKING:
     from rpil.adversaries import Confusion

@@ -22,7 +22,9 @@ from rpil.policies import Policy, SoftmaxPolicy
 class Adversary(Protocol):
     """What EM needs of an adversary; instances are immutable."""
 
-    name: str
+    @property
+    def name(self) -> str:
+        """As in `ADVERSARIES`."""
 
     def log_prob(self, features: Array, log_policy: Array, actions: Array) -> Array:
         """log psi(a_n|s_n) of the actions taken, (N,)."""

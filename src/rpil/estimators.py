@@ -53,8 +53,7 @@ class _SoftmaxClassifier(ClassifierMixin, BaseEstimator):
     def predict_log_proba(self, X: ArrayLike) -> Array:
         """log pi(k|s), (N, K)."""
         check_is_fitted(self)
-        X = validate_data(self, X, reset=False)
-        return self.policy_.log_proba(self.features_.design(X))
+        return self.policy_.log_proba(self.features_.design(validate_data(self, X, reset=False)))
 
     @property
     def coef_(self) -> Array:
@@ -320,7 +319,7 @@ class RPIL(_SoftmaxClassifier):
         result: Result,
         competing: list[Array],
     ) -> None:
-        """Keep what was found, and refit the policy to the expert's term alone (model.md: the adversary's biases it)."""
+        """Keep what was found, and refit the policy to the expert's term alone: the adversary's biases it."""
         self.search_features_: FeatureMap = features
         self.state_: State = result.state
         self.n_iter_ = max(1, len(result.history) - 1)
@@ -443,7 +442,7 @@ def _assumptions(model: RPIL, problem: Problem) -> list[str]:
     ]
     if model.level == "demonstration":
         said.append("A demonstration is good or bad as a whole.")
-    if np.ndim(model.prior) == 0 and model.prior is not None:
+    if isinstance(model.prior, float):
         said.append(f"The share of experts was given as {model.prior}.")
     if labelled:
         said.append(f"{labelled} labels were taken as certain.")

@@ -99,11 +99,8 @@ class FeatureMap:
         penalty on the scaled columns that grows with the number of steps, so that neither units nor the amount of data
         change its meaning.
         """
-        if C is None:
-            ridge = np.full(len(self.center), RIDGE_PER_STEP * total_weight)
-        else:
-            ridge = 1.0 / (C * self.scale**2)
-        return np.append(ridge, 0.0)
+        scaled = np.full(len(self.center), RIDGE_PER_STEP * total_weight)
+        return np.append(scaled if C is None else 1.0 / (C * self.scale**2), 0.0)
 
     def _columns(self, observations: Array) -> Array:
         if self.kind == "raw":

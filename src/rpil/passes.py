@@ -10,11 +10,12 @@ weights of the steps:
 from __future__ import annotations
 
 from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.floating]
+Array = NDArray[Any]
 
 BLOCK_BYTES = 1 << 19
 """Bytes of the design matrix in one block: half of a small second-level cache."""

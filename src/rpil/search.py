@@ -1,7 +1,7 @@
 """From a problem to the EM run to believe: several starts, then several adversaries.
 
-Which local optimum EM reaches is decided by its start, so there are several and the best objective wins. Which adversary
-is right is decided by the likelihood of demonstrations that were held out. With labels, the start grows from them.
+Which local optimum EM reaches is decided by its start, so there are several and the best objective wins. Which
+adversary is right is decided by the likelihood of demonstrations that were held out.
 """
 
 from __future__ import annotations
