@@ -172,7 +172,8 @@ class Confusion:
 
     def intended(self, log_policy: Array, actions: Array) -> Array | None:
         joint = log_policy + self.log_matrix.T[actions]
-        return np.exp(joint - logsumexp(joint, 1)[:, None])
+        total = logsumexp(joint, 1)[:, None]
+        return np.exp(joint - np.where(np.isfinite(total), total, 0.0))  # what cannot be pressed was meant by nobody
 
     def fit(self, features: Array, log_policy: Array, actions: Array, weight: Array) -> Confusion:
         if not self.learned:
@@ -236,8 +237,11 @@ def adversary(which: str | Adversary, n_actions: int, ridge: Array) -> Adversary
     Raises
     ------
     DataError
-        If there is none of that name.
+        If there is none of that name, or a confusion matrix has another number of actions.
     """
+    if isinstance(which, Confusion) and len(which.log_matrix) != n_actions:
+        size = len(which.log_matrix)
+        raise DataError(f"A confusion matrix of {size} x {size} was given for {n_actions} actions; give one row each.")
     if not isinstance(which, str):
         return which
     if which not in ADVERSARIES:

@@ -24,6 +24,9 @@ policy's misfit as the demonstrator's, and dropping them would bias the policy."
 _LABEL_LOG_ODDS = 20.0
 """What a label is worth at least: as good as certain, and finite."""
 
+_MOST_LOG_ODDS = 1e9
+"""Instead of infinity, which JSON does not know: of steps that a given adversary can never take."""
+
 Verdict = Literal["expert", "adversary", "uncertain"]
 
 
@@ -197,8 +200,8 @@ def summarise(
 
 
 def _with_labels(log_odds: NDArray[np.float64], labels: NDArray[np.int64]) -> NDArray[np.float64]:
-    known = labels * np.maximum(np.abs(log_odds), _LABEL_LOG_ODDS)
-    return np.where(labels == 0, log_odds, known)
+    log_odds = np.clip(log_odds, -_MOST_LOG_ODDS, _MOST_LOG_ODDS)
+    return np.where(labels == 0, log_odds, labels * np.maximum(np.abs(log_odds), _LABEL_LOG_ODDS))
 
 
 def _verdict(proba: float, contested: bool) -> Verdict:

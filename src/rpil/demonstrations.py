@@ -159,7 +159,8 @@ class Demonstrations:
         labels = as_array(groups, "groups", source)
         if labels.ndim != 1 or not (X.shape[:1] == y.shape[:1] == labels.shape):
             raise DataError(
-                f"{source}: observations {X.shape}, actions {y.shape} and groups {labels.shape} need one row per step."
+                f"{source}: observations {X.shape}, actions {y.shape} and demonstration ids {labels.shape} do not fit "
+                "together; give each one row per step."
             )
         if labels.dtype.kind == "f":
             if not are_whole(labels):

@@ -26,6 +26,9 @@ MStep = Literal["joint", "expert_only"]
 _LARGE = 700.0
 """Log-ratios beyond this are no different to a double."""
 
+_STEADY = 1e-3
+"""Changes of a responsibility or reliability, in one iteration, that no verdict notices."""
+
 _BLOCK_STEPS = 2048
 """Steps whose mixtures over the whole grid of reliabilities are in memory, and in cache, at a time."""
 
@@ -292,16 +295,28 @@ def run(
     m_iter: int = 1,
     m_cg: int = 10,
 ) -> Result:
-    """EM from `state` until the objective gains less than `tol` nats a demonstration, ending on an E-step."""
+    """EM from `state` until nothing moves, ending on an E-step.
+
+    Nothing moves when the objective gains less than `tol` nats a demonstration; or less than ten times that while no
+    responsibility and no reliability changes by `_STEADY`: then only the policy's confidence still grows.
+    """
     log_proba = state.policy.log_proba(problem.features) if log_proba is None else log_proba
     posterior = e_step(problem, state, log_proba, beta)
     history = [lower_bound(state, posterior, beta)]
     converged = False
     for _ in range(max_iter):
+        before = posterior
         state, log_proba = m_step(problem, state, posterior, mode, m_iter, m_cg)
         posterior = e_step(problem, state, log_proba, beta)
         history.append(lower_bound(state, posterior, beta))
-        converged = abs(history[-1] - history[-2]) <= tol * problem.n_demonstrations
+        gain = abs(history[-1] - history[-2]) / problem.n_demonstrations
+        converged = gain <= tol or (gain <= 10 * tol and _moved(before, posterior, state.reliability.nodes) <= _STEADY)
         if converged:
             break
     return Result(state, posterior, np.array(history), converged)
+
+
+def _moved(before: Posterior, after: Posterior, nodes: Array) -> float:
+    """Largest change of a responsibility or of a mean reliability."""
+    difference = after.joint - before.joint
+    return float(max(np.abs(difference[:, EXPERT].sum(axis=1)).max(), np.abs(difference.sum(axis=1) @ nodes).max()))

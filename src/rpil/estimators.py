@@ -39,12 +39,14 @@ class _SoftmaxClassifier(ClassifierMixin, BaseEstimator):
     classes_: Array
     features_: FeatureMap
     policy_: SoftmaxPolicy
+    features: str
     n_features_in_: int
     n_iter_: int
 
     def predict(self, X: ArrayLike) -> Array:
         """The policy's most likely action in each observation, (N,)."""
-        return self.classes_[self.predict_log_proba(X).argmax(axis=1)]
+        best = self.predict_log_proba(X).argmax(axis=1)
+        return self.classes_[best]
 
     def predict_proba(self, X: ArrayLike) -> Array:
         """pi(k|s), (N, K), columns in the order of `classes_`."""
@@ -68,10 +70,9 @@ class _SoftmaxClassifier(ClassifierMixin, BaseEstimator):
         intercepts = weights[-1] - (self.features_.center / self.features_.scale) @ weights[:-1]
         return intercepts[1:] - intercepts[:1] if len(self.classes_) == 2 else intercepts
 
-    def _learn(self, X: Array, codes: Array, weight: Array, *, features: str, C: float | None, tol: float) -> None:
-        """Fit the feature map to what is trusted, and the policy to all by weight."""
-        trusted = weight > 0.5 * weight.max()
-        self.features_ = FeatureMap.fit(features, X[trusted])
+    def _learn(self, X: Array, codes: Array, weight: Array, trusted: Array, *, C: float | None, tol: float) -> None:
+        """Fit the feature map to the `trusted` (N,) steps, and the policy to all by weight."""
+        self.features_ = FeatureMap.fit(self.features, X[trusted], weight[trusted])
         ridge = _ridge(self.features_, C, weight.sum(), len(self.classes_))
         targets = np.zeros((len(codes), len(self.classes_)))
         np.put_along_axis(targets, codes[:, None], weight[:, None], axis=1)
@@ -117,10 +118,12 @@ class BehavioralCloning(_SoftmaxClassifier):
             Where the actions are continuous or all the same.
         """
         data = _observations_and_actions(self, X, y)
-        weight = _check_sample_weight(sample_weight, data[0])
+        weight = _check_sample_weight(sample_weight, data[0], dtype=float, ensure_non_negative=True)
+        if not weight.any():
+            raise DataError(f"{_source(X)}: sample_weight is zero everywhere; give at least one step some weight.")
         self.classes_, codes = _codes(data[1], _source(X))
         with threadpool_limits(1, "blas"):  # thin products gain nothing from threads, and can lose a lot
-            self._learn(data[0], codes, weight, features=self.features, C=self.C, tol=self.tol)
+            self._learn(data[0], codes, weight, weight > 0.0, C=self.C, tol=self.tol)
         return self
 
 
@@ -235,7 +238,7 @@ class RPIL(_SoftmaxClassifier):
         source = demonstrations.source
         self.classes_, codes = _codes(demonstrations.actions, source)
         if len(demonstrations) < 2:
-            raise DataError(f"{source}: n_samples=1 demonstration cannot be compared; give at least two.")
+            raise DataError(f"{source}: one demonstration alone (n_samples=1) cannot be compared; give at least two.")
         known = _labels(labels if labels is not None else self.labels, demonstrations)
         progress = self.progress or (lambda _: None)
         with threadpool_limits(1, "blas"):  # thin products gain nothing from threads, and can lose a lot
@@ -283,8 +286,9 @@ class RPIL(_SoftmaxClassifier):
         unknown = np.flatnonzero(self.classes_[codes] != demonstrations.actions)
         if len(unknown):
             m = demonstrations.ids[demonstrations.groups[unknown[0]]]
+            action = demonstrations.actions[unknown[0]].item()
             raise DataError(
-                f"{demonstrations.source}, demonstration {m!r}: action {demonstrations.actions[unknown[0]]!r} is not "
+                f"{demonstrations.source}, demonstration {m!r}: action {action!r} is not "
                 f"among the known ones ({', '.join(map(str, self.classes_))}); fit again with it, or leave it out."
             )
         design = self.search_features_.design(demonstrations.observations)
@@ -329,7 +333,8 @@ class RPIL(_SoftmaxClassifier):
         weight = self.audit_.step_weight
         if weight.sum() < 1.0:  # nobody is trusted: what little is the expert's, wherever it is
             weight = result.posterior.step
-        self._learn(demonstrations.observations, codes, weight, features=self.features, C=self.C, tol=1e-8)
+        trusted = weight > 0.5 * weight.max()
+        self._learn(demonstrations.observations, codes, weight, trusted, C=self.C, tol=1e-8)
         if not result.converged:
             warnings.warn("EM stopped at max_iter; raise max_iter or tol.", ConvergenceWarning, stacklevel=3)
         if competing:
@@ -353,9 +358,12 @@ def _observations_and_actions(
     if isinstance(X, Demonstrations):
         if reset:
             estimator.n_features_in_ = X.n_observations
+            estimator.observation_names_ = X.observation_names
         elif estimator.n_features_in_ != X.n_observations:
             raise DataError(f"{X.source}: {X.n_observations} observations, but {estimator.n_features_in_} were fitted.")
         return X.observations, X.actions
+    if reset:
+        estimator.observation_names_ = ()
     return validate_data(estimator, X, y, reset=reset)
 
 
@@ -384,13 +392,14 @@ def _demonstrations(
 
 def _codes(actions: Array, source: str) -> tuple[Array, Array]:
     """The distinct actions (K,), and the code of each step's (N,)."""
-    if np.ndim(actions) != 1 or np.asarray(actions).dtype.kind == "f":
+    if np.ndim(actions) != 1:
+        raise DataError(f"{source}: the actions are continuous, which is not supported yet; give discrete ones.")
+    if np.asarray(actions).dtype.kind == "f":
         check_classification_targets(actions)
-        if np.ndim(actions) != 1:
-            raise DataError(f"{source}: the actions are continuous, which is not supported yet; give discrete ones.")
     classes, codes = np.unique(actions, return_inverse=True)
     if len(classes) < 2:
-        raise DataError(f"{source}: every action is {classes[0]!r}, one class only; there is nothing to learn.")
+        only = repr(classes[0].item())
+        raise DataError(f"{source}: every action is {only}, one class only; give demonstrations with two at least.")
     return classes, codes
 
 

@@ -51,8 +51,8 @@ class FeatureMap:
     scale: Array
 
     @classmethod
-    def fit(cls, kind: str, observations: NDArray[Any]) -> FeatureMap:
-        """Choose knots, centres and scales from observations (N, D).
+    def fit(cls, kind: str, observations: NDArray[Any], weight: Array | None = None) -> FeatureMap:
+        """Choose knots, centres and scales from observations (N, D), the latter two with the `weight` (N,) of each.
 
         Raises
         ------
@@ -65,7 +65,7 @@ class FeatureMap:
         if kind == "poly" and n_columns * (n_columns + 3) // 2 > _MAX_POLY_COLUMNS:
             raise DataError(f"Polynomials of {n_columns} observations are too many; choose features raw or spline.")
         observations = np.asarray(observations, dtype=float)
-        location, spread = observations.mean(axis=0), _positive(observations.std(axis=0))
+        location, spread = _moments(observations, weight)
         knots = np.empty((0, n_columns))
         if kind == "spline":
             low, high = observations.min(axis=0), observations.max(axis=0)
@@ -73,9 +73,9 @@ class FeatureMap:
             knots = np.linspace(low, high, _N_KNOTS)
         raw = cls(kind, knots, location, spread, np.zeros(0), np.zeros(0))
         columns = raw._columns(observations)
-        center = columns.mean(axis=0)
-        # Splines share one natural scale: a column that is rarely visited must stay rarely believed.
-        scale = np.ones(columns.shape[1]) if kind == "spline" else _positive(columns.std(axis=0))
+        center, scale = _moments(columns, weight, unit=1.0 if kind == "poly" else 0.0)
+        if kind == "spline":  # they share one natural scale: a column that is rarely visited must stay rarely believed
+            scale = np.ones_like(scale)
         return cls(kind, knots, location, spread, center, scale)
 
     @property
@@ -119,6 +119,9 @@ class FeatureMap:
         return SplineTransformer(degree=_DEGREE, knots=self.knots, extrapolation="linear").fit(self.knots)
 
 
-def _positive(scale: Array) -> Array:
-    """`scale` with 1 where a column is constant, up to rounding."""
-    return np.where(scale > 1e-12 * max(1.0, float(scale.max(initial=0.0))), scale, 1.0)
+def _moments(columns: Array, weight: Array | None, unit: float = 0.0) -> tuple[Array, Array]:
+    """Mean and standard deviation of each column, the latter 1 where the column is constant up to rounding, which is
+    relative to its mean, or to `unit` if that is larger."""
+    mean = np.average(columns, axis=0, weights=weight)
+    spread = np.sqrt(np.average((columns - mean) ** 2, axis=0, weights=weight))
+    return mean, np.where(spread > 1e-12 * np.maximum(np.abs(mean), unit), spread, 1.0)

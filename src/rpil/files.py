@@ -33,8 +33,8 @@ def check_writable(path: StrPath) -> Path:
     folder = path.parent
     if not folder.is_dir():
         raise DataError(f"{path}: there is no folder {folder}; make it first.")
-    if path.is_dir():
-        raise DataError(f"{path}: it is a folder; give the path of a file.")
+    if path.exists() and not path.is_file():  # to replace /dev/null would break the machine
+        raise DataError(f"{path}: it is a folder or a device; give the path of a file.")
     if not os.access(folder, os.W_OK) or (path.exists() and not os.access(path, os.W_OK)):
         raise DataError(f"{path}: it may not be written; choose another place or change the permissions.")
     return path

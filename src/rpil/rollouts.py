@@ -217,16 +217,17 @@ def _check_fit(policy: Policy, env_id: str, env: Any) -> None:
             f"{env_id} has {type(space).__name__} observations of shape {space.shape} and {type(choices).__name__} "
             "actions, but only flat Box observations and Discrete actions can be played: wrap it or choose another."
         )
+    name = getattr(policy, "source_", "the policy")  # the file that `rpil.load` read it from
     width = getattr(policy, "n_features_in_", None)
     if width is not None and (width,) != space.shape:
         raise DataError(
-            f"{env_id} has observations of shape {space.shape} but the policy was fitted on shape ({width},): "
+            f"{env_id} has observations of shape {space.shape} but {name} was fitted on shape ({width},): "
             "play it in the environment its demonstrations come from."
         )
     classes = getattr(policy, "classes_", None)
     if classes is not None and not all(known in range(choices.start, choices.start + choices.n) for known in classes):
         raise DataError(
-            f"{env_id} has the actions {choices.start} to {choices.start + choices.n - 1} but the policy knows "
+            f"{env_id} has the actions {choices.start} to {choices.start + choices.n - 1} but {name} knows "
             f"{np.asarray(classes).tolist()}: play it in the environment its demonstrations come from."
         )
 

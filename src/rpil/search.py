@@ -92,7 +92,7 @@ def starts(problem: Problem, setting: Setting, rng: np.random.Generator) -> dict
     possible = (labels >= 0).astype(float)
     found = {"pooled": possible, "equal": possible * problem.lengths.mean() / problem.lengths}
     if (labels < 0).any():
-        found["unlike known adversaries"] = _unlike(problem, setting, labels < 0)
+        found |= _unlike(problem, setting, labels < 0)
     if (labels > 0).any():
         return {"known experts": (labels > 0).astype(float), **found}
     for m in rng.permutation(np.flatnonzero(labels == 0))[: setting.n_single]:
@@ -124,7 +124,7 @@ def search(
         begun.append(_run(problem, setting, state, log_proba, _SHORT))
 
     def rank(result: Result) -> tuple[int, float]:
-        contradicted = (problem.labels * result.posterior.log_odds < 0).sum()
+        contradicted = (problem.labels * np.sign(result.posterior.log_odds) < 0).sum()
         return int(contradicted), -result.objective
 
     begun.sort(key=rank)
@@ -138,11 +138,14 @@ def _taught(problem: Problem, setting: Setting, weight: Array) -> tuple[Policy, 
     return setting.policy.fit(problem.features, targets, tol=1e-3, max_iter=20, max_cg=20)
 
 
-def _unlike(problem: Problem, setting: Setting, adversaries: Array) -> Array:
-    """Weights 1 for that half of the other demonstrations which known adversaries (M,) explain worst."""
+def _unlike(problem: Problem, setting: Setting, adversaries: Array) -> dict[str, Array]:
+    """Weights 1 for those of the other demonstrations which known adversaries (M,) explain worst: half of them, and,
+    should the experts be few, a single one."""
     _, log_proba = _taught(problem, setting, adversaries.astype(float))
     explained = problem.sum_steps(problem.taken(log_proba)) / problem.lengths
-    return (~adversaries & (explained <= np.median(explained[~adversaries]))).astype(float)
+    explained[adversaries] = np.inf
+    half = explained <= np.median(explained[~adversaries])
+    return {"unlike known adversaries": half.astype(float), "most unlike": (explained == explained.min()).astype(float)}
 
 
 def _run(problem: Problem, setting: Setting, state: State, log_proba: Array, max_iter: int) -> Result:

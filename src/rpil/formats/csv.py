@@ -36,7 +36,9 @@ def read(path: Path) -> Demonstrations:
             table = table_of({name: types[name] for name in texts})
     except (pa.ArrowException, OSError, UnicodeDecodeError) as error:
         reason = " ".join(str(error).split())[:100].replace(". ", ", ").rstrip(".")
-        raise DataError(f"{path.name}: not a CSV file, or a damaged or truncated one ({reason}).") from error
+        raise DataError(
+            f"{path.name}: not a CSV file, or a damaged or truncated one ({reason}); write it again."
+        ) from error
     for name in texts:
         column = _settle(table[name], floats=name != columns.episode)
         table = table.set_column(table.column_names.index(name), name, column)

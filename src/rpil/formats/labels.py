@@ -64,7 +64,8 @@ def match_labels(labels: Mapping[str, Label], ids: Sequence[Any], source: str = 
     index = {str(name): m for m, name in enumerate(ids)}
     unknown = [name for name in labels if name not in index]
     if unknown:
-        raise DataError(f"{source}: no demonstration is called {listed(unknown, 5)}; the ids are {listed(index, 5)}.")
+        wrong, right = listed(unknown, 5), listed(index, 5)
+        raise DataError(f"{source}: no demonstration is called {wrong}; the ids are {right}; correct the labels.")
     return {index[name]: label == "expert" for name, label in labels.items()}
 
 

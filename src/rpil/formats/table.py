@@ -148,7 +148,10 @@ def _stack(table: Any, names: Sequence[str], at: Callable[[int], str]) -> tuple[
         block = _values(table, name, at)
         if block.dtype.kind == "U":
             row = next((row for row, text in enumerate(block) if not _is_number(text)), 0)
-            raise DataError(f"{at(row)}: column {name!r} holds text ({str(block[row])!r}) where numbers are due.")
+            text = str(block[row])[:40]
+            raise DataError(
+                f"{at(row)}: column {name!r} holds text ({text!r}) where numbers are due; write numbers, or drop it."
+            )
         blocks[name] = block.reshape(len(block), -1)
     single = all(block.dtype == np.float32 for block in blocks.values())
     stacked = np.concatenate(list(blocks.values()), axis=1, dtype=np.float32 if single else np.float64)

@@ -17,6 +17,14 @@ from rpil.formats.table import step_columns
 _WRITERS = {".parquet": parquet.write_table, ".csv": csv.write_table}
 
 
+def check_weights(path: StrPath) -> Path:
+    """`path`, or a `DataError` naming the known extensions where it has none of them."""
+    path = Path(path)
+    if path.suffix.lower() not in _WRITERS:
+        raise DataError(f"{path}: unknown extension {path.suffix!r} for weights; use one of {', '.join(_WRITERS)}.")
+    return path
+
+
 def write_weights(
     path: StrPath,
     ids: Sequence[Any],
@@ -41,10 +49,7 @@ def write_weights(
     DataError
         Where the path has another extension or cannot be written.
     """
-    path = Path(path)
-    writer = _WRITERS.get(path.suffix.lower())
-    if writer is None:
-        raise DataError(f"{path}: unknown extension {path.suffix!r} for weights; use one of {', '.join(_WRITERS)}.")
+    writer = _WRITERS[check_weights(path).suffix.lower()]
     import pyarrow as pa
 
     lengths = np.diff(offsets)
@@ -53,4 +58,4 @@ def write_weights(
         "expert_proba": np.repeat(expert_proba, lengths),
         "log_odds": np.repeat(log_odds, lengths),
     }
-    writer(path, pa.table(table))
+    writer(Path(path), pa.table(table))

@@ -84,7 +84,43 @@ def returns_figure(rows: Sequence[tuple[str, float, float, float]]) -> Markup:
 
     told = "; ".join(f"{name} {number(mean)} ({number(low)} to {number(high)})" for name, mean, low, high in rows)
     return Markup('<figure class="picture">{}</figure>').format(
-        inline_svg(draw, size=(6, 0.7 + 0.4 * len(rows)), label=f"Mean returns: {told}", salt="returns")
+        inline_svg(draw, size=(5, 0.7 + 0.4 * len(rows)), label=f"Mean returns: {told}", salt="returns")
+    )
+
+
+def score_figure(audit: Audit, score: NDArray[Any], name: str) -> Markup:
+    """Log-odds of each demonstration against a score (M,) that the audit never saw.
+
+    Parameters
+    ----------
+    audit : Audit
+    score : array (M,)
+        Higher is better.
+    name : str
+        What the score is, for its axis.
+    """
+
+    def draw(ax: Any) -> None:
+        verdicts = np.array(audit.verdicts)
+        # Shapes as in the ranking, so that nothing rests on colour alone.
+        shapes: dict[str, dict[str, Any]] = {
+            "expert": {"marker": "o"},
+            "uncertain": {"marker": "o", "fillstyle": "none", "markeredgewidth": 1.5},
+            "adversary": {"marker": "D", "markersize": 5},
+        }
+        ax.axhline(0, color=COLOURS["uncertain"], linewidth=0.8)
+        for verdict, colour in COLOURS.items():
+            here = verdicts == verdict
+            if here.any():
+                style = {"markersize": 6, "linestyle": "none", "color": colour} | shapes[verdict]
+                ax.plot(score[here], audit.log_odds[here], label=f"{verdict} ({here.sum()})", **style)
+        ax.spines[["top", "right"]].set_visible(False)
+        ax.set(xlabel=name, ylabel="Log-odds (nats)")
+        ax.legend(loc="lower left", bbox_to_anchor=(-0.02, 1.0), ncols=3, frameon=False, handletextpad=0.2)
+
+    told = f"Log-odds of each demonstration against {name}, coloured by verdict."
+    return Markup('<figure class="picture">{}</figure>').format(
+        inline_svg(draw, size=(5, 3.4), label=told, salt="score")
     )
 
 

@@ -1,0 +1,164 @@
+"""Does the library reach what was promised? Default settings, every figure over draws of the data.
+
+    python benchmarks/acceptance.py --draws 10 --features raw --features spline --json acceptance.json
+
+The paper's cells: 10 good demonstrations and 10 bad ones of MountainCar, Acrobot and LunarLander, the bad ones with
+uniform actions in the expert's states ("corrupted") or driven by them ("random"). Every verdict must be right,
+"uncertain" being wrong, and the policy must return what the oracle's does, which is fitted to the good ones alone.
+Partly bad demonstrations ("noisy", "window") must be told apart by their log-odds. Where half of all have shifted
+actions nobody can know, and the answer must be so; with one label of each sort all verdicts must be right.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import multiprocessing
+import time
+import warnings
+from concurrent.futures import ProcessPoolExecutor
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from sklearn.metrics import roc_auc_score
+
+from rpil.audit import Audit
+from rpil.demonstrations import Demonstrations
+from rpil.estimators import RPIL, AmbiguousWarning, BehavioralCloning
+from rpil.rollouts import rollout
+from rpil.simulate import simulate
+
+ENVIRONMENTS = ("MountainCar-v0", "Acrobot-v1", "LunarLander-v3")
+PAPER, PARTLY, COHERENT = ("corrupted", "random"), ("noisy", "window"), "shift"
+N_GOOD = N_BAD = 10
+POLICIES = ("rpil", "oracle", "trust_all")
+SECONDS = {"raw": 1.0, "spline": 5.0}
+Row = dict[str, Any]
+
+
+def main(arguments: list[str] | None = None) -> int:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--draws", type=int, default=10)
+    parser.add_argument("--first-seed", type=int, default=1000)
+    parser.add_argument("--features", choices=sorted(SECONDS), action="append", help="may be repeated; default raw")
+    parser.add_argument("--rollouts", type=int, default=100, help="episodes each policy plays")
+    parser.add_argument("--processes", type=int, default=1)
+    parser.add_argument("--quick", action="store_true", help="MountainCar alone, 2 draws, 10 rollouts")
+    parser.add_argument("--json", type=Path, help="where to write all figures")
+    options = parser.parse_args(arguments)
+    environments = ENVIRONMENTS[:1] if options.quick else ENVIRONMENTS
+    draws, rollouts = (2, 10) if options.quick else (options.draws, options.rollouts)
+
+    jobs = [
+        (env_id, kind, options.first_seed + draw, features, rollouts)
+        for features in options.features or ["raw"]
+        for env_id in environments
+        for kind in (*PAPER, *PARTLY, COHERENT)
+        for draw in range(draws)
+    ]
+    if options.processes > 1:
+        spawn = multiprocessing.get_context("spawn")
+        with ProcessPoolExecutor(options.processes, spawn) as pool:
+            rows = list(pool.map(one_draw, *zip(*jobs, strict=True)))
+    else:
+        rows = [one_draw(*job) for job in jobs]
+
+    cells = [summary([row for row in rows if key(row) == cell]) for cell in dict.fromkeys(map(key, rows))]
+    print(table(cells))
+    passed = all(not cell["missed"] for cell in cells)
+    print("everything reached" if passed else "missed: see the last column")
+    if options.json:
+        options.json.write_text(json.dumps({"passed": passed, "cells": cells, "draws": rows}, indent=1) + "\n")
+    return 0 if passed else 1
+
+
+def one_draw(env_id: str, kind: str, seed: int, features: str, rollouts: int) -> Row:
+    """Everything that one draw of the data tells."""
+    made = simulate(env_id, kind, n_good=N_GOOD, n_bad=N_BAD, seed=seed)
+    good = made.is_good == 1
+    demonstrations = Demonstrations.from_episodes(made.episodes)
+    model = RPIL(features=features)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", AmbiguousWarning)
+        begun = time.perf_counter()
+        model.fit(demonstrations)
+        seconds = time.perf_counter() - begun
+    row: Row = {
+        "features": features,
+        "env": env_id,
+        "kind": kind,
+        "seed": seed,
+        "seconds": seconds,
+        "adversary": model.audit_.adversary,
+        "identifiable": model.audit_.identifiable,
+        "wrong": wrong(model.audit_, good),
+        "auroc": float(roc_auc_score(good, model.log_odds_)),
+    }
+    if kind == COHERENT:
+        labels = {0: "expert", N_GOOD: "adversary"}
+        row["wrong_labelled"] = wrong(RPIL(features=features).fit(demonstrations, labels=labels).audit_, good)
+    if kind in PAPER:
+        policies = {
+            "rpil": model,
+            "oracle": BehavioralCloning(features).fit(demonstrations.select(good)),
+            "trust_all": BehavioralCloning(features).fit(demonstrations),
+        }
+        for name, policy in policies.items():
+            row[name] = rollout(policy, env_id, n_episodes=rollouts, seed=seed).mean
+    return row
+
+
+def wrong(audit: Audit, good: np.ndarray) -> int:
+    """Verdicts that are not right; "uncertain" never is."""
+    return int((np.array(audit.verdicts) != np.where(good, "expert", "adversary")).sum())
+
+
+def key(row: Row) -> tuple[str, str, str]:
+    return row["features"], row["env"], row["kind"]
+
+
+def summary(rows: list[Row]) -> Row:
+    """One cell of the table: means over draws, and what was missed."""
+    first, n = rows[0], len(rows)
+    cell: Row = {name: first[name] for name in ("features", "env", "kind")} | {"draws": n}
+    cell["wrong"] = sum(row["wrong"] for row in rows)
+    cell["auroc"] = min(row["auroc"] for row in rows)
+    cell["seconds"] = float(np.median([row["seconds"] for row in rows]))
+    missed = []
+    if cell["kind"] in PAPER:
+        for name in POLICIES:
+            returns = [row[name] for row in rows]
+            cell[name] = {"mean": float(np.mean(returns)), "se": float(np.std(returns, ddof=1) / np.sqrt(n))}
+        cell["behind"] = cell["oracle"]["mean"] - cell["rpil"]["mean"]
+        missed += ["verdicts"] * (cell["wrong"] > 0)
+        missed += ["return"] * (cell["behind"] > cell["oracle"]["se"])
+        missed += ["time"] * (cell["seconds"] > SECONDS[cell["features"]])
+    elif cell["kind"] in PARTLY:
+        missed += ["auroc"] * (cell["auroc"] < 0.99)
+    else:
+        cell["ambiguous"] = sum(not row["identifiable"] for row in rows)
+        cell["wrong_labelled"] = sum(row["wrong_labelled"] for row in rows)
+        missed += ["ambiguous"] * (cell["ambiguous"] < n) + ["labelled"] * (cell["wrong_labelled"] > 0)
+    return cell | {"missed": missed}
+
+
+def table(cells: list[Row]) -> str:
+    """Wrong verdicts are sums over draws (of 20 each), AUROC is the worst draw's, returns are mean ± standard error."""
+    lines = [
+        f"{'':34}{'wrong':>6}{'AUROC':>7}{'R-PIL':>15}{'oracle':>15}{'trust all':>15}{'s':>6}  missed",
+    ]
+    for cell in cells:
+        if cell["kind"] == COHERENT:
+            found = f"ambiguous {cell['ambiguous']}/{cell['draws']}, with two labels {cell['wrong_labelled']} wrong"
+            numbers = f"{found:>58}"
+        else:
+            returns = [f"{cell[n]['mean']:.1f} ± {cell[n]['se']:.1f}" if n in cell else "" for n in POLICIES]
+            numbers = f"{cell['wrong']:6}{cell['auroc']:7.3f}" + "".join(f"{text:>15}" for text in returns)
+        name = f"{cell['features']:7}{cell['env']:16}{cell['kind']}"
+        lines.append(f"{name:34}{numbers:58}{cell['seconds']:6.2f}  {', '.join(cell['missed'])}")
+    return "\n".join(lines)
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

@@ -1,0 +1,369 @@
+"""The command ``rpil``. What takes time to import is imported inside the commands: ``rpil --help`` answers at once."""
+
+from __future__ import annotations
+
+import io
+import shlex
+import sys
+import time
+import warnings
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NoReturn
+
+import click
+from click.core import ParameterSource
+
+from rpil import __version__
+from rpil.errors import DataError, MissingExtraError
+from rpil.files import check_writable
+from rpil.terminal import (
+    Stages,
+    as_json,
+    counter,
+    headline,
+    notes,
+    one_line,
+    show_ambiguity,
+    show_ranking,
+    stages,
+)
+
+if TYPE_CHECKING:
+    from rpil.audit import Audit
+    from rpil.demonstrations import Demonstrations
+    from rpil.estimators import RPIL
+
+# Also known to the modules that own them, but those take a second to import; a test compares.
+FEATURES = ("raw", "spline", "poly")
+ADVERSARIES = (
+    "auto", "constant", "uniform", "marginal", "complement", "normalised-complement", "confusion", "own-policy",
+)  # fmt: skip
+KINDS = ("corrupted", "random", "flip", "shift", "noisy", "window", "sensor")
+
+
+class _Commands(click.Group):
+    """Ends whatever a user can cause with one sentence on stderr and exit code 2, and an interruption with 130."""
+
+    def invoke(self, ctx: click.Context) -> Any:
+        with notes():
+            return super().invoke(ctx)
+
+    def main(
+        self,
+        args: Sequence[str] | None = None,
+        prog_name: str | None = None,
+        complete_var: str | None = None,
+        standalone_mode: bool = True,
+        **extra: Any,
+    ) -> Any:
+        if not standalone_mode:
+            return super().main(args, prog_name, complete_var, False, **extra)
+        for stream in (sys.stdout, sys.stderr):
+            if isinstance(stream, io.TextIOWrapper):  # an id that the terminal cannot show is no reason to crash
+                stream.reconfigure(errors="backslashreplace")
+        try:
+            code = super().main(args, prog_name, complete_var, False, **extra)
+        except click.Abort:
+            sys.exit(130)
+        except click.UsageError as error:
+            command = error.ctx.command_path if error.ctx else "rpil"
+            said = error.format_message().rstrip(".?").replace(". Did", "; did")
+            _fail(f"{said}; see {command} --help.")
+        except click.ClickException as error:
+            _fail(error.format_message())
+        except (DataError, MissingExtraError) as error:
+            _fail(str(error))
+        except OSError as error:
+            if error.filename is None:
+                raise
+            _fail(f"{error.filename}: {error.strerror}; check the path.")
+        sys.exit(code)
+
+
+def _fail(sentence: str) -> NoReturn:
+    click.echo(f"rpil: {one_line(sentence)}", err=True)
+    sys.exit(2)
+
+
+class _Words(click.Choice[str]):
+    """A choice of names that the library writes with spaces, and a shell with hyphens; both will do."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> str:
+        return super().convert(value.replace(" ", "-"), param, ctx).replace("-", " ")
+
+
+_seed = click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Same seed, same result.")
+_quiet = click.option("--quiet", "-q", is_flag=True, help="Show results only: no progress, no hints.")
+_json = click.option("--json", "json_wanted", is_flag=True, help="Print JSON, and nothing else, on stdout.")
+_learning = (
+    click.option("--labels", metavar="FILE", help="CSV (id,label) or JSON: what you know of some demonstrations."),
+    click.option(
+        "--features", type=click.Choice(FEATURES), default="raw", show_default=True, help="What the policy sees."
+    ),
+    click.option(
+        "--adversary", type=_Words(ADVERSARIES), default="auto", show_default=True, help="What bad demonstrators do."
+    ),
+    _seed,
+    _quiet,
+)
+
+
+def _learning_options(command: Callable[..., None]) -> Callable[..., None]:
+    for option in reversed(_learning):
+        command = option(command)
+    return command
+
+
+@click.group(
+    name="rpil",
+    cls=_Commands,
+    invoke_without_command=True,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+@click.version_option(__version__)
+@click.pass_context
+def main(ctx: click.Context) -> None:
+    """Which demonstrations can be trusted, and a policy from those.
+
+    FILE holds demonstrations as .parquet, .csv or .npz: one row per step, with the columns episode_index, action and
+    observation.*.
+    """
+    if ctx.invoked_subcommand is None:
+        click.echo(ctx.get_help())
+
+
+@main.command()
+@click.argument("file")
+@click.option("--report", metavar="OUT.html", help="Also write a report to look at.")
+@click.option("--weights", metavar="OUT.parquet|OUT.csv", help="Also write a weight for every step, to train with.")
+@_json
+@_learning_options
+@click.pass_context
+def audit(
+    ctx: click.Context,
+    file: str,
+    report: str | None,
+    weights: str | None,
+    json_wanted: bool,
+    quiet: bool,
+    **learning: Any,
+) -> None:
+    """Tell how far each demonstration can be trusted."""
+    start = time.perf_counter()
+    _check_outputs((file, learning["labels"]), report, weights)
+    with stages(quiet) as progress:
+        if weights:
+            from rpil.formats.weights import check_weights
+
+            check_weights(weights)
+        found = _fit_rpil(_read(file, progress), progress, boxed=not json_wanted, **learning).audit_
+        seconds = time.perf_counter() - start
+        if weights:
+            from rpil.formats import write_weights
+
+            progress("writing the weights")
+            write_weights(weights, found.ids, found.offsets, found.step_weight, found.expert_proba, found.log_odds)
+        if report:
+            progress("writing the report")
+            from rpil.report import write
+
+            write(report, found, title=f"Audit of {Path(file).name}", source=file, seconds=seconds)
+    if json_wanted:
+        click.echo(as_json(found.to_dict()))
+    else:
+        show_ranking(found)
+        click.echo(f"\n{headline(found)}")
+        _explain(ctx, found)
+    for what, path in (("Weights", weights), ("Report", report)):
+        _say_where(what, path, json_wanted)
+
+
+@main.command()
+@click.argument("file")
+@click.option("-o", "--output", metavar="POLICY", required=True, help="Where to save the policy; any name will do.")
+@click.option(
+    "--method",
+    type=click.Choice(("rpil", "cloning")),
+    default="rpil",
+    show_default=True,
+    help="Trust what can be trusted, or everything alike.",
+)
+@_learning_options
+@click.pass_context
+def fit(ctx: click.Context, file: str, output: str, method: str, quiet: bool, **learning: Any) -> None:
+    """Learn a policy from what can be trusted."""
+    if method == "cloning" and learning["labels"]:
+        raise click.UsageError("Labels mean nothing to --method cloning: leave them out, or use --method rpil", ctx)
+    _check_outputs((file, learning["labels"]), output)
+    with stages(quiet) as progress:
+        demonstrations = _read(file, progress)
+        progress("starting")
+        from rpil.estimators import BehavioralCloning
+        from rpil.persistence import save
+
+        model: Any
+        if method == "cloning":
+            progress("learning")
+            model = BehavioralCloning(features=learning["features"]).fit(demonstrations)
+        else:
+            model = _fit_rpil(demonstrations, progress, boxed=True, **learning)
+        save(model, output)
+    if method == "cloning":
+        size = f"{len(demonstrations):,} demonstrations ({demonstrations.n_steps:,} steps)"
+        click.echo(f"All of {size} were trusted alike.")
+    else:
+        click.echo(headline(model.audit_))
+        _explain(ctx, model.audit_, f"Until then the policy in {output} is a guess.")
+    play = shlex.join(["rpil", "evaluate", output, "--env"])
+    click.echo(f"Policy: {output}" if quiet else f"Policy: {output}; to play it: {play} ID")
+
+
+@main.command()
+@click.argument("policy")
+@click.option("--env", metavar="ID", required=True, help="Gymnasium's name of the environment, as LunarLander-v3.")
+@click.option("--episodes", type=click.IntRange(1), default=100, show_default=True, help="How many to play.")
+@_json
+@_seed
+@_quiet
+def evaluate(policy: str, env: str, episodes: int, json_wanted: bool, seed: int, quiet: bool) -> None:
+    """Play a saved policy: its mean return."""
+    with counter(f"playing {env}", quiet) as progress:
+        from rpil.persistence import load
+        from rpil.rollouts import rollout
+
+        found = rollout(load(policy), env, n_episodes=episodes, seed=seed, progress=progress)
+    if json_wanted:
+        click.echo(as_json({"mean": found.mean, "ci95": found.ci95, "returns": found.returns.tolist()}))
+    elif episodes == 1:
+        click.echo(f"Return {found.mean:.1f} in one episode of {env}.")
+    else:
+        low, high = found.ci95
+        interval = f"95 % interval {low:.1f} to {high:.1f}"
+        click.echo(f"Mean return {found.mean:.1f} ({interval}) over {episodes:,} episodes of {env}.")
+
+
+@main.command()
+@click.option("--env", metavar="ID", required=True, help="An environment with a built-in expert, as MountainCar-v0.")
+@click.option("--kind", type=click.Choice(KINDS), required=True, help="What is wrong with the bad demonstrations.")
+@click.option("--good", type=click.IntRange(0), required=True, help="How many the expert gives.")
+@click.option("--bad", type=click.IntRange(0), required=True, help="How many are spoiled.")
+@click.option("-o", "--output", metavar="FILE", required=True, help="A .parquet, .csv or .npz file to write.")
+@_seed
+@_quiet
+def simulate(env: str, kind: str, good: int, bad: int, output: str, seed: int, quiet: bool) -> None:
+    """Make demonstrations of known quality.
+
+    The good ones come first. The truth is kept in the columns is_good and episode_return, which no method reads.
+    """
+    _check_outputs((), output)
+    with stages(quiet) as progress:
+        from rpil import formats
+
+        formats.check_format(output)
+        progress(f"playing {good + bad} episodes of {env}")
+        from rpil.demonstrations import Demonstrations
+        from rpil.simulate import simulate
+
+        made = simulate(env, kind, n_good=good, n_bad=bad, seed=seed)
+        demonstrations = Demonstrations.from_episodes(made.episodes, source=env)
+        truth = {"is_good": made.is_good, "episode_return": made.returns}
+        formats.write(output, demonstrations, truth)
+    click.echo(
+        f"{good} good and {bad} bad ({kind}) demonstrations of {env}, {demonstrations.n_steps:,} steps: {output}"
+    )
+    if not quiet:
+        click.echo(f"Next: {shlex.join(['rpil', 'audit', output])}")
+
+
+@main.command()
+@click.option("--episodes", type=click.IntRange(2), default=100, show_default=True, help="To play with each policy.")
+@click.option(
+    "-o", "--report", metavar="OUT.html", default="rpil-demo.html", show_default=True, help="Where to write the report."
+)
+@_json
+@_seed
+@_quiet
+def demo(episodes: int, report: str, json_wanted: bool, seed: int, quiet: bool) -> None:
+    """See it work, without any data of yours.
+
+    On people who cook together, and on a lunar lander that must not crash.
+    """
+    _check_outputs((), report)
+    with stages(quiet) as progress:
+        from rpil.demo import run
+
+        found = run(episodes=episodes, seed=seed, progress=progress)
+        progress("writing the report")
+        found.write_report(report)
+    if json_wanted:
+        click.echo(as_json(found.to_dict()))
+    else:
+        for line in found.lines():
+            click.echo(line)
+    _say_where("Report", report, json_wanted)
+
+
+def _check_outputs(inputs: tuple[str | None, ...], *outputs: str | None) -> None:
+    """Refuse, before any work, what cannot be written, and what would replace a file that is read or also written."""
+    taken = {Path(path).resolve() for path in inputs if path}
+    for path in outputs:
+        if path is None:
+            continue
+        place = check_writable(path).resolve()
+        if place in taken:
+            raise DataError(f"{path}: it is named twice in the command; give every file a name of its own.")
+        taken.add(place)
+
+
+def _read(file: str, progress: Stages) -> Demonstrations:
+    from rpil import formats
+
+    progress(f"reading {file}")
+    return formats.read(file)
+
+
+def _fit_rpil(
+    demonstrations: Demonstrations,
+    progress: Stages,
+    *,
+    boxed: bool,
+    labels: str | None,
+    features: str,
+    adversary: str,
+    seed: int,
+) -> RPIL:
+    """RPIL with the options of the command; `boxed` where a box will say what cannot be known."""
+    from rpil import formats
+
+    known = formats.read_labels(labels) if labels else {}
+    # Also done by the estimator, which cannot name the file.
+    formats.match_labels(known, demonstrations.ids, str(labels))
+    progress("starting")
+    from rpil.estimators import RPIL, AmbiguousWarning
+
+    model = RPIL(features=features, adversary=adversary, labels=known or None, random_state=seed, progress=progress)
+    if boxed:
+        warnings.simplefilter("ignore", AmbiguousWarning)
+    return model.fit(demonstrations)
+
+
+def _explain(ctx: click.Context, audit: Audit, warning: str = "") -> None:
+    """Say what cannot be known, if anything, and which command to run next."""
+    if audit.identifiable:
+        return
+    labels = ctx.params["labels"] or "labels.csv"
+    words = ["rpil", str(ctx.info_name)]
+    for param in ctx.command.params:
+        name, value = str(param.name), ctx.params[str(param.name)]
+        if isinstance(param, click.Argument):
+            words.append(value)
+        elif name != "labels" and ctx.get_parameter_source(name) is ParameterSource.COMMANDLINE:
+            words += [param.opts[0]] if value is True else [param.opts[0], str(value)]
+    show_ambiguity(audit, labels, warning)
+    click.echo(f"Then run: {shlex.join([*words, '--labels', labels])}")
+
+
+def _say_where(what: str, path: str | None, json_wanted: bool) -> None:
+    if path:
+        click.echo(f"{what}: {path}", err=json_wanted)

@@ -1,0 +1,371 @@
+"""Fitted estimators to a file and back, without pickle.
+
+The file is a ZIP archive of plain ``.npy`` arrays, as `numpy.savez` makes it, and one ``header.json`` with all the
+rest. A header is a tree: numbers and text stand for themselves; an array is named by its member of the archive; an
+object is the name of a class in `_KNOWN` and its fields. `load` makes objects of those classes only, and only where
+every array has the type and the shape that the class says.
+"""
+
+from __future__ import annotations
+
+import io
+import json
+import zipfile
+from collections.abc import Mapping
+from dataclasses import fields, is_dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.lib import format as npy
+from numpy.typing import NDArray
+from sklearn.utils.validation import check_is_fitted
+
+from rpil import __version__
+from rpil.adversaries import Complement, Confusion, Constant, Marginal, OwnPolicy, Uniform
+from rpil.audit import Audit, Interval
+from rpil.demonstrations import Demonstrations
+from rpil.em import Prior, State
+from rpil.errors import DataError
+from rpil.estimators import RPIL, BehavioralCloning
+from rpil.features import FeatureMap
+from rpil.files import StrPath, check_readable, replacing
+from rpil.policies import SoftmaxPolicy
+from rpil.reliability import PointMasses, TwoBetas
+
+SCHEMA = "rpil fitted estimator"
+VERSION = 1
+
+_HEADER = "header.json"
+_ESTIMATORS: dict[str, Any] = {"RPIL": RPIL, "BehavioralCloning": BehavioralCloning}
+
+# The arrays of each class: every axis a number or a letter that means one size all through the file, perhaps plus one.
+# D observations, F features, K actions, M demonstrations, N steps, J reliabilities.
+_KNOWN: dict[type, dict[str, str]] = {
+    FeatureMap: {"knots": "knots D", "location": "D", "spread": "D", "center": "F", "scale": "F"},
+    SoftmaxPolicy: {"weights": "F+1 K", "ridge": "F+1"},
+    State: {},
+    Prior: {},
+    Interval: {},
+    TwoBetas: {},
+    PointMasses: {"nodes": "J", "log_weight": "2 J"},
+    Constant: {},
+    Uniform: {},
+    Marginal: {"log_frequency": "K"},
+    Complement: {},
+    Confusion: {"log_matrix": "K K"},
+    OwnPolicy: {},
+    Audit: {
+        "offsets": "M+1",
+        "log_odds": "M",
+        "expert_proba": "M",
+        "reliability": "M",
+        "reliability_interval": "M 2",
+        "step_log_ratio": "N",
+        "step_weight": "N",
+        "history": "iterations",
+    },
+}
+_BY_NAME = {known.__name__: known for known in _KNOWN}
+_FITTED = {
+    "BehavioralCloning": ("features_", "policy_"),
+    "RPIL": ("features_", "policy_", "search_features_", "audit_", "n_iter_", "lower_bound_", "converged_"),
+}
+_NAMES = ("feature_names_in_", "observation_names_")  # of data frames, and of `Demonstrations`
+
+
+def save(estimator: RPIL | BehavioralCloning, path: StrPath) -> None:
+    """Write a fitted estimator to a file of any name.
+
+    All of it comes back, bit for bit, but for what only its own program can make: `progress`, and an adversary of a
+    class that is not in `rpil.adversaries`. Without the latter a loaded model still predicts and has its `audit_`, but
+    cannot score further demonstrations.
+
+    Parameters
+    ----------
+    estimator : RPIL or BehavioralCloning
+    path : path
+
+    Raises
+    ------
+    DataError
+        Where it is another kind of estimator or the path cannot be written; a file that was there stays as it was.
+    """
+    kind = type(estimator).__name__
+    if _ESTIMATORS.get(kind) is not type(estimator):
+        raise DataError(f"{path}: a {kind} cannot be saved; save one of {', '.join(_ESTIMATORS)}.")
+    check_is_fitted(estimator)
+    arrays: dict[str, NDArray[Any]] = {}
+    header = {
+        "schema": SCHEMA,
+        "version": VERSION,
+        "rpil": __version__,
+        "class": kind,
+        "names": {name: [*map(str, getattr(estimator, name))] for name in _NAMES if len(getattr(estimator, name, ()))},
+        "params": _params(estimator, arrays),
+        "classes": _encode(_plain(estimator.classes_, path), "classes", arrays),
+        "fitted": {name: _encode(getattr(estimator, name), name.strip("_"), arrays) for name in _FITTED[kind]},
+    }
+    if isinstance(estimator, RPIL):
+        header |= _state(estimator, arrays)
+    with replacing(path) as temporary, zipfile.ZipFile(temporary, "w") as archive:
+        archive.writestr(_member(_HEADER), json.dumps(header, indent=1))
+        for name, array in arrays.items():
+            stream = io.BytesIO()
+            npy.write_array(stream, array, allow_pickle=False)
+            archive.writestr(_member(f"{name}.npy"), stream.getvalue())
+
+
+def load(path: StrPath) -> RPIL | BehavioralCloning:
+    """Read what `save` wrote; nothing is ever unpickled.
+
+    Raises
+    ------
+    DataError
+        One sentence: no such file, no saved estimator, another version of the format, or a damaged file.
+    """
+    path = check_readable(path)
+    header, arrays = _read(path)
+    try:
+        estimator = _restore(header, _Decoder(arrays))
+        with np.errstate(all="ignore"):
+            _try_out(estimator)
+    except (KeyError, TypeError, ValueError, IndexError, AttributeError) as error:
+        raise DataError(f"{path}: its parts do not belong together; fit and save it again.") from error
+    estimator.source_ = path.name  # so that messages about it can say which file to replace
+    return estimator
+
+
+def _member(name: str) -> zipfile.ZipInfo:
+    """An entry of the archive without the time of day, so that the same model is the same file."""
+    info = zipfile.ZipInfo(name)
+    info.external_attr = 0o600 << 16  # readable when unpacked
+    return info
+
+
+def _plain(classes: NDArray[Any], path: StrPath) -> NDArray[Any]:
+    """Classes without Python objects: pandas hands text over as those."""
+    if classes.dtype.kind == "O" and all(isinstance(value, str) for value in classes):
+        return classes.astype(np.str_)
+    if classes.dtype.kind not in "biufU":
+        raise DataError(f"{path}: actions of type {classes.dtype} cannot be saved; fit on whole numbers or text.")
+    return classes
+
+
+def _params(estimator: Any, arrays: dict[str, NDArray[Any]]) -> dict[str, Any]:
+    """Constructor parameters; one that is nothing plain is left out, an adversary of unknown class but its name."""
+    params = {}
+    given = estimator.get_params(deep=False)
+    given.pop("progress", None)
+    for name, value in given.items():
+        plain = value.tolist() if isinstance(value, np.ndarray) else value
+        try:
+            params[name] = _encode(plain, f"params/{name}", arrays)
+        except _UnknownClassError as error:
+            if name == "adversary":
+                params[name] = error.name
+    return params
+
+
+def _state(estimator: RPIL, arrays: dict[str, NDArray[Any]]) -> dict[str, Any]:
+    """The header's entry for the EM state, or the name of the class that keeps it from being saved."""
+    if isinstance(estimator.state_, _NotSaved):
+        return {"state": None, "state_needs": estimator.state_.needs}
+    own: dict[str, NDArray[Any]] = {}
+    try:
+        entry = _encode(estimator.state_, "state", own)
+    except _UnknownClassError as error:
+        return {"state": None, "state_needs": error.name}
+    arrays |= own
+    return {"state": entry, "state_needs": None}
+
+
+class _UnknownClassError(Exception):
+    """Something of a class that a file cannot hold."""
+
+    def __init__(self, value: Any) -> None:
+        self.name = type(value).__name__
+        super().__init__(self.name)
+
+
+def _encode(value: Any, name: str, arrays: dict[str, NDArray[Any]]) -> Any:
+    """`value` as a node of the header; its arrays go to `arrays`, under names that begin with `name`."""
+    if isinstance(value, np.generic):
+        value = value.item()
+    if value is None or isinstance(value, bool | int | float | str):
+        return value
+    if isinstance(value, np.ndarray) and value.dtype.kind in "biufU":
+        arrays[name] = value
+        return {"array": name}
+    if isinstance(value, tuple | list):
+        return [_encode(item, f"{name}/{k}", arrays) for k, item in enumerate(value)]
+    if isinstance(value, Mapping):
+        return {"pairs": [[_encode(part, name, arrays) for part in pair] for pair in value.items()]}
+    if type(value) not in _KNOWN or not is_dataclass(value):
+        raise _UnknownClassError(value)
+    content = {f: _encode(getattr(value, f), f"{name}/{f}", arrays) for f in _field_names(type(value))}
+    return {"class": type(value).__name__, "fields": content}
+
+
+def _field_names(known: type) -> list[str]:
+    """What an object is made of; private fields are what a computation remembers for speed."""
+    return [field.name for field in fields(known) if not field.name.startswith("_")]
+
+
+class _Decoder:
+    """Nodes of a header back to values, each array used once and checked against the sizes seen before."""
+
+    def __init__(self, arrays: dict[str, NDArray[Any]]) -> None:
+        self.arrays = dict(arrays)
+        self.sizes: dict[str, int] = {}
+
+    def array(self, node: Any, axes: str, dtype: type | None = None) -> NDArray[Any]:
+        """The array that `node` names; axes as in `_KNOWN`."""
+        array = self.arrays.pop(node["array"])
+        letters = axes.split()
+        if array.ndim != len(letters) or (dtype is not None and array.dtype != dtype):
+            raise ValueError(node)
+        for size, letter in zip(array.shape, letters, strict=True):
+            letter, _, more = letter.partition("+")
+            expected = int(letter) if letter.isdigit() else self.sizes.setdefault(letter, size - int(more or 0))
+            if size != expected + int(more or 0):
+                raise ValueError(node)
+        if array.dtype.kind == "f" and np.isnan(array).any():
+            raise ValueError(node)
+        return array
+
+    def value(self, node: Any) -> Any:
+        """What `_encode` was given; lists come back as tuples."""
+        if isinstance(node, list):
+            return tuple(self.value(item) for item in node)
+        if not isinstance(node, dict):
+            return node
+        if node.keys() == {"pairs"}:
+            return {self.value(key): self.value(value) for key, value in node["pairs"]}
+        known, content = _BY_NAME[node["class"]], node["fields"]
+        if node.keys() != {"class", "fields"} or content.keys() != set(_field_names(known)):
+            raise KeyError(node["class"])
+        shapes = _KNOWN[known]
+        return known(
+            **{
+                name: self.array(part, shapes[name], np.int64 if name == "offsets" else np.float64)
+                if name in shapes
+                else self.value(part)
+                for name, part in content.items()
+            }
+        )
+
+
+def _restore(header: dict[str, Any], decoder: _Decoder) -> Any:
+    kind = header["class"]
+    classes = decoder.array(header["classes"], "K")
+    params = {name: decoder.value(node) for name, node in header["params"].items()}
+    estimator = _ESTIMATORS[kind](**params)
+    estimator.classes_ = classes
+    if header["fitted"].keys() != set(_FITTED[kind]):
+        raise KeyError("fitted")
+    for name, node in header["fitted"].items():
+        setattr(estimator, name, decoder.value(node))
+    if kind == "RPIL":
+        needs = header["state_needs"]
+        estimator.state_ = _NotSaved(needs) if needs is not None else decoder.value(header["state"])
+    estimator.n_features_in_ = decoder.sizes["D"]
+    for name, texts in header["names"].items():
+        if name not in _NAMES or len(texts) != estimator.n_features_in_:
+            raise ValueError(name)
+        setattr(estimator, name, np.array(texts, dtype=object) if name == "feature_names_in_" else tuple(texts))
+    if decoder.arrays:
+        raise KeyError(f"unknown arrays {sorted(decoder.arrays)}")
+    return estimator
+
+
+def _try_out(estimator: Any) -> None:
+    """Use the estimator on one made-up step: parts that do not fit each other fail here, not in the user's hands."""
+    observation, classes = np.zeros((1, estimator.n_features_in_)), estimator.classes_
+    log_proba = estimator.policy_.log_proba(estimator.features_.design(observation))
+    sound = np.isfinite(log_proba).all() and (classes[:-1] < classes[1:]).all()
+    if isinstance(estimator, RPIL):
+        audit = estimator.audit_
+        bounds = audit.offsets[[0, -1]].tolist() == [0, len(audit.step_weight)] and (audit.lengths > 0).all()
+        sound &= bounds and len(audit.ids) == len(audit.verdicts) == len(audit.log_odds)
+        json.dumps(audit.to_dict())
+        if not isinstance(estimator.state_, _NotSaved):
+            one_step = Demonstrations(observation, classes[:1], np.array([0, 1]))
+            sound &= not np.isnan(estimator.score_demonstrations(one_step)).any()
+    if not sound:
+        raise ValueError("values out of range")
+
+
+class _NotSaved:
+    """Takes the place of the EM state where the file could not hold it; says so as soon as it is needed."""
+
+    def __init__(self, needs: str) -> None:
+        self.needs = needs
+
+    @property
+    def policy(self) -> Any:
+        """Never there.
+
+        Raises
+        ------
+        DataError
+            Always.
+        """
+        raise DataError(
+            f"This model was saved without its adversary, because {self.needs} is no class of rpil; it predicts, but "
+            "to score demonstrations fit it again."
+        )
+
+    adversary = prior = reliability = policy
+
+
+def _read(path: Path) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
+    """The header, of the right schema and version, and every array of the archive."""
+    foreign = f"{path}: it is no policy that rpil saved; make one with rpil fit, or rpil.save."
+    if not zipfile.is_zipfile(path):
+        with path.open("rb") as file:
+            started = file.read(2) == b"PK"
+        raise DataError(f"{path}: it is damaged or truncated; fit and save it again." if started else foreign)
+    try:
+        with zipfile.ZipFile(path) as archive:
+            names = archive.namelist()
+            header = json.loads(archive.read(_HEADER)) if _HEADER in names else None
+            if not isinstance(header, dict) or header.get("schema") != SCHEMA:
+                raise DataError(foreign)
+            _check_known(path, header)
+            arrays = {name.removesuffix(".npy"): _array(archive.read(name)) for name in names if name != _HEADER}
+    except DataError:
+        raise
+    except Exception as error:  # a damaged file makes zipfile, zlib, tokenize and numpy raise whatever they like
+        if "allow_pickle" in str(error):
+            raise DataError(
+                f"{path}: it holds Python objects, which are never unpickled because that can run any code; "
+                "fit and save it again."
+            ) from error
+        raise DataError(f"{path}: it is damaged or truncated; fit and save it again.") from error
+    if len(set(names)) < len(names):
+        raise DataError(f"{path}: it holds two arrays of one name; fit and save it again.")
+    return header, arrays
+
+
+def _check_known(path: Path, header: dict[str, Any]) -> None:
+    """Refuse what a later rpil may have written."""
+    version, made_by = header.get("version"), header.get("rpil")
+    if version != VERSION:
+        raise DataError(
+            f"{path}: rpil {made_by} saved it in version {version!r} of the format, but rpil {__version__} reads "
+            f"version {VERSION}; use that rpil, or fit and save again."
+        )
+    if header.get("class") not in _ESTIMATORS:
+        raise DataError(
+            f"{path}: it holds a {header.get('class')!r}, which rpil {__version__} does not know; "
+            f"use rpil {made_by}, or fit and save again."
+        )
+
+
+def _array(content: bytes) -> NDArray[Any]:
+    stream = io.BytesIO(content)
+    array: NDArray[Any] = npy.read_array(stream, allow_pickle=False)
+    if stream.read(1):
+        raise ValueError("bytes after the array")
+    return array

@@ -1,0 +1,165 @@
+"""A zoo of small made-up problems: softmax experts, and bad demonstrations of every sort, from one seed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import softmax
+
+from rpil.adversaries import adversary
+from rpil.demonstrations import Demonstrations
+from rpil.em import Prior, Problem, State
+from rpil.features import FeatureMap
+from rpil.policies import SoftmaxPolicy
+from rpil.reliability import PointMasses, Reliability, TwoBetas
+
+Array = NDArray[Any]
+
+LEVELS = {"demonstration": PointMasses, "both": TwoBetas.start}
+
+
+@dataclass(frozen=True, eq=False)
+class Toy:
+    """Demonstrations of which all is known.
+
+    Attributes
+    ----------
+    observations : (N, D) array
+    actions : (N,) int array
+    offsets : (M + 1,) int array
+    n_actions : int
+    is_good : (M,) bool array
+    labels : (M,) int array
+        What the fit may know: 1 expert, -1 adversary, 0 nothing.
+    weights : (D + 1, K) array
+        Of the softmax expert, the constant last.
+    """
+
+    observations: Array
+    actions: Array
+    offsets: Array
+    n_actions: int
+    is_good: Array
+    labels: Array
+    weights: Array
+
+    @property
+    def ids(self) -> tuple[str, ...]:
+        return tuple(f"d{m}" for m in range(len(self.is_good)))
+
+    @property
+    def groups(self) -> Array:
+        return np.repeat(np.arange(len(self.is_good)), np.diff(self.offsets))
+
+    @property
+    def demonstrations(self) -> Demonstrations:
+        return Demonstrations.from_arrays(self.observations, self.actions, self.offsets, self.ids)
+
+    def problem(self, features: str = "raw") -> Problem:
+        """As EM wants it."""
+        design = FeatureMap.fit(features, self.observations).design(self.observations)
+        return Problem(design, self.actions, self.offsets, self.n_actions, self.labels)
+
+    def labelled(self, labels: dict[int, int]) -> Toy:
+        """The same with ``labels`` {index: 1 or -1}."""
+        known = np.zeros(len(self.is_good), dtype=int)
+        for m, label in labels.items():
+            known[m] = label
+        return replace(self, labels=known)
+
+
+def make(
+    kind: str,
+    seed: int,
+    *,
+    n_actions: int = 3,
+    n_observations: int = 2,
+    n_good: int = 6,
+    n_bad: int = 6,
+    steps: tuple[int, int] = (20, 40),
+    sharpness: float = 4.0,
+) -> Toy:
+    """Softmax experts in states of a standard Gaussian, the good demonstrations first.
+
+    `kind` is what the bad ones do: "random" actions; "flipped" (K-1-k for k) or "shifted" (k+1 for k) ones; "noisy",
+    half of them random; random in a "window" of half the steps; "none" spoils none.
+    """
+    rng = np.random.default_rng(seed)
+    weights = rng.normal(size=(n_observations + 1, n_actions)) * sharpness
+    weights[-1] /= 4
+    lengths = rng.integers(steps[0], steps[1], size=n_good + n_bad, endpoint=True)
+    offsets = np.concatenate([[0], np.cumsum(lengths)])
+    observations = rng.normal(size=(offsets[-1], n_observations))
+    proba = softmax(observations @ weights[:-1] + weights[-1], axis=1)
+    actions = (proba.cumsum(axis=1) < rng.random((offsets[-1], 1))).sum(axis=1)
+    for m in range(n_good, n_good + n_bad):
+        mine = slice(offsets[m], offsets[m + 1])
+        actions[mine] = _spoil(kind, actions[mine], n_actions, rng)
+    actions[:n_actions] = np.arange(n_actions)  # every action occurs
+    is_good = np.arange(n_good + n_bad) < n_good
+    return Toy(observations, actions, offsets, n_actions, is_good, np.zeros(len(is_good), dtype=int), weights)
+
+
+def _spoil(kind: str, actions: Array, n_actions: int, rng: np.random.Generator) -> Array:
+    n = len(actions)
+    anything = rng.integers(n_actions, size=n)
+    match kind:
+        case "random":
+            return anything
+        case "flipped":
+            return n_actions - 1 - actions
+        case "shifted":
+            return (actions + 1) % n_actions
+        case "noisy":
+            return np.where(rng.permutation(n) < n / 2, anything, actions)
+        case "window":
+            return np.where((np.arange(n) + rng.integers(n)) % n < n / 2, anything, actions)
+        case "none":
+            return actions
+    raise ValueError(kind)
+
+
+def zoo(seed: int = 0) -> dict[str, Toy]:
+    """Name -> problem."""
+    constant = make("random", seed, n_observations=3)
+    constant.observations[:, 1] = 7.0
+    lengths = make("random", seed, n_good=8, n_bad=8, steps=(1, 400), n_observations=1)
+    return {
+        "random": make("random", seed),
+        "flipped": make("flipped", seed, n_actions=4),
+        "shifted": make("shifted", seed, n_bad=4),
+        "noisy": make("noisy", seed, n_observations=5),
+        "window": make("window", seed, n_actions=4),
+        "none bad": make("none", seed),
+        "mostly bad": make("random", seed, n_good=2, n_bad=10),
+        "one step each": make("random", seed, n_good=30, n_bad=20, steps=(1, 1)),
+        "unequal lengths": lengths,
+        "constant observation": constant,
+        "two actions": make("flipped", seed, n_actions=2, n_bad=3),
+        "two actions, random": make("random", seed, n_actions=2, n_observations=1),
+        "five actions": make("random", seed, n_actions=5),
+        "labelled": make("flipped", seed, n_bad=8).labelled({0: 1, 13: -1}),
+    }
+
+
+RIDGE = 1e-3
+"""A step."""
+
+
+def ridge(problem: Problem) -> Array:
+    """A weak penalty on all but the constant."""
+    penalty = np.full(problem.features.shape[1], RIDGE * len(problem.actions))
+    penalty[-1] = 0.0
+    return penalty
+
+
+def pooled_state(problem: Problem, which: str, reliability: Reliability) -> State:
+    """Where EM starts by default: the policy that trusts everybody."""
+    penalty = ridge(problem)
+    policy, _ = SoftmaxPolicy.zero(problem.n_actions, penalty).fit(
+        problem.features, problem.one_hot(np.ones(len(problem.actions)))
+    )
+    return State(policy, adversary(which, problem.n_actions, penalty), Prior(), reliability)

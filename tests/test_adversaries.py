@@ -1,0 +1,244 @@
+"""Every adversary is the distribution it claims to be, knows what was intended, and learns without ever losing."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.special import log_softmax
+
+from rpil.adversaries import ADVERSARIES, Complement, Confusion, Marginal, Uniform, adversary
+from rpil.em import Problem
+from rpil.errors import DataError
+
+N = 40
+LEARNED = ("marginal", "confusion", "own policy")
+
+
+def steps(n_actions: int, seed: int = 0) -> tuple[NDArray, NDArray, NDArray]:
+    """Features, a policy's log-probabilities and actions."""
+    rng = np.random.default_rng(seed)
+    features = np.column_stack([rng.normal(size=(N, 2)), np.ones(N)])
+    log_policy = log_softmax(3 * rng.normal(size=(N, n_actions)), axis=1)
+    return features, log_policy, rng.integers(n_actions, size=N)
+
+
+def fitted(name: str, n_actions: int, seed: int = 0):
+    """An adversary that has seen some steps, so that it is not at its start."""
+    features, log_policy, actions = steps(n_actions, seed + 100)
+    new = adversary(name, n_actions, np.array([0.3, 0.3, 0.0]))
+    return new.fit(features, log_policy, actions, np.random.default_rng(seed).random(N))
+
+
+def matrix(found: Confusion) -> NDArray:
+    return np.exp(found.log_matrix)
+
+
+def by_action(found, features, log_policy) -> NDArray:
+    """psi(k|s) of every action, (N, K)."""
+    n, n_actions = log_policy.shape
+    columns = [found.log_prob(features, log_policy, np.full(n, k)) for k in range(n_actions)]
+    return np.exp(np.stack(columns, axis=1))
+
+
+def brute_force(name: str, found, features, log_policy) -> NDArray:
+    """psi from its definition, (N, K), in plain probabilities."""
+    pi = np.exp(log_policy)
+    n_actions = pi.shape[1]
+    match name:
+        case "constant":
+            return np.ones_like(pi)
+        case "uniform":
+            return np.full_like(pi, 1 / n_actions)
+        case "marginal":
+            return np.tile(np.exp(found.log_frequency), (len(pi), 1))
+        case "complement":
+            return 1 - pi
+        case "normalised complement":
+            return (1 - pi) / (n_actions - 1)
+        case "confusion":
+            return pi @ matrix(found)
+        case "own policy":
+            logits = features @ found.policy.weights
+            return np.exp(log_softmax(logits, axis=1))
+    raise ValueError(name)
+
+
+@pytest.mark.parametrize("n_actions", [2, 3, 5])
+@pytest.mark.parametrize("name", ADVERSARIES)
+def test_log_prob_is_the_definition(name, n_actions):
+    features, log_policy, actions = steps(n_actions)
+    found = fitted(name, n_actions)
+    assert found.name == name
+    expected = brute_force(name, found, features, log_policy)
+    np.testing.assert_allclose(by_action(found, features, log_policy), expected, rtol=1e-9)
+    np.testing.assert_allclose(
+        found.log_prob(features, log_policy, actions), np.log(expected[np.arange(N), actions]), atol=1e-9
+    )
+
+
+@pytest.mark.parametrize("n_actions", [2, 3, 5])
+@pytest.mark.parametrize("name", ADVERSARIES)
+def test_sums(name, n_actions):
+    """All but two are distributions: the constant sums to K, the paper's complement to K - 1."""
+    features, log_policy, _ = steps(n_actions)
+    total = {"constant": n_actions, "complement": n_actions - 1}.get(name, 1)
+    np.testing.assert_allclose(by_action(fitted(name, n_actions), features, log_policy).sum(axis=1), total)
+
+
+@pytest.mark.parametrize("normalised", [False, True])
+def test_complement_is_exact_where_the_policy_is_all_but_certain(normalised):
+    log_policy = log_softmax(np.array([[0.0, -700.0, -700.0], [0.0, -2000.0, -3000.0]]), axis=1)
+    found = Complement(normalised).log_prob(np.empty((2, 0)), log_policy, np.zeros(2, dtype=int))
+    np.testing.assert_allclose(found, np.array([-700.0 + np.log(2), -2000.0]) - normalised * np.log(2), rtol=1e-15)
+
+
+@pytest.mark.parametrize("n_actions", [2, 3, 5])
+def test_confusion_contains_the_normalised_complement_and_the_uniform(n_actions):
+    features, log_policy, actions = steps(n_actions)
+    others = Confusion.given((1 - np.eye(n_actions)) / (n_actions - 1))
+    anything = Confusion.given(np.full((n_actions, n_actions), 1 / n_actions))
+    for confusion, plain in ((others, Complement(normalised=True)), (anything, Uniform())):
+        arguments = features, log_policy, actions
+        np.testing.assert_allclose(confusion.log_prob(*arguments), plain.log_prob(*arguments), atol=1e-12)
+    np.testing.assert_allclose(
+        others.intended(log_policy, actions), Complement().intended(log_policy, actions), atol=1e-12
+    )
+    np.testing.assert_allclose(anything.intended(log_policy, actions), np.exp(log_policy), atol=1e-12)
+
+
+def test_a_given_permutation_says_what_was_meant():
+    swap = Confusion.given(np.eye(3)[[2, 1, 0]])
+    features, log_policy, actions = steps(3)
+    np.testing.assert_allclose(swap.intended(log_policy, actions), np.eye(3)[2 - actions])
+    expected = log_policy[np.arange(N), 2 - actions]
+    np.testing.assert_allclose(swap.log_prob(features, log_policy, actions), expected)
+
+
+@pytest.mark.parametrize("n_actions", [2, 3, 5])
+@pytest.mark.parametrize("name", ["complement", "normalised complement", "confusion"])
+def test_intended_is_the_posterior(name, n_actions):
+    """Bayes by enumeration: P(j | a) = P(j) P(a | j) / sum."""
+    _, log_policy, actions = steps(n_actions)
+    found = fitted(name, n_actions)
+    emission = matrix(found) if name == "confusion" else (1 - np.eye(n_actions)) / (n_actions - 1)
+    intended = found.intended(log_policy, actions)
+    for n in range(N):
+        joint = [np.exp(log_policy[n, j]) * emission[j, actions[n]] for j in range(n_actions)]
+        np.testing.assert_allclose(intended[n], np.array(joint) / sum(joint), atol=1e-12)
+    np.testing.assert_allclose(intended.sum(axis=1), 1.0)
+
+
+def test_intended_where_the_policy_is_all_but_certain():
+    log_policy = log_softmax(np.array([[0.0, -2000.0, -2000.0 - np.log(3)]]), axis=1)
+    intended = Complement().intended(log_policy, np.array([0]))
+    np.testing.assert_allclose(intended, [[0.0, 0.75, 0.25]], atol=1e-12)
+
+
+@pytest.mark.parametrize("name", ["constant", "uniform", "marginal", "own policy"])
+def test_the_others_teach_nothing(name):
+    _, log_policy, actions = steps(3)
+    assert fitted(name, 3).intended(log_policy, actions) is None
+
+
+@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("n_actions", [2, 4])
+@pytest.mark.parametrize("name", ADVERSARIES)
+def test_fit_never_loses(name, n_actions, seed):
+    features, log_policy, actions = steps(n_actions, seed)
+    weight = np.random.default_rng(seed).random(N) * (actions > 0)  # one action never taken
+
+    def objective(found):
+        return weight @ found.log_prob(features, log_policy, actions) + found.log_prior()
+
+    found = adversary(name, n_actions, np.array([0.3, 0.3, 0.0]))
+    before = objective(found)
+    for _ in range(5):
+        found = found.fit(features, log_policy, actions, weight)
+        after = objective(found)
+        assert after >= before - 1e-9
+        before = after
+    assert np.isfinite(before)
+
+
+@pytest.mark.parametrize("name", LEARNED)
+def test_fit_learns(name):
+    """Each recovers what made the steps."""
+    rng = np.random.default_rng(0)
+    n = 20_000
+    features = np.column_stack([rng.normal(size=n), np.ones(n)])
+    log_policy = log_softmax(features @ np.array([[3.0, 0.0, -3.0], [0.0, 0.5, 0.0]]), axis=1)
+    truth = {
+        "marginal": np.tile([0.6, 0.3, 0.1], (n, 1)),
+        "confusion": np.exp(log_policy) @ np.array([[0.1, 0.1, 0.8], [0.2, 0.6, 0.2], [0.7, 0.2, 0.1]]),
+        "own policy": np.exp(log_softmax(features @ np.array([[-1.0, 0.0, 2.0], [0.0, 1.0, 0.0]]), axis=1)),
+    }[name]
+    actions = (truth.cumsum(axis=1) < rng.random((n, 1))).sum(axis=1)
+    found = adversary(name, 3, np.zeros(2))
+    for _ in range(200 if name == "confusion" else 5):
+        found = found.fit(features, log_policy, actions, np.ones(n))
+    np.testing.assert_allclose(by_action(found, features, log_policy), truth, atol=0.03)
+
+
+def test_learned_parameters_are_modes():
+    """Marginal and confusion under their Dirichlet priors: one pseudo-step an action, and an entry."""
+    actions, weight = np.array([0, 0, 1]), np.array([1.0, 0.5, 2.0])
+    features, certain = np.empty((3, 0)), np.log(np.array([[1.0, 0, 0], [0, 1, 0], [0, 0, 1]]) + 1e-300)
+    found = Marginal.start(3).fit(features, certain, actions, weight)
+    np.testing.assert_allclose(np.exp(found.log_frequency), np.array([2.5, 3.0, 1.0]) / 6.5)
+    learned = Confusion.start(3).fit(features, certain, actions, weight)
+    np.testing.assert_allclose(
+        matrix(learned), [[2 / 4, 1 / 4, 1 / 4], [1.5 / 3.5, 1 / 3.5, 1 / 3.5], [1 / 5, 3 / 5, 1 / 5]]
+    )
+
+
+def test_given_confusion_is_never_learned():
+    given = Confusion.given(np.eye(3)[[1, 2, 0]])
+    assert given.fit(*steps(3), np.ones(N)) is given
+    assert given.log_prior() == 0.0
+
+
+@pytest.mark.parametrize(
+    "bad", [[[0.5, 0.5]], [0.5, 0.5], [[1.0, 1.0], [0.0, 1.0]], [[1.5, -0.5], [0.0, 1.0]], [[np.nan, 1.0], [0.0, 1.0]]]
+)
+def test_given_confusion_must_be_square_rows_of_distributions(bad):
+    with pytest.raises(DataError, match="rows are distributions") as error:
+        Confusion.given(bad)
+    assert ". " not in str(error.value)
+
+
+def test_unknown_name():
+    with pytest.raises(DataError, match="'evil'; choose auto, constant, uniform"):
+        adversary("evil", 3, np.zeros(2))
+
+
+def test_given_confusion_must_have_the_actions_of_the_data():
+    given = Confusion.given(np.eye(2))
+    assert adversary(given, 2, np.zeros(2)) is given
+    with pytest.raises(DataError, match="2 x 2 was given for 3 actions"):
+        adversary(given, 3, np.zeros(2))
+
+
+def test_what_cannot_be_pressed_was_meant_by_nobody():
+    features, log_policy, _ = steps(3)
+    stuck = Confusion.given([[0, 1, 0]] * 3)
+    actions = np.arange(N) % 2
+    log_prob, intended = stuck.log_prob(features, log_policy, actions), stuck.intended(log_policy, actions)
+    np.testing.assert_allclose(log_prob, np.where(actions == 1, 0.0, -np.inf), atol=1e-12)
+    np.testing.assert_allclose(intended, np.where(actions[:, None] == 1, np.exp(log_policy), 0.0), atol=1e-12)
+
+
+def test_soft_targets_bound_log_one_minus_pi_from_below():
+    """model.md: with q from the old policy, the M-step's gain is at most the gain of log(1 - pi): 2,000 draws."""
+    rng = np.random.default_rng(0)
+    for n_actions in (2, 3, 5):
+        old, new = log_softmax(4 * rng.normal(size=(2, 2000, n_actions)), axis=2)
+        actions = rng.integers(n_actions, size=2000)
+        q = Complement().intended(old, actions)
+        problem = Problem(np.empty((2000, 0)), actions, np.array([0, 2000]), n_actions, np.zeros(1, dtype=int))
+        assert (q[np.arange(2000), actions] == 0).all()
+        surrogate = (q * (new - old)).sum(axis=1)
+        gain = Complement().log_prob(problem.features, new, actions) - Complement().log_prob(
+            problem.features, old, actions
+        )
+        assert (gain - surrogate).min() >= -1e-9

@@ -1,0 +1,39 @@
+"""Imports flow one way, files stay short, nothing is unpickled: docs/architecture.md says why."""
+
+from __future__ import annotations
+
+import ast
+import re
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1] / "src" / "rpil"
+FILES = sorted(path for path in ROOT.rglob("*.py") if path != ROOT / "__init__.py")
+# A part imports from those before it only; a package is one part.
+# fmt: off
+ORDER = [
+    "errors", "_arrays", "files", "demonstrations", "formats",
+    "passes", "features", "solvers", "policies", "adversaries", "reliability", "em", "search", "identify",
+    "audit", "estimators", "persistence", "experts", "corruptions", "rollouts", "simulate", "simulation",
+    "plots", "report", "data", "demo", "terminal", "cli", "__main__",
+]
+# fmt: on
+
+
+def imports(path: Path) -> set[str]:
+    """Parts of rpil that a file imports when it is imported itself."""
+    tree = [node for node in ast.parse(path.read_text()).body if isinstance(node, ast.Import | ast.ImportFrom)]
+    names = {
+        f"{node.module}." if isinstance(node, ast.ImportFrom) else f"{n.name}." for node in tree for n in node.names
+    }
+    return {name.split(".")[1] for name in names if name.startswith("rpil.")} - {""}
+
+
+@pytest.mark.parametrize("path", FILES, ids=lambda path: str(path.relative_to(ROOT)))
+def test_module(path):
+    part = path.relative_to(ROOT).parts[0].removesuffix(".py")
+    assert part in ORDER, f"say in ORDER where {part} belongs"
+    assert imports(path) <= {*ORDER[: ORDER.index(part)], part}
+    assert len(path.read_text().splitlines()) <= 400
+    assert not re.search(r"^\s*(import|from) (pickle|joblib|dill|cloudpickle)\b", path.read_text(), re.MULTILINE)

@@ -1,0 +1,164 @@
+"""What the user is told follows from the posterior by rules that are written down."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+from scipy.special import logit
+from scipy.stats import beta as beta_distribution
+
+from audits import make_audit
+from problems import Toy, make, pooled_state
+from rpil.audit import SURE, WHOLE, Audit, summarise
+from rpil.em import Posterior, Prior, Problem, Result, State, run
+from rpil.errors import DataError
+from rpil.reliability import TwoBetas, beta_table
+
+IDS = ("a", "b", "c", "d", "e")
+LENGTHS = np.array([3, 1, 4, 2, 5])
+
+
+def told(
+    log_odds: tuple[float, ...],
+    *,
+    labels: tuple[int, ...] = (0,) * 5,
+    competing: tuple[tuple[int, ...], ...] = (),
+    prior: Prior | None = None,
+    node: tuple[int, ...] = (31, 31, 3, 3, 3),
+    log_ratio: np.ndarray | None = None,
+) -> Audit:
+    """The audit of five demonstrations whose reliabilities are known: those of the grid's nodes `node`."""
+    offsets = np.concatenate([[0], np.cumsum(LENGTHS)])
+    n = int(offsets[-1])
+    problem = Problem(np.ones((n, 1)), np.zeros(n, dtype=int), offsets, 3, np.array(labels))
+    state = pooled_state(problem, "uniform", TwoBetas.start())
+    state = State(state.policy, state.adversary, prior or Prior(), state.reliability)
+    joint = np.zeros((5, 2, len(beta_table().nodes)))
+    joint[np.arange(5), 0, node] = 1.0
+    ratio = np.linspace(-1, 1, n) if log_ratio is None else log_ratio
+    posterior = Posterior(np.array(log_odds), joint, np.linspace(0, 1, n), np.zeros(5), ratio, np.zeros((n, 3)))
+    result = Result(state, posterior, np.array([-2.0, -1.0]), True)
+    return summarise(problem, result, IDS, [np.array(group) for group in competing], ["One.", "Two."])
+
+
+def test_verdict_thresholds():
+    edge = float(logit(SURE))
+    found = told((edge + 1e-6, edge - 1e-6, 0.0, -edge + 1e-6, -edge - 1e-6))
+    assert found.verdicts == ("expert", "uncertain", "uncertain", "uncertain", "adversary")
+    np.testing.assert_allclose(found.expert_proba, 1 / (1 + np.exp(-found.log_odds)))
+
+
+def test_labels_are_as_good_as_certain():
+    found = told((-50.0, 50.0, -1.0, 1.0, 3.0), labels=(1, -1, 1, -1, 0))
+    assert found.verdicts == ("expert", "adversary", "expert", "adversary", "expert")
+    np.testing.assert_allclose(found.log_odds, [50.0, -50.0, 20.0, -20.0, 3.0])
+
+
+def test_log_odds_are_finite():
+    found = told((np.inf, -np.inf, 0.0, 1e6, -1e6), labels=(0, 0, 0, 0, 1))
+    assert np.isfinite(found.log_odds).all()
+    assert found.verdicts[:2] == ("expert", "adversary")
+    np.testing.assert_allclose(found.log_odds[2:], [0.0, 1e6, 1e6])
+    json.dumps(found.to_dict(), allow_nan=False)
+
+
+def test_contested_demonstrations_are_uncertain_whatever_their_odds():
+    found = told((30.0, 30.0, -30.0, -30.0, -30.0), competing=((0, 1), (2, 4)))
+    assert found.verdicts == ("uncertain", "uncertain", "uncertain", "adversary", "uncertain")
+    assert not found.identifiable
+    assert found.competing == (("a", "b"), ("c", "e"))
+    assert found.to_label == ("a", "e")  # the longest of each group
+    assert told((1.0,) * 5).identifiable
+
+
+def test_a_label_is_not_contested():
+    found = told((30.0, 30.0, -30.0, -30.0, -30.0), competing=((0, 1), (2, 4)), labels=(0, 0, -1, 0, 0))
+    assert found.verdicts[2] == "adversary"
+
+
+def test_worst_steps_are_the_most_negative_first_and_no_positive_ones():
+    ratio = np.concatenate([[1.0, -2.0, 0.0], [5.0], [-1.0, -3.0, 2.0, -1.0], [-np.inf, 0.5], [-6, -2, -4, -3, -5]])
+    found = told((0.0,) * 5, log_ratio=ratio)
+    assert [found.worst_steps(m) for m in range(5)] == [[1], [], [1, 0, 3], [0], [0, 4, 2, 3, 1]]
+    assert found.worst_steps(4, k=2) == [0, 4]
+    np.testing.assert_array_equal(found.step_log_ratio[found.steps(2)], [-1.0, -3.0, 2.0, -1.0])
+
+
+def test_reliability_is_the_posterior_mean_with_its_interval():
+    nodes = beta_table().nodes
+    found = told((0.0,) * 5, node=(31, 20, 10, 3, 0))
+    np.testing.assert_allclose(found.reliability, nodes[[31, 20, 10, 3, 0]])
+    np.testing.assert_allclose(found.reliability_interval, nodes[[31, 20, 10, 3, 0]][:, None] * [1, 1])
+    toy = make("noisy", 0)
+    real = audit_of(toy)
+    low, high = real.reliability_interval.T
+    assert ((low <= real.reliability) & (real.reliability <= high)).all()
+
+
+def audit_of(toy: Toy) -> Audit:
+    problem = toy.problem()
+    result = run(problem, pooled_state(problem, "uniform", TwoBetas.start()), max_iter=50)
+    return summarise(problem, result, toy.ids, [], [])
+
+
+def test_weights_of_steps():
+    """Every step of a wholly reliable expert counts in full; others as far as they are the expert's."""
+    nodes = beta_table().nodes
+    whole, partly = int(np.argmax(nodes >= WHOLE)), int(np.argmax(nodes >= 0.5))
+    found = told((50.0, -50.0, 50.0, -50.0, 0.0), node=(whole, whole, partly, partly, partly))
+    step = np.linspace(0, 1, 15)
+    np.testing.assert_allclose(found.step_weight[found.steps(0)], 1.0)
+    np.testing.assert_allclose(found.step_weight[found.steps(1)], 0.0, atol=1e-12)
+    np.testing.assert_allclose(found.step_weight[found.steps(2)], step[4:8])
+    np.testing.assert_allclose(found.step_weight[found.steps(3)], 0.0, atol=1e-12)
+    np.testing.assert_allclose(found.step_weight[found.steps(4)], 0.5 * step[10:])
+
+
+def test_prior_interval_is_of_the_beta_posterior():
+    found = told((50.0, 50.0, 50.0, -50.0, 0.0), prior=Prior(0.5, 2.0, 3.0)).prior
+    posterior = beta_distribution(2 + 3.5, 3 + 1.5)
+    assert found.mean == pytest.approx(posterior.mean())
+    assert (found.low, found.high) == pytest.approx(posterior.interval(0.95))
+    fixed = told((1.0,) * 5, prior=Prior(0.2, fixed=True)).prior
+    assert fixed.mean == fixed.low == fixed.high == 0.2
+
+
+def test_to_dict_has_the_promised_keys_and_is_json():
+    found = told((1.0, 2.0, -30.0, 0.0, -1.0), competing=((0, 1), (2, 4)))
+    told_again = json.loads(json.dumps(found.to_dict(), allow_nan=False))
+    promised = {"n_demonstrations", "n_steps", "adversary", "prior", "identifiable", "demonstrations"}
+    assert set(told_again) == promised | {"groups", "to_label"}
+    assert set(told_again["prior"]) == {"mean", "low", "high"}
+    for entry in told_again["demonstrations"]:
+        each = {"id", "n_steps", "log_odds", "expert_proba", "reliability", "verdict", "worst_steps"}
+        assert set(entry) == each
+    assert [entry["id"] for entry in told_again["demonstrations"]] == [
+        "b",
+        "a",
+        "d",
+        "e",
+        "c",
+    ]  # the most trusted first
+    assert told_again["groups"] == [["a", "b"], ["c", "e"]]
+    assert (told_again["n_demonstrations"], told_again["n_steps"]) == (5, 15)
+    assert [entry["n_steps"] for entry in told_again["demonstrations"]] == [1, 3, 2, 5, 4]
+
+
+def test_to_dict_of_numpy_ids_is_json():
+    toy = make("random", 0)
+    ids = tuple(np.arange(12).tolist())
+    problem = toy.problem()
+    result = run(problem, pooled_state(problem, "uniform", TwoBetas.start()), max_iter=5)
+    found = summarise(problem, result, ids, [np.array([0, 1]), np.array([2])], [])
+    json.dumps(found.to_dict(), allow_nan=False)
+    assert found.adversary == "uniform"
+    np.testing.assert_array_equal(found.history, result.history)
+
+
+def test_index():
+    found = make_audit(ids=list("abcdefghij"))
+    assert found.index("c") == 2
+    with pytest.raises(DataError, match="No demonstration is called 'z'"):
+        found.index("z")

@@ -1,0 +1,161 @@
+"""The demo: bundled data with their licence, verdicts that never see truth, and figures that hold."""
+
+from __future__ import annotations
+
+import json
+import re
+import sys
+from importlib.resources import files
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from rpil import demo
+from rpil.errors import DataError, MissingExtraError
+from test_report import Page
+
+POLICIES = {"trust_all", "rpil", "oracle", "expert"}
+
+
+@pytest.fixture(scope="module")
+def told() -> list[str]:
+    return []
+
+
+@pytest.fixture(scope="module")
+def found(told: list[str]) -> demo.Demo:
+    return demo.run(episodes=5, progress=told.append)
+
+
+@pytest.fixture(scope="module")
+def page(found: demo.Demo, tmp_path_factory: pytest.TempPathFactory) -> str:
+    path = tmp_path_factory.mktemp("demo") / "demo.html"
+    found.write_report(path)
+    return path.read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize(
+    ("name", "size", "steps", "width", "actions"),
+    [(demo.OVERCOOKED, 32, 10852, 94, 5), (demo.LUNARLANDER, 20, 6208, 8, 4)],
+)
+def test_bundled_data_hold_what_was_recorded(name: str, size: int, steps: int, width: int, actions: int) -> None:
+    data = demo.load(name)
+    assert (len(data), data.n_steps, data.n_observations) == (size, steps, width)
+    assert set(data.actions) == set(range(actions))
+    assert data.observations.dtype == np.float32
+
+
+def test_bundled_overcooked_is_the_original() -> None:
+    original = Path(__file__).parents[2] / "shared" / "data" / demo.OVERCOOKED
+    if not original.exists():
+        pytest.skip("needs the shared data")
+    with np.load(original) as theirs, np.load(str(files("rpil") / "data" / demo.OVERCOOKED)) as ours:
+        for name in ("observations", "actions", "episode_ids", "episode_quality", "is_good"):
+            assert ours[name].dtype == theirs[name].dtype
+            np.testing.assert_array_equal(ours[name], theirs[name])
+
+
+def test_the_bundle_is_small_and_says_whose_it_is() -> None:
+    folder = files("rpil") / "data"
+    notice = (folder / "NOTICE").read_text(encoding="utf-8")
+    for words in ("overcooked-ai 1.1.0", "MIT License", "Copyright (c) 2019 Center for Human-Compatible AI", "AS IS"):
+        assert words in notice
+    assert demo.OVERCOOKED in notice
+    assert demo.LUNARLANDER in notice
+    assert sum(len(item.read_bytes()) for item in folder.iterdir()) < 300_000
+
+
+@pytest.mark.parametrize("name", [demo.OVERCOOKED, demo.LUNARLANDER])
+def test_truth_is_out_of_reach_of_what_is_fitted(name: str) -> None:
+    data = demo.load(name)
+    truth = [demo._truth(name, "is_good")]
+    if name == demo.OVERCOOKED:
+        truth.append(demo._truth(name, "episode_quality"))
+    assert not {"is_good", "episode_quality"} & set(data.observation_names)
+    # Neither in a field, nor as an observation that stays the same through each demonstration.
+    fields = [value for value in vars(data).values() if np.shape(value) == (len(data),)]
+    first = data.observations[data.offsets[:-1]]
+    constant = np.all(data.observations == first[data.groups], axis=0)
+    for column in [*fields, *first[:, constant].T]:
+        assert not any(np.array_equal(column, known) for known in truth)
+    assert not any(np.array_equal(np.sort(known), known) for known in truth), "order must not tell"
+
+
+def test_the_figures_have_the_promised_shape(found: demo.Demo) -> None:
+    figures = json.loads(json.dumps(found.to_dict(), allow_nan=False))
+    assert set(figures) == {"overcooked", "lunarlander"}
+    assert set(figures["overcooked"]) == {"auroc", "spearman"}
+    assert set(figures["lunarlander"]) == POLICIES | {"wrong_verdicts"}
+    for name in POLICIES:
+        assert set(figures["lunarlander"][name]) == {"mean", "ci95"}
+        low, high = figures["lunarlander"][name]["ci95"]
+        assert low < figures["lunarlander"][name]["mean"] < high
+
+
+def test_trust_agrees_with_truth(found: demo.Demo) -> None:
+    figures = found.to_dict()
+    assert figures["lunarlander"]["wrong_verdicts"] == 0
+    assert figures["lunarlander"]["rpil"]["mean"] > figures["lunarlander"]["trust_all"]["mean"] + 100
+    assert figures["overcooked"]["auroc"] > 0.8
+    assert figures["overcooked"]["spearman"] > 0.4
+
+
+def test_scores_are_those_of_independent_code(found: demo.Demo) -> None:
+    from sklearn.metrics import roc_auc_score
+
+    people, is_good = found.overcooked, demo._truth(demo.OVERCOOKED, "is_good")
+    scored = is_good >= 0
+    assert people.n_scored == scored.sum() == 22
+    assert people.auroc == pytest.approx(roc_auc_score(is_good[scored], people.audit.log_odds[scored]))
+    assert people.auroc_of_length == pytest.approx(roc_auc_score(is_good[scored], people.audit.lengths[scored]))
+    assert people.auroc_ci95[0] < people.auroc <= people.auroc_ci95[1] <= 1
+    assert 0.01 < people.auroc_error < 0.15
+    verdicts = np.array(found.lunarlander.audit.verdicts)
+    good = demo._truth(demo.LUNARLANDER, "is_good") == 1
+    assert found.lunarlander.wrong_verdicts == (verdicts != np.where(good, "expert", "adversary")).sum()
+
+
+def test_the_terminal_is_told_the_figures(found: demo.Demo, told: list[str]) -> None:
+    text = " ".join(found.lines())
+    assert f"{found.overcooked.auroc:.2f}" in text
+    assert f"R-PIL {found.lunarlander.returns['rpil'].mean:.0f}" in text
+    assert "0 of 20 verdicts wrong" in text
+    text.encode("ascii")  # a terminal may know no more
+    stages = {words.split(":")[0] for words in told}
+    assert stages == {"LunarLander", "Overcooked"}
+    assert "LunarLander: R-PIL lands, 5 of 5" in told
+
+
+def test_the_report_holds_both_parts_and_needs_no_network(page: str) -> None:
+    assert not re.search(r"https?:|//[a-z]|@import|url\((?!#)|srcset", page.replace("// ", ""), re.IGNORECASE)
+    parsed = Page(page)
+    for words in ("Overcooked: real people", "32 demonstrations:", "20 demonstrations:", "LunarLander-v3", "Spearman"):
+        assert words in parsed.text
+    assert "95 % bootstrap interval" in parsed.text.replace("\u00a0", " ")
+    assert len(parsed.all("table", **{"class": "ranking"})) == 2
+    assert len(parsed.all("details")) == 32 + 20
+    # A scatter of the score, two pictures of each audit, the returns.
+    assert sum("aria-label" in svg for svg in parsed.all("svg")) == 52 + 1 + 4 + 1
+
+
+def test_ids_of_the_two_parts_do_not_clash(page: str) -> None:
+    parsed = Page(page)
+    ids = [attributes["id"] for _, attributes in parsed.tags if "id" in attributes]
+    assert len(ids) == len(set(ids))
+    used = [attributes["href"][1:] for _, attributes in parsed.tags if attributes.get("href")]
+    used += [attributes["aria-labelledby"] for _, attributes in parsed.tags if "aria-labelledby" in attributes]
+    used += re.findall(r"url\(#(.*?)\)", str(parsed.tags))
+    assert set(used) <= set(ids)
+
+
+def test_without_gymnasium_the_extra_is_named_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "gymnasium", None)
+    monkeypatch.setattr(demo, "load", lambda name: pytest.fail("data were loaded first"))
+    with pytest.raises(MissingExtraError, match=r"rpil\[gym\]"):
+        demo.run(episodes=2)
+
+
+def test_one_landing_is_too_few() -> None:
+    with pytest.raises(DataError, match="two landings"):
+        demo.run(episodes=1)

@@ -1,0 +1,322 @@
+"""The scikit-learn face: its checks, its tools, and what `RPIL` adds to them."""
+
+from __future__ import annotations
+
+import pickle
+import warnings
+from typing import Any
+
+import numpy as np
+import pytest
+from sklearn import config_context
+from sklearn.base import clone
+from sklearn.exceptions import ConvergenceWarning, NotFittedError
+from sklearn.linear_model import LogisticRegression
+from sklearn.metrics import roc_auc_score
+from sklearn.model_selection import GroupKFold, cross_validate
+from sklearn.pipeline import make_pipeline
+from sklearn.preprocessing import StandardScaler
+from sklearn.utils.estimator_checks import parametrize_with_checks
+
+from problems import Toy, make
+from rpil.adversaries import Confusion
+from rpil.demonstrations import Demonstrations
+from rpil.errors import DataError
+from rpil.estimators import RPIL, AmbiguousWarning, BehavioralCloning
+
+STEPS = (40, 60)
+PAPER = {"level": "demonstration", "adversary": "complement", "m_step": "expert_only", "prior": 0.5}
+
+
+@parametrize_with_checks([BehavioralCloning(), RPIL()])
+@pytest.mark.filterwarnings("ignore:No groups:UserWarning", "ignore::rpil.AmbiguousWarning")
+def test_scikit_learns_own_checks(estimator, check):
+    """All of them: repeated rows and weights are the same to `BehavioralCloning`; `RPIL` takes no weights."""
+    check(estimator)
+
+
+def right(model: RPIL, toy: Toy) -> bool:
+    return model.audit_.verdicts == tuple(np.where(toy.is_good, "expert", "adversary"))
+
+
+def predicted(model: Any, toy: Toy) -> np.ndarray:
+    return model.predict_proba(toy.observations)
+
+
+def best_possible(toy: Toy) -> np.ndarray:
+    """The policy of the good demonstrations alone."""
+    good = toy.is_good[toy.groups]
+    return predicted(BehavioralCloning().fit(toy.observations[good], toy.actions[good]), toy)
+
+
+@pytest.mark.parametrize("n_actions", [2, 4])
+@pytest.mark.parametrize("C", [0.01, 1.0, 1e4])
+def test_behavioral_cloning_with_C_is_logistic_regression(n_actions, C):
+    toy = make("random", 0, n_actions=n_actions)
+    ours = BehavioralCloning(C=C, tol=1e-12).fit(toy.observations, toy.actions)
+    theirs = LogisticRegression(C=C, tol=1e-10, max_iter=10_000).fit(toy.observations, toy.actions)
+    assert ours.coef_.shape == theirs.coef_.shape
+    assert ours.intercept_.shape == theirs.intercept_.shape
+    np.testing.assert_allclose(ours.coef_, theirs.coef_, atol=2e-4 * np.abs(theirs.coef_).max())
+    shift = ours.intercept_.mean() - theirs.intercept_.mean() if n_actions > 2 else 0.0
+    np.testing.assert_allclose(ours.intercept_ - shift, theirs.intercept_, atol=1e-3)
+    np.testing.assert_allclose(predicted(ours, toy), predicted(theirs, toy), atol=1e-4)
+
+
+@pytest.mark.parametrize("n_actions", [2, 3])
+def test_coefficients_are_those_that_predict(n_actions):
+    toy = make("random", 1, n_actions=n_actions)
+    model = RPIL(adversary="uniform").fit(toy.demonstrations)
+    scores = toy.observations @ model.coef_.T + model.intercept_
+    scores = np.column_stack([np.zeros(len(scores)), scores]) if n_actions == 2 else scores
+    proba = np.exp(scores - scores.max(axis=1, keepdims=True))
+    np.testing.assert_allclose(predicted(model, toy), proba / proba.sum(axis=1, keepdims=True), atol=1e-9)
+
+
+@pytest.mark.parametrize("features", ["raw", "spline", "poly"])
+@pytest.mark.parametrize("kind", ["random", "noisy", "window"])
+def test_finds_the_bad_and_learns_the_policy_of_the_good(kind, features):
+    toy = make(kind, 1, n_actions=4, n_good=10, n_bad=10, steps=STEPS)
+    model = RPIL(features).fit(toy.demonstrations)
+    assert roc_auc_score(toy.is_good, model.log_odds_) == 1.0
+    assert right(model, toy) or kind == "window"
+    assert model.audit_.identifiable
+    proba = predicted(model, toy)
+    np.testing.assert_allclose(proba.sum(axis=1), 1.0)
+    assert (proba >= 0).all()
+    np.testing.assert_array_equal(model.predict(toy.observations), proba.argmax(axis=1))
+    np.testing.assert_allclose(np.log(proba), model.predict_log_proba(toy.observations))
+    if features == "raw":
+        naive = predicted(BehavioralCloning().fit(toy.observations, toy.actions), toy)
+        oracle = best_possible(toy)
+        assert np.abs(proba - oracle).mean() < 0.3 * np.abs(naive - oracle).mean()
+
+
+def test_attributes_tell_what_happened():
+    toy = make("random", 0, steps=STEPS)
+    model = RPIL().fit(toy.demonstrations)
+    assert right(model, toy)
+    assert model.converged_
+    assert model.n_iter_ == len(model.audit_.history) - 1
+    assert model.lower_bound_ == model.audit_.history[-1]
+    np.testing.assert_array_equal(model.log_odds_, model.audit_.log_odds)
+    np.testing.assert_array_equal(model.expert_proba_, model.audit_.expert_proba)
+    assert model.audit_.ids == toy.ids
+    assert model.n_features_in_ == 2
+    assert all(sentence.endswith(".") for sentence in model.audit_.assumptions)
+
+
+def test_the_papers_recipe():
+    """Raw complement: right where the bad ones do the opposite."""
+    toy = make("flipped", 0, n_actions=2, n_bad=3, steps=STEPS)
+    model = RPIL(**PAPER).fit(toy.demonstrations)
+    assert right(model, toy)
+    assert model.audit_.adversary == "complement"
+    assert model.audit_.prior.mean == 0.5
+    np.testing.assert_array_equal(model.audit_.step_weight > 0.5, toy.is_good[toy.groups])
+
+
+def test_demonstrations_and_arrays_are_the_same_fit():
+    toy = make("random", 0)
+    one = RPIL().fit(toy.demonstrations)
+    two = RPIL().fit(toy.observations, toy.actions, groups=toy.groups)
+    np.testing.assert_array_equal(one.log_odds_, two.log_odds_)
+    np.testing.assert_array_equal(predicted(one, toy), predicted(two, toy))
+    plain, other = (BehavioralCloning().fit(*data) for data in ((toy.demonstrations,), (toy.observations, toy.actions)))
+    np.testing.assert_array_equal(predicted(plain, toy), predicted(other, toy))
+
+
+def test_rows_of_a_demonstration_need_not_lie_together():
+    toy = make("random", 0)
+    order = np.argsort(np.random.default_rng(0).random(len(toy.actions)), kind="stable")
+    shuffled = RPIL(adversary="uniform").fit(toy.observations[order], toy.actions[order], groups=toy.groups[order])
+    plain = RPIL(adversary="uniform").fit(toy.observations, toy.actions, groups=toy.groups)
+    found = dict(zip(shuffled.audit_.ids, shuffled.log_odds_, strict=True))
+    np.testing.assert_allclose([found[m] for m in plain.audit_.ids], plain.log_odds_, rtol=0.05, atol=0.05)
+
+
+def test_same_seed_same_bits():
+    toy = make("noisy", 0)
+    first, again = (RPIL(random_state=3, annealing=2).fit(toy.demonstrations) for _ in range(2))
+    np.testing.assert_array_equal(first.log_odds_, again.log_odds_)
+    np.testing.assert_array_equal(first.policy_.weights, again.policy_.weights)
+    np.testing.assert_array_equal(first.audit_.history, again.audit_.history)
+
+
+def test_text_for_actions_and_ids():
+    toy = make("random", 0)
+    words = np.array(["left", "none", "right"])[toy.actions]
+    ids = np.array([f"trial {m}" for m in toy.groups])
+    numbers = RPIL().fit(toy.observations, toy.actions, groups=toy.groups)
+    text = RPIL().fit(toy.observations, words, groups=ids, labels={"trial 0": "expert"})
+    assert set(text.predict(toy.observations)) <= {"left", "none", "right"}
+    np.testing.assert_array_equal(text.classes_, ["left", "none", "right"])
+    assert text.audit_.ids == tuple(f"trial {m}" for m in range(12))
+    text = RPIL().fit(toy.observations, words, groups=ids)
+    np.testing.assert_array_equal(text.log_odds_, numbers.log_odds_)
+    assert text.score(toy.observations, words) == numbers.score(toy.observations, toy.actions)
+
+
+def test_actions_that_are_no_codes():
+    toy = make("random", 0)
+    model = RPIL(adversary="uniform").fit(toy.observations, toy.actions * 10 - 5, groups=toy.groups)
+    assert set(model.predict(toy.observations)) <= {-5, 5, 15}
+
+
+def test_clone_and_parameters():
+    model = RPIL("spline", adversary="uniform", prior=(3, 2), labels={"d0": "expert"}, n_single=1)
+    assert clone(model).get_params() == model.get_params()
+    assert model.set_params(C=2.0).C == 2.0
+    assert {"features", "adversary", "prior", "C", "level", "m_step", "labels", "random_state"} <= set(
+        RPIL().get_params()
+    )
+    toy = make("random", 0)
+    assert not hasattr(clone(model.fit(toy.demonstrations)), "audit_")
+    np.testing.assert_array_equal(pickle.loads(pickle.dumps(model)).log_odds_, model.log_odds_)  # noqa: S301
+
+
+def test_in_a_pipeline():
+    toy = make("random", 0, n_observations=3)
+    scaled = make_pipeline(StandardScaler(), RPIL(adversary="uniform"))
+    scaled.fit(toy.observations, toy.actions, rpil__groups=toy.groups)
+    plain = RPIL(adversary="uniform").fit(toy.observations, toy.actions, groups=toy.groups)
+    np.testing.assert_allclose(scaled[-1].log_odds_, plain.log_odds_, atol=1e-3)
+    np.testing.assert_allclose(predicted(scaled, toy), predicted(plain, toy), atol=1e-4)
+    with config_context(enable_metadata_routing=True):
+        routed = make_pipeline(StandardScaler(), RPIL(adversary="uniform").set_fit_request(groups=True))
+        routed.fit(toy.observations, toy.actions, groups=toy.groups)
+    np.testing.assert_array_equal(routed[-1].log_odds_, scaled[-1].log_odds_)
+
+
+@pytest.mark.filterwarnings("ignore::rpil.AmbiguousWarning")
+def test_cross_validate_does_not_pass_groups_unless_asked_to_and_that_is_loud():
+    toy = make("random", 0)
+    model, splits = RPIL(adversary="uniform"), GroupKFold(3)
+    arguments = model, toy.observations, toy.actions
+    with pytest.warns(UserWarning, match="No groups: every row is taken for a demonstration of its own"):
+        cross_validate(*arguments, groups=toy.groups, cv=splits)
+    with config_context(enable_metadata_routing=True), warnings.catch_warnings():
+        warnings.simplefilter("error")
+        model.set_fit_request(groups=True, labels=False)
+        found = cross_validate(
+            *arguments, params={"groups": toy.groups}, cv=splits, return_estimator=True, error_score="raise"
+        )
+    assert [len(fitted.audit_.ids) for fitted in found["estimator"]] == [8, 8, 8]
+
+
+def test_labels():
+    toy = make("shifted", 1, steps=STEPS)
+    with pytest.warns(AmbiguousWarning, match="2 groups of demonstrations each agree among themselves") as caught:
+        blind = RPIL().fit(toy.demonstrations)
+    assert not blind.audit_.identifiable
+    assert set(blind.audit_.verdicts) == {"uncertain"}
+    assert all(repr(name) in str(caught[0].message) for name in blind.audit_.to_label)
+    for to_label in (toy.ids[0], toy.ids[6]), blind.audit_.to_label:
+        labels = {name: "expert" if toy.is_good[toy.ids.index(name)] else "adversary" for name in to_label}
+        for told in (RPIL(labels=labels).fit(toy.demonstrations), RPIL().fit(toy.demonstrations, labels=labels)):
+            assert told.audit_.identifiable
+            assert right(told, toy)
+            np.testing.assert_allclose(predicted(told, toy), best_possible(toy), atol=0.15)
+
+
+def test_whoever_is_labelled_expert_is_the_expert():
+    """Even the shifted half: the data are symmetric."""
+    toy = make("shifted", 2, steps=STEPS)
+    model = RPIL().fit(toy.demonstrations, labels={"d0": "adversary", "d6": "expert"})
+    assert model.audit_.verdicts == ("adversary",) * 6 + ("expert",) * 6
+
+
+def test_score_demonstrations_of_new_data():
+    toy, new = make("random", 0, n_good=10, n_bad=10), make("random", 0, n_good=10, n_bad=10)
+    model = RPIL("spline").fit(toy.demonstrations.select(slice(0, 20, 2)))
+    fresh = new.demonstrations.select(slice(1, 20, 2))
+    found = model.score_demonstrations(fresh)
+    np.testing.assert_array_equal(found > 0, new.is_good[1::2])
+    single = [model.score_demonstrations(fresh.select([m]))[0] for m in range(10)]
+    np.testing.assert_allclose(single, found)  # each is judged on its own
+    # those that were fitted are judged as they were
+    np.testing.assert_allclose(model.score_demonstrations(toy.demonstrations.select(slice(0, 20, 2))), model.log_odds_)
+    arrays = model.score_demonstrations(fresh.observations, fresh.actions, groups=fresh.groups)
+    np.testing.assert_array_equal(arrays, found)
+
+
+def test_a_subset_of_the_known_actions_can_be_scored_and_others_cannot():
+    toy = make("random", 0)
+    model = RPIL(adversary="uniform").fit(toy.observations, toy.actions, groups=toy.groups)
+    assert np.isfinite(model.score_demonstrations(toy.observations[:2], np.array([2, 2]), groups=[0, 0])).all()
+    with pytest.raises(DataError, match=r"demonstration 'b': action 7 is not among the known ones \(0, 1, 2\)"):
+        model.score_demonstrations(toy.observations[:2], np.array([2, 7]), groups=["a", "b"])
+    with pytest.raises(DataError, match="action 'jump' is not among"):
+        model.score_demonstrations(toy.observations[:2], np.array(["jump", "jump"]), groups=[0, 0])
+    with pytest.raises(DataError, match="1 observations, but 2 were fitted"):
+        model.score_demonstrations(Demonstrations.from_arrays(toy.observations[:2, :1], [0, 1], [0, 2]))
+
+
+def test_progress_is_reported():
+    said: list[str] = []
+    RPIL(progress=said.append).fit(make("random", 0).demonstrations)
+    assert said[0] == "features"
+    assert "adversary: uniform" in said
+    assert said[-1] == "competing groups"
+
+
+def test_no_convergence_is_loud():
+    with pytest.warns(ConvergenceWarning, match="raise max_iter"):
+        RPIL(adversary="confusion", max_iter=1, tol=0.0).fit(make("window", 0).demonstrations)
+
+
+def test_unfitted():
+    for method in ("predict", "predict_proba"):
+        with pytest.raises(NotFittedError):
+            getattr(RPIL(), method)(np.zeros((2, 2)))
+    with pytest.raises(NotFittedError):
+        RPIL().score_demonstrations(np.zeros((2, 2)), [0, 1], groups=[0, 0])
+
+
+TOY = make("random", 0)
+ONE_ACTION = Demonstrations.from_arrays(TOY.observations, np.zeros_like(TOY.actions), TOY.offsets, TOY.ids)
+CONTINUOUS = Demonstrations.from_arrays(TOY.observations, TOY.observations, TOY.offsets, TOY.ids)
+
+
+@pytest.mark.parametrize(
+    ("model", "data", "words"),
+    [
+        (RPIL(features="fourier"), TOY.demonstrations, "no features called 'fourier'; choose raw, spline, poly"),
+        (RPIL(adversary="evil"), TOY.demonstrations, "no adversary called 'evil'; choose auto, constant"),
+        (RPIL(adversary=Confusion.given(np.eye(2))), TOY.demonstrations, "2 x 2 was given for 3 actions"),
+        (RPIL(level="step"), TOY.demonstrations, "no level 'step'; choose both or demonstration"),
+        (RPIL(m_step="none"), TOY.demonstrations, "no m_step 'none'; choose joint or expert_only"),
+        (RPIL(prior=1.5), TOY.demonstrations, "prior 1.5 is no probability"),
+        (RPIL(prior=(0.5, 2)), TOY.demonstrations, r"Beta prior \(0.5, 2.0\) has no single mode"),
+        (RPIL(C=-1.0), TOY.demonstrations, "C=-1.0 must be a positive number"),
+        (BehavioralCloning(C=0.0), TOY.demonstrations, "C=0.0 must be a positive number"),
+        (RPIL(), ONE_ACTION, "every action is 0, one class only"),
+        (BehavioralCloning(), ONE_ACTION, "every action is 0, one class only"),
+        (RPIL(), CONTINUOUS, "the actions are continuous"),
+        (BehavioralCloning(), CONTINUOUS, "the actions are continuous"),
+        (RPIL(), TOY.demonstrations.select([0]), "n_samples=1. cannot be compared; give at least two"),
+        (RPIL(labels={"d99": "expert"}), TOY.demonstrations, "d99"),
+        (RPIL(labels={"d0": "good"}), TOY.demonstrations, "'d0': the label 'good' is unknown"),
+        (RPIL(labels=dict.fromkeys(TOY.ids, "adversary")), TOY.demonstrations, "all demonstrations are labelled adv"),
+    ],
+)
+def test_errors_are_one_sentence(model, data, words):
+    with pytest.raises(DataError, match=words) as error:
+        model.fit(data)
+    message = str(error.value)
+    assert message.endswith(".")
+    assert ". " not in message.replace("\n", " ")
+
+
+@pytest.mark.parametrize(("weight", "words"), [(0.0, "zero"), (-1.0, "[Nn]egative")])
+def test_weights_must_weigh(weight, words):
+    with pytest.raises(ValueError, match=words):
+        BehavioralCloning().fit(TOY.observations, TOY.actions, sample_weight=np.full(len(TOY.actions), weight))
+
+
+def test_a_fit_leaves_the_data_alone():
+    toy = make("random", 0)
+    before = toy.observations.copy(), toy.actions.copy()
+    RPIL().fit(toy.observations, toy.actions, groups=toy.groups)
+    np.testing.assert_array_equal(toy.observations, before[0])
+    np.testing.assert_array_equal(toy.actions, before[1])

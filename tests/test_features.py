@@ -1,0 +1,112 @@
+"""Feature maps: the columns are what they are called, and neither units nor the amount of data change the ridge."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from sklearn.preprocessing import PolynomialFeatures, SplineTransformer
+
+from rpil.errors import DataError
+from rpil.features import FEATURES, RIDGE_PER_STEP, FeatureMap
+
+RNG = np.random.default_rng(0)
+X = RNG.normal(size=(200, 3)) * [1.0, 40.0, 0.01] + [0.0, 100.0, -5.0]
+
+
+def span(columns):
+    """Projection on the columns and a constant: two bases of one space have the same."""
+    q, _ = np.linalg.qr(np.column_stack([columns, np.ones(len(columns))]))
+    return q @ q.T
+
+
+@pytest.mark.parametrize("kind", FEATURES)
+def test_columns_are_centred_and_the_last_is_the_constant(kind):
+    design = FeatureMap.fit(kind, X).design(X)
+    np.testing.assert_allclose(design[:, :-1].mean(axis=0), 0.0, atol=1e-12)
+    np.testing.assert_array_equal(design[:, -1], 1.0)
+    if kind != "spline":
+        np.testing.assert_allclose(design[:, :-1].std(axis=0), 1.0)
+
+
+def test_raw_is_the_observation():
+    found = FeatureMap.fit("raw", X)
+    np.testing.assert_allclose(found.design(X)[:, :-1] * found.scale + found.center, X)
+
+
+def test_poly_spans_all_products_of_two():
+    z = (X - X.mean(axis=0)) / X.std(axis=0)
+    design = FeatureMap.fit("poly", X).design(X)
+    assert design.shape == (200, 3 + 6 + 1)
+    np.testing.assert_allclose(span(design[:, :-1]), span(PolynomialFeatures(2).fit_transform(z)[:, 1:]), atol=1e-8)
+
+
+def test_spline_is_the_cubic_basis_on_eight_even_knots():
+    found = FeatureMap.fit("spline", X)
+    basis = SplineTransformer(n_knots=8, degree=3).fit_transform(X)
+    np.testing.assert_allclose(found.design(X)[:, :-1] + found.center, basis, atol=1e-12)
+    np.testing.assert_array_equal(found.scale, 1.0)
+
+
+def test_spline_is_linear_beyond_its_knots():
+    found = FeatureMap.fit("spline", X)
+    top = X.max(axis=0)
+    far = np.stack([top + k * X.std(axis=0) for k in (1.0, 2.0, 3.0)])
+    one, two, three = found.design(far)[:, :-1]
+    np.testing.assert_allclose(three - two, two - one, atol=1e-9)
+
+
+@pytest.mark.parametrize("kind", FEATURES)
+def test_a_constant_observation(kind):
+    x = X.copy()
+    x[:, 1] = 1e3 / 3
+    found = FeatureMap.fit(kind, x)
+    assert np.isfinite(found.design(x)).all()
+    assert np.abs(found.design(x)[:, :-1]).max() < 100
+    if kind != "spline":  # its rounding errors are not blown up, neither alone nor in products
+        touched = np.ptp(found.design(x)[:, :-1], axis=0) < 1e-3
+        assert touched.sum() == {"raw": 1, "poly": 4}[kind]
+
+
+@pytest.mark.parametrize("kind", FEATURES)
+def test_a_single_observation(kind):
+    assert np.isfinite(FeatureMap.fit(kind, X[:1]).design(X[:1])).all()
+
+
+@pytest.mark.parametrize("kind", FEATURES)
+def test_units_do_not_change_the_design(kind):
+    units, shift = np.array([1e-15, 1e3, 1e15]), np.array([3.0, 0.0, 0.0])
+    plain, scaled = FeatureMap.fit(kind, X).design(X), FeatureMap.fit(kind, X * units).design(X * units)
+    np.testing.assert_allclose(scaled, plain, atol=1e-8)
+    np.testing.assert_allclose(FeatureMap.fit(kind, X + shift).design(X + shift), plain, atol=1e-8)
+
+
+@pytest.mark.parametrize("kind", FEATURES)
+def test_a_weight_is_a_row_repeated(kind):
+    weight = RNG.integers(1, 4, size=len(X))
+    repeated = FeatureMap.fit(kind, np.repeat(X, weight, axis=0))
+    weighted = FeatureMap.fit(kind, X, weight.astype(float))
+    for field in ("location", "spread", "center", "scale", "knots"):
+        np.testing.assert_allclose(getattr(weighted, field), getattr(repeated, field), rtol=1e-9, atol=1e-9)
+
+
+@pytest.mark.parametrize("kind", FEATURES)
+def test_ridge(kind):
+    found = FeatureMap.fit(kind, X)
+    default = found.ridge(None, 200.0)
+    np.testing.assert_allclose(default[:-1], 200 * RIDGE_PER_STEP)
+    # c_scaled = c * scale, so that a penalty c^2 / (2 C) is c_scaled^2 / (2 C scale^2)
+    np.testing.assert_allclose(found.ridge(4.0, 200.0)[:-1], 0.25 / found.scale**2)
+    assert default[-1] == found.ridge(4.0, 200.0)[-1] == 0.0
+    assert len(default) == found.design(X).shape[1]
+
+
+def test_float32_observations_are_computed_with_in_double():
+    design = FeatureMap.fit("raw", X.astype(np.float32)).design(X.astype(np.float32))
+    assert design.dtype == np.float64
+
+
+def test_errors():
+    with pytest.raises(DataError, match="no features called 'fourier'; choose raw, spline, poly"):
+        FeatureMap.fit("fourier", X)
+    with pytest.raises(DataError, match="Polynomials of 100 observations are too many"):
+        FeatureMap.fit("poly", np.zeros((5, 100)))

@@ -1,0 +1,309 @@
+import io
+import json
+import pickle
+import zipfile
+
+import numpy as np
+import pytest
+
+from rpil import RPIL, BehavioralCloning, Confusion, Demonstrations, load, save
+from rpil.adversaries import Uniform
+from rpil.errors import DataError
+from rpil.simulate import simulate
+
+
+class MyAdversary(Uniform):
+    """A user's own."""
+
+
+@pytest.fixture(scope="module")
+def data():
+    made = simulate("MountainCar-v0", "corrupted", n_good=4, n_bad=4, seed=0)
+    return Demonstrations.from_episodes(
+        made.episodes, ids=[f"é{m}" for m in range(8)], observation_names=["x", "v"], source="mc"
+    )
+
+
+@pytest.fixture(scope="module")
+def fitted(data):
+    return RPIL(n_single=1).fit(data)
+
+
+@pytest.fixture
+def saved(fitted, tmp_path):
+    path = tmp_path / "policy.rpil"
+    save(fitted, path)
+    return path
+
+
+def members(path):
+    with zipfile.ZipFile(path) as archive:
+        return {name: archive.read(name) for name in archive.namelist()}
+
+
+def rewrite(path, changes=(), header=None):
+    """Write the archive again with other members (None: without), and with the header changed in place."""
+    content = members(path) | dict(changes)
+    if header is not None:
+        tree = json.loads(content["header.json"])
+        header(tree)
+        content["header.json"] = json.dumps(tree).encode()
+    with zipfile.ZipFile(path, "w") as archive:
+        for name, part in content.items():
+            if part is not None:
+                archive.writestr(name, part)
+
+
+def npy(array):
+    stream = io.BytesIO()
+    np.save(stream, array, allow_pickle=True)
+    return stream.getvalue()
+
+
+def refused(path, match):
+    """Loading fails with one sentence that names the file and the remedy."""
+    with pytest.raises(DataError, match=match) as caught:
+        load(path)
+    message = str(caught.value)
+    assert message.startswith(str(path))
+    assert "\n" not in message
+    assert message.endswith(".")
+    assert ". " not in message
+    assert ";" in message
+
+
+@pytest.mark.parametrize(
+    "estimator",
+    [
+        RPIL(n_single=1, prior=(3, 2), labels={"é0": "expert", "é7": "adversary"}, random_state=5),
+        RPIL(n_single=0, features="spline", adversary="own policy"),
+        RPIL(n_single=0, features="poly", adversary="marginal", prior=0.5, m_step="expert_only"),
+        RPIL(n_single=0, level="demonstration", adversary="normalised complement"),
+        RPIL(n_single=0, adversary=Confusion.given(np.full((3, 3), 1 / 3)), progress=print),
+        BehavioralCloning(features="poly", C=3.0),
+        BehavioralCloning(features="spline"),
+    ],
+)
+def test_everything_comes_back_bit_for_bit(estimator, data, tmp_path):
+    estimator.fit(data)
+    path = tmp_path / "any.name"
+    save(estimator, path)
+    loaded = load(path)
+    assert type(loaded) is type(estimator)
+    states = np.random.default_rng(0).normal(size=(300, 2))
+    for method in ("predict", "predict_proba", "predict_log_proba"):
+        np.testing.assert_array_equal(getattr(loaded, method)(states), getattr(estimator, method)(states))
+    for name in ("coef_", "intercept_", "classes_", "n_features_in_", "observation_names_"):
+        np.testing.assert_array_equal(getattr(loaded, name), getattr(estimator, name))
+    ours, theirs = (
+        loaded.get_params(),
+        estimator.get_params() | ({"progress": None} if "progress" in vars(estimator) else {}),
+    )
+    adversary = ours.pop("adversary", None), theirs.pop("adversary", None)
+    assert ours == theirs
+    if isinstance(adversary[1], Confusion):
+        np.testing.assert_array_equal(adversary[0].log_matrix, adversary[1].log_matrix)
+        assert not adversary[0].learned
+    else:
+        assert adversary[0] == adversary[1]
+    again = tmp_path / "again"
+    save(loaded, again)
+    assert again.read_bytes() == path.read_bytes()
+
+
+def test_the_audit_and_the_scores_come_back(fitted, saved, data):
+    loaded = load(saved)
+    assert loaded.audit_.to_dict() == fitted.audit_.to_dict()
+    for name in ("ids", "verdicts", "competing", "to_label", "assumptions", "prior"):
+        assert getattr(loaded.audit_, name) == getattr(fitted.audit_, name)
+    for name in ("offsets", "step_log_ratio", "step_weight", "reliability_interval", "history"):
+        np.testing.assert_array_equal(getattr(loaded.audit_, name), getattr(fitted.audit_, name))
+    np.testing.assert_array_equal(loaded.score_demonstrations(data), fitted.score_demonstrations(data))
+    assert (loaded.n_iter_, loaded.lower_bound_, loaded.converged_) == (
+        fitted.n_iter_,
+        fitted.lower_bound_,
+        fitted.converged_,
+    )
+
+
+@pytest.mark.parametrize(
+    "actions", [["left", "right"], np.array(["left", "right"], dtype=object), [True, False], [2.0, 5.0]]
+)
+def test_actions_of_any_type(actions, tmp_path):
+    rng = np.random.default_rng(0)
+    X, codes = rng.normal(size=(50, 2)), rng.integers(2, size=50)
+    y = np.asarray(actions)[codes]
+    model = BehavioralCloning().fit(X, y)
+    save(model, tmp_path / "p")
+    loaded = load(tmp_path / "p")
+    assert loaded.predict(X).tolist() == model.predict(X).tolist()
+    assert not hasattr(loaded, "feature_names_in_")
+
+
+def test_an_adversary_of_an_unknown_class_is_left_out_and_missed_when_needed(data, tmp_path):
+    model = RPIL(n_single=0, adversary=MyAdversary()).fit(data)
+    for _ in range(2):  # and again from the file
+        save(model, tmp_path / "p")
+        model = load(tmp_path / "p")
+        assert model.audit_.ids == data.ids
+        assert model.predict(data.observations).shape == (data.n_steps,)
+        with pytest.raises(
+            DataError, match=r"without its adversary, because MyAdversary is no class of rpil; .*fit it again"
+        ):
+            model.score_demonstrations(data)
+    with pytest.raises(DataError, match="no adversary called 'MyAdversary'"):
+        model.fit(data)
+
+
+def test_only_fitted_estimators_of_ours_are_saved(tmp_path):
+    from sklearn.exceptions import NotFittedError
+    from sklearn.linear_model import LogisticRegression
+
+    with pytest.raises(NotFittedError):
+        save(RPIL(), tmp_path / "p")
+    with pytest.raises(DataError, match="a LogisticRegression cannot be saved; save one of RPIL, BehavioralCloning"):
+        save(LogisticRegression(), tmp_path / "p")
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_failed_save_leaves_the_old_file(fitted, saved, monkeypatch):
+    before = saved.read_bytes()
+    monkeypatch.setattr(zipfile.ZipFile, "writestr", lambda *args: (_ for _ in ()).throw(OSError(28, "No space left")))
+    with pytest.raises(DataError, match="No space left"):
+        save(fitted, saved)
+    assert saved.read_bytes() == before
+    assert [path.name for path in saved.parent.iterdir()] == [saved.name]
+
+
+def test_no_such_file(tmp_path):
+    refused(tmp_path / "nothing", "there is no such file")
+
+
+def test_an_empty_file(tmp_path):
+    (tmp_path / "empty").touch()
+    refused(tmp_path / "empty", "empty")
+
+
+@pytest.mark.parametrize("content", [b"hello", pickle.dumps({"a": 1}), npy(np.ones(3)), npy(np.array([{}]))])
+def test_other_files(content, tmp_path):
+    path = tmp_path / "other"
+    path.write_bytes(content)
+    refused(path, "no policy that rpil saved")
+
+
+def test_an_archive_of_demonstrations(tmp_path):
+    np.savez(tmp_path / "d.npz", observations=np.ones((2, 2)))
+    refused(tmp_path / "d.npz", "no policy that rpil saved; make one with rpil fit")
+
+
+def test_truncated_or_damaged_files(saved):
+    content = saved.read_bytes()
+    for n in (5, 100, len(content) // 2, len(content) - 1):
+        saved.write_bytes(content[:n])
+        refused(saved, "damaged or truncated")
+    middle = content.index(b"policy/weights.npy") + 200
+    saved.write_bytes(content[:middle] + bytes([content[middle] ^ 1]) + content[middle + 1 :])
+    refused(saved, "damaged or truncated")
+
+
+@pytest.mark.parametrize(
+    ("field", "value", "match"),
+    [
+        ("schema", "other", "no policy that rpil saved"),
+        ("version", 2, r"version 2 of the format, but rpil .* reads version 1; use"),
+        ("version", None, "version None"),
+        ("class", "GaussianPolicy", "holds a 'GaussianPolicy', which rpil .* does not know"),
+    ],
+)
+def test_unknown_schemas_versions_and_classes(saved, field, value, match):
+    rewrite(saved, header=lambda tree: tree.update({field: value}))
+    refused(saved, match)
+
+
+WEIGHTS = "policy/weights.npy"
+LOST = "do not belong together"
+
+
+@pytest.mark.parametrize(
+    ("member", "array"),
+    [
+        (WEIGHTS, None),
+        ("audit/log_odds.npy", None),
+        ("state/policy/weights.npy", None),
+        ("more.npy", np.ones(3)),
+        (WEIGHTS, np.ones((3, 3), dtype=np.float32)),
+        (WEIGHTS, np.ones((3, 3), dtype=np.int64)),
+        (WEIGHTS, np.ones((4, 3))),
+        (WEIGHTS, np.ones((3, 2))),
+        (WEIGHTS, np.ones(9)),
+        (WEIGHTS, np.full((3, 3), np.nan)),
+        (WEIGHTS, np.full((3, 3), np.inf)),
+        ("features/scale.npy", np.ones(1)),
+        ("features/location.npy", np.ones(3)),
+        ("classes.npy", np.arange(4)),
+        ("classes.npy", np.array([2, 1, 0])),
+        ("audit/offsets.npy", np.arange(9.0)),
+        ("audit/offsets.npy", np.arange(9)),
+        ("audit/step_weight.npy", np.ones(7)),
+        ("audit/log_odds.npy", np.ones(7)),
+    ],
+)
+def test_missing_extra_and_misshapen_arrays(saved, member, array):
+    rewrite(saved, {member: None if array is None else npy(array)})
+    refused(saved, LOST)
+
+
+def set_in(tree, path, value):
+    *parents, last = path
+    for key in parents:
+        tree = tree[key]
+    if value is ...:
+        del tree[last]
+    else:
+        tree[last] = value
+
+
+@pytest.mark.parametrize(
+    ("path", "value"),
+    [
+        (("params", "colour"), "red"),
+        (("fitted", "policy_"), ...),
+        (("fitted", "more_"), 1),
+        (("fitted", "policy_", "class"), "os.system"),
+        (("fitted", "policy_", "fields", "more"), 1),
+        (("fitted", "policy_", "fields", "ridge"), ...),
+        (("fitted", "features_", "fields", "kind"), "spline"),
+        (("fitted", "audit_", "fields", "ids"), [1, 2]),
+        (("fitted", "audit_"), 3),
+        (("state", "fields", "prior", "fields", "p"), "a"),
+        (("state", "fields", "reliability", "fields", "expert"), 10_000),
+        (("state",), None),
+        (("names", "observation_names_"), ["x"]),
+        (("names", "predict"), ["x", "y"]),
+        (("classes",), None),
+        (("params",), None),
+    ],
+)
+def test_headers_that_make_no_sense(saved, path, value):
+    rewrite(saved, header=lambda tree: set_in(tree, path, value))
+    refused(saved, LOST)
+
+
+def test_nothing_is_unpickled(saved, monkeypatch):
+    def never(*args, **kwargs):
+        raise AssertionError("unpickled")
+
+    rewrite(saved, {WEIGHTS: npy(np.array([{}, []], dtype=object))})
+    monkeypatch.setattr(pickle, "load", never)
+    monkeypatch.setattr(pickle, "loads", never)
+    refused(saved, "never unpickled")
+
+
+def test_bytes_after_an_array(saved):
+    rewrite(saved, {WEIGHTS: members(saved)[WEIGHTS] + b"x"})
+    refused(saved, "damaged or truncated")
+
+
+def test_numpy_reads_the_arrays_too(fitted, saved):
+    with np.load(saved, allow_pickle=False) as stored:
+        np.testing.assert_array_equal(stored["policy/weights"], fitted.policy_.weights)

@@ -1,0 +1,190 @@
+"""Starts, the best objective, and the adversary that predicts demonstrations it has not seen."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from problems import Toy, make, pooled_state, ridge, zoo
+from rpil.adversaries import Uniform
+from rpil.em import MStep, Prior, Problem, e_step, run
+from rpil.policies import SoftmaxPolicy
+from rpil.reliability import PointMasses, TwoBetas
+from rpil.search import AUTO, Setting, _folds, _temperatures, fit, held_out, search, starts
+
+STEPS = (40, 60)
+
+
+def setting_for(problem: Problem, mode: MStep = "joint", n_single: int = 3, annealing: int = 0) -> Setting:
+    penalty = ridge(problem) / 100
+    policy = SoftmaxPolicy.zero(problem.n_actions, penalty)
+    return Setting(policy, penalty, Prior(), TwoBetas.start(), mode=mode, n_single=n_single, annealing=annealing)
+
+
+def right(toy: Toy, log_odds: np.ndarray) -> bool:
+    return bool(((log_odds > 0) == toy.is_good).all())
+
+
+def test_starts_without_labels():
+    problem = make("random", 0, steps=(5, 100)).problem()
+    found = starts(problem, setting_for(problem, n_single=4), np.random.default_rng(0))
+    np.testing.assert_array_equal(found["pooled"], 1.0)
+    share = found["equal"] * problem.lengths
+    np.testing.assert_allclose(share, share[0])
+    assert (found["equal"] * problem.lengths).sum() == pytest.approx(len(problem.actions))
+    singles = [weight for name, weight in found.items() if name.startswith("single")]
+    assert len(singles) == 4
+    assert all(sorted(weight) == [0.0] * 11 + [1.0] for weight in singles)
+    assert len({int(weight.argmax()) for weight in singles}) == 4
+
+
+def test_starts_with_labels_begin_from_the_known_experts_and_trust_no_known_adversary():
+    problem = make("shifted", 0).labelled({2: 1, 8: -1}).problem()
+    found = starts(problem, setting_for(problem), np.random.default_rng(0))
+    name, first = next(iter(found.items()))
+    assert name == "known experts"
+    np.testing.assert_array_equal(np.flatnonzero(first), [2])
+    assert all(weight[8] == 0.0 for weight in found.values())
+    assert not any(name.startswith("single") for name in found)
+
+
+def test_known_adversaries_alone_point_to_those_unlike_them():
+    toy = make("shifted", 1, steps=STEPS).labelled({8: -1})
+    problem = toy.problem()
+    unlike = starts(problem, setting_for(problem), np.random.default_rng(0))["unlike known adversaries"]
+    assert set(np.flatnonzero(unlike)) <= set(range(6))
+    assert unlike.sum() >= 5
+
+
+def test_search_is_sorted_and_no_worse_than_the_pooled_start():
+    for name, toy in zoo(1).items():
+        problem = toy.problem()
+        setting = setting_for(problem)
+        runs = search(problem, setting, "uniform", np.random.default_rng(0))
+        pooled = pooled_state(problem, "uniform", TwoBetas.start())
+        alone = run(problem, replace(pooled, policy=SoftmaxPolicy(pooled.policy.weights, setting.ridge)), max_iter=6)
+        if not toy.labels.any():
+            carried = [r.objective for r in runs[:2]]
+            assert carried == sorted(carried, reverse=True), name
+        assert runs[0].objective >= alone.objective - 1.0, name  # a nat: the pooled policy here is fitted to the end
+
+
+def test_histories_never_fall_through_the_stages_of_a_search():
+    for name, toy in zoo(2).items():
+        problem = toy.problem()
+        result, _ = fit(problem, setting_for(problem), ["uniform"], np.random.default_rng(0))
+        assert np.diff(result.history).min(initial=0.0) >= -1e-10 * np.abs(result.history).max(), name
+        log_proba = result.state.policy.log_proba(problem.features)
+        again = e_step(problem, result.state, log_proba)  # the last step was an E-step: fit and predict agree
+        np.testing.assert_allclose(again.log_odds, result.posterior.log_odds, atol=1e-8)
+
+
+@pytest.mark.parametrize("bad", [4, 8, 10])
+@pytest.mark.parametrize("which", ["uniform", "marginal", "auto"])
+def test_random_actions_are_found_also_where_they_are_many(which, bad):
+    toy = make("random", 0, n_good=12 - bad, n_bad=bad, steps=STEPS)
+    problem = toy.problem()
+    candidates = AUTO if which == "auto" else [which]
+    result, _ = fit(problem, setting_for(problem), candidates, np.random.default_rng(0))
+    assert right(toy, result.posterior.log_odds)
+
+
+@pytest.mark.parametrize("n_bad", [6, 10])
+@pytest.mark.parametrize("labels", ["expert", "adversary", "both"])
+def test_labels_overrule_a_coherent_majority(n_bad, labels):
+    """The likelihood prefers the larger group; a label knows the right one."""
+    known = {"expert": {0: 1}, "adversary": {11: -1}, "both": {0: 1, 11: -1}}[labels]
+    toy = make("shifted", 1, n_good=12 - n_bad, n_bad=n_bad, steps=STEPS).labelled(known)
+    problem = toy.problem()
+    result, _ = fit(problem, setting_for(problem), AUTO, np.random.default_rng(0))
+    assert right(toy, result.posterior.log_odds)
+
+
+def test_long_bad_demonstrations_do_not_swamp_every_start():
+    """Ten good ones of 20 steps, four of 240 with their actions shifted: pooled, the bad outnumber the good."""
+    toy = make("shifted", 3, n_good=10, n_bad=4, steps=(20, 20))
+    problem = toy.problem()
+    times = np.where(toy.is_good, 1, 12)
+    rows = np.concatenate([np.tile(np.arange(20) + 20 * m, times[m]) for m in range(14)])
+    offsets = np.concatenate([[0], np.cumsum(20 * times)])
+    swamped = Problem(problem.features[rows], problem.actions[rows], offsets, 3, problem.labels)
+    runs = search(swamped, setting_for(swamped), "uniform", np.random.default_rng(0))
+    assert any(right(toy, found.posterior.log_odds) for found in runs)
+
+
+def test_held_out_likelihood_tells_adversaries_apart():
+    """Actions flipped by a minority are a confusion; random ones are not."""
+    for kind, n_bad, winner, loser in (("flipped", 4, "confusion", "uniform"), ("random", 8, "uniform", "own policy")):
+        toy = make(kind, 0, n_good=8, n_bad=n_bad, steps=STEPS)
+        problem = toy.problem()
+        setting = setting_for(problem)
+        folds = _folds(problem, 3, np.random.default_rng(0))
+        scores = {}
+        for which in (winner, loser):
+            result, _ = fit(problem, setting, [which], np.random.default_rng(0))
+            scores[which] = held_out(problem, setting, result, folds)
+        assert scores[winner] > scores[loser], kind
+
+
+def test_held_out_likelihood_is_below_that_of_the_fit():
+    toy = make("random", 0, n_observations=5, steps=(10, 20))
+    problem = toy.problem("poly")
+    setting = setting_for(problem)
+    result, _ = fit(problem, setting, ["uniform"], np.random.default_rng(0))
+    score = held_out(problem, setting, result, _folds(problem, 3, np.random.default_rng(0)))
+    assert score < result.posterior.log_evidence.sum() - 10
+
+
+def test_folds_part_the_demonstrations():
+    problem = make("random", 0, n_good=3, n_bad=4).problem()
+    folds = _folds(problem, 3, np.random.default_rng(0))
+    assert sorted(len(fold) for fold in folds) == [2, 2, 3]
+    np.testing.assert_array_equal(np.sort(np.concatenate(folds)), np.arange(7))
+    assert len(_folds(make("random", 0, n_good=1, n_bad=1).problem(), 3, np.random.default_rng(0))) == 2
+
+
+def test_auto_returns_one_of_its_candidates_and_the_same_for_the_same_seed():
+    problem = make("noisy", 0).problem()
+    first, again = (fit(problem, setting_for(problem), AUTO, np.random.default_rng(3))[0] for _ in range(2))
+    assert first.state.adversary.name in AUTO
+    np.testing.assert_array_equal(first.posterior.log_odds, again.posterior.log_odds)
+    np.testing.assert_array_equal(first.history, again.history)
+
+
+def test_every_stage_is_announced():
+    said: list[str] = []
+    problem = make("random", 0).problem()
+    fit(problem, setting_for(problem), AUTO, np.random.default_rng(0), said.append)
+    assert said[0] == "start: pooled"
+    assert [word for word in said if word.startswith("adversary")] == [f"adversary: {name}" for name in AUTO]
+
+
+def test_annealing_warms_from_one_steps_worth_to_all():
+    problem = make("random", 0, steps=(50, 50)).problem()
+    assert len(_temperatures(problem, 0)) == 0
+    betas = _temperatures(problem, 4)
+    assert betas[0] == pytest.approx(1 / 50)
+    assert len(betas) == 4
+    assert (np.diff(betas) > 0).all()
+    assert betas[-1] < 1
+    result, _ = fit(problem, setting_for(problem, annealing=4), ["uniform"], np.random.default_rng(0))
+    assert right(make("random", 0, steps=(50, 50)), result.posterior.log_odds)
+
+
+def test_an_adversary_may_be_an_instance():
+    problem = make("random", 0).problem()
+    result, _ = fit(problem, setting_for(problem), [Uniform()], np.random.default_rng(0))
+    assert isinstance(result.state.adversary, Uniform)
+
+
+def test_the_papers_mixture_fails_where_half_the_actions_are_random_and_reliabilities_do_not():
+    """model.md: "partly bad demonstrations"; the reason for the two-level model."""
+    toy = make("noisy", 1, n_actions=4, steps=STEPS)
+    problem = toy.problem()
+    setting = setting_for(problem)
+    result, _ = fit(problem, setting, ["uniform"], np.random.default_rng(0))
+    assert right(toy, result.posterior.log_odds)
+    paper, _ = fit(problem, replace(setting, reliability=PointMasses()), ["uniform"], np.random.default_rng(0))
+    assert (paper.posterior.log_odds[~toy.is_good] > 0).any()
