@@ -14,8 +14,8 @@ FILES = sorted(path for path in ROOT.rglob("*.py") if path != ROOT / "__init__.p
 # fmt: off
 ORDER = [
     "errors", "_arrays", "files", "demonstrations", "formats",
-    "passes", "features", "solvers", "policies", "adversaries", "reliability", "em", "search", "identify",
-    "audit", "estimators", "persistence", "experts", "corruptions", "rollouts", "simulate", "simulation",
+    "passes", "parallel", "features", "solvers", "policies", "adversaries", "reliability", "em", "search", "identify",
+    "audit", "inputs", "estimators", "persistence", "experts", "corruptions", "rollouts", "simulate", "simulation",
     "plots", "report", "data", "demo", "terminal", "cli", "__main__",
 ]
 # fmt: on

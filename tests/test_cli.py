@@ -461,7 +461,7 @@ SIMULATE = ["simulate", "--good", 1, "--bad", 1]
         (["audit"], "Missing argument 'FILE'; see rpil audit --help"),
         (["audit", "data.npz", "--sed", "1"], "No such option .*--sed.*--seed.* see rpil audit --help"),
         (["audit", "data.npz", "--seed", "-1"], "--seed.* see rpil audit --help"),
-        (["audit", "data.npz", "--features", "odd"], "'odd' is not one of 'raw', 'spline', 'poly'; see"),
+        (["audit", "data.npz", "--features", "odd"], "'odd' is not one of 'raw', 'folded', 'spline', 'poly'; see"),
         (["audit", "data.npz", "--adversary", "odd"], "'odd' is not one of 'auto'"),
         (["evaluate", "policy", "--env", ENV, "--episodes", "0"], "--episodes"),
         (["order"], "No such command 'order'; see rpil --help"),

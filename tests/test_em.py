@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -199,9 +200,23 @@ def test_the_objective_never_falls_with_weights_and_splines(which, level):
         toy = make("noisy", seed)
         problem = toy.problem("spline")
         weight = np.random.default_rng(seed).gamma(1.0, size=len(toy.actions))
-        problem = Problem(problem.features, problem.actions, problem.offsets, 3, problem.labels, weight)
+        problem = replace(problem, weight=weight)
         history = run(problem, pooled_state(problem, which, LEVELS[level]()), max_iter=12, tol=0.0).history
         assert np.diff(history).min() >= -1e-10 * np.abs(history).max()
+
+
+@pytest.mark.parametrize("which", ["uniform", "confusion"])
+def test_single_precision_costs_precision_and_nothing_else(which):
+    for name, toy in ZOO.items():
+        double = toy.problem("spline")
+        single = replace(double, features=double.features.astype(np.float32))
+        histories = [
+            run(problem, pooled_state(double, which, TwoBetas.start()), max_iter=8, tol=0.0).history
+            for problem in (double, single)
+        ]
+        scale = np.abs(histories[0]).max()
+        assert np.diff(histories[1]).min() >= -1e-6 * scale, name
+        assert abs(histories[1][0] - histories[0][0]) <= 1e-5 * scale, name
 
 
 @pytest.mark.parametrize("which", ["uniform", "marginal", "complement", "normalised complement", "confusion"])

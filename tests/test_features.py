@@ -7,8 +7,9 @@ import pytest
 from sklearn.preprocessing import PolynomialFeatures, SplineTransformer
 
 from rpil.errors import DataError
-from rpil.features import FEATURES, RIDGE_PER_STEP, FeatureMap
+from rpil.features import RIDGE_PER_STEP, FeatureMap
 
+KINDS = ("raw", "spline", "poly")
 RNG = np.random.default_rng(0)
 X = RNG.normal(size=(200, 3)) * [1.0, 40.0, 0.01] + [0.0, 100.0, -5.0]
 
@@ -19,7 +20,7 @@ def span(columns):
     return q @ q.T
 
 
-@pytest.mark.parametrize("kind", FEATURES)
+@pytest.mark.parametrize("kind", KINDS)
 def test_columns_are_centred_and_the_last_is_the_constant(kind):
     design = FeatureMap.fit(kind, X).design(X)
     np.testing.assert_allclose(design[:, :-1].mean(axis=0), 0.0, atol=1e-12)
@@ -53,9 +54,10 @@ def test_spline_is_linear_beyond_its_knots():
     far = np.stack([top + k * X.std(axis=0) for k in (1.0, 2.0, 3.0)])
     one, two, three = found.design(far)[:, :-1]
     np.testing.assert_allclose(three - two, two - one, atol=1e-9)
+    assert np.abs(two - one).max() > 0.1
 
 
-@pytest.mark.parametrize("kind", FEATURES)
+@pytest.mark.parametrize("kind", KINDS)
 def test_a_constant_observation(kind):
     x = X.copy()
     x[:, 1] = 1e3 / 3
@@ -67,12 +69,12 @@ def test_a_constant_observation(kind):
         assert touched.sum() == {"raw": 1, "poly": 4}[kind]
 
 
-@pytest.mark.parametrize("kind", FEATURES)
+@pytest.mark.parametrize("kind", KINDS)
 def test_a_single_observation(kind):
     assert np.isfinite(FeatureMap.fit(kind, X[:1]).design(X[:1])).all()
 
 
-@pytest.mark.parametrize("kind", FEATURES)
+@pytest.mark.parametrize("kind", KINDS)
 def test_units_do_not_change_the_design(kind):
     units, shift = np.array([1e-15, 1e3, 1e15]), np.array([3.0, 0.0, 0.0])
     plain, scaled = FeatureMap.fit(kind, X).design(X), FeatureMap.fit(kind, X * units).design(X * units)
@@ -80,7 +82,7 @@ def test_units_do_not_change_the_design(kind):
     np.testing.assert_allclose(FeatureMap.fit(kind, X + shift).design(X + shift), plain, atol=1e-8)
 
 
-@pytest.mark.parametrize("kind", FEATURES)
+@pytest.mark.parametrize("kind", KINDS)
 def test_a_weight_is_a_row_repeated(kind):
     weight = RNG.integers(1, 4, size=len(X))
     repeated = FeatureMap.fit(kind, np.repeat(X, weight, axis=0))
@@ -89,7 +91,7 @@ def test_a_weight_is_a_row_repeated(kind):
         np.testing.assert_allclose(getattr(weighted, field), getattr(repeated, field), rtol=1e-9, atol=1e-9)
 
 
-@pytest.mark.parametrize("kind", FEATURES)
+@pytest.mark.parametrize("kind", KINDS)
 def test_ridge(kind):
     found = FeatureMap.fit(kind, X)
     default = found.ridge(None, 200.0)
@@ -106,7 +108,7 @@ def test_float32_observations_are_computed_with_in_double():
 
 
 def test_errors():
-    with pytest.raises(DataError, match="no features called 'fourier'; choose raw, spline, poly"):
+    with pytest.raises(DataError, match=r"no features called 'fourier'; choose .*raw, folded, spline, poly"):
         FeatureMap.fit("fourier", X)
     with pytest.raises(DataError, match="Polynomials of 100 observations are too many"):
         FeatureMap.fit("poly", np.zeros((5, 100)))

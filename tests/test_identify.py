@@ -7,7 +7,7 @@ import pytest
 
 from problems import Toy, make, ridge
 from rpil.em import Prior
-from rpil.identify import competing_groups
+from rpil.identify import _compete, competing_groups
 from rpil.policies import SoftmaxPolicy
 from rpil.reliability import TwoBetas
 from rpil.search import AUTO, Setting, fit
@@ -63,6 +63,21 @@ def test_noise_beside_two_groups_belongs_to_neither():
     noise = toy.actions[toy.offsets[12] :]
     noise[:] = np.random.default_rng(0).integers(3, size=len(noise))
     assert as_sets(groups_found(toy)) == HALVES
+
+
+def test_experts_who_visit_other_states_are_no_rivals():
+    """Neither half can tell what the other does where it has never been; but one policy for both loses nothing."""
+    for seed in range(3):
+        toy = make("none", seed, steps=STEPS)
+        place = np.where(toy.groups < 6, 3.0, -3.0)
+        logits = np.column_stack([2 * np.cos(3 * place * toy.observations[:, 0]), toy.observations[:, 1], 0 * place])
+        toy.observations[:, 0] += place
+        toy.actions[:] = (5 * logits).argmax(axis=1)
+        problem = toy.problem("spline")
+        penalty = np.full(problem.features.shape[1], 1e-5 * len(toy.actions))
+        setting = Setting(SoftmaxPolicy.zero(3, penalty), penalty, Prior(), TwoBetas.start())
+        halves = np.arange(6), np.arange(6, 12)
+        assert not _compete(problem, setting, *halves, np.random.default_rng(0))
 
 
 @pytest.mark.parametrize("labels", [{0: 1}, {6: -1}, {0: 1, 6: -1}, {11: 1}])

@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from rpil.estimators import RPIL
 
 # Also known to the modules that own them, but those take a second to import; a test compares.
-FEATURES = ("raw", "spline", "poly")
+FEATURES = ("raw", "folded", "spline", "poly")
 ADVERSARIES = (
     "auto", "constant", "uniform", "marginal", "complement", "normalised-complement", "confusion", "own-policy",
 )  # fmt: skip

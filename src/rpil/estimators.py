@@ -10,23 +10,36 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from sklearn.base import BaseEstimator, ClassifierMixin
 from sklearn.exceptions import ConvergenceWarning
-from sklearn.utils.multiclass import check_classification_targets
 from sklearn.utils.validation import _check_sample_weight, check_is_fitted, validate_data
 from threadpoolctl import threadpool_limits
 
 from rpil.adversaries import Adversary
 from rpil.audit import Audit, summarise
 from rpil.demonstrations import Demonstrations
-from rpil.em import Prior, Problem, Result, State, e_step
+from rpil.em import Problem, Result, State, e_step
 from rpil.errors import DataError
 from rpil.features import FeatureMap
-from rpil.formats.labels import match_labels
 from rpil.identify import competing_groups
+from rpil.inputs import (
+    action_codes,
+    as_demonstrations,
+    as_prior,
+    known_labels,
+    observations_and_actions,
+    ridge_of,
+    source_of,
+)
 from rpil.policies import SoftmaxPolicy
 from rpil.reliability import PointMasses, Reliability, TwoBetas
 from rpil.search import AUTO, Setting, fit
 
 Array = NDArray[Any]
+
+_FEW = 32
+"""Observations up to which folding them costs little."""
+
+_LARGE = 1_000_000
+"""Entries of a design matrix that is searched in single precision: it no longer stays in cache."""
 
 
 class AmbiguousWarning(UserWarning):
@@ -73,7 +86,7 @@ class _SoftmaxClassifier(ClassifierMixin, BaseEstimator):
     def _learn(self, X: Array, codes: Array, weight: Array, trusted: Array, *, C: float | None, tol: float) -> None:
         """Fit the feature map to the `trusted` (N,) steps, and the policy to all by weight."""
         self.features_ = FeatureMap.fit(self.features, X[trusted], weight[trusted])
-        ridge = _ridge(self.features_, C, weight.sum(), len(self.classes_))
+        ridge = ridge_of(self.features_, C, weight.sum(), len(self.classes_))
         targets = np.zeros((len(codes), len(self.classes_)))
         np.put_along_axis(targets, codes[:, None], weight[:, None], axis=1)
         used = weight > 0.0
@@ -117,11 +130,11 @@ class BehavioralCloning(_SoftmaxClassifier):
         DataError
             Where the actions are continuous or all the same.
         """
-        data = _observations_and_actions(self, X, y)
+        data = observations_and_actions(self, X, y)
         weight = _check_sample_weight(sample_weight, data[0], dtype=float, ensure_non_negative=True)
         if not weight.any():
-            raise DataError(f"{_source(X)}: sample_weight is zero everywhere; give at least one step some weight.")
-        self.classes_, codes = _codes(data[1], _source(X))
+            raise DataError(f"{source_of(X)}: sample_weight is zero everywhere; give at least one step some weight.")
+        self.classes_, codes = action_codes(data[1], source_of(X))
         with threadpool_limits(1, "blas"):  # thin products gain nothing from threads, and can lose a lot
             self._learn(data[0], codes, weight, weight > 0.0, C=self.C, tol=self.tol)
         return self
@@ -150,6 +163,10 @@ class RPIL(_SoftmaxClassifier):
         "expert_only" drops the adversary's term from the policy's M-step, as the paper's code does.
     labels : mapping of id to {"expert", "adversary"}, optional
         What is known; fixes responsibilities, and the search starts from there. `fit` takes them too.
+    search_features : str
+        What the policy sees while trust is decided: as `features`, or "auto", which is the same but for "folded" where
+        `features` is "raw" and there are few observations: a straight line mistakes an expert in a rare situation for
+        an adversary.
     n_single : int
         Starts from single demonstrations, beside the pooled one and the one where all demonstrations weigh the same.
     annealing : int
@@ -196,6 +213,7 @@ class RPIL(_SoftmaxClassifier):
         level: str = "both",
         m_step: str = "joint",
         labels: Mapping[Any, str] | None = None,
+        search_features: str = "auto",
         n_single: int = 3,
         annealing: int = 0,
         max_iter: int = 200,
@@ -210,6 +228,7 @@ class RPIL(_SoftmaxClassifier):
         self.level = level
         self.m_step = m_step
         self.labels = labels
+        self.search_features = search_features
         self.n_single = n_single
         self.annealing = annealing
         self.max_iter = max_iter
@@ -234,18 +253,20 @@ class RPIL(_SoftmaxClassifier):
             One sentence: continuous or constant actions, a single demonstration, unknown label ids, no demonstration
             left that may be an expert's.
         """
-        demonstrations = _demonstrations(self, X, y, groups)
+        demonstrations = as_demonstrations(self, X, y, groups)
         source = demonstrations.source
-        self.classes_, codes = _codes(demonstrations.actions, source)
+        self.classes_, codes = action_codes(demonstrations.actions, source)
         if len(demonstrations) < 2:
             raise DataError(f"{source}: one demonstration alone (n_samples=1) cannot be compared; give at least two.")
-        known = _labels(labels if labels is not None else self.labels, demonstrations)
+        known = known_labels(labels if labels is not None else self.labels, demonstrations)
         progress = self.progress or (lambda _: None)
         with threadpool_limits(1, "blas"):  # thin products gain nothing from threads, and can lose a lot
             progress("features")
-            features = FeatureMap.fit(self.features, demonstrations.observations)
+            features = FeatureMap.fit(self._search_kind(demonstrations), demonstrations.observations)
             problem = Problem(
-                features.design(demonstrations.observations),
+                features.design(
+                    demonstrations.observations, single=demonstrations.n_steps * features.n_columns > _LARGE
+                ),
                 codes,
                 demonstrations.offsets,
                 len(self.classes_),
@@ -281,7 +302,7 @@ class RPIL(_SoftmaxClassifier):
             Where an action is not among `classes_`.
         """
         check_is_fitted(self)
-        demonstrations = _demonstrations(self, X, y, groups, reset=False)
+        demonstrations = as_demonstrations(self, X, y, groups, reset=False)
         codes = np.searchsorted(self.classes_, demonstrations.actions).clip(max=len(self.classes_) - 1)
         unknown = np.flatnonzero(self.classes_[codes] != demonstrations.actions)
         if len(unknown):
@@ -296,8 +317,14 @@ class RPIL(_SoftmaxClassifier):
         problem = Problem(design, codes, demonstrations.offsets, len(self.classes_), nobody)
         return e_step(problem, self.state_, self.state_.policy.log_proba(design)).log_odds
 
+    def _search_kind(self, demonstrations: Demonstrations) -> str:
+        if self.search_features != "auto":
+            return self.search_features
+        few = demonstrations.n_observations <= _FEW
+        return "folded" if self.features == "raw" and few else self.features
+
     def _setting(self, features: FeatureMap, problem: Problem) -> Setting:
-        ridge = _ridge(features, self.C, len(problem.actions), problem.n_actions)
+        ridge = ridge_of(features, self.C, len(problem.actions), problem.n_actions)
         levels: dict[str, Callable[[], Reliability]] = {"both": TwoBetas.start, "demonstration": PointMasses}
         for name, value, known in (("level", self.level, levels), ("m_step", self.m_step, ("joint", "expert_only"))):
             if value not in known:
@@ -305,7 +332,7 @@ class RPIL(_SoftmaxClassifier):
         return Setting(
             policy=SoftmaxPolicy.zero(problem.n_actions, ridge),
             ridge=ridge,
-            prior=_prior(self.prior),
+            prior=as_prior(self.prior),
             reliability=levels[self.level](),
             mode=self.m_step,  # type: ignore[arg-type]
             n_single=self.n_single,
@@ -345,99 +372,6 @@ class RPIL(_SoftmaxClassifier):
                 AmbiguousWarning,
                 stacklevel=3,
             )
-
-
-def _source(X: Any) -> str:
-    return X.source if isinstance(X, Demonstrations) else "the demonstrations"
-
-
-def _observations_and_actions(
-    estimator: BaseEstimator, X: ArrayLike | Demonstrations, y: ArrayLike | None, reset: bool = True
-) -> tuple[Array, Array]:
-    """X and y as scikit-learn wants them checked, or the columns of `Demonstrations`."""
-    if isinstance(X, Demonstrations):
-        if reset:
-            estimator.n_features_in_ = X.n_observations
-            estimator.observation_names_ = X.observation_names
-        elif estimator.n_features_in_ != X.n_observations:
-            raise DataError(f"{X.source}: {X.n_observations} observations, but {estimator.n_features_in_} were fitted.")
-        return X.observations, X.actions
-    if reset:
-        estimator.observation_names_ = ()
-    return validate_data(estimator, X, y, reset=reset)
-
-
-def _demonstrations(
-    estimator: BaseEstimator,
-    X: ArrayLike | Demonstrations,
-    y: ArrayLike | None,
-    groups: ArrayLike | None,
-    reset: bool = True,
-) -> Demonstrations:
-    observations, actions = _observations_and_actions(estimator, X, y, reset)
-    if isinstance(X, Demonstrations):
-        return X
-    if np.asarray(actions).dtype.kind not in "fc":
-        check_classification_targets(actions)
-    if groups is None:
-        warnings.warn(
-            "No groups: every row is taken for a demonstration of its own; pass groups=, the demonstration of each row "
-            "(in cross_validate and the like that needs metadata routing: RPIL().set_fit_request(groups=True)).",
-            UserWarning,
-            stacklevel=3,
-        )
-        groups = np.arange(len(observations))
-    return Demonstrations.from_groups(observations, actions, groups)
-
-
-def _codes(actions: Array, source: str) -> tuple[Array, Array]:
-    """The distinct actions (K,), and the code of each step's (N,)."""
-    if np.ndim(actions) != 1:
-        raise DataError(f"{source}: the actions are continuous, which is not supported yet; give discrete ones.")
-    if np.asarray(actions).dtype.kind == "f":
-        check_classification_targets(actions)
-    classes, codes = np.unique(actions, return_inverse=True)
-    if len(classes) < 2:
-        only = repr(classes[0].item())
-        raise DataError(f"{source}: every action is {only}, one class only; give demonstrations with two at least.")
-    return classes, codes
-
-
-def _labels(labels: Mapping[Any, str] | None, demonstrations: Demonstrations) -> Array:
-    """1 for known experts, -1 for known adversaries, 0 for the rest, (M,)."""
-    known = np.zeros(len(demonstrations), dtype=int)
-    for name, word in (labels or {}).items():
-        if word not in ("expert", "adversary"):
-            raise DataError(f"Demonstration {name!r}: the label {word!r} is unknown; use 'expert' or 'adversary'.")
-    for m, expert in match_labels({str(k): v for k, v in (labels or {}).items()}, demonstrations.ids).items():  # type: ignore[misc]
-        known[m] = 1 if expert else -1
-    if (known < 0).all():
-        raise DataError(
-            f"{demonstrations.source}: all demonstrations are labelled adversary; leave one that may be an expert's."
-        )
-    return known
-
-
-def _prior(prior: float | tuple[float, float] | None) -> Prior:
-    if prior is None:
-        return Prior()
-    if np.ndim(prior) == 0:
-        if not 0 < float(prior) < 1:  # type: ignore[arg-type]
-            raise DataError(f"The prior {prior!r} is no probability between 0 and 1.")
-        return Prior(float(prior), fixed=True)  # type: ignore[arg-type]
-    a, b = (float(value) for value in prior)  # type: ignore[union-attr]
-    if a < 1 or b < 1:
-        raise DataError(f"The Beta prior ({a}, {b}) has no single mode; give both numbers as 1 or more.")
-    return Prior((a / (a + b)), a, b)
-
-
-def _ridge(features: FeatureMap, C: float | None, total_weight: float, n_actions: int) -> Array:
-    """Penalty on each column: with two actions scikit-learn penalises the difference of the two columns once, which is
-    twice the penalty on each."""
-    if C is not None and not C > 0:
-        raise DataError(f"C={C!r} must be a positive number.")
-    ridge = features.ridge(C, total_weight)
-    return 2.0 * ridge if C is not None and n_actions == 2 else ridge
 
 
 def _assumptions(model: RPIL, problem: Problem) -> list[str]:

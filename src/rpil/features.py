@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from rpil.errors import DataError
 from rpil.passes import Array
 
-FEATURES = ("raw", "spline", "poly")
+FEATURES = ("raw", "folded", "spline", "poly")
 
 RIDGE_PER_STEP = 1e-5
 """The default ridge, for a step: strong enough to keep separable classes finite, too weak to bias a policy."""
@@ -32,13 +32,14 @@ class FeatureMap:
 
     Attributes
     ----------
-    kind : {"raw", "spline", "poly"}
-        The observation itself; a cubic B-spline basis of each observation (8 knots, linear beyond them); all products
-        of up to two observations.
+    kind : {"raw", "folded", "spline", "poly"}
+        The observation itself; the observation and its distance from the mean, so that a policy may treat both sides
+        alike; a cubic B-spline basis of each observation (8 knots, linear beyond them); all products of up to two
+        observations.
     knots : (8, D) array
         Of the spline; (0, D) for the other kinds.
     location, spread : (D,) arrays
-        What polynomials subtract and divide by before they multiply.
+        What polynomials subtract and divide by before they multiply, and folding before it folds.
     center, scale : (F,) arrays
         What every column subtracts and divides by.
     """
@@ -83,12 +84,16 @@ class FeatureMap:
         """Columns of an observation."""
         return len(self.location)
 
-    def design(self, observations: NDArray[Any]) -> Array:
-        """The design matrix, (N, F + 1)."""
+    @property
+    def n_columns(self) -> int:
+        """Columns of the design matrix, F + 1."""
+        return len(self.center) + 1
+
+    def design(self, observations: NDArray[Any], single: bool = False) -> Array:
+        """The design matrix, (N, F + 1), in single precision where asked."""
         columns = self._columns(np.asarray(observations, dtype=float))
-        out = np.empty((len(columns), columns.shape[1] + 1))
-        np.subtract(columns, self.center, out=out[:, :-1])
-        out[:, :-1] /= self.scale
+        out = np.empty((len(columns), columns.shape[1] + 1), np.float32 if single else np.float64)
+        out[:, :-1] = (columns - self.center) / self.scale
         out[:, -1] = 1.0
         return out
 
@@ -108,6 +113,8 @@ class FeatureMap:
         if self.kind == "spline":
             return self._splines.transform(observations)
         z = (observations - self.location) / self.spread
+        if self.kind == "folded":
+            return np.hstack([observations, np.abs(z)])
         i, j = np.triu_indices(z.shape[1])
         return np.hstack([z, z[:, i] * z[:, j]])
 

@@ -30,10 +30,11 @@ def blocks(features: Array) -> Iterator[slice]:
 
 
 def linear(features: Array, weights: Array) -> Array:
-    """The product X W, (N, K)."""
-    out = np.empty((features.shape[0], weights.shape[1]), dtype=features.dtype)
+    """The product X W in double precision, (N, K), each block in the precision of `features`."""
+    out = np.empty((features.shape[0], weights.shape[1]))
+    weights = weights.astype(features.dtype, copy=False)
     for block in blocks(features):
-        np.matmul(features[block], weights, out=out[block])
+        out[block] = features[block] @ weights
     return out
 
 
@@ -56,6 +57,7 @@ def logsumexp(values: Array, axis: int | tuple[int, ...]) -> Array:
 def gradient(features: Array, residual: Array) -> Array:
     """The product X^T R, (D, K), for residuals R (N, K)."""
     total = np.zeros((features.shape[1], residual.shape[1]))
+    residual = residual.astype(features.dtype, copy=False)
     for block in blocks(features):
         total += features[block].T @ residual[block]
     return total
@@ -67,7 +69,7 @@ def hessian_product(features: Array, proba: Array, weight: Array, direction: Arr
     `proba` (N, K) are the policy's probabilities, `weight` (N,) the weights s of the steps, `direction` V is (D, K).
     """
     total = np.zeros(direction.shape)
-    direction = direction.astype(features.dtype, copy=False)
+    direction, proba, weight = (a.astype(features.dtype, copy=False) for a in (direction, proba, weight))
     for block in blocks(features):
         rows, p = features[block], proba[block]
         z = rows @ direction

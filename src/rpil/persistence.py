@@ -246,6 +246,8 @@ class _Decoder:
         if node.keys() != {"class", "fields"} or content.keys() != set(_field_names(known)):
             raise KeyError(node["class"])
         shapes = _KNOWN[known]
+        if known is FeatureMap:  # what comes after it, up to the next one, has as many columns as it
+            self.sizes = {letter: size for letter, size in self.sizes.items() if letter not in ("F", "knots")}
         return known(
             **{
                 name: self.array(part, shapes[name], np.int64 if name == "offsets" else np.float64)

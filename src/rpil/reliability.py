@@ -83,8 +83,9 @@ def beta_table() -> BetaTable:
     log_weight = xlogy(a[:, None] - 1, nodes) + xlogy(b[:, None] - 1, 1 - nodes) + np.log(np.sin(angle))
     log_weight -= logsumexp(log_weight, axis=1, keepdims=True)
     mean, concentration = a / (a + b), a + b
-    # Weak: worth a demonstration or so. Experts mostly follow the expert.
-    log_prior = np.stack([4.0 * np.log(mean), 0.0 * mean])
+    # Experts mostly follow the expert, which is worth four steps. Certainty is for one group only: an adversary's
+    # density vanishes at rho = 1 and an expert's at 0, or the ends would speak for neither.
+    log_prior = np.stack([np.where(a >= 2, 4.0 * np.log(mean), -np.inf), np.where(b >= 2, 0.0, -np.inf)])
     return BetaTable(nodes, mean, concentration, log_weight, log_prior)
 
 

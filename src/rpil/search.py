@@ -8,11 +8,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
 from rpil.adversaries import Adversary, adversary
 from rpil.em import MStep, Prior, Problem, Result, State, e_step, m_step, run
+from rpil.parallel import in_parallel
 from rpil.passes import Array
 from rpil.policies import Policy
 from rpil.reliability import Reliability
@@ -76,14 +78,17 @@ def fit(
     best = runs[0]
     if len(candidates) == 1:
         return _continue(problem, setting, best), runs
-    results = []
-    for candidate in candidates:
+
+    def try_one(candidate: str | Adversary) -> Result:
         progress(f"adversary: {candidate}")
         start = _with_adversary(problem, best, adversary(candidate, problem.n_actions, setting.ridge))
-        results.append(_run(problem, setting, start, best.posterior.log_proba, setting.max_iter))
+        return _run(problem, setting, start, best.posterior.log_proba, setting.max_iter)
+
+    results = in_parallel(try_one, candidates, problem.features)
     progress("comparing adversaries")
     folds = _folds(problem, 3, rng)
-    return max(results, key=lambda result: held_out(problem, setting, result, folds)), runs
+    scores = in_parallel(lambda result: held_out(problem, setting, result, folds), results, problem.features)
+    return results[int(np.argmax(scores))], runs
 
 
 def starts(problem: Problem, setting: Setting, rng: np.random.Generator) -> dict[str, Array]:
@@ -112,8 +117,9 @@ def search(
     What contradicts a label is no candidate while something else is, whatever its objective: the likelihood prefers the
     larger of two groups, a label knows the right one.
     """
-    begun = []
-    for start, weight in starts(problem, setting, rng).items():
+
+    def begin(named: tuple[str, Array]) -> Result:
+        start, weight = named
         progress(f"start: {start}")
         policy, log_proba = _taught(problem, setting, weight)
         first = adversary(which, problem.n_actions, setting.ridge)
@@ -121,14 +127,15 @@ def search(
         for beta in _temperatures(problem, setting.annealing):
             cooled = run(problem, state, log_proba=log_proba, mode=setting.mode, beta=beta, max_iter=3, tol=0.0)
             state, log_proba = cooled.state, cooled.posterior.log_proba
-        begun.append(_run(problem, setting, state, log_proba, _SHORT))
+        return _run(problem, setting, state, log_proba, _SHORT)
 
     def rank(result: Result) -> tuple[int, float]:
         contradicted = (problem.labels * np.sign(result.posterior.log_odds) < 0).sum()
         return int(contradicted), -result.objective
 
-    begun.sort(key=rank)
-    carried = [_continue(problem, setting, result, 3 * _SHORT) for result in begun[:_CARRIED]]
+    begun = sorted(in_parallel(begin, starts(problem, setting, rng).items(), problem.features), key=rank)
+    longer = partial(_continue, problem, setting, max_iter=3 * _SHORT)
+    carried = in_parallel(longer, begun[:_CARRIED], problem.features)
     return sorted(carried, key=rank) + begun[len(carried) :]
 
 

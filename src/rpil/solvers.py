@@ -89,7 +89,7 @@ def fit_softmax(
     weight = targets.sum(axis=1)
     scale = max(float(weight.sum()), np.finfo(float).tiny)
     weights = np.zeros((features.shape[1], targets.shape[1])) if start is None else np.array(start, dtype=float)
-    logits = linear(features, weights.astype(features.dtype, copy=False))
+    logits = linear(features, weights)
     log_proba = log_softmax(logits)
     objective = _objective(log_proba, targets, weights, ridge)
 
@@ -104,7 +104,7 @@ def fit_softmax(
         step = _newton_direction(features, proba, weight, ridge, slope, preconditioner, max_cg)
 
         # Logits move on a line, so that a trial length costs no pass over the features.
-        step_logits = linear(features, step.astype(features.dtype, copy=False))
+        step_logits = linear(features, step)
         descent = float((slope * step).sum())
         length = 1.0
         while True:
@@ -129,12 +129,13 @@ def _newton_direction(
     features: Array, proba: Array, weight: Array, ridge: Array, slope: Array, precondition: Preconditioner, max_cg: int
 ) -> Array:
     """Approximately solve H step = -slope; the relative residual shrinks with the gradient (Eisenstat-Walker)."""
+    proba, weight = (a.astype(features.dtype, copy=False) for a in (proba, weight))
     step = np.zeros_like(slope)
     residual = -slope
     preconditioned = precondition(residual)
     direction = preconditioned
     energy = first = float((residual * preconditioned).sum())
-    scale = max(float(weight.sum()), np.finfo(float).tiny)
+    scale = max(float(weight.sum(dtype=float)), np.finfo(float).tiny)
     forcing = min(0.25, np.sqrt(np.sqrt(first / scale)))
     for _ in range(max_cg):
         product = hessian_product(features, proba, weight, direction) + ridge * direction
@@ -153,22 +154,21 @@ def _newton_direction(
 
 
 class Preconditioner:
-    """Inverse of the class blocks X^T diag(s p_k (1 - p_k)) X + penalty, from an even subsample of the steps.
-
-    The softmax does not feel a shift of all classes, so residuals and directions are centred over classes.
-    """
+    """Inverse of the class blocks X^T diag(s p_k (1 - p_k)) X + penalty, from an even subsample of the steps."""
 
     def __init__(self, features: Array, proba: Array, weight: Array, penalty: Array) -> None:
         n_steps, n_features = features.shape
         stride = max(1, n_steps // max(_PRECONDITIONER_ROWS, 4 * n_features))
         rows = features[::stride]
         curvature = stride * weight[::stride, None] * proba[::stride] * (1 - proba[::stride])
+        curvature = curvature.astype(rows.dtype, copy=False)
+        floor = max(1e-8, 100 * np.finfo(rows.dtype).eps)
         self.factors = []
         for k in range(proba.shape[1]):
-            block = (rows.T * curvature[:, k]) @ rows
+            block = ((rows.T * curvature[:, k]) @ rows).astype(float)
             diagonal = np.einsum("dd->d", block)
-            # The floor keeps a class that the subsample hardly sees invertible.
-            diagonal += penalty + 1e-8 * (1e-8 + diagonal.max())
+            # The floor keeps a class that the subsample hardly sees invertible, and is above the product's rounding.
+            diagonal += penalty + floor * (1e-8 + diagonal.max())
             self.factors.append(cho_factor(block, lower=True, overwrite_a=True, check_finite=False))
 
     def __call__(self, residual: Array) -> Array:

@@ -37,7 +37,7 @@ class SoftmaxPolicy:
 
     def log_proba(self, features: Array) -> Array:
         """log pi(k|s) of all actions, (N, K)."""
-        return log_softmax(linear(features, self.weights.astype(features.dtype, copy=False)))
+        return log_softmax(linear(features, self.weights))
 
     def fit(
         self, features: Array, targets: Array, *, tol: float = 1e-6, max_iter: int = 100, max_cg: int = 200

@@ -1,0 +1,113 @@
+"""What the estimators accept: scikit-learn's X, y, groups or `Demonstrations`; labels, priors, ridges."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+from sklearn.base import BaseEstimator
+from sklearn.utils.multiclass import check_classification_targets
+from sklearn.utils.validation import validate_data
+
+from rpil.demonstrations import Demonstrations
+from rpil.em import Prior
+from rpil.errors import DataError
+from rpil.features import FeatureMap
+from rpil.formats.labels import match_labels
+from rpil.passes import Array
+
+
+def source_of(X: Any) -> str:
+    return X.source if isinstance(X, Demonstrations) else "the demonstrations"
+
+
+def observations_and_actions(
+    estimator: BaseEstimator, X: ArrayLike | Demonstrations, y: ArrayLike | None, reset: bool = True
+) -> tuple[Array, Array]:
+    """X and y as scikit-learn wants them checked, or the columns of `Demonstrations`."""
+    if isinstance(X, Demonstrations):
+        if reset:
+            estimator.n_features_in_ = X.n_observations
+            estimator.observation_names_ = X.observation_names
+        elif estimator.n_features_in_ != X.n_observations:
+            raise DataError(f"{X.source}: {X.n_observations} observations, but {estimator.n_features_in_} were fitted.")
+        return X.observations, X.actions
+    if reset:
+        estimator.observation_names_ = ()
+    return validate_data(estimator, X, y, reset=reset)
+
+
+def as_demonstrations(
+    estimator: BaseEstimator,
+    X: ArrayLike | Demonstrations,
+    y: ArrayLike | None,
+    groups: ArrayLike | None,
+    reset: bool = True,
+) -> Demonstrations:
+    observations, actions = observations_and_actions(estimator, X, y, reset)
+    if isinstance(X, Demonstrations):
+        return X
+    if np.asarray(actions).dtype.kind not in "fc":
+        check_classification_targets(actions)
+    if groups is None:
+        warnings.warn(
+            "No groups: every row is taken for a demonstration of its own; pass groups=, the demonstration of each row "
+            "(in cross_validate and the like that needs metadata routing: RPIL().set_fit_request(groups=True)).",
+            UserWarning,
+            stacklevel=3,
+        )
+        groups = np.arange(len(observations))
+    return Demonstrations.from_groups(observations, actions, groups)
+
+
+def action_codes(actions: Array, source: str) -> tuple[Array, Array]:
+    """The distinct actions (K,), and the code of each step's (N,)."""
+    if np.ndim(actions) != 1:
+        raise DataError(f"{source}: the actions are continuous, which is not supported yet; give discrete ones.")
+    if np.asarray(actions).dtype.kind == "f":
+        check_classification_targets(actions)
+    classes, codes = np.unique(actions, return_inverse=True)
+    if len(classes) < 2:
+        only = repr(classes[0].item())
+        raise DataError(f"{source}: every action is {only}, one class only; give demonstrations with two at least.")
+    return classes, codes
+
+
+def known_labels(labels: Mapping[Any, str] | None, demonstrations: Demonstrations) -> Array:
+    """1 for known experts, -1 for known adversaries, 0 for the rest, (M,)."""
+    known = np.zeros(len(demonstrations), dtype=int)
+    for name, word in (labels or {}).items():
+        if word not in ("expert", "adversary"):
+            raise DataError(f"Demonstration {name!r}: the label {word!r} is unknown; use 'expert' or 'adversary'.")
+    for m, expert in match_labels({str(k): v for k, v in (labels or {}).items()}, demonstrations.ids).items():  # type: ignore[misc]
+        known[m] = 1 if expert else -1
+    if (known < 0).all():
+        raise DataError(
+            f"{demonstrations.source}: all demonstrations are labelled adversary; leave one that may be an expert's."
+        )
+    return known
+
+
+def as_prior(prior: float | tuple[float, float] | None) -> Prior:
+    if prior is None:
+        return Prior()
+    if np.ndim(prior) == 0:
+        if not 0 < float(prior) < 1:  # type: ignore[arg-type]
+            raise DataError(f"The prior {prior!r} is no probability between 0 and 1.")
+        return Prior(float(prior), fixed=True)  # type: ignore[arg-type]
+    a, b = (float(value) for value in prior)  # type: ignore[union-attr]
+    if a < 1 or b < 1:
+        raise DataError(f"The Beta prior ({a}, {b}) has no single mode; give both numbers as 1 or more.")
+    return Prior((a / (a + b)), a, b)
+
+
+def ridge_of(features: FeatureMap, C: float | None, total_weight: float, n_actions: int) -> Array:
+    """Penalty on each column: with two actions scikit-learn penalises the difference of the two columns once, which is
+    twice the penalty on each."""
+    if C is not None and not C > 0:
+        raise DataError(f"C={C!r} must be a positive number.")
+    ridge = features.ridge(C, total_weight)
+    return 2.0 * ridge if C is not None and n_actions == 2 else ridge
