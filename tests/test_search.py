@@ -211,5 +211,6 @@ def test_the_papers_mixture_fails_where_half_the_actions_are_random_and_reliabil
     setting = setting_for(problem)
     result, _ = fit(problem, setting, ["uniform"], np.random.default_rng(0))
     assert right(toy, result.posterior.log_odds)
-    paper, _ = fit(problem, replace(setting, reliability=PointMasses()), ["uniform"], np.random.default_rng(0))
+    papers = replace(setting, reliability=PointMasses(), n_single=0)  # and its start, the pooled fit
+    paper, _ = fit(problem, papers, ["uniform"], np.random.default_rng(0))
     assert (paper.posterior.log_odds[~toy.is_good] > 0).any()

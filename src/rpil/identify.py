@@ -1,7 +1,8 @@
 """What cannot be known: several groups of demonstrations, each of one mind, and nothing that says which is the expert.
 
 Noise agrees with nobody, so a mixture finds the experts by their agreement. Adversaries who agree among themselves look
-exactly like experts. Two groups compete when each predicts its own held-out members, and one policy for both predicts much less.
+exactly like experts. Two groups compete when each predicts its own held-out members, and one policy for both predicts
+much less.
 """
 
 from __future__ import annotations
@@ -23,6 +24,7 @@ Over simulated corruptions the share is .13 at most for incoherent ones and for 
 """
 
 _MAX_GROUPS = 5
+_MAX_PARTS = 2
 _RHO = np.linspace(0.0, 1.0, 21)
 
 
@@ -39,7 +41,7 @@ def competing_groups(
     experts = _experts(result)
     parts = [part for part in map(_experts, runs) if len(part) < 0.9 * len(experts) and np.isin(part, experts).all()]
     seen: set[bytes] = set()
-    for group in [experts, *parts]:
+    for group in [experts, *parts[:_MAX_PARTS]]:
         if len(group) < 2 or group.tobytes() in seen:
             continue
         seen.add(group.tobytes())
@@ -59,7 +61,8 @@ def _with_rivals(problem: Problem, setting: Setting, experts: Array, rng: np.ran
     groups = [experts]
     rest = np.setdiff1d(np.arange(problem.n_demonstrations), experts)
     while len(rest) >= 2 and len(groups) < _MAX_GROUPS:
-        found = search(problem.select(rest, unlabelled=True), replace(setting, n_single=1), "marginal", rng)[0]
+        others = problem.select(rest, unlabelled=True)
+        found = search(others, replace(setting, n_single=1), "marginal", rng, carried=0)[0]
         rival = rest[found.posterior.expert > 0.5]
         if len(rival) < 2 or not all(_compete(problem, setting, group, rival, rng) for group in groups):
             break

@@ -22,12 +22,8 @@ from rpil.reliability import Reliability
 AUTO = ("uniform", "marginal", "normalised complement", "confusion")
 """The adversaries among which ``"auto"`` chooses: distributions, so that their held-out likelihoods compare."""
 
-_SEARCH_ADVERSARY = "marginal"
 _SHORT = 6
 """EM iterations after which starts are compared."""
-
-_CARRIED = 2
-"""Starts that are carried on after the comparison."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,8 +69,9 @@ def fit(
     progress: Progress = lambda _: None,
 ) -> tuple[Result, list[Result]]:
     """The winning run among `candidates` for the adversary, and every start's run, for those who compare groups."""
-    first = candidates[0] if len(candidates) == 1 else _SEARCH_ADVERSARY
-    runs = search(problem, setting, first, rng, progress)
+    # With labels the other group may be of one mind too, and larger: only a confusion can keep it from taking over.
+    first = "confusion" if problem.labels.any() else "marginal"
+    runs = search(problem, setting, candidates[0] if len(candidates) == 1 else first, rng, progress)
     best = runs[0]
     if len(candidates) == 1:
         return _continue(problem, setting, best), runs
@@ -111,8 +108,9 @@ def search(
     which: str | Adversary,
     rng: np.random.Generator,
     progress: Progress = lambda _: None,
+    carried: int = 2,
 ) -> list[Result]:
-    """Runs from every start, the best first; only the most promising are carried on.
+    """Runs from every start, the best first; after a few iterations only the `carried` most promising go on.
 
     What contradicts a label is no candidate while something else is, whatever its objective: the likelihood prefers the
     larger of two groups, a label knows the right one.
@@ -124,19 +122,32 @@ def search(
         policy, log_proba = _taught(problem, setting, weight)
         first = adversary(which, problem.n_actions, setting.ridge)
         state = State(policy, first, setting.prior, setting.reliability)
+        if (weight > 0).mean() < 0.5:  # a few demonstrations grow into the group that agrees with them
+            agreeing = np.maximum(weight, e_step(problem, state, log_proba).expert)
+            policy, log_proba = _taught(problem, setting, agreeing)
+            state = replace(state, policy=policy)
         for beta in _temperatures(problem, setting.annealing):
             cooled = run(problem, state, log_proba=log_proba, mode=setting.mode, beta=beta, max_iter=3, tol=0.0)
             state, log_proba = cooled.state, cooled.posterior.log_proba
         return _run(problem, setting, state, log_proba, _SHORT)
 
     def rank(result: Result) -> tuple[int, float]:
-        contradicted = (problem.labels * np.sign(result.posterior.log_odds) < 0).sum()
-        return int(contradicted), -result.objective
+        return _contradicted(problem, setting, result), -result.objective
 
     begun = sorted(in_parallel(begin, starts(problem, setting, rng).items(), problem.features), key=rank)
     longer = partial(_continue, problem, setting, max_iter=3 * _SHORT)
-    carried = in_parallel(longer, begun[:_CARRIED], problem.features)
-    return sorted(carried, key=rank) + begun[len(carried) :]
+    ended = in_parallel(longer, begun[:carried], problem.features)
+    return sorted(ended, key=rank) + begun[carried:]
+
+
+def _contradicted(problem: Problem, setting: Setting, result: Result) -> int:
+    """Labels that a run disagrees with once labelled experts have no say in the policy they are judged by."""
+    if not problem.labels.any():
+        return 0
+    others = np.where(problem.labels > 0, 0.0, result.posterior.expert)
+    policy, log_proba = _taught(problem, setting, others)
+    log_odds = e_step(problem, replace(result.state, policy=policy), log_proba).log_odds
+    return int((problem.labels * np.sign(log_odds) < 0).sum())
 
 
 def _taught(problem: Problem, setting: Setting, weight: Array) -> tuple[Policy, Array]:
