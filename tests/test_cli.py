@@ -207,7 +207,7 @@ def test_what_cannot_be_known_in_json(folder):
 
 def test_fit_says_when_the_policy_is_a_guess(folder):
     result = ok("fit", folder / "shifted.parquet", "-o", "p", "--quiet")
-    assert "Until then the policy in p is a guess." in result.stdout
+    assert "Until then the policy in p learned from all of them alike." in result.stdout
     assert result.stdout.splitlines()[-1] == "Policy: p"
     assert result.stderr == ""
     Path("l.json").write_text('{"0": "good", "11": "bad"}')

@@ -52,7 +52,7 @@ class Audit:
     log_odds : (M,) array
         Log posterior odds of expert against adversary, in nats; the primary output.
     expert_proba : (M,) array
-        ``sigmoid(log_odds)``.
+        ``sigmoid(log_odds)``; 0.5 for members of competing groups, whose log-odds only say which group they are in.
     reliability : (M,) array
         Posterior mean share of the demonstration's steps that are the expert's.
     reliability_interval : (M, 2) array
@@ -171,13 +171,13 @@ def summarise(
     """
     posterior = result.posterior
     log_odds = _with_labels(posterior.log_odds, problem.labels)
-    proba = expit(log_odds)
     nodes, by_node = result.state.reliability.nodes, posterior.joint.sum(axis=1)
     reliability = by_node @ nodes
     contested = np.zeros(len(ids), dtype=bool)
     for group in competing:
         contested[group] = True
     contested &= problem.labels == 0
+    proba = np.where(contested, 0.5, expit(log_odds))
     return Audit(
         ids=tuple(ids),
         offsets=np.asarray(problem.offsets, dtype=np.int64),

@@ -214,7 +214,7 @@ def fit(ctx: click.Context, file: str, output: str, method: str, quiet: bool, **
         click.echo(f"All of {size} were trusted alike.")
     else:
         click.echo(headline(model.audit_))
-        _explain(ctx, model.audit_, f"Until then the policy in {output} is a guess.")
+        _explain(ctx, model.audit_, f"Until then the policy in {output} learned from all of them alike.")
     play = shlex.join(["rpil", "evaluate", output, "--env"])
     click.echo(f"Policy: {output}" if quiet else f"Policy: {output}; to play it: {play} ID")
 

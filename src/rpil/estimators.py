@@ -38,6 +38,9 @@ Array = NDArray[Any]
 _FEW = 32
 """Observations up to which folding them costs little."""
 
+_REFIT_TOL = 1e-6
+"""Gradient, a step, at which the final policy is done: its actions have long stopped changing."""
+
 _LARGE = 1_000_000
 """Entries of a design matrix that is searched in single precision: it no longer stays in cache."""
 
@@ -361,7 +364,7 @@ class RPIL(_SoftmaxClassifier):
         if weight.sum() < 1.0:  # nobody is trusted: what little is the expert's, wherever it is
             weight = result.posterior.step
         trusted = weight > 0.5 * weight.max()
-        self._learn(demonstrations.observations, codes, weight, trusted, C=self.C, tol=1e-8)
+        self._learn(demonstrations.observations, codes, weight, trusted, C=self.C, tol=_REFIT_TOL)
         if not result.converged:
             warnings.warn("EM stopped at max_iter; raise max_iter or tol.", ConvergenceWarning, stacklevel=3)
         if competing:
