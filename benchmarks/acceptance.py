@@ -27,7 +27,7 @@ from rpil.audit import Audit
 from rpil.demonstrations import Demonstrations
 from rpil.estimators import RPIL, AmbiguousWarning, BehavioralCloning
 from rpil.rollouts import rollout
-from rpil.simulate import simulate
+from rpil.simulation import simulate
 
 ENVIRONMENTS = ("MountainCar-v0", "Acrobot-v1", "LunarLander-v3")
 PAPER, PARTLY, COHERENT = ("corrupted", "random"), ("noisy", "window"), "shift"

@@ -4,9 +4,13 @@ from __future__ import annotations
 
 import ast
 import re
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
+
+import rpil
 
 ROOT = Path(__file__).parents[1] / "src" / "rpil"
 FILES = sorted(path for path in ROOT.rglob("*.py") if path != ROOT / "__init__.py")
@@ -15,7 +19,7 @@ FILES = sorted(path for path in ROOT.rglob("*.py") if path != ROOT / "__init__.p
 ORDER = [
     "errors", "_arrays", "files", "demonstrations", "formats",
     "passes", "parallel", "features", "solvers", "policies", "adversaries", "reliability", "em", "search", "identify",
-    "audit", "inputs", "estimators", "persistence", "experts", "corruptions", "rollouts", "simulate", "simulation",
+    "audit", "inputs", "estimators", "persistence", "experts", "corruptions", "rollouts", "simulation",
     "plots", "report", "data", "demo", "terminal", "cli", "__main__",
 ]
 # fmt: on
@@ -37,3 +41,9 @@ def test_module(path):
     assert imports(path) <= {*ORDER[: ORDER.index(part)], part}
     assert len(path.read_text().splitlines()) <= 400
     assert not re.search(r"^\s*(import|from) (pickle|joblib|dill|cloudpickle)\b", path.read_text(), re.MULTILINE)
+
+
+def test_every_public_name_is_what_it_says_and_no_module():
+    for name in set(rpil.__all__) - {"__version__"}:
+        command = f"from rpil import {name}; assert not isinstance({name}, type(__import__('sys')))"
+        subprocess.run([sys.executable, "-W", "error", "-c", command], check=True)

@@ -9,7 +9,7 @@ import pytest
 from rpil import RPIL, BehavioralCloning, Confusion, Demonstrations, load, save
 from rpil.adversaries import Uniform
 from rpil.errors import DataError
-from rpil.simulate import simulate
+from rpil.simulation import simulate
 
 
 class MyAdversary(Uniform):

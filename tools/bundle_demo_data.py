@@ -15,7 +15,7 @@ import numpy as np
 
 from rpil.demonstrations import Demonstrations
 from rpil.formats import read, write
-from rpil.simulate import simulate
+from rpil.simulation import simulate
 
 SEED = 0
 LANDER = ("x", "y", "x speed", "y speed", "angle", "angular speed", "left leg", "right leg")

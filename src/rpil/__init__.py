@@ -20,7 +20,7 @@ _HOME = {
     "read": "rpil.formats",
     "rollout": "rpil.rollouts",
     "save": "rpil.persistence",
-    "simulate": "rpil.simulate",
+    "simulate": "rpil.simulation",
     "write": "rpil.formats",
 }
 
@@ -52,7 +52,7 @@ if TYPE_CHECKING:
     from rpil.persistence import load, save
     from rpil.policies import SoftmaxPolicy
     from rpil.rollouts import rollout
-    from rpil.simulate import simulate
+    from rpil.simulation import simulate
 
 
 def __getattr__(name: str) -> Any:

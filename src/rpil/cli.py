@@ -263,7 +263,7 @@ def simulate(env: str, kind: str, good: int, bad: int, output: str, seed: int, q
         formats.check_format(output)
         progress(f"playing {good + bad} episodes of {env}")
         from rpil.demonstrations import Demonstrations
-        from rpil.simulate import simulate
+        from rpil.simulation import simulate
 
         made = simulate(env, kind, n_good=good, n_bad=bad, seed=seed)
         demonstrations = Demonstrations.from_episodes(made.episodes, source=env)

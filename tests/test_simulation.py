@@ -8,7 +8,7 @@ import pytest
 from rpil.corruptions import KINDS
 from rpil.errors import DataError
 from rpil.experts import expert
-from rpil.simulate import simulate
+from rpil.simulation import simulate
 
 CAR = "MountainCar-v0"
 
