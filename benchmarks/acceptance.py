@@ -24,8 +24,9 @@ import numpy as np
 from sklearn.metrics import roc_auc_score
 
 from rpil.audit import Audit
+from rpil.cloning import BehavioralCloning
 from rpil.demonstrations import Demonstrations
-from rpil.estimators import RPIL, AmbiguousWarning, BehavioralCloning
+from rpil.estimators import RPIL, AmbiguousWarning
 from rpil.rollouts import rollout
 from rpil.simulation import simulate
 

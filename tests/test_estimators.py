@@ -20,9 +20,10 @@ from sklearn.utils.estimator_checks import parametrize_with_checks
 
 from problems import Toy, make
 from rpil.adversaries import Confusion
+from rpil.cloning import BehavioralCloning
 from rpil.demonstrations import Demonstrations
 from rpil.errors import DataError
-from rpil.estimators import RPIL, AmbiguousWarning, BehavioralCloning
+from rpil.estimators import RPIL, AmbiguousWarning
 
 STEPS = (40, 60)
 PAPER = {"level": "demonstration", "adversary": "complement", "m_step": "expert_only", "prior": 0.5}

@@ -12,7 +12,7 @@ from sklearn.preprocessing import SplineTransformer
 
 from problems import make
 from rpil import passes
-from rpil.estimators import BehavioralCloning
+from rpil.cloning import BehavioralCloning
 from rpil.solvers import fit_softmax
 
 

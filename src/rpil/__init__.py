@@ -10,7 +10,7 @@ __version__ = "0.1.0"
 _HOME = {
     "AmbiguousWarning": "rpil.estimators",
     "Audit": "rpil.audit",
-    "BehavioralCloning": "rpil.estimators",
+    "BehavioralCloning": "rpil.cloning",
     "Confusion": "rpil.adversaries",
     "DataError": "rpil.errors",
     "Demonstrations": "rpil.demonstrations",
@@ -45,9 +45,10 @@ __all__ = [
 if TYPE_CHECKING:
     from rpil.adversaries import Confusion
     from rpil.audit import Audit
+    from rpil.cloning import BehavioralCloning
     from rpil.demonstrations import Demonstrations
     from rpil.errors import DataError
-    from rpil.estimators import RPIL, AmbiguousWarning, BehavioralCloning
+    from rpil.estimators import RPIL, AmbiguousWarning
     from rpil.formats import read, write
     from rpil.persistence import load, save
     from rpil.policies import SoftmaxPolicy

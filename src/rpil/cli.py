@@ -199,7 +199,7 @@ def fit(ctx: click.Context, file: str, output: str, method: str, quiet: bool, **
     with stages(quiet) as progress:
         demonstrations = _read(file, progress)
         progress("starting")
-        from rpil.estimators import BehavioralCloning
+        from rpil.cloning import BehavioralCloning
         from rpil.persistence import save
 
         model: Any

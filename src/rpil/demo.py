@@ -16,9 +16,10 @@ from scipy.stats import spearmanr
 
 from rpil import formats
 from rpil.audit import Audit
+from rpil.cloning import BehavioralCloning
 from rpil.demonstrations import Demonstrations
 from rpil.errors import DataError
-from rpil.estimators import RPIL, BehavioralCloning
+from rpil.estimators import RPIL
 from rpil.experts import expert
 from rpil.report import Part, returns_figure, score_figure, write_many
 from rpil.report.wording import number, percent

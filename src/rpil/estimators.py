@@ -1,4 +1,4 @@
-"""The scikit-learn face: `RPIL` and `BehavioralCloning`."""
+"""The scikit-learn face of the mixture: `RPIL`."""
 
 from __future__ import annotations
 
@@ -8,13 +8,13 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from sklearn.base import BaseEstimator, ClassifierMixin
 from sklearn.exceptions import ConvergenceWarning
-from sklearn.utils.validation import _check_sample_weight, check_is_fitted, validate_data
+from sklearn.utils.validation import check_is_fitted
 from threadpoolctl import threadpool_limits
 
 from rpil.adversaries import Adversary
 from rpil.audit import Audit, summarise
+from rpil.cloning import SoftmaxClassifier
 from rpil.demonstrations import Demonstrations
 from rpil.em import Problem, Result, State, e_step
 from rpil.errors import DataError
@@ -25,9 +25,7 @@ from rpil.inputs import (
     as_demonstrations,
     as_prior,
     known_labels,
-    observations_and_actions,
     ridge_of,
-    source_of,
 )
 from rpil.policies import SoftmaxPolicy
 from rpil.reliability import PointMasses, Reliability, TwoBetas
@@ -49,101 +47,7 @@ class AmbiguousWarning(UserWarning):
     """The data hold several groups that may each be the expert; `RPIL.audit_` says which to label."""
 
 
-class _SoftmaxClassifier(ClassifierMixin, BaseEstimator):
-    """What both estimators share once they have `classes_`, `features_` and `policy_`."""
-
-    classes_: Array
-    features_: FeatureMap
-    policy_: SoftmaxPolicy
-    features: str
-    n_features_in_: int
-    n_iter_: int
-
-    def predict(self, X: ArrayLike) -> Array:
-        """The policy's most likely action in each observation, (N,)."""
-        best = self.predict_log_proba(X).argmax(axis=1)
-        return self.classes_[best]
-
-    def predict_proba(self, X: ArrayLike) -> Array:
-        """pi(k|s), (N, K), columns in the order of `classes_`."""
-        return np.exp(self.predict_log_proba(X))
-
-    def predict_log_proba(self, X: ArrayLike) -> Array:
-        """log pi(k|s), (N, K)."""
-        check_is_fitted(self)
-        return self.policy_.log_proba(self.features_.design(validate_data(self, X, reset=False)))
-
-    @property
-    def coef_(self) -> Array:
-        """Coefficients on the unscaled columns of the feature map, shaped as scikit-learn's."""
-        coefficients = (self.policy_.weights[:-1] / self.features_.scale[:, None]).T
-        return coefficients[1:] - coefficients[:1] if len(self.classes_) == 2 else coefficients
-
-    @property
-    def intercept_(self) -> Array:
-        """Intercepts that go with `coef_`."""
-        weights = self.policy_.weights
-        intercepts = weights[-1] - (self.features_.center / self.features_.scale) @ weights[:-1]
-        return intercepts[1:] - intercepts[:1] if len(self.classes_) == 2 else intercepts
-
-    def _learn(self, X: Array, codes: Array, weight: Array, trusted: Array, *, C: float | None, tol: float) -> None:
-        """Fit the feature map to the `trusted` (N,) steps, and the policy to all by weight."""
-        self.features_ = FeatureMap.fit(self.features, X[trusted], weight[trusted])
-        ridge = ridge_of(self.features_, C, weight.sum(), len(self.classes_))
-        targets = np.zeros((len(codes), len(self.classes_)))
-        np.put_along_axis(targets, codes[:, None], weight[:, None], axis=1)
-        used = weight > 0.0
-        policy = SoftmaxPolicy.zero(len(self.classes_), ridge)
-        self.policy_, _ = policy.fit(self.features_.design(X[used]), targets[used], tol=tol)
-
-
-class BehavioralCloning(_SoftmaxClassifier):
-    """Trust every demonstration alike: softmax regression of actions on observations.
-
-    Parameters
-    ----------
-    features : {"raw", "spline", "poly"}
-        What the policy sees of an observation, see `rpil.features`.
-    C : float, optional
-        Inverse ridge strength as in scikit-learn's `LogisticRegression`, with which the fit then agrees; by default a
-        ridge of 1e-5 a step on scaled columns, which depends neither on units nor on the amount of data.
-    tol : float
-        Largest gradient entry, a step, at which the solver stops.
-
-    Attributes
-    ----------
-    classes_ : (K,) array
-        The actions.
-    coef_, intercept_ : arrays
-        As scikit-learn's, on the columns of the feature map.
-    """
-
-    def __init__(self, features: str = "raw", C: float | None = None, tol: float = 1e-8) -> None:
-        self.features = features
-        self.C = C
-        self.tol = tol
-
-    def fit(
-        self, X: ArrayLike | Demonstrations, y: ArrayLike | None = None, sample_weight: ArrayLike | None = None
-    ) -> BehavioralCloning:
-        """Learn from observations X (N, D) and actions y (N,), or from `Demonstrations`.
-
-        Raises
-        ------
-        DataError
-            Where the actions are continuous or all the same.
-        """
-        data = observations_and_actions(self, X, y)
-        weight = _check_sample_weight(sample_weight, data[0], dtype=float, ensure_non_negative=True)
-        if not weight.any():
-            raise DataError(f"{source_of(X)}: sample_weight is zero everywhere; give at least one step some weight.")
-        self.classes_, codes = action_codes(data[1], source_of(X))
-        with threadpool_limits(1, "blas"):  # thin products gain nothing from threads, and can lose a lot
-            self._learn(data[0], codes, weight, weight > 0.0, C=self.C, tol=self.tol)
-        return self
-
-
-class RPIL(_SoftmaxClassifier):
+class RPIL(SoftmaxClassifier):
     """Robust probabilistic imitation learning: a policy from demonstrations of unknown quality, and how far to trust
     each of them.
 

@@ -24,10 +24,11 @@ from sklearn.utils.validation import check_is_fitted
 from rpil import __version__
 from rpil.adversaries import Complement, Confusion, Constant, Marginal, OwnPolicy, Uniform
 from rpil.audit import Audit, Interval
+from rpil.cloning import BehavioralCloning
 from rpil.demonstrations import Demonstrations
 from rpil.em import Prior, State
 from rpil.errors import DataError
-from rpil.estimators import RPIL, BehavioralCloning
+from rpil.estimators import RPIL
 from rpil.features import FeatureMap
 from rpil.files import StrPath, check_readable, replacing
 from rpil.policies import SoftmaxPolicy
