@@ -11,9 +11,10 @@ from scipy.special import softmax
 
 from rpil.adversaries import adversary
 from rpil.demonstrations import Demonstrations
-from rpil.em import Prior, Problem, State
+from rpil.em import Problem, State
 from rpil.features import FeatureMap
 from rpil.policies import SoftmaxPolicy
+from rpil.priors import Share
 from rpil.reliability import PointMasses, Reliability, TwoBetas
 
 Array = NDArray[Any]
@@ -162,4 +163,4 @@ def pooled_state(problem: Problem, which: str, reliability: Reliability) -> Stat
     policy, _ = SoftmaxPolicy.zero(problem.n_actions, penalty).fit(
         problem.features, problem.one_hot(np.ones(len(problem.actions)))
     )
-    return State(policy, adversary(which, problem.n_actions, penalty), Prior(), reliability)
+    return State(policy, adversary(which, problem.n_actions, penalty), Share(), reliability)

@@ -18,9 +18,9 @@ FILES = sorted(path for path in ROOT.rglob("*.py") if path != ROOT / "__init__.p
 # fmt: off
 ORDER = [
     "errors", "_arrays", "files", "demonstrations", "formats",
-    "passes", "parallel", "features", "solvers", "policies", "adversaries", "reliability", "em", "search", "identify",
-    "audit", "inputs", "cloning", "estimators", "persistence", "experts", "corruptions", "rollouts", "simulation",
-    "plots", "report", "data", "demo", "terminal", "cli", "__main__",
+    "passes", "parallel", "features", "solvers", "policies", "adversaries", "priors", "reliability", "em", "search",
+    "belief", "identify", "audit", "inputs", "cloning", "estimators", "persistence",
+    "experts", "corruptions", "rollouts", "simulation", "plots", "report", "data", "demo", "terminal", "cli", "__main__",
 ]
 # fmt: on
 

@@ -7,13 +7,14 @@ import json
 import numpy as np
 import pytest
 from scipy.special import logit
-from scipy.stats import beta as beta_distribution
 
 from audits import make_audit
 from problems import Toy, make, pooled_state
-from rpil.audit import SURE, WHOLE, Audit, summarise
-from rpil.em import Posterior, Prior, Problem, Result, State, run
+from rpil.audit import SURE, WHOLE, Audit, Interval, summarise
+from rpil.belief import Belief, believe
+from rpil.em import Posterior, Problem, Result, run
 from rpil.errors import DataError
+from rpil.priors import Share
 from rpil.reliability import TwoBetas, beta_table
 
 IDS = ("a", "b", "c", "d", "e")
@@ -25,7 +26,6 @@ def told(
     *,
     labels: tuple[int, ...] = (0,) * 5,
     competing: tuple[tuple[int, ...], ...] = (),
-    prior: Prior | None = None,
     node: tuple[int, ...] = (31, 31, 3, 3, 3),
     log_ratio: np.ndarray | None = None,
 ) -> Audit:
@@ -34,13 +34,15 @@ def told(
     n = int(offsets[-1])
     problem = Problem(np.ones((n, 1)), np.zeros(n, dtype=int), offsets, 3, np.array(labels))
     state = pooled_state(problem, "uniform", TwoBetas.start())
-    state = State(state.policy, state.adversary, prior or Prior(), state.reliability)
     joint = np.zeros((5, 2, len(beta_table().nodes)))
     joint[np.arange(5), 0, node] = 1.0
     ratio = np.linspace(-1, 1, n) if log_ratio is None else log_ratio
     posterior = Posterior(np.array(log_odds), joint, np.linspace(0, 1, n), np.zeros(5), ratio, np.zeros((n, 3)))
     result = Result(state, posterior, np.array([-2.0, -1.0]), True)
-    return summarise(problem, result, IDS, [np.array(group) for group in competing], ["One.", "Two."])
+    belief = Belief(Share(0.3), np.zeros(1), joint[:1, 0], joint[:1, 0], np.ones((1, 1)))
+    return summarise(
+        problem, result, belief, np.array(log_odds), IDS, [np.array(group) for group in competing], ["One.", "Two."]
+    )
 
 
 def test_verdict_thresholds():
@@ -100,7 +102,7 @@ def test_reliability_is_the_posterior_mean_with_its_interval():
 def audit_of(toy: Toy) -> Audit:
     problem = toy.problem()
     result = run(problem, pooled_state(problem, "uniform", TwoBetas.start()), max_iter=50)
-    return summarise(problem, result, toy.ids, [], [])
+    return summarise(problem, result, *believe(problem, result), toy.ids, [], [])
 
 
 def test_weights_of_steps():
@@ -116,13 +118,8 @@ def test_weights_of_steps():
     np.testing.assert_allclose(found.step_weight[found.steps(4)], 0.5 * step[10:])
 
 
-def test_prior_interval_is_of_the_beta_posterior():
-    found = told((50.0, 50.0, 50.0, -50.0, 0.0), prior=Prior(0.5, 2.0, 3.0)).prior
-    posterior = beta_distribution(2 + 3.5, 3 + 1.5)
-    assert found.mean == pytest.approx(posterior.mean())
-    assert (found.low, found.high) == pytest.approx(posterior.interval(0.95))
-    fixed = told((1.0,) * 5, prior=Prior(0.2, fixed=True)).prior
-    assert fixed.mean == fixed.low == fixed.high == 0.2
+def test_the_prior_is_the_beliefs():
+    assert told((1.0,) * 5).prior == Interval(*[pytest.approx(0.3)] * 3)
 
 
 def test_to_dict_has_the_promised_keys_and_is_json():
@@ -151,7 +148,8 @@ def test_to_dict_of_numpy_ids_is_json():
     ids = tuple(np.arange(12).tolist())
     problem = toy.problem()
     result = run(problem, pooled_state(problem, "uniform", TwoBetas.start()), max_iter=5)
-    found = summarise(problem, result, ids, [np.array([0, 1]), np.array([2])], [])
+    belief, log_odds = believe(problem, result)
+    found = summarise(problem, result, belief, log_odds, ids, [np.array([0, 1]), np.array([2])], [])
     json.dumps(found.to_dict(), allow_nan=False)
     assert found.adversary == "uniform"
     np.testing.assert_array_equal(found.history, result.history)

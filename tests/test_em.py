@@ -13,8 +13,9 @@ from scipy.special import expit, log_softmax, logit
 from problems import LEVELS, Toy, make, pooled_state, ridge, zoo
 from rpil import em
 from rpil.adversaries import ADVERSARIES, Complement, Uniform, adversary
-from rpil.em import Prior, Problem, State, e_step, evidence_by_reliability, expert_steps, lower_bound, m_step, run
+from rpil.em import Problem, State, e_step, evidence_by_reliability, expert_steps, lower_bound, m_step, run
 from rpil.policies import SoftmaxPolicy
+from rpil.priors import Share
 from rpil.reliability import ADVERSARY, EXPERT, PointMasses, TwoBetas
 
 ZOO = zoo(0)
@@ -29,7 +30,7 @@ def tiny_state(problem: Problem, which: str, reliability, seed: int = 0) -> Stat
     """Parameters at no special place."""
     rng = np.random.default_rng(seed)
     policy = SoftmaxPolicy(rng.normal(size=(problem.features.shape[1], problem.n_actions)), ridge(problem))
-    return State(policy, adversary(which, problem.n_actions, ridge(problem)), Prior(0.3), reliability)
+    return State(policy, adversary(which, problem.n_actions, ridge(problem)), Share(0.3), reliability)
 
 
 def likelihoods(problem: Problem, state: State) -> tuple[NDArray, NDArray]:
@@ -243,7 +244,7 @@ def test_the_trap_of_starting_at_zero():
     toy = make("flipped", 0, n_actions=2, n_bad=3)
     problem = toy.problem()
     zero = SoftmaxPolicy.zero(2, ridge(problem))
-    trapped = State(zero, Complement(), Prior(), PointMasses())
+    trapped = State(zero, Complement(), Share(), PointMasses())
     result = run(problem, trapped, max_iter=20, tol=0.0)
     np.testing.assert_allclose(result.state.policy.weights, 0.0, atol=1e-9)
     np.testing.assert_allclose(result.posterior.expert, 0.5)
@@ -256,23 +257,9 @@ def test_the_trap_of_starting_at_zero_with_more_actions():
     """model.md: 1 - 1/K beats 1/K at every step, so everything turns adversary."""
     problem = ZOO["random"].problem()
     zero = SoftmaxPolicy.zero(3, ridge(problem))
-    trapped = State(zero, Complement(), Prior(), PointMasses())
+    trapped = State(zero, Complement(), Share(), PointMasses())
     posterior = e_step(problem, trapped, zero.log_proba(problem.features))
     np.testing.assert_allclose(posterior.log_odds, -problem.lengths * np.log(2))
-
-
-def test_the_prior_is_the_mode():
-    prior = Prior(0.5, 3.0, 2.0)
-    found = prior.fit(6.5, 10.0)
-    grid = np.linspace(1e-6, 1 - 1e-6, 1_000_001)
-    log_posterior = (6.5 + 3 - 1) * np.log(grid) + (3.5 + 2 - 1) * np.log1p(-grid)
-    assert found.p == pytest.approx(grid[log_posterior.argmax()], abs=2e-6)
-    np.testing.assert_allclose(np.exp(found.log), [found.p, 1 - found.p])
-    assert found.log_prior() == pytest.approx(2 * np.log(found.p) + np.log1p(-found.p))
-    fixed = Prior(0.2, fixed=True)
-    assert fixed.fit(9.0, 10.0).p == 0.2
-    assert fixed.log_prior() == 0.0
-    assert 0 < Prior(0.5, 1.0, 1.0).fit(0.0, 10.0).p < 1e-9  # never exactly 0
 
 
 def test_m_step_uses_soft_targets_or_the_experts_term_alone():

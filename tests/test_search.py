@@ -10,8 +10,9 @@ import pytest
 from problems import Toy, make, pooled_state, ridge, zoo
 from rpil import parallel
 from rpil.adversaries import Marginal, Uniform
-from rpil.em import MStep, Prior, Problem, e_step, run
+from rpil.em import MStep, Problem, e_step, run
 from rpil.policies import SoftmaxPolicy
+from rpil.priors import Share
 from rpil.reliability import PointMasses, TwoBetas
 from rpil.search import AUTO, Setting, _folds, _temperatures, _with_adversary, fit, held_out, search, starts
 
@@ -21,7 +22,7 @@ STEPS = (40, 60)
 def setting_for(problem: Problem, mode: MStep = "joint", n_single: int = 3, annealing: int = 0) -> Setting:
     penalty = ridge(problem) / 100
     policy = SoftmaxPolicy.zero(problem.n_actions, penalty)
-    return Setting(policy, penalty, Prior(), TwoBetas.start(), mode=mode, n_single=n_single, annealing=annealing)
+    return Setting(policy, penalty, Share(), TwoBetas.start(), mode=mode, n_single=n_single, annealing=annealing)
 
 
 def right(toy: Toy, log_odds: np.ndarray) -> bool:

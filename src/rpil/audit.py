@@ -9,9 +9,9 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import expit
-from scipy.stats import beta as beta_distribution
 
-from rpil.em import Prior, Problem, Result
+from rpil.belief import Belief
+from rpil.em import Problem, Result
 from rpil.errors import DataError
 
 SURE = 0.9
@@ -153,6 +153,8 @@ class Audit:
 def summarise(
     problem: Problem,
     result: Result,
+    belief: Belief,
+    log_odds: NDArray[np.float64],
     ids: Sequence[Any],
     competing: Sequence[NDArray[np.int64]],
     assumptions: Sequence[str],
@@ -163,6 +165,8 @@ def summarise(
     ----------
     problem, result
         The data and where EM ended.
+    belief, log_odds
+        As `rpil.belief.believe` returns them.
     ids : sequence
         Of the demonstrations.
     competing : sequence of int arrays
@@ -170,7 +174,7 @@ def summarise(
     assumptions : sequence of str
     """
     posterior = result.posterior
-    log_odds = _with_labels(posterior.log_odds, problem.labels)
+    log_odds = _with_labels(log_odds, problem.labels)
     nodes, by_node = result.state.reliability.nodes, posterior.joint.sum(axis=1)
     reliability = by_node @ nodes
     contested = np.zeros(len(ids), dtype=bool)
@@ -188,7 +192,7 @@ def summarise(
         verdicts=tuple(_verdict(p, unsure) for p, unsure in zip(proba, contested, strict=True)),
         step_log_ratio=posterior.log_ratio,
         step_weight=problem.spread(proba) * np.where(problem.spread(reliability) >= WHOLE, 1.0, posterior.step),
-        prior=_interval(result.state.prior, proba),
+        prior=Interval(*belief.share(problem.lengths)),
         identifiable=not competing,
         competing=tuple(tuple(ids[m] for m in group) for group in competing),
         # the longest of each group tells most
@@ -213,11 +217,3 @@ def _verdict(proba: float, contested: bool) -> Verdict:
 def _quantile(nodes: NDArray[np.float64], weight: NDArray[np.float64], q: float) -> NDArray[np.float64]:
     """Quantile of each row's distribution `weight` (M, J) over `nodes`, (M,)."""
     return nodes[np.minimum((weight.cumsum(axis=1) < q).sum(axis=1), len(nodes) - 1)]
-
-
-def _interval(prior: Prior, proba: NDArray[np.float64]) -> Interval:
-    if prior.fixed:
-        return Interval(prior.p, prior.p, prior.p)
-    a, b = prior.a + proba.sum(), prior.b + (1 - proba).sum()
-    low, high = beta_distribution.ppf([0.025, 0.975], a, b)
-    return Interval(float(a / (a + b)), float(low), float(high))

@@ -19,6 +19,7 @@ import numpy as np
 from rpil.adversaries import Adversary
 from rpil.passes import Array, logsumexp
 from rpil.policies import Policy
+from rpil.priors import Prior
 from rpil.reliability import ADVERSARY, EXPERT, Reliability
 
 MStep = Literal["joint", "expert_only"]
@@ -110,31 +111,6 @@ class Problem:
             labels=np.zeros(len(demonstrations), dtype=int) if unlabelled else self.labels[demonstrations],
             weight=weight,
         )
-
-
-@dataclass(frozen=True)
-class Prior:
-    """P(expert): fixed, or estimated under Beta(a, b)."""
-
-    p: float = 0.5
-    a: float = 2.0
-    b: float = 2.0
-    fixed: bool = False
-
-    def fit(self, n_expert: float, n: float) -> Prior:
-        """The posterior mode after `n_expert` expected experts of `n`."""
-        if self.fixed:
-            return self
-        p = (n_expert + self.a - 1) / (n + self.a + self.b - 2)
-        return replace(self, p=float(np.clip(p, 1e-12, 1 - 1e-12)))
-
-    @property
-    def log(self) -> Array:
-        """log P(expert), log P(adversary)."""
-        return np.array([np.log(self.p), np.log1p(-self.p)])
-
-    def log_prior(self) -> float:
-        return 0.0 if self.fixed else float(np.dot([self.a - 1, self.b - 1], self.log))
 
 
 @dataclass(frozen=True, eq=False)
@@ -239,7 +215,7 @@ def e_step(problem: Problem, state: State, log_proba: Array, beta: float = 1.0) 
     log_psi = state.adversary.log_prob(problem.features, log_proba, problem.actions)
     nodes = state.reliability.nodes
     evidence = evidence_by_reliability(problem, log_pi, log_psi, nodes)
-    log_joint = state.prior.log[:, None] + state.reliability.log_weight + beta * evidence[:, None]
+    log_joint = state.prior.log(problem.lengths)[:, :, None] + state.reliability.log_weight + beta * evidence[:, None]
     by_group = logsumexp(log_joint, 2)
     log_odds = by_group[:, EXPERT] - by_group[:, ADVERSARY]
     log_joint[problem.labels > 0, ADVERSARY] = -np.inf
@@ -277,7 +253,7 @@ def m_step(
     new = State(
         policy,
         state.adversary.fit(problem.features, posterior.log_proba, problem.actions, adversary),
-        state.prior.fit(float(counts[EXPERT].sum()), problem.n_demonstrations),
+        state.prior.fit(posterior.expert, problem.lengths),
         state.reliability.fit(counts),
     )
     return new, log_proba

@@ -14,9 +14,10 @@ from threadpoolctl import threadpool_limits
 
 from rpil.adversaries import Adversary
 from rpil.audit import Audit, summarise
+from rpil.belief import believe, evidence
 from rpil.cloning import SoftmaxClassifier
 from rpil.demonstrations import Demonstrations
-from rpil.em import Problem, Result, State, e_step
+from rpil.em import Problem, Result, State
 from rpil.errors import DataError
 from rpil.features import FeatureMap
 from rpil.identify import competing_groups
@@ -28,6 +29,7 @@ from rpil.inputs import (
     ridge_of,
 )
 from rpil.policies import SoftmaxPolicy
+from rpil.priors import ByLength
 from rpil.reliability import PointMasses, Reliability, TwoBetas
 from rpil.search import AUTO, Setting, fit
 
@@ -60,7 +62,8 @@ class RPIL(SoftmaxClassifier):
         likely; or "constant", "uniform", "marginal", "complement" (the paper's), "normalised complement", "confusion",
         "own policy", or an instance such as ``Confusion.given(matrix)``.
     prior : float or (float, float), optional
-        P(expert): fixed, or estimated under Beta(a, b); by default estimated under Beta(2, 2).
+        P(expert): fixed, or estimated under Beta(a, b). By default it is estimated under Beta(2, 2) and may depend on
+        the length of a demonstration, in the direction that the data show, see `rpil.priors`; (2, 2) keeps length out.
     C : float, optional
         Inverse ridge strength, as in `BehavioralCloning`.
     level : {"both", "demonstration"}
@@ -222,7 +225,8 @@ class RPIL(SoftmaxClassifier):
         design = self.search_features_.design(demonstrations.observations)
         nobody = np.zeros(len(demonstrations), dtype=int)
         problem = Problem(design, codes, demonstrations.offsets, len(self.classes_), nobody)
-        return e_step(problem, self.state_, self.state_.policy.log_proba(design)).log_odds
+        by_node = evidence(problem, self.state_, self.state_.policy.log_proba(design))
+        return self.belief_.log_odds(by_node, problem.lengths)
 
     def _search_kind(self, demonstrations: Demonstrations) -> str:
         if self.search_features != "auto":
@@ -239,7 +243,7 @@ class RPIL(SoftmaxClassifier):
         return Setting(
             policy=SoftmaxPolicy.zero(problem.n_actions, ridge),
             ridge=ridge,
-            prior=as_prior(self.prior),
+            prior=as_prior(self.prior, problem.lengths),
             reliability=levels[self.level](),
             mode=self.m_step,  # type: ignore[arg-type]
             n_single=self.n_single,
@@ -260,10 +264,13 @@ class RPIL(SoftmaxClassifier):
         """Keep what was found, and refit the policy to the expert's term alone: the adversary's biases it."""
         self.search_features_: FeatureMap = features
         self.state_: State = result.state
+        self.belief_, log_odds = believe(problem, result)
         self.n_iter_ = max(1, len(result.history) - 1)
         self.lower_bound_ = result.objective
         self.converged_ = result.converged
-        self.audit_: Audit = summarise(problem, result, demonstrations.ids, competing, _assumptions(self, problem))
+        self.audit_: Audit = summarise(
+            problem, result, self.belief_, log_odds, demonstrations.ids, competing, _assumptions(self, problem)
+        )
         weight = self.audit_.step_weight
         if weight.sum() < 1.0:  # nobody is trusted: what little is the expert's, wherever it is
             weight = result.posterior.step
@@ -288,12 +295,17 @@ def _assumptions(model: RPIL, problem: Problem) -> list[str]:
         "Experts agree with one another: in similar states they act alike.",
         "Steps are independent given the state; log-odds of long demonstrations may be overconfident.",
         f"The policy is linear in the {model.features} features.",
-        "The order of demonstrations, their length and any reward were not used.",
+        "The order of demonstrations and any reward were not used.",
     ]
     if model.level == "demonstration":
         said.append("A demonstration is good or bad as a whole.")
     if isinstance(model.prior, float):
         said.append(f"The share of experts was given as {model.prior}.")
+    prior = model.belief_.prior
+    if isinstance(prior, ByLength):
+        more = "more" if prior.slope > 0 else "less"
+        nats = f"{abs(prior.slope):.1f} nats for each standard deviation of the logarithm of their length"
+        said.append(f"Longer demonstrations are trusted {more} than short ones, by {nats}: learned from the others.")
     if labelled:
         said.append(f"{labelled} labels were taken as certain.")
     return said

@@ -13,11 +13,11 @@ from sklearn.utils.multiclass import check_classification_targets
 from sklearn.utils.validation import validate_data
 
 from rpil.demonstrations import Demonstrations
-from rpil.em import Prior
 from rpil.errors import DataError
 from rpil.features import FeatureMap
 from rpil.formats.labels import match_labels
 from rpil.passes import Array
+from rpil.priors import ByLength, Prior, Share
 
 
 def source_of(X: Any) -> str:
@@ -91,17 +91,17 @@ def known_labels(labels: Mapping[Any, str] | None, demonstrations: Demonstration
     return known
 
 
-def as_prior(prior: float | tuple[float, float] | None) -> Prior:
+def as_prior(prior: float | tuple[float, float] | None, lengths: Array) -> Prior:
     if prior is None:
-        return Prior()
+        return ByLength.start(lengths)
     if np.ndim(prior) == 0:
         if not 0 < float(prior) < 1:  # type: ignore[arg-type]
             raise DataError(f"The prior {prior!r} is no probability between 0 and 1.")
-        return Prior(float(prior), fixed=True)  # type: ignore[arg-type]
+        return Share(float(prior), fixed=True)  # type: ignore[arg-type]
     a, b = (float(value) for value in prior)  # type: ignore[union-attr]
     if a < 1 or b < 1:
         raise DataError(f"The Beta prior ({a}, {b}) has no single mode; give both numbers as 1 or more.")
-    return Prior((a / (a + b)), a, b)
+    return Share((a / (a + b)), a, b)
 
 
 def ridge_of(features: FeatureMap, C: float | None, total_weight: float, n_actions: int) -> Array:

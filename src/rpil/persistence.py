@@ -24,14 +24,16 @@ from sklearn.utils.validation import check_is_fitted
 from rpil import __version__
 from rpil.adversaries import Complement, Confusion, Constant, Marginal, OwnPolicy, Uniform
 from rpil.audit import Audit, Interval
+from rpil.belief import Belief
 from rpil.cloning import BehavioralCloning
 from rpil.demonstrations import Demonstrations
-from rpil.em import Prior, State
+from rpil.em import State
 from rpil.errors import DataError
 from rpil.estimators import RPIL
 from rpil.features import FeatureMap
 from rpil.files import StrPath, check_readable, replacing
 from rpil.policies import SoftmaxPolicy
+from rpil.priors import ByLength, Share
 from rpil.reliability import PointMasses, TwoBetas
 
 SCHEMA = "rpil fitted estimator"
@@ -46,7 +48,9 @@ _KNOWN: dict[type, dict[str, str]] = {
     FeatureMap: {"knots": "knots D", "location": "D", "spread": "D", "center": "F", "scale": "F"},
     SoftmaxPolicy: {"weights": "F+1 K", "ridge": "F+1"},
     State: {},
-    Prior: {},
+    Belief: {"shift": "shares", "expert": "pairs J", "adversary": "pairs J", "weight": "shares pairs"},
+    Share: {},
+    ByLength: {},
     Interval: {},
     TwoBetas: {},
     PointMasses: {"nodes": "J", "log_weight": "2 J"},
@@ -70,7 +74,7 @@ _KNOWN: dict[type, dict[str, str]] = {
 _BY_NAME = {known.__name__: known for known in _KNOWN}
 _FITTED = {
     "BehavioralCloning": ("features_", "policy_"),
-    "RPIL": ("features_", "policy_", "search_features_", "audit_", "n_iter_", "lower_bound_", "converged_"),
+    "RPIL": ("features_", "policy_", "search_features_", "belief_", "audit_", "n_iter_", "lower_bound_", "converged_"),
 }
 _NAMES = ("feature_names_in_", "observation_names_")  # of data frames, and of `Demonstrations`
 
@@ -295,6 +299,8 @@ def _try_out(estimator: Any) -> None:
         if not isinstance(estimator.state_, _NotSaved):
             one_step = Demonstrations(observation, classes[:1], np.array([0, 1]))
             sound &= not np.isnan(estimator.score_demonstrations(one_step)).any()
+            sound &= np.isfinite(estimator.state_.prior.log_odds(one_step.lengths)).all()
+            sound &= estimator.state_.reliability.log_weight.shape[1] == estimator.belief_.expert.shape[1]
     if not sound:
         raise ValueError("values out of range")
 

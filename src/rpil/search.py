@@ -13,10 +13,11 @@ from functools import partial
 import numpy as np
 
 from rpil.adversaries import Adversary, adversary
-from rpil.em import MStep, Prior, Problem, Result, State, e_step, m_step, run
+from rpil.em import MStep, Problem, Result, State, e_step, m_step, run
 from rpil.parallel import in_parallel
 from rpil.passes import Array
 from rpil.policies import Policy
+from rpil.priors import Prior
 from rpil.reliability import Reliability
 
 AUTO = ("uniform", "marginal", "normalised complement", "confusion")

@@ -1,0 +1,133 @@
+"""What EM's point estimates leave out: how uncertain the shares and the reliabilities themselves are.
+
+From thirty demonstrations nobody can tell exactly how reliable experts are, nor how many there are. EM picks the most
+likely values, and is as sure of its verdicts as if they were known. Given policy and adversary, though, all of it is a
+finite sum: over every pair of Betas in the table, and a grid of shares. A belief is that posterior.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.special import expit
+
+from rpil.em import Problem, Result, State, evidence_by_reliability
+from rpil.passes import Array, logsumexp
+from rpil.priors import Prior
+from rpil.reliability import Alternatives
+
+_NEGLIGIBLE = 12.0
+"""Nats by which a pair of Betas may be worse than the best before it is left out."""
+
+_ROUNDS = 20
+_STEADY = 1e-3
+_LEAST = -1e5
+
+
+@dataclass(frozen=True, eq=False)
+class Belief:
+    """Posterior over what `State` holds a point estimate of; policy and adversary are taken as they are.
+
+    Attributes
+    ----------
+    prior : Prior
+        How P(expert) depends on the length.
+    shift : (P,) array
+        Log-odds to add to those of `prior`.
+    expert, adversary : (Q, J) arrays
+        log P(rho_j | group) under each pair of Betas.
+    weight : (P, Q) array
+        Posterior of each combination.
+    """
+
+    prior: Prior
+    shift: Array
+    expert: Array
+    adversary: Array
+    weight: Array
+
+    def log_odds(self, evidence: Array, lengths: Array) -> Array:
+        """Log-odds of expert against adversary, (M,), of demonstrations with `evidence` (M, J) at each reliability."""
+        ratio = _marginal(evidence, self.expert) - _marginal(evidence, self.adversary)
+        return _log_odds(ratio, self.prior.log_odds(lengths), self)
+
+    def share(self, lengths: Array) -> tuple[float, float, float]:
+        """P(expert) of a demonstration drawn from these: its mean, and the ends of its 95 % interval."""
+        offset = self.prior.log_odds(lengths)
+        shares = np.array([expit(offset + s).mean() for s in self.shift])
+        weight = self.weight.sum(axis=1)
+        low, high = np.interp([0.025, 0.975], np.cumsum(weight) - 0.5 * weight, shares)
+        return float(weight @ shares), float(low), float(high)
+
+
+def evidence(problem: Problem, state: State, log_proba: Array) -> Array:
+    """log p(D_m | rho_j) of every demonstration, (M, J)."""
+    log_psi = state.adversary.log_prob(problem.features, log_proba, problem.actions)
+    return evidence_by_reliability(problem, problem.taken(log_proba), log_psi, state.reliability.nodes)
+
+
+def believe(problem: Problem, result: Result) -> tuple[Belief, Array]:
+    """The belief after a fit, and the log-odds (M,) under it, labels not counted.
+
+    How trust depends on the length is fitted once more, by EM with everything else summed out.
+    """
+    state, labels, lengths = result.state, problem.labels, problem.lengths
+    by_node = evidence(problem, state, result.posterior.log_proba)
+    prior = state.prior
+    alternatives = _plausible(state.reliability.alternatives, by_node, prior.log_odds(lengths), labels)
+    expert, adversary = (alternatives.log_weight[rows] for rows in alternatives.pairs.T)
+    log_adversary = _marginal(by_node, adversary)
+    ratio = _marginal(by_node, expert) - log_adversary
+    fixed = alternatives.log_prior + log_adversary.sum(axis=0)
+    for _ in range(_ROUNDS):
+        offset, (shift, log_share) = prior.log_odds(lengths), prior.alternatives(lengths)
+        log_posterior = np.stack([_over_adversary(ratio, offset + s, labels) for s in shift])
+        log_posterior += fixed + log_share[:, None]
+        weight = np.exp(log_posterior - log_posterior.max())
+        belief = Belief(prior, shift, expert, adversary, weight / weight.sum())
+        proba = sum(expit(ratio + (offset + s)[:, None]) @ w for s, w in zip(shift, belief.weight, strict=True))
+        prior = prior.fit(np.where(labels == 0, proba, labels > 0), lengths)
+        if np.ptp(prior.log_odds(lengths) - offset) < _STEADY:
+            break
+    return belief, _log_odds(ratio, offset, belief)
+
+
+def _plausible(alternatives: Alternatives, by_node: Array, offset: Array, labels: Array) -> Alternatives:
+    """The pairs that are not negligible at the fitted share."""
+    each = _marginal(by_node, alternatives.log_weight)
+    score = alternatives.log_prior.copy()
+    for q, (expert, adversary) in enumerate(alternatives.pairs):
+        ratio = each[:, [expert]] - each[:, [adversary]]
+        score[q] += _over_adversary(ratio, offset, labels)[0] + each[:, adversary].sum()
+    keep = score > score.max() - _NEGLIGIBLE
+    return replace(alternatives, pairs=alternatives.pairs[keep], log_prior=alternatives.log_prior[keep])
+
+
+def _marginal(by_node: Array, log_weight: Array) -> Array:
+    """log sum_j P(rho_j) p(D_m | rho_j) under each distribution, (M, J) x (T, J) -> (M, T)."""
+    top = by_node.max(axis=1, keepdims=True)
+    with np.errstate(divide="ignore"):
+        total = np.log(np.exp(by_node - top) @ np.exp(log_weight).T)
+    return np.maximum(total, _LEAST) + top  # a node of no weight may hold all of the evidence
+
+
+def _over_adversary(ratio: Array, prior_log_odds: Array, labels: Array) -> Array:
+    """log prod_m p(D_m, label) / p(D_m | adversary) for each pair, (M, Q) -> (Q,)."""
+    posterior = ratio + prior_log_odds[:, None]
+    mixture = np.logaddexp(0.0, posterior)
+    mixture[labels > 0] = posterior[labels > 0]
+    mixture[labels < 0] = 0.0
+    return (mixture - np.logaddexp(0.0, prior_log_odds)[:, None]).sum(axis=0)
+
+
+def _log_odds(ratio: Array, offset: Array, belief: Belief) -> Array:
+    """log P(expert | D_m) - log P(adversary | D_m), each summed over all combinations, (M,)."""
+    log_expert, log_adversary = np.full((2, len(ratio)), -np.inf)
+    with np.errstate(divide="ignore"):
+        log_weight = np.log(belief.weight)
+    for s, row in zip(belief.shift, log_weight, strict=True):
+        z = ratio + (offset + s)[:, None]
+        log_expert = np.logaddexp(log_expert, logsumexp(row - np.logaddexp(0.0, -z), 1))
+        log_adversary = np.logaddexp(log_adversary, logsumexp(row - np.logaddexp(0.0, z), 1))
+    return log_expert - log_adversary

@@ -1,0 +1,114 @@
+"""The sums over reliabilities and shares, against brute force."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.special import expit, logsumexp
+
+from problems import make, pooled_state
+from rpil.belief import Belief, believe, evidence
+from rpil.em import run
+from rpil.priors import ByLength, Share
+from rpil.reliability import PointMasses, TwoBetas
+
+
+def fitted(kind: str = "random", seed: int = 0, labels=None, reliability=None, prior=None):
+    problem = make(kind, seed).problem()
+    if labels is not None:
+        problem = replace(problem, labels=np.asarray(labels))
+    state = pooled_state(problem, "uniform", reliability or TwoBetas.start())
+    state = replace(state, prior=prior or state.prior)
+    return problem, run(problem, state, max_iter=10)
+
+
+def brute_force(problem, result, belief: Belief) -> tuple[np.ndarray, np.ndarray]:
+    """Log-odds (M,) and posterior of the shares (P,), each combination on its own and none left out."""
+    by_node = evidence(problem, result.state, result.posterior.log_proba)
+    alternatives = result.state.reliability.alternatives
+    shift, log_share = belief.prior.alternatives(problem.lengths)
+    log_z, log_each = [], []
+    for s, prior in zip(shift, log_share, strict=True):
+        log_odds = belief.prior.log_odds(problem.lengths) + s
+        log_p = np.stack([-np.logaddexp(0, -log_odds), -np.logaddexp(0, log_odds)])
+        for (e, a), pair_prior in zip(alternatives.pairs, alternatives.log_prior, strict=True):
+            weights = alternatives.log_weight[[e, a]]
+            joint = log_p + logsumexp(by_node[None] + weights[:, None], axis=2)
+            counted = joint.copy()
+            counted[1, problem.labels > 0] = counted[0, problem.labels < 0] = -np.inf
+            log_z.append(logsumexp(counted, axis=0).sum() + prior + pair_prior)
+            log_each.append(joint - logsumexp(joint, axis=0))
+    weight = np.exp(np.array(log_z) - logsumexp(log_z))
+    proba = np.einsum("q,qgm->gm", weight, np.exp(log_each))
+    return np.log(proba[0]) - np.log(proba[1]), weight.reshape(len(shift), -1).sum(axis=1)
+
+
+@pytest.mark.parametrize("labels", [None, [1, -1] + [0] * 10])
+@pytest.mark.parametrize("reliability", [PointMasses(), TwoBetas.start()], ids=["masses", "betas"])
+def test_against_brute_force(labels, reliability):
+    problem, result = fitted("noisy", 3, labels, reliability, Share(0.4, 2.0, 3.0))
+    short = replace(problem.select(np.arange(4)))
+    result = replace(
+        result, posterior=replace(result.posterior, log_proba=result.posterior.log_proba[: len(short.actions)])
+    )
+    belief, log_odds = believe(short, result)
+    expected, shares = brute_force(short, result, belief)
+    np.testing.assert_allclose(belief.weight.sum(axis=1), shares, atol=2e-4)
+    near = np.abs(expected) < 30
+    np.testing.assert_allclose(log_odds[near], expected[near], atol=5e-3)
+
+
+def test_new_demonstrations_are_judged_as_the_fitted_ones():
+    problem, result = fitted("noisy", 1)
+    belief, log_odds = believe(problem, result)
+    by_node = evidence(problem, result.state, result.posterior.log_proba)
+    np.testing.assert_allclose(belief.log_odds(by_node, problem.lengths), log_odds)
+    one = problem.select(np.array([3]))
+    assert belief.log_odds(by_node[3:4], one.lengths)[0] == pytest.approx(log_odds[3])
+
+
+def test_it_is_less_sure_than_point_estimates_and_of_the_same_mind():
+    problem, result = fitted("random", 0)
+    _, log_odds = believe(problem, result)
+    np.testing.assert_array_equal(log_odds > 0, result.posterior.log_odds > 0)
+    assert np.isfinite(log_odds).all()
+
+
+def test_the_interval_of_the_share_is_the_betas_where_everything_is_clear():
+    problem, result = fitted("random", 0, prior=Share())
+    belief, log_odds = believe(problem, result)
+    n_expert = (log_odds > 0).sum()
+    assert np.abs(log_odds).min() > 5
+    from scipy.stats import beta
+
+    posterior = beta(2 + n_expert, 2 + len(log_odds) - n_expert)
+    mean, low, high = belief.share(problem.lengths)
+    assert mean == pytest.approx(posterior.mean(), abs=0.01)
+    assert (low, high) == pytest.approx(posterior.interval(0.95), abs=0.02)
+
+
+def test_a_given_share_has_no_interval():
+    problem, result = fitted("random", 0, prior=Share(0.3, fixed=True))
+    belief, _ = believe(problem, result)
+    assert belief.share(problem.lengths) == pytest.approx((0.3, 0.3, 0.3))
+
+
+def test_labels_move_the_share():
+    problem, result = fitted("noisy", 2, prior=Share())
+    bad = replace(problem, labels=np.where(np.arange(problem.n_demonstrations) < 8, -1, 0))
+    assert believe(bad, result)[0].share(problem.lengths)[0] < believe(problem, result)[0].share(problem.lengths)[0]
+
+
+def test_length_helps_where_actions_say_little():
+    """Experts are short; of two demonstrations with the same actions' evidence the short one is trusted more."""
+    problem, result = fitted("random", 0)
+    lengths = np.where(result.posterior.expert > 0.5, 10, 100) + np.arange(problem.n_demonstrations)
+    prior = ByLength.start(lengths).fit(result.posterior.expert, lengths)
+    belief, _ = believe(problem, replace(result, state=replace(result.state, prior=prior)))
+    nothing = np.zeros((2, len(result.state.reliability.nodes)))
+    belief = replace(belief, prior=prior)
+    short, long = belief.log_odds(nothing, np.array([10, 110]))
+    assert short > 0 > long
+    assert 0.5 < expit(short) < 1
