@@ -142,6 +142,7 @@ def _cart_pole(observations: NDArray[np.floating]) -> NDArray[np.int64]:
 
 
 # Holes and the goal, where nobody acts, are "<".
+# fmt: off
 _ARROWS = (
     "^>>>>>>>"
     "^^^^^^^>"
@@ -152,6 +153,7 @@ _ARROWS = (
     "<<><<<<>"
     "<v<<v>v<"
 )
+# fmt: on
 _LAKE = np.array(["<v>^".index(arrow) for arrow in _ARROWS])
 
 
