@@ -56,6 +56,12 @@ SHARES = (50, 75, 90)
 N_GOOD = 10
 COHERENT = ("flip", "shift")
 RETURN, AUROC, WRONG = 0.95, 0.99, 0.01
+GOALS = {
+    "return": f"normalised return of {RETURN} at least",
+    "AUROC": f"AUROC of {AUROC} at least",
+    "verdicts": f"wrong verdicts of {100 * WRONG:g} % at most",
+    "ambiguous": "ambiguous without labels where nobody can know, in every draw",
+}
 OURS, LABELLED, REFERENCE = "rpil", "rpil, two labels", "reference"
 FACES = ("cli", "terminal", "plots", "persistence", "demo", "files", "__init__")
 """Modules of the library that no figure here depends on, nor on the packages `formats` and `report`."""
@@ -103,38 +109,40 @@ def main(arguments: list[str] | None = None) -> int:
             setattr(options, name, value)
 
     options.output.mkdir(parents=True, exist_ok=True)
-    configuration = configuration_of(options.rollouts)
-    peers = peer_methods() if options.peers else ()
-    every = jobs(options, peers)
+    configurations = configurations_of(options.rollouts, options.peers)
+    every = jobs(options, tuple(name for name in configurations if name not in (REFERENCE, *OWN)))
     wanted = [key for job in every for key in job.keys]
-    with Results(options.output / "draws.jsonl", configuration) as results:
+    with Results(options.output / "draws.jsonl", configurations) as results:
         work(every, results, options)
         rows = [results.rows[key] for key in wanted if key in results.rows]
-    found = summary(rows, len(wanted)) | {
-        "configuration": configuration,
-        "draws": options.draws,
-        "first_seed": options.first_seed,
-    }
+    asked = {"configuration": configurations[OURS], "draws": options.draws, "first_seed": options.first_seed}
+    found = asked | summary(rows, len(wanted))
     (options.output / "summary.json").write_text(json.dumps(found, indent=1) + "\n")
     heat_map(found["cells"], options.output / "robustness.png")
     print(table(found))
     return 0 if found["reached"] else 1
 
 
-def configuration_of(rollouts: int) -> Row:
-    """All that a figure depends on beside its key: settings, and the code of the library."""
+def configurations_of(rollouts: int, with_peers: bool) -> dict[str, Row]:
+    """For every method all that its figures depend on beside their key: settings and code."""
     root = Path(rpil.__file__).parent
-    code = hashlib.sha256()
-    for path in sorted(root.rglob("*.py")):
-        if path.stem not in FACES and path.parent.name not in ("formats", "report"):
-            code.update(path.read_bytes())
-    return {"features": CHOSEN, "n_good": N_GOOD, "rollouts": rollouts, "code": code.hexdigest()[:12]}
+    library = [
+        path
+        for path in sorted(root.rglob("*.py"))
+        if path.stem not in FACES and path.parent.name not in ("formats", "report")
+    ]
+    ours = {"features": CHOSEN, "n_good": N_GOOD, "rollouts": rollouts, "code": digest(library)}
+    found = dict.fromkeys((REFERENCE, *OWN), ours)
+    if with_peers:
+        import peers
+
+        theirs = ours | {"peers": digest(sorted(Path(peers.__file__).parent.glob("peers*.py")))}
+        found |= {name: theirs for name in peers.METHODS if name not in found}
+    return found
 
 
-def peer_methods() -> tuple[str, ...]:
-    from peers import METHODS
-
-    return tuple(name for name in METHODS if name != "rpil")
+def digest(paths: list[Path]) -> str:
+    return hashlib.sha256(b"".join(path.read_bytes() for path in paths)).hexdigest()[:12]
 
 
 def jobs(options: argparse.Namespace, peers: tuple[str, ...]) -> list[Job]:
@@ -249,8 +257,8 @@ def play(policy: Any, env: str, rollouts: int, seed: int) -> float:
 class Results:
     """Rows of one configuration by their key, kept in a file of JSON lines that only grows."""
 
-    def __init__(self, path: Path, configuration: Row) -> None:
-        self.path, self.configuration = path, configuration
+    def __init__(self, path: Path, configurations: dict[str, Row]) -> None:
+        self.path, self.configurations = path, configurations
         self.rows: dict[Key, Row] = {}
         text = path.read_bytes() if path.exists() else b""
         whole = text[: text.rfind(b"\n") + 1]
@@ -264,11 +272,12 @@ class Results:
                 raise SystemExit(f"{path}, line {number}: no row of results; delete the line, or the file.") from None
 
     def _keep(self, row: Row) -> None:
-        if row["configuration"] == self.configuration and "error" not in row:  # an error is tried again
+        same = row["configuration"] == self.configurations.get(row["method"])
+        if same and "error" not in row:  # what failed is tried again
             self.rows[row["env"], row["kind"], row["share"], row["seed"], row["method"]] = row
 
     def add(self, row: Row) -> None:
-        row = {"configuration": self.configuration} | row
+        row = {"configuration": self.configurations[row["method"]]} | row
         self._file.write(json.dumps(row) + "\n")
         self._file.flush()
         self._keep(row)
@@ -416,88 +425,86 @@ def methods(rows: list[Row]) -> list[Row]:
 
 def table(found: Row) -> str:
     """What `summary` found, for people: means, returns with their 95 % intervals over draws."""
-    lines = [f"{'':42}{'return':>21}{'AUROC':>7}{'wrong':>8}{'prior':>7}{'ambiguous':>11}{'s':>7}  missed"]
+    lines = [f"{'':44}{'return':>20}{'AUROC':>8}{'wrong':>8}{'prior':>7}{'ambiguous':>11}{'s':>7}  missed"]
     for cell in found["cells"]:
-        seen, low = cell["return"], cell["return"] and cell["return"]["low"]
-        told = (
-            "-"
-            if seen is None
-            else f"{seen['mean']:.3f}"
-            if low is None
-            else f"{seen['mean']:.3f} ({low:.2f}, {seen['high']:.2f})"
-        )
-        numbers = ["-" if cell[k] is None else form.format(cell[k]["mean"]) for k, form in FORMS.items()]
-        ambiguous = f"{cell['ambiguous']}/{cell['unlabelled_draws']}"
-        seconds = "-" if cell["seconds"] is None else f"{cell['seconds']:.1f}"
         name = f"{name_of(cell)}{', two labels' if cell['unknowable'] else ''}"
-        lines.append(
-            f"{name:42}{told:>21}{numbers[0]:>7}{numbers[1]:>8}{numbers[2]:>7}{ambiguous:>11}{seconds:>7}  "
-            f"{', '.join(cell['missed'])}"
-        )
+        told = [
+            f"{name:44}{interval(cell['return']):>20}",
+            f"{number(cell['auroc'], '.3f'):>8}{number(cell['wrong'], '.1%'):>8}{number(cell['prior'], '.2f'):>7}",
+            f"{cell['ambiguous']:>8}/{cell['unlabelled_draws']:<2}{cell['seconds'] or 0:7.1f}",
+            f"  {', '.join(cell['missed'])}",
+        ]
+        lines.append("".join(told).rstrip())
     lines.append("")
-    for goal, where in GOALS.items():
-        n, missed = sum(cell["unknowable"] or goal != "ambiguous" for cell in found["cells"]), found["missed"][goal]
-        lines.append(f"{where}: {f'missed in {len(missed)} of {n} cells' if missed else 'reached'}")
+    for goal, words in GOALS.items():
+        missed = len(found["missed"][goal])
+        lines.append(f"{words}: " + (f"missed in {missed} of {len(found['cells'])} cells" if missed else "reached"))
     if found["missing"]:
-        lines.append(f"{found['missing']} pieces of work failed, or are not done")
-    for seen in found["methods"]:
-        scores = "".join(
-            f"{score:>12} {'-':>6}"
-            if seen[score] is None
-            else f"{score:>12} {seen[score]['mean']:.3f} (worst {seen[score]['worst']:.3f})"
-            for score in ("auroc", "normalised")
-        )
-        lines.append(f"{seen['method']:32}{scores}{seen['seconds']:8.2f} s")
+        lines.append(f"{found['missing']} pieces of work are not done, or failed")
+    if found["methods"]:
+        lines += ["", f"{'where it can be known':34}{'AUROC':>8}{'worst':>8}{'return':>8}{'worst':>8}{'s':>8}"]
+    for method in found["methods"]:
+        scores = [number(method[score], ".3f", of) for score in ("auroc", "normalised") for of in ("mean", "worst")]
+        lines.append(f"{method['method']:34}{''.join(f'{score:>8}' for score in scores)}{method['seconds']:8.2f}")
     return "\n".join(lines)
 
 
-FORMS = {"auroc": "{:.3f}", "wrong": "{:.1%}", "prior": "{:.2f}"}
-GOALS = {
-    "return": f"normalised return of {RETURN} at least in every cell",
-    "AUROC": f"AUROC of {AUROC} at least in every cell",
-    "verdicts": f"{WRONG:.0%} wrong verdicts at most in every cell",
-    "ambiguous": "ambiguous without labels in every draw where nobody can know",
-}
+def number(seen: Row | None, form: str, of: str = "mean") -> str:
+    return "–" if seen is None else format(seen[of], form)
 
 
-def heat_map(cells: list[Row], path: Path) -> None:
+def interval(seen: Row | None) -> str:
+    around = "" if seen is None or seen["low"] is None else f" ({seen['low']:.2f}, {seen['high']:.2f})"
+    return number(seen, ".3f") + around
+
+
+def heat_map(cells: list[Row], path: Path) -> Any:
     """Three panels, a row for each environment and share, a column for each kind; the darker the worse."""
     from matplotlib.figure import Figure
     from matplotlib.patches import Rectangle
 
     kinds = [kind for kind in KINDS if any(cell["kind"] == kind for cell in cells)]
-    places = list(dict.fromkeys((cell["env"], cell["share"]) for cell in cells))
-    panels = (
-        ("return", "Normalised return", "return", 0.5, 1.0, "{:.2f}"),
-        ("auroc", "AUROC", "AUROC", 0.8, 1.0, "{:.3f}"),
-        ("wrong", "Wrong verdicts", "verdicts", 0.2, 0.0, "{:.1%}"),
-    )
+    rows = list(dict.fromkeys((cell["env"], cell["share"]) for cell in cells))
     # A Figure of our own, not pyplot's: the caller's backend and open figures are left alone.
-    figure = Figure(figsize=(3 + 2.0 * len(kinds), 1.6 + 0.36 * len(places)), layout="constrained")
-    axes = figure.subplots(1, 3, sharey=True)
-    for ax, (name, title, goal, worst, best, form) in zip(axes, panels, strict=True):
-        shown = np.full((len(places), len(kinds)), np.nan)
+    figure = Figure(figsize=(3 + 2.0 * len(kinds), 1.7 + 0.4 * len(rows)), layout="constrained")
+    for ax, (goal, name, form, best, worst) in zip(figure.subplots(1, 3, sharey=True), PANELS, strict=True):
+        badness = np.full((len(rows), len(kinds)), np.nan)
         for cell in cells:
-            i, j = places.index((cell["env"], cell["share"])), kinds.index(cell["kind"])
+            i, j = rows.index((cell["env"], cell["share"])), kinds.index(cell["kind"])
             if cell[name] is not None:
-                shown[i, j] = np.clip((best - cell[name]["mean"]) / (best - worst), 0, 1)
-            text = "–" if cell[name] is None else form.format(cell[name]["mean"])
-            if name == "wrong" and "ambiguous" in cell["missed"]:
-                text += f"\nguessed {cell['unlabelled_draws'] - cell['ambiguous']}/{cell['unlabelled_draws']}"
-            ax.text(j, i, text, ha="center", va="center", fontsize=7, color="white" if shown[i, j] > 0.6 else "black")
-            if goal in cell["missed"] or (name == "wrong" and "ambiguous" in cell["missed"]):
-                ax.add_patch(
-                    Rectangle((j - 0.46, i - 0.44), 0.92, 0.88, fill=False, edgecolor="#b00020", linewidth=1.4)
-                )
-        ax.imshow(shown, cmap="YlOrBr", vmin=0, vmax=1, aspect="auto")
+                badness[i, j] = np.clip((cell[name]["mean"] - best) / (worst - best), 0, 1)
+            text, guessed = number(cell[name], form), cell["unlabelled_draws"] - cell["ambiguous"]
+            wrong_guess = goal == "verdicts" and "ambiguous" in cell["missed"]
+            ax.text(
+                j,
+                i,
+                f"{text}\n{guessed} guessed" if wrong_guess else text,
+                ha="center",
+                va="center",
+                fontsize=7,
+                color="white" if badness[i, j] > 0.6 else "black",
+            )
+            if wrong_guess or goal in cell["missed"]:
+                frame = Rectangle((j - 0.45, i - 0.43), 0.9, 0.86, fill=False, edgecolor="#b00020", linewidth=1.5)
+                ax.add_patch(frame)
+        ax.imshow(badness, cmap="YlOrBr", vmin=0, vmax=1, aspect="auto")
         starred = [f"{kind}*" if kind in COHERENT else kind for kind in kinds]
         ax.set_xticks(range(len(kinds)), starred, rotation=35, ha="right", rotation_mode="anchor")
-        ax.set_yticks(range(len(places)), [f"{env}, {share} % bad" for env, share in places])
+        ax.set_yticks(range(len(rows)), [f"{env}, {share} % bad" for env, share in rows])
         ax.tick_params(length=0, labelsize=8)
         ax.spines[:].set_visible(False)
-        ax.set_title(title, fontsize=10)
-    figure.supxlabel("Framed: goal missed.  *: one label of each sort", fontsize=8)
+        ax.set_title(f"Goal: {GOALS[goal]}", fontsize=9)
+    figure.supxlabel("Means over draws; framed where the goal is missed; * with one label of each sort", fontsize=8)
     figure.savefig(path, dpi=130)
+    return figure
+
+
+PANELS = (
+    ("return", "return", ".2f", 1.0, 0.5),
+    ("AUROC", "auroc", ".3f", 1.0, 0.8),
+    ("verdicts", "wrong", ".1%", 0.0, 0.2),
+)
+"""Goal, score, its format, and what is shown palest and darkest."""
 
 
 if __name__ == "__main__":
