@@ -238,7 +238,7 @@ def fitted(demonstrations: Demonstrations, good: np.ndarray, labels: dict[int, s
         "seconds": seconds,
         "identifiable": audit.identifiable,
         "auroc": float(roc_auc_score(good[asked], audit.log_odds[asked])),
-        "wrong": float(1.0 - right[asked].mean()),
+        "wrong": float((~right[asked]).mean()),
         "prior": audit.prior.mean,
         "adversary": audit.adversary,
         "features": model.features_.kind,
@@ -363,7 +363,7 @@ def normalised(row: Row, references: dict[tuple[str, int], Row]) -> Row:
 
 
 def cell(rows: list[Row]) -> Row:
-    """Means over the draws of one cell with 95 % t intervals, and which goals they miss."""
+    """Means over the draws of one cell with 95 % t intervals, which goals they miss, and the seeds of draws that do."""
     alone = [row for row in rows if row["method"] == OURS]
     hopeless = unknowable(rows[0]["kind"], rows[0]["share"])
     scored = [row for row in rows if row["method"] == LABELLED] if hopeless else alone
@@ -381,11 +381,25 @@ def cell(rows: list[Row]) -> Row:
         "adversaries": counts(scored, "adversary"),
         "features": counts(scored, "features"),
     }
-    missed = ["return"] * (found["return"] is None or found["return"]["mean"] < RETURN)
-    missed += ["AUROC"] * (found["auroc"] is None or found["auroc"]["mean"] < AUROC)
-    missed += ["verdicts"] * (found["wrong"] is None or found["wrong"]["mean"] > WRONG)
-    missed += ["ambiguous"] * (hopeless and found["ambiguous"] < len(alone))
-    return found | {"missed": missed}
+    means = {name: seen["mean"] for name in ("return", "auroc", "wrong") if (seen := found[name]) is not None}
+    guessed = [row["seed"] for row in alone if hopeless and row["identifiable"]]
+    found["missed"] = goals_missed(means) + ["ambiguous"] * (len(guessed) > 0)
+    behind = [row["seed"] for row in scored if goals_missed(row | {"return": row.get("normalised", -np.inf)})]
+    found["seeds"] = sorted({*guessed, *behind})
+    return found
+
+
+def goals_missed(scores: Row) -> list[str]:
+    """Of a normalised return, an AUROC and a share of wrong verdicts; up to rounding, and none is none reached."""
+    return [
+        goal
+        for goal, missed in (
+            ("return", scores.get("return", -np.inf) < RETURN - 1e-9),
+            ("AUROC", scores.get("auroc", -np.inf) < AUROC - 1e-9),
+            ("verdicts", scores.get("wrong", np.inf) > WRONG + 1e-9),
+        )
+        if missed
+    ]
 
 
 def mean_of(rows: list[Row], name: str) -> Row | None:
@@ -425,14 +439,15 @@ def methods(rows: list[Row]) -> list[Row]:
 
 def table(found: Row) -> str:
     """What `summary` found, for people: means, returns with their 95 % intervals over draws."""
-    lines = [f"{'':44}{'return':>20}{'AUROC':>8}{'wrong':>8}{'prior':>7}{'ambiguous':>11}{'s':>7}  missed"]
+    lines = [f"{'':47}{'return':>20}{'AUROC':>8}{'wrong':>8}{'prior':>7}{'ambiguous':>11}{'s':>7}  missed"]
     for cell in found["cells"]:
         name = f"{name_of(cell)}{', two labels' if cell['unknowable'] else ''}"
         told = [
-            f"{name:44}{interval(cell['return']):>20}",
+            f"{name:47}{interval(cell['return']):>20}",
             f"{number(cell['auroc'], '.3f'):>8}{number(cell['wrong'], '.1%'):>8}{number(cell['prior'], '.2f'):>7}",
             f"{cell['ambiguous']:>8}/{cell['unlabelled_draws']:<2}{cell['seconds'] or 0:7.1f}",
-            f"  {', '.join(cell['missed'])}",
+            f"  {', '.join(cell['missed'])}"
+            + (f" (seeds {', '.join(map(str, cell['seeds']))})" if cell["seeds"] else ""),
         ]
         lines.append("".join(told).rstrip())
     lines.append("")
@@ -488,13 +503,16 @@ def heat_map(cells: list[Row], path: Path) -> Any:
                 frame = Rectangle((j - 0.45, i - 0.43), 0.9, 0.86, fill=False, edgecolor="#b00020", linewidth=1.5)
                 ax.add_patch(frame)
         ax.imshow(badness, cmap="YlOrBr", vmin=0, vmax=1, aspect="auto")
-        starred = [f"{kind}*" if kind in COHERENT else kind for kind in kinds]
+        starred = [f"{kind}*" if any(c["unknowable"] for c in cells if c["kind"] == kind) else kind for kind in kinds]
         ax.set_xticks(range(len(kinds)), starred, rotation=35, ha="right", rotation_mode="anchor")
         ax.set_yticks(range(len(rows)), [f"{env}, {share} % bad" for env, share in rows])
         ax.tick_params(length=0, labelsize=8)
         ax.spines[:].set_visible(False)
         ax.set_title(f"Goal: {GOALS[goal]}", fontsize=9)
-    figure.supxlabel("Means over draws; framed where the goal is missed; * with one label of each sort", fontsize=8)
+    figure.supxlabel(
+        "Means over draws; framed where the goal is missed; * with one label of each sort from a share of one half",
+        fontsize=8,
+    )
     figure.savefig(path, dpi=130)
     return figure
 

@@ -113,7 +113,7 @@ def reference(seed, oracle=-100.0):
 
 
 def test_means_intervals_and_goals_of_a_cell(robustness):
-    returns, auroc, wrong = [-100.0, -104.0, -120.0], [1.0, 1.0, 0.94], [0.0, 0.0, 0.03]
+    returns, auroc, wrong = [-100.0, -104.0, -120.0], [1.0, 1.0, 0.94], [1 - 0.98, 1 - 0.99, 0.0]
     rows = [reference(seed) for seed in range(3)] + [
         row(seed=seed, auroc=auroc[seed], wrong=wrong[seed]) | {"return": returns[seed]} for seed in range(3)
     ]
@@ -126,7 +126,8 @@ def test_means_intervals_and_goals_of_a_cell(robustness):
     assert cell["wrong"]["mean"] == pytest.approx(0.01)
     assert cell["brier"] == pytest.approx((0.01 + 0.04) / 2)
     assert (cell["draws"], cell["seconds"], cell["adversaries"]) == (3, 2.0, {"uniform": 3})
-    assert cell["missed"] == ["return", "AUROC"]
+    assert cell["missed"] == ["return", "AUROC"]  # a hundredth wrong is no more than a hundredth, however it is rounded
+    assert cell["seeds"] == [0, 2]
     assert not found["reached"]
     assert found["missed"]["return"] == [f"{CAR} noisy 50 %"]
     assert found["missed"]["verdicts"] == []
@@ -149,6 +150,7 @@ def test_where_nobody_can_know_labels_are_scored_and_silence_is_asked_for(robust
     assert silent["reached"]
     assert silent["cells"][0]["return"]["mean"] == pytest.approx(0.99)
     guessed = robustness.summary(rows(False, True), 6)
+    assert guessed["cells"][0]["seeds"] == [1]
     assert guessed["missed"] == {"return": [], "AUROC": [], "verdicts": [], "ambiguous": [f"{CAR} flip 50 %"]}
 
 
