@@ -20,7 +20,7 @@ ORDER = [
     "errors", "_arrays", "files", "demonstrations", "formats",
     "passes", "parallel", "features", "solvers", "policies", "adversaries", "priors", "reliability", "em", "search",
     "belief", "identify", "audit", "inputs", "cloning", "estimators", "persistence",
-    "experts", "corruptions", "rollouts", "simulation",
+    "experts", "corruptions", "environments", "rollouts", "simulation",
     "plots", "report", "data", "demo", "terminal", "cli", "__main__",
 ]
 # fmt: on
