@@ -20,7 +20,7 @@ ORDER = [
     "errors", "_arrays", "files", "demonstrations", "formats",
     "passes", "parallel", "features", "solvers", "policies", "adversaries", "reliability", "em", "search", "identify",
     "audit", "inputs", "cloning", "estimators", "persistence", "experts", "corruptions", "rollouts", "simulation",
-    "plots", "report", "data", "demo", "terminal", "cli", "__main__",
+    "plots", "report", "data", "demo", "reproduce", "terminal", "cli", "__main__",
 ]
 # fmt: on
 

@@ -7,8 +7,9 @@ one draw of the data. Here every figure has an interval over draws of the data, 
 
 from __future__ import annotations
 
+from rpil.reproduce.experiments import EXPERIMENTS, METHODS, Experiment, Method
 from rpil.reproduce.figures import draw
 from rpil.reproduce.recipe import PaperRecipe
-from rpil.reproduce.tables import EXPERIMENTS, METHODS, Experiment, Method, Reproduction, run
+from rpil.reproduce.tables import Reproduction, run
 
 __all__ = ["EXPERIMENTS", "METHODS", "Experiment", "Method", "PaperRecipe", "Reproduction", "draw", "run"]

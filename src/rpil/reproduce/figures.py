@@ -1,7 +1,7 @@
 """Figures 1-7: Mountain Car, position against velocity, coloured by action; and the weights of the demonstrations.
 
-Figures 1, 2 and 5 are data, as the learner sees them. The others are policies: what each does in 20 episodes of its own,
-over a pale map of what it would do elsewhere.
+Figures 1, 2 and 5 are data, as the learner sees them. The others are policies: what each does in 20 episodes of its
+own, over a pale map of what it would do elsewhere.
 """
 
 from __future__ import annotations
@@ -16,15 +16,27 @@ from numpy.typing import NDArray
 
 from rpil.demonstrations import Demonstrations
 from rpil.files import make_folder, replacing
-from rpil.plots import ACTION_COLOURS, COLOURS
-from rpil.reproduce.tables import EXPERIMENTS, N_BAD, N_GOOD, NAMES, OURS, RECIPE, ours, paper_recipe, trust_all
+from rpil.plots import COLOURS
+from rpil.reproduce.experiments import (
+    EXPERIMENTS,
+    N_BAD,
+    N_GOOD,
+    NAMES,
+    OURS,
+    RECIPE,
+    ours,
+    paper_recipe,
+    raw_trust_all,
+)
 from rpil.rollouts import record
 from rpil.simulation import simulate
 
 CAR = "MountainCar-v0"
-ACTIONS = {0: "push left", 1: "no push", 2: "push right"}
+ACTIONS = ("push left", "no push", "push right")
+# The two that the expert uses are the two that differ most, also for readers with a colour deficiency.
+ACTION_COLOURS = (COLOURS["expert"], COLOURS["uncertain"], "#e69f00")
 EPISODES = 20
-_POSITIONS, _VELOCITIES = (-1.2, 0.6), (-0.07, 0.07)
+_POSITIONS, _VELOCITIES = (-1.23, 0.6), (-0.07, 0.07)
 _FLAG = 0.5
 _GRID = 240
 _DPI = 150
@@ -76,7 +88,7 @@ def draw(
         demonstrations = Demonstrations.from_episodes(made.episodes)
         title = f"Figure {first}. {N_GOOD} demonstrations of the expert and {N_BAD} {kind} ones"
         save(_car([(title, None, *_steps(made.episodes))]), f"figure-{first}-{kind}")
-        all_, recipe, default = (m(demonstrations, experiment, seed) for m in (trust_all, paper_recipe, ours))
+        all_, recipe, default = (m(demonstrations, experiment, seed) for m in (raw_trust_all, paper_recipe, ours))
         title = f"Figure {first + 1}. The policy that trusts all of them"
         save(_car([_played(title, all_, seed)]), f"figure-{first + 1}-{kind}-trust-all")
         title = f"Figure {first + 2}. R-PIL, the paper's recipe"
@@ -102,7 +114,8 @@ def _played(title: str, policy: Any, seed: int) -> Panel:
     episodes = record(policy, CAR, n_episodes=EPISODES, seed=seed)
     mean = np.mean([episode.total_reward for episode in episodes])
     steps = _steps([(episode.observations, episode.actions) for episode in episodes])
-    return f"{title}\nmean return of {EPISODES} episodes {mean:.1f}".replace("-", "−"), policy, *steps
+    number = f"{mean:.1f}".replace("-", "\N{MINUS SIGN}")
+    return f"{title}\n{EPISODES} episodes, mean return {number}", policy, *steps
 
 
 def _figure(width: float, height: float) -> Any:
@@ -119,7 +132,7 @@ def _car(panels: Sequence[Panel]) -> Any:
 
     figure = _figure(0.8 + 5.2 * len(panels), 4.6)
     axes = figure.subplots(1, len(panels), sharex=True, sharey=True, squeeze=False)[0]
-    colours: Any = {"cmap": ListedColormap(list(ACTION_COLOURS[: len(ACTIONS)])), "vmin": -0.5, "vmax": 2.5}
+    colours: Any = {"cmap": ListedColormap(ACTION_COLOURS), "vmin": -0.5, "vmax": 2.5}
     for ax, (title, policy, observations, actions) in zip(axes, panels, strict=True):
         if policy is not None:
             x, y = (np.linspace(*ends, _GRID) for ends in (_POSITIONS, _VELOCITIES))
@@ -129,12 +142,12 @@ def _car(panels: Sequence[Panel]) -> Any:
         ax.axvline(_FLAG, color=COLOURS["uncertain"], linewidth=1, linestyle=(0, (4, 3)))
         ax.text(_FLAG - 0.015, _VELOCITIES[0] * 0.97, "flag", ha="right", color=COLOURS["uncertain"], fontsize="small")
         ax.set_title(title, loc="left", fontsize="medium")
-        ax.set(xlim=_POSITIONS, ylim=_VELOCITIES, xlabel="Position")
+        ax.set(xlim=_POSITIONS, ylim=_VELOCITIES, xlabel="Position", xticks=(-1.2, -0.8, -0.4, 0.0, 0.4))
         ax.spines[["top", "right"]].set_visible(False)
     axes[0].set_ylabel("Velocity")
     handles = [
-        Line2D([], [], marker="o", linestyle="none", color=ACTION_COLOURS[code], label=name)
-        for code, name in ACTIONS.items()
+        Line2D([], [], marker="o", linestyle="none", color=colour, label=name)
+        for colour, name in zip(ACTION_COLOURS, ACTIONS, strict=True)
     ]
     figure.legend(handles=handles, loc="outside lower center", ncols=len(handles), frameon=False, handletextpad=0.2)
     return figure
@@ -150,6 +163,8 @@ def _weights(rows: Sequence[dict[str, Any]]) -> Any:
         RECIPE: {"color": COLOURS["adversary"], "marker": "o", "fillstyle": "none", "markersize": 7},
         OURS: {"color": COLOURS["expert"], "marker": "D", "markersize": 3.5},
     }
+    bound = 3 * max(np.abs(row["log_odds"][name]).max() for row in rows for name in styles)
+    decades = 10.0 ** np.arange(1, np.log10(bound), 2)
     for (left, right), row in zip(axes, rows, strict=True):
         n_good, size = sum(row["is_good"]), len(row["is_good"])
         where = np.arange(1, size + 1)
@@ -164,7 +179,7 @@ def _weights(rows: Sequence[dict[str, Any]]) -> Any:
         left.set_title(f"Table {row['table']}. {row['env']}, {row['kind']}", loc="left", fontsize="medium")
         left.set(ylabel="P(expert)", ylim=(-0.08, 1.08), yticks=(0, 0.5, 1))
         right.set_yscale("symlog", linthresh=10)
-        right.set(ylabel="Log-odds (nats)", ylim=(-3e3, 3e3), yticks=(-1000, -100, -10, 0, 10, 100, 1000))
+        right.set(ylabel="Log-odds (nats)", ylim=(-bound, bound), yticks=[*-decades, 0, *decades])
         right.axhline(0, color=COLOURS["uncertain"], linewidth=0.8)
     for ax in axes[-1]:
         ax.set(xlabel="Demonstration (the bad ones on grey)", xticks=(1, 5, 10, 15, 20))

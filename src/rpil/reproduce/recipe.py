@@ -23,9 +23,9 @@ NO_PENALTY = 1e6
 class PaperRecipe(SoftmaxClassifier):
     """R-PIL as the paper's experiments ran it.
 
-    A demonstration is good or bad as a whole; the adversary is the raw complement 1 - pi; P(expert) is given; the policy
-    sees the raw observation and is fitted to the expert's term alone, without a penalty. EM starts from the policy of all
-    demonstrations and makes 101 iterations at most: it stops where nothing changes any more. Everything is in logs.
+    A demonstration is good or bad as a whole; the adversary is the raw complement 1 - pi; P(expert) is given; the
+    policy sees the raw observation and is fitted to the expert's term alone, without a penalty. EM starts from the
+    policy of all demonstrations and makes 101 iterations; less where nothing changes any more. Everything is in logs.
 
     Parameters
     ----------
@@ -34,9 +34,8 @@ class PaperRecipe(SoftmaxClassifier):
     max_iter : int
         EM iterations.
     newton : int
-        Newton steps of an M-step at most. 100 is the whole fit, which is EM as the paper writes it; with 1, which is what
-        `RPIL` does, corrupted demonstrations of Lunar Lander more often end with nobody trusted. Elsewhere both say the
-        same.
+        Newton steps of an M-step at most. 100 is the whole fit, which is EM as the paper writes it; with 1, which is
+        what `RPIL` does, corrupted demonstrations of Lunar Lander more often end with nobody trusted.
 
     Attributes
     ----------

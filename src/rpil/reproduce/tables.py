@@ -18,85 +18,32 @@ import numpy as np
 from sklearn.exceptions import ConvergenceWarning
 from threadpoolctl import threadpool_limits
 
-from rpil import features
-from rpil.cloning import BehavioralCloning
 from rpil.demonstrations import Demonstrations
 from rpil.errors import DataError
-from rpil.estimators import RPIL, AmbiguousWarning
+from rpil.estimators import AmbiguousWarning
 from rpil.experts import expert
 from rpil.files import make_folder, replacing
-from rpil.reproduce.recipe import NO_PENALTY, PaperRecipe
+from rpil.reproduce.experiments import (
+    ENVIRONMENTS,
+    EXPERIMENTS,
+    EXPERT,
+    METHODS,
+    N_BAD,
+    N_GOOD,
+    NAMES,
+    ORACLE,
+    OUR_FEATURES,
+    RAW_ORACLE,
+    Experiment,
+    Method,
+    raw_trust_all,
+    trust_all,
+)
 from rpil.rollouts import Returns, rollout
 from rpil.simulation import simulate
 
-OUR_FEATURES = "auto" if "auto" in features.FEATURES else "spline"
-N_GOOD = N_BAD = 10
 PAPER_ROLLOUTS = 20
-EXPERT, TRUST_ALL, RECIPE, OURS = "expert", "trust all", "paper's recipe", "rpil"
-ORACLE, RAW_ORACLE = "oracle", "raw oracle"
 Row = dict[str, Any]
-
-
-@dataclass(frozen=True)
-class Experiment:
-    """One table of the paper.
-
-    Attributes
-    ----------
-    table : int
-        Its number. Our source gives the tables as environments and kinds of bad demonstrations without their numbers,
-        so they are counted in the order it lists them.
-    env_id, kind : str
-        "corrupted": the expert drives and each recorded action is a uniform draw; "random": uniform draws drive.
-    prior : float
-        The P(expert) that the paper's recipe is given.
-    rpil, logreg : float
-        The mean returns that the paper prints.
-    """
-
-    table: int
-    env_id: str
-    kind: str
-    prior: float
-    rpil: float
-    logreg: float
-
-    @property
-    def printed(self) -> dict[str, float]:
-        """What the paper prints for each policy that it has."""
-        return {TRUST_ALL: self.logreg, RECIPE: self.rpil}
-
-
-EXPERIMENTS = (
-    Experiment(1, "MountainCar-v0", "corrupted", 0.2, rpil=-104.45, logreg=-132.0),
-    Experiment(2, "MountainCar-v0", "random", 0.2, rpil=-106.25, logreg=-119.5),
-    Experiment(3, "LunarLander-v3", "corrupted", 0.5, rpil=195.06, logreg=-22.24),
-    Experiment(4, "LunarLander-v3", "random", 0.5, rpil=226.49, logreg=-342.64),
-    Experiment(5, "Acrobot-v1", "corrupted", 0.75, rpil=-102.7, logreg=-102.05),
-    Experiment(6, "Acrobot-v1", "random", 0.75, rpil=-92.85, logreg=-397.65),
-)
-ENVIRONMENTS = tuple(dict.fromkeys(experiment.env_id for experiment in EXPERIMENTS))
-
-Method = Callable[[Demonstrations, Experiment, int], Any]
-"""Demonstrations, the experiment and a seed to a policy with `predict`, or None where the method only ranks. Where the
-policy has `expert_proba_` its verdicts are counted, where it has `log_odds_` they are kept for the picture."""
-
-
-def trust_all(demonstrations: Demonstrations, experiment: Experiment, seed: int) -> BehavioralCloning:
-    """The paper's LogReg: raw observations, no penalty."""
-    return BehavioralCloning("raw", C=NO_PENALTY).fit(demonstrations)
-
-
-def paper_recipe(demonstrations: Demonstrations, experiment: Experiment, seed: int) -> PaperRecipe:
-    return PaperRecipe(experiment.prior).fit(demonstrations)
-
-
-def ours(demonstrations: Demonstrations, experiment: Experiment, seed: int) -> RPIL:
-    """One setting for all tables; the prior is not told."""
-    return RPIL(OUR_FEATURES, random_state=seed).fit(demonstrations)
-
-
-METHODS: dict[str, Method] = {TRUST_ALL: trust_all, RECIPE: paper_recipe, OURS: ours}
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,7 +71,7 @@ class Reproduction:
 
     def text(self) -> str:
         """The tables for a terminal."""
-        sizes = (24, 9, 17, 19, 9, 9)
+        sizes = (30, 9, 17, 17, 9, 9)
         blocks = []
         for table in self.tables:
             lines = [_title(table, self.rollouts)]
@@ -244,8 +191,8 @@ def one_draw(env_id: str, seed: int, rollouts: int, methods: Mapping[str, Method
                 clean = demonstrations.select(good)
                 common = {
                     EXPERT: play(expert(env_id)),
-                    ORACLE: play(BehavioralCloning(OUR_FEATURES).fit(clean)),
-                    RAW_ORACLE: play(trust_all(clean, experiment, seed)),
+                    RAW_ORACLE: play(raw_trust_all(clean, experiment, seed)),
+                    ORACLE: play(trust_all(clean, experiment, seed)),
                 }
             learned = {name: method(demonstrations, experiment, seed) for name, method in methods.items()}
             learned = {name: policy for name, policy in learned.items() if policy is not None}
@@ -279,10 +226,15 @@ def _interval(values: Any) -> Row:
 def summary(experiment: Experiment, rows: Sequence[Row]) -> Row:
     """One table from its draws."""
     policies = {}
-    for name in (EXPERT, *(name for name in rows[0]["returns"] if name not in (EXPERT, ORACLE, RAW_ORACLE)), ORACLE, RAW_ORACLE):
+    oracles = (RAW_ORACLE, ORACLE)
+    for name in (*(name for name in rows[0]["returns"] if name not in oracles), *oracles):
         played = [row["returns"][name] for row in rows]
         means = [one["mean"] for one in played]
-        policies[name] = _interval(means) | {"worst": min(means), "best": max(means), "paper_way": played[0]["paper_way"]}
+        policies[name] = _interval(means) | {
+            "worst": min(means),
+            "best": max(means),
+            "paper_way": played[0]["paper_way"],
+        }
         if name in experiment.printed:
             policies[name]["printed"] = experiment.printed[name]
         if name in rows[0]["wrong"]:
@@ -298,20 +250,12 @@ def summary(experiment: Experiment, rows: Sequence[Row]) -> Row:
     }
 
 
-NAMES = {
-    EXPERT: "expert",
-    TRUST_ALL: "trust all (LogReg)",
-    RECIPE: "the paper's recipe",
-    OURS: f"rpil ({OUR_FEATURES})",
-    ORACLE: f"clean oracle ({OUR_FEATURES})",
-    RAW_ORACLE: "clean oracle (raw)",
-}
 HEAD = ("policy", "paper", "the paper's way", "over draws", "worst", "wrong")
 LEGEND = (
-    "10 good and 10 bad demonstrations. *paper*: what the paper prints. *the paper's way*: 20 rollouts of one policy from "
-    "one draw of the data, ± the 95 % interval over these rollouts. *over draws*: mean return over draws of the data, "
-    "± the 95 % interval over draws; *worst*: the worst draw. *wrong*: wrong verdicts on demonstrations, of all draws. The "
-    "clean oracles learned from the good demonstrations alone; what stands in brackets are a policy's features."
+    "10 good and 10 bad demonstrations. *paper*: what the paper prints. *the paper's way*: 20 rollouts of one policy "
+    "from one draw of the data, ± the 95 % interval over these rollouts. *over draws*: mean return over draws of the "
+    "data, ± the 95 % interval over draws; *worst*: the worst draw. *wrong*: wrong verdicts on demonstrations, in all "
+    "draws. The clean oracles learned from the good demonstrations alone; in brackets are a policy's features."
 )
 
 
