@@ -135,9 +135,10 @@ def _car(panels: Sequence[Panel]) -> Any:
     colours: Any = {"cmap": ListedColormap(ACTION_COLOURS), "vmin": -0.5, "vmax": 2.5}
     for ax, (title, policy, observations, actions) in zip(axes, panels, strict=True):
         if policy is not None:
-            x, y = (np.linspace(*ends, _GRID) for ends in (_POSITIONS, _VELOCITIES))
-            points = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
-            ax.pcolormesh(x, y, policy.predict(points).reshape(_GRID, _GRID), alpha=0.16, shading="nearest", **colours)
+            sides = (np.linspace(*ends, _GRID) for ends in (_POSITIONS, _VELOCITIES))
+            points = np.stack(np.meshgrid(*sides), axis=-1).reshape(-1, 2)
+            pale = {"alpha": 0.16, "origin": "lower", "aspect": "auto", "extent": (*_POSITIONS, *_VELOCITIES)}
+            ax.imshow(policy.predict(points).reshape(_GRID, _GRID), interpolation="nearest", **pale, **colours)
         ax.scatter(*observations.T, c=actions, s=7, linewidths=0, **colours)
         ax.axvline(_FLAG, color=COLOURS["uncertain"], linewidth=1, linestyle=(0, (4, 3)))
         ax.text(_FLAG - 0.015, _VELOCITIES[0] * 0.97, "flag", ha="right", color=COLOURS["uncertain"], fontsize="small")
