@@ -34,8 +34,9 @@ class PaperRecipe(SoftmaxClassifier):
     max_iter : int
         EM iterations.
     newton : int
-        Newton steps of an M-step at most. 100 is the whole fit, which is EM as the paper writes it; with 1, which is
-        what `RPIL` does, corrupted demonstrations of Lunar Lander more often end with nobody trusted.
+        Newton steps of an M-step at most. 100 is the whole fit, which is EM as the paper writes it; 1 is what `RPIL`
+        does. It matters where the recipe is on a knife's edge: of 40 draws of Lunar Lander, corrupted, 1 ends with
+        nobody trusted after whole fits, 3 after single steps.
 
     Attributes
     ----------
