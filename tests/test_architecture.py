@@ -21,7 +21,7 @@ ORDER = [
     "passes", "parallel", "features", "solvers", "policies", "adversaries", "priors", "reliability", "em", "search",
     "belief", "identify", "audit", "inputs", "cloning", "estimators", "persistence",
     "experts", "corruptions", "environments", "rollouts", "simulation",
-    "plots", "report", "data", "demo", "terminal", "cli", "__main__",
+    "plots", "report", "data", "demo", "reproduce", "terminal", "cli", "__main__",
 ]
 # fmt: on
 

@@ -73,7 +73,7 @@ def refused(match, *arguments):
 
 def test_help_and_version():
     assert call().stdout == ok("--help").stdout == ok("-h").stdout
-    for command in ("audit", "fit", "evaluate", "simulate", "demo"):
+    for command in ("audit", "fit", "evaluate", "simulate", "demo", "reproduce"):
         assert command in ok("--help").stdout
         assert "--quiet" in ok(command, "--help").stdout
     assert rpil.__version__ in ok("--version").stdout
@@ -272,6 +272,43 @@ def test_demo(monkeypatch):
     assert json.loads(result.stdout) == {"episodes": 7, "seed": 2, "auroc": None}
     assert result.stderr == "Report: other.html\n"
     refused("no folder nowhere", "demo", "--report", "nowhere/r.html")
+
+
+class FakeReproduction:
+    """Stands for the real one, which takes minutes and has tests of its own."""
+
+    draws = ("the draws",)
+
+    def __init__(self, **arguments):
+        arguments.pop("progress")(1, 2)
+        self.arguments = arguments
+
+    def to_dict(self):
+        return self.arguments | {"mean": float("nan")}
+
+    def text(self):
+        return "Table 1."
+
+    def write(self, folder):
+        (Path(folder) / "tables.md").write_text("tables")
+
+
+def test_reproduce(monkeypatch):
+    def draw(folder, draws, *, seed):
+        (Path(folder) / "figure.png").write_text(f"{draws} {seed}")
+
+    monkeypatch.setitem(sys.modules, "rpil.reproduce", types.SimpleNamespace(run=FakeReproduction, draw=draw))
+    assert ok("reproduce").stdout == "Table 1.\n"
+    assert list(Path().iterdir()) == []
+    assert ok("reproduce", "-o", "paper", "--seed", 3).stdout == "Table 1.\nTables and figures: paper\n"
+    assert (Path("paper/tables.md").read_text(), Path("paper/figure.png").read_text()) == ("tables", "('the draws',) 3")
+    sizes = {(): (20, 100), ("--quick",): (3, 20), ("--quick", "--draws", 7): (7, 20), ("--draws", 5): (5, 100)}
+    for options, size in sizes.items():
+        found = json.loads(ok("reproduce", "--json", *options).stdout)
+        assert (found["draws"], found["rollouts"], found["seed"], found["mean"]) == (*size, 0, None)
+    Path("file").write_text("mine")
+    refused("file: it is a file; give the path of a folder", "reproduce", "--output", "file")
+    refused("range", "reproduce", "--draws", 1)
 
 
 def test_warnings_are_notes(monkeypatch):

@@ -16,7 +16,7 @@ from click.core import ParameterSource
 
 from rpil import __version__
 from rpil.errors import DataError, MissingExtraError
-from rpil.files import check_writable
+from rpil.files import check_writable, make_folder
 from rpil.terminal import (
     Stages,
     as_json,
@@ -302,6 +302,30 @@ def demo(episodes: int, report: str, json_wanted: bool, seed: int, quiet: bool) 
         for line in found.lines():
             click.echo(line)
     _say_where("Report", report, json_wanted)
+
+
+@main.command()
+@click.option("--quick", is_flag=True, help="3 draws and 20 rollouts instead of 20 and 100: a minute, not ten.")
+@click.option("--draws", type=click.IntRange(2), help="Draws of the data, if not as above.")
+@click.option("-o", "--output", metavar="FOLDER", help="Also write the figures, and the tables as Markdown.")
+@_json
+@_seed
+@_quiet
+def reproduce(quick: bool, draws: int | None, output: str | None, json_wanted: bool, seed: int, quiet: bool) -> None:
+    """Make the paper's tables and figures: its own recipe, and what became of it."""
+    if output:
+        make_folder(output)
+    with counter("playing the draws", quiet) as progress:
+        from rpil.parallel import cores
+        from rpil.reproduce import draw, run
+
+        many, rollouts = (3, 20) if quick else (20, 100)
+        found = run(draws=draws or many, rollouts=rollouts, seed=seed, processes=cores(), progress=progress)
+        if output:
+            found.write(output)
+            draw(output, found.draws, seed=seed)
+    click.echo(as_json(found.to_dict()) if json_wanted else found.text())
+    _say_where("Tables and figures", output, json_wanted)
 
 
 def _check_outputs(inputs: tuple[str | None, ...], *outputs: str | None) -> None:
