@@ -70,7 +70,7 @@ class PaperRecipe(SoftmaxClassifier):
         """
         demonstrations = as_demonstrations(self, X, y, groups)
         self.classes_, codes = action_codes(demonstrations.actions, demonstrations.source)
-        prior, n_actions = as_prior(self.prior), len(self.classes_)
+        prior, n_actions = as_prior(self.prior, demonstrations.lengths), len(self.classes_)
         with threadpool_limits(1, "blas"):
             self.features_ = FeatureMap.fit("raw", demonstrations.observations)
             ridge = ridge_of(self.features_, NO_PENALTY, len(codes), n_actions)
