@@ -219,7 +219,7 @@ def test_fit_says_when_the_policy_is_a_guess(folder):
 
 def test_fit_and_evaluate(folder):
     model = load(folder / "policy")
-    assert model.features == "raw"
+    assert model.features == "auto"
     assert model.observation_names_ == formats.read(folder / "good.parquet").observation_names
     result = ok("evaluate", folder / "policy", "--env", ENV, "--episodes", 5, "--json", "--seed", 3)
     assert result.stderr == ""
@@ -498,7 +498,7 @@ SIMULATE = ["simulate", "--good", 1, "--bad", 1]
         (["audit"], "Missing argument 'FILE'; see rpil audit --help"),
         (["audit", "data.npz", "--sed", "1"], "No such option .*--sed.*--seed.* see rpil audit --help"),
         (["audit", "data.npz", "--seed", "-1"], "--seed.* see rpil audit --help"),
-        (["audit", "data.npz", "--features", "odd"], "'odd' is not one of 'raw', 'folded', 'spline', 'poly'; see"),
+        (["audit", "data.npz", "--features", "odd"], "'odd' is not one of 'auto', 'raw', 'folded', 'spline'"),
         (["audit", "data.npz", "--adversary", "odd"], "'odd' is not one of 'auto'"),
         (["evaluate", "policy", "--env", ENV, "--episodes", "0"], "--episodes"),
         (["order"], "No such command 'order'; see rpil --help"),

@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from rpil.estimators import RPIL
 
 # Also known to the modules that own them, but those take a second to import; a test compares.
-FEATURES = ("raw", "folded", "spline", "poly")
+FEATURES = ("auto", "raw", "folded", "spline", "poly", "nystroem")
 ADVERSARIES = (
     "auto", "constant", "uniform", "marginal", "complement", "normalised-complement", "confusion", "own-policy",
 )  # fmt: skip
@@ -99,7 +99,7 @@ _json = click.option("--json", "json_wanted", is_flag=True, help="Print JSON, an
 _learning = (
     click.option("--labels", metavar="FILE", help="CSV (id,label) or JSON: what you know of some demonstrations."),
     click.option(
-        "--features", type=click.Choice(FEATURES), default="raw", show_default=True, help="What the policy sees."
+        "--features", type=click.Choice(FEATURES), default="auto", show_default=True, help="What the policy sees."
     ),
     click.option(
         "--adversary", type=_Words(ADVERSARIES), default="auto", show_default=True, help="What bad demonstrators do."

@@ -15,6 +15,7 @@ from rpil.errors import DataError
 from rpil.features import FeatureMap
 from rpil.inputs import action_codes, observations_and_actions, ridge_of, source_of
 from rpil.policies import SoftmaxPolicy
+from rpil.selection import Choice, choose
 
 Array = NDArray[Any]
 
@@ -56,15 +57,31 @@ class SoftmaxClassifier(ClassifierMixin, BaseEstimator):
         intercepts = weights[-1] - (self.features_.center / self.features_.scale) @ weights[:-1]
         return intercepts[1:] - intercepts[:1] if len(self.classes_) == 2 else intercepts
 
-    def _learn(self, X: Array, codes: Array, weight: Array, trusted: Array, *, C: float | None, tol: float) -> None:
-        """Fit the feature map to the `trusted` (N,) steps, and the policy to all by weight."""
-        self.features_ = FeatureMap.fit(self.features, X[trusted], weight[trusted])
-        ridge = ridge_of(self.features_, C, weight.sum(), len(self.classes_))
-        targets = np.zeros((len(codes), len(self.classes_)))
+    def _learn(
+        self,
+        X: Array,
+        codes: Array,
+        offsets: Array,
+        weight: Array,
+        trusted: Array,
+        *,
+        C: float | None,
+        tol: float,
+    ) -> None:
+        """Choose the features where that was asked for and fit their map, both to the `trusted` (N,) steps, and the
+        policy to all by weight."""
+        n_actions = len(self.classes_)
+        choice = Choice(self.features)
+        if self.features == "auto":
+            choice = choose(X, codes, offsets, weight, n_actions, C)
+        self.features_ = FeatureMap.fit(choice.kind, X[trusted], weight[trusted], choice.ridge)
+        ridge = ridge_of(self.features_, C, weight.sum(), n_actions)
+        targets = np.zeros((len(codes), n_actions))
         np.put_along_axis(targets, codes[:, None], weight[:, None], axis=1)
         used = weight > 0.0
-        policy = SoftmaxPolicy.zero(len(self.classes_), ridge)
-        self.policy_, _ = policy.fit(self.features_.design(X[used]), targets[used], tol=tol)
+        policy = SoftmaxPolicy.zero(n_actions, ridge)
+        policy, _ = policy.fit(self.features_.design(X[used]), targets[used], tol=tol)
+        self.policy_ = policy.tempered(choice.temperature)
 
 
 class BehavioralCloning(SoftmaxClassifier):
@@ -72,8 +89,9 @@ class BehavioralCloning(SoftmaxClassifier):
 
     Parameters
     ----------
-    features : {"raw", "spline", "poly"}
-        What the policy sees of an observation, see `rpil.features`.
+    features : {"raw", "folded", "spline", "poly", "nystroem", "auto"}
+        What the policy sees of an observation, see `rpil.features`. "auto" chooses, with the ridge, by the likelihood
+        of demonstrations that are held out (of single steps, where X is not `Demonstrations`), see `rpil.selection`.
     C : float, optional
         Inverse ridge strength as in scikit-learn's `LogisticRegression`, with which the fit then agrees; by default a
         ridge of 1e-5 a step on scaled columns, which depends neither on units nor on the amount of data.
@@ -109,5 +127,6 @@ class BehavioralCloning(SoftmaxClassifier):
             raise DataError(f"{source_of(X)}: sample_weight is zero everywhere; give at least one step some weight.")
         self.classes_, codes = action_codes(data[1], source_of(X))
         with threadpool_limits(1, "blas"):  # thin products gain nothing from threads, and can lose a lot
-            self._learn(data[0], codes, weight, weight > 0.0, C=self.C, tol=self.tol)
+            offsets = X.offsets if isinstance(X, Demonstrations) else np.arange(len(codes) + 1)
+            self._learn(data[0], codes, offsets, weight, weight > 0.0, C=self.C, tol=self.tol)
         return self

@@ -30,7 +30,7 @@ LUNARLANDER = "lunarlander_corrupted.npz"
 LANDER = "LunarLander-v3"
 
 # One setting for every policy of the lander: what differs between them is the demonstrations alone.
-_LANDER_FEATURES = "spline"
+_LANDER_FEATURES = "auto"
 _N_RESAMPLES = 2000
 
 Progress = Callable[[str], None]
@@ -184,7 +184,7 @@ def _audit(data: Demonstrations, features: str, seed: int, told: Progress, where
 
 
 def _overcooked(seed: int, told: Progress) -> Overcooked:
-    model, seconds = _audit(load(OVERCOOKED), "raw", seed, told, "Overcooked")
+    model, seconds = _audit(load(OVERCOOKED), "auto", seed, told, "Overcooked")
     audit = model.audit_
     quality, is_good = _truth(OVERCOOKED, "episode_quality"), _truth(OVERCOOKED, "is_good")
     resamples = _resampled_auroc(audit.log_odds, is_good, seed)
