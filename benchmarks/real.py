@@ -154,11 +154,17 @@ def measure(paths: Iterable[Path], methods: Iterable[str], features: str, seed: 
         replies[job.path.stem].append((job, reply))
         print(f"{job.path.stem}, {job.method}: {reply.seconds:.1f} s", file=sys.stderr)
 
+    unranked = {
+        job.method
+        for of in replies.values()
+        for job, reply in of
+        if job.held_out is None and reply.scores is None and not reply.said
+    }
     sets, ranked, held_out, draws = {}, [], [], {}
     for name, (_, demonstrations) in data.items():
         sets[name] = described(demonstrations, known[name])
         for job, reply in replies[name]:
-            if job.held_out is None and job.method != ORACLE and (reply.scores is not None or reply.said):
+            if job.held_out is None and job.method not in unranked:
                 row, draws[name, job.method] = ranking(reply, known[name], stream(seed, name))
                 ranked.append({"set": name, "method": job.method, **row})
         held_out += held_out_rows(name, replies[name], demonstrations, known[name], seed)

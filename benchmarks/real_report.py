@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from tables import and_list, bold_best, table
+from tables import and_list, bold_best, bullets, by_column, table
 
 OURS = "rpil"
 VERDICTS = ("expert", "uncertain", "adversary")
@@ -16,27 +16,29 @@ def text(result: Row) -> str:
     names, width = list(result["sets"]), 14
     found = {(row["method"], row["set"]): row for row in result["ranking"]}
     held = {(row["set"], row["trained_on"]): row for row in result["held_out"]}
+    means = result["mean_auroc"]
+
+    def line(name: str, cells: list[str]) -> str:
+        return f"{name:28}" + "".join(f"{cell:>{width}}" for cell in cells)
+
     heads = [name.split("_") for name in names]
     depth = max(map(len, heads))
+    upright = [[*[""] * (depth - len(head)), *head] for head in heads] + [[*[""] * (depth - 1), "mean"]]
     lines = [f"features {result['features']}, seed {result['provenance']['seeds']}", ""]
-    for k in range(depth):  # names stand upright, one word above the other, and end on the same line
-        words = [head[k - depth + len(head)] if k >= depth - len(head) else "" for head in heads]
-        lines.append(f"{'':28}" + "".join(f"{word:>{width}}" for word in [*words, "mean" if k == depth - 1 else ""]))
+    lines += [line("", list(words)) for words in zip(*upright, strict=True)]
     lines.append("AUROC ± standard error")
-    for method, mean in result["mean_auroc"].items():
+    for method, mean in means.items():
         cells = [plus_minus(found.get((method, name), {}), "auroc", "auroc_se") for name in names]
-        lines.append(
-            f"  {method:26}" + "".join(f"{cell:>{width}}" for cell in [*cells, plus_minus(mean, "mean", "se")])
-        )
+        lines.append(line(f"  {method}", [*cells, plus_minus(mean, "mean", "se")]))
     lines.append("Spearman's correlation with quality")
-    for method in result["mean_auroc"]:
-        cells = [plus_minus(found.get((method, name), {}), "spearman") for name in names]
-        lines.append(f"  {method:26}" + "".join(f"{cell:>{width}}" for cell in cells))
+    for method in means:
+        lines.append(line(f"  {method}", [plus_minus(found.get((method, name), {}), "spearman") for name in names]))
     lines.append("Held-out good demonstrations, accuracy or R², when trained on")
     for trained_on in dict.fromkeys(row["trained_on"] for row in result["held_out"]):
-        cells = [plus_minus(held.get((name, trained_on), {}), "mean", digits=3) for name in names]
-        lines.append(f"  {trained_on:26}" + "".join(f"{cell:>{width}}" for cell in cells))
-    return "\n".join([*lines, "", *verdict_lines(result), *said_lines(result), goal_line(result)])
+        rows = [held.get((name, trained_on), {}) for name in names]
+        lines.append(line(f"  {trained_on}", [plus_minus(row, "mean", digits=3) for row in rows]))
+    verdicts = [f"Verdicts, {said}" for said in verdict_lines(result)]
+    return "\n".join([*lines, "", *verdicts, *said_lines(result), goal_line(result)])
 
 
 def plus_minus(row: Row, value: str, error: str | None = None, digits: int = 2) -> str:
@@ -111,9 +113,10 @@ def markdown(result: Row) -> str:
         "Those in between are left out; the mean is over the discrete data sets.",
         by_column([*map(spaced, mixed), "mean"], aurocs),
         " ".join([goal_line(result), *said_lines(result)]),
-        *map(bullets, [behind(result), ahead(result)]),
+        bullets([*behind(result, "auroc"), *ahead(result)]),
         "### Spearman's correlation with quality, all demonstrations",
         by_column(list(map(spaced, names)), spearmans),
+        bullets(behind(result, "spearman")),
         "### Verdicts of our default",
         bullets(verdict_lines(result)),
         "### A policy from what was kept",
@@ -128,10 +131,6 @@ def markdown(result: Row) -> str:
 
 def spaced(name: str) -> str:
     return name.replace("_", " ")
-
-
-def bullets(lines: list[str]) -> str:
-    return "\n".join(f"- {line}" for line in lines)
 
 
 def with_interval(row: Row, value: str, digits: int = 2) -> str:
@@ -150,22 +149,17 @@ def sets_table(sets: Row) -> str:
     return table(["", "demonstrations", "steps", "observations", "actions", "good", "bad"], rows)
 
 
-def by_column(names: list[str], cells: dict[str, list[tuple[str, float | None]]]) -> str:
-    """Methods by columns of (text, value), the best of each column bold."""
-    columns = [bold_best(*zip(*column, strict=True)) for column in zip(*cells.values(), strict=True)]
-    return table(["", *names], [list(row) for row in zip(cells, *columns, strict=True)])
-
-
-def behind(result: Row) -> list[str]:
-    """The data sets on which somebody is above us."""
+def behind(result: Row, score: str) -> list[str]:
+    """The data sets on which somebody is above us in "auroc" or "spearman"."""
     lines = []
     for name in result["sets"]:
-        rows = {row["method"]: row for row in result["ranking"] if row["set"] == name and row["auroc"] is not None}
+        rows = {row["method"]: row for row in result["ranking"] if row["set"] == name and row[score] is not None}
         ours = rows.pop(OURS, None)
-        above = [row for row in rows.values() if ours and row["auroc"] > ours["auroc"]]
-        if above:
-            better = [f"{row['method']} {row['auroc']:.2f}" for row in sorted(above, key=lambda row: -row["auroc"])]
-            lines.append(f"Not the best on {spaced(name)}: ours {with_interval(ours, 'auroc')}, {and_list(better)}.")
+        above = [row for row in rows.values() if ours and row[score] > ours[score]]
+        better = [f"{row['method']} {row[score]:.2f}" for row in sorted(above, key=lambda row: -row[score])]
+        if ours and better:
+            our = with_interval(ours, score) if score == "auroc" else plus_minus(ours, score)
+            lines.append(f"Not the best on {spaced(name)}: ours {our}, {and_list(better)}.")
     return lines
 
 

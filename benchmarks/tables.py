@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 
 def table(header: Sequence[str], rows: Sequence[Sequence[str]], text_columns: int = 1) -> str:
@@ -19,6 +19,19 @@ def bold_best(cells: Sequence[str], values: Sequence[float | None], digits: int 
         f"**{cell}**" if value is not None and round(value, digits) == best else cell
         for cell, value in zip(cells, values, strict=True)
     ]
+
+
+def by_column(names: Sequence[str], cells: Mapping[str, Sequence[tuple[str, float | None]]], digits: int = 2) -> str:
+    """A row of (text, value) for each key, a column for each name; the best of each column is bold."""
+    columns = [
+        bold_best([text for text, _ in column], [value for _, value in column], digits)
+        for column in zip(*cells.values(), strict=True)
+    ]
+    return table(["", *names], [list(row) for row in zip(cells, *columns, strict=True)])
+
+
+def bullets(lines: Iterable[str]) -> str:
+    return "\n".join(f"- {line}" for line in lines)
 
 
 def and_list(items: Sequence[str]) -> str:
