@@ -45,9 +45,7 @@ def read(path: Path) -> Result:
     try:
         return json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:
-        raise DataError(
-            f"{path.name}: no figures to read ({error.__class__.__name__}); run its script again."
-        ) from None
+        raise DataError(f"{path.name}: no figures ({type(error).__name__}); run its script again.") from None
 
 
 def results(found: dict[str, Result]) -> str:
@@ -61,8 +59,17 @@ def results(found: dict[str, Result]) -> str:
                 parts.append(render(found[name]))
             except KeyError as error:
                 raise DataError(f"The figures of {name}.py have no {error}; run {name}.py of this version.") from None
-            parts.append(line(found[name].get("provenance")))
+            parts.append(origin(found[name]))
     return "\n\n".join(parts) + "\n"
+
+
+def origin(result: Result) -> str:
+    """Where figures come from; `rpil reproduce`, which has no benchmarks beside it, tells its commit and versions."""
+    if "provenance" in result or "versions" not in result:
+        return line(result.get("provenance"))
+    seeds = sorted({seed for of in result["tables"] for seed in of["seeds"]})
+    versions = ", ".join(f"{name} {number}" for name, number in result["versions"].items())
+    return f"*commit {result['commit'] or 'unknown'}, seeds {seeds[0]} to {seeds[-1]}; {versions}.*"
 
 
 # ---- acceptance.py ---------------------------------------------------------------------------------------------------
@@ -85,13 +92,29 @@ def acceptance(result: Result) -> str:
     return "\n\n".join(
         [
             "## Acceptance",
-            f"`benchmarks/acceptance.py`, {draws} draws of 10 good and 10 bad demonstrations; mean return ± one standard "
-            "error over draws, wrong verdicts of all draws (“uncertain” is wrong). The better of R-PIL and trusting all is "
-            "bold; the oracle learned from the good ones alone.",
+            f"`benchmarks/acceptance.py`, {draws} draws of 10 good and 10 bad demonstrations; mean return ± one "
+            "standard error over draws, wrong verdicts of all draws (“uncertain” is wrong). The better of R-PIL and "
+            "trusting all is bold; the oracle learned from the good ones alone.",
             table(["environment", "bad half", "features", "wrong", "R-PIL", "trust all", "clean oracle"], rows, 3),
-            bullets(missed) or "Everything that was promised is reached, in the partly bad and the coherent cells too.",
+            bullets([*other_cells(result["cells"]), *(missed or ["Nothing that was promised is missed."])]),
         ]
     )
+
+
+def other_cells(cells: list[Result]) -> list[str]:
+    """The cells in which no policy plays: partly bad demonstrations, and coherent ones."""
+    aurocs = [cell["auroc"] for cell in cells if "oracle" not in cell and "ambiguous" not in cell]
+    coherent = [cell for cell in cells if "ambiguous" in cell]
+    lines = []
+    if aurocs:
+        lines.append(f"Partly bad demonstrations, {len(aurocs)} cells: AUROC {min(aurocs):.3f} in the worst draw.")
+    if coherent:
+        ambiguous, draws, wrong = (sum(of[key] for of in coherent) for key in ("ambiguous", "draws", "wrong_labelled"))
+        lines.append(
+            f"All actions of the bad half shifted: ambiguous in {ambiguous} of {draws} draws; with one label of each "
+            f"sort {wrong} wrong verdicts."
+        )
+    return lines
 
 
 def mean_se(of: Result) -> str:
@@ -149,13 +172,13 @@ def paper(result: Result) -> str:
     return "\n\n".join(
         [
             "## The paper's tables",
-            f"`benchmarks/paper.py`: 10 good and 10 bad demonstrations, {draws} draws of the data, {result['rollouts']} "
-            f"rollouts a policy, features `{result['features']}` where no others are named. Mean return ± half the 95 % "
-            "interval over draws; the best of each column is bold, experts and oracles aside.",
+            f"`benchmarks/paper.py`: 10 good and 10 bad demonstrations, {draws} draws of the data, "
+            f"{result['rollouts']} rollouts a policy, features `{result['features']}` where no others are named. Mean "
+            "return ± half the 95 % interval over draws; the best of each column is bold, experts and oracles aside.",
             by_column(names, {name: cells(name, None) for name in policies}, digits=1),
             bullets([*behind_in_paper(tables), *verdicts]),
-            "The same the paper's way: 20 rollouts of one policy from one draw, ± half the 95 % interval over rollouts. "
-            "*Printed* is what the paper has.",
+            "The same the paper's way: 20 rollouts of one policy from one draw, ± half the 95 % interval over "
+            "rollouts. *Printed* is what the paper has.",
             by_column(names, printed | {name: cells(name, "paper_way") for name in policies}, digits=1),
         ]
     )
@@ -179,9 +202,8 @@ def behind_in_paper(tables: Iterable[Result]) -> list[str]:
             if row.get("printed", ours["mean"]) > ours["mean"]
         ]
         if better:
-            lines.append(
-                f"Table {of['table']}, {of['env']} {of['kind']}: above ours ({plus_minus(ours)}) are {and_list(better)}."
-            )
+            where = f"Table {of['table']}, {of['env']} {of['kind']}"
+            lines.append(f"{where}: above ours ({plus_minus(ours)}): {and_list(better)}.")
     return lines or ["Nobody is above ours in any table, the oracles included."]
 
 
@@ -200,9 +222,10 @@ def robustness(result: Result) -> str:
     parts = [
         "## Robustness",
         f"`benchmarks/robustness.py`: {of['n_good']} good demonstrations, {result['draws']} draws from seed "
-        f"{result['first_seed']}, {of['rollouts']} rollouts a policy, features `{of['features']}`, one configuration for "
-        "all cells. Normalised return (0 plays like uniform actions, 1 like the clean oracle) / AUROC / wrong verdicts; a "
-        "† marks a missed goal, a * cells that nobody can know without labels, scored with one of each sort.",
+        f"{result['first_seed']}, {of['rollouts']} rollouts a policy, features `{of['features']}`, one configuration "
+        "for all cells. Normalised return (0 plays like uniform actions, 1 like the clean oracle) / AUROC / wrong "
+        "verdicts. A † marks a missed goal, a * cells that nobody can know without labels, scored with one of each "
+        "sort.",
         table(["environment", "bad", *kinds], rows, 2),
         bullets(missed_in_grid(result)),
     ]
@@ -226,39 +249,29 @@ def in_grid(cell: Result | None) -> str:
 
 
 def missed_in_grid(result: Result) -> list[str]:
-    """Each goal: reached, or the cells that miss it with their figures, the worst first."""
-    shown: dict[str, tuple[str, Callable[[Result], str], Callable[[Result], float]]] = {
-        "return": (
-            "normalised return",
-            lambda cell: score_of(cell["return"], "{:.3f}"),
-            lambda c: mean_or(c["return"]),
-        ),
-        "AUROC": ("AUROC", lambda cell: score_of(cell["auroc"], "{:.3f}"), lambda c: mean_or(c["auroc"])),
-        "verdicts": ("wrong verdicts", lambda cell: score_of(cell["wrong"], "{:.1%}"), lambda c: -mean_or(c["wrong"])),
-        "ambiguous": (
-            "“ambiguous” in every draw",
-            lambda cell: f"{cell['ambiguous']} of {cell['unlabelled_draws']}",
-            lambda cell: cell["ambiguous"],
-        ),
+    """Each goal: reached, or the cells that miss it with their figures."""
+    shown = {
+        "return": ("normalised return", "return", "{:.3f}"),
+        "AUROC": ("AUROC", "auroc", "{:.3f}"),
+        "verdicts": ("wrong verdicts", "wrong", "{:.1%}"),
+        "ambiguous": ("“ambiguous” in every draw", "ambiguous", ""),
     }
+
+    def figure(cell: Result, score: str, form: str) -> str:
+        if score == "ambiguous":
+            return f"{cell['ambiguous']} of {cell['unlabelled_draws']} draws"
+        return "not measured" if cell[score] is None else form.format(cell[score]["mean"])
+
     lines = []
-    for goal, (name, figure, order) in shown.items():
+    for goal, (name, score, form) in shown.items():
         asked = [cell for cell in result["cells"] if goal != "ambiguous" or cell["unknowable"]]
-        missed = sorted((cell for cell in asked if goal in cell["missed"]), key=order)
-        where = [f"{cell['env']} {cell['kind']} {cell['share']} % ({figure(cell)})" for cell in missed]
+        missed = [cell for cell in asked if goal in cell["missed"]]
+        where = [f"{cell['env']} {cell['kind']} {cell['share']} % ({figure(cell, score, form)})" for cell in missed]
         said = f"missed in {len(missed)} of {len(asked)} cells: {and_list(where)}" if missed else "reached in all cells"
         lines.append(f"Goal for {name}: {said if asked else 'no cell asks for it'}.")
     if result["missing"]:
         lines.append(f"{result['missing']} pieces of work failed or are not done.")
     return lines
-
-
-def score_of(score: Result | None, form: str) -> str:
-    return "not measured" if score is None else form.format(score["mean"])
-
-
-def mean_or(score: Result | None) -> float:
-    return float("-inf") if score is None else score["mean"]
 
 
 SCORES = {"auroc": "AUROC", "normalised": "normalised return"}
@@ -280,11 +293,12 @@ def behind_in_grid(methods: list[Result]) -> list[str]:
     """Scores in which somebody is above us; the oracle is told the truth and does not count."""
     known = {row["method"]: row for row in methods if row["method"] != "oracle"}
     ours, lines = known.pop(OURS, None), []
+    if ours is None:
+        return ["Ours was not measured."]
     for score, name in SCORES.items():
-        for of in ("mean", "worst") if ours and ours[score] else ():
-            above = [
-                (row[score][of], peer) for peer, row in known.items() if row[score] and row[score][of] > ours[score][of]
-            ]
+        for of in ("mean", "worst") if ours[score] else ():
+            known_to = [(row[score][of], peer) for peer, row in known.items() if row[score]]
+            above = [(value, peer) for value, peer in known_to if value > ours[score][of]]
             better = [f"{peer} {value:.3f}" for value, peer in sorted(above, reverse=True)]
             if better:
                 lines.append(f"Not the best in {name}, {of}: ours {ours[score][of]:.3f}, {and_list(better)}.")
