@@ -309,6 +309,7 @@ def behind_in_grid(methods: list[Result]) -> list[str]:
 
 
 def features(result: Result) -> str:
+    """As features.py itself tells it."""
     from features import markdown
 
     return markdown(result)
