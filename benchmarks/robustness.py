@@ -216,7 +216,8 @@ def peer(name: str, job: Job, demonstrations: Demonstrations, good: np.ndarray, 
     from peers import METHODS, Task
 
     begun = time.perf_counter()
-    task = Task(features=CHOSEN, seed=job.seed, n_trusted=int(good.sum()), good=good)
+    told = {"oracle": {"good": good}, "RM-ENT": {"n_trusted": int(good.sum())}}.get(name, {})
+    task = Task(features=CHOSEN, seed=job.seed, **told)
     answer = METHODS[name](demonstrations, task)
     found: Row = {"seconds": time.perf_counter() - begun}
     if answer.scores is not None:

@@ -15,12 +15,14 @@ from rpil import BehavioralCloning
 BENCHMARKS = Path(__file__).parents[1] / "benchmarks"
 
 
-def test_quick_acceptance(tmp_path, capsys):
+def test_quick_acceptance(tmp_path, capsys, monkeypatch):
+    monkeypatch.syspath_prepend(BENCHMARKS)
     main = runpy.run_path(str(BENCHMARKS / "acceptance.py"))["main"]
     path = tmp_path / "acceptance.json"
     main(["--quick", "--json", str(path)])
     printed = capsys.readouterr().out
     found = json.loads(path.read_text())
+    assert found["provenance"]["seeds"] == "1000 to 1001"
     cells = {cell["kind"]: cell for cell in found["cells"]}
     assert set(cells) == {"corrupted", "random", "noisy", "window", "shift"}
     assert all(kind in printed for kind in cells)
