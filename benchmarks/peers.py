@@ -27,6 +27,7 @@ from rpil.inputs import action_codes, ridge_of
 from rpil.passes import logsumexp
 from rpil.policies import SoftmaxPolicy
 from rpil.reliability import PointMasses
+from rpil.rment import RMEnt
 
 Array = NDArray[Any]
 N_FOLDS = 5
@@ -127,6 +128,16 @@ def papers_recipe(data: Demonstrations, task: Task) -> Answer:
     return Answer(end.posterior.log_odds, Ensemble(((features, end.state.policy),), classes))
 
 
+def rm_ent(data: Demonstrations, task: Task) -> Answer:
+    """Robust maximum entropy (eq. 2 of the R-PIL paper): clone the M demonstrations that one policy explains best.
+
+    As published: M is given, the true number of good demonstrations. Adapted: solved by concentration steps from many
+    starts, see `rpil.rment`. The paper ranks nothing; the score is the mean log-likelihood under the final policy.
+    """
+    model = RMEnt(task.n_trusted or 0.5, features=_kind(data, task), random_state=task.seed).fit(data)
+    return Answer(model.log_likelihood_, model)
+
+
 def mean_log_likelihood(data: Demonstrations, task: Task) -> Answer:
     """How well one policy, cloned from everything, explains a demonstration: the mean over its steps."""
     return Answer(_mean(data, _taken(data, _cloned(data, _kind(data, task)))), None)
@@ -153,6 +164,7 @@ METHODS: dict[str, Method] = {
     "trust all": trust_all,
     "oracle": oracle,
     "paper's recipe": papers_recipe,
+    "RM-ENT": rm_ent,
     "mean log-likelihood": mean_log_likelihood,
     "cross-fitted log-likelihood": cross_fitted_log_likelihood,
     "length": length,
