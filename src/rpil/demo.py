@@ -311,7 +311,7 @@ def _lunarlander_part(found: LunarLander) -> Part:
     )
     worth = _paragraphs(
         f"Four policies fly from the same {episodes} starts, which are in none of the demonstrations; a return of 200 "
-        f"counts as solved. All that learn use the same {_LANDER_FEATURES} features: they differ in whom they trust.",
+        "counts as solved. All that learn have the same choice of features: they differ in whom they trust.",
         f"{verdicts}; so R-PIL learns from the same ten demonstrations as the oracle."
         if wrong == 0
         else f"{verdicts}.",
