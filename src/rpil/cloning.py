@@ -27,6 +27,7 @@ class SoftmaxClassifier(ClassifierMixin, BaseEstimator):
     features_: FeatureMap
     policy_: SoftmaxPolicy
     features: str
+    C: float | None
     n_features_in_: int
     n_iter_: int
 
@@ -57,30 +58,22 @@ class SoftmaxClassifier(ClassifierMixin, BaseEstimator):
         intercepts = weights[-1] - (self.features_.center / self.features_.scale) @ weights[:-1]
         return intercepts[1:] - intercepts[:1] if len(self.classes_) == 2 else intercepts
 
-    def _learn(
-        self,
-        X: Array,
-        codes: Array,
-        offsets: Array,
-        weight: Array,
-        trusted: Array,
-        *,
-        C: float | None,
-        tol: float,
-    ) -> None:
-        """Choose the features where that was asked for and fit their map, both to the `trusted` (N,) steps, and the
-        policy to all by weight."""
-        n_actions = len(self.classes_)
-        choice = Choice(self.features)
-        if self.features == "auto":
-            choice = choose(X, codes, offsets, weight, n_actions, C)
-        self.features_ = FeatureMap.fit(choice.kind, X[trusted], weight[trusted], choice.ridge)
-        ridge = ridge_of(self.features_, C, weight.sum(), n_actions)
-        targets = np.zeros((len(codes), n_actions))
+    def _choice(self, data: Demonstrations, codes: Array, weight: Array) -> Choice:
+        """The kind of features that was asked for, or that the trusted choose."""
+        if self.features != "auto":
+            return Choice(self.features)
+        return choose(data.observations, codes, data.offsets, weight, len(self.classes_), self.C)
+
+    def _learn(self, data: Demonstrations, codes: Array, weight: Array, trusted: Array, tol: float) -> None:
+        """Choose the features and fit their map, both to the `trusted` (N,) steps, and the policy to all by weight."""
+        choice = self._choice(data, codes, weight)
+        self.features_ = FeatureMap.fit(choice.kind, data.observations[trusted], weight[trusted], choice.ridge)
+        ridge = ridge_of(self.features_, self.C, weight.sum(), len(self.classes_))
+        targets = np.zeros((len(codes), len(self.classes_)))
         np.put_along_axis(targets, codes[:, None], weight[:, None], axis=1)
         used = weight > 0.0
-        policy = SoftmaxPolicy.zero(n_actions, ridge)
-        policy, _ = policy.fit(self.features_.design(X[used]), targets[used], tol=tol)
+        policy = SoftmaxPolicy.zero(len(self.classes_), ridge)
+        policy, _ = policy.fit(self.features_.design(data.observations[used]), targets[used], tol=tol)
         self.policy_ = policy.tempered(choice.temperature)
 
 
@@ -127,6 +120,6 @@ class BehavioralCloning(SoftmaxClassifier):
             raise DataError(f"{source_of(X)}: sample_weight is zero everywhere; give at least one step some weight.")
         self.classes_, codes = action_codes(data[1], source_of(X))
         with threadpool_limits(1, "blas"):  # thin products gain nothing from threads, and can lose a lot
-            offsets = X.offsets if isinstance(X, Demonstrations) else np.arange(len(codes) + 1)
-            self._learn(data[0], codes, offsets, weight, weight > 0.0, C=self.C, tol=self.tol)
+            rows = X if isinstance(X, Demonstrations) else Demonstrations(*data, np.arange(len(codes) + 1))
+            self._learn(rows, codes, weight, weight > 0.0, self.tol)
         return self

@@ -277,9 +277,7 @@ class RPIL(SoftmaxClassifier):
         if weight.sum() < 1.0:  # nobody is trusted: what little is the expert's, wherever it is
             weight = result.posterior.step
         trusted = weight > 0.5 * weight.max()
-        self._learn(
-            demonstrations.observations, codes, demonstrations.offsets, weight, trusted, C=self.C, tol=_REFIT_TOL
-        )
+        self._learn(demonstrations, codes, weight, trusted, _REFIT_TOL)
         self.audit_: Audit = replace(audit, assumptions=tuple(_assumptions(self, problem)))
         if not result.converged:
             warnings.warn("EM stopped at max_iter; raise max_iter or tol.", ConvergenceWarning, stacklevel=3)
