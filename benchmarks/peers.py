@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
 
@@ -128,7 +128,7 @@ def papers_recipe(data: Demonstrations, task: Task) -> Answer:
     problem, features, classes = _problem(data, "raw")
     ridge = ridge_of(features, 1e6, data.n_steps, problem.n_actions)
     with threadpool_limits(1, "blas"):
-        pooled, _ = SoftmaxPolicy.zero(problem.n_actions, ridge).fit(problem.features, problem.one_hot(_ones(data)))
+        pooled = _pooled(problem, ridge)
         start = State(pooled, Complement(), Prior(task.prior, fixed=True), PointMasses())
         end = run(problem, start, mode="expert_only", max_iter=101, tol=0.0, m_iter=10, m_cg=50)
     return Answer(end.posterior.log_odds, Ensemble(((features, end.state.policy),), classes))
@@ -148,9 +148,9 @@ def ileed(data: Demonstrations, task: Task) -> Answer:
     """Imitation learning by estimating the expertise of demonstrators (Beliaev et al., ICML 2022).
 
     As published: demonstrator i masters state s to the degree rho_i(s) = sigmoid(<f(s), w_i>), and the policy, the
-    embedding f and all w_i maximise one likelihood; of several random starts the likeliest wins. For discrete actions it
-    is the form of the authors' code: the right action with probability rho, else one of the other K - 1, which with
-    rho' = (K rho - 1) / (K - 1) is rho' pi + (1 - rho') / K. Adapted: every demonstration is its own demonstrator,
+    embedding f and all w_i maximise one likelihood; of several random starts the likeliest wins. For discrete actions
+    in the form of the authors' code: the action pi means with probability rho, else one of the other K - 1, which is
+    rho' pi + (1 - rho') / K with rho' = (K rho - 1) / (K - 1). Adapted: every demonstration is its own demonstrator,
     policy and embedding (of 2 dimensions) are linear in the features, L-BFGS takes the place of Adam, a weak ridge and
     w_i ~ N(0, 1) keep the optimum finite, 5 starts instead of 20 and each from the pooled policy. The score, the mean
     expertise of a demonstration over its own states, is ours.
@@ -160,7 +160,7 @@ def ileed(data: Demonstrations, task: Task) -> Answer:
     ridge = ridge_of(features, None, data.n_steps, problem.n_actions)
     shapes = ileed_shapes(problem)
     with threadpool_limits(1, "blas"):
-        pooled, _ = SoftmaxPolicy.zero(problem.n_actions, ridge).fit(problem.features, problem.one_hot(_ones(data)))
+        pooled = _pooled(problem, ridge)
         ends = []
         for _ in range(ILEED_STARTS):
             embedding, expertise = (rng.normal(size=shape) for shape in shapes[1:])
@@ -214,7 +214,7 @@ def bcnd(data: Demonstrations, task: Task) -> Answer:
     """
     kind = _kind(data, task)
     part = np.random.default_rng(task.seed).permutation(data.n_steps) % BCND_POLICIES
-    weight = _ones(data)
+    weight = np.ones(data.n_steps)
     for _ in range(BCND_ITERATIONS):
         policies = [_cloned(data, kind, weight * (part == k)) for k in range(BCND_POLICIES)]
         policy = Ensemble(tuple((one.features_, one.policy_) for one in policies), policies[0].classes_)
@@ -227,35 +227,34 @@ def median_of_means(data: Demonstrations, task: Task) -> Answer:
 
     As published: min over pi, max over pi' of the median over blocks of loss(pi) - loss(pi'), by alternating gradient
     steps on the block that is the median. Adapted: a block is one demonstration, since the steps of a demonstration are
-    good or bad together and a larger block is the likelier to hold a bad one; steps are preconditioned by the features'
-    covariance and shrink; pi starts from the pooled policy, pi' from the uniform one; the mean of the last half of the
-    path is returned. The paper ranks nothing, and how often a demonstration is the median says little, the best being
-    as far from it as the worst: the score is the mean log-likelihood under the final policy.
+    good or bad together and a larger block is the likelier to hold a bad one; steps of length 1 are preconditioned by
+    the features' covariance; pi starts from the pooled policy, pi' from the uniform one; the mean of the last half of
+    the path is returned. The paper ranks nothing, and how often a demonstration is the median says little, the best
+    being as far from it as the worst: the score is the mean log-likelihood under the final policy.
     """
     problem, features, classes = _problem(data, _kind(data, task))
     ridge = ridge_of(features, None, 1.0, problem.n_actions)
-    ours, theirs = SoftmaxPolicy.zero(problem.n_actions, ridge), SoftmaxPolicy.zero(problem.n_actions, ridge)
+    taken = problem.one_hot(np.ones(data.n_steps))
     with threadpool_limits(1, "blas"):
-        ours, _ = replace(ours, ridge=ridge * data.n_steps).fit(problem.features, problem.one_hot(_ones(data)))
         covariance = problem.features.T @ problem.features / data.n_steps + np.diag(ridge + 1e-9)
         factor = cho_factor(covariance)
 
         def losses(weights: Array) -> Array:
             return -problem.sum_steps(problem.taken(log_softmax(problem.features @ weights))) / problem.lengths
 
-        def stepped(weights: Array, block: int, size: float) -> Array:
+        def stepped(weights: Array, block: int) -> Array:
             steps = slice(*problem.offsets[block : block + 2])
-            rows, taken = problem.features[steps], np.eye(problem.n_actions)[problem.actions[steps]]
-            slope = rows.T @ (np.exp(log_softmax(rows @ weights)) - taken) / len(rows) + ridge[:, None] * weights
-            return weights - size * cho_solve(factor, slope)
+            rows = problem.features[steps]
+            slope = rows.T @ (np.exp(log_softmax(rows @ weights)) - taken[steps]) / len(rows) + ridge[:, None] * weights
+            return weights - cho_solve(factor, slope)
 
-        weights, rival, path = ours.weights, theirs.weights, []
+        weights = _pooled(problem, ridge * data.n_steps).weights
+        rival, path = np.zeros_like(weights), []
         ours_losses, rivals_losses = losses(weights), losses(rival)
-        for step in range(MOM_STEPS):
-            size = 1 / np.sqrt(1 + step / 20)
-            weights = stepped(weights, _median(ours_losses - rivals_losses), size)
+        for _ in range(MOM_STEPS):
+            weights = stepped(weights, _median(ours_losses - rivals_losses))
             ours_losses = losses(weights)
-            rival = stepped(rival, _median(ours_losses - rivals_losses), size)
+            rival = stepped(rival, _median(ours_losses - rivals_losses))
             rivals_losses = losses(rival)
             path.append(weights)
     policy = SoftmaxPolicy(np.mean(path[MOM_STEPS // 2 :], axis=0), ridge)
@@ -345,8 +344,10 @@ def _problem(data: Demonstrations, kind: str) -> tuple[Problem, FeatureMap, Arra
     return Problem(features.design(data.observations), codes, data.offsets, len(classes), nobody), features, classes
 
 
-def _ones(data: Demonstrations) -> Array:
-    return np.ones(data.n_steps)
+def _pooled(problem: Problem, ridge: Array) -> SoftmaxPolicy:
+    """The policy that trusts every step."""
+    targets = problem.one_hot(np.ones(len(problem.actions)))
+    return SoftmaxPolicy.zero(problem.n_actions, ridge).fit(problem.features, targets)[0]
 
 
 def _taken(data: Demonstrations, policy: Any) -> Array:

@@ -19,8 +19,8 @@ FILES = sorted(path for path in ROOT.rglob("*.py") if path != ROOT / "__init__.p
 ORDER = [
     "errors", "_arrays", "files", "demonstrations", "formats",
     "passes", "parallel", "features", "solvers", "policies", "adversaries", "reliability", "em", "search", "identify",
-    "audit", "inputs", "cloning", "estimators", "persistence", "experts", "corruptions", "rollouts", "simulation",
-    "plots", "report", "data", "demo", "terminal", "cli", "__main__",
+    "audit", "inputs", "cloning", "estimators", "rment", "persistence", "experts", "corruptions", "rollouts",
+    "simulation", "plots", "report", "data", "demo", "terminal", "cli", "__main__",
 ]
 # fmt: on
 

@@ -4,10 +4,11 @@ Eq. 2 of the paper chooses weights w of the demonstrations and the policy Lambda
 
     min over w, Lambda  of  - 1/H sum_m w_m l_m(Lambda) + penalty,      sum w = H,  0 <= w <= 1
 
-where l_m = 1/N_m sum_n log pi(a_n|s_n): a demonstration is an empirical distribution, so that it counts by its mean over
-steps. The weights enter linearly, hence for a given policy the best H demonstrations have weight 1 and the others 0. This
-is a trimmed likelihood, and is solved as FAST-LTS solves trimmed least squares (Rousseeuw and Van Driessen, 2006): many
-starts make a few concentration steps (select, then fit), the most promising go on until the selection stays.
+where l_m = 1/N_m sum_n log pi(a_n|s_n): a demonstration is an empirical distribution, so that it counts by its mean
+over steps. The weights enter linearly, hence for a given policy the best H demonstrations have weight 1 and the others
+0. This is a trimmed likelihood, and is solved as FAST-LTS solves trimmed least squares (Rousseeuw and Van Driessen,
+2006): many starts make a few concentration steps (select, then fit), the most promising go on until the selection
+stays.
 """
 
 from __future__ import annotations
@@ -191,9 +192,7 @@ class RMEnt(SoftmaxClassifier):
         self.tol = tol
         self.random_state = random_state
 
-    def fit(
-        self, X: ArrayLike | Demonstrations, y: ArrayLike | None = None, groups: ArrayLike | None = None
-    ) -> RMEnt:
+    def fit(self, X: ArrayLike | Demonstrations, y: ArrayLike | None = None, groups: ArrayLike | None = None) -> RMEnt:
         """Learn from observations X (N, D), actions y (N,) and the demonstration of each step, groups (N,).
 
         `Demonstrations` are accepted in the place of the three.
