@@ -184,17 +184,22 @@ def audit(
 @click.option("-o", "--output", metavar="POLICY", required=True, help="Where to save the policy; any name will do.")
 @click.option(
     "--method",
-    type=click.Choice(("rpil", "cloning")),
+    type=click.Choice(("rpil", "cloning", "rment")),
     default="rpil",
     show_default=True,
-    help="Trust what can be trusted, or everything alike.",
+    help="Trust what can be trusted, everything alike, or the N that one policy explains best.",
 )
+@click.option("--trusted", metavar="N", type=click.IntRange(1), help="How many --method rment trusts.")
 @_learning_options
 @click.pass_context
-def fit(ctx: click.Context, file: str, output: str, method: str, quiet: bool, **learning: Any) -> None:
+def fit(
+    ctx: click.Context, file: str, output: str, method: str, trusted: int | None, quiet: bool, **learning: Any
+) -> None:
     """Learn a policy from what can be trusted."""
-    if method == "cloning" and learning["labels"]:
-        raise click.UsageError("Labels mean nothing to --method cloning: leave them out, or use --method rpil", ctx)
+    if method != "rpil" and learning["labels"]:
+        raise click.UsageError(f"Labels mean nothing to --method {method}: leave them out, or use --method rpil", ctx)
+    if (method == "rment") != (trusted is not None):
+        raise click.UsageError("--method rment and --trusted N need each other: give both or neither", ctx)
     _check_outputs((file, learning["labels"]), output)
     with stages(quiet) as progress:
         demonstrations = _read(file, progress)
@@ -206,12 +211,19 @@ def fit(ctx: click.Context, file: str, output: str, method: str, quiet: bool, **
         if method == "cloning":
             progress("learning")
             model = BehavioralCloning(features=learning["features"]).fit(demonstrations)
+        elif trusted is not None:
+            from rpil.rment import RMEnt
+
+            progress("learning")
+            model = RMEnt(trusted, learning["features"], random_state=learning["seed"]).fit(demonstrations)
         else:
             model = _fit_rpil(demonstrations, progress, boxed=True, **learning)
         save(model, output)
+    size = f"{len(demonstrations):,} demonstrations ({demonstrations.n_steps:,} steps)"
     if method == "cloning":
-        size = f"{len(demonstrations):,} demonstrations ({demonstrations.n_steps:,} steps)"
         click.echo(f"All of {size} were trusted alike.")
+    elif method == "rment":
+        click.echo(f"Trusted were {trusted:,} of {size}, those that one policy explains best.")
     else:
         click.echo(headline(model.audit_))
         _explain(ctx, model.audit_, f"Until then the policy in {output} learned from all of them alike.")

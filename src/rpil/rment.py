@@ -238,7 +238,7 @@ class RMEnt(SoftmaxClassifier):
         if isinstance(given, float | np.floating) and 0 < given < 1:
             return max(1, round(given * n_demonstrations))
         try:
-            number = index(given)
+            number = index(given)  # type: ignore[arg-type]
         except TypeError:
             number = 0
         if not 1 <= number <= n_demonstrations:
