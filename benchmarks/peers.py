@@ -15,22 +15,27 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import cho_factor, cho_solve
+from scipy.optimize import minimize
+from scipy.special import expit
 from threadpoolctl import threadpool_limits
 
-from rpil.adversaries import Complement
 from rpil.cloning import BehavioralCloning
 from rpil.demonstrations import Demonstrations
-from rpil.em import Prior, Problem, State, run
+from rpil.em import Problem
 from rpil.estimators import RPIL, AmbiguousWarning
 from rpil.features import FeatureMap
 from rpil.inputs import action_codes, ridge_of
-from rpil.passes import logsumexp
+from rpil.passes import log_softmax, logsumexp
 from rpil.policies import SoftmaxPolicy
-from rpil.reliability import PointMasses
+from rpil.reproduce import PaperRecipe
 from rpil.rment import RMEnt
 
 Array = NDArray[Any]
 N_FOLDS = 5
+ILEED_STARTS, ILEED_DIMENSIONS = 5, 2
+BCND_POLICIES, BCND_ITERATIONS = 5, 5
+MOM_STEPS = 1000
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,13 +124,8 @@ def papers_recipe(data: Demonstrations, task: Task) -> Answer:
     published products underflow after some thousand steps; a ridge of C = 1e6, without which separable demonstrations
     have no finite fit.
     """
-    problem, features, classes = _problem(data, "raw")
-    ridge = ridge_of(features, 1e6, data.n_steps, problem.n_actions)
-    with threadpool_limits(1, "blas"):
-        pooled, _ = SoftmaxPolicy.zero(problem.n_actions, ridge).fit(problem.features, problem.one_hot(_ones(data)))
-        start = State(pooled, Complement(), Prior(task.prior, fixed=True), PointMasses())
-        end = run(problem, start, mode="expert_only", max_iter=101, tol=0.0, m_iter=10, m_cg=50)
-    return Answer(end.posterior.log_odds, Ensemble(((features, end.state.policy),), classes))
+    model = PaperRecipe(task.prior).fit(data)
+    return Answer(model.log_odds_, model)
 
 
 def rm_ent(data: Demonstrations, task: Task) -> Answer:
@@ -136,6 +136,145 @@ def rm_ent(data: Demonstrations, task: Task) -> Answer:
     """
     model = RMEnt(task.n_trusted or 0.5, features=_kind(data, task), random_state=task.seed).fit(data)
     return Answer(model.log_likelihood_, model)
+
+
+def ileed(data: Demonstrations, task: Task) -> Answer:
+    """Imitation learning by estimating the expertise of demonstrators (Beliaev et al., ICML 2022).
+
+    As published: demonstrator i masters state s to the degree rho_i(s) = sigmoid(<f(s), w_i>), and the policy, the
+    embedding f and all w_i maximise one likelihood; of several random starts the likeliest wins. For discrete actions
+    in the form of the authors' code: the action pi means with probability rho, else one of the other K - 1, which is
+    rho' pi + (1 - rho') / K with rho' = (K rho - 1) / (K - 1). Adapted: every demonstration is its own demonstrator,
+    policy and embedding (of 2 dimensions) are linear in the features, L-BFGS takes the place of Adam, a weak ridge and
+    w_i ~ N(0, 1) keep the optimum finite, 5 starts instead of 20 and each from the pooled policy. The score, the mean
+    expertise of a demonstration over its own states, is ours.
+    """
+    problem, features, classes = _problem(data, _kind(data, task))
+    rng = np.random.default_rng(task.seed)
+    ridge = ridge_of(features, None, data.n_steps, problem.n_actions)
+    shapes = ileed_shapes(problem)
+    with threadpool_limits(1, "blas"):
+        pooled = _pooled(problem, ridge)
+        ends = []
+        for _ in range(ILEED_STARTS):
+            embedding, expertise = (rng.normal(size=shape) for shape in shapes[1:])
+            start = np.concatenate([pooled.weights.ravel(), embedding.ravel() / np.sqrt(len(ridge)), expertise.ravel()])
+            ends.append(minimize(ileed_loss, start, (problem, ridge), "L-BFGS-B", jac=True, options={"maxiter": 300}))
+    weights, embedding, expertise = unpacked(min(ends, key=lambda end: end.fun).x, shapes)
+    rho = expit(((problem.features @ embedding) * problem.spread(expertise)).sum(axis=1))
+    return Answer(_mean(data, rho), Ensemble(((features, SoftmaxPolicy(weights, ridge)),), classes))
+
+
+def ileed_shapes(problem: Problem) -> list[tuple[int, int]]:
+    """Of the policy's weights, of the embedding, of the expertise."""
+    n_columns = problem.features.shape[1]
+    return [(n_columns, problem.n_actions), (n_columns, ILEED_DIMENSIONS), (problem.n_demonstrations, ILEED_DIMENSIONS)]
+
+
+def unpacked(parameters: Array, shapes: list[tuple[int, int]]) -> list[Array]:
+    """One vector as arrays of these shapes."""
+    ends = np.cumsum([rows * columns for rows, columns in shapes])
+    return [part.reshape(shape) for part, shape in zip(np.split(parameters, ends[:-1]), shapes, strict=True)]
+
+
+def ileed_loss(parameters: Array, problem: Problem, ridge: Array) -> tuple[float, Array]:
+    """Penalised negative log-likelihood of ILEED, and its gradient."""
+    weights, embedding, expertise = unpacked(parameters, ileed_shapes(problem))
+    n_others = problem.n_actions - 1
+    log_proba = log_softmax(problem.features @ weights)
+    proba, log_pi = np.exp(log_proba), problem.taken(log_proba)
+    pi, others = np.exp(log_pi), -np.expm1(log_pi)
+    embedded, own = problem.features @ embedding, problem.spread(expertise)
+    rho = expit((embedded * own).sum(axis=1))
+    likelihood = np.maximum(rho * pi + (1 - rho) * others / n_others, np.finfo(float).tiny)
+    penalty = 0.5 * ((ridge[:, None] * weights**2).sum() + (ridge[:, None] * embedding**2).sum() + (expertise**2).sum())
+
+    by_logit = (rho - (1 - rho) / n_others) * pi / likelihood  # d log p / d log pi
+    by_skill = rho * (1 - rho) * (pi - others / n_others) / likelihood  # d log p / d <f(s), w>
+    slopes = (
+        ridge[:, None] * weights - problem.features.T @ (problem.one_hot(by_logit) - by_logit[:, None] * proba),
+        ridge[:, None] * embedding - problem.features.T @ (by_skill[:, None] * own),
+        expertise - problem.sum_steps(by_skill[:, None] * embedded),
+    )
+    return float(penalty - np.log(likelihood).sum()), np.concatenate([slope.ravel() for slope in slopes])
+
+
+def bcnd(data: Demonstrations, task: Task) -> Answer:
+    """Behavioral cloning from noisy demonstrations (Sasaki and Yamashina, ICLR 2021).
+
+    As published: the steps are split into K disjoint sets, one policy is cloned from each, with every step weighted by
+    the likelihood of its action under the mean policy of the iteration before; K = 5, 5 iterations. Guessed: the split
+    is at random and by steps. Adapted: each fit is carried to its optimum. The score is the mean of the final weights.
+    """
+    kind = _kind(data, task)
+    part = np.random.default_rng(task.seed).permutation(data.n_steps) % BCND_POLICIES
+    weight = np.ones(data.n_steps)
+    for _ in range(BCND_ITERATIONS):
+        policies = [_cloned(data, kind, weight * (part == k)) for k in range(BCND_POLICIES)]
+        policy = Ensemble(tuple((one.features_, one.policy_) for one in policies), policies[0].classes_)
+        weight = np.exp(_taken(data, policy))
+    return Answer(_mean(data, weight), policy)
+
+
+def median_of_means(data: Demonstrations, task: Task) -> Answer:
+    """Robust imitation learning from corrupted demonstrations (Liu et al., 2022).
+
+    As published: min over pi, max over pi' of the median over blocks of loss(pi) - loss(pi'), by alternating gradient
+    steps on the block that is the median. Adapted: a block is one demonstration, since the steps of a demonstration are
+    good or bad together and a larger block is the likelier to hold a bad one; steps of length 1 are preconditioned by
+    the features' covariance; pi starts from the pooled policy, pi' from the uniform one; the mean of the last half of
+    the path is returned. The paper ranks nothing, and how often a demonstration is the median says little, the best
+    being as far from it as the worst: the score is the mean log-likelihood under the final policy.
+    """
+    problem, features, classes = _problem(data, _kind(data, task))
+    ridge = ridge_of(features, None, 1.0, problem.n_actions)
+    taken = problem.one_hot(np.ones(data.n_steps))
+    with threadpool_limits(1, "blas"):
+        covariance = problem.features.T @ problem.features / data.n_steps + np.diag(ridge + 1e-9)
+        factor = cho_factor(covariance)
+
+        def losses(weights: Array) -> Array:
+            return -problem.sum_steps(problem.taken(log_softmax(problem.features @ weights))) / problem.lengths
+
+        def stepped(weights: Array, block: int) -> Array:
+            steps = slice(*problem.offsets[block : block + 2])
+            rows = problem.features[steps]
+            slope = rows.T @ (np.exp(log_softmax(rows @ weights)) - taken[steps]) / len(rows) + ridge[:, None] * weights
+            return weights - cho_solve(factor, slope)
+
+        weights = _pooled(problem, ridge * data.n_steps).weights
+        rival, path = np.zeros_like(weights), []
+        ours_losses, rivals_losses = losses(weights), losses(rival)
+        for _ in range(MOM_STEPS):
+            weights = stepped(weights, _median(ours_losses - rivals_losses))
+            ours_losses = losses(weights)
+            rival = stepped(rival, _median(ours_losses - rivals_losses))
+            rivals_losses = losses(rival)
+            path.append(weights)
+    policy = SoftmaxPolicy(np.mean(path[MOM_STEPS // 2 :], axis=0), ridge)
+    return Answer(-losses(policy.weights), Ensemble(((features, policy),), classes))
+
+
+def _median(values: Array) -> int:
+    """The index of the (lower) median."""
+    return int(np.argsort(values, kind="stable")[(len(values) - 1) // 2])
+
+
+def cleanlab(data: Demonstrations, task: Task) -> Answer:
+    """Confident learning (Northcutt et al., 2021), by its own package: actions are labels that may be wrong.
+
+    As published: the label quality score (self-confidence) on out-of-sample probabilities, and training without the
+    steps that `find_label_issues` flags. Adapted: folds are whole demonstrations, the score of a demonstration is the
+    mean of its steps'.
+    """
+    from cleanlab.filter import find_label_issues
+    from cleanlab.rank import get_label_quality_scores
+
+    log_proba, codes = _cross_fitted(data, task)
+    proba = np.exp(log_proba)
+    quality = get_label_quality_scores(codes, proba)
+    kept = ~find_label_issues(codes, proba, n_jobs=1)
+    return Answer(_mean(data, quality), _cloned(data, _kind(data, task), kept.astype(float)))
 
 
 def mean_log_likelihood(data: Demonstrations, task: Task) -> Answer:
@@ -165,6 +304,10 @@ METHODS: dict[str, Method] = {
     "oracle": oracle,
     "paper's recipe": papers_recipe,
     "RM-ENT": rm_ent,
+    "ILEED": ileed,
+    "BCND": bcnd,
+    "median of means": median_of_means,
+    "cleanlab": cleanlab,
     "mean log-likelihood": mean_log_likelihood,
     "cross-fitted log-likelihood": cross_fitted_log_likelihood,
     "length": length,
@@ -195,8 +338,10 @@ def _problem(data: Demonstrations, kind: str) -> tuple[Problem, FeatureMap, Arra
     return Problem(features.design(data.observations), codes, data.offsets, len(classes), nobody), features, classes
 
 
-def _ones(data: Demonstrations) -> Array:
-    return np.ones(data.n_steps)
+def _pooled(problem: Problem, ridge: Array) -> SoftmaxPolicy:
+    """The policy that trusts every step."""
+    targets = problem.one_hot(np.ones(len(problem.actions)))
+    return SoftmaxPolicy.zero(problem.n_actions, ridge).fit(problem.features, targets)[0]
 
 
 def _taken(data: Demonstrations, policy: Any) -> Array:

@@ -19,7 +19,7 @@ FILES = sorted(path for path in ROOT.rglob("*.py") if path != ROOT / "__init__.p
 ORDER = [
     "errors", "_arrays", "files", "demonstrations", "formats",
     "passes", "parallel", "features", "solvers", "policies", "adversaries", "priors", "reliability", "em", "search",
-    "belief", "identify", "audit", "inputs", "selection", "cloning", "estimators", "persistence",
+    "belief", "identify", "audit", "inputs", "selection", "cloning", "estimators", "rment", "persistence",
     "experts", "corruptions", "environments", "rollouts", "simulation",
     "plots", "report", "data", "demo", "reproduce", "terminal", "cli", "__main__",
 ]

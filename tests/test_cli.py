@@ -247,6 +247,14 @@ def test_cloning_trusts_everybody(folder):
     assert (type(model).__name__, model.features) == ("BehavioralCloning", "spline")
 
 
+def test_rment_trusts_as_many_as_it_is_told(folder):
+    result = ok("fit", folder / "good.parquet", "-o", "p", "--method", "rment", "--trusted", 6, "--seed", 3)
+    assert "Trusted were 6 of 12 demonstrations" in result.stdout
+    model = load("p")
+    assert (type(model).__name__, model.random_state) == ("RMEnt", 3)
+    assert model.weights_.tolist() == [1] * 6 + [0] * 6  # the good ones come first
+
+
 class FakeDemo:
     """Stands for the real one, which takes a minute and has tests of its own."""
 
@@ -495,6 +503,8 @@ SIMULATE = ["simulate", "--good", 1, "--bad", 1]
         ([*SIMULATE, "--env", "No-v0", "--kind", "flip", "-o", "d.csv"], "choose one of Mount"),
         ([*SIMULATE, "--env", ENV, "--kind", "odd", "-o", "d.csv"], "'corrupted', 'random'"),
         (["fit", "data.npz", "-o", "p", "--labels", "l.csv", "--method", "cloning"], "Labels mean nothing .* leave"),
+        (["fit", "data.npz", "-o", "p", "--method", "rment"], "--method rment and --trusted N need each other"),
+        (["fit", "data.npz", "-o", "p", "--trusted", "3"], "--method rment and --trusted N need each other"),
         (["audit"], "Missing argument 'FILE'; see rpil audit --help"),
         (["audit", "data.npz", "--sed", "1"], "No such option .*--sed.*--seed.* see rpil audit --help"),
         (["audit", "data.npz", "--seed", "-1"], "--seed.* see rpil audit --help"),

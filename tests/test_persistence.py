@@ -6,7 +6,7 @@ import zipfile
 import numpy as np
 import pytest
 
-from rpil import RPIL, BehavioralCloning, Confusion, Demonstrations, load, save
+from rpil import RPIL, BehavioralCloning, Confusion, Demonstrations, RMEnt, load, save
 from rpil.adversaries import Uniform
 from rpil.errors import DataError
 from rpil.simulation import simulate
@@ -80,6 +80,7 @@ def refused(path, match):
         RPIL(n_single=0, features="poly", adversary="marginal", prior=0.5, m_step="expert_only"),
         RPIL(n_single=0, level="demonstration", adversary="normalised complement"),
         RPIL(n_single=0, adversary=Confusion.given(np.full((3, 3), 1 / 3)), progress=print),
+        RMEnt(n_trusted=5, n_starts=2),
         BehavioralCloning(features="poly", C=3.0),
         BehavioralCloning(features="spline"),
     ],
@@ -161,7 +162,9 @@ def test_only_fitted_estimators_of_ours_are_saved(tmp_path):
 
     with pytest.raises(NotFittedError):
         save(RPIL(), tmp_path / "p")
-    with pytest.raises(DataError, match="a LogisticRegression cannot be saved; save one of RPIL, BehavioralCloning"):
+    with pytest.raises(
+        DataError, match="a LogisticRegression cannot be saved; save one of RPIL, RMEnt, BehavioralCloning"
+    ):
         save(LogisticRegression(), tmp_path / "p")
     assert not list(tmp_path.iterdir())
 

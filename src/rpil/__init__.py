@@ -14,6 +14,7 @@ _HOME = {
     "Confusion": "rpil.adversaries",
     "DataError": "rpil.errors",
     "Demonstrations": "rpil.demonstrations",
+    "RMEnt": "rpil.rment",
     "RPIL": "rpil.estimators",
     "SoftmaxPolicy": "rpil.policies",
     "load": "rpil.persistence",
@@ -32,6 +33,7 @@ __all__ = [
     "Confusion",
     "DataError",
     "Demonstrations",
+    "RMEnt",
     "SoftmaxPolicy",
     "__version__",
     "load",
@@ -52,6 +54,7 @@ if TYPE_CHECKING:
     from rpil.formats import read, write
     from rpil.persistence import load, save
     from rpil.policies import SoftmaxPolicy
+    from rpil.rment import RMEnt
     from rpil.rollouts import rollout
     from rpil.simulation import simulate
 

@@ -16,7 +16,7 @@ from click.core import ParameterSource
 
 from rpil import __version__
 from rpil.errors import DataError, MissingExtraError
-from rpil.files import check_writable, make_folder
+from rpil.files import check_outputs, make_folder
 from rpil.terminal import (
     Stages,
     as_json,
@@ -151,7 +151,7 @@ def audit(
 ) -> None:
     """Tell how far each demonstration can be trusted."""
     start = time.perf_counter()
-    _check_outputs((file, learning["labels"]), report, weights)
+    check_outputs((file, learning["labels"]), report, weights)
     with stages(quiet) as progress:
         if weights:
             from rpil.formats.weights import check_weights
@@ -184,18 +184,23 @@ def audit(
 @click.option("-o", "--output", metavar="POLICY", required=True, help="Where to save the policy; any name will do.")
 @click.option(
     "--method",
-    type=click.Choice(("rpil", "cloning")),
+    type=click.Choice(("rpil", "cloning", "rment")),
     default="rpil",
     show_default=True,
-    help="Trust what can be trusted, or everything alike.",
+    help="Trust what can be trusted, everything alike, or the N that one policy explains best.",
 )
+@click.option("--trusted", metavar="N", type=click.IntRange(1), help="How many --method rment trusts.")
 @_learning_options
 @click.pass_context
-def fit(ctx: click.Context, file: str, output: str, method: str, quiet: bool, **learning: Any) -> None:
+def fit(
+    ctx: click.Context, file: str, output: str, method: str, trusted: int | None, quiet: bool, **learning: Any
+) -> None:
     """Learn a policy from what can be trusted."""
-    if method == "cloning" and learning["labels"]:
-        raise click.UsageError("Labels mean nothing to --method cloning: leave them out, or use --method rpil", ctx)
-    _check_outputs((file, learning["labels"]), output)
+    if method != "rpil" and learning["labels"]:
+        raise click.UsageError(f"Labels mean nothing to --method {method}: leave them out, or use --method rpil", ctx)
+    if (method == "rment") != (trusted is not None):
+        raise click.UsageError("--method rment and --trusted N need each other: give both or neither", ctx)
+    check_outputs((file, learning["labels"]), output)
     with stages(quiet) as progress:
         demonstrations = _read(file, progress)
         progress("starting")
@@ -206,12 +211,19 @@ def fit(ctx: click.Context, file: str, output: str, method: str, quiet: bool, **
         if method == "cloning":
             progress("learning")
             model = BehavioralCloning(features=learning["features"]).fit(demonstrations)
+        elif trusted is not None:
+            from rpil.rment import RMEnt
+
+            progress("learning")
+            model = RMEnt(trusted, learning["features"], random_state=learning["seed"]).fit(demonstrations)
         else:
             model = _fit_rpil(demonstrations, progress, boxed=True, **learning)
         save(model, output)
+    size = f"{len(demonstrations):,} demonstrations ({demonstrations.n_steps:,} steps)"
     if method == "cloning":
-        size = f"{len(demonstrations):,} demonstrations ({demonstrations.n_steps:,} steps)"
         click.echo(f"All of {size} were trusted alike.")
+    elif method == "rment":
+        click.echo(f"Trusted were {trusted:,} of {size}, those that one policy explains best.")
     else:
         click.echo(headline(model.audit_))
         _explain(ctx, model.audit_, f"Until then the policy in {output} learned from all of them alike.")
@@ -256,7 +268,7 @@ def simulate(env: str, kind: str, good: int, bad: int, output: str, seed: int, q
 
     The good ones come first. The truth is kept in the columns is_good and episode_return, which no method reads.
     """
-    _check_outputs((), output)
+    check_outputs((), output)
     with stages(quiet) as progress:
         from rpil import formats
 
@@ -289,7 +301,7 @@ def demo(episodes: int, report: str, json_wanted: bool, seed: int, quiet: bool) 
 
     On people who cook together, and on a lunar lander that must not crash.
     """
-    _check_outputs((), report)
+    check_outputs((), report)
     with stages(quiet) as progress:
         from rpil.demo import run
 
@@ -326,18 +338,6 @@ def reproduce(quick: bool, draws: int | None, output: str | None, json_wanted: b
             draw(output, found.draws, seed=seed)
     click.echo(as_json(found.to_dict()) if json_wanted else found.text())
     _say_where("Tables and figures", output, json_wanted)
-
-
-def _check_outputs(inputs: tuple[str | None, ...], *outputs: str | None) -> None:
-    """Refuse, before any work, what cannot be written, and what would replace a file that is read or also written."""
-    taken = {Path(path).resolve() for path in inputs if path}
-    for path in outputs:
-        if path is None:
-            continue
-        place = check_writable(path).resolve()
-        if place in taken:
-            raise DataError(f"{path}: it is named twice in the command; give every file a name of its own.")
-        taken.add(place)
 
 
 def _read(file: str, progress: Stages) -> Demonstrations:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import uuid
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -74,3 +74,20 @@ def make_folder(path: StrPath) -> Path:
     if not os.access(path, os.W_OK):
         raise DataError(f"{path}: it may not be written; choose another place or change the permissions.")
     return path
+
+
+def check_outputs(inputs: Iterable[StrPath | None], *outputs: StrPath | None) -> None:
+    """Refuse, before any work, what cannot be written, and what would replace a file that is read or also written.
+
+    Raises
+    ------
+    DataError
+    """
+    taken = {Path(path).resolve() for path in inputs if path}
+    for path in outputs:
+        if path is None:
+            continue
+        place = check_writable(path).resolve()
+        if place in taken:
+            raise DataError(f"{path}: it is named twice in the command; give every file a name of its own.")
+        taken.add(place)

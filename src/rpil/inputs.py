@@ -55,7 +55,8 @@ def as_demonstrations(
     if groups is None:
         warnings.warn(
             "No groups: every row is taken for a demonstration of its own; pass groups=, the demonstration of each row "
-            "(in cross_validate and the like that needs metadata routing: RPIL().set_fit_request(groups=True)).",
+            "(in cross_validate and the like that needs metadata routing: "
+            f"{type(estimator).__name__}().set_fit_request(groups=True)).",
             UserWarning,
             stacklevel=3,
         )

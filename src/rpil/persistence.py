@@ -35,12 +35,13 @@ from rpil.files import StrPath, check_readable, replacing
 from rpil.policies import SoftmaxPolicy
 from rpil.priors import ByLength, Share
 from rpil.reliability import PointMasses, TwoBetas
+from rpil.rment import RMEnt
 
 SCHEMA = "rpil fitted estimator"
 VERSION = 1
 
 _HEADER = "header.json"
-_ESTIMATORS: dict[str, Any] = {"RPIL": RPIL, "BehavioralCloning": BehavioralCloning}
+_ESTIMATORS: dict[str, Any] = {"RPIL": RPIL, "RMEnt": RMEnt, "BehavioralCloning": BehavioralCloning}
 
 # The arrays of each class: every axis a number or a letter that means one size all through the file, perhaps plus one.
 # D observations, F features, K actions, M demonstrations, N steps, J reliabilities.
@@ -82,12 +83,14 @@ _KNOWN: dict[type, dict[str, str]] = {
 _BY_NAME = {known.__name__: known for known in _KNOWN}
 _FITTED = {
     "BehavioralCloning": ("features_", "policy_"),
+    "RMEnt": ("features_", "policy_", "ids_", "weights_", "log_likelihood_", "objective_", "n_iter_", "converged_"),
     "RPIL": ("features_", "policy_", "search_features_", "belief_", "audit_", "n_iter_", "lower_bound_", "converged_"),
 }
+_FITTED_ARRAYS = {"weights_": "M", "log_likelihood_": "M"}
 _NAMES = ("feature_names_in_", "observation_names_")  # of data frames, and of `Demonstrations`
 
 
-def save(estimator: RPIL | BehavioralCloning, path: StrPath) -> None:
+def save(estimator: RPIL | RMEnt | BehavioralCloning, path: StrPath) -> None:
     """Write a fitted estimator to a file of any name.
 
     All of it comes back, bit for bit, but for what only its own program can make: `progress`, and an adversary of a
@@ -96,7 +99,7 @@ def save(estimator: RPIL | BehavioralCloning, path: StrPath) -> None:
 
     Parameters
     ----------
-    estimator : RPIL or BehavioralCloning
+    estimator : RPIL, RMEnt or BehavioralCloning
     path : path
 
     Raises
@@ -129,7 +132,7 @@ def save(estimator: RPIL | BehavioralCloning, path: StrPath) -> None:
             archive.writestr(_member(f"{name}.npy"), stream.getvalue())
 
 
-def load(path: StrPath) -> RPIL | BehavioralCloning:
+def load(path: StrPath) -> RPIL | RMEnt | BehavioralCloning:
     """Read what `save` wrote; nothing is ever unpickled.
 
     Raises
@@ -280,7 +283,8 @@ def _restore(header: dict[str, Any], decoder: _Decoder) -> Any:
     if header["fitted"].keys() != set(_FITTED[kind]):
         raise KeyError("fitted")
     for name, node in header["fitted"].items():
-        setattr(estimator, name, decoder.value(node))
+        axes = _FITTED_ARRAYS.get(name)
+        setattr(estimator, name, decoder.array(node, axes, np.float64) if axes else decoder.value(node))
     if kind == "RPIL":
         needs = header["state_needs"]
         estimator.state_ = _NotSaved(needs) if needs is not None else decoder.value(header["state"])

@@ -4,10 +4,11 @@ Eq. 2 of the paper chooses weights w of the demonstrations and the policy Lambda
 
     min over w, Lambda  of  - 1/H sum_m w_m l_m(Lambda) + penalty,      sum w = H,  0 <= w <= 1
 
-where l_m = 1/N_m sum_n log pi(a_n|s_n): a demonstration is an empirical distribution, so that it counts by its mean over
-steps. The weights enter linearly, hence for a given policy the best H demonstrations have weight 1 and the others 0. This
-is a trimmed likelihood, and is solved as FAST-LTS solves trimmed least squares (Rousseeuw and Van Driessen, 2006): many
-starts make a few concentration steps (select, then fit), the most promising go on until the selection stays.
+where l_m = 1/N_m sum_n log pi(a_n|s_n): a demonstration is an empirical distribution, so that it counts by its mean
+over steps. The weights enter linearly, hence for a given policy the best H demonstrations have weight 1 and the others
+0. This is a trimmed likelihood, and is solved as FAST-LTS solves trimmed least squares (Rousseeuw and Van Driessen,
+2006): many starts make a few concentration steps (select, then fit), the most promising go on until the selection
+stays.
 """
 
 from __future__ import annotations
@@ -133,8 +134,8 @@ class RMEnt(SoftmaxClassifier):
     n_trusted : int or float
         How many demonstrations are trusted, or what share of them, in (0, 1); by default half, which is as many bad
         ones as any estimator can do without knowing more.
-    features : {"raw", "spline", "poly"}
-        What the policy sees of an observation.
+    features : {"raw", "folded", "spline", "poly", "nystroem", "auto"}
+        What the policy sees of an observation; "auto" chooses with all demonstrations trusted alike.
     C : float, optional
         Inverse ridge strength, as in `BehavioralCloning`; each demonstration counts as one of average length.
     n_starts : int
@@ -191,9 +192,7 @@ class RMEnt(SoftmaxClassifier):
         self.tol = tol
         self.random_state = random_state
 
-    def fit(
-        self, X: ArrayLike | Demonstrations, y: ArrayLike | None = None, groups: ArrayLike | None = None
-    ) -> RMEnt:
+    def fit(self, X: ArrayLike | Demonstrations, y: ArrayLike | None = None, groups: ArrayLike | None = None) -> RMEnt:
         """Learn from observations X (N, D), actions y (N,) and the demonstration of each step, groups (N,).
 
         `Demonstrations` are accepted in the place of the three.
@@ -211,7 +210,8 @@ class RMEnt(SoftmaxClassifier):
         n_trusted = self._number_trusted(len(demonstrations), source)
         with threadpool_limits(1, "blas"):  # thin products gain nothing from threads, and can lose a lot
             equal = (1.0 / demonstrations.lengths)[demonstrations.groups]
-            self.features_ = FeatureMap.fit(self.features, demonstrations.observations, equal)
+            choice = self._choice(demonstrations, codes, np.ones(len(codes)))
+            self.features_ = FeatureMap.fit(choice.kind, demonstrations.observations, equal, choice.ridge)
             problem = Problem(
                 self.features_.design(demonstrations.observations),
                 codes,
@@ -239,7 +239,7 @@ class RMEnt(SoftmaxClassifier):
         if isinstance(given, float | np.floating) and 0 < given < 1:
             return max(1, round(given * n_demonstrations))
         try:
-            number = index(given)
+            number = index(given)  # type: ignore[arg-type]
         except TypeError:
             number = 0
         if not 1 <= number <= n_demonstrations:

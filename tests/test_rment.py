@@ -1,0 +1,159 @@
+"""Robust maximum entropy: concentration steps, the best subset, and what a user can get wrong."""
+
+from __future__ import annotations
+
+from itertools import combinations
+
+import numpy as np
+import pytest
+from sklearn.exceptions import ConvergenceWarning
+
+from problems import make, ridge
+from rpil.cloning import BehavioralCloning
+from rpil.demonstrations import Demonstrations
+from rpil.errors import DataError
+from rpil.inputs import ridge_of
+from rpil.policies import SoftmaxPolicy
+from rpil.rment import RMEnt, concentrate, fitted, search, starts
+
+TOY = make("random", 0)
+
+
+@pytest.mark.parametrize("kind", ["random", "flipped", "noisy"])
+@pytest.mark.parametrize("start", [[0], [11], [3, 9], list(range(12))])
+def test_concentration_never_raises_the_objective_and_ends_at_the_best_of_its_policy(kind, start):
+    problem = make(kind, 2, n_actions=4).problem()
+    policy = SoftmaxPolicy.zero(4, ridge(problem))
+    first = fitted(problem, policy, np.isin(np.arange(12), start), 1e-8)
+    found = concentrate(problem, first, 6, 1e-8, 50)
+    assert found.converged
+    assert (np.diff(found.history) <= 1e-12).all()
+    assert found.log_likelihood[found.kept].min() >= found.log_likelihood[~found.kept].max()
+    assert found.kept.sum() == 6
+
+
+def test_concentration_has_something_to_do():
+    """Else the test above says nothing."""
+    problem = make("random", 2, n_actions=4).problem()
+    first = fitted(problem, SoftmaxPolicy.zero(4, ridge(problem)), np.arange(12) >= 6, 1e-8)
+    found = concentrate(problem, first, 6, 1e-8, 50)
+    assert len(found.history) > 2
+    assert found.objective < first.objective - 0.1
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_exact_against_all_subsets(seed):
+    toy = make("noisy", seed, n_good=4, n_bad=4, steps=(5, 15), sharpness=2.0)
+    model = RMEnt(n_trusted=4, tol=1e-10).fit(toy.demonstrations)
+    problem, lengths = toy.problem(), np.diff(toy.offsets)
+    penalty = ridge_of(model.features_, None, 4 * lengths.mean(), toy.n_actions)
+    objectives = {}
+    for subset in combinations(range(8), 4):
+        weight = np.isin(np.arange(8), subset) / lengths
+        design = model.features_.design(toy.observations)
+        targets = problem.one_hot(problem.spread(weight))
+        policy, log_proba = SoftmaxPolicy.zero(toy.n_actions, penalty / lengths.mean()).fit(design, targets, tol=1e-10)
+        objectives[subset] = (policy.penalty() - (targets * log_proba).sum()) / 4
+    best = min(objectives, key=objectives.get)
+    assert model.objective_ == pytest.approx(objectives[best], abs=1e-8)
+    assert tuple(np.flatnonzero(model.weights_)) == best
+
+
+def test_the_best_start_wins():
+    problem = make("flipped", 7, n_actions=4).problem()
+    policy = SoftmaxPolicy.zero(4, ridge(problem))
+    ends = [
+        search(problem, policy, 6, n_starts, 1e-6, 100, np.random.default_rng(0)).objective for n_starts in (1, 13, 40)
+    ]
+    assert ends[0] > ends[1] + 0.1  # all demonstrations together are a bad start for two groups of one mind
+    assert ends[1] >= ends[2] - 1e-9
+
+
+def test_starts_are_all_demonstrations_single_ones_and_random_subsets():
+    found = starts(5, 3, 10, np.random.default_rng(0))
+    assert [chosen.sum() for chosen in found] == [5, 1, 1, 1, 1, 1, 3, 3, 3, 3]
+    assert (np.sum(found[1:6], axis=0) == 1).all()
+    assert len(starts(5, 3, 4, np.random.default_rng(0))) == 4
+
+
+@pytest.mark.parametrize("features", ["raw", "spline"])
+@pytest.mark.parametrize("kind", ["random", "noisy"])
+def test_finds_the_good_and_learns_their_policy(kind, features):
+    toy = make(kind, 1, n_good=8, n_bad=8, steps=(40, 60))
+    model = RMEnt(n_trusted=8, features=features).fit(toy.demonstrations)
+    np.testing.assert_array_equal(model.weights_, toy.is_good)
+    assert model.ids_ == toy.ids
+    assert model.converged_
+    good = toy.is_good[toy.groups]
+    naive, oracle = (
+        BehavioralCloning(features).fit(toy.observations[kept], toy.actions[kept]).predict_proba(toy.observations)
+        for kept in (good | True, good)
+    )
+    error = np.abs(model.predict_proba(toy.observations) - oracle).mean()
+    assert error < 0.3 * np.abs(naive - oracle).mean()
+
+
+def test_log_likelihood_is_the_mean_over_steps():
+    model = RMEnt(n_trusted=6).fit(TOY.demonstrations)
+    taken = model.predict_log_proba(TOY.observations)[np.arange(len(TOY.actions)), TOY.actions]
+    means = [taken[TOY.groups == m].mean() for m in range(12)]
+    np.testing.assert_allclose(model.log_likelihood_, means)
+    penalty = model.policy_.penalty() / np.diff(TOY.offsets).mean() / 6
+    assert model.objective_ == pytest.approx(penalty - np.mean(np.array(means)[model.weights_ == 1]))
+
+
+def test_a_demonstration_counts_the_same_however_long_it_is():
+    """Repeating all steps of one changes nothing when everybody is trusted."""
+    observations, actions, groups = TOY.observations, TOY.actions, TOY.groups
+    order = np.argsort(np.concatenate([groups, groups[groups == 7]]), kind="stable")
+    twice = [np.concatenate([a, a[groups == 7]])[order] for a in (observations, actions, groups)]
+    plain = RMEnt(n_trusted=12, tol=1e-10).fit(observations, actions, groups=groups)
+    longer = RMEnt(n_trusted=12, tol=1e-10).fit(*twice[:2], groups=twice[2])
+    np.testing.assert_allclose(longer.predict_proba(observations), plain.predict_proba(observations), atol=1e-6)
+    cloned = [
+        BehavioralCloning().fit(*data).predict_proba(observations) for data in ((observations, actions), twice[:2])
+    ]
+    assert np.abs(cloned[0] - cloned[1]).max() > 1e-3
+
+
+def test_share_is_rounded():
+    for share, number in ((0.5, 6), (0.3, 4), (0.01, 1), (np.int64(5), 5), (12, 12)):
+        assert RMEnt(n_trusted=share, n_starts=1).fit(TOY.demonstrations).weights_.sum() == number
+
+
+def test_same_seed_same_bits_and_arrays_as_demonstrations():
+    toy = make("noisy", 0)
+    one = RMEnt(random_state=3).fit(toy.demonstrations)
+    two = RMEnt(random_state=3).fit(toy.observations, toy.actions, groups=toy.groups)
+    np.testing.assert_array_equal(one.policy_.weights, two.policy_.weights)
+    np.testing.assert_array_equal(one.log_likelihood_, two.log_likelihood_)
+    assert one.objective_ == two.objective_
+
+
+def test_no_convergence_is_loud():
+    toy = make("noisy", 1, n_good=40, n_bad=40, steps=(2, 5), sharpness=1.5)
+    with pytest.warns(ConvergenceWarning, match="raise it"):
+        RMEnt(n_trusted=40, n_starts=1, max_iter=1).fit(toy.demonstrations)
+
+
+CONTINUOUS = Demonstrations.from_arrays(TOY.observations, TOY.observations, TOY.offsets, TOY.ids)
+
+
+@pytest.mark.parametrize(
+    ("n_trusted", "data", "words"),
+    [
+        (0, TOY.demonstrations, "n_trusted=0 of 12 demonstrations; give a whole number from 1 to 12, or a share"),
+        (-1, TOY.demonstrations, "n_trusted=-1"),
+        (13, TOY.demonstrations, "n_trusted=13 of 12"),
+        (1.5, TOY.demonstrations, "n_trusted=1.5"),
+        (0.0, TOY.demonstrations, "n_trusted=0.0"),
+        ("all", TOY.demonstrations, "n_trusted='all'"),
+        (2, CONTINUOUS, "the actions are continuous"),
+        (1, TOY.demonstrations.select([0]), "n_samples=1. cannot be compared; give at least two"),
+    ],
+)
+def test_errors_are_one_sentence(n_trusted, data, words):
+    with pytest.raises(DataError, match=words) as error:
+        RMEnt(n_trusted=n_trusted).fit(data)
+    assert str(error.value).endswith(".")
+    assert ". " not in str(error.value)
