@@ -73,3 +73,17 @@ def test_smallest_paper(tmp_path, capsys, monkeypatch):
     assert [(told["seed"], told["n_trusted"]) for told in asked] == [(seed, 10) for seed in (3, 4) for _ in range(4)]
     assert len(list(folder.glob("*.png"))) == 8
     assert "RM-ENT" in (folder / "tables.md").read_text(encoding="utf-8")
+
+
+def test_quick_features(tmp_path, capsys, monkeypatch):
+    monkeypatch.syspath_prepend(BENCHMARKS)
+    script = runpy.run_path(str(BENCHMARKS / "features.py"))
+    path = tmp_path / "features.json"
+    assert script["main"](["--quick", "--json", str(path)]) == 0
+    result = json.loads(path.read_text())
+    cells = {cell["features"]: cell for cell in result["cells"]}
+    printed = capsys.readouterr().out
+    assert all(kind in printed for kind in cells)
+    assert cells["auto"]["share"] >= 0.98 > cells["raw"]["share"]
+    assert sum(cells["auto"]["chosen"].values()) == cells["auto"]["draws"] == 2
+    assert "98% of the expert's return reached" in script["markdown"](result)
