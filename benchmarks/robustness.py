@@ -38,6 +38,7 @@ import numpy as np
 from sklearn.metrics import roc_auc_score
 
 import rpil
+from provenance import provenance
 from rpil.cloning import BehavioralCloning
 from rpil.corruptions import KINDS
 from rpil.demonstrations import Demonstrations
@@ -116,6 +117,7 @@ def main(arguments: list[str] | None = None) -> int:
         work(every, results, options)
         rows = [results.rows[key] for key in wanted if key in results.rows]
     asked = {"configuration": configurations[OURS], "draws": options.draws, "first_seed": options.first_seed}
+    asked["provenance"] = provenance(f"{options.first_seed} to {options.first_seed + options.draws - 1}")
     found = asked | summary(rows, len(wanted))
     (options.output / "summary.json").write_text(json.dumps(found, indent=1) + "\n")
     heat_map(found["cells"], options.output / "robustness.png")
