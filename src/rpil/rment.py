@@ -245,7 +245,7 @@ class RMEnt(SoftmaxClassifier):
     def _number_trusted(self, n_demonstrations: int, source: str) -> int:
         given = self.n_trusted
         if isinstance(given, float | np.floating) and 0 < given < 1:
-            return ceil(round(given * n_demonstrations, 9))  # .1 of 30 is 3, whatever floating point says
+            return ceil(round(given * n_demonstrations, 9))  # .28 of 25 is 7, whatever floating point says
         try:
             number = index(given)  # type: ignore[arg-type]
         except TypeError:
