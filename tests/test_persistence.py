@@ -127,6 +127,22 @@ def test_the_audit_and_the_scores_come_back(fitted, saved, data):
     )
 
 
+def test_what_robust_maximum_entropy_trusts_comes_back(data, tmp_path):
+    model = RMEnt(4).fit(data)
+    path = tmp_path / "p"
+    save(model, path)
+    loaded = load(path)
+    for name in ("weights_", "log_likelihood_"):
+        np.testing.assert_array_equal(getattr(loaded, name), getattr(model, name))
+    for name in ("ids_", "objective_", "n_iter_", "converged_"):
+        assert getattr(loaded, name) == getattr(model, name)
+    rewrite(path, {"weights.npy": npy(np.ones(7))})
+    refused(path, "do not belong together")
+    save(model, path)
+    rewrite(path, header=lambda tree: tree["fitted"]["ids_"].pop())
+    refused(path, "do not belong together")
+
+
 @pytest.mark.parametrize(
     "actions", [["left", "right"], np.array(["left", "right"], dtype=object), [True, False], [2.0, 5.0]]
 )

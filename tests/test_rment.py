@@ -116,9 +116,15 @@ def test_a_demonstration_counts_the_same_however_long_it_is():
     assert np.abs(cloned[0] - cloned[1]).max() > 1e-3
 
 
-def test_share_is_rounded():
-    for share, number in ((0.5, 6), (0.3, 4), (0.01, 1), (np.int64(5), 5), (12, 12)):
+def test_share_is_rounded_up():
+    for share, number in ((0.5, 6), (0.3, 4), (0.26, 4), (0.01, 1), (0.99, 12), (np.int64(5), 5), (12, 12)):
         assert RMEnt(n_trusted=share, n_starts=1).fit(TOY.demonstrations).weights_.sum() == number
+    for n, half in ((3, 2), (5, 3), (7, 4)):
+        few = TOY.demonstrations.select(range(n))
+        assert RMEnt(n_starts=1).fit(few).weights_.sum() == half
+    many = make("random", 0, n_good=15, n_bad=10, steps=(5, 5)).demonstrations
+    assert 0.28 * 25 > 7  # rounding errors are not rounded up
+    assert RMEnt(0.28, n_starts=1).fit(many).weights_.sum() == 7
 
 
 def test_same_seed_same_bits_and_arrays_as_demonstrations():

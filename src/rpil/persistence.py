@@ -303,6 +303,8 @@ def _try_out(estimator: Any) -> None:
     observation, classes = np.zeros((1, estimator.n_features_in_)), estimator.classes_
     log_proba = estimator.policy_.log_proba(estimator.features_.design(observation))
     sound = np.isfinite(log_proba).all() and (classes[:-1] < classes[1:]).all()
+    if isinstance(estimator, RMEnt):
+        sound &= len(estimator.ids_) == len(estimator.weights_)
     if isinstance(estimator, RPIL):
         audit = estimator.audit_
         bounds = audit.offsets[[0, -1]].tolist() == [0, len(audit.step_weight)] and (audit.lengths > 0).all()

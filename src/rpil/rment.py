@@ -15,11 +15,13 @@ from __future__ import annotations
 
 import warnings
 from dataclasses import dataclass
+from math import ceil
 from operator import index
 
 import numpy as np
 from numpy.typing import ArrayLike
 from sklearn.exceptions import ConvergenceWarning
+from sklearn.utils import Tags
 from threadpoolctl import threadpool_limits
 
 from rpil.cloning import SoftmaxClassifier
@@ -132,8 +134,8 @@ class RMEnt(SoftmaxClassifier):
     Parameters
     ----------
     n_trusted : int or float
-        How many demonstrations are trusted, or what share of them, in (0, 1); by default half, which is as many bad
-        ones as any estimator can do without knowing more.
+        How many demonstrations are trusted, or what share of them, in (0, 1), rounded up; by default half, which is
+        as many bad ones as any estimator can do without knowing more.
     features : {"raw", "folded", "spline", "poly", "nystroem", "auto"}
         What the policy sees of an observation; "auto" chooses with all demonstrations trusted alike.
     C : float, optional
@@ -158,7 +160,7 @@ class RMEnt(SoftmaxClassifier):
     objective_ : float
         What is minimised: minus the mean `log_likelihood_` of the trusted, plus the ridge.
     n_iter_ : int
-        Concentration steps of the best start.
+        Fits of the best start, from when it was among the most promising.
     converged_ : bool
     classes_ : (K,) array
     coef_, intercept_ : arrays
@@ -234,10 +236,16 @@ class RMEnt(SoftmaxClassifier):
             warnings.warn("Concentration stopped at max_iter; raise it.", ConvergenceWarning, stacklevel=2)
         return self
 
+    def __sklearn_tags__(self) -> Tags:
+        tags = super().__sklearn_tags__()
+        # without groups every row is a demonstration, and the half that one policy explains best leaves out a class
+        tags.classifier_tags.poor_score = True
+        return tags
+
     def _number_trusted(self, n_demonstrations: int, source: str) -> int:
         given = self.n_trusted
         if isinstance(given, float | np.floating) and 0 < given < 1:
-            return max(1, round(given * n_demonstrations))
+            return ceil(round(given * n_demonstrations, 9))  # .28 of 25 is 7, whatever floating point says
         try:
             number = index(given)  # type: ignore[arg-type]
         except TypeError:
