@@ -122,7 +122,7 @@ def test_the_papers_recipe_is_what_the_paper_says():
     expected = np.log(0.2 / 0.8) + [log_ratio[RANDOM.groups == m].sum() for m in range(14)]
     np.testing.assert_allclose(found.scores, expected, rtol=1e-6)
     kept = (found.scores > 0)[RANDOM.groups]
-    (features, policy), *_ = found.policy.members
+    features, policy = found.policy.features_, found.policy.policy_
     design = features.design(RANDOM.observations[kept])
     slope = design.T @ (np.exp(policy.log_proba(design)) - np.eye(3)[RANDOM.actions[kept]])
     assert np.abs(slope + policy.ridge[:, None] * policy.weights).max() < 1e-4 * kept.sum()
