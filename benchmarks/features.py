@@ -132,7 +132,9 @@ def markdown(result: dict[str, Any]) -> str:
             word = "missed" if cell["missed"] else "reached"
             said.append(f"{cell['env']}: {GOALS[cell['env']]:.0%} of the expert's return {word} ({cell['share']:.3f}).")
     header, *body = ("| " + " | ".join(row) + " |" for row in rows)
-    return "\n".join([header, "|" + "---|" * len(rows[0]), *body, "", *said])
+    title = f"## Features\n\n`benchmarks/features.py`: cloning {N_GOOD} clean demonstrations, means over draws."
+    goals = "\n".join(f"- {sentence}" for sentence in said)
+    return "\n".join([f"{title}\n", header, "|" + "---|" * len(rows[0]), *body, f"\n{goals}"])
 
 
 if __name__ == "__main__":
