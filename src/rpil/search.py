@@ -23,6 +23,12 @@ from rpil.reliability import Reliability
 AUTO = ("uniform", "marginal", "normalised complement", "confusion")
 """The adversaries among which ``"auto"`` chooses: distributions, so that their held-out likelihoods compare."""
 
+STICKINESS = (0.8, 0.95, 0.98)
+"""How far steps may go on as the step before, beside not at all."""
+
+_CLEARLY = 5.0
+"""Nats by which the evidence has to be better before steps count as sticky."""
+
 _SHORT = 6
 """EM iterations after which starts are compared."""
 
@@ -46,6 +52,8 @@ class Setting:
     max_iter : int
     tol : float
         Nats a demonstration.
+    stickiness : float
+        With which the search begins, see `rpil.chains`.
     """
 
     policy: Policy
@@ -57,6 +65,7 @@ class Setting:
     annealing: int = 0
     max_iter: int = 200
     tol: float = 1e-3
+    stickiness: float = 0.0
 
 
 Progress = Callable[[str], None]
@@ -72,7 +81,11 @@ def fit(
     """The winning run among `candidates` for the adversary, and every start's run, for those who compare groups."""
     # With labels the other group may be of one mind too, and larger: only a confusion can keep it from taking over.
     first = "confusion" if problem.labels.any() else "marginal"
-    runs = search(problem, setting, candidates[0] if len(candidates) == 1 else first, rng, progress)
+    first = candidates[0] if len(candidates) == 1 else first
+    runs = search(problem, setting, first, rng, progress)
+    setting = replace(setting, stickiness=stickiness(problem, runs[0]))
+    if setting.stickiness:  # other optima are the best ones then
+        runs = search(problem, setting, first, rng, progress)
     best = runs[0]
     if len(candidates) == 1:
         return _continue(problem, setting, best), runs
@@ -87,6 +100,17 @@ def fit(
     folds = _folds(problem, 3, rng)
     scores = in_parallel(lambda result: held_out(problem, setting, result, folds), results, problem.features)
     return results[int(np.argmax(scores))], runs
+
+
+def stickiness(problem: Problem, result: Result) -> float:
+    """That with the highest evidence, all else as in `result`; the one of `result` unless another is clearly better."""
+
+    def evidence(value: float) -> float:
+        state = replace(result.state, stickiness=value)
+        return float(e_step(problem, state, result.posterior.log_proba).log_evidence.sum())
+
+    gains = [evidence(value) - result.posterior.log_evidence.sum() for value in STICKINESS]
+    return STICKINESS[int(np.argmax(gains))] if max(gains) > _CLEARLY else result.state.stickiness
 
 
 def starts(problem: Problem, setting: Setting, rng: np.random.Generator) -> dict[str, Array]:
@@ -122,7 +146,7 @@ def search(
         progress(f"start: {start}")
         policy, log_proba = _taught(problem, setting, weight)
         first = adversary(which, problem.n_actions, setting.ridge)
-        state = State(policy, first, setting.prior, setting.reliability)
+        state = State(policy, first, setting.prior, setting.reliability, setting.stickiness)
         if (weight > 0).mean() < 0.5:  # a few demonstrations grow into the group that agrees with them
             agreeing = np.maximum(weight, e_step(problem, state, log_proba).expert)
             policy, log_proba = _taught(problem, setting, agreeing)
