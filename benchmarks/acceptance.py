@@ -23,6 +23,7 @@ from typing import Any
 import numpy as np
 from sklearn.metrics import roc_auc_score
 
+from provenance import provenance
 from rpil.audit import Audit
 from rpil.cloning import BehavioralCloning
 from rpil.demonstrations import Demonstrations
@@ -70,7 +71,9 @@ def main(arguments: list[str] | None = None) -> int:
     passed = all(not cell["missed"] for cell in cells)
     print("everything reached" if passed else "missed: see the last column")
     if options.json:
-        options.json.write_text(json.dumps({"passed": passed, "cells": cells, "draws": rows}, indent=1) + "\n")
+        seeds = f"{options.first_seed} to {options.first_seed + draws - 1}"
+        found = {"provenance": provenance(seeds), "passed": passed, "cells": cells, "draws": rows}
+        options.json.write_text(json.dumps(found, indent=1) + "\n")
     return 0 if passed else 1
 
 

@@ -19,8 +19,9 @@ FILES = sorted(path for path in ROOT.rglob("*.py") if path != ROOT / "__init__.p
 ORDER = [
     "errors", "_arrays", "files", "demonstrations", "formats",
     "passes", "parallel", "features", "solvers", "policies", "adversaries", "priors", "reliability", "em", "search",
-    "belief", "identify", "audit", "inputs", "cloning", "estimators", "persistence",
-    "experts", "corruptions", "rollouts", "simulation", "plots", "report", "data", "demo", "terminal", "cli", "__main__",
+    "belief", "identify", "audit", "inputs", "selection", "cloning", "estimators", "persistence",
+    "experts", "corruptions", "environments", "rollouts", "simulation",
+    "plots", "report", "data", "demo", "reproduce", "terminal", "cli", "__main__",
 ]
 # fmt: on
 

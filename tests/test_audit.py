@@ -40,9 +40,7 @@ def told(
     posterior = Posterior(np.array(log_odds), joint, np.linspace(0, 1, n), np.zeros(5), ratio, np.zeros((n, 3)))
     result = Result(state, posterior, np.array([-2.0, -1.0]), True)
     belief = Belief(Share(0.3), np.zeros(1), joint[:1, 0], joint[:1, 0], np.ones((1, 1)))
-    return summarise(
-        problem, result, belief, np.array(log_odds), IDS, [np.array(group) for group in competing], ["One.", "Two."]
-    )
+    return summarise(problem, result, belief, np.array(log_odds), IDS, [np.array(group) for group in competing])
 
 
 def test_verdict_thresholds():
@@ -102,7 +100,7 @@ def test_reliability_is_the_posterior_mean_with_its_interval():
 def audit_of(toy: Toy) -> Audit:
     problem = toy.problem()
     result = run(problem, pooled_state(problem, "uniform", TwoBetas.start()), max_iter=50)
-    return summarise(problem, result, *believe(problem, result), toy.ids, [], [])
+    return summarise(problem, result, *believe(problem, result), toy.ids, [])
 
 
 def test_weights_of_steps():
@@ -149,7 +147,7 @@ def test_to_dict_of_numpy_ids_is_json():
     problem = toy.problem()
     result = run(problem, pooled_state(problem, "uniform", TwoBetas.start()), max_iter=5)
     belief, log_odds = believe(problem, result)
-    found = summarise(problem, result, belief, log_odds, ids, [np.array([0, 1]), np.array([2])], [])
+    found = summarise(problem, result, belief, log_odds, ids, [np.array([0, 1]), np.array([2])])
     json.dumps(found.to_dict(), allow_nan=False)
     assert found.adversary == "uniform"
     np.testing.assert_array_equal(found.history, result.history)

@@ -1,22 +1,28 @@
-"""The acceptance script runs, and what it writes is true on the smallest cells."""
+"""The scripts run, and what they write is true on the smallest cells."""
 
 from __future__ import annotations
 
 import json
 import runpy
+import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
-SCRIPT = Path(__file__).parents[1] / "benchmarks" / "acceptance.py"
+from rpil import BehavioralCloning
+
+BENCHMARKS = Path(__file__).parents[1] / "benchmarks"
 
 
-def test_quick_acceptance(tmp_path, capsys):
-    main = runpy.run_path(str(SCRIPT))["main"]
+def test_quick_acceptance(tmp_path, capsys, monkeypatch):
+    monkeypatch.syspath_prepend(BENCHMARKS)
+    main = runpy.run_path(str(BENCHMARKS / "acceptance.py"))["main"]
     path = tmp_path / "acceptance.json"
     main(["--quick", "--json", str(path)])
     printed = capsys.readouterr().out
     found = json.loads(path.read_text())
+    assert found["provenance"]["seeds"] == "1000 to 1001"
     cells = {cell["kind"]: cell for cell in found["cells"]}
     assert set(cells) == {"corrupted", "random", "noisy", "window", "shift"}
     assert all(kind in printed for kind in cells)
@@ -29,3 +35,41 @@ def test_quick_acceptance(tmp_path, capsys):
     assert cells["noisy"]["auroc"] == pytest.approx(1.0)
     assert cells["window"]["auroc"] == pytest.approx(1.0)
     assert (cells["shift"]["ambiguous"], cells["shift"]["wrong_labelled"]) == (2, 0)
+
+
+def test_smallest_paper(tmp_path, capsys, monkeypatch):
+    asked = []
+
+    def task(**told):
+        asked.append(told)
+        return SimpleNamespace(**told)
+
+    def policy(demonstrations, task):
+        return SimpleNamespace(policy=BehavioralCloning().fit(demonstrations))
+
+    def nothing(demonstrations, task):
+        return SimpleNamespace(policy=None)
+
+    known = {
+        "rpil": None,
+        "oracle": None,
+        "trust all": None,
+        "paper's recipe": None,
+        "RM-ENT": policy,
+        "length": nothing,
+    }
+    monkeypatch.setitem(sys.modules, "peers", SimpleNamespace(METHODS=known, Task=task))
+    script = runpy.run_path(str(BENCHMARKS / "paper.py"))
+    path, folder = tmp_path / "paper.json", tmp_path / "paper"
+    size = ["--env", "MountainCar-v0", "--draws", "2", "--rollouts", "2", "--seed", "3", "--processes", "1"]
+    assert script["main"]([*size, "--peers", "--json", str(path), "--output", str(folder)]) == 0
+    printed, found = capsys.readouterr().out, json.loads(path.read_text())
+    assert [table["table"] for table in found["tables"]] == [1, 2]
+    assert all(f"Table {n}. MountainCar-v0" in printed for n in (1, 2))
+    for table in found["tables"]:
+        assert "RM-ENT" in table["policies"]
+        assert "length" not in table["policies"]
+        assert table["policies"]["rpil"]["wrong"] == 0
+    assert [(told["seed"], told["n_trusted"]) for told in asked] == [(seed, 10) for seed in (3, 4) for _ in range(4)]
+    assert len(list(folder.glob("*.png"))) == 8
+    assert "RM-ENT" in (folder / "tables.md").read_text(encoding="utf-8")

@@ -73,7 +73,7 @@ def refused(match, *arguments):
 
 def test_help_and_version():
     assert call().stdout == ok("--help").stdout == ok("-h").stdout
-    for command in ("audit", "fit", "evaluate", "simulate", "demo"):
+    for command in ("audit", "fit", "evaluate", "simulate", "demo", "reproduce"):
         assert command in ok("--help").stdout
         assert "--quiet" in ok(command, "--help").stdout
     assert rpil.__version__ in ok("--version").stdout
@@ -219,7 +219,7 @@ def test_fit_says_when_the_policy_is_a_guess(folder):
 
 def test_fit_and_evaluate(folder):
     model = load(folder / "policy")
-    assert model.features == "raw"
+    assert model.features == "auto"
     assert model.observation_names_ == formats.read(folder / "good.parquet").observation_names
     result = ok("evaluate", folder / "policy", "--env", ENV, "--episodes", 5, "--json", "--seed", 3)
     assert result.stderr == ""
@@ -272,6 +272,43 @@ def test_demo(monkeypatch):
     assert json.loads(result.stdout) == {"episodes": 7, "seed": 2, "auroc": None}
     assert result.stderr == "Report: other.html\n"
     refused("no folder nowhere", "demo", "--report", "nowhere/r.html")
+
+
+class FakeReproduction:
+    """Stands for the real one, which takes minutes and has tests of its own."""
+
+    draws = ("the draws",)
+
+    def __init__(self, **arguments):
+        arguments.pop("progress")(1, 2)
+        self.arguments = arguments
+
+    def to_dict(self):
+        return self.arguments | {"mean": float("nan")}
+
+    def text(self):
+        return "Table 1."
+
+    def write(self, folder):
+        (Path(folder) / "tables.md").write_text("tables")
+
+
+def test_reproduce(monkeypatch):
+    def draw(folder, draws, *, seed):
+        (Path(folder) / "figure.png").write_text(f"{draws} {seed}")
+
+    monkeypatch.setitem(sys.modules, "rpil.reproduce", types.SimpleNamespace(run=FakeReproduction, draw=draw))
+    assert ok("reproduce").stdout == "Table 1.\n"
+    assert list(Path().iterdir()) == []
+    assert ok("reproduce", "-o", "paper", "--seed", 3).stdout == "Table 1.\nTables and figures: paper\n"
+    assert (Path("paper/tables.md").read_text(), Path("paper/figure.png").read_text()) == ("tables", "('the draws',) 3")
+    sizes = {(): (20, 100), ("--quick",): (3, 20), ("--quick", "--draws", 7): (7, 20), ("--draws", 5): (5, 100)}
+    for options, size in sizes.items():
+        found = json.loads(ok("reproduce", "--json", *options).stdout)
+        assert (found["draws"], found["rollouts"], found["seed"], found["mean"]) == (*size, 0, None)
+    Path("file").write_text("mine")
+    refused("file: it is a file; give the path of a folder", "reproduce", "--output", "file")
+    refused("range", "reproduce", "--draws", 1)
 
 
 def test_warnings_are_notes(monkeypatch):
@@ -461,7 +498,7 @@ SIMULATE = ["simulate", "--good", 1, "--bad", 1]
         (["audit"], "Missing argument 'FILE'; see rpil audit --help"),
         (["audit", "data.npz", "--sed", "1"], "No such option .*--sed.*--seed.* see rpil audit --help"),
         (["audit", "data.npz", "--seed", "-1"], "--seed.* see rpil audit --help"),
-        (["audit", "data.npz", "--features", "odd"], "'odd' is not one of 'raw', 'folded', 'spline', 'poly'; see"),
+        (["audit", "data.npz", "--features", "odd"], "'odd' is not one of 'auto', 'raw', 'folded', 'spline'"),
         (["audit", "data.npz", "--adversary", "odd"], "'odd' is not one of 'auto'"),
         (["evaluate", "policy", "--env", ENV, "--episodes", "0"], "--episodes"),
         (["order"], "No such command 'order'; see rpil --help"),

@@ -45,11 +45,22 @@ def test_starts_without_labels():
 def test_starts_with_labels_begin_from_the_known_experts_and_trust_no_known_adversary():
     problem = make("shifted", 0).labelled({2: 1, 8: -1}).problem()
     found = starts(problem, setting_for(problem), np.random.default_rng(0))
-    name, first = next(iter(found.items()))
-    assert name == "known experts"
-    np.testing.assert_array_equal(np.flatnonzero(first), [2])
+    np.testing.assert_array_equal(np.flatnonzero(found["known experts"]), [2])
+    like = found["like known experts"]
+    assert like[2] == 1.0
+    assert like[:6].sum() > like[6:].sum()  # the others of the expert's mind, more than those of the adversary's
     assert all(weight[8] == 0.0 for weight in found.values())
     assert not any(name.startswith("single") for name in found)
+
+
+def test_promising_singles_are_experts_where_these_are_few():
+    """Five experts among thirty demonstrations of random actions: three picked blindly are rarely experts."""
+    toy = make("random", 0, n_good=5, n_bad=25)
+    problem = toy.problem()
+    found = starts(problem, setting_for(problem), np.random.default_rng(0))
+    singles = [int(weight.argmax()) for name, weight in found.items() if name.startswith("single")]
+    assert len(singles) == 3
+    assert max(singles) < 5
 
 
 def test_known_adversaries_alone_point_to_those_unlike_them():

@@ -157,7 +157,6 @@ def summarise(
     log_odds: NDArray[np.float64],
     ids: Sequence[Any],
     competing: Sequence[NDArray[np.int64]],
-    assumptions: Sequence[str],
 ) -> Audit:
     """What a fit says about each demonstration.
 
@@ -171,7 +170,6 @@ def summarise(
         Of the demonstrations.
     competing : sequence of int arrays
         Groups of demonstrations of which the data cannot say which is the expert; empty where they can.
-    assumptions : sequence of str
     """
     posterior = result.posterior
     log_odds = _with_labels(log_odds, problem.labels)
@@ -199,7 +197,7 @@ def summarise(
         to_label=tuple(ids[group[np.argmax(problem.lengths[group])]] for group in competing),
         adversary=result.state.adversary.name,
         history=result.history,
-        assumptions=tuple(assumptions),
+        assumptions=(),
     )
 
 

@@ -16,7 +16,7 @@ from click.core import ParameterSource
 
 from rpil import __version__
 from rpil.errors import DataError, MissingExtraError
-from rpil.files import check_writable
+from rpil.files import check_writable, make_folder
 from rpil.terminal import (
     Stages,
     as_json,
@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from rpil.estimators import RPIL
 
 # Also known to the modules that own them, but those take a second to import; a test compares.
-FEATURES = ("raw", "folded", "spline", "poly")
+FEATURES = ("auto", "raw", "folded", "spline", "poly", "nystroem")
 ADVERSARIES = (
     "auto", "constant", "uniform", "marginal", "complement", "normalised-complement", "confusion", "own-policy",
 )  # fmt: skip
@@ -99,7 +99,7 @@ _json = click.option("--json", "json_wanted", is_flag=True, help="Print JSON, an
 _learning = (
     click.option("--labels", metavar="FILE", help="CSV (id,label) or JSON: what you know of some demonstrations."),
     click.option(
-        "--features", type=click.Choice(FEATURES), default="raw", show_default=True, help="What the policy sees."
+        "--features", type=click.Choice(FEATURES), default="auto", show_default=True, help="What the policy sees."
     ),
     click.option(
         "--adversary", type=_Words(ADVERSARIES), default="auto", show_default=True, help="What bad demonstrators do."
@@ -302,6 +302,30 @@ def demo(episodes: int, report: str, json_wanted: bool, seed: int, quiet: bool) 
         for line in found.lines():
             click.echo(line)
     _say_where("Report", report, json_wanted)
+
+
+@main.command()
+@click.option("--quick", is_flag=True, help="3 draws and 20 rollouts instead of 20 and 100: a minute, not ten.")
+@click.option("--draws", type=click.IntRange(2), help="Draws of the data, if not as above.")
+@click.option("-o", "--output", metavar="FOLDER", help="Also write the figures, and the tables as Markdown.")
+@_json
+@_seed
+@_quiet
+def reproduce(quick: bool, draws: int | None, output: str | None, json_wanted: bool, seed: int, quiet: bool) -> None:
+    """Make the paper's tables and figures: its own recipe, and what became of it."""
+    if output:
+        make_folder(output)
+    with counter("playing the draws", quiet) as progress:
+        from rpil.parallel import cores
+        from rpil.reproduce import draw, run
+
+        many, rollouts = (3, 20) if quick else (20, 100)
+        found = run(draws=draws or many, rollouts=rollouts, seed=seed, processes=cores(), progress=progress)
+        if output:
+            found.write(output)
+            draw(output, found.draws, seed=seed)
+    click.echo(as_json(found.to_dict()) if json_wanted else found.text())
+    _say_where("Tables and figures", output, json_wanted)
 
 
 def _check_outputs(inputs: tuple[str | None, ...], *outputs: str | None) -> None:

@@ -15,6 +15,7 @@ from rpil.errors import DataError
 from rpil.features import FeatureMap
 from rpil.inputs import action_codes, observations_and_actions, ridge_of, source_of
 from rpil.policies import SoftmaxPolicy
+from rpil.selection import Choice, choose
 
 Array = NDArray[Any]
 
@@ -26,6 +27,7 @@ class SoftmaxClassifier(ClassifierMixin, BaseEstimator):
     features_: FeatureMap
     policy_: SoftmaxPolicy
     features: str
+    C: float | None
     n_features_in_: int
     n_iter_: int
 
@@ -56,15 +58,23 @@ class SoftmaxClassifier(ClassifierMixin, BaseEstimator):
         intercepts = weights[-1] - (self.features_.center / self.features_.scale) @ weights[:-1]
         return intercepts[1:] - intercepts[:1] if len(self.classes_) == 2 else intercepts
 
-    def _learn(self, X: Array, codes: Array, weight: Array, trusted: Array, *, C: float | None, tol: float) -> None:
-        """Fit the feature map to the `trusted` (N,) steps, and the policy to all by weight."""
-        self.features_ = FeatureMap.fit(self.features, X[trusted], weight[trusted])
-        ridge = ridge_of(self.features_, C, weight.sum(), len(self.classes_))
+    def _choice(self, data: Demonstrations, codes: Array, weight: Array) -> Choice:
+        """The kind of features that was asked for, or that the trusted choose."""
+        if self.features != "auto":
+            return Choice(self.features)
+        return choose(data.observations, codes, data.offsets, weight, len(self.classes_), self.C)
+
+    def _learn(self, data: Demonstrations, codes: Array, weight: Array, trusted: Array, tol: float) -> None:
+        """Choose the features and fit their map, both to the `trusted` (N,) steps, and the policy to all by weight."""
+        choice = self._choice(data, codes, weight)
+        self.features_ = FeatureMap.fit(choice.kind, data.observations[trusted], weight[trusted], choice.ridge)
+        ridge = ridge_of(self.features_, self.C, weight.sum(), len(self.classes_))
         targets = np.zeros((len(codes), len(self.classes_)))
         np.put_along_axis(targets, codes[:, None], weight[:, None], axis=1)
         used = weight > 0.0
         policy = SoftmaxPolicy.zero(len(self.classes_), ridge)
-        self.policy_, _ = policy.fit(self.features_.design(X[used]), targets[used], tol=tol)
+        policy, _ = policy.fit(self.features_.design(data.observations[used]), targets[used], tol=tol)
+        self.policy_ = policy.tempered(choice.temperature)
 
 
 class BehavioralCloning(SoftmaxClassifier):
@@ -72,8 +82,9 @@ class BehavioralCloning(SoftmaxClassifier):
 
     Parameters
     ----------
-    features : {"raw", "spline", "poly"}
-        What the policy sees of an observation, see `rpil.features`.
+    features : {"raw", "folded", "spline", "poly", "nystroem", "auto"}
+        What the policy sees of an observation, see `rpil.features`. "auto" chooses, with the ridge, by the likelihood
+        of demonstrations that are held out (of single steps, where X is not `Demonstrations`), see `rpil.selection`.
     C : float, optional
         Inverse ridge strength as in scikit-learn's `LogisticRegression`, with which the fit then agrees; by default a
         ridge of 1e-5 a step on scaled columns, which depends neither on units nor on the amount of data.
@@ -109,5 +120,6 @@ class BehavioralCloning(SoftmaxClassifier):
             raise DataError(f"{source_of(X)}: sample_weight is zero everywhere; give at least one step some weight.")
         self.classes_, codes = action_codes(data[1], source_of(X))
         with threadpool_limits(1, "blas"):  # thin products gain nothing from threads, and can lose a lot
-            self._learn(data[0], codes, weight, weight > 0.0, C=self.C, tol=self.tol)
+            rows = X if isinstance(X, Demonstrations) else Demonstrations(*data, np.arange(len(codes) + 1))
+            self._learn(rows, codes, weight, weight > 0.0, self.tol)
         return self

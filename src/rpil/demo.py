@@ -30,7 +30,7 @@ LUNARLANDER = "lunarlander_corrupted.npz"
 LANDER = "LunarLander-v3"
 
 # One setting for every policy of the lander: what differs between them is the demonstrations alone.
-_LANDER_FEATURES = "spline"
+_LANDER_FEATURES = "auto"
 _N_RESAMPLES = 2000
 
 Progress = Callable[[str], None]
@@ -184,7 +184,7 @@ def _audit(data: Demonstrations, features: str, seed: int, told: Progress, where
 
 
 def _overcooked(seed: int, told: Progress) -> Overcooked:
-    model, seconds = _audit(load(OVERCOOKED), "raw", seed, told, "Overcooked")
+    model, seconds = _audit(load(OVERCOOKED), "auto", seed, told, "Overcooked")
     audit = model.audit_
     quality, is_good = _truth(OVERCOOKED, "episode_quality"), _truth(OVERCOOKED, "is_good")
     resamples = _resampled_auroc(audit.log_odds, is_good, seed)
@@ -311,7 +311,7 @@ def _lunarlander_part(found: LunarLander) -> Part:
     )
     worth = _paragraphs(
         f"Four policies fly from the same {episodes} starts, which are in none of the demonstrations; a return of 200 "
-        f"counts as solved. All that learn use the same {_LANDER_FEATURES} features: they differ in whom they trust.",
+        "counts as solved. All that learn have the same choice of features: they differ in whom they trust.",
         f"{verdicts}; so R-PIL learns from the same ten demonstrations as the oracle."
         if wrong == 0
         else f"{verdicts}.",

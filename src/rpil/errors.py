@@ -12,3 +12,7 @@ class MissingExtraError(ImportError):
 
     def __init__(self, feature: str, extra: str) -> None:
         super().__init__(f"{feature} needs an optional package: install it with pip install 'rpil[{extra}]'.")
+        self._told = feature, extra
+
+    def __reduce__(self) -> tuple[type[MissingExtraError], tuple[str, str]]:
+        return type(self), self._told  # by default it would not survive the way back from another process

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -55,8 +56,9 @@ class RPIL(SoftmaxClassifier):
 
     Parameters
     ----------
-    features : {"raw", "spline", "poly"}
-        What the policy sees of an observation.
+    features : {"raw", "folded", "spline", "poly", "nystroem", "auto"}
+        What the policy sees of an observation, see `rpil.features`. "auto" chooses, with the ridge, once trust is
+        decided: by the likelihood of held-out demonstrations, each with as much say as it is trusted.
     adversary : str or Adversary
         What bad demonstrators do. "auto" fits several and keeps the one under which held-out demonstrations are most
         likely; or "constant", "uniform", "marginal", "complement" (the paper's), "normalised complement", "confusion",
@@ -74,9 +76,9 @@ class RPIL(SoftmaxClassifier):
     labels : mapping of id to {"expert", "adversary"}, optional
         What is known; fixes responsibilities, and the search starts from there. `fit` takes them too.
     search_features : str
-        What the policy sees while trust is decided: as `features`, or "auto", which is the same but for "folded" where
-        `features` is "raw" and there are few observations: a straight line mistakes an expert in a rare situation for
-        an adversary.
+        What the policy sees while trust is decided: a kind of features, or "auto", which is `features`, but where that
+        is "raw" or "auto": then it is "folded" if there are few observations, since a straight line mistakes an expert
+        in a rare situation for an adversary, and "raw" if there are many.
     n_single : int
         Starts from single demonstrations, beside the pooled one and the one where all demonstrations weigh the same.
     annealing : int
@@ -232,7 +234,9 @@ class RPIL(SoftmaxClassifier):
         if self.search_features != "auto":
             return self.search_features
         few = demonstrations.n_observations <= _FEW
-        return "folded" if self.features == "raw" and few else self.features
+        if self.features not in ("raw", "auto"):
+            return self.features
+        return "folded" if few else "raw"
 
     def _setting(self, features: FeatureMap, problem: Problem) -> Setting:
         ridge = ridge_of(features, self.C, len(problem.actions), problem.n_actions)
@@ -268,14 +272,13 @@ class RPIL(SoftmaxClassifier):
         self.n_iter_ = max(1, len(result.history) - 1)
         self.lower_bound_ = result.objective
         self.converged_ = result.converged
-        self.audit_: Audit = summarise(
-            problem, result, self.belief_, log_odds, demonstrations.ids, competing, _assumptions(self, problem)
-        )
-        weight = self.audit_.step_weight
+        audit = summarise(problem, result, self.belief_, log_odds, demonstrations.ids, competing)
+        weight = audit.step_weight
         if weight.sum() < 1.0:  # nobody is trusted: what little is the expert's, wherever it is
             weight = result.posterior.step
         trusted = weight > 0.5 * weight.max()
-        self._learn(demonstrations.observations, codes, weight, trusted, C=self.C, tol=_REFIT_TOL)
+        self._learn(demonstrations, codes, weight, trusted, _REFIT_TOL)
+        self.audit_: Audit = replace(audit, assumptions=tuple(_assumptions(self, problem)))
         if not result.converged:
             warnings.warn("EM stopped at max_iter; raise max_iter or tol.", ConvergenceWarning, stacklevel=3)
         if competing:
@@ -294,7 +297,7 @@ def _assumptions(model: RPIL, problem: Problem) -> list[str]:
     said = [
         "Experts agree with one another: in similar states they act alike.",
         "Steps are independent given the state; log-odds of long demonstrations may be overconfident.",
-        f"The policy is linear in the {model.features} features.",
+        f"The policy is linear in {model.features_.kind} features.",
         "The order of demonstrations and any reward were not used.",
     ]
     if model.level == "demonstration":

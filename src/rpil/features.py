@@ -16,7 +16,11 @@ from numpy.typing import NDArray
 from rpil.errors import DataError
 from rpil.passes import Array
 
-FEATURES = ("raw", "folded", "spline", "poly")
+KINDS = ("raw", "folded", "spline", "poly", "nystroem")
+"""The kinds of maps."""
+
+FEATURES = ("auto", *KINDS)
+"""What the estimators accept; "auto" chooses among the kinds, see `rpil.selection`."""
 
 RIDGE_PER_STEP = 1e-5
 """The default ridge, for a step: strong enough to keep separable classes finite, too weak to bias a policy."""
@@ -24,6 +28,8 @@ RIDGE_PER_STEP = 1e-5
 _N_KNOTS = 8
 _DEGREE = 3
 _MAX_POLY_COLUMNS = 2000
+_N_LANDMARKS = 200
+_KERNEL_WIDTH = 0.1
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,16 +38,22 @@ class FeatureMap:
 
     Attributes
     ----------
-    kind : {"raw", "folded", "spline", "poly"}
+    kind : {"raw", "folded", "spline", "poly", "nystroem"}
         The observation itself; the observation and its distance from the mean, so that a policy may treat both sides
         alike; a cubic B-spline basis of each observation (8 knots, linear beyond them); all products of up to two
-        observations.
+        observations; the folded observation, and Nystroem's approximation of a Gaussian kernel on it.
     knots : (8, D) array
         Of the spline; (0, D) for the other kinds.
     location, spread : (D,) arrays
         What polynomials subtract and divide by before they multiply, and folding before it folds.
     center, scale : (F,) arrays
         What every column subtracts and divides by.
+    landmarks : (R, 2 D) array
+        Folded observations that Nystroem compares with; (0, 2 D) for the other kinds.
+    mixing : (R, R) array
+        What turns the similarities into features.
+    ridge_per_step : float
+        Of the default ridge.
     """
 
     kind: str
@@ -50,17 +62,23 @@ class FeatureMap:
     spread: Array
     center: Array
     scale: Array
+    landmarks: Array
+    mixing: Array
+    ridge_per_step: float = RIDGE_PER_STEP
 
     @classmethod
-    def fit(cls, kind: str, observations: NDArray[Any], weight: Array | None = None) -> FeatureMap:
-        """Choose knots, centres and scales from observations (N, D), the latter two with the `weight` (N,) of each.
+    def fit(
+        cls, kind: str, observations: NDArray[Any], weight: Array | None = None, ridge: float = RIDGE_PER_STEP
+    ) -> FeatureMap:
+        """Choose knots, landmarks, centres and scales from observations (N, D), the latter two with the `weight` (N,)
+        of each. Landmarks are drawn with a seed of their own: the same data, the same bits.
 
         Raises
         ------
         DataError
             If there is no such kind, or polynomials of so many observations would not fit in memory.
         """
-        if kind not in FEATURES:
+        if kind not in KINDS:
             raise DataError(f"There are no features called {kind!r}; choose {', '.join(FEATURES)}.")
         n_columns = observations.shape[1]
         if kind == "poly" and n_columns * (n_columns + 3) // 2 > _MAX_POLY_COLUMNS:
@@ -72,12 +90,16 @@ class FeatureMap:
             low, high = observations.min(axis=0), observations.max(axis=0)
             high = np.where(high > low, high, low + 1.0)  # a constant column still needs an interval
             knots = np.linspace(low, high, _N_KNOTS)
-        raw = cls(kind, knots, location, spread, np.zeros(0), np.zeros(0))
+        landmarks, mixing = np.empty((0, 2 * n_columns)), np.empty((0, 0))
+        if kind == "nystroem":
+            landmarks, mixing = _nystroem(_fold((observations - location) / spread))
+        none = np.zeros(0)
+        raw = cls(kind, knots, location, spread, none, none, landmarks, mixing)
         columns = raw._columns(observations)
-        center, scale = _moments(columns, weight, unit=1.0 if kind == "poly" else 0.0)
+        center, scale = _moments(columns, weight, unit=1.0 if kind in ("poly", "nystroem") else 0.0)
         if kind == "spline":  # they share one natural scale: a column that is rarely visited must stay rarely believed
             scale = np.ones_like(scale)
-        return cls(kind, knots, location, spread, center, scale)
+        return cls(kind, knots, location, spread, center, scale, landmarks, mixing, ridge)
 
     @property
     def n_features_in(self) -> int:
@@ -104,7 +126,7 @@ class FeatureMap:
         penalty on the scaled columns that grows with the number of steps, so that neither units nor the amount of data
         change its meaning.
         """
-        scaled = np.full(len(self.center), RIDGE_PER_STEP * total_weight)
+        scaled = np.full(len(self.center), self.ridge_per_step * total_weight)
         return np.append(scaled if C is None else 1.0 / (C * self.scale**2), 0.0)
 
     def _columns(self, observations: Array) -> Array:
@@ -115,6 +137,9 @@ class FeatureMap:
         z = (observations - self.location) / self.spread
         if self.kind == "folded":
             return np.hstack([observations, np.abs(z)])
+        if self.kind == "nystroem":
+            folded = _fold(z)
+            return np.hstack([folded, _similarity(folded, self.landmarks) @ self.mixing])
         i, j = np.triu_indices(z.shape[1])
         return np.hstack([z, z[:, i] * z[:, j]])
 
@@ -124,6 +149,30 @@ class FeatureMap:
 
         # linear beyond the knots: a state outside the data keeps the trend and cannot explode
         return SplineTransformer(degree=_DEGREE, knots=self.knots, extrapolation="linear").fit(self.knots)
+
+
+def _fold(z: Array) -> Array:
+    return np.hstack([z, np.abs(z)])
+
+
+def _nystroem(folded: Array) -> tuple[Array, Array]:
+    """Landmarks (R, 2 D) and mixing (R, R) of scikit-learn's Nystroem."""
+    from sklearn.kernel_approximation import Nystroem
+
+    n_landmarks = min(_N_LANDMARKS, len(folded))
+    fitted = Nystroem(gamma=_gamma(folded), n_components=n_landmarks, random_state=0).fit(folded)
+    return fitted.components_, fitted.normalization_.T
+
+
+def _similarity(folded: Array, landmarks: Array) -> Array:
+    from sklearn.metrics.pairwise import rbf_kernel
+
+    similarity: Array = rbf_kernel(folded, landmarks, gamma=_gamma(folded))
+    return similarity
+
+
+def _gamma(folded: Array) -> float:
+    return _KERNEL_WIDTH / folded.shape[1]
 
 
 def _moments(columns: Array, weight: Array | None, unit: float = 0.0) -> tuple[Array, Array]:

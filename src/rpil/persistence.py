@@ -45,7 +45,15 @@ _ESTIMATORS: dict[str, Any] = {"RPIL": RPIL, "BehavioralCloning": BehavioralClon
 # The arrays of each class: every axis a number or a letter that means one size all through the file, perhaps plus one.
 # D observations, F features, K actions, M demonstrations, N steps, J reliabilities.
 _KNOWN: dict[type, dict[str, str]] = {
-    FeatureMap: {"knots": "knots D", "location": "D", "spread": "D", "center": "F", "scale": "F"},
+    FeatureMap: {
+        "knots": "knots D",
+        "location": "D",
+        "spread": "D",
+        "center": "F",
+        "scale": "F",
+        "landmarks": "R E",
+        "mixing": "R R",
+    },
     SoftmaxPolicy: {"weights": "F+1 K", "ridge": "F+1"},
     State: {},
     Belief: {"shift": "shares", "expert": "pairs J", "adversary": "pairs J", "weight": "shares pairs"},
@@ -252,7 +260,7 @@ class _Decoder:
             raise KeyError(node["class"])
         shapes = _KNOWN[known]
         if known is FeatureMap:  # what comes after it, up to the next one, has as many columns as it
-            self.sizes = {letter: size for letter, size in self.sizes.items() if letter not in ("F", "knots")}
+            self.sizes = {letter: size for letter, size in self.sizes.items() if letter not in ("F", "knots", "R")}
         return known(
             **{
                 name: self.array(part, shapes[name], np.int64 if name == "offsets" else np.float64)

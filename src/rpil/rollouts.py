@@ -13,7 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import stdtrit
 
-from rpil.errors import DataError, MissingExtraError
+from rpil.environments import make
+from rpil.errors import DataError
 
 
 class Policy(Protocol):
@@ -95,7 +96,8 @@ def rollout(
     policy : object with `predict`
         Maps observations (n, D) to actions (n,).
     env_id : str
-        Gymnasium id of an environment with flat observations and discrete actions.
+        What `rpil.environments.make` knows, with flat or discrete observations and discrete actions. A discrete
+        observation is seen as a one-hot row.
     n_episodes : int
         At least 1.
     seed : int
@@ -168,7 +170,7 @@ def _play(policy: Policy, env_id: str, seeds: Sequence[int]) -> Iterator[_Step]:
     envs: list[Any] = []
     try:
         # One environment per episode, never reused: what a physics engine keeps beyond a reset cannot leak.
-        envs = [_make(env_id) for _ in seeds]
+        envs = [make(env_id) for _ in seeds]
         if envs:
             _check_fit(policy, env_id, envs[0])
         running = np.arange(len(envs))
@@ -191,22 +193,6 @@ def _play(policy: Policy, env_id: str, seeds: Sequence[int]) -> Iterator[_Step]:
             env.close()
 
 
-def _make(env_id: str) -> Any:
-    try:
-        import gymnasium
-    except ImportError as error:
-        raise MissingExtraError("Playing a policy", "gym") from error
-    try:
-        # The checker repeats at every environment what a registered one has passed before, and slows each step.
-        return gymnasium.make(env_id, disable_env_checker=True)
-    except gymnasium.error.DependencyNotInstalled as error:
-        raise MissingExtraError(f"The environment {env_id}", "gym") from error
-    except (gymnasium.error.Error, ModuleNotFoundError) as error:
-        raise DataError(
-            f"Gymnasium has no environment {env_id!r}: check the name and its version with gymnasium.pprint_registry()."
-        ) from error
-
-
 def _check_fit(policy: Policy, env_id: str, env: Any) -> None:
     """Refuse spaces that are not supported, and a policy that was fitted on another environment."""
     from gymnasium.spaces import Box, Discrete
@@ -215,7 +201,8 @@ def _check_fit(policy: Policy, env_id: str, env: Any) -> None:
     if not isinstance(space, Box) or len(space.shape) != 1 or not isinstance(choices, Discrete):
         raise DataError(
             f"{env_id} has {type(space).__name__} observations of shape {space.shape} and {type(choices).__name__} "
-            "actions, but only flat Box observations and Discrete actions can be played: wrap it or choose another."
+            "actions, but only flat Box or Discrete observations and Discrete actions can be played: wrap it or choose "
+            "another."
         )
     name = getattr(policy, "source_", "the policy")  # the file that `rpil.load` read it from
     width = getattr(policy, "n_features_in_", None)

@@ -12,7 +12,7 @@ from functools import partial
 
 import numpy as np
 
-from rpil.adversaries import Adversary, adversary
+from rpil.adversaries import Adversary, Marginal, adversary
 from rpil.em import MStep, Problem, Result, State, e_step, m_step, run
 from rpil.parallel import in_parallel
 from rpil.passes import Array
@@ -23,11 +23,16 @@ from rpil.reliability import Reliability
 AUTO = ("uniform", "marginal", "normalised complement", "confusion")
 """The adversaries among which ``"auto"`` chooses: distributions, so that their held-out likelihoods compare."""
 
-STICKINESS = (0.8, 0.95, 0.98)
+STICKINESS = (0.5,)
 """How far steps may go on as the step before, beside not at all."""
 
 _CLEARLY = 5.0
 """Nats by which the evidence has to be better before steps count as sticky."""
+
+_LIKE_EXPERTS = "like known experts"
+_ASKED = 30
+_JUDGED_STEPS = 10_000
+"""Demonstrations that may become a start, and steps of others by which they are compared."""
 
 _SHORT = 6
 """EM iterations after which starts are compared."""
@@ -99,7 +104,8 @@ def fit(
     progress("comparing adversaries")
     folds = _folds(problem, 3, rng)
     scores = in_parallel(lambda result: held_out(problem, setting, result, folds), results, problem.features)
-    return results[int(np.argmax(scores))], runs
+    against = [_contradicted(problem, setting, result) for result in results]
+    return results[max(range(len(results)), key=lambda k: (-against[k], scores[k]))], runs
 
 
 def stickiness(problem: Problem, result: Result) -> float:
@@ -121,10 +127,42 @@ def starts(problem: Problem, setting: Setting, rng: np.random.Generator) -> dict
     if (labels < 0).any():
         found |= _unlike(problem, setting, labels < 0)
     if (labels > 0).any():
-        return {"known experts": (labels > 0).astype(float), **found}
-    for m in rng.permutation(np.flatnonzero(labels == 0))[: setting.n_single]:
+        found = {"known experts": (labels > 0).astype(float), **found}
+        return found if not (labels < 0).any() else {_LIKE_EXPERTS: _like_experts(problem, setting), **found}
+    for m in _promising(problem, setting, rng):
         found[f"single {m}"] = (np.arange(problem.n_demonstrations) == m).astype(float)
     return found
+
+
+def _like_experts(problem: Problem, setting: Setting) -> Array:
+    """Weights 1 for whom the known experts' policy explains better than the known adversaries' does."""
+    expert, adversary = (_taught(problem, setting, (problem.labels == sign).astype(float))[1] for sign in (1, -1))
+    return (problem.sum_steps(problem.taken(expert) - problem.taken(adversary)) > 0).astype(float)
+
+
+def _promising(problem: Problem, setting: Setting, rng: np.random.Generator) -> list[int]:
+    """Demonstrations whose policy alone, beside frequent actions, explains most of the others: `n_single` of them.
+
+    Where one in ten is an expert, thirty are asked: 96 % of the time one of them is.
+    """
+    asked = rng.permutation(np.flatnonzero(problem.labels == 0))[:_ASKED] if setting.n_single else np.empty(0, int)
+    if len(asked) <= setting.n_single:
+        return asked.tolist()
+    order = rng.permutation(problem.n_demonstrations)
+    enough = int(np.searchsorted(np.cumsum(problem.lengths[order]), _JUDGED_STEPS)) + 1
+    jury = problem.select(np.sort(order[:enough]), unlabelled=True)
+    frequent = Marginal.start(problem.n_actions).fit(
+        jury.features, jury.features, jury.actions, np.ones(len(jury.actions))
+    )
+
+    def explained(m: int) -> float:
+        own = problem.select(np.array([m]))
+        policy, _ = _taught(own, setting, np.ones(1))
+        log_proba = policy.log_proba(jury.features)
+        state = State(policy, frequent, setting.prior, setting.reliability, setting.stickiness)
+        return float(e_step(jury, state, log_proba).log_evidence.sum())
+
+    return sorted(asked.tolist(), key=explained, reverse=True)[: setting.n_single]
 
 
 def search(
@@ -147,7 +185,9 @@ def search(
         policy, log_proba = _taught(problem, setting, weight)
         first = adversary(which, problem.n_actions, setting.ridge)
         state = State(policy, first, setting.prior, setting.reliability, setting.stickiness)
-        if (weight > 0).mean() < 0.5:  # a few demonstrations grow into the group that agrees with them
+        if (
+            start != _LIKE_EXPERTS and (weight > 0).mean() < 0.5
+        ):  # a few demonstrations grow into the group that agrees with them
             agreeing = np.maximum(weight, e_step(problem, state, log_proba).expert)
             policy, log_proba = _taught(problem, setting, agreeing)
             state = replace(state, policy=policy)

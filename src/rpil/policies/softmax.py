@@ -57,6 +57,10 @@ class SoftmaxPolicy:
         age = self._age + 1 if fit.preconditioner is reuse else 0
         return SoftmaxPolicy(fit.weights, self.ridge, fit.preconditioner, age), fit.log_proba
 
+    def tempered(self, temperature: float) -> SoftmaxPolicy:
+        """The same order of preferences, surer above 1 and less sure below."""
+        return SoftmaxPolicy(temperature * self.weights, self.ridge)
+
     def penalty(self) -> float:
         """What the ridge takes off the log-likelihood."""
         return float(0.5 * (self.ridge[:, None] * self.weights**2).sum())

@@ -1,0 +1,80 @@
+"""The paper's Tables 1-6 and Figures 1-7, ours beside: `rpil reproduce` with more options, and with the peers.
+
+    python benchmarks/paper.py --json paper.json --output paper
+    python benchmarks/paper.py --quick --peers
+
+Every policy learns from the same 10 good and 10 bad demonstrations and plays the same starts. The peers are those of
+peers.py that give a policy, with the features of our default; RM-ENT alone is told how many demonstrations are good.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from rpil.demonstrations import Demonstrations
+from rpil.files import check_writable, make_folder
+from rpil.parallel import cores
+from rpil.reproduce import METHODS, Experiment, draw, run
+from rpil.reproduce.experiments import ENVIRONMENTS, N_GOOD, OUR_FEATURES
+from rpil.terminal import as_json
+
+ALREADY = ("rpil", "trust all", "oracle", "paper's recipe")
+"""Methods of peers.py that the tables have without it."""
+
+
+def main(arguments: list[str] | None = None) -> int:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--draws", type=int, default=20, help="of the data")
+    parser.add_argument("--rollouts", type=int, default=100, help="episodes each policy plays")
+    parser.add_argument("--seed", type=int, default=0, help="of the first draw")
+    parser.add_argument("--env", choices=ENVIRONMENTS, action="append", help="may be repeated; default all")
+    parser.add_argument("--quick", action="store_true", help="3 draws, 20 rollouts")
+    parser.add_argument("--peers", action="store_true", help="every method of peers.py that gives a policy, too")
+    parser.add_argument("--processes", type=int, default=cores())
+    parser.add_argument("--json", type=Path, help="where to write all figures")
+    parser.add_argument("--output", type=Path, help="folder for tables.md and the figures")
+    options = parser.parse_args(arguments)
+    if options.json:
+        check_writable(options.json)
+    if options.output:
+        make_folder(options.output)
+
+    found = run(
+        draws=3 if options.quick else options.draws,
+        rollouts=20 if options.quick else options.rollouts,
+        seed=options.seed,
+        environments=options.env or ENVIRONMENTS,
+        methods=METHODS | (peers() if options.peers else {}),
+        processes=options.processes,
+        progress=lambda done, n: print(f"{done} of {n} draws", file=sys.stderr, flush=True),
+    )
+    print(found.text())
+    if options.json:
+        options.json.write_text(as_json(found.to_dict()) + "\n")
+    if options.output:
+        found.write(options.output)
+        draw(options.output, found.draws, seed=options.seed)
+    return 0
+
+
+def peers() -> dict[str, Any]:
+    """The peers as methods of the tables."""
+    from peers import METHODS as known
+
+    return {name: partial(peer, name) for name in known if name not in ALREADY}
+
+
+def peer(name: str, demonstrations: Demonstrations, experiment: Experiment, seed: int) -> Any:
+    """The policy of a peer, None where it only ranks."""
+    from peers import METHODS as known
+    from peers import Task
+
+    return known[name](demonstrations, Task(features=OUR_FEATURES, seed=seed, n_trusted=N_GOOD)).policy
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

@@ -1,0 +1,530 @@
+"""How much bad data does it stand, and of which kind? One configuration for the whole grid.
+
+    python benchmarks/robustness.py --output robustness                      # what is finished is kept, and not redone
+    python benchmarks/robustness.py --output robustness --peers --peer-draws 3
+
+Ten good demonstrations, and as many bad ones of one kind as make up a share of 50, 75 or 90 %; ten draws of the data.
+Three scores: the normalised return (R - R_random) / (R_oracle - R_random), where the oracle is cloned from the good
+demonstrations alone with the same features; the AUROC of the log-odds; the share of wrong verdicts, "uncertain" being
+wrong. From a share of one half, "flip" and "shift" make bad demonstrations that agree as well as the good ones do.
+Nobody can know there, so the answer must be "ambiguous"; with one label of each sort it is scored like the others, on
+the demonstrations without a label.
+
+Every finished piece of work is one JSON line in `draws.jsonl`, so that a run can be broken off and taken up again. A
+line belongs to one configuration, the code of the library included; lines of others are left alone. Then come
+`summary.json`, `robustness.png` and a table.
+"""
+
+from __future__ import annotations
+
+import argparse
+import hashlib
+import json
+import multiprocessing
+import os
+import sys
+import time
+import warnings
+from collections.abc import Callable, Iterator
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before NumPy; worker processes inherit it
+
+import numpy as np
+from sklearn.metrics import roc_auc_score
+
+import rpil
+from rpil.cloning import BehavioralCloning
+from rpil.corruptions import KINDS
+from rpil.demonstrations import Demonstrations
+from rpil.estimators import RPIL
+from rpil.experts import expert
+from rpil.features import FEATURES
+from rpil.rollouts import RandomPolicy, Returns, rollout
+from rpil.simulation import simulate
+
+CHOSEN = "auto" if "auto" in FEATURES else "spline"
+"""The features of everything here: the one setting that is not the library's default."""
+
+MAIN = ("MountainCar-v0", "Acrobot-v1", "LunarLander-v3")
+MORE = ("CartPole-v1", "FrozenLake8x8-v1", "rpil/DiscretePendulum-v1")
+SHARES = (50, 75, 90)
+N_GOOD = 10
+COHERENT = ("flip", "shift")
+RETURN, AUROC, WRONG = 0.95, 0.99, 0.01
+GOALS = {
+    "return": f"normalised return of {RETURN} at least",
+    "AUROC": f"AUROC of {AUROC} at least",
+    "verdicts": f"wrong verdicts of {100 * WRONG:g} % at most",
+    "ambiguous": "ambiguous without labels where nobody can know, in every draw",
+}
+OURS, LABELLED, REFERENCE = "rpil", "rpil, two labels", "reference"
+FACES = ("cli", "terminal", "plots", "persistence", "demo", "files", "__init__")
+"""Modules of the library that no figure here depends on, nor on the packages `formats` and `report`."""
+
+Row = dict[str, Any]
+Key = tuple[str, str, int, int, str]
+
+
+@dataclass(frozen=True)
+class Job:
+    """What one process does at a time: some methods on one draw of one cell, or the reference of one draw."""
+
+    env: str
+    kind: str
+    share: int
+    seed: int
+    methods: tuple[str, ...]
+
+    @property
+    def keys(self) -> list[Key]:
+        return [(self.env, self.kind, self.share, self.seed, method) for method in self.methods]
+
+
+def main(arguments: list[str] | None = None) -> int:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--output", type=Path, required=True, metavar="DIR", help="where results are kept")
+    parser.add_argument("--environments", nargs="+", metavar="ID")
+    parser.add_argument("--kinds", nargs="+", choices=KINDS)
+    parser.add_argument("--shares", nargs="+", type=int, metavar="PERCENT", help="of bad demonstrations")
+    parser.add_argument("--draws", type=int)
+    parser.add_argument("--first-seed", type=int, default=1000)
+    parser.add_argument("--rollouts", type=int, help="episodes each policy plays")
+    parser.add_argument("--peers", action="store_true", help="every method of peers.py as well")
+    parser.add_argument("--peer-draws", type=int, help="draws for the peers; default all")
+    parser.add_argument("--processes", type=int, default=cores())
+    parser.add_argument("--quick", action="store_true", help="MountainCar, corrupted and shift, half bad, one draw")
+    options = parser.parse_args(arguments)
+    default = (
+        (MAIN[:1], ("corrupted", "shift"), SHARES[:1], 1, 10)
+        if options.quick
+        else (MAIN + MORE, KINDS, SHARES, 10, 100)
+    )
+    for name, value in zip(("environments", "kinds", "shares", "draws", "rollouts"), default, strict=True):
+        if getattr(options, name) is None:
+            setattr(options, name, value)
+
+    options.output.mkdir(parents=True, exist_ok=True)
+    configurations = configurations_of(options.rollouts, options.peers)
+    every = jobs(options, tuple(name for name in configurations if name not in (REFERENCE, *OWN)))
+    wanted = [key for job in every for key in job.keys]
+    with Results(options.output / "draws.jsonl", configurations) as results:
+        work(every, results, options)
+        rows = [results.rows[key] for key in wanted if key in results.rows]
+    asked = {"configuration": configurations[OURS], "draws": options.draws, "first_seed": options.first_seed}
+    found = asked | summary(rows, len(wanted))
+    (options.output / "summary.json").write_text(json.dumps(found, indent=1) + "\n")
+    heat_map(found["cells"], options.output / "robustness.png")
+    print(table(found))
+    return 0 if found["reached"] else 1
+
+
+def configurations_of(rollouts: int, with_peers: bool) -> dict[str, Row]:
+    """For every method all that its figures depend on beside their key: settings and code."""
+    root = Path(rpil.__file__).parent
+    library = [
+        path
+        for path in sorted(root.rglob("*.py"))
+        if path.stem not in FACES and path.parent.name not in ("formats", "report")
+    ]
+    ours = {"features": CHOSEN, "n_good": N_GOOD, "rollouts": rollouts, "code": digest(library)}
+    found = dict.fromkeys((REFERENCE, *OWN), ours)
+    if with_peers:
+        import peers
+
+        theirs = ours | {"peers": digest(sorted(Path(peers.__file__).parent.glob("peers*.py")))}
+        found |= {name: theirs for name in peers.METHODS if name not in found}
+    return found
+
+
+def digest(paths: list[Path]) -> str:
+    return hashlib.sha256(b"".join(path.read_bytes() for path in paths)).hexdigest()[:12]
+
+
+def jobs(options: argparse.Namespace, peers: tuple[str, ...]) -> list[Job]:
+    """Draw by draw over all cells, so that what a broken run leaves is a fair picture; the peers come last."""
+    cells = [(env, kind, share) for env in options.environments for kind in options.kinds for share in options.shares]
+    found = []
+    for seed in range(options.first_seed, options.first_seed + options.draws):
+        found += [Job(env, "", 0, seed, (REFERENCE,)) for env in options.environments]
+        found += [Job(*cell, seed, (OURS, LABELLED) if unknowable(*cell[1:]) else (OURS,)) for cell in cells]
+    n_draws = min(options.draws, options.peer_draws or options.draws) if peers else 0
+    for seed in range(options.first_seed, options.first_seed + n_draws):
+        found += [Job(*cell, seed, peers) for cell in cells]
+    return found
+
+
+def unknowable(kind: str, share: int) -> bool:
+    """Whether the bad demonstrations agree as well as the good ones do, and are as many at least."""
+    return kind in COHERENT and share >= 50
+
+
+# ---- one job ---------------------------------------------------------------------------------------------------------
+
+
+def run(job: Job, rollouts: int) -> list[Row]:
+    """The rows of one job, or a row with the error of a method that fails: the others still count."""
+    warnings.simplefilter("ignore")
+    if job.methods == (REFERENCE,):
+        methods: dict[str, Callable[[], Row]] = {REFERENCE: partial(reference, job.env, job.seed, rollouts)}
+    else:
+        n_bad = round(N_GOOD * job.share / (100 - job.share))
+        made = simulate(job.env, job.kind, n_good=N_GOOD, n_bad=n_bad, seed=job.seed)
+        given = (job, Demonstrations.from_episodes(made.episodes), made.is_good == 1, rollouts)
+        methods = {name: partial(OWN.get(name, partial(peer, name)), *given) for name in job.methods}
+    rows = []
+    for key, method in zip(job.keys, methods.values(), strict=True):
+        begun = time.perf_counter()
+        try:
+            found = method()
+        except Exception as error:  # whatever it is, it is written down and the grid goes on
+            found = {"error": f"{type(error).__name__}: {error}"}
+        names = ("env", "kind", "share", "seed", "method")
+        rows.append(dict(zip(names, key, strict=True)) | {"job_seconds": time.perf_counter() - begun} | found)
+    return rows
+
+
+def reference(env: str, seed: int, rollouts: int) -> Row:
+    """What a return is measured against; the good demonstrations depend on neither kind nor number of the bad."""
+    good = Demonstrations.from_episodes(simulate(env, "corrupted", n_good=N_GOOD, n_bad=0, seed=seed).episodes)
+    oracle = BehavioralCloning(features=CHOSEN).fit(good)
+    policies = {"oracle": oracle, "expert": expert(env), "random": RandomPolicy(expert(env).n_actions, seed)}
+    returns = {name: play(policy, env, rollouts, seed) for name, policy in policies.items()}
+    return returns | {"features": oracle.features_.kind}
+
+
+def unlabelled(job: Job, demonstrations: Demonstrations, good: np.ndarray, rollouts: int) -> Row:
+    model, found = fitted(demonstrations, good, {})
+    if not unknowable(job.kind, job.share):
+        found["return"] = play(model, job.env, rollouts, job.seed)
+    return found
+
+
+def labelled(job: Job, demonstrations: Demonstrations, good: np.ndarray, rollouts: int) -> Row:
+    model, found = fitted(demonstrations, good, {0: "expert", N_GOOD: "adversary"})
+    return found | {"return": play(model, job.env, rollouts, job.seed)}
+
+
+OWN: dict[str, Callable[..., Row]] = {OURS: unlabelled, LABELLED: labelled}
+
+
+def peer(name: str, job: Job, demonstrations: Demonstrations, good: np.ndarray, rollouts: int) -> Row:
+    from peers import METHODS, Task
+
+    begun = time.perf_counter()
+    told = {"oracle": {"good": good}, "RM-ENT": {"n_trusted": int(good.sum())}}.get(name, {})
+    task = Task(features=CHOSEN, seed=job.seed, **told)
+    answer = METHODS[name](demonstrations, task)
+    found: Row = {"seconds": time.perf_counter() - begun}
+    if answer.scores is not None:
+        found["auroc"] = float(roc_auc_score(good, answer.scores))
+    if answer.policy is not None:
+        found["return"] = play(answer.policy, job.env, rollouts, job.seed)
+    return found
+
+
+def fitted(demonstrations: Demonstrations, good: np.ndarray, labels: dict[int, str]) -> tuple[RPIL, Row]:
+    """A model, and what its verdicts are worth on the demonstrations without a label."""
+    begun = time.perf_counter()
+    model = RPIL(features=CHOSEN).fit(demonstrations, labels=labels)
+    seconds = time.perf_counter() - begun
+    audit = model.audit_
+    asked = np.setdiff1d(np.arange(len(good)), list(labels))
+    right = np.array(audit.verdicts) == np.where(good, "expert", "adversary")
+    return model, {
+        "seconds": seconds,
+        "identifiable": audit.identifiable,
+        "auroc": float(roc_auc_score(good[asked], audit.log_odds[asked])),
+        "wrong": float((~right[asked]).mean()),
+        "prior": audit.prior.mean,
+        "adversary": audit.adversary,
+        "features": model.features_.kind,
+        "expert_proba": [round(float(p), 6) for p in audit.expert_proba[asked]],
+        "good": good[asked].astype(int).tolist(),
+    }
+
+
+def play(policy: Any, env: str, rollouts: int, seed: int) -> float:
+    return rollout(policy, env, n_episodes=rollouts, seed=seed).mean
+
+
+# ---- many jobs, and what is already there ----------------------------------------------------------------------------
+
+
+class Results:
+    """Rows of one configuration by their key, kept in a file of JSON lines that only grows."""
+
+    def __init__(self, path: Path, configurations: dict[str, Row]) -> None:
+        self.path, self.configurations = path, configurations
+        self.rows: dict[Key, Row] = {}
+        text = path.read_bytes() if path.exists() else b""
+        whole = text[: text.rfind(b"\n") + 1]
+        if whole != text:  # a run was broken off within a line
+            with path.open("r+b") as file:
+                file.truncate(len(whole))
+        for number, line in enumerate(whole.decode().splitlines(), 1):
+            try:
+                self._keep(json.loads(line))
+            except (json.JSONDecodeError, KeyError):
+                raise SystemExit(f"{path}, line {number}: no row of results; delete the line, or the file.") from None
+
+    def _keep(self, row: Row) -> None:
+        same = row["configuration"] == self.configurations.get(row["method"])
+        if same and "error" not in row:  # what failed is tried again
+            self.rows[row["env"], row["kind"], row["share"], row["seed"], row["method"]] = row
+
+    def add(self, row: Row) -> None:
+        row = {"configuration": self.configurations[row["method"]]} | row
+        self._file.write(json.dumps(row) + "\n")
+        self._file.flush()
+        self._keep(row)
+
+    def __enter__(self) -> Results:
+        self._file = self.path.open("a")
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._file.close()
+
+
+def work(every: list[Job], results: Results, options: argparse.Namespace) -> None:
+    """Do what is not done yet, and say on stderr how far it is."""
+    todo = [
+        Job(job.env, job.kind, job.share, job.seed, missing)
+        for job in every
+        if (missing := tuple(key[-1] for key in job.keys if key not in results.rows))
+    ]
+    begun = said = time.perf_counter()
+    for done, rows in enumerate(answers(todo, options), 1):
+        for row in rows:
+            results.add(row)
+            if "error" in row:
+                print(
+                    "failed:",
+                    *(row[name] for name in ("env", "kind", "share", "seed", "method", "error")),
+                    file=sys.stderr,
+                )
+        if time.perf_counter() - said > 30 or done == len(todo):
+            said = time.perf_counter()
+            print(f"{done} of {len(todo)} jobs in {said - begun:.0f} s", file=sys.stderr, flush=True)
+
+
+def answers(todo: list[Job], options: argparse.Namespace) -> Iterator[list[Row]]:
+    if options.processes < 2 or len(todo) < 2:
+        yield from (run(job, options.rollouts) for job in todo)
+        return
+    pool = ProcessPoolExecutor(options.processes, multiprocessing.get_context("spawn"))
+    try:
+        for future in as_completed([pool.submit(run, job, options.rollouts) for job in todo]):
+            yield future.result()
+    finally:
+        pool.shutdown(cancel_futures=True)
+
+
+def cores() -> int:
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+# ---- what the rows say -----------------------------------------------------------------------------------------------
+
+
+def summary(rows: list[Row], n_wanted: int) -> Row:
+    """Cells, each against the goals, and methods over the cells in which the answer can be known."""
+    references = {(row["env"], row["seed"]): row for row in rows if row["method"] == REFERENCE}
+    rows = [row | normalised(row, references) for row in rows if row["method"] != REFERENCE]
+    places = list(dict.fromkeys(map(place, rows)))
+    cells = [cell([row for row in rows if place(row) == at]) for at in places]
+    goals = {
+        goal: [name_of(cell) for cell in cells if goal in cell["missed"]]
+        for goal in ("return", "AUROC", "verdicts", "ambiguous")
+    }
+    missing = n_wanted - len(rows) - len(references)
+    reached = missing == 0 and not any(goals.values())
+    return {"reached": reached, "missing": missing, "missed": goals, "cells": cells, "methods": methods(rows)}
+
+
+def place(row: Row) -> tuple[str, str, int]:
+    return row["env"], row["kind"], row["share"]
+
+
+def name_of(cell: Row) -> str:
+    return f"{cell['env']} {cell['kind']} {cell['share']} %"
+
+
+def normalised(row: Row, references: dict[tuple[str, int], Row]) -> Row:
+    """0 plays like uniform actions, 1 like the oracle; nothing where the oracle itself is no better than they are."""
+    against = references.get((row["env"], row["seed"]))
+    if against is None or "return" not in row or against["oracle"] <= against["random"]:
+        return {}
+    return {"normalised": (row["return"] - against["random"]) / (against["oracle"] - against["random"])}
+
+
+def cell(rows: list[Row]) -> Row:
+    """Means over the draws of one cell with 95 % t intervals, which goals they miss, and the seeds of draws that do."""
+    alone = [row for row in rows if row["method"] == OURS]
+    hopeless = unknowable(rows[0]["kind"], rows[0]["share"])
+    scored = [row for row in rows if row["method"] == LABELLED] if hopeless else alone
+    found: Row = dict(zip(("env", "kind", "share"), place(rows[0]), strict=True)) | {
+        "unknowable": hopeless,
+        "draws": len(scored),
+        "ambiguous": sum(not row["identifiable"] for row in alone),
+        "unlabelled_draws": len(alone),
+        "return": mean_of(scored, "normalised"),
+        "auroc": mean_of(scored, "auroc"),
+        "wrong": mean_of(scored, "wrong"),
+        "prior": mean_of(scored, "prior"),
+        "brier": float(np.mean([brier(row) for row in scored])) if scored else None,
+        "seconds": float(np.median([row["seconds"] for row in scored])) if scored else None,
+        "adversaries": counts(scored, "adversary"),
+        "features": counts(scored, "features"),
+    }
+    means = {name: seen["mean"] for name in ("return", "auroc", "wrong") if (seen := found[name]) is not None}
+    guessed = [row["seed"] for row in alone if hopeless and row["identifiable"]]
+    found["missed"] = goals_missed(means) + ["ambiguous"] * (len(guessed) > 0)
+    behind = [row["seed"] for row in scored if goals_missed(row | {"return": row.get("normalised", -np.inf)})]
+    found["seeds"] = sorted({*guessed, *behind})
+    return found
+
+
+def goals_missed(scores: Row) -> list[str]:
+    """Of a normalised return, an AUROC and a share of wrong verdicts; up to rounding, and none is none reached."""
+    return [
+        goal
+        for goal, missed in (
+            ("return", scores.get("return", -np.inf) < RETURN - 1e-9),
+            ("AUROC", scores.get("auroc", -np.inf) < AUROC - 1e-9),
+            ("verdicts", scores.get("wrong", np.inf) > WRONG + 1e-9),
+        )
+        if missed
+    ]
+
+
+def mean_of(rows: list[Row], name: str) -> Row | None:
+    values = np.array([row[name] for row in rows if name in row])
+    if not len(values):
+        return None
+    seen = Returns.of(values)  # the t interval that returns have
+    low, high = seen.ci95 if len(values) > 1 else (None, None)
+    return {"mean": seen.mean, "low": low, "high": high, "min": float(values.min()), "max": float(values.max())}
+
+
+def brier(row: Row) -> float:
+    return float(np.mean(np.square(np.array(row["expert_proba"]) - row["good"])))
+
+
+def counts(rows: list[Row], name: str) -> dict[str, int]:
+    values = [row[name] for row in rows]
+    return {value: values.count(value) for value in dict.fromkeys(values)}
+
+
+def methods(rows: list[Row]) -> list[Row]:
+    """Every method over the cells that can be known, on the draws that the peers have too."""
+    names = [name for name in dict.fromkeys(row["method"] for row in rows) if name != LABELLED]
+    draws = [{(*place(row), row["seed"]) for row in rows if row["method"] == name} for name in names]
+    shared = {draw for draw in set.intersection(*draws) if not unknowable(*draw[1:3])} if len(names) > 1 else set()
+    found = []
+    for name in names if shared else []:
+        mine = [row for row in rows if row["method"] == name and (*place(row), row["seed"]) in shared]
+        per_cell = [[row for row in mine if place(row) == at] for at in dict.fromkeys(map(place, mine))]
+        record: Row = {"method": name, "cells": len(per_cell), "draws": len(mine)}
+        for score in ("auroc", "normalised"):
+            means = [seen["mean"] for rows in per_cell if (seen := mean_of(rows, score)) is not None]
+            record[score] = {"mean": float(np.mean(means)), "worst": float(min(means))} if means else None
+        found.append(record | {"seconds": float(np.median([row["seconds"] for row in mine]))})
+    return found
+
+
+def table(found: Row) -> str:
+    """What `summary` found, for people: means, returns with their 95 % intervals over draws."""
+    lines = [f"{'':47}{'return':>20}{'AUROC':>8}{'wrong':>8}{'prior':>7}{'ambiguous':>11}{'s':>7}  missed"]
+    for cell in found["cells"]:
+        name = f"{name_of(cell)}{', two labels' if cell['unknowable'] else ''}"
+        told = [
+            f"{name:47}{interval(cell['return']):>20}",
+            f"{number(cell['auroc'], '.3f'):>8}{number(cell['wrong'], '.1%'):>8}{number(cell['prior'], '.2f'):>7}",
+            f"{cell['ambiguous']:>8}/{cell['unlabelled_draws']:<2}{cell['seconds'] or 0:7.1f}",
+            f"  {', '.join(cell['missed'])}"
+            + (f" (seeds {', '.join(map(str, cell['seeds']))})" if cell["seeds"] else ""),
+        ]
+        lines.append("".join(told).rstrip())
+    lines.append("")
+    for goal, words in GOALS.items():
+        missed = len(found["missed"][goal])
+        lines.append(f"{words}: " + (f"missed in {missed} of {len(found['cells'])} cells" if missed else "reached"))
+    if found["missing"]:
+        lines.append(f"{found['missing']} pieces of work are not done, or failed")
+    if found["methods"]:
+        lines += ["", f"{'where it can be known':34}{'AUROC':>8}{'worst':>8}{'return':>8}{'worst':>8}{'s':>8}"]
+    for method in found["methods"]:
+        scores = [number(method[score], ".3f", of) for score in ("auroc", "normalised") for of in ("mean", "worst")]
+        lines.append(f"{method['method']:34}{''.join(f'{score:>8}' for score in scores)}{method['seconds']:8.2f}")
+    return "\n".join(lines)
+
+
+def number(seen: Row | None, form: str, of: str = "mean") -> str:
+    return "–" if seen is None else format(seen[of], form)
+
+
+def interval(seen: Row | None) -> str:
+    around = "" if seen is None or seen["low"] is None else f" ({seen['low']:.2f}, {seen['high']:.2f})"
+    return number(seen, ".3f") + around
+
+
+def heat_map(cells: list[Row], path: Path) -> Any:
+    """Three panels, a row for each environment and share, a column for each kind; the darker the worse."""
+    from matplotlib.figure import Figure
+    from matplotlib.patches import Rectangle
+
+    kinds = [kind for kind in KINDS if any(cell["kind"] == kind for cell in cells)]
+    rows = list(dict.fromkeys((cell["env"], cell["share"]) for cell in cells))
+    # A Figure of our own, not pyplot's: the caller's backend and open figures are left alone.
+    figure = Figure(figsize=(3 + 2.0 * len(kinds), 1.7 + 0.4 * len(rows)), layout="constrained")
+    for ax, (goal, name, form, best, worst) in zip(figure.subplots(1, 3, sharey=True), PANELS, strict=True):
+        badness = np.full((len(rows), len(kinds)), np.nan)
+        for cell in cells:
+            i, j = rows.index((cell["env"], cell["share"])), kinds.index(cell["kind"])
+            if cell[name] is not None:
+                badness[i, j] = np.clip((cell[name]["mean"] - best) / (worst - best), 0, 1)
+            text, guessed = number(cell[name], form), cell["unlabelled_draws"] - cell["ambiguous"]
+            wrong_guess = goal == "verdicts" and "ambiguous" in cell["missed"]
+            ax.text(
+                j,
+                i,
+                f"{text}\n{guessed} guessed" if wrong_guess else text,
+                ha="center",
+                va="center",
+                fontsize=7,
+                color="white" if badness[i, j] > 0.6 else "black",
+            )
+            if wrong_guess or goal in cell["missed"]:
+                frame = Rectangle((j - 0.45, i - 0.43), 0.9, 0.86, fill=False, edgecolor="#b00020", linewidth=1.5)
+                ax.add_patch(frame)
+        ax.imshow(badness, cmap="YlOrBr", vmin=0, vmax=1, aspect="auto")
+        starred = [f"{kind}*" if any(c["unknowable"] for c in cells if c["kind"] == kind) else kind for kind in kinds]
+        ax.set_xticks(range(len(kinds)), starred, rotation=35, ha="right", rotation_mode="anchor")
+        ax.set_yticks(range(len(rows)), [f"{env}, {share} % bad" for env, share in rows])
+        ax.tick_params(length=0, labelsize=8)
+        ax.spines[:].set_visible(False)
+        ax.set_title(f"Goal: {GOALS[goal]}", fontsize=9)
+    figure.supxlabel(
+        "Means over draws; framed where the goal is missed; * with one label of each sort from a share of one half",
+        fontsize=8,
+    )
+    figure.savefig(path, dpi=130)
+    return figure
+
+
+PANELS = (
+    ("return", "return", ".2f", 1.0, 0.5),
+    ("AUROC", "auroc", ".3f", 1.0, 0.8),
+    ("verdicts", "wrong", ".1%", 0.0, 0.2),
+)
+"""Goal, score, its format, and what is shown palest and darkest."""
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

@@ -1,0 +1,235 @@
+"""The paper's tables and figures: what is printed is what was played, whoever plays it."""
+
+from __future__ import annotations
+
+import copy
+import json
+import re
+import struct
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from scipy import stats
+from scipy.special import expit, logit
+
+from rpil import BehavioralCloning, Demonstrations, rollout, simulate
+from rpil.errors import DataError, MissingExtraError
+from rpil.experts import expert
+from rpil.reproduce import EXPERIMENTS, METHODS, PaperRecipe, draw, run
+from rpil.reproduce.experiments import NAMES, ORACLE, OURS, RAW_ORACLE, RECIPE
+from rpil.reproduce.tables import commit, one_draw, wrong
+
+CAR = "MountainCar-v0"
+SMALL = {"draws": 2, "rollouts": 3, "seed": 4, "environments": [CAR]}
+
+
+def data(env_id=CAR, kind="corrupted", seed=0):
+    made = simulate(env_id, kind, n_good=10, n_bad=10, seed=seed)
+    return Demonstrations.from_episodes(made.episodes), made.is_good == 1
+
+
+@pytest.fixture(scope="module")
+def told():
+    return []
+
+
+@pytest.fixture(scope="module")
+def found(told):
+    return run(**SMALL, progress=lambda done, n: told.append((done, n)))
+
+
+def test_the_experiments_are_the_papers():
+    cells = [(e.table, e.env_id.split("-")[0], e.kind) for e in EXPERIMENTS]
+    kinds = ("corrupted", "random")
+    pairs = [(env, kind) for env in ("MountainCar", "LunarLander", "Acrobot") for kind in kinds]
+    assert cells == [(n, *pair) for n, pair in enumerate(pairs, start=1)]
+    assert [e.prior for e in EXPERIMENTS] == [0.2, 0.2, 0.5, 0.5, 0.75, 0.75]
+
+
+def test_progress(found, told):
+    assert told == [(1, 2), (2, 2)]
+
+
+def test_a_table_is_the_statistics_of_its_draws(found):
+    for table in found.tables:
+        rows = [row for row in found.draws if row["table"] == table["table"]]
+        assert [row["seed"] for row in rows] == table["seeds"] == [4, 5]
+        assert set(table["policies"]) == {*METHODS, "expert", ORACLE, RAW_ORACLE}
+        for name, policy in table["policies"].items():
+            means = [row["returns"][name]["mean"] for row in rows]
+            low, high = stats.t.interval(0.95, 1, np.mean(means), stats.sem(means))
+            assert policy["mean"] == pytest.approx(np.mean(means))
+            assert 2 * policy["half_width"] == pytest.approx(high - low)
+            assert (policy["worst"], policy["best"]) == (min(means), max(means))
+            assert policy["paper_way"] == rows[0]["returns"][name]["paper_way"]
+        for name in (RECIPE, OURS):
+            proba = np.array([expit(row["log_odds"][name]) for row in rows])
+            far = np.abs(proba - [row["is_good"] for row in rows]) >= 0.5
+            assert table["policies"][name]["wrong"] == far.sum()
+
+
+def test_returns_are_those_of_the_rollouts(found):
+    played = rollout(expert(CAR), CAR, n_episodes=3, seed=4).returns
+    first = found.draws[0]["returns"]["expert"]
+    assert first["mean"] == pytest.approx(played.mean())
+    assert first["paper_way"]["mean"] == pytest.approx(played.mean())
+    assert first["paper_way"]["half_width"] == pytest.approx(stats.t.ppf(0.975, 2) * stats.sem(played))
+
+
+def test_the_papers_way_is_twenty_rollouts_of_however_many():
+    (row, _) = one_draw(CAR, 0, 25, {})
+    played = rollout(expert(CAR), CAR, n_episodes=25, seed=0).returns
+    assert row["returns"]["expert"]["mean"] == pytest.approx(played.mean())
+    assert row["returns"]["expert"]["paper_way"]["mean"] == pytest.approx(played[:20].mean())
+
+
+def test_oracles_do_not_depend_on_what_the_bad_ones_do(found):
+    corrupted, random = (t["policies"] for t in found.tables)
+    for name in ("expert", ORACLE, RAW_ORACLE):
+        assert {k: v for k, v in corrupted[name].items() if k != "printed"} == random[name]
+    assert corrupted[OURS]["wrong"] == random[OURS]["wrong"] == 0
+    assert corrupted[OURS]["mean"] == pytest.approx(corrupted[ORACLE]["mean"], abs=3)
+
+
+def test_same_seed_same_numbers_in_whichever_process(found):
+    again = run(**SMALL, processes=2)
+    assert (again.draws, again.tables) == (found.draws, found.tables)
+
+
+def test_what_is_written(found, tmp_path):
+    stored = json.loads(json.dumps(found.to_dict()))
+    assert stored["tables"] == found.tables
+    assert stored["draws"] == found.draws
+    assert {"python", "rpil", "numpy", "scikit-learn", "gymnasium"} <= set(stored["versions"])
+    assert stored["commit"] == commit()
+    assert commit() is None or re.fullmatch(r"[0-9a-f]{7,40}(-dirty)?", commit())
+    found.write(tmp_path / "new")
+    written = (tmp_path / "new" / "tables.md").read_text(encoding="utf-8")
+    tables = written.split("## ")[1:]
+    assert [t.splitlines()[0] for t in tables] == [
+        f"Table {n}. {CAR}, {kind}: 2 draws, 3 rollouts a policy" for n, kind in ((1, "corrupted"), (2, "random"))
+    ]
+    lines = {line.split("|")[1].strip(): line for line in tables[0].splitlines() if line.startswith("|")}
+    assert "| -132.00 |" in lines["trust all (raw: LogReg)"]
+    assert "| -104.45 |" in lines["the paper's recipe (raw)"]
+    assert lines["the paper's recipe (raw)"].endswith("| 0/40 |")
+    oracle = found.tables[0]["policies"][ORACLE]
+    assert f"| {oracle['mean']:.1f} ± {oracle['half_width']:.1f} |" in lines[NAMES[ORACLE]]
+    widths = {len(line) for line in found.text().splitlines() if line and not line.startswith("Table")}
+    assert len(widths) == 1
+
+
+def test_more_methods_learn_from_the_same_and_are_told_nothing_else(found):
+    seen = []
+
+    def other(demonstrations, experiment, seed):
+        seen.append((demonstrations, experiment.table, seed))
+        return BehavioralCloning().fit(demonstrations)
+
+    more = run(**SMALL, methods={"other": other, "ranks only": lambda *told: None})
+    assert [told[1:] for told in seen] == [(1, 4), (2, 4), (1, 5), (2, 5)]
+    assert all(type(told[0]) is Demonstrations for told in seen)
+    np.testing.assert_array_equal(seen[1][0].observations, data(kind="random", seed=4)[0].observations)
+    assert set(more.tables[0]["policies"]) == {"other", "expert", ORACLE, RAW_ORACLE}
+    assert more.tables[0]["policies"][ORACLE] == found.tables[0]["policies"][ORACLE]
+    assert "other" in more.text()
+
+
+@pytest.mark.parametrize(
+    ("change", "match"),
+    [
+        ({"draws": 1}, "two draws of the data or more, not 1: raise"),
+        ({"rollouts": 1}, "two rollouts or more, not 1: raise"),
+        ({"environments": ["CartPole-v1"]}, "no environment 'CartPole-v1': choose from Mount"),
+    ],
+)
+def test_errors(change, match):
+    with pytest.raises(DataError, match=match):
+        run(**SMALL | change)
+
+
+def test_an_error_of_another_process_arrives():
+    error = MissingExtraError("Playing", "gym")
+    assert str(copy.copy(error)) == str(error)  # as pickling does
+
+
+def test_a_coin_toss_is_wrong():
+    assert wrong([0.9, 0.5, 0.1, 0.5, 0.6], np.array([1, 1, 0, 0, 0])) == 3
+
+
+# --- the recipe -----------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("kind", ["corrupted", "random"])
+def test_the_recipe_is_a_fixed_point_of_the_papers_equations(kind):
+    demonstrations, good = data(kind=kind)
+    model = PaperRecipe(0.2).fit(demonstrations)
+    assert wrong(model.expert_proba_, good) == 0
+    # M-step: nothing but a weighted fit of the expert's term
+    weight = np.repeat(model.expert_proba_, demonstrations.lengths)
+    fit = BehavioralCloning("raw", C=1e6).fit(demonstrations, sample_weight=weight)
+    observations, actions = demonstrations.observations, demonstrations.actions
+    np.testing.assert_allclose(model.predict_proba(observations), fit.predict_proba(observations), atol=1e-3)
+    # E-step: the raw complement, the given prior, sums of logs
+    taken = model.predict_proba(observations)[np.arange(len(actions)), actions]
+    log_odds = logit(0.2) + np.add.reduceat(np.log(taken) - np.log1p(-taken), demonstrations.offsets[:-1])
+    np.testing.assert_allclose(model.log_odds_, log_odds, rtol=1e-6)
+
+
+def test_one_newton_step_a_time_can_lose_everybody():
+    demonstrations, good = data("LunarLander-v3", seed=116)
+    assert PaperRecipe(newton=1).fit(demonstrations).expert_proba_.max() < 0.5
+    assert wrong(PaperRecipe().fit(demonstrations).expert_proba_, good) == 0
+
+
+def test_the_recipe_starts_from_everybody_and_stops_in_time():
+    demonstrations, _ = data()
+    start, early, late = (PaperRecipe(0.2, max_iter=n).fit(demonstrations) for n in (0, 1, 101))
+    pooled = BehavioralCloning("raw", C=1e6).fit(demonstrations)
+    np.testing.assert_allclose(start.coef_, pooled.coef_, rtol=1e-2, atol=1e-2)
+    assert (start.n_iter_, early.n_iter_) == (0, 1)
+    assert 1 < late.n_iter_ < 101
+    with pytest.raises(DataError, match=r"prior 2\.0 is no probability"):
+        PaperRecipe(2.0).fit(demonstrations)
+
+
+# --- the figures ----------------------------------------------------------------------------------------------------
+
+
+def test_figures(found, tmp_path):
+    told = []
+    paths = draw(tmp_path / "figures", found.draws, seed=4, progress=told.append)
+    assert [p.name.split("-")[1] for p in paths[:-1]] == list("1234567")
+    assert paths[-1].name == "weights.png"
+    assert sorted(paths) == sorted((tmp_path / "figures").iterdir())
+    assert len(told) == len(paths)
+    for path in paths:
+        head = path.read_bytes()[:24]
+        assert head.startswith(b"\x89PNG\r\n\x1a\n")
+        width, height = struct.unpack(">II", head[16:24])
+        assert 800 < width < 2000
+        assert 500 < height < 2000
+        assert 10_000 < path.stat().st_size < 500_000
+
+
+def test_colours_are_those_of_actions_even_where_one_is_never_taken():
+    from matplotlib.colors import to_rgba
+
+    from rpil.reproduce.figures import ACTION_COLOURS, _car
+
+    policy = SimpleNamespace(predict=lambda observations: np.full(len(observations), 2))
+    figure = _car([("right only", policy, np.zeros((3, 2)), np.array([2, 2, 2]))])
+    (ax,) = figure.axes
+    for drawn in (*ax.images, *ax.collections):
+        for action, colour in enumerate(ACTION_COLOURS):
+            assert drawn.cmap(drawn.norm(action)) == to_rgba(colour)
+
+
+def test_no_folder_is_made_of_a_file(found, tmp_path):
+    (tmp_path / "file").write_text("mine")
+    with pytest.raises(DataError, match="it is a file; give the path of a folder"):
+        draw(tmp_path / "file", found.draws)
+    with pytest.raises(DataError, match="the folder cannot be made"):
+        found.write(tmp_path / "file" / "below")
+    assert (tmp_path / "file").read_text() == "mine"

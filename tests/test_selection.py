@@ -1,0 +1,146 @@
+"""Features are chosen by the trusted, for their actions, and the same every time."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from rpil.cloning import BehavioralCloning
+from rpil.demonstrations import Demonstrations
+from rpil.estimators import RPIL
+from rpil.features import RIDGE_PER_STEP, FeatureMap
+from rpil.selection import RIDGES, Choice, _median, choose
+
+
+def told(rule, n_demonstrations: int = 8, n_steps: int = 120, seed: int = 0):
+    """Demonstrations of a rule on two observations: observations, actions, offsets."""
+    rng = np.random.default_rng(seed)
+    observations = rng.normal(size=(n_demonstrations * n_steps, 2))
+    return observations, rule(observations).astype(int), np.arange(n_demonstrations + 1) * n_steps
+
+
+def straight(o):
+    return o @ [1.0, -2.0] > 0.3
+
+
+def curved(o):
+    return o[:, 0] * o[:, 1] > 0.0
+
+
+def wavy(o):
+    return np.sin(4 * o[:, 0]) > 0.0
+
+
+@pytest.mark.parametrize(("rule", "kinds"), [(straight, {"raw"}), (curved, {"poly"}), (wavy, {"spline", "nystroem"})])
+@pytest.mark.parametrize("seed", [0, 1])
+def test_the_kind_that_can_follow_the_rule_is_chosen(rule, kinds, seed):
+    observations, codes, offsets = told(rule, seed=seed)
+    found = choose(observations, codes, offsets, np.ones(len(codes)), 2)
+    assert found.kind in kinds
+    assert found.ridge in RIDGES
+
+
+def test_the_untrusted_do_not_choose():
+    observations, codes, offsets = told(curved, 16)
+    bad = np.arange(len(codes)) >= offsets[4]  # three of four demonstrations follow another rule
+    codes = np.where(bad, wavy(observations), codes)
+    everyone = choose(observations, codes, offsets, np.ones(len(codes)), 2)
+    trusted = choose(observations, codes, offsets, np.where(bad, 0.0, 1.0), 2)
+    hardly = choose(observations, codes, offsets, np.where(bad, 0.05, 1.0), 2)
+    assert trusted.kind == hardly.kind == "poly"
+    assert everyone.kind != "poly"
+
+
+def test_a_demonstration_like_no_other_does_not_choose():
+    observations, codes, offsets = told(curved, 9)
+    observations[offsets[8] :] += 30.0  # where nobody else was, and with random actions
+    codes[offsets[8] :] = np.random.default_rng(1).integers(2, size=120)
+    assert choose(observations, codes, offsets, np.ones(len(codes)), 2).kind in ("poly", "nystroem")
+
+
+@pytest.mark.parametrize("n_demonstrations", [1, 2, 3])
+def test_few_demonstrations_are_enough(n_demonstrations):
+    observations, codes, offsets = told(curved, n_demonstrations, 300)
+    assert choose(observations, codes, offsets, np.ones(len(codes)), 2).kind == "poly"
+
+
+def test_few_steps_are_enough():
+    found = choose(np.arange(6.0)[:, None], np.array([0, 0, 0, 1, 1, 1]), np.array([0, 3, 6]), np.ones(6), 2)
+    assert isinstance(found, Choice)
+
+
+def test_a_noisy_rule_makes_a_policy_less_sure():
+    observations, codes, offsets = told(straight)
+    noisy = np.random.default_rng(0).uniform(size=len(codes)) < 0.4
+    noise = np.where(noisy, np.random.default_rng(1).integers(2, size=len(codes)), codes)
+    data = Demonstrations.from_arrays(observations, noise, offsets)
+    model = BehavioralCloning("auto").fit(data)
+    proba = model.predict_proba(observations)
+    right = model.predict(observations) == noise
+    assert abs(proba.max(axis=1).mean() - right.mean()) < 0.05  # as often right as it says
+    assert np.mean(model.predict(observations) == straight(observations)) > 0.95
+
+
+def test_cloning_takes_what_is_chosen():
+    observations, codes, offsets = told(curved)
+    data = Demonstrations.from_arrays(observations, codes, offsets)
+    chosen = choose(observations, codes, offsets, np.ones(len(codes)), 2)
+    model = BehavioralCloning("auto").fit(data)
+    assert (model.features_.kind, model.features_.ridge_per_step) == (chosen.kind, chosen.ridge)
+    fixed = BehavioralCloning("poly").fit(data)
+    assert fixed.features_.ridge_per_step == RIDGE_PER_STEP
+    assert np.mean(model.predict(observations) == codes) > 0.97
+    rows = BehavioralCloning("auto").fit(observations, codes)  # every row is held out on its own
+    assert rows.features_.kind == "poly"
+
+
+def test_a_given_ridge_is_kept():
+    observations, codes, offsets = told(curved)
+    data = Demonstrations.from_arrays(observations, codes, offsets)
+    model = BehavioralCloning("auto", C=0.5).fit(data)
+    expected = BehavioralCloning(model.features_.kind, C=0.5).fit(data)
+    np.testing.assert_array_equal(model.predict(observations), expected.predict(observations))
+    ratio = model.policy_.weights / expected.policy_.weights
+    np.testing.assert_allclose(ratio, ratio[0, 0])  # but for the temperature
+
+
+def test_the_trusted_choose_in_rpil_and_twice_the_same():
+    observations, codes, offsets = told(curved, 14)
+    rng = np.random.default_rng(3)
+    bad = np.arange(len(codes)) >= offsets[8]
+    codes = np.where(bad, rng.integers(2, size=len(codes)), codes)
+    data = Demonstrations.from_arrays(observations, codes, offsets)
+    model = RPIL("auto", search_features="poly").fit(data)
+    assert model.audit_.verdicts == ("expert",) * 8 + ("adversary",) * 6
+    assert model.features_.kind == "poly"
+    assert any("poly" in sentence for sentence in model.audit_.assumptions)
+    again = RPIL("auto", search_features="poly").fit(data)
+    np.testing.assert_array_equal(again.policy_.weights, model.policy_.weights)
+
+
+def test_wide_kinds_are_left_out():
+    rng = np.random.default_rng(0)
+    observations = rng.normal(size=(400, 120))
+    codes = (observations[:, 0] > 0).astype(int)
+    found = choose(observations, codes, np.arange(0, 401, 50), np.ones(400), 2)
+    assert found.kind in ("raw", "folded", "nystroem")
+
+
+@pytest.mark.parametrize(
+    ("values", "weight", "expected"),
+    [([3.0, 1.0, 2.0], [1, 1, 1], 2.0), ([1.0, 2.0, 3.0, 10.0], [1, 1, 1, 1], 2.5), ([1.0, 5.0], [1, 9], 5.0)],
+)
+def test_median(values, weight, expected):
+    assert _median(np.array(values), np.array(weight, dtype=float)) == expected
+
+
+def test_nystroem_approximates_the_kernel():
+    """With every row a landmark the features' inner products are the kernel."""
+    rows = np.random.default_rng(0).normal(size=(60, 3))
+    found = FeatureMap.fit("nystroem", rows)
+    columns = found.design(rows)[:, 6:-1] * found.scale[6:] + found.center[6:]
+    z = (rows - rows.mean(axis=0)) / rows.std(axis=0)
+    folded = np.hstack([z, np.abs(z)])
+    squared = ((folded[:, None] - folded[None]) ** 2).sum(axis=2)
+    np.testing.assert_allclose(columns @ columns.T, np.exp(-0.1 / 6 * squared), atol=1e-6)
+    np.testing.assert_array_equal(found.design(rows), FeatureMap.fit("nystroem", rows).design(rows))
