@@ -13,7 +13,7 @@ from functools import partial
 import numpy as np
 
 from rpil.adversaries import Adversary, Marginal, adversary
-from rpil.em import MStep, Problem, Result, State, e_step, m_step, run
+from rpil.em import MStep, Problem, Result, State, e_step, lower_bound, m_step, run
 from rpil.parallel import in_parallel
 from rpil.passes import Array
 from rpil.policies import Policy
@@ -23,11 +23,11 @@ from rpil.reliability import Reliability
 AUTO = ("uniform", "marginal", "normalised complement", "confusion")
 """The adversaries among which ``"auto"`` chooses: distributions, so that their held-out likelihoods compare."""
 
-STICKINESS = (0.5,)
-"""How far steps may go on as the step before, beside not at all."""
+_STICKY = 0.5
+"""Stickiness of the steps when solutions are compared in its light: the more, the less a demonstration tells of rho."""
 
 _CLEARLY = 5.0
-"""Nats by which the evidence has to be better before steps count as sticky."""
+"""Nats a solution must be better by in that light."""
 
 _LIKE_EXPERTS = "like known experts"
 _ASKED = 30
@@ -87,10 +87,7 @@ def fit(
     # With labels the other group may be of one mind too, and larger: only a confusion can keep it from taking over.
     first = "confusion" if problem.labels.any() else "marginal"
     first = candidates[0] if len(candidates) == 1 else first
-    runs = search(problem, setting, first, rng, progress)
-    setting = replace(setting, stickiness=stickiness(problem, runs[0]))
-    if setting.stickiness:  # other optima are the best ones then
-        runs = search(problem, setting, first, rng, progress)
+    runs = _in_runs(problem, setting, first, search(problem, setting, first, rng, progress), rng, progress)
     best = runs[0]
     if len(candidates) == 1:
         return _continue(problem, setting, best), runs
@@ -108,15 +105,36 @@ def fit(
     return results[max(range(len(results)), key=lambda k: (-against[k], scores[k]))], runs
 
 
-def stickiness(problem: Problem, result: Result) -> float:
-    """That with the highest evidence, all else as in `result`; the one of `result` unless another is clearly better."""
+def _in_runs(
+    problem: Problem,
+    setting: Setting,
+    which: str | Adversary,
+    runs: list[Result],
+    rng: np.random.Generator,
+    progress: Progress,
+) -> list[Result]:
+    """`runs`, headed by the solution to which bad steps that come in runs point, should it be another, better one.
 
-    def evidence(value: float) -> float:
-        state = replace(result.state, stickiness=value)
-        return float(e_step(problem, state, result.posterior.log_proba).log_evidence.sum())
+    An independent mixture pays for not knowing which steps are bad, so that a policy wins that is bad in the same
+    situations. Chains do not pay (`rpil.chains`). But they explain a careless expert as well as an adversary, so they
+    only point to an optimum of the independent mixture, and decide between two.
+    """
 
-    gains = [evidence(value) - result.posterior.log_evidence.sum() for value in STICKINESS]
-    return STICKINESS[int(np.argmax(gains))] if max(gains) > _CLEARLY else result.state.stickiness
+    def in_that_light(result: Result) -> float:
+        state = replace(result.state, stickiness=_STICKY)
+        return lower_bound(state, e_step(problem, state, result.posterior.log_proba))
+
+    best = runs[0]
+    if in_that_light(best) < best.objective + _CLEARLY:
+        return runs
+    progress("bad steps in runs")
+    found = search(problem, replace(setting, stickiness=_STICKY), which, rng.spawn(1)[0])[0]
+    anew = State(found.state.policy, found.state.adversary, setting.prior, setting.reliability)
+    other = _run(problem, setting, anew, found.posterior.log_proba, 3 * _SHORT)
+    better = in_that_light(other) > in_that_light(best) + _CLEARLY
+    if better and _contradicted(problem, setting, other) <= _contradicted(problem, setting, best):
+        return [other, *runs]
+    return runs
 
 
 def starts(problem: Problem, setting: Setting, rng: np.random.Generator) -> dict[str, Array]:
