@@ -1,8 +1,8 @@
 """Bad steps come in runs: who takes the steps of a demonstration, as a Markov chain of two states.
 
 The first step is the expert's with probability rho. Whoever took a step takes the next one too with probability s, the
-*stickiness*; else it is anybody's again, the expert's with probability rho. So rho is the expected share of the expert's
-steps whatever s is, and s = 0 is the independent mixture of `rpil.em`.
+*stickiness*; else it is anybody's again, the expert's with probability rho. So rho is the expected share of the
+expert's steps whatever s is, and s = 0 is the independent mixture of `rpil.em`.
 
 Demonstrations are sorted by length and go side by side: the loop is over time, an array holds all demonstrations and
 all reliabilities. Filtered probabilities are normalised at every step, so that no length under- or overflows
@@ -18,7 +18,7 @@ import numpy as np
 
 from rpil.passes import Array
 
-_ENTRIES = 1 << 21
+_ENTRIES = 1 << 18
 """Steps times reliabilities whose probabilities are in memory at a time."""
 
 _ABREAST = 1 << 13

@@ -201,9 +201,7 @@ def evidence_by_reliability(
     return total.T
 
 
-def expert_steps(
-    problem: Problem, log_ratio: Array, by_node: Array, nodes: Array, stickiness: float = 0.0
-) -> Array:
+def expert_steps(problem: Problem, log_ratio: Array, by_node: Array, nodes: Array, stickiness: float = 0.0) -> Array:
     """P(the step is the expert's), (N,), with the posterior `by_node` (M, J) over the reliabilities of the grid."""
     if stickiness:
         return chains.expert_steps(_weighted(problem, log_ratio), problem.offsets, by_node, nodes, stickiness)
