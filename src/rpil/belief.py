@@ -64,7 +64,8 @@ class Belief:
 def evidence(problem: Problem, state: State, log_proba: Array) -> Array:
     """log p(D_m | rho_j) of every demonstration, (M, J)."""
     log_psi = state.adversary.log_prob(problem.features, log_proba, problem.actions)
-    return evidence_by_reliability(problem, problem.taken(log_proba), log_psi, state.reliability.nodes)
+    log_pi, nodes = problem.taken(log_proba), state.reliability.nodes
+    return evidence_by_reliability(problem, log_pi, log_psi, nodes, state.stickiness)
 
 
 def believe(problem: Problem, result: Result) -> tuple[Belief, Array]:

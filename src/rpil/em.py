@@ -5,7 +5,8 @@ group's Beta; each of its actions is the expert's with probability rho_m, else t
 
     p(D_m) = sum_z p(z) sum_j P(rho_j | z) prod_n [ rho_j pi(a_n|s_n) + (1 - rho_j) psi(a_n|s_n) ]
 
-The paper's mixture (eq. 7, 9, 11) is this with point masses at rho = 1 and 0. Everything is in logs.
+The paper's mixture (eq. 7, 9, 11) is this with point masses at rho = 1 and 0. Everything is in logs. Where bad steps
+come in runs the product becomes a sum over Markov chains, see `rpil.chains`.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ from typing import Literal
 
 import numpy as np
 
+from rpil import chains
 from rpil.adversaries import Adversary
 from rpil.passes import Array, logsumexp
 from rpil.policies import Policy
@@ -115,12 +117,13 @@ class Problem:
 
 @dataclass(frozen=True, eq=False)
 class State:
-    """The parameters: policy, adversary, P(expert), reliabilities."""
+    """The parameters: policy, adversary, P(expert), reliabilities; and how far steps go on as the step before."""
 
     policy: Policy
     adversary: Adversary
     prior: Prior
     reliability: Reliability
+    stickiness: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -170,8 +173,16 @@ class Result:
         return float(self.history[-1])
 
 
-def evidence_by_reliability(problem: Problem, log_pi: Array, log_psi: Array, nodes: Array) -> Array:
-    """log prod_n [rho pi + (1 - rho) psi] of every demonstration at every rho of the grid, (M, J)."""
+def evidence_by_reliability(
+    problem: Problem, log_pi: Array, log_psi: Array, nodes: Array, stickiness: float = 0.0
+) -> Array:
+    """log prod_n [rho pi + (1 - rho) psi] of every demonstration at every rho of the grid, (M, J).
+
+    With a stickiness it is the sum over chains instead, of likelihoods to the power of the weights.
+    """
+    if stickiness:
+        log_pi, log_psi = _weighted(problem, log_pi), _weighted(problem, log_psi)
+        return chains.log_evidence(log_pi, log_psi, problem.offsets, nodes, stickiness)
     total = np.zeros((len(nodes), problem.n_demonstrations))
     top = np.maximum(log_pi, log_psi)
     share, rest = np.exp(log_pi - top), np.exp(log_psi - top)
@@ -190,8 +201,10 @@ def evidence_by_reliability(problem: Problem, log_pi: Array, log_psi: Array, nod
     return total.T
 
 
-def expert_steps(problem: Problem, log_ratio: Array, by_node: Array, nodes: Array) -> Array:
+def expert_steps(problem: Problem, log_ratio: Array, by_node: Array, nodes: Array, stickiness: float = 0.0) -> Array:
     """P(the step is the expert's), (N,), with the posterior `by_node` (M, J) over the reliabilities of the grid."""
+    if stickiness:
+        return chains.expert_steps(_weighted(problem, log_ratio), problem.offsets, by_node, nodes, stickiness)
     inside = (nodes > 0.0) & (nodes < 1.0)  # at 0 no step is the expert's, at 1 every one is
     out = problem.spread(by_node[:, nodes == 1.0].sum(axis=1))
     if not inside.any():
@@ -209,12 +222,16 @@ def expert_steps(problem: Problem, log_ratio: Array, by_node: Array, nodes: Arra
     return np.clip(out, 0.0, 1.0)
 
 
+def _weighted(problem: Problem, values: Array) -> Array:
+    return values if problem.weight is None else values * problem.weight
+
+
 def e_step(problem: Problem, state: State, log_proba: Array, beta: float = 1.0) -> Posterior:
     """Posterior over groups, reliabilities and steps, with the likelihood to the power `beta`."""
     log_pi = problem.taken(log_proba)
     log_psi = state.adversary.log_prob(problem.features, log_proba, problem.actions)
     nodes = state.reliability.nodes
-    evidence = evidence_by_reliability(problem, log_pi, log_psi, nodes)
+    evidence = evidence_by_reliability(problem, log_pi, log_psi, nodes, state.stickiness)
     log_joint = state.prior.log(problem.lengths)[:, :, None] + state.reliability.log_weight + beta * evidence[:, None]
     by_group = logsumexp(log_joint, 2)
     log_odds = by_group[:, EXPERT] - by_group[:, ADVERSARY]
@@ -222,7 +239,7 @@ def e_step(problem: Problem, state: State, log_proba: Array, beta: float = 1.0) 
     log_joint[problem.labels < 0, EXPERT] = -np.inf
     log_evidence = logsumexp(log_joint, (1, 2))
     joint = np.exp(log_joint - log_evidence[:, None, None])
-    step = expert_steps(problem, log_pi - log_psi, joint.sum(axis=1), nodes)
+    step = expert_steps(problem, log_pi - log_psi, joint.sum(axis=1), nodes, state.stickiness)
     return Posterior(log_odds, joint, step, log_evidence, log_pi - log_psi, log_proba)
 
 
@@ -255,6 +272,7 @@ def m_step(
         state.adversary.fit(problem.features, posterior.log_proba, problem.actions, adversary),
         state.prior.fit(posterior.expert, problem.lengths),
         state.reliability.fit(counts),
+        state.stickiness,
     )
     return new, log_proba
 

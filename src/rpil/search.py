@@ -13,7 +13,7 @@ from functools import partial
 import numpy as np
 
 from rpil.adversaries import Adversary, Marginal, adversary
-from rpil.em import MStep, Problem, Result, State, e_step, m_step, run
+from rpil.em import MStep, Problem, Result, State, e_step, lower_bound, m_step, run
 from rpil.parallel import in_parallel
 from rpil.passes import Array
 from rpil.policies import Policy
@@ -22,6 +22,12 @@ from rpil.reliability import Reliability
 
 AUTO = ("uniform", "marginal", "normalised complement", "confusion")
 """The adversaries among which ``"auto"`` chooses: distributions, so that their held-out likelihoods compare."""
+
+_STICKY = 0.5
+"""Stickiness of the steps when solutions are compared in its light: the more, the less a demonstration tells of rho."""
+
+_CLEARLY = 5.0
+"""Nats a solution must be better by in that light."""
 
 _LIKE_EXPERTS = "like known experts"
 _ASKED = 30
@@ -51,6 +57,8 @@ class Setting:
     max_iter : int
     tol : float
         Nats a demonstration.
+    stickiness : float
+        With which the search begins, see `rpil.chains`.
     """
 
     policy: Policy
@@ -62,6 +70,7 @@ class Setting:
     annealing: int = 0
     max_iter: int = 200
     tol: float = 1e-3
+    stickiness: float = 0.0
 
 
 Progress = Callable[[str], None]
@@ -77,7 +86,8 @@ def fit(
     """The winning run among `candidates` for the adversary, and every start's run, for those who compare groups."""
     # With labels the other group may be of one mind too, and larger: only a confusion can keep it from taking over.
     first = "confusion" if problem.labels.any() else "marginal"
-    runs = search(problem, setting, candidates[0] if len(candidates) == 1 else first, rng, progress)
+    first = candidates[0] if len(candidates) == 1 else first
+    runs = _in_runs(problem, setting, first, search(problem, setting, first, rng, progress), rng, progress)
     best = runs[0]
     if len(candidates) == 1:
         return _continue(problem, setting, best), runs
@@ -93,6 +103,38 @@ def fit(
     scores = in_parallel(lambda result: held_out(problem, setting, result, folds), results, problem.features)
     against = [_contradicted(problem, setting, result) for result in results]
     return results[max(range(len(results)), key=lambda k: (-against[k], scores[k]))], runs
+
+
+def _in_runs(
+    problem: Problem,
+    setting: Setting,
+    which: str | Adversary,
+    runs: list[Result],
+    rng: np.random.Generator,
+    progress: Progress,
+) -> list[Result]:
+    """`runs`, headed by the solution to which bad steps that come in runs point, should it be another, better one.
+
+    An independent mixture pays for not knowing which steps are bad, so that a policy wins that is bad in the same
+    situations. Chains do not pay (`rpil.chains`). But they explain a careless expert as well as an adversary, so they
+    only point to an optimum of the independent mixture, and decide between two.
+    """
+
+    def in_that_light(result: Result) -> float:
+        state = replace(result.state, stickiness=_STICKY)
+        return lower_bound(state, e_step(problem, state, result.posterior.log_proba))
+
+    best = runs[0]
+    if in_that_light(best) < best.objective + _CLEARLY:
+        return runs
+    progress("bad steps in runs")
+    found = search(problem, replace(setting, stickiness=_STICKY), which, rng.spawn(1)[0])[0]
+    anew = State(found.state.policy, found.state.adversary, setting.prior, setting.reliability)
+    other = _run(problem, setting, anew, found.posterior.log_proba, 3 * _SHORT)
+    better = in_that_light(other) > in_that_light(best) + _CLEARLY
+    if better and _contradicted(problem, setting, other) <= _contradicted(problem, setting, best):
+        return [other, *runs]
+    return runs
 
 
 def starts(problem: Problem, setting: Setting, rng: np.random.Generator) -> dict[str, Array]:
@@ -135,7 +177,7 @@ def _promising(problem: Problem, setting: Setting, rng: np.random.Generator) -> 
         own = problem.select(np.array([m]))
         policy, _ = _taught(own, setting, np.ones(1))
         log_proba = policy.log_proba(jury.features)
-        state = State(policy, frequent, setting.prior, setting.reliability)
+        state = State(policy, frequent, setting.prior, setting.reliability, setting.stickiness)
         return float(e_step(jury, state, log_proba).log_evidence.sum())
 
     return sorted(asked.tolist(), key=explained, reverse=True)[: setting.n_single]
@@ -160,7 +202,7 @@ def search(
         progress(f"start: {start}")
         policy, log_proba = _taught(problem, setting, weight)
         first = adversary(which, problem.n_actions, setting.ridge)
-        state = State(policy, first, setting.prior, setting.reliability)
+        state = State(policy, first, setting.prior, setting.reliability, setting.stickiness)
         if (
             start != _LIKE_EXPERTS and (weight > 0).mean() < 0.5
         ):  # a few demonstrations grow into the group that agrees with them
