@@ -19,8 +19,8 @@ FILES = sorted(path for path in ROOT.rglob("*.py") if path != ROOT / "__init__.p
 ORDER = [
     "errors", "_arrays", "files", "demonstrations", "formats",
     "passes", "parallel", "features", "solvers", "policies", "adversaries", "priors", "reliability",
-    "chains", "em", "search", "belief", "identify", "audit", "inputs", "selection", "cloning", "estimators", "rment", "persistence",
-    "experts", "corruptions", "environments", "rollouts", "simulation",
+    "chains", "em", "search", "belief", "identify", "audit", "inputs", "selection", "cloning", "estimators", "rment",
+    "persistence", "experts", "corruptions", "environments", "rollouts", "simulation",
     "plots", "report", "data", "demo", "reproduce", "terminal", "cli", "__main__",
 ]
 # fmt: on

@@ -85,8 +85,8 @@ def fit(
 ) -> tuple[Result, list[Result]]:
     """The winning run among `candidates` for the adversary, and every start's run, for those who compare groups."""
     # With labels the other group may be of one mind too, and larger: only a confusion can keep it from taking over.
-    first = "confusion" if problem.labels.any() else "marginal"
-    first = candidates[0] if len(candidates) == 1 else first
+    usual = "confusion" if problem.labels.any() else "marginal"
+    first = candidates[0] if len(candidates) == 1 else usual
     runs = _in_runs(problem, setting, first, search(problem, setting, first, rng, progress), rng, progress)
     best = runs[0]
     if len(candidates) == 1:
@@ -203,9 +203,8 @@ def search(
         policy, log_proba = _taught(problem, setting, weight)
         first = adversary(which, problem.n_actions, setting.ridge)
         state = State(policy, first, setting.prior, setting.reliability, setting.stickiness)
-        if (
-            start != _LIKE_EXPERTS and (weight > 0).mean() < 0.5
-        ):  # a few demonstrations grow into the group that agrees with them
+        few = start != _LIKE_EXPERTS and (weight > 0).mean() < 0.5
+        if few:  # they grow into the group that agrees with them
             agreeing = np.maximum(weight, e_step(problem, state, log_proba).expert)
             policy, log_proba = _taught(problem, setting, agreeing)
             state = replace(state, policy=policy)
