@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 from scipy.special import expit
 
 from rpil.belief import Belief
-from rpil.em import Problem, Result
+from rpil.em import Result
 from rpil.errors import DataError
+from rpil.problem import Problem
 
 SURE = 0.9
 """Probability from which a demonstration is called an expert's, or an adversary's."""

@@ -12,9 +12,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.special import expit
 
-from rpil.em import Problem, Result, State, evidence_by_reliability
+from rpil.em import Result, State, evidence_by_reliability
 from rpil.passes import Array, logsumexp
 from rpil.priors import Prior
+from rpil.problem import Problem
 from rpil.reliability import Alternatives
 
 _NEGLIGIBLE = 12.0
@@ -61,10 +62,10 @@ class Belief:
         return float(weight @ shares), float(low), float(high)
 
 
-def evidence(problem: Problem, state: State, log_proba: Array) -> Array:
+def evidence(problem: Problem, state: State, outputs: Array) -> Array:
     """log p(D_m | rho_j) of every demonstration, (M, J)."""
-    log_psi = state.adversary.log_prob(problem.features, log_proba, problem.actions)
-    log_pi, nodes = problem.taken(log_proba), state.reliability.nodes
+    log_psi = state.adversary.log_prob(problem.features, outputs, problem.actions)
+    log_pi, nodes = state.policy.log_prob(outputs, problem.actions), state.reliability.nodes
     return evidence_by_reliability(problem, log_pi, log_psi, nodes, state.stickiness)
 
 
@@ -74,7 +75,7 @@ def believe(problem: Problem, result: Result) -> tuple[Belief, Array]:
     How trust depends on the length is fitted once more, by EM with everything else summed out.
     """
     state, labels, lengths = result.state, problem.labels, problem.lengths
-    by_node = evidence(problem, state, result.posterior.log_proba)
+    by_node = evidence(problem, state, result.posterior.outputs)
     prior = state.prior
     alternatives = _plausible(state.reliability.alternatives, by_node, prior.log_odds(lengths), labels)
     expert, adversary = (alternatives.log_weight[rows] for rows in alternatives.pairs.T)

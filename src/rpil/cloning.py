@@ -1,4 +1,4 @@
-"""Behavioural cloning, and what every estimator with a softmax policy shares."""
+"""Behavioural cloning, and what every estimator with a policy shares."""
 
 from __future__ import annotations
 
@@ -13,37 +13,64 @@ from threadpoolctl import threadpool_limits
 from rpil.demonstrations import Demonstrations
 from rpil.errors import DataError
 from rpil.features import FeatureMap
-from rpil.inputs import action_codes, observations_and_actions, ridge_of, source_of
-from rpil.policies import SoftmaxPolicy
+from rpil.inputs import coded_actions, known_actions, observations_and_actions, ridge_of, source_of
+from rpil.policies import Policy, linear_policy
+from rpil.problem import Problem
 from rpil.selection import Choice, choose
+from rpil.spaces import Space
 
 Array = NDArray[Any]
 
 
-class SoftmaxClassifier(ClassifierMixin, BaseEstimator):
-    """What both estimators share once they have `classes_`, `features_` and `policy_`."""
+class PolicyEstimator(ClassifierMixin, BaseEstimator):
+    """What all estimators share once they have `space_`, `classes_`, `features_` and `policy_`."""
 
+    space_: Space
     classes_: Array
     features_: FeatureMap
-    policy_: SoftmaxPolicy
+    policy_: Any
     features: str
     C: float | None
     n_features_in_: int
     n_iter_: int
 
     def predict(self, X: ArrayLike) -> Array:
-        """The policy's most likely action in each observation, (N,)."""
-        best = self.predict_log_proba(X).argmax(axis=1)
-        return self.classes_[best]
+        """The policy's most likely action in each observation, (N,), or its mean within the box of actions, (N, A)."""
+        outputs = self._outputs(X)
+        action = self.space_.act(outputs)
+        return self.classes_[action] if len(self.classes_) else action
 
     def predict_proba(self, X: ArrayLike) -> Array:
         """pi(k|s), (N, K), columns in the order of `classes_`."""
         return np.exp(self.predict_log_proba(X))
 
     def predict_log_proba(self, X: ArrayLike) -> Array:
-        """log pi(k|s), (N, K)."""
+        """log pi(k|s), (N, K).
+
+        Raises
+        ------
+        DataError
+            Where actions are continuous.
+        """
         check_is_fitted(self)
-        return self.policy_.log_proba(self.features_.design(validate_data(self, X, reset=False)))
+        if not len(self.classes_):
+            raise DataError("The actions are continuous, so that none has a probability; use log_prob or predict.")
+        return self._outputs(X)
+
+    def log_prob(self, X: ArrayLike, y: ArrayLike) -> Array:
+        """log pi(a|s) of the actions y, (N,) or (N, A), taken in X, (N,): a density where they are continuous.
+
+        Raises
+        ------
+        DataError
+            Where an action is not among `classes_`.
+        """
+        outputs = self._outputs(X)
+        return self.policy_.log_prob(outputs, known_actions(self.classes_, np.asarray(y), "the steps"))
+
+    def _outputs(self, X: ArrayLike) -> Array:
+        check_is_fitted(self)
+        return self.policy_.outputs(self.features_.design(validate_data(self, X, reset=False)))
 
     @property
     def coef_(self) -> Array:
@@ -62,22 +89,21 @@ class SoftmaxClassifier(ClassifierMixin, BaseEstimator):
         """The kind of features that was asked for, or that the trusted choose."""
         if self.features != "auto":
             return Choice(self.features)
-        return choose(data.observations, codes, data.offsets, weight, len(self.classes_), self.C)
+        return choose(data.observations, codes, data.offsets, weight, self.space_, self.C)
 
     def _learn(self, data: Demonstrations, codes: Array, weight: Array, trusted: Array, tol: float) -> None:
         """Choose the features and fit their map, both to the `trusted` (N,) steps, and the policy to all by weight."""
         choice = self._choice(data, codes, weight)
         self.features_ = FeatureMap.fit(choice.kind, data.observations[trusted], weight[trusted], choice.ridge)
-        ridge = ridge_of(self.features_, self.C, weight.sum(), len(self.classes_))
-        targets = np.zeros((len(codes), len(self.classes_)))
-        np.put_along_axis(targets, codes[:, None], weight[:, None], axis=1)
+        ridge = ridge_of(self.features_, self.C, weight.sum(), self.space_)
         used = weight > 0.0
-        policy = SoftmaxPolicy.zero(len(self.classes_), ridge)
-        policy, _ = policy.fit(self.features_.design(data.observations[used]), targets[used], tol=tol)
+        problem = Problem.of_steps(self.features_.design(data.observations[used]), codes[used], self.space_)
+        policy: Policy = linear_policy(self.space_, ridge, weight.sum())
+        policy, _ = policy.learn(problem, weight[used], tol=tol)
         self.policy_ = policy.tempered(choice.temperature)
 
 
-class BehavioralCloning(SoftmaxClassifier):
+class BehavioralCloning(PolicyEstimator):
     """Trust every demonstration alike: softmax regression of actions on observations.
 
     Parameters
@@ -94,7 +120,9 @@ class BehavioralCloning(SoftmaxClassifier):
     Attributes
     ----------
     classes_ : (K,) array
-        The actions.
+        The actions, none where they are continuous.
+    space_ : Discrete or Box
+        What actions there are.
     coef_, intercept_ : arrays
         As scikit-learn's, on the columns of the feature map.
     """
@@ -112,14 +140,14 @@ class BehavioralCloning(SoftmaxClassifier):
         Raises
         ------
         DataError
-            Where the actions are continuous or all the same.
+            Where the actions are all the same.
         """
         data = observations_and_actions(self, X, y)
         weight = _check_sample_weight(sample_weight, data[0], dtype=float, ensure_non_negative=True)
         if not weight.any():
             raise DataError(f"{source_of(X)}: sample_weight is zero everywhere; give at least one step some weight.")
-        self.classes_, codes = action_codes(data[1], source_of(X))
+        rows = X if isinstance(X, Demonstrations) else Demonstrations(*data, np.arange(len(data[0]) + 1))
+        self.space_, self.classes_, codes = coded_actions(rows)
         with threadpool_limits(1, "blas"):  # thin products gain nothing from threads, and can lose a lot
-            rows = X if isinstance(X, Demonstrations) else Demonstrations(*data, np.arange(len(codes) + 1))
             self._learn(rows, codes, weight, weight > 0.0, self.tol)
         return self

@@ -11,8 +11,7 @@ come in runs the product becomes a sum over Markov chains, see `rpil.chains`.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from functools import cached_property
+from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
@@ -22,6 +21,7 @@ from rpil.adversaries import Adversary
 from rpil.passes import Array, logsumexp
 from rpil.policies import Policy
 from rpil.priors import Prior
+from rpil.problem import Problem
 from rpil.reliability import ADVERSARY, EXPERT, Reliability
 
 MStep = Literal["joint", "expert_only"]
@@ -31,88 +31,6 @@ _LARGE = 700.0
 
 _STEADY = 1e-3
 """Changes of a responsibility or reliability, in one iteration, that no verdict notices."""
-
-_BLOCK_STEPS = 2048
-"""Steps whose mixtures over the whole grid of reliabilities are in memory, and in cache, at a time."""
-
-
-@dataclass(frozen=True, eq=False)
-class Problem:
-    """The data of one fit.
-
-    Attributes
-    ----------
-    features : (N, D) array
-        Design matrix, constant in the last column.
-    actions : (N,) int array
-        Codes 0..K-1 of the actions taken.
-    offsets : (M + 1,) int array
-        Demonstration m owns the steps ``offsets[m]:offsets[m + 1]``.
-    n_actions : int
-    labels : (M,) int array
-        1 known expert, -1 known adversary, 0 unknown.
-    weight : (N,) array or None
-        Weight of each step, 1 where None.
-    """
-
-    features: Array
-    actions: Array
-    offsets: Array
-    n_actions: int
-    labels: Array
-    weight: Array | None = None
-
-    @property
-    def n_demonstrations(self) -> int:
-        return len(self.offsets) - 1
-
-    @property
-    def lengths(self) -> Array:
-        return np.diff(self.offsets)
-
-    @cached_property
-    def segments(self) -> list[tuple[slice, slice, Array]]:
-        """Blocks of steps: the steps, the demonstrations they belong to, and where each begins within the block."""
-        found = []
-        for start in range(0, len(self.actions), _BLOCK_STEPS):
-            stop = min(start + _BLOCK_STEPS, len(self.actions))
-            first = int(np.searchsorted(self.offsets, start, side="right")) - 1
-            last = int(np.searchsorted(self.offsets, stop, side="left"))
-            begins = np.maximum(self.offsets[first:last] - start, 0)
-            found.append((slice(start, stop), slice(first, last), begins))
-        return found
-
-    def sum_steps(self, values: Array) -> Array:
-        """Sums over the steps of each demonstration, (N, ...) -> (M, ...)."""
-        return np.add.reduceat(values, self.offsets[:-1], axis=0)
-
-    def spread(self, values: Array) -> Array:
-        """A value of each demonstration, repeated for its steps, (M, ...) -> (N, ...)."""
-        return np.repeat(values, self.lengths, axis=0)
-
-    def taken(self, log_proba: Array) -> Array:
-        """Log-probability of the action taken, (N, K) -> (N,)."""
-        return np.take_along_axis(log_proba, self.actions[:, None], axis=1)[:, 0]
-
-    def one_hot(self, weight: Array) -> Array:
-        """Targets (N, K) with `weight` (N,) on the action taken."""
-        targets = np.zeros((len(self.actions), self.n_actions))
-        np.put_along_axis(targets, self.actions[:, None], weight[:, None], axis=1)
-        return targets
-
-    def select(self, demonstrations: Array, unlabelled: bool = False) -> Problem:
-        """The same problem with some of the demonstrations only."""
-        steps = np.concatenate([np.arange(self.offsets[m], self.offsets[m + 1]) for m in demonstrations])
-        offsets = np.concatenate([[0], np.cumsum(self.lengths[demonstrations])])
-        weight = None if self.weight is None else self.weight[steps]
-        return replace(
-            self,
-            features=self.features[steps],
-            actions=self.actions[steps],
-            offsets=offsets,
-            labels=np.zeros(len(demonstrations), dtype=int) if unlabelled else self.labels[demonstrations],
-            weight=weight,
-        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,8 +60,8 @@ class Posterior:
         log p(D_m), or log p(D_m, label) where there is one.
     log_ratio : (N,) array
         log pi - log psi of the action taken.
-    log_proba : (N, K) array
-        The policy's, carried along so that no M-step computes it twice.
+    outputs : (N, ...) array
+        The policy's, see `rpil.policies.Policy`, carried along so that no M-step computes them twice.
     """
 
     log_odds: Array
@@ -151,7 +69,7 @@ class Posterior:
     step: Array
     log_evidence: Array
     log_ratio: Array
-    log_proba: Array
+    outputs: Array
 
     @property
     def expert(self) -> Array:
@@ -226,10 +144,10 @@ def _weighted(problem: Problem, values: Array) -> Array:
     return values if problem.weight is None else values * problem.weight
 
 
-def e_step(problem: Problem, state: State, log_proba: Array, beta: float = 1.0) -> Posterior:
+def e_step(problem: Problem, state: State, outputs: Array, beta: float = 1.0) -> Posterior:
     """Posterior over groups, reliabilities and steps, with the likelihood to the power `beta`."""
-    log_pi = problem.taken(log_proba)
-    log_psi = state.adversary.log_prob(problem.features, log_proba, problem.actions)
+    log_pi = state.policy.log_prob(outputs, problem.actions)
+    log_psi = state.adversary.log_prob(problem.features, outputs, problem.actions)
     nodes = state.reliability.nodes
     evidence = evidence_by_reliability(problem, log_pi, log_psi, nodes, state.stickiness)
     log_joint = state.prior.log(problem.lengths)[:, :, None] + state.reliability.log_weight + beta * evidence[:, None]
@@ -240,7 +158,7 @@ def e_step(problem: Problem, state: State, log_proba: Array, beta: float = 1.0) 
     log_evidence = logsumexp(log_joint, (1, 2))
     joint = np.exp(log_joint - log_evidence[:, None, None])
     step = expert_steps(problem, log_pi - log_psi, joint.sum(axis=1), nodes, state.stickiness)
-    return Posterior(log_odds, joint, step, log_evidence, log_pi - log_psi, log_proba)
+    return Posterior(log_odds, joint, step, log_evidence, log_pi - log_psi, outputs)
 
 
 def lower_bound(state: State, posterior: Posterior, beta: float = 1.0) -> float:
@@ -253,28 +171,26 @@ def lower_bound(state: State, posterior: Posterior, beta: float = 1.0) -> float:
 def m_step(
     problem: Problem, state: State, posterior: Posterior, mode: MStep = "joint", max_iter: int = 1, max_cg: int = 10
 ) -> tuple[State, Array]:
-    """One convex problem for the policy, closed forms for the rest; also the new log-probabilities (N, K).
+    """One convex problem for the policy, closed forms for the rest; also the new policy's outputs (N, ...).
 
     ``mode="expert_only"`` drops the adversary's term from the policy's problem, as the paper's own code does.
     """
     expert = posterior.step if problem.weight is None else posterior.step * problem.weight
     adversary = (1 - posterior.step) if problem.weight is None else (1 - posterior.step) * problem.weight
-    targets = problem.one_hot(expert)
-    intended = None
+    lesson = None
     if mode == "joint":
-        intended = state.adversary.intended(posterior.log_proba, problem.actions)
-    if intended is not None:
-        targets += adversary[:, None] * intended
-    policy, log_proba = state.policy.fit(problem.features, targets, max_iter=max_iter, max_cg=max_cg)
+        intended = state.adversary.intended(posterior.outputs, problem.actions)
+        lesson = None if intended is None else adversary[:, None] * intended
+    policy, outputs = state.policy.learn(problem, expert, lesson, max_iter=max_iter, max_cg=max_cg)
     counts = posterior.joint.sum(axis=0)
     new = State(
         policy,
-        state.adversary.fit(problem.features, posterior.log_proba, problem.actions, adversary),
+        state.adversary.fit(problem, posterior.outputs, adversary),
         state.prior.fit(posterior.expert, problem.lengths),
         state.reliability.fit(counts),
         state.stickiness,
     )
-    return new, log_proba
+    return new, outputs
 
 
 def run(
@@ -285,7 +201,7 @@ def run(
     beta: float = 1.0,
     max_iter: int = 100,
     tol: float = 1e-4,
-    log_proba: Array | None = None,
+    outputs: Array | None = None,
     m_iter: int = 1,
     m_cg: int = 10,
 ) -> Result:
@@ -294,14 +210,14 @@ def run(
     Nothing moves when the objective gains less than `tol` nats a demonstration; or less than ten times that while no
     responsibility and no reliability changes by `_STEADY`: then only the policy's confidence still grows.
     """
-    log_proba = state.policy.log_proba(problem.features) if log_proba is None else log_proba
-    posterior = e_step(problem, state, log_proba, beta)
+    outputs = state.policy.outputs(problem.features) if outputs is None else outputs
+    posterior = e_step(problem, state, outputs, beta)
     history = [lower_bound(state, posterior, beta)]
     converged = False
     for _ in range(max_iter):
         before = posterior
-        state, log_proba = m_step(problem, state, posterior, mode, m_iter, m_cg)
-        posterior = e_step(problem, state, log_proba, beta)
+        state, outputs = m_step(problem, state, posterior, mode, m_iter, m_cg)
+        posterior = e_step(problem, state, outputs, beta)
         history.append(lower_bound(state, posterior, beta))
         gain = abs(history[-1] - history[-2]) / problem.n_demonstrations
         converged = gain <= tol or (gain <= 10 * tol and _moved(before, posterior, state.reliability.nodes) <= _STEADY)

@@ -13,26 +13,28 @@ from sklearn.exceptions import ConvergenceWarning
 from sklearn.utils.validation import check_is_fitted
 from threadpoolctl import threadpool_limits
 
-from rpil.adversaries import Adversary
+from rpil.adversaries import AUTO, Adversary
 from rpil.audit import Audit, summarise
 from rpil.belief import believe, evidence
-from rpil.cloning import SoftmaxClassifier
+from rpil.cloning import PolicyEstimator
 from rpil.demonstrations import Demonstrations
-from rpil.em import Problem, Result, State
+from rpil.em import Result, State
 from rpil.errors import DataError
 from rpil.features import FeatureMap
 from rpil.identify import competing_groups
 from rpil.inputs import (
-    action_codes,
     as_demonstrations,
     as_prior,
+    coded_actions,
+    coded_like,
     known_labels,
     ridge_of,
 )
-from rpil.policies import SoftmaxPolicy
+from rpil.policies import linear_policy
 from rpil.priors import ByLength
+from rpil.problem import Problem
 from rpil.reliability import PointMasses, Reliability, TwoBetas
-from rpil.search import AUTO, Setting, fit
+from rpil.search import Setting, fit
 
 Array = NDArray[Any]
 
@@ -50,7 +52,7 @@ class AmbiguousWarning(UserWarning):
     """The data hold several groups that may each be the expert; `RPIL.audit_` says which to label."""
 
 
-class RPIL(SoftmaxClassifier):
+class RPIL(PolicyEstimator):
     """Robust probabilistic imitation learning: a policy from demonstrations of unknown quality, and how far to trust
     each of them.
 
@@ -89,6 +91,8 @@ class RPIL(SoftmaxClassifier):
         Gain of the objective, in nats a demonstration, at which EM stops.
     random_state : int
         Same seed, same bits.
+    action_box : (low, high), optional
+        Bounds of continuous actions, numbers or one for each part; by default what the demonstrations span.
     progress : callable, optional
         Called with a few words at every stage of a fit.
 
@@ -131,6 +135,7 @@ class RPIL(SoftmaxClassifier):
         max_iter: int = 200,
         tol: float = 1e-3,
         random_state: int = 0,
+        action_box: tuple[ArrayLike, ArrayLike] | None = None,
         progress: Callable[[str], None] | None = None,
     ) -> None:
         self.features = features
@@ -146,6 +151,7 @@ class RPIL(SoftmaxClassifier):
         self.max_iter = max_iter
         self.tol = tol
         self.random_state = random_state
+        self.action_box = action_box
         self.progress = progress
 
     def fit(
@@ -162,12 +168,12 @@ class RPIL(SoftmaxClassifier):
         Raises
         ------
         DataError
-            One sentence: continuous or constant actions, a single demonstration, unknown label ids, no demonstration
+            One sentence: constant actions, or one outside the declared box, a single demonstration, unknown label ids, none
             left that may be an expert's.
         """
         demonstrations = as_demonstrations(self, X, y, groups)
         source = demonstrations.source
-        self.classes_, codes = action_codes(demonstrations.actions, source)
+        self.space_, self.classes_, codes = coded_actions(demonstrations, self.action_box)
         if len(demonstrations) < 2:
             raise DataError(f"{source}: one demonstration alone (n_samples=1) cannot be compared; give at least two.")
         known = known_labels(labels if labels is not None else self.labels, demonstrations)
@@ -181,11 +187,12 @@ class RPIL(SoftmaxClassifier):
                 ),
                 codes,
                 demonstrations.offsets,
-                len(self.classes_),
+                self.space_,
                 known,
             )
             setting = self._setting(features, problem)
-            candidates = AUTO if isinstance(self.adversary, str) and self.adversary == "auto" else (self.adversary,)
+            auto = isinstance(self.adversary, str) and self.adversary == "auto"
+            candidates = AUTO[self.space_.kind] if auto else (self.adversary,)
             rng = np.random.default_rng(self.random_state)
             result, runs = fit(problem, setting, candidates, rng, progress)
             progress("competing groups")
@@ -215,19 +222,11 @@ class RPIL(SoftmaxClassifier):
         """
         check_is_fitted(self)
         demonstrations = as_demonstrations(self, X, y, groups, reset=False)
-        codes = np.searchsorted(self.classes_, demonstrations.actions).clip(max=len(self.classes_) - 1)
-        unknown = np.flatnonzero(self.classes_[codes] != demonstrations.actions)
-        if len(unknown):
-            m = demonstrations.ids[demonstrations.groups[unknown[0]]]
-            action = demonstrations.actions[unknown[0]].item()
-            raise DataError(
-                f"{demonstrations.source}, demonstration {m!r}: action {action!r} is not "
-                f"among the known ones ({', '.join(map(str, self.classes_))}); fit again with it, or leave it out."
-            )
+        codes = coded_like(self.classes_, demonstrations)
         design = self.search_features_.design(demonstrations.observations)
         nobody = np.zeros(len(demonstrations), dtype=int)
-        problem = Problem(design, codes, demonstrations.offsets, len(self.classes_), nobody)
-        by_node = evidence(problem, self.state_, self.state_.policy.log_proba(design))
+        problem = Problem(design, codes, demonstrations.offsets, self.space_, nobody)
+        by_node = evidence(problem, self.state_, self.state_.policy.outputs(design))
         return self.belief_.log_odds(by_node, problem.lengths)
 
     def _search_kind(self, demonstrations: Demonstrations) -> str:
@@ -236,17 +235,16 @@ class RPIL(SoftmaxClassifier):
         few = demonstrations.n_observations <= _FEW
         if self.features not in ("raw", "auto"):
             return self.features
-        return "folded" if few else "raw"
+        return "folded" if few and demonstrations.is_discrete else "raw"
 
     def _setting(self, features: FeatureMap, problem: Problem) -> Setting:
-        ridge = ridge_of(features, self.C, len(problem.actions), problem.n_actions)
+        ridge = ridge_of(features, self.C, len(problem.actions), problem.space)
         levels: dict[str, Callable[[], Reliability]] = {"both": TwoBetas.start, "demonstration": PointMasses}
         for name, value, known in (("level", self.level, levels), ("m_step", self.m_step, ("joint", "expert_only"))):
             if value not in known:
                 raise DataError(f"There is no {name} {value!r}; choose {' or '.join(known)}.")
         return Setting(
-            policy=SoftmaxPolicy.zero(problem.n_actions, ridge),
-            ridge=ridge,
+            policy=linear_policy(problem.space, ridge, len(problem.actions)),
             prior=as_prior(self.prior, problem.lengths),
             reliability=levels[self.level](),
             mode=self.m_step,  # type: ignore[arg-type]

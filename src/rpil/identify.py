@@ -12,8 +12,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from rpil.em import Problem, Result, evidence_by_reliability
+from rpil.agreement import predictable
+from rpil.em import Result
 from rpil.passes import Array
+from rpil.problem import Problem
 from rpil.search import Setting, search
 
 _RIVALRY = 0.2
@@ -25,7 +27,6 @@ Over simulated corruptions the share is .13 at most for incoherent ones and for 
 
 _MAX_GROUPS = 5
 _MAX_PARTS = 2
-_RHO = np.linspace(0.0, 1.0, 21)
 
 
 def competing_groups(
@@ -73,37 +74,7 @@ def _with_rivals(problem: Problem, setting: Setting, experts: Array, rng: np.ran
 
 def _compete(problem: Problem, setting: Setting, one: Array, other: Array, rng: np.random.Generator) -> bool:
     """Whether much of what is predictable in either group is lost when both teach."""
-    own, lost = zip(*(_predictable(problem, setting, *pair, rng) for pair in ((one, other), (other, one))), strict=True)
+    own, lost = zip(
+        *(predictable(problem, setting.policy, *pair, rng) for pair in ((one, other), (other, one))), strict=True
+    )
     return min(lost) > _RIVALRY * max(own) > 0.0
-
-
-def _predictable(
-    problem: Problem, setting: Setting, group: Array, other: Array, rng: np.random.Generator
-) -> tuple[float, float]:
-    """Medians over the demonstrations of `group`, in nats a step over the group's action frequencies: what the other
-    members predict, and how much of it is lost when the `other` group teaches as well, with the same weight."""
-    mine = problem.select(group)
-    frequency = 1.0 + np.bincount(mine.actions, minlength=problem.n_actions)
-    guess = np.log(frequency / frequency.sum())
-    alone, together = np.zeros((2, len(group)))
-    order = rng.permutation(len(group))
-    n_folds = min(3, len(group))
-    for k in range(n_folds):
-        held = np.sort(order[k::n_folds])
-        rest = np.delete(group, held)
-        alone[held] = _gain(problem, setting, [rest], group[held], guess)
-        together[held] = _gain(problem, setting, [rest, other], group[held], guess)
-    return float(np.median(alone)), float(np.median(alone - together))
-
-
-def _gain(problem: Problem, setting: Setting, schools: Sequence[Array], pupils: Array, guess: Array) -> Array:
-    """Nats a step, for each of `pupils`, by which the policy that `schools` of equal weight teach, trusted as far as is
-    best for this demonstration, predicts better than the frequencies ``exp(guess)``."""
-    taught, asked = problem.select(np.concatenate(schools)), problem.select(pupils)
-    weight = np.concatenate([np.full(len(school), 1 / problem.lengths[school].sum()) for school in schools])
-    targets = taught.one_hot(taught.spread(weight * len(taught.actions) / len(schools)))
-    policy, _ = setting.policy.fit(taught.features, targets, tol=3e-3, max_iter=10, max_cg=10)
-    log_pi = asked.taken(policy.log_proba(asked.features))
-    log_guess = guess[asked.actions]
-    evidence = evidence_by_reliability(asked, log_pi, log_guess, _RHO)
-    return (evidence.max(axis=1) - asked.sum_steps(log_guess)) / asked.lengths

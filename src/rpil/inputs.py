@@ -18,6 +18,7 @@ from rpil.features import FeatureMap
 from rpil.formats.labels import match_labels
 from rpil.passes import Array
 from rpil.priors import ByLength, Prior, Share
+from rpil.spaces import Box, Discrete, Space
 
 
 def source_of(X: Any) -> str:
@@ -37,7 +38,7 @@ def observations_and_actions(
         return X.observations, X.actions
     if reset:
         estimator.observation_names_ = ()
-    return validate_data(estimator, X, y, reset=reset)
+    return validate_data(estimator, X, y, reset=reset, multi_output=np.ndim(y) == 2 and np.asarray(y).dtype.kind == "f")
 
 
 def as_demonstrations(
@@ -64,10 +65,45 @@ def as_demonstrations(
     return Demonstrations.from_groups(observations, actions, groups)
 
 
+def coded_actions(
+    demonstrations: Demonstrations, box: tuple[ArrayLike, ArrayLike] | None = None
+) -> tuple[Space, Array, Array]:
+    """The space of the actions, the K classes where they are discrete (else none), and codes or numbers, (N, ...)."""
+    actions, source = demonstrations.actions, demonstrations.source
+    if demonstrations.is_discrete:
+        if box is not None:
+            raise DataError(f"{source}: the actions are discrete, which no action_box fits; leave it out.")
+        classes, codes = action_codes(actions, source)
+        return Discrete(len(classes)), classes, codes
+    actions = np.asarray(actions, dtype=float)
+    if (actions == actions[0]).all():
+        raise DataError(f"{source}: every action is the same; give demonstrations with two at least.")
+    space = Box.around(actions) if box is None else _declared(box, actions.shape[1], source)
+    outside = (actions < space.low) | (actions > space.high)
+    if outside.any():
+        step, part = np.argwhere(outside)[0]
+        m = demonstrations.ids[demonstrations.groups[step]]
+        raise DataError(
+            f"{source}, demonstration {m!r}: action {part} is {actions[step, part]:g}, outside the declared box from "
+            f"{space.low[part]:g} to {space.high[part]:g}; widen action_box, or clip the actions."
+        )
+    return space, np.empty(0), actions
+
+
+def _declared(box: tuple[ArrayLike, ArrayLike], n_parts: int, source: str) -> Box:
+    try:
+        low, high = (np.broadcast_to(np.asarray(bound, dtype=float), n_parts) for bound in box)
+    except (TypeError, ValueError):
+        raise DataError(f"{source}: action_box={box!r}; give (low, high), numbers or one for each part.") from None
+    if not (low < high).all() or not np.isfinite([low, high]).all():
+        raise DataError(f"{source}: action_box={box!r} is empty or unbounded; give finite low < high.")
+    return Box(low, high)
+
+
 def action_codes(actions: Array, source: str) -> tuple[Array, Array]:
     """The distinct actions (K,), and the code of each step's (N,)."""
     if np.ndim(actions) != 1:
-        raise DataError(f"{source}: the actions are continuous, which is not supported yet; give discrete ones.")
+        raise DataError(f"{source}: the actions are continuous, which it is not made for; give discrete ones.")
     if np.asarray(actions).dtype.kind == "f":
         check_classification_targets(actions)
     classes, codes = np.unique(actions, return_inverse=True)
@@ -75,6 +111,31 @@ def action_codes(actions: Array, source: str) -> tuple[Array, Array]:
         only = repr(classes[0].item())
         raise DataError(f"{source}: every action is {only}, one class only; give demonstrations with two at least.")
     return classes, codes
+
+
+def known_actions(classes: Array, actions: Array, where: str) -> Array:
+    """Codes (N,) of actions among `classes` (K,); where there are no classes, continuous actions (N, A) as they are."""
+    if not len(classes):
+        return np.asarray(actions, dtype=float)
+    codes = np.searchsorted(classes, actions).clip(max=len(classes) - 1)
+    unknown = np.flatnonzero(classes[codes] != actions)
+    if len(unknown):
+        action, known = actions[unknown[0]].item(), ", ".join(map(str, classes))
+        raise DataError(
+            f"{where}: step {unknown[0]} has the action {action!r}, which is not among the known ones ({known}); fit "
+            "again with it, or leave it out."
+        )
+    return codes
+
+
+def coded_like(classes: Array, demonstrations: Demonstrations) -> Array:
+    """`known_actions` of demonstrations that were not fitted."""
+    if demonstrations.is_discrete != bool(len(classes)):
+        other = "continuous" if len(classes) else "discrete"
+        raise DataError(f"{demonstrations.source}: the actions are {other}, and the fitted ones were not.")
+    for m, (_, actions) in zip(demonstrations.ids, demonstrations, strict=True):
+        known_actions(classes, actions, f"{demonstrations.source}, demonstration {m!r}")
+    return known_actions(classes, demonstrations.actions, demonstrations.source)
 
 
 def known_labels(labels: Mapping[Any, str] | None, demonstrations: Demonstrations) -> Array:
@@ -105,10 +166,10 @@ def as_prior(prior: float | tuple[float, float] | None, lengths: Array) -> Prior
     return Share((a / (a + b)), a, b)
 
 
-def ridge_of(features: FeatureMap, C: float | None, total_weight: float, n_actions: int) -> Array:
+def ridge_of(features: FeatureMap, C: float | None, total_weight: float, space: Space) -> Array:
     """Penalty on each column: with two actions scikit-learn penalises the difference of the two columns once, which is
     twice the penalty on each."""
     if C is not None and not C > 0:
         raise DataError(f"C={C!r} must be a positive number.")
     ridge = features.ridge(C, total_weight)
-    return 2.0 * ridge if C is not None and n_actions == 2 else ridge
+    return 2.0 * ridge if C is not None and space == Discrete(2) else ridge

@@ -22,7 +22,16 @@ from numpy.typing import NDArray
 from sklearn.utils.validation import check_is_fitted
 
 from rpil import __version__
-from rpil.adversaries import Complement, Confusion, Constant, Marginal, OwnPolicy, Uniform
+from rpil.adversaries import (
+    Complement,
+    Confusion,
+    Constant,
+    Marginal,
+    MarginalBox,
+    OwnPolicy,
+    Uniform,
+    UniformBox,
+)
 from rpil.audit import Audit, Interval
 from rpil.belief import Belief
 from rpil.cloning import BehavioralCloning
@@ -32,10 +41,11 @@ from rpil.errors import DataError
 from rpil.estimators import RPIL
 from rpil.features import FeatureMap
 from rpil.files import StrPath, check_readable, replacing
-from rpil.policies import SoftmaxPolicy
+from rpil.policies import SoftmaxPolicy, StudentPolicy
 from rpil.priors import ByLength, Share
 from rpil.reliability import PointMasses, TwoBetas
 from rpil.rment import RMEnt
+from rpil.spaces import Box, Discrete
 
 SCHEMA = "rpil fitted estimator"
 VERSION = 1
@@ -44,7 +54,7 @@ _HEADER = "header.json"
 _ESTIMATORS: dict[str, Any] = {"RPIL": RPIL, "RMEnt": RMEnt, "BehavioralCloning": BehavioralCloning}
 
 # The arrays of each class: every axis a number or a letter that means one size all through the file, perhaps plus one.
-# D observations, F features, K actions, M demonstrations, N steps, J reliabilities.
+# D observations, F features, K actions or A parts of one, B bins, M demonstrations, N steps, J reliabilities.
 _KNOWN: dict[type, dict[str, str]] = {
     FeatureMap: {
         "knots": "knots D",
@@ -56,6 +66,9 @@ _KNOWN: dict[type, dict[str, str]] = {
         "mixing": "R R",
     },
     SoftmaxPolicy: {"weights": "F+1 K", "ridge": "F+1"},
+    StudentPolicy: {"weights": "F+1 A", "cholesky": "A A", "ridge": "F+1", "least": "A"},
+    Discrete: {},
+    Box: {"low": "A", "high": "A"},
     State: {},
     Belief: {"shift": "shares", "expert": "pairs J", "adversary": "pairs J", "weight": "shares pairs"},
     Share: {},
@@ -68,6 +81,8 @@ _KNOWN: dict[type, dict[str, str]] = {
     Marginal: {"log_frequency": "K"},
     Complement: {},
     Confusion: {"log_matrix": "K K"},
+    UniformBox: {},
+    MarginalBox: {"low": "A", "width": "A", "log_density": "A B"},
     OwnPolicy: {},
     Audit: {
         "offsets": "M+1",
@@ -82,9 +97,29 @@ _KNOWN: dict[type, dict[str, str]] = {
 }
 _BY_NAME = {known.__name__: known for known in _KNOWN}
 _FITTED = {
-    "BehavioralCloning": ("features_", "policy_"),
-    "RMEnt": ("features_", "policy_", "ids_", "weights_", "log_likelihood_", "objective_", "n_iter_", "converged_"),
-    "RPIL": ("features_", "policy_", "search_features_", "belief_", "audit_", "n_iter_", "lower_bound_", "converged_"),
+    "BehavioralCloning": ("space_", "features_", "policy_"),
+    "RMEnt": (
+        "space_",
+        "features_",
+        "policy_",
+        "ids_",
+        "weights_",
+        "log_likelihood_",
+        "objective_",
+        "n_iter_",
+        "converged_",
+    ),
+    "RPIL": (
+        "space_",
+        "features_",
+        "policy_",
+        "search_features_",
+        "belief_",
+        "audit_",
+        "n_iter_",
+        "lower_bound_",
+        "converged_",
+    ),
 }
 _FITTED_ARRAYS = {"weights_": "M", "log_likelihood_": "M"}
 _NAMES = ("feature_names_in_", "observation_names_")  # of data frames, and of `Demonstrations`
@@ -301,8 +336,10 @@ def _restore(header: dict[str, Any], decoder: _Decoder) -> Any:
 def _try_out(estimator: Any) -> None:
     """Use the estimator on one made-up step: parts that do not fit each other fail here, not in the user's hands."""
     observation, classes = np.zeros((1, estimator.n_features_in_)), estimator.classes_
-    log_proba = estimator.policy_.log_proba(estimator.features_.design(observation))
-    sound = np.isfinite(log_proba).all() and (classes[:-1] < classes[1:]).all()
+    outputs = estimator.policy_.outputs(estimator.features_.design(observation))
+    action = estimator.space_.act(outputs)
+    sound = np.isfinite(outputs).all() and (classes[:-1] < classes[1:]).all()
+    sound &= len(classes) == getattr(estimator.space_, "n", 0)
     if isinstance(estimator, RMEnt):
         sound &= len(estimator.ids_) == len(estimator.weights_)
     if isinstance(estimator, RPIL):
@@ -311,7 +348,7 @@ def _try_out(estimator: Any) -> None:
         sound &= bounds and len(audit.ids) == len(audit.verdicts) == len(audit.log_odds)
         json.dumps(audit.to_dict())
         if not isinstance(estimator.state_, _NotSaved):
-            one_step = Demonstrations(observation, classes[:1], np.array([0, 1]))
+            one_step = Demonstrations(observation, classes[action] if len(classes) else action, np.array([0, 1]))
             sound &= not np.isnan(estimator.score_demonstrations(one_step)).any()
             sound &= np.isfinite(estimator.state_.prior.log_odds(one_step.lengths)).all()
             sound &= estimator.state_.reliability.log_weight.shape[1] == estimator.belief_.expert.shape[1]

@@ -24,15 +24,15 @@ from sklearn.exceptions import ConvergenceWarning
 from sklearn.utils import Tags
 from threadpoolctl import threadpool_limits
 
-from rpil.cloning import SoftmaxClassifier
+from rpil.cloning import PolicyEstimator
 from rpil.demonstrations import Demonstrations
-from rpil.em import Problem
 from rpil.errors import DataError
 from rpil.features import FeatureMap
-from rpil.inputs import action_codes, as_demonstrations, ridge_of
+from rpil.inputs import as_demonstrations, coded_actions, ridge_of
 from rpil.parallel import in_parallel
 from rpil.passes import Array
-from rpil.policies import Policy, SoftmaxPolicy
+from rpil.policies import Policy, linear_policy
+from rpil.problem import Problem
 
 _SHORT = 2
 """Concentration steps of every start."""
@@ -75,10 +75,9 @@ class Trimmed:
 def fitted(problem: Problem, policy: Policy, kept: Array, tol: float) -> Trimmed:
     """The policy, from `policy` on, of the demonstrations `kept` (M,), each counting as one of average length."""
     weight = kept * problem.lengths.mean() / problem.lengths
-    targets = problem.one_hot(problem.spread(weight))
-    used = problem.spread(kept)
-    policy, _ = policy.fit(problem.features[used], targets[used], tol=tol)
-    taken = problem.taken(policy.log_proba(problem.features))
+    trusted = problem.select(np.flatnonzero(kept))
+    policy, _ = policy.learn(trusted, trusted.spread(weight[kept]), tol=tol)
+    taken = policy.log_prob(policy.outputs(problem.features), problem.actions)
     log_likelihood = problem.sum_steps(taken) / problem.lengths
     penalty = policy.penalty() / problem.lengths.mean()
     objective = (penalty - log_likelihood[kept].sum()) / kept.sum()
@@ -128,7 +127,7 @@ def search(
     return min(in_parallel(go_on, promising, problem.features), key=lambda found: found.objective)
 
 
-class RMEnt(SoftmaxClassifier):
+class RMEnt(PolicyEstimator):
     """Robust maximum entropy: clone the `n_trusted` demonstrations that one policy explains best.
 
     Parameters
@@ -202,11 +201,11 @@ class RMEnt(SoftmaxClassifier):
         Raises
         ------
         DataError
-            One sentence: continuous or constant actions, a single demonstration, an impossible `n_trusted`.
+            One sentence: constant actions, a single demonstration, an impossible `n_trusted`.
         """
         demonstrations = as_demonstrations(self, X, y, groups)
         source = demonstrations.source
-        self.classes_, codes = action_codes(demonstrations.actions, source)
+        self.space_, self.classes_, codes = coded_actions(demonstrations)
         if len(demonstrations) < 2:
             raise DataError(f"{source}: one demonstration alone (n_samples=1) cannot be compared; give at least two.")
         n_trusted = self._number_trusted(len(demonstrations), source)
@@ -218,11 +217,11 @@ class RMEnt(SoftmaxClassifier):
                 self.features_.design(demonstrations.observations),
                 codes,
                 demonstrations.offsets,
-                len(self.classes_),
+                self.space_,
                 np.zeros(len(demonstrations), dtype=int),
             )
             weight = n_trusted * demonstrations.lengths.mean()
-            policy = SoftmaxPolicy.zero(problem.n_actions, ridge_of(self.features_, self.C, weight, problem.n_actions))
+            policy = linear_policy(self.space_, ridge_of(self.features_, self.C, weight, self.space_), weight)
             rng = np.random.default_rng(self.random_state)
             found = search(problem, policy, n_trusted, max(1, self.n_starts), self.tol, self.max_iter, rng)
         self.policy_ = found.policy  # type: ignore[assignment]

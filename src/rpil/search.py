@@ -12,16 +12,15 @@ from functools import partial
 
 import numpy as np
 
-from rpil.adversaries import Adversary, Marginal, adversary
-from rpil.em import MStep, Problem, Result, State, e_step, lower_bound, m_step, run
+from rpil.adversaries import Adversary, adversary, marginal, usual
+from rpil.agreement import predictable
+from rpil.em import MStep, Result, State, e_step, lower_bound, m_step, run
 from rpil.parallel import in_parallel
 from rpil.passes import Array
 from rpil.policies import Policy
 from rpil.priors import Prior
+from rpil.problem import Problem
 from rpil.reliability import Reliability
-
-AUTO = ("uniform", "marginal", "normalised complement", "confusion")
-"""The adversaries among which ``"auto"`` chooses: distributions, so that their held-out likelihoods compare."""
 
 _STICKY = 0.5
 """Stickiness of the steps when solutions are compared in its light: the more, the less a demonstration tells of rho."""
@@ -46,7 +45,6 @@ class Setting:
     ----------
     policy : Policy
         The policy before it has seen data.
-    ridge : (D,) array
     prior : Prior
     reliability : Reliability
     mode : {"joint", "expert_only"}
@@ -62,7 +60,6 @@ class Setting:
     """
 
     policy: Policy
-    ridge: Array
     prior: Prior
     reliability: Reliability
     mode: MStep = "joint"
@@ -84,18 +81,24 @@ def fit(
     progress: Progress = lambda _: None,
 ) -> tuple[Result, list[Result]]:
     """The winning run among `candidates` for the adversary, and every start's run, for those who compare groups."""
-    # With labels the other group may be of one mind too, and larger: only a confusion can keep it from taking over.
-    usual = "confusion" if problem.labels.any() else "marginal"
-    first = candidates[0] if len(candidates) == 1 else usual
+    first = candidates[0] if len(candidates) == 1 else usual(problem.space, bool(problem.labels.any()))
     runs = _in_runs(problem, setting, first, search(problem, setting, first, rng, progress), rng, progress)
     best = runs[0]
     if len(candidates) == 1:
-        return _continue(problem, setting, best), runs
+        best = _continue(problem, setting, best)
+        return (_turned(problem, setting, best, rng) if best.state.adversary.symmetric else best), runs
 
     def try_one(candidate: str | Adversary) -> Result:
         progress(f"adversary: {candidate}")
-        start = _with_adversary(problem, best, adversary(candidate, problem.n_actions, setting.ridge))
-        return _run(problem, setting, start, best.posterior.log_proba, setting.max_iter)
+        new = adversary(candidate, problem.space, setting.policy)
+        start = _with_adversary(problem, best, new)
+        found = _run(problem, setting, start, best.posterior.outputs, setting.max_iter)
+        if not new.symmetric:
+            return found
+        own = _continue(problem, setting, search(problem, setting, candidate, seeds[candidate])[0])
+        return _turned(problem, setting, max(found, own, key=lambda run: run.objective), seeds[candidate])
+
+    seeds = dict(zip(candidates, rng.spawn(len(candidates)), strict=True))
 
     results = in_parallel(try_one, candidates, problem.features)
     progress("comparing adversaries")
@@ -103,6 +106,28 @@ def fit(
     scores = in_parallel(lambda result: held_out(problem, setting, result, folds), results, problem.features)
     against = [_contradicted(problem, setting, result) for result in results]
     return results[max(range(len(results)), key=lambda k: (-against[k], scores[k]))], runs
+
+
+def _turned(problem: Problem, setting: Setting, result: Result, rng: np.random.Generator) -> Result:
+    """`result`, or the one where experts and adversaries have changed places, should those agree better.
+
+    For an adversary with a policy of its own both are as likely; but experts agree with one another.
+    """
+    expert = result.posterior.expert > 0.5
+    groups = np.flatnonzero(expert), np.flatnonzero(~expert)
+    if min(map(len, groups)) < 2:
+        return result
+    policy, outputs = _taught(problem, setting, 1.0 - result.posterior.expert)
+    other, _ = _taught(problem, setting, result.posterior.expert)
+    anew = State(policy, result.state.adversary.with_policy(other), setting.prior, setting.reliability)
+    turned = _run(problem, setting, anew, outputs, setting.max_iter)
+    against = [_contradicted(problem, setting, run) for run in (result, turned)]
+    if against[0] != against[1]:
+        return result if against[0] < against[1] else turned
+    if (problem.labels != 0).any():
+        return result
+    ours, theirs = (predictable(problem, setting.policy, *pair, rng)[0] for pair in (groups, groups[::-1]))
+    return result if ours >= theirs else turned
 
 
 def _in_runs(
@@ -122,7 +147,7 @@ def _in_runs(
 
     def in_that_light(result: Result) -> float:
         state = replace(result.state, stickiness=_STICKY)
-        return lower_bound(state, e_step(problem, state, result.posterior.log_proba))
+        return lower_bound(state, e_step(problem, state, result.posterior.outputs))
 
     best = runs[0]
     if in_that_light(best) < best.objective + _CLEARLY:
@@ -130,7 +155,7 @@ def _in_runs(
     progress("bad steps in runs")
     found = search(problem, replace(setting, stickiness=_STICKY), which, rng.spawn(1)[0])[0]
     anew = State(found.state.policy, found.state.adversary, setting.prior, setting.reliability)
-    other = _run(problem, setting, anew, found.posterior.log_proba, 3 * _SHORT)
+    other = _run(problem, setting, anew, found.posterior.outputs, 3 * _SHORT)
     better = in_that_light(other) > in_that_light(best) + _CLEARLY
     if better and _contradicted(problem, setting, other) <= _contradicted(problem, setting, best):
         return [other, *runs]
@@ -154,8 +179,8 @@ def starts(problem: Problem, setting: Setting, rng: np.random.Generator) -> dict
 
 def _like_experts(problem: Problem, setting: Setting) -> Array:
     """Weights 1 for whom the known experts' policy explains better than the known adversaries' does."""
-    expert, adversary = (_taught(problem, setting, (problem.labels == sign).astype(float))[1] for sign in (1, -1))
-    return (problem.sum_steps(problem.taken(expert) - problem.taken(adversary)) > 0).astype(float)
+    expert, adversary = (_explained(problem, setting, problem.labels == sign) for sign in (1, -1))
+    return (problem.sum_steps(expert - adversary) > 0).astype(float)
 
 
 def _promising(problem: Problem, setting: Setting, rng: np.random.Generator) -> list[int]:
@@ -169,16 +194,14 @@ def _promising(problem: Problem, setting: Setting, rng: np.random.Generator) -> 
     order = rng.permutation(problem.n_demonstrations)
     enough = int(np.searchsorted(np.cumsum(problem.lengths[order]), _JUDGED_STEPS)) + 1
     jury = problem.select(np.sort(order[:enough]), unlabelled=True)
-    frequent = Marginal.start(problem.n_actions).fit(
-        jury.features, jury.features, jury.actions, np.ones(len(jury.actions))
-    )
+    frequent = marginal(jury, setting.policy)
 
     def explained(m: int) -> float:
         own = problem.select(np.array([m]))
         policy, _ = _taught(own, setting, np.ones(1))
-        log_proba = policy.log_proba(jury.features)
+        outputs = policy.outputs(jury.features)
         state = State(policy, frequent, setting.prior, setting.reliability, setting.stickiness)
-        return float(e_step(jury, state, log_proba).log_evidence.sum())
+        return float(e_step(jury, state, outputs).log_evidence.sum())
 
     return sorted(asked.tolist(), key=explained, reverse=True)[: setting.n_single]
 
@@ -200,18 +223,18 @@ def search(
     def begin(named: tuple[str, Array]) -> Result:
         start, weight = named
         progress(f"start: {start}")
-        policy, log_proba = _taught(problem, setting, weight)
-        first = adversary(which, problem.n_actions, setting.ridge)
+        policy, outputs = _taught(problem, setting, weight)
+        first = adversary(which, problem.space, setting.policy)
         state = State(policy, first, setting.prior, setting.reliability, setting.stickiness)
         few = start != _LIKE_EXPERTS and (weight > 0).mean() < 0.5
         if few:  # they grow into the group that agrees with them
-            agreeing = np.maximum(weight, e_step(problem, state, log_proba).expert)
-            policy, log_proba = _taught(problem, setting, agreeing)
+            agreeing = np.maximum(weight, e_step(problem, state, outputs).expert)
+            policy, outputs = _taught(problem, setting, agreeing)
             state = replace(state, policy=policy)
         for beta in _temperatures(problem, setting.annealing):
-            cooled = run(problem, state, log_proba=log_proba, mode=setting.mode, beta=beta, max_iter=3, tol=0.0)
-            state, log_proba = cooled.state, cooled.posterior.log_proba
-        return _run(problem, setting, state, log_proba, _SHORT)
+            cooled = run(problem, state, outputs=outputs, mode=setting.mode, beta=beta, max_iter=3, tol=0.0)
+            state, outputs = cooled.state, cooled.posterior.outputs
+        return _run(problem, setting, state, outputs, _SHORT)
 
     def rank(result: Result) -> tuple[int, float]:
         return _contradicted(problem, setting, result), -result.objective
@@ -227,36 +250,40 @@ def _contradicted(problem: Problem, setting: Setting, result: Result) -> int:
     if not problem.labels.any():
         return 0
     others = np.where(problem.labels > 0, 0.0, result.posterior.expert)
-    policy, log_proba = _taught(problem, setting, others)
-    log_odds = e_step(problem, replace(result.state, policy=policy), log_proba).log_odds
+    policy, outputs = _taught(problem, setting, others)
+    log_odds = e_step(problem, replace(result.state, policy=policy), outputs).log_odds
     return int((problem.labels * np.sign(log_odds) < 0).sum())
 
 
 def _taught(problem: Problem, setting: Setting, weight: Array) -> tuple[Policy, Array]:
-    """The policy of demonstrations weighted by `weight` (M,), roughly, and its log-probabilities (N, K)."""
-    targets = problem.one_hot(problem.spread(weight))
-    return setting.policy.fit(problem.features, targets, tol=1e-3, max_iter=20, max_cg=20)
+    """The policy of demonstrations weighted by `weight` (M,), roughly, and its outputs (N, ...)."""
+    return setting.policy.learn(problem, problem.spread(weight), tol=1e-3, max_iter=20, max_cg=20)
+
+
+def _explained(problem: Problem, setting: Setting, teachers: Array) -> Array:
+    """Log-probability of every step, (N,), under the policy of some demonstrations, (M,) bool."""
+    policy, outputs = _taught(problem, setting, teachers.astype(float))
+    return policy.log_prob(outputs, problem.actions)
 
 
 def _unlike(problem: Problem, setting: Setting, adversaries: Array) -> dict[str, Array]:
     """Weights 1 for those of the other demonstrations which known adversaries (M,) explain worst: half of them, and,
     should the experts be few, a single one."""
-    _, log_proba = _taught(problem, setting, adversaries.astype(float))
-    explained = problem.sum_steps(problem.taken(log_proba)) / problem.lengths
+    explained = problem.sum_steps(_explained(problem, setting, adversaries)) / problem.lengths
     explained[adversaries] = np.inf
     half = explained <= np.median(explained[~adversaries])
     return {"unlike known adversaries": half.astype(float), "most unlike": (explained == explained.min()).astype(float)}
 
 
-def _run(problem: Problem, setting: Setting, state: State, log_proba: Array, max_iter: int) -> Result:
-    return run(problem, state, log_proba=log_proba, mode=setting.mode, max_iter=max_iter, tol=setting.tol)
+def _run(problem: Problem, setting: Setting, state: State, outputs: Array, max_iter: int) -> Result:
+    return run(problem, state, outputs=outputs, mode=setting.mode, max_iter=max_iter, tol=setting.tol)
 
 
 def _continue(problem: Problem, setting: Setting, result: Result, max_iter: int | None = None) -> Result:
     if result.converged:
         return result
     limit = setting.max_iter if max_iter is None else max_iter
-    more = _run(problem, setting, result.state, result.posterior.log_proba, limit)
+    more = _run(problem, setting, result.state, result.posterior.outputs, limit)
     return replace(more, history=np.concatenate([result.history, more.history[1:]]))
 
 
@@ -268,7 +295,7 @@ def _temperatures(problem: Problem, n: int) -> Array:
 def _with_adversary(problem: Problem, result: Result, new: Adversary) -> State:
     """The state of `result` with another adversary, fitted to the steps that `result` takes for an adversary's."""
     posterior = result.posterior
-    new = new.fit(problem.features, posterior.log_proba, problem.actions, 1 - posterior.step)
+    new = new.fit(problem, posterior.outputs, 1 - posterior.step)
     return replace(result.state, adversary=new)
 
 
@@ -290,8 +317,8 @@ def held_out(problem: Problem, setting: Setting, result: Result, folds: Sequence
         train = problem.select(np.setdiff1d(everyone, fold))
         test = problem.select(fold, unlabelled=True)
         state = result.state
-        posterior = e_step(train, state, state.policy.log_proba(train.features))
-        state, log_proba = m_step(train, state, posterior, setting.mode, max_iter=4, max_cg=20)
-        state, _ = m_step(train, state, e_step(train, state, log_proba), setting.mode)
-        total += float(e_step(test, state, state.policy.log_proba(test.features)).log_evidence.sum())
+        posterior = e_step(train, state, state.policy.outputs(train.features))
+        state, outputs = m_step(train, state, posterior, setting.mode, max_iter=4, max_cg=20)
+        state, _ = m_step(train, state, e_step(train, state, outputs), setting.mode)
+        total += float(e_step(test, state, state.policy.outputs(test.features)).log_evidence.sum())
     return total

@@ -20,7 +20,9 @@ from scipy.optimize import minimize_scalar
 from rpil.features import KINDS, RIDGE_PER_STEP, FeatureMap
 from rpil.inputs import ridge_of
 from rpil.passes import Array, log_softmax
-from rpil.policies import SoftmaxPolicy
+from rpil.policies import linear_policy
+from rpil.problem import Problem
+from rpil.spaces import Space
 
 RIDGES = (1e-2, 1e-3, 1e-4, 1e-5)
 """Penalties a step, from strong to weak: each fit starts from the one before."""
@@ -60,21 +62,21 @@ class _Held:
 
 
 def choose(
-    observations: NDArray[Any], codes: Array, offsets: Array, weight: Array, n_actions: int, C: float | None = None
+    observations: NDArray[Any], codes: Array, offsets: Array, weight: Array, space: Space, C: float | None = None
 ) -> Choice:
     """The features under which held-out demonstrations are most likely.
 
     Parameters
     ----------
     observations : (N, D) array
-    codes : (N,) int array
-        Actions, 0 .. K-1.
+    codes : (N,) int array, or (N, A) array
+        Actions, 0 .. K-1, or numbers.
     offsets : (M + 1,) int array
         Demonstration m owns the steps ``offsets[m]:offsets[m + 1]``.
     weight : (N,) array
         Trust in each step.
-    n_actions : int
-        K.
+    space : Space
+        Of the actions.
     C : float, optional
         Inverse ridge strength of scikit-learn, where it is given and not to be chosen.
     """
@@ -86,10 +88,10 @@ def choose(
     for kind in KINDS:
         if _n_columns(kind, observations.shape[1]) > _MOST_COLUMNS:
             continue
-        log_probas = _held_out(kind, observations, codes, weight, fold, n_actions, ridges, C)
+        outputs = _held_out(kind, observations, codes, weight, fold, space, ridges, C)
         found += [
-            _judge(Choice(kind, ridge), log_proba, codes, weight, demonstration)
-            for ridge, log_proba in zip(ridges, log_probas, strict=True)
+            _JUDGES[space.kind](Choice(kind, ridge), said, codes, weight, demonstration)
+            for ridge, said in zip(ridges, outputs, strict=True)
         ]
     kind = max(found, key=lambda held: _median(held.likelihood, trust)).choice.kind
     alike = [held for held in found if held.choice.kind == kind]
@@ -129,26 +131,26 @@ def _held_out(
     codes: Array,
     weight: Array,
     fold: Array,
-    n_actions: int,
+    space: Space,
     ridges: Sequence[float],
     C: float | None,
 ) -> Array:
-    """log pi(k|s) for each ridge, by policies that did not see the fold of the step, (R, N, K)."""
+    """Outputs for each ridge, by policies that did not see the fold of the step, (R, N, ...)."""
     features = FeatureMap.fit(kind, observations, weight)
     design = features.design(observations, single=True)
-    targets = np.zeros((len(codes), n_actions))
-    np.put_along_axis(targets, codes[:, None], weight[:, None], axis=1)
-    out = np.zeros((len(ridges), len(codes), n_actions))
+    out: list[list[Array]] = [[] for _ in ridges]
+    order = np.argsort(fold, kind="stable")
     for held in np.unique(fold):
         test, train = fold == held, fold != held
-        learned, taught, asked = design[train], targets[train], design[test]
-        start = np.zeros((design.shape[1], n_actions))
+        taught, asked, trust = Problem.of_steps(design[train], codes[train], space), design[test], weight[train]
+        policy: Any = None
         for r, ridge in enumerate(ridges):
-            penalty = ridge_of(replace(features, ridge_per_step=ridge), C, taught.sum(), n_actions)
-            policy, _ = SoftmaxPolicy(start, penalty).fit(learned, taught, tol=1e-3, max_iter=20, max_cg=30)
-            start = policy.weights
-            out[r, test] = policy.log_proba(asked)
-    return out
+            penalty = ridge_of(replace(features, ridge_per_step=ridge), C, trust.sum(), space)
+            zero: Any = linear_policy(space, penalty, trust.sum())
+            start = zero if policy is None else replace(zero, weights=policy.weights)
+            policy, _ = start.learn(taught, trust, tol=1e-3, max_iter=20, max_cg=30)
+            out[r].append(policy.outputs(asked))
+    return np.stack([np.concatenate(parts)[np.argsort(order, kind="stable")] for parts in out])
 
 
 def _judge(choice: Choice, log_proba: Array, codes: Array, weight: Array, demonstration: Array) -> _Held:
@@ -164,6 +166,19 @@ def _judge(choice: Choice, log_proba: Array, codes: Array, weight: Array, demons
     )
     hit = np.bincount(demonstration, share * (log_proba.argmax(axis=1) == codes))
     return _Held(replace(choice, temperature=float(np.exp(found.x))), likelihood(found.x), hit)
+
+
+def _judge_numbers(choice: Choice, mean: Array, actions: Array, weight: Array, demonstration: Array) -> _Held:
+    """Both by the squared error, of each part in units of its variance; a robust policy's likelihood would forgive."""
+    total = np.bincount(demonstration, weight)
+    center = np.average(actions, axis=0, weights=weight)
+    variance = np.average((actions - center) ** 2, axis=0, weights=weight)
+    error = ((actions - mean) ** 2 / np.where(variance > 0, variance, 1.0)).mean(axis=1)
+    loss = np.bincount(demonstration, weight * error) / total
+    return _Held(choice, -np.log(np.maximum(loss, 1e-12)), -loss)
+
+
+_JUDGES = {"discrete": _judge, "continuous": _judge_numbers}
 
 
 def _median(values: Array, weight: Array) -> float:

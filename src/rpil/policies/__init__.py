@@ -2,27 +2,57 @@
 
 from __future__ import annotations
 
-from typing import Protocol, Self
+from collections.abc import Callable
+from typing import Any, Protocol, Self
 
 from rpil.passes import Array
+from rpil.policies.gaussian import StudentPolicy
 from rpil.policies.softmax import SoftmaxPolicy
+from rpil.problem import Problem
+from rpil.spaces import Space
 
-__all__ = ["Policy", "SoftmaxPolicy"]
+__all__ = ["Policy", "SoftmaxPolicy", "StudentPolicy", "linear_policy"]
 
 
 class Policy(Protocol):
-    """What EM needs of a policy; instances are immutable."""
+    """What EM needs of a policy; instances are immutable.
 
-    def log_proba(self, features: Array) -> Array:
-        """log pi(k|s) of all actions, (N, K)."""
+    A policy's *outputs* are what it says of each step before the action is looked at: the log-probabilities of all
+    actions (N, K), or the means of the actions' distribution (N, A). Whoever fits a policy gets them with it.
+    """
 
-    def fit(
-        self, features: Array, targets: Array, *, tol: float = ..., max_iter: int = ..., max_cg: int = ...
+    def outputs(self, features: Array) -> Array:
+        """What the policy says of states, (N, ...)."""
+
+    def log_prob(self, outputs: Array, actions: Array) -> Array:
+        """log pi(a_n|s_n) of the actions taken, (N,): a probability, or a density."""
+
+    def learn(
+        self,
+        problem: Problem,
+        weight: Array,
+        lesson: Array | None = None,
+        *,
+        tol: float = ...,
+        max_iter: int = ...,
+        max_cg: int = ...,
     ) -> tuple[Self, Array]:
-        """A policy that explains soft `targets` (N, K) no worse, and its log-probabilities (N, K).
+        """A policy that explains the steps, each counted with `weight` (N,), no worse; and its outputs for them.
 
-        A row of `targets` sums to the weight of the step. ``max_iter=1`` asks for one improving step.
+        A `lesson` is what the adversary's steps teach besides, as `Adversary.intended` gives it times their weight.
+        ``max_iter=1`` asks for one improving step.
         """
 
     def penalty(self) -> float:
         """What regularisation takes off the log-likelihood."""
+
+
+_LINEAR: dict[str, Callable[[Any, Array, float], Policy]] = {
+    "discrete": lambda space, ridge, n_steps: SoftmaxPolicy.zero(space.n, ridge),
+    "continuous": StudentPolicy.zero,
+}
+
+
+def linear_policy(space: Space, ridge: Array, n_steps: float) -> Policy:
+    """The policy for such actions before it has seen data; `n_steps` is the weight of what it will see."""
+    return _LINEAR[space.kind](space, ridge, n_steps)

@@ -7,10 +7,18 @@ from dataclasses import dataclass
 import numpy as np
 
 from rpil.passes import Array, linear, log_softmax
+from rpil.problem import Problem
 from rpil.solvers import Preconditioner, fit_softmax
 
 _PRECONDITIONER_FITS = 10
 """Warm-started fits that one preconditioner serves: EM moves little in so many iterations."""
+
+
+def one_hot(actions: Array, weight: Array, n_actions: int) -> Array:
+    """Targets (N, K) with `weight` (N,) on the action taken."""
+    targets = np.zeros((len(actions), n_actions))
+    np.put_along_axis(targets, actions[:, None], weight[:, None], axis=1)
+    return targets
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,6 +46,28 @@ class SoftmaxPolicy:
     def log_proba(self, features: Array) -> Array:
         """log pi(k|s) of all actions, (N, K)."""
         return log_softmax(linear(features, self.weights))
+
+    outputs = log_proba
+
+    def log_prob(self, outputs: Array, actions: Array) -> Array:
+        """log pi(a_n|s_n) of the actions taken, (N,), given the log-probabilities of all."""
+        return np.take_along_axis(outputs, actions[:, None], axis=1)[:, 0]
+
+    def learn(
+        self,
+        problem: Problem,
+        weight: Array,
+        lesson: Array | None = None,
+        *,
+        tol: float = 1e-6,
+        max_iter: int = 100,
+        max_cg: int = 200,
+    ) -> tuple[SoftmaxPolicy, Array]:
+        """The policy for actions taken with `weight` (N,), and for soft targets `lesson` (N, K) besides."""
+        targets = one_hot(problem.actions, weight, self.weights.shape[1])
+        if lesson is not None:
+            targets += lesson
+        return self.fit(problem.features, targets, tol=tol, max_iter=max_iter, max_cg=max_cg)
 
     def fit(
         self, features: Array, targets: Array, *, tol: float = 1e-6, max_iter: int = 100, max_cg: int = 200

@@ -8,19 +8,21 @@ from scipy.special import expit
 from threadpoolctl import threadpool_limits
 
 from rpil.adversaries import Complement
-from rpil.cloning import SoftmaxClassifier
+from rpil.cloning import PolicyEstimator
 from rpil.demonstrations import Demonstrations
-from rpil.em import Problem, State, run
+from rpil.em import State, run
 from rpil.features import FeatureMap
 from rpil.inputs import action_codes, as_demonstrations, as_prior, ridge_of
 from rpil.policies import SoftmaxPolicy
+from rpil.problem import Problem
 from rpil.reliability import PointMasses
+from rpil.spaces import Discrete
 
 NO_PENALTY = 1e6
 """C of a ridge too weak to matter, that keeps the solver's matrices regular."""
 
 
-class PaperRecipe(SoftmaxClassifier):
+class PaperRecipe(PolicyEstimator):
     """R-PIL as the paper's experiments ran it.
 
     A demonstration is good or bad as a whole; the adversary is the raw complement 1 - pi; P(expert) is given; the
@@ -70,19 +72,20 @@ class PaperRecipe(SoftmaxClassifier):
         """
         demonstrations = as_demonstrations(self, X, y, groups)
         self.classes_, codes = action_codes(demonstrations.actions, demonstrations.source)
-        prior, n_actions = as_prior(self.prior, demonstrations.lengths), len(self.classes_)
+        prior = as_prior(self.prior, demonstrations.lengths)
+        self.space_ = Discrete(len(self.classes_))
         with threadpool_limits(1, "blas"):
             self.features_ = FeatureMap.fit("raw", demonstrations.observations)
-            ridge = ridge_of(self.features_, NO_PENALTY, len(codes), n_actions)
+            ridge = ridge_of(self.features_, NO_PENALTY, len(codes), self.space_)
             nobody = np.zeros(len(demonstrations), dtype=int)
             design = self.features_.design(demonstrations.observations)
-            problem = Problem(design, codes, demonstrations.offsets, n_actions, nobody)
-            pooled, log_proba = SoftmaxPolicy.zero(n_actions, ridge).fit(design, problem.one_hot(np.ones(len(codes))))
+            problem = Problem(design, codes, demonstrations.offsets, self.space_, nobody)
+            pooled, outputs = SoftmaxPolicy.zero(self.space_.n, ridge).learn(problem, np.ones(len(codes)))
             result = run(
                 problem,
                 State(pooled, Complement(), prior, PointMasses()),
                 mode="expert_only",
-                log_proba=log_proba,
+                outputs=outputs,
                 max_iter=self.max_iter,
                 tol=0.0,
                 m_iter=self.newton,

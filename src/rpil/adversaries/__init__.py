@@ -1,0 +1,93 @@
+"""What an adversary does in a state: psi(a|s), one small frozen class each."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from rpil.adversaries.continuous import MarginalBox, UniformBox
+from rpil.adversaries.discrete import Complement, Confusion, Constant, Marginal, Uniform
+from rpil.adversaries.own import OwnPolicy
+from rpil.adversaries.protocol import Adversary
+from rpil.errors import DataError
+from rpil.policies import Policy
+from rpil.problem import Problem
+from rpil.spaces import Space
+
+__all__ = [
+    "ADVERSARIES",
+    "AUTO",
+    "Adversary",
+    "Complement",
+    "Confusion",
+    "Constant",
+    "Marginal",
+    "MarginalBox",
+    "OwnPolicy",
+    "Uniform",
+    "UniformBox",
+    "adversary",
+    "marginal",
+    "usual",
+]
+
+ADVERSARIES: dict[str, dict[str, Callable[[Any, Policy], Adversary]]] = {
+    "discrete": {
+        "constant": lambda space, policy: Constant(),
+        "uniform": lambda space, policy: Uniform(),
+        "marginal": lambda space, policy: Marginal.start(space.n),
+        "complement": lambda space, policy: Complement(),
+        "normalised complement": lambda space, policy: Complement(normalised=True),
+        "confusion": lambda space, policy: Confusion.start(space.n),
+        "own policy": lambda space, policy: OwnPolicy(policy),
+    },
+    "continuous": {
+        "uniform": lambda space, policy: UniformBox(space.log_volume),
+        "marginal": lambda space, policy: MarginalBox.start(space),
+        "own policy": lambda space, policy: OwnPolicy(policy),
+    },
+}
+"""Kind of actions -> name -> start of the adversary, given the space of actions and a policy that has seen no data."""
+
+AUTO = {
+    "discrete": ("uniform", "marginal", "normalised complement", "confusion"),
+    "continuous": ("uniform", "marginal", "own policy"),
+}
+"""The adversaries among which ``"auto"`` chooses: distributions, so that their held-out likelihoods compare."""
+
+
+def adversary(which: str | Adversary, space: Space, policy: Policy) -> Adversary:
+    """The adversary called `which` before it has seen data, or `which` itself where it is one already.
+
+    Raises
+    ------
+    DataError
+        If there is none of that name for such actions, or a confusion matrix has another number of actions.
+    """
+    if isinstance(which, Confusion) and len(which.log_matrix) != getattr(space, "n", None):
+        size = len(which.log_matrix)
+        raise DataError(f"A confusion matrix of {size} x {size} was given for {space}; give one row each.")
+    if not isinstance(which, str):
+        return which
+    known = ADVERSARIES[space.kind]
+    if which not in known:
+        raise DataError(
+            f"There is no adversary called {which!r} for {space.kind} actions; choose auto, {', '.join(known)}."
+        )
+    return known[which](space, policy)
+
+
+def usual(space: Space, labelled: bool) -> str:
+    """The adversary to begin with when there are several candidates.
+
+    With labels the other group may be of one mind too, and larger: only a confusion can keep it from taking over.
+    """
+    return "confusion" if labelled and space.kind == "discrete" else "marginal"
+
+
+def marginal(problem: Problem, policy: Policy) -> Adversary:
+    """What is frequent in all demonstrations, whatever the state."""
+    start = adversary("marginal", problem.space, policy)
+    return start.fit(problem, problem.features, np.ones(len(problem.actions)))  # it asks for no outputs

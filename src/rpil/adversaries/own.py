@@ -1,0 +1,39 @@
+"""An adversary with a policy of its own."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+from rpil.adversaries.protocol import Fixed
+from rpil.passes import Array
+from rpil.policies import Policy
+from rpil.problem import Problem
+
+
+@dataclass(frozen=True, eq=False)
+class OwnPolicy(Fixed):
+    """psi = another policy (option 2): softmax(phi(s)^T Psi)_k, or whatever the expert's is.
+
+    Symmetric with the expert: which of the two is which must come from labels, the prior or the start.
+    """
+
+    policy: Policy
+    name: str = "own policy"
+
+    @property
+    def symmetric(self) -> bool:
+        return True
+
+    def with_policy(self, policy: Policy) -> OwnPolicy:
+        """The same with another policy."""
+        return replace(self, policy=policy)
+
+    def log_prob(self, features: Array, outputs: Array, actions: Array) -> Array:
+        return self.policy.log_prob(self.policy.outputs(features), actions)
+
+    def fit(self, problem: Problem, outputs: Array, weight: Array) -> OwnPolicy:
+        policy, _ = self.policy.learn(problem, weight, max_iter=2, max_cg=20)
+        return replace(self, policy=policy)
+
+    def log_prior(self) -> float:
+        return -self.policy.penalty()

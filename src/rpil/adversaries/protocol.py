@@ -1,0 +1,55 @@
+"""What EM asks of an adversary.
+
+How likely is the action taken, which action did the adversary *intend* (so that its steps can teach the policy), and
+what are its own parameters given its steps.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol, Self
+
+from rpil.passes import Array
+from rpil.problem import Problem
+
+
+class Adversary(Protocol):
+    """What EM needs of an adversary; instances are immutable."""
+
+    @property
+    def name(self) -> str:
+        """As in `ADVERSARIES`."""
+
+    @property
+    def symmetric(self) -> bool:
+        """Whether expert and adversary could change places; then there is `with_policy` too, to let them."""
+
+    def log_prob(self, features: Array, outputs: Array, actions: Array) -> Array:
+        """log psi(a_n|s_n) of the actions taken, (N,), where the policy has these `outputs` (N, ...)."""
+
+    def intended(self, outputs: Array, actions: Array) -> Array | None:
+        """P(intended action | action taken, state), (N, K); None where the steps teach the policy nothing."""
+
+    def fit(self, problem: Problem, outputs: Array, weight: Array) -> Self:
+        """The adversary that explains the steps no worse, each counted with `weight` (N,)."""
+
+    def log_prior(self) -> float:
+        """What the prior on its own parameters adds to the objective."""
+
+
+@dataclass(frozen=True)
+class Fixed:
+    """An adversary with nothing to learn, and nothing to teach."""
+
+    @property
+    def symmetric(self) -> bool:
+        return False
+
+    def intended(self, outputs: Array, actions: Array) -> Array | None:
+        return None
+
+    def fit(self, problem: Problem, outputs: Array, weight: Array) -> Self:
+        return self
+
+    def log_prior(self) -> float:
+        return 0.0

@@ -1,0 +1,150 @@
+"""A policy for continuous actions: linear, with the heavy tails of Student's distribution around it.
+
+    a | s ~ t_nu( W^T phi(s), Sigma )
+
+A density is unbounded, so that under a Gaussian one step far off would condemn a demonstration: the tails say that
+such steps happen. Student's distribution is a Gaussian whose precision is Gamma-distributed, so its M-step is weighted
+least squares, repeated (Lange, Little and Taylor 1989), in which nu is chosen by the likelihood itself (ECME, Liu and
+Rubin 1994). All of it needs X^T W X, X^T W A and A^T W A only.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.linalg import cho_factor, cho_solve, solve_triangular
+from scipy.special import gammaln
+
+from rpil.passes import Array, blocks, linear
+from rpil.problem import Problem
+from rpil.spaces import Box
+
+_FREEDOM = np.array([1.0, 2.0, 3.0, 5.0, 8.0, 15.0, 30.0, 100.0])
+"""Degrees of freedom to choose from: Cauchy's distribution to all but a Gaussian."""
+
+_LEAST_SPREAD = 0.01
+"""Of a dimension's box: a standard deviation that no policy goes much below. Who does exactly the same time and again,
+as at the bounds of the box, would else be infinitely likely, and nothing but those steps would count."""
+
+_START_FREEDOM = 5.0
+
+
+@dataclass(frozen=True, eq=False)
+class StudentPolicy:
+    """A linear policy with Student's distribution over a design matrix whose last column is the constant.
+
+    Attributes
+    ----------
+    weights : (D, A) array
+        Coefficients, the intercepts in the last row.
+    cholesky : (A, A) array
+        Lower factor of the scale matrix Sigma.
+    freedom : float
+        nu.
+    ridge : (D,) array
+        Penalty on the squares of each feature's coefficients, in units of Sigma; 0 for the constant.
+    least : (A,) array
+        What is added to the sums of squares of each dimension, as its root.
+    """
+
+    weights: Array
+    cholesky: Array
+    freedom: float
+    ridge: Array
+    least: Array
+
+    @classmethod
+    def zero(cls, box: Box, ridge: Array, n_steps: float) -> StudentPolicy:
+        """The middle of the box, and very unsure of it; to be fitted to steps with a weight of `n_steps` together."""
+        width = box.high - box.low
+        least = _LEAST_SPREAD * width * np.sqrt(n_steps)
+        weights = np.zeros((len(ridge), len(width)))
+        weights[-1] = 0.5 * (box.low + box.high)
+        return cls(
+            weights, np.diag(width / np.sqrt(12.0)), _START_FREEDOM, ridge, _LEAST_SPREAD * width * np.sqrt(n_steps)
+        )
+
+    def outputs(self, features: Array) -> Array:
+        """The means, (N, A)."""
+        return linear(features, self.weights)
+
+    def log_prob(self, outputs: Array, actions: Array) -> Array:
+        """log pi(a_n|s_n), a density, (N,)."""
+        return self._log_density(self._distance(actions - outputs), self.freedom)
+
+    def learn(
+        self,
+        problem: Problem,
+        weight: Array,
+        lesson: Array | None = None,
+        *,
+        tol: float = 1e-6,
+        max_iter: int = 100,
+        max_cg: int = 0,
+    ) -> tuple[StudentPolicy, Array]:
+        """Weighted least squares until the objective gains less than `tol` nats a step."""
+        features, actions = problem.features, problem.actions
+        total = weight.sum()
+        policy, outputs = self, self.outputs(features)
+        objective = weight @ policy.log_prob(outputs, actions) - policy.penalty()
+        for _ in range(max_iter):
+            policy, outputs = policy._improved(features, actions, outputs, weight)
+            before, objective = objective, weight @ policy.log_prob(outputs, actions) - policy.penalty()
+            if objective - before <= tol * total:
+                break
+        return policy, outputs
+
+    def tempered(self, temperature: float) -> StudentPolicy:
+        """The same: how sure it is was fitted, too."""
+        return self
+
+    def penalty(self) -> float:
+        """What the ridge and the least spread take off the log-likelihood."""
+        root = np.vstack([np.sqrt(self.ridge)[:, None] * self.weights, np.diag(self.least)])
+        return float(0.5 * self._distance(root).sum())
+
+    def _improved(self, features: Array, actions: Array, outputs: Array, weight: Array) -> tuple[StudentPolicy, Array]:
+        dimension = actions.shape[1]
+        trust = weight * (self.freedom + dimension) / (self.freedom + self._distance(actions - outputs))
+        moments, cross = _moments(features, actions, trust)
+        weights = _solve(moments + np.diag(self.ridge), cross)
+        outputs = linear(features, weights)
+        residual = actions - outputs
+        scatter = (residual.T * trust) @ residual + (weights.T * self.ridge) @ weights + np.diag(self.least**2)
+        policy = replace(self, weights=weights, cholesky=np.linalg.cholesky(scatter / weight.sum()))
+        distance = policy._distance(residual)
+        likelihood = [weight @ policy._log_density(distance, freedom) for freedom in _FREEDOM]
+        return replace(policy, freedom=float(_FREEDOM[int(np.argmax(likelihood))])), outputs
+
+    def _distance(self, residual: Array) -> Array:
+        """Squared Mahalanobis distances of rows, (N, A) -> (N,)."""
+        standard = solve_triangular(self.cholesky, residual.T, lower=True)
+        return np.einsum("an,an->n", standard, standard)
+
+    def _log_density(self, distance: Array, freedom: float) -> Array:
+        dimension = len(self.cholesky)
+        constant = gammaln(0.5 * (freedom + dimension)) - gammaln(0.5 * freedom)
+        constant -= 0.5 * dimension * np.log(freedom * np.pi) + np.log(np.diag(self.cholesky)).sum()
+        return constant - 0.5 * (freedom + dimension) * np.log1p(distance / freedom)
+
+
+def _moments(features: Array, actions: Array, weight: Array) -> tuple[Array, Array]:
+    """X^T W X and X^T W A, in one reading of X."""
+    moments = np.zeros((features.shape[1], features.shape[1]))
+    cross = np.zeros((features.shape[1], actions.shape[1]))
+    for block in blocks(features):
+        rows = features[block]
+        weighted = (rows * weight[block, None]).astype(features.dtype, copy=False)
+        moments += weighted.T @ rows
+        cross += weighted.T @ actions[block].astype(features.dtype, copy=False)
+    return moments, cross
+
+
+def _solve(matrix: Array, right: Array) -> Array:
+    """Least squares where the columns hold less than the ridge can make up for."""
+    try:
+        solution: Array = cho_solve(cho_factor(matrix), right)
+    except np.linalg.LinAlgError:
+        solution = np.linalg.lstsq(matrix, right)[0]
+    return solution
