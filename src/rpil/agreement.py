@@ -16,6 +16,7 @@ from rpil.passes import Array
 from rpil.policies import Policy
 from rpil.problem import Problem
 
+_N_FOLDS = 3
 _RHO = np.linspace(0.0, 1.0, 21)
 
 
@@ -24,17 +25,35 @@ def predictable(
 ) -> tuple[float, float]:
     """Medians over the demonstrations of `group`, in nats a step over the group's action frequencies: what the other
     members predict, and how much of it is lost when the `other` group teaches as well, with the same weight."""
-    mine = problem.select(group)
-    guess = marginal(mine, policy)
+    guess = marginal(problem.select(group), policy)
     alone, together = np.zeros((2, len(group)))
-    order = rng.permutation(len(group))
-    n_folds = min(3, len(group))
-    for k in range(n_folds):
-        held = np.sort(order[k::n_folds])
+    for held in _folds(len(group), rng):
         rest = np.delete(group, held)
         alone[held] = _gain(problem, policy, [rest], group[held], guess)
         together[held] = _gain(problem, policy, [rest, other], group[held], guess)
     return float(np.median(alone)), float(np.median(alone - together))
+
+
+def agreement(problem: Problem, policy: Policy, group: Array, rng: np.random.Generator) -> float:
+    """How much the members of a group agree: G^2 / N, where G is what they predict of each other, in nats over what is
+    frequent among all, and N is their steps.
+
+    That is the scan statistic for a mean above zero (Kulldorff 1997, with Gaussian noise): few who agree perfectly are
+    as remarkable as many who agree somewhat.
+    """
+    if len(group) < 2:
+        return 0.0
+    guess = marginal(problem, policy)
+    gain, steps = 0.0, problem.lengths[group]
+    for held in _folds(len(group), rng):
+        each = _gain(problem, policy, [np.delete(group, held)], group[held], guess)
+        gain += float(each @ steps[held])
+    return max(gain, 0.0) ** 2 / float(steps.sum())
+
+
+def _folds(n: int, rng: np.random.Generator) -> list[Array]:
+    order = rng.permutation(n)
+    return [np.sort(order[k::_N_FOLDS]) for k in range(min(_N_FOLDS, n))]
 
 
 def _gain(problem: Problem, policy: Policy, schools: Sequence[Array], pupils: Array, guess: Adversary) -> Array:

@@ -13,7 +13,7 @@ from functools import partial
 import numpy as np
 
 from rpil.adversaries import Adversary, adversary, marginal, usual
-from rpil.agreement import predictable
+from rpil.agreement import agreement
 from rpil.em import MStep, Result, State, e_step, lower_bound, m_step, run
 from rpil.parallel import in_parallel
 from rpil.passes import Array
@@ -32,6 +32,9 @@ _LIKE_EXPERTS = "like known experts"
 _ASKED = 30
 _JUDGED_STEPS = 10_000
 """Demonstrations that may become a start, and steps of others by which they are compared."""
+
+_COMPARED = 3
+"""Solutions of which the experts' agreement is compared."""
 
 _SHORT = 6
 """EM iterations after which starts are compared."""
@@ -86,7 +89,8 @@ def fit(
     best = runs[0]
     if len(candidates) == 1:
         best = _continue(problem, setting, best)
-        return (_turned(problem, setting, best, rng) if best.state.adversary.symmetric else best), runs
+        return (_who_agrees(problem, setting, runs, rng) if best.state.adversary.symmetric else best), runs
+    seeds = dict(zip(candidates, rng.spawn(len(candidates)), strict=True))
 
     def try_one(candidate: str | Adversary) -> Result:
         progress(f"adversary: {candidate}")
@@ -95,10 +99,8 @@ def fit(
         found = _run(problem, setting, start, best.posterior.outputs, setting.max_iter)
         if not new.symmetric:
             return found
-        own = _continue(problem, setting, search(problem, setting, candidate, seeds[candidate])[0])
-        return _turned(problem, setting, max(found, own, key=lambda run: run.objective), seeds[candidate])
-
-    seeds = dict(zip(candidates, rng.spawn(len(candidates)), strict=True))
+        own = search(problem, setting, candidate, seeds[candidate])
+        return _who_agrees(problem, setting, [found, *own], seeds[candidate])
 
     results = in_parallel(try_one, candidates, problem.features)
     progress("comparing adversaries")
@@ -108,26 +110,30 @@ def fit(
     return results[max(range(len(results)), key=lambda k: (-against[k], scores[k]))], runs
 
 
-def _turned(problem: Problem, setting: Setting, result: Result, rng: np.random.Generator) -> Result:
-    """`result`, or the one where experts and adversaries have changed places, should those agree better.
+def _who_agrees(problem: Problem, setting: Setting, runs: Sequence[Result], rng: np.random.Generator) -> Result:
+    """The solution whose experts agree best, among the first of `runs` and those where the groups changed places.
 
-    For an adversary with a policy of its own both are as likely; but experts agree with one another.
+    For an adversary with a policy of its own expert and adversary are alike, and any group that is easy to describe
+    apart from the others makes a likely solution. Experts are those who agree with one another, on much.
     """
-    expert = result.posterior.expert > 0.5
-    groups = np.flatnonzero(expert), np.flatnonzero(~expert)
-    if min(map(len, groups)) < 2:
-        return result
+    tried = [_continue(problem, setting, result) for result in runs[:_COMPARED]]
+    tried += [_turned(problem, setting, result) for result in tried]
+
+    def rank(result: Result) -> tuple[int, float]:
+        experts = np.flatnonzero(result.posterior.expert > 0.5)
+        against = _contradicted(problem, setting, result)
+        return -against, agreement(problem, setting.policy, experts, np.random.default_rng(seed))
+
+    seed = int(rng.integers(2**32))  # the same folds for the same group
+    return max(tried, key=rank)
+
+
+def _turned(problem: Problem, setting: Setting, result: Result) -> Result:
+    """EM from where experts and adversaries of `result` have changed places."""
     policy, outputs = _taught(problem, setting, 1.0 - result.posterior.expert)
     other, _ = _taught(problem, setting, result.posterior.expert)
     anew = State(policy, result.state.adversary.with_policy(other), setting.prior, setting.reliability)
-    turned = _run(problem, setting, anew, outputs, setting.max_iter)
-    against = [_contradicted(problem, setting, run) for run in (result, turned)]
-    if against[0] != against[1]:
-        return result if against[0] < against[1] else turned
-    if (problem.labels != 0).any():
-        return result
-    ours, theirs = (predictable(problem, setting.policy, *pair, rng)[0] for pair in (groups, groups[::-1]))
-    return result if ours >= theirs else turned
+    return _run(problem, setting, anew, outputs, setting.max_iter)
 
 
 def _in_runs(

@@ -9,6 +9,7 @@ import numpy as np
 
 from rpil.adversaries.continuous import MarginalBox, UniformBox
 from rpil.adversaries.discrete import Complement, Confusion, Constant, Marginal, Uniform
+from rpil.adversaries.either import Either
 from rpil.adversaries.own import OwnPolicy
 from rpil.adversaries.protocol import Adversary
 from rpil.errors import DataError
@@ -23,6 +24,7 @@ __all__ = [
     "Complement",
     "Confusion",
     "Constant",
+    "Either",
     "Marginal",
     "MarginalBox",
     "OwnPolicy",
@@ -47,13 +49,14 @@ ADVERSARIES: dict[str, dict[str, Callable[[Any, Policy], Adversary]]] = {
         "uniform": lambda space, policy: UniformBox(space.log_volume),
         "marginal": lambda space, policy: MarginalBox.start(space),
         "own policy": lambda space, policy: OwnPolicy(policy),
+        "own policy or marginal": lambda space, policy: Either(OwnPolicy(policy), MarginalBox.start(space)),
     },
 }
 """Kind of actions -> name -> start of the adversary, given the space of actions and a policy that has seen no data."""
 
 AUTO = {
     "discrete": ("uniform", "marginal", "normalised complement", "confusion"),
-    "continuous": ("uniform", "marginal", "own policy"),
+    "continuous": ("uniform", "marginal", "own policy or marginal"),
 }
 """The adversaries among which ``"auto"`` chooses: distributions, so that their held-out likelihoods compare."""
 
