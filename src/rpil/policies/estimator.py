@@ -187,7 +187,7 @@ def estimator_policy(estimator: Any, space: Space, n_steps: int) -> ClassifierPo
             f"The policy {name} has no predict_proba; give one that has, or wrap it in scikit-learn's "
             "CalibratedClassifierCV."
         )
-    return ClassifierPolicy(estimator, space.n)
+    return ClassifierPolicy(estimator, getattr(space, "n", 0))
 
 
 def _folds(problem: Problem) -> list[Array]:
