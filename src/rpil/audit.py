@@ -136,6 +136,7 @@ class Audit:
             "identifiable": self.identifiable,
             "groups": [list(group) for group in self.competing],
             "to_label": list(self.to_label),
+            "assumptions": list(self.assumptions),
             "demonstrations": [
                 {
                     "id": self.ids[m],

@@ -44,7 +44,8 @@ class Belief:
     weight : (P, Q) array
         Posterior of each combination, should there be two groups.
     alike : float
-        P(there is one group only | data): then everybody is an expert, however reliable.
+        P(there is one group only | data): then everybody is an expert, however reliable. One half beforehand; 0 where
+        an adversary is known, or the share of experts is given.
     one : (J,) array
         log P(rho_j) of that one group.
     power : float
@@ -136,7 +137,7 @@ def believe(problem: Problem, result: Result, outputs: Array) -> tuple[Belief, A
         weight = np.exp(log_posterior - log_posterior.max())
         log_two = log_posterior.max() + np.log(weight.sum()) - logsumexp(log_share, 0)
         log_two -= logsumexp(state.reliability.alternatives.log_prior, 0)
-        alike = 0.0 if (labels < 0).any() else float(expit(log_one - log_two))
+        alike = 0.0 if (labels < 0).any() or prior.fixed else float(expit(log_one - log_two))
         belief = Belief(prior, shift, expert, adversary, weight / weight.sum(), alike, one, tempering)
         proba = sum(expit(ratio + (offset + s)[:, None]) @ w for s, w in zip(shift, belief.weight, strict=True))
         prior = prior.fit(np.where(labels == 0, proba, labels > 0), lengths)
