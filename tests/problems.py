@@ -1,4 +1,4 @@
-"""A zoo of small made-up problems: softmax experts, and bad demonstrations of every sort, from one seed."""
+"""A zoo of small made-up problems: softmax or linear experts, and bad demonstrations of every sort, from one seed."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from rpil.adversaries import adversary
 from rpil.demonstrations import Demonstrations
 from rpil.em import State
 from rpil.features import FeatureMap
-from rpil.policies import SoftmaxPolicy
+from rpil.policies import linear_policy
 from rpil.priors import Share
 from rpil.problem import Problem
 from rpil.reliability import PointMasses, Reliability, TwoBetas
-from rpil.spaces import Discrete
+from rpil.spaces import Box, Discrete, Space
 
 Array = NDArray[Any]
 
@@ -31,20 +31,20 @@ class Toy:
     Attributes
     ----------
     observations : (N, D) array
-    actions : (N,) int array
+    actions : (N,) int array or (N, A) array
     offsets : (M + 1,) int array
-    n_actions : int
+    space : Discrete or Box
     is_good : (M,) bool array
     labels : (M,) int array
         What the fit may know: 1 expert, -1 adversary, 0 nothing.
-    weights : (D + 1, K) array
-        Of the softmax expert, the constant last.
+    weights : (D + 1, K) or (D + 1, A) array
+        Of the softmax or linear expert, the constant last.
     """
 
     observations: Array
     actions: Array
     offsets: Array
-    n_actions: int
+    space: Space
     is_good: Array
     labels: Array
     weights: Array
@@ -64,7 +64,7 @@ class Toy:
     def problem(self, features: str = "raw") -> Problem:
         """As EM wants it."""
         design = FeatureMap.fit(features, self.observations).design(self.observations)
-        return Problem(design, self.actions, self.offsets, Discrete(self.n_actions), self.labels)
+        return Problem(design, self.actions, self.offsets, self.space, self.labels)
 
     def labelled(self, labels: dict[int, int]) -> Toy:
         """The same with ``labels`` {index: 1 or -1}."""
@@ -103,7 +103,7 @@ def make(
         actions[mine] = _spoil(kind, actions[mine], n_actions, rng)
     actions[:n_actions] = np.arange(n_actions)  # every action occurs
     is_good = np.arange(n_good + n_bad) < n_good
-    return Toy(observations, actions, offsets, n_actions, is_good, np.zeros(len(is_good), dtype=int), weights)
+    return Toy(observations, actions, offsets, Discrete(n_actions), is_good, np.zeros(len(is_good), dtype=int), weights)
 
 
 def _spoil(kind: str, actions: Array, n_actions: int, rng: np.random.Generator) -> Array:
@@ -123,6 +123,79 @@ def _spoil(kind: str, actions: Array, n_actions: int, rng: np.random.Generator) 
         case "none":
             return actions
     raise ValueError(kind)
+
+
+def make_continuous(
+    kind: str,
+    seed: int,
+    *,
+    n_parts: int = 2,
+    n_observations: int = 3,
+    n_good: int = 6,
+    n_bad: int = 6,
+    steps: tuple[int, int] = (20, 40),
+    noise: float = 0.2,
+) -> Toy:
+    """Linear experts with Gaussian noise in states of a standard Gaussian, the good demonstrations first.
+
+    `kind` is what the bad ones do: anything in the box at "random"; the expert's actions "flipped" at its middle;
+    "noisy", half of them random; random in a "window" of half the steps; "smooth", another linear policy, as little
+    noisy as the expert's; "none" spoils none.
+    """
+    rng = np.random.default_rng(seed)
+    weights, others = rng.normal(size=(2, n_observations + 1, n_parts))
+    lengths = rng.integers(steps[0], steps[1], size=n_good + n_bad, endpoint=True)
+    offsets = np.concatenate([[0], np.cumsum(lengths)])
+    observations = rng.normal(size=(offsets[-1], n_observations))
+    error = noise * rng.normal(size=(offsets[-1], n_parts))
+    actions = observations @ weights[:-1] + weights[-1] + error
+    smooth = observations @ others[:-1] + others[-1] + error
+    box = Box.around(np.concatenate([actions, smooth]) if kind == "smooth" else actions)
+    for m in range(n_good, n_good + n_bad):
+        mine = slice(offsets[m], offsets[m + 1])
+        actions[mine] = smooth[mine] if kind == "smooth" else _spoil_continuous(kind, actions[mine], box, rng)
+    is_good = np.arange(n_good + n_bad) < n_good
+    return Toy(observations, actions, offsets, box, is_good, np.zeros(len(is_good), dtype=int), weights)
+
+
+def _spoil_continuous(kind: str, actions: Array, box: Box, rng: np.random.Generator) -> Array:
+    n = len(actions)
+    anything = rng.uniform(box.low, box.high, size=actions.shape)
+    match kind:
+        case "random":
+            return anything
+        case "flipped":
+            return box.low + box.high - actions
+        case "noisy":
+            return np.where(rng.permutation(n)[:, None] < n / 2, anything, actions)
+        case "window":
+            return np.where((np.arange(n)[:, None] + rng.integers(n)) % n < n / 2, anything, actions)
+        case "none":
+            return actions
+    raise ValueError(kind)
+
+
+def continuous_zoo(seed: int = 0) -> dict[str, Toy]:
+    """Name -> problem with continuous actions."""
+    still = make_continuous("random", seed)
+    still.actions[:, 1] = 3.0  # a part that never moves
+    far = make_continuous("noisy", seed)
+    far.actions[::17] *= 100.0
+    return {
+        "random": make_continuous("random", seed),
+        "flipped": make_continuous("flipped", seed, n_bad=3),
+        "noisy": make_continuous("noisy", seed, n_parts=1),
+        "window": make_continuous("window", seed, n_observations=5),
+        "smooth": make_continuous("smooth", seed, n_bad=4),
+        "none bad": make_continuous("none", seed),
+        "mostly bad": make_continuous("random", seed, n_good=2, n_bad=10),
+        "one step each": make_continuous("random", seed, n_good=30, n_bad=20, steps=(1, 1)),
+        "unequal lengths": make_continuous("random", seed, n_good=8, n_bad=8, steps=(1, 400), n_observations=1),
+        "a part that never moves": replace(still, space=Box.around(still.actions)),
+        "actions far off": replace(far, space=Box.around(far.actions)),
+        "no noise at all": make_continuous("random", seed, noise=0.0),
+        "labelled": make_continuous("smooth", seed, n_bad=8).labelled({0: 1, 13: -1}),
+    }
 
 
 def zoo(seed: int = 0) -> dict[str, Toy]:
@@ -161,6 +234,6 @@ def ridge(problem: Problem) -> Array:
 
 def pooled_state(problem: Problem, which: str, reliability: Reliability) -> State:
     """Where EM starts by default: the policy that trusts everybody."""
-    zero = SoftmaxPolicy.zero(problem.space.n, ridge(problem))
+    zero = linear_policy(problem.space, ridge(problem), len(problem.actions))
     policy, _ = zero.learn(problem, np.ones(len(problem.actions)))
     return State(policy, adversary(which, problem.space, zero), Share(), reliability)

@@ -17,6 +17,7 @@ from rpil.errors import DataError
 from rpil.priors import Share
 from rpil.problem import Problem
 from rpil.reliability import TwoBetas, beta_table
+from rpil.spaces import Discrete
 
 IDS = ("a", "b", "c", "d", "e")
 LENGTHS = np.array([3, 1, 4, 2, 5])
@@ -33,14 +34,14 @@ def told(
     """The audit of five demonstrations whose reliabilities are known: those of the grid's nodes `node`."""
     offsets = np.concatenate([[0], np.cumsum(LENGTHS)])
     n = int(offsets[-1])
-    problem = Problem(np.ones((n, 1)), np.zeros(n, dtype=int), offsets, 3, np.array(labels))
+    problem = Problem(np.ones((n, 1)), np.zeros(n, dtype=int), offsets, Discrete(3), np.array(labels))
     state = pooled_state(problem, "uniform", TwoBetas.start())
     joint = np.zeros((5, 2, len(beta_table().nodes)))
     joint[np.arange(5), 0, node] = 1.0
     ratio = np.linspace(-1, 1, n) if log_ratio is None else log_ratio
     posterior = Posterior(np.array(log_odds), joint, np.linspace(0, 1, n), np.zeros(5), ratio, np.zeros((n, 3)))
     result = Result(state, posterior, np.array([-2.0, -1.0]), True)
-    belief = Belief(Share(0.3), np.zeros(1), joint[:1, 0], joint[:1, 0], np.ones((1, 1)))
+    belief = Belief(Share(0.3), np.zeros(1), joint[:1, 0], joint[:1, 0], np.ones((1, 1)), 0.0, joint[0, 0], 1.0)
     return summarise(problem, result, belief, np.array(log_odds), IDS, [np.array(group) for group in competing])
 
 
@@ -101,7 +102,7 @@ def test_reliability_is_the_posterior_mean_with_its_interval():
 def audit_of(toy: Toy) -> Audit:
     problem = toy.problem()
     result = run(problem, pooled_state(problem, "uniform", TwoBetas.start()), max_iter=50)
-    return summarise(problem, result, *believe(problem, result), toy.ids, [])
+    return summarise(problem, result, *believe(problem, result, result.posterior.outputs), toy.ids, [])
 
 
 def test_weights_of_steps():
@@ -147,7 +148,7 @@ def test_to_dict_of_numpy_ids_is_json():
     ids = tuple(np.arange(12).tolist())
     problem = toy.problem()
     result = run(problem, pooled_state(problem, "uniform", TwoBetas.start()), max_iter=5)
-    belief, log_odds = believe(problem, result)
+    belief, log_odds = believe(problem, result, result.posterior.outputs)
     found = summarise(problem, result, belief, log_odds, ids, [np.array([0, 1]), np.array([2])])
     json.dumps(found.to_dict(), allow_nan=False)
     assert found.adversary == "uniform"

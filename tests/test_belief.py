@@ -9,10 +9,14 @@ import pytest
 from scipy.special import expit, logsumexp
 
 from problems import make, pooled_state
-from rpil.belief import Belief, believe, evidence
-from rpil.em import run
+from rpil.adversaries import Uniform
+from rpil.belief import Belief, believe, evidence, power
+from rpil.em import State, run
+from rpil.policies import SoftmaxPolicy
 from rpil.priors import ByLength, Share
+from rpil.problem import Problem
 from rpil.reliability import PointMasses, TwoBetas
+from rpil.spaces import Discrete
 
 
 def fitted(kind: str = "random", seed: int = 0, labels=None, reliability=None, prior=None):
@@ -24,9 +28,9 @@ def fitted(kind: str = "random", seed: int = 0, labels=None, reliability=None, p
     return problem, run(problem, state, max_iter=10)
 
 
-def brute_force(problem, result, belief: Belief) -> tuple[np.ndarray, np.ndarray]:
-    """Log-odds (M,) and posterior of the shares (P,), each combination on its own and none left out."""
-    by_node = evidence(problem, result.state, result.posterior.outputs)
+def brute_force(problem, result, belief: Belief) -> tuple[np.ndarray, np.ndarray, float]:
+    """Log-odds (M,), posterior of the shares (P,) and of one group only, each combination on its own, none left out."""
+    by_node = belief.power * evidence(problem, result.state, result.posterior.outputs)
     alternatives = result.state.reliability.alternatives
     shift, log_share = belief.prior.alternatives(problem.lengths)
     log_z, log_each = [], []
@@ -41,8 +45,12 @@ def brute_force(problem, result, belief: Belief) -> tuple[np.ndarray, np.ndarray
             log_z.append(logsumexp(counted, axis=0).sum() + prior + pair_prior)
             log_each.append(joint - logsumexp(joint, axis=0))
     weight = np.exp(np.array(log_z) - logsumexp(log_z))
-    proba = np.einsum("q,qgm->gm", weight, np.exp(log_each))
-    return np.log(proba[0]) - np.log(proba[1]), weight.reshape(len(shift), -1).sum(axis=1)
+    two = np.einsum("q,qgm->gm", weight, np.exp(log_each))
+    log_two = logsumexp(log_z) - logsumexp(log_share) - logsumexp(alternatives.log_prior)
+    each = [logsumexp(by_node + row, axis=1).sum() for row in alternatives.log_weight]
+    alike = expit(logsumexp(each) - np.log(len(each)) - log_two) if not (problem.labels < 0).any() else 0.0
+    proba = alike * np.array([[1.0], [0.0]]) + (1 - alike) * two
+    return np.log(proba[0]) - np.log(proba[1]), weight.reshape(len(shift), -1).sum(axis=1), alike
 
 
 @pytest.mark.parametrize("labels", [None, [1, -1] + [0] * 10])
@@ -53,8 +61,9 @@ def test_against_brute_force(labels, reliability):
     result = replace(
         result, posterior=replace(result.posterior, outputs=result.posterior.outputs[: len(short.actions)])
     )
-    belief, log_odds = believe(short, result)
-    expected, shares = brute_force(short, result, belief)
+    belief, log_odds = believe(short, result, result.posterior.outputs)
+    expected, shares, alike = brute_force(short, result, belief)
+    assert belief.alike == pytest.approx(alike, abs=1e-3)
     np.testing.assert_allclose(belief.weight.sum(axis=1), shares, atol=2e-4)
     near = np.abs(expected) < 30
     np.testing.assert_allclose(log_odds[near], expected[near], atol=5e-3)
@@ -62,23 +71,51 @@ def test_against_brute_force(labels, reliability):
 
 def test_new_demonstrations_are_judged_as_the_fitted_ones():
     problem, result = fitted("noisy", 1)
-    belief, log_odds = believe(problem, result)
+    belief, log_odds = believe(problem, result, result.posterior.outputs)
     by_node = evidence(problem, result.state, result.posterior.outputs)
-    np.testing.assert_allclose(belief.log_odds(by_node, problem.lengths), log_odds)
+    assert belief.alike < 1e-4
+    np.testing.assert_allclose(belief.log_odds(by_node, problem.lengths), log_odds, atol=1e-2)
     one = problem.select(np.array([3]))
-    assert belief.log_odds(by_node[3:4], one.lengths)[0] == pytest.approx(log_odds[3])
+    assert belief.log_odds(by_node[3:4], one.lengths)[0] == pytest.approx(log_odds[3], abs=1e-2)
+
+
+def test_where_all_are_alike_nobody_is_accused_but_a_stranger_is():
+    """No signal: everybody's actions are equally (un)predictable; then comes one who does something else."""
+    problem, result = fitted("none", 0)
+    belief, log_odds = believe(problem, result, result.posterior.outputs)
+    assert belief.alike > 0.5
+    assert (log_odds > 0).all()
+    stranger = make("random", 5, n_good=2, n_bad=20).problem().select(np.arange(2, 22))
+    by_node = evidence(stranger, result.state, result.state.policy.outputs(stranger.features))
+    assert (belief.log_odds(by_node, stranger.lengths) < 0).mean() > 0.9
+
+
+@pytest.mark.parametrize("r", [0.0, 0.6])
+def test_power_is_the_effective_share_of_steps(r):
+    """Of log-ratios made by a first-order autoregression, whatever the means of the demonstrations."""
+    rng = np.random.default_rng(0)
+    x = np.zeros((20, 2000))
+    for t in range(1, 2000):
+        x[:, t] = r * x[:, t - 1] + rng.normal(size=20)
+    ratio = 0.1 * x + rng.normal(size=(20, 1))
+    problem = Problem(
+        np.ones((40_000, 1)), np.zeros(40_000, dtype=int), np.arange(21) * 2000, Discrete(2), np.zeros(20, dtype=int)
+    )
+    outputs = np.stack([ratio.ravel(), np.zeros(40_000)], axis=1)  # not normalised: only the difference counts
+    state = State(SoftmaxPolicy.zero(2, np.zeros(1)), Uniform(), Share(), TwoBetas.start())
+    assert power(problem, state, outputs) == pytest.approx((1 - r) / (1 + r), abs=0.02)
 
 
 def test_it_is_less_sure_than_point_estimates_and_of_the_same_mind():
     problem, result = fitted("random", 0)
-    _, log_odds = believe(problem, result)
+    _, log_odds = believe(problem, result, result.posterior.outputs)
     np.testing.assert_array_equal(log_odds > 0, result.posterior.log_odds > 0)
     assert np.isfinite(log_odds).all()
 
 
 def test_the_interval_of_the_share_is_the_betas_where_everything_is_clear():
     problem, result = fitted("random", 0, prior=Share())
-    belief, log_odds = believe(problem, result)
+    belief, log_odds = believe(problem, result, result.posterior.outputs)
     n_expert = (log_odds > 0).sum()
     assert np.abs(log_odds).min() > 5
     from scipy.stats import beta
@@ -91,14 +128,19 @@ def test_the_interval_of_the_share_is_the_betas_where_everything_is_clear():
 
 def test_a_given_share_has_no_interval():
     problem, result = fitted("random", 0, prior=Share(0.3, fixed=True))
-    belief, _ = believe(problem, result)
+    belief, _ = believe(problem, result, result.posterior.outputs)
     assert belief.share(problem.lengths) == pytest.approx((0.3, 0.3, 0.3))
+
+
+def share(problem) -> float:
+    _, result = fitted("noisy", 2, prior=Share())
+    return believe(problem, result, result.posterior.outputs)[0].share(problem.lengths)[0]
 
 
 def test_labels_move_the_share():
     problem, result = fitted("noisy", 2, prior=Share())
     bad = replace(problem, labels=np.where(np.arange(problem.n_demonstrations) < 8, -1, 0))
-    assert believe(bad, result)[0].share(problem.lengths)[0] < believe(problem, result)[0].share(problem.lengths)[0]
+    assert share(bad) < share(problem)
 
 
 def test_length_helps_where_actions_say_little():
@@ -106,7 +148,7 @@ def test_length_helps_where_actions_say_little():
     problem, result = fitted("random", 0)
     lengths = np.where(result.posterior.expert > 0.5, 10, 100) + np.arange(problem.n_demonstrations)
     prior = ByLength.start(lengths).fit(result.posterior.expert, lengths)
-    belief, _ = believe(problem, replace(result, state=replace(result.state, prior=prior)))
+    belief, _ = believe(problem, replace(result, state=replace(result.state, prior=prior)), result.posterior.outputs)
     nothing = np.zeros((2, len(result.state.reliability.nodes)))
     belief = replace(belief, prior=prior)
     short, long = belief.log_odds(nothing, np.array([10, 110]))

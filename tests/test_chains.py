@@ -17,6 +17,7 @@ from rpil.priors import Share
 from rpil.problem import Problem
 from rpil.reliability import PointMasses, TwoBetas
 from rpil.search import Setting, fit
+from rpil.spaces import Discrete
 
 OFFSETS = np.array([0, 1, 4, 10, 12])
 NODES = np.array([0.0, 1e-3, 0.3, 0.8, 1.0])
@@ -121,14 +122,15 @@ def windows(seed: int, n_good: int = 5, n_bad: int = 70, n_steps: int = 60) -> T
         actions[start : start + n_steps // 2] = rng.integers(2, size=n_steps // 2)
     observations = np.stack([side, side * np.minimum(1.0, 2 * np.minimum(when, 1 - when))], axis=1)
     offsets = np.arange(n + 1) * n_steps
-    return Toy(observations, actions, offsets, 2, np.arange(n) < n_good, np.zeros(n, dtype=int), np.zeros((3, 2)))
+    is_good, nobody = np.arange(n) < n_good, np.zeros(n, dtype=int)
+    return Toy(observations, actions, offsets, Discrete(2), is_good, nobody, np.zeros((3, 2)))
 
 
 def test_windows_that_an_independent_mixture_takes_for_the_expert():
     toy = windows(3)
     problem = toy.problem()
     penalty = ridge(problem) / 100
-    setting = Setting(SoftmaxPolicy.zero(2, penalty), penalty, Share(), TwoBetas.start())
+    setting = Setting(SoftmaxPolicy.zero(2, penalty), Share(), TwoBetas.start())
     independent = search.search(problem, setting, "uniform", np.random.default_rng(0))[0]
     found, runs = fit(problem, setting, ["uniform"], np.random.default_rng(0))
     assert ((independent.posterior.log_odds > 0) != toy.is_good).sum() > 10
@@ -141,7 +143,7 @@ def test_windows_that_an_independent_mixture_takes_for_the_expert():
 def test_independent_noise_changes_nothing():
     """Not one bit: the search for runs is not even begun."""
     problem = make("noisy", 0, n_good=8, steps=(40, 60)).problem()
-    setting = Setting(SoftmaxPolicy.zero(3, ridge(problem)), ridge(problem), Share(), TwoBetas.start())
+    setting = Setting(SoftmaxPolicy.zero(3, ridge(problem)), Share(), TwoBetas.start())
     said: list[str] = []
     fit(problem, setting, ["uniform"], np.random.default_rng(0), said.append)
     assert "bad steps in runs" not in said

@@ -142,7 +142,7 @@ def blocked_problem(weighted: bool = False) -> Problem:
     rng = np.random.default_rng(0)
     weight = rng.random(n) if weighted else None
     offsets = np.concatenate([[0], np.cumsum(lengths)])
-    return Problem(np.ones((n, 1)), rng.integers(3, size=n), offsets, 3, np.zeros(8, dtype=int), weight)
+    return Problem(np.ones((n, 1)), rng.integers(3, size=n), offsets, Discrete(3), np.zeros(8, dtype=int), weight)
 
 
 @pytest.mark.parametrize("weighted", [False, True])
@@ -307,9 +307,10 @@ def test_a_weight_of_two_is_a_step_taken_twice():
     toy = tiny()
     problem = toy.problem()
     twice = np.repeat(np.arange(len(toy.actions)), 2)
-    doubled = Problem(problem.features[twice], problem.actions[twice], 2 * problem.offsets, 3, problem.labels)
-    weight = np.full(len(toy.actions), 2.0)
-    weighted = Problem(problem.features, problem.actions, problem.offsets, 3, problem.labels, weight)
+    doubled = replace(
+        problem, features=problem.features[twice], actions=problem.actions[twice], offsets=2 * problem.offsets
+    )
+    weighted = replace(problem, weight=np.full(len(toy.actions), 2.0))
     state = tiny_state(problem, "uniform", TwoBetas.start())
     results = [run(p, state, max_iter=5, tol=0.0) for p in (doubled, weighted)]
     np.testing.assert_allclose(results[0].history, results[1].history, rtol=1e-9)

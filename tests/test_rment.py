@@ -8,15 +8,13 @@ import numpy as np
 import pytest
 from sklearn.exceptions import ConvergenceWarning
 
-from problems import make, ridge
+from problems import make, make_continuous, ridge
 from rpil.cloning import BehavioralCloning
-from rpil.demonstrations import Demonstrations
 from rpil.errors import DataError
 from rpil.inputs import ridge_of
-from rpil.policies import SoftmaxPolicy
+from rpil.policies import SoftmaxPolicy, linear_policy
 from rpil.policies.softmax import one_hot
 from rpil.rment import RMEnt, concentrate, fitted, search, starts
-from rpil.spaces import Discrete
 
 TOY = make("random", 0)
 
@@ -48,13 +46,13 @@ def test_exact_against_all_subsets(seed):
     toy = make("noisy", seed, n_good=4, n_bad=4, steps=(5, 15), sharpness=2.0)
     model = RMEnt(n_trusted=4, tol=1e-10).fit(toy.demonstrations)
     problem, lengths = toy.problem(), np.diff(toy.offsets)
-    penalty = ridge_of(model.features_, None, 4 * lengths.mean(), Discrete(toy.n_actions))
+    penalty = ridge_of(model.features_, None, 4 * lengths.mean(), toy.space)
     objectives = {}
     for subset in combinations(range(8), 4):
         weight = np.isin(np.arange(8), subset) / lengths
         design = model.features_.design(toy.observations)
         targets = one_hot(problem.actions, problem.spread(weight), problem.space.n)
-        policy, log_proba = SoftmaxPolicy.zero(toy.n_actions, penalty / lengths.mean()).fit(design, targets, tol=1e-10)
+        policy, log_proba = SoftmaxPolicy.zero(toy.space.n, penalty / lengths.mean()).fit(design, targets, tol=1e-10)
         objectives[subset] = (policy.penalty() - (targets * log_proba).sum()) / 4
     best = min(objectives, key=objectives.get)
     assert model.objective_ == pytest.approx(objectives[best], abs=1e-8)
@@ -93,6 +91,36 @@ def test_finds_the_good_and_learns_their_policy(kind, features):
     )
     error = np.abs(model.predict_proba(toy.observations) - oracle).mean()
     assert error < 0.3 * np.abs(naive - oracle).mean()
+
+
+@pytest.mark.parametrize("kind", ["random", "noisy", "window"])
+def test_continuous_actions(kind):
+    toy = make_continuous(kind, 1, n_good=8, n_bad=8, steps=(40, 60))
+    model = RMEnt(n_trusted=8).fit(toy.demonstrations)
+    np.testing.assert_array_equal(model.weights_, toy.is_good)
+    assert model.converged_
+    assert len(model.classes_) == 0
+    good = toy.is_good[toy.groups]
+    naive, oracle = (
+        BehavioralCloning().fit(toy.observations[kept], toy.actions[kept]).predict(toy.observations)
+        for kept in (good | True, good)
+    )
+    error = np.abs(model.predict(toy.observations) - oracle).mean()
+    assert error < 0.01
+    assert error < np.abs(naive - oracle).mean()
+    taken = model.log_prob(toy.observations, toy.actions)
+    np.testing.assert_allclose(model.log_likelihood_, [taken[toy.groups == m].mean() for m in range(16)])
+
+
+@pytest.mark.parametrize("start", [[0], [11], [3, 9], list(range(12))])
+def test_concentration_never_raises_the_objective_where_actions_are_continuous(start):
+    problem = make_continuous("noisy", 2).problem()
+    policy = linear_policy(problem.space, ridge(problem), len(problem.actions) / 2)
+    first = fitted(problem, policy, np.isin(np.arange(12), start), 1e-10)
+    found = concentrate(problem, first, 6, 1e-10, 50)
+    assert found.converged
+    assert (np.diff(found.history) <= 1e-7).all()
+    assert found.log_likelihood[found.kept].min() >= found.log_likelihood[~found.kept].max()
 
 
 def test_log_likelihood_is_the_mean_over_steps():
@@ -144,9 +172,6 @@ def test_no_convergence_is_loud():
         RMEnt(n_trusted=40, n_starts=1, max_iter=1).fit(toy.demonstrations)
 
 
-CONTINUOUS = Demonstrations.from_arrays(TOY.observations, TOY.observations, TOY.offsets, TOY.ids)
-
-
 @pytest.mark.parametrize(
     ("n_trusted", "data", "words"),
     [
@@ -156,7 +181,6 @@ CONTINUOUS = Demonstrations.from_arrays(TOY.observations, TOY.observations, TOY.
         (1.5, TOY.demonstrations, "n_trusted=1.5"),
         (0.0, TOY.demonstrations, "n_trusted=0.0"),
         ("all", TOY.demonstrations, "n_trusted='all'"),
-        (2, CONTINUOUS, "the actions are continuous"),
         (1, TOY.demonstrations.select([0]), "n_samples=1. cannot be compared; give at least two"),
     ],
 )
