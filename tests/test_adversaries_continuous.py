@@ -1,0 +1,246 @@
+"""Adversaries with continuous actions: densities over the box, that learn without ever losing."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.integrate import quad
+
+from problems import continuous_zoo, make_continuous, ridge
+from rpil.adversaries import (
+    ADVERSARIES,
+    AUTO,
+    Adversary,
+    Either,
+    MarginalBox,
+    OwnPolicy,
+    Uniform,
+    UniformBox,
+    adversary,
+    marginal,
+    usual,
+)
+from rpil.errors import DataError
+from rpil.policies import Policy, linear_policy
+from rpil.problem import Problem
+from rpil.spaces import Box, Discrete
+
+NAMES = tuple(ADVERSARIES["continuous"])
+SYMMETRIC = ("own policy", "own policy or marginal")
+TOY = make_continuous("noisy", 0)
+PROBLEM = TOY.problem()
+N = len(PROBLEM.actions)
+
+
+def fresh(problem: Problem = PROBLEM) -> Policy:
+    """A policy that has seen no data."""
+    return linear_policy(problem.space, ridge(problem), len(problem.actions))
+
+
+def fitted(name: str, problem: Problem = PROBLEM, seed: int = 0) -> tuple[Adversary, NDArray]:
+    """An adversary that has seen some steps, and the outputs of the policy it was fitted beside."""
+    policy, outputs = fresh(problem).learn(problem, np.ones(len(problem.actions)))
+    weight = np.random.default_rng(seed).random(len(problem.actions))
+    found = adversary(name, problem.space, fresh(problem))
+    for _ in range(3):
+        found = found.fit(problem, outputs, weight)
+    return found, outputs
+
+
+def by_point(found: Adversary, points: NDArray) -> NDArray:
+    """psi at points of the box (P, A), in the state of the first step."""
+    features = np.repeat(PROBLEM.features[:1], len(points), axis=0)
+    return np.exp(found.log_prob(features, np.zeros_like(points), points))
+
+
+def test_auto_is_of_known_ones():
+    assert set(AUTO["continuous"]) <= set(NAMES)
+    assert usual(PROBLEM.space, labelled=False) == usual(PROBLEM.space, labelled=True) == "marginal"
+    assert usual(Discrete(3), labelled=True) == "confusion"
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_names_are_those_of_the_table(name):
+    assert adversary(name, PROBLEM.space, fresh()).name == name
+
+
+@pytest.mark.parametrize("name", ["uniform", "marginal"])
+@pytest.mark.parametrize("n_parts", [1, 2])
+def test_the_density_integrates_to_one_over_the_box(name, n_parts):
+    problem = make_continuous("noisy", 1, n_parts=n_parts).problem()
+    found, _ = fitted(name, problem)
+    box = problem.space
+    edges = [np.linspace(low, high, 101) for low, high in zip(box.low, box.high, strict=True)]
+    middles = np.meshgrid(*[(e[1:] + e[:-1]) / 2 for e in edges])
+    points = np.stack([m.ravel() for m in middles], axis=1)
+    features = np.ones((len(points), problem.features.shape[1]))
+    density = np.exp(found.log_prob(features, points, points))
+    assert density.sum() * np.exp(box.log_volume) / len(points) == pytest.approx(1.0)  # a bin is five cells wide
+
+
+@pytest.mark.parametrize("name", SYMMETRIC)
+def test_an_own_policy_has_a_density_everywhere(name):
+    """Student's, over all numbers; the marginal's part is none beyond the box."""
+    problem = make_continuous("noisy", 1, n_parts=1).problem()
+    found, _ = fitted(name, problem)
+    low, high = problem.space.low[0], problem.space.high[0]
+
+    def density(a: float) -> float:
+        return float(np.exp(found.log_prob(problem.features[:1], np.zeros((1, 1)), np.array([[a]]))[0]))
+
+    if name == "own policy":
+        mean = found.policy.outputs(problem.features[:1])[0, 0]
+        total = quad(density, -np.inf, mean)[0] + quad(density, mean, np.inf)[0]
+        assert total == pytest.approx(1.0, abs=1e-5)
+    else:
+        inside = quad(density, low, high, limit=500, points=np.linspace(low, high, 21)[1:-1])[0]
+        own = quad(lambda a: np.exp(own_log_prob(found, problem, a)), low, high)[0]
+        assert inside == pytest.approx(found.share * own + 1 - found.share, abs=1e-4)
+
+
+def own_log_prob(found: Either, problem: Problem, a: float) -> float:
+    return float(found.first.log_prob(problem.features[:1], np.zeros((1, 1)), np.array([[a]]))[0])
+
+
+def test_log_prob_is_the_definition():
+    uniform, outputs = fitted("uniform")
+    steps = PROBLEM.features, outputs, PROBLEM.actions
+    width = TOY.space.high - TOY.space.low
+    np.testing.assert_allclose(uniform.log_prob(*steps), -np.log(width).sum())
+    assert UniformBox(TOY.space.log_volume).log_prob(*steps).shape == (N,)
+
+    found, _ = fitted("marginal")
+    bins = np.minimum((20 * (TOY.actions - TOY.space.low) / width).astype(int), 19)
+    expected = sum(found.log_density[part, bins[:, part]] for part in range(2))
+    np.testing.assert_allclose(found.log_prob(*steps), expected)
+
+    own, _ = fitted("own policy")
+    np.testing.assert_array_equal(
+        own.log_prob(*steps), own.policy.log_prob(own.policy.outputs(PROBLEM.features), PROBLEM.actions)
+    )
+
+    either, _ = fitted("own policy or marginal")
+    one, other = (np.exp(part.log_prob(*steps)) for part in (either.first, either.second))
+    np.testing.assert_allclose(
+        either.log_prob(*steps), np.log(either.share * one + (1 - either.share) * other), atol=1e-12
+    )
+
+
+def test_the_ends_of_the_box_are_in_its_first_and_last_bins():
+    found, _ = fitted("marginal")
+    box = TOY.space
+    ends, inside = np.stack([box.low, box.high]), np.stack([box.low + 1e-9, box.high - 1e-9])
+    np.testing.assert_allclose(by_point(found, ends), by_point(found, inside))
+    outside = np.stack([box.low - 100.0, box.high + 100.0])
+    np.testing.assert_allclose(by_point(found, outside), by_point(found, inside))
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_steps_teach_the_policy_nothing(name):
+    found, outputs = fitted(name)
+    assert found.intended(outputs, PROBLEM.actions) is None
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("name", NAMES)
+def test_fit_never_loses(name, seed):
+    for which, toy in continuous_zoo(seed).items():
+        problem = toy.problem()
+        rng = np.random.default_rng(seed)
+        outputs = rng.normal(size=problem.actions.shape)
+        weight = rng.gamma(0.2, size=len(problem.actions)) * (rng.random(len(problem.actions)) < 0.8)
+
+        def objective(found, problem=problem, outputs=outputs, weight=weight):
+            return weight @ found.log_prob(problem.features, outputs, problem.actions) + found.log_prior()
+
+        found = adversary(name, problem.space, fresh(problem))
+        before = objective(found)
+        for _ in range(6):
+            found = found.fit(problem, outputs, weight)
+            after = objective(found)
+            assert after >= before - 1e-9 * abs(before), which
+            before = after
+        assert np.isfinite(before), which
+
+
+def test_the_marginal_is_the_mode_under_its_prior_of_a_step_in_each_bin():
+    box = Box(np.array([0.0]), np.array([20.0]))
+    actions, weight = np.array([[0.5], [0.7], [19.9]]), np.array([1.0, 0.5, 2.0])
+    problem = Problem.of_steps(np.ones((3, 1)), actions, box)
+    found = MarginalBox.start(box).fit(problem, actions, weight)
+    counts = np.ones(20)
+    counts[[0, 19]] += 1.5, 2.0
+    np.testing.assert_allclose(np.exp(found.log_density[0]), counts / 23.5)  # every bin is 1 wide
+    assert found.log_prior() == pytest.approx(np.log(counts / 23.5).sum())
+
+
+def test_before_it_has_seen_data_the_marginal_is_uniform():
+    start = MarginalBox.start(TOY.space)
+    steps = PROBLEM.features, PROBLEM.actions, PROBLEM.actions
+    np.testing.assert_allclose(start.log_prob(*steps), UniformBox(TOY.space.log_volume).log_prob(*steps))
+
+
+def test_the_marginal_of_everybody():
+    found = marginal(PROBLEM, fresh())
+    assert found.name == "marginal"
+    share = np.exp(found.log_density[0]) * found.width[0]
+    expected = np.histogram(TOY.actions[:, 0], 20, (TOY.space.low[0], TOY.space.high[0]))[0] + 1.0
+    np.testing.assert_allclose(share, expected / expected.sum())
+
+
+def test_an_own_policy_learns_what_made_the_steps_and_the_rest_is_the_marginals():
+    """Three in ten steps are anything; a policy made the others."""
+    toy = make_continuous("none", 5, n_good=30, n_bad=0, steps=(100, 100))
+    rng = np.random.default_rng(0)
+    anything = rng.random(len(toy.actions)) < 0.3
+    toy.actions[anything] = rng.uniform(toy.space.low, toy.space.high, size=(anything.sum(), 2))
+    problem = toy.problem()
+    found = adversary("own policy or marginal", problem.space, fresh(problem))
+    for _ in range(50):
+        found = found.fit(problem, toy.actions, np.ones(len(toy.actions)))
+    assert found.share == pytest.approx(0.7, abs=0.03)
+    truth = toy.observations @ toy.weights[:-1] + toy.weights[-1]
+    assert np.abs(found.first.policy.outputs(problem.features) - truth).mean() < 0.03
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_only_those_with_a_policy_of_their_own_are_symmetric(name):
+    found, outputs = fitted(name)
+    assert found.symmetric == (name in SYMMETRIC)
+    other, _ = fresh().learn(PROBLEM, np.random.default_rng(1).random(N))
+    changed = found.with_policy(other)
+    if not found.symmetric:
+        assert changed is found
+        return
+    own = changed.first if isinstance(changed, Either) else changed
+    assert isinstance(own, OwnPolicy)
+    assert own.policy is other
+    assert changed.name == name
+    if isinstance(changed, Either):
+        assert (changed.second, changed.share) == (found.second, found.share)
+
+
+def test_no_steps_at_all_leave_a_finite_density():
+    """Where EM trusts everybody the adversary has none."""
+    outputs = np.zeros_like(PROBLEM.actions)
+    for name in NAMES:
+        found = adversary(name, PROBLEM.space, fresh()).fit(PROBLEM, outputs, np.zeros(N))
+        assert np.isfinite(found.log_prob(PROBLEM.features, outputs, PROBLEM.actions)).all(), name
+        assert np.isfinite(found.log_prior()), name
+
+
+@pytest.mark.parametrize("name", ["complement", "confusion", "constant", "evil"])
+def test_unknown_names(name):
+    with pytest.raises(DataError, match=f"'{name}' for continuous actions; choose auto, uniform, marginal") as error:
+        adversary(name, PROBLEM.space, fresh())
+    assert ". " not in str(error.value)
+
+
+def test_an_instance_is_taken_as_it_is():
+    given = UniformBox(3.0)
+    assert adversary(given, PROBLEM.space, fresh()) is given
+    assert adversary(Uniform(), Discrete(2), fresh()) == Uniform()
+    assert replace(given, log_volume=2.0).log_prob(PROBLEM.features, TOY.actions, TOY.actions)[0] == -2.0

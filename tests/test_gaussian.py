@@ -1,0 +1,247 @@
+"""The policy for continuous actions: the density it claims to be, and learning that never loses nor follows a few."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.integrate import dblquad, quad
+from scipy.stats import multivariate_t
+
+from problems import continuous_zoo, make_continuous, ridge
+from rpil.policies import StudentPolicy, linear_policy
+from rpil.policies.gaussian import _FREEDOM
+from rpil.problem import Problem
+from rpil.spaces import Box
+
+ZOO = continuous_zoo(0)
+
+
+def some_policy(n_parts: int, freedom: float = 3.0, seed: int = 0) -> StudentPolicy:
+    """Parameters at no special place, for two features and the constant."""
+    rng = np.random.default_rng(seed)
+    scale = rng.normal(size=(n_parts, n_parts))
+    cholesky = np.linalg.cholesky(scale @ scale.T + 0.3 * np.eye(n_parts))
+    return StudentPolicy(
+        rng.normal(size=(3, n_parts)), cholesky, freedom, np.array([0.3, 0.2, 0.0]), np.full(n_parts, 0.1)
+    )
+
+
+def some_steps(n: int, n_parts: int, seed: int = 1) -> tuple[NDArray, NDArray]:
+    """Features and actions."""
+    rng = np.random.default_rng(seed)
+    return np.column_stack([rng.normal(size=(n, 2)), np.ones(n)]), 3 * rng.normal(size=(n, n_parts))
+
+
+def zero(problem: Problem) -> StudentPolicy:
+    return linear_policy(problem.space, ridge(problem), len(problem.actions))
+
+
+def objective(policy: StudentPolicy, problem: Problem, weight: NDArray) -> float:
+    return float(weight @ policy.log_prob(policy.outputs(problem.features), problem.actions) - policy.penalty())
+
+
+# ---- the density -----------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("freedom", [1.0, 5.0, 100.0])
+@pytest.mark.parametrize("n_parts", [1, 2, 4])
+def test_it_is_students_density(n_parts, freedom):
+    policy = some_policy(n_parts, freedom)
+    features, actions = some_steps(20, n_parts)
+    outputs = policy.outputs(features)
+    np.testing.assert_allclose(outputs, features @ policy.weights)
+    shape = policy.cholesky @ policy.cholesky.T
+    expected = [
+        multivariate_t(mean, shape, df=freedom).logpdf(action) for mean, action in zip(outputs, actions, strict=True)
+    ]
+    np.testing.assert_allclose(policy.log_prob(outputs, actions), expected, rtol=1e-9, atol=1e-9)
+
+
+@pytest.mark.parametrize("freedom", [1.0, 8.0])
+def test_it_integrates_to_one(freedom):
+    policy, mean = some_policy(1, freedom), np.array([[0.7]])
+    total, _ = quad(lambda a: np.exp(policy.log_prob(mean, np.array([[a]]))[0]), -np.inf, np.inf)
+    assert total == pytest.approx(1.0, abs=1e-6)
+
+
+def test_it_integrates_to_one_in_two_dimensions():
+    policy, mean = some_policy(2, 8.0), np.array([[0.7, -0.2]])
+    total, _ = dblquad(
+        lambda a, b: np.exp(policy.log_prob(mean, np.array([[a, b]]))[0]), -np.inf, np.inf, -np.inf, np.inf, epsabs=1e-4
+    )
+    assert total == pytest.approx(1.0, abs=1e-3)
+
+
+def test_before_it_has_seen_data_it_is_in_the_middle_and_as_unsure_as_anything_in_the_box():
+    box = Box(np.array([-1.0, 0.0]), np.array([3.0, 1.0]))
+    policy = StudentPolicy.zero(box, np.zeros(3), 100)
+    np.testing.assert_allclose(policy.outputs(some_steps(5, 2)[0]), np.tile([1.0, 0.5], (5, 1)))
+    np.testing.assert_allclose(np.diag(policy.cholesky) ** 2, [16 / 12, 1 / 12])  # variances of uniform draws
+
+
+# ---- learning --------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", ZOO)
+def test_no_step_of_learning_lowers_the_objective(name):
+    problem = ZOO[name].problem()
+    rng = np.random.default_rng(0)
+    for weight in (np.ones(len(problem.actions)), rng.gamma(0.3, size=len(problem.actions))):
+        policy = zero(problem)
+        history = [objective(policy, problem, weight)]
+        for _ in range(25):
+            policy, outputs = policy.learn(problem, weight, max_iter=1)
+            np.testing.assert_allclose(outputs, policy.outputs(problem.features), atol=1e-9 * np.abs(outputs).max())
+            history.append(objective(policy, problem, weight))
+        assert np.isfinite(history).all()
+        assert np.diff(history).min() >= -1e-9 * np.abs(history).max()
+        assert history[-1] > history[0]
+        assert policy.freedom in _FREEDOM
+
+
+def test_it_ends_where_no_direction_is_better():
+    problem = ZOO["noisy"].problem()
+    weight = np.random.default_rng(0).random(len(problem.actions))
+    policy, _ = zero(problem).learn(problem, weight, tol=0.0, max_iter=2000)
+    best, rng = objective(policy, problem, weight), np.random.default_rng(1)
+    for _ in range(20):
+        weights = policy.weights + 1e-3 * rng.normal(size=policy.weights.shape)
+        cholesky = policy.cholesky * (1 + 1e-3 * rng.normal(size=policy.cholesky.shape))
+        assert objective(replace(policy, weights=weights, cholesky=cholesky), problem, weight) <= best + 1e-9
+    for freedom in _FREEDOM:
+        assert objective(replace(policy, freedom=float(freedom)), problem, weight) <= best + 1e-9
+
+
+def test_it_recovers_what_made_the_steps():
+    toy = make_continuous("none", 3, n_good=40, n_bad=0, steps=(100, 100), noise=0.3)
+    problem = toy.problem()
+    policy, outputs = StudentPolicy.zero(toy.space, np.zeros(4), 4000).learn(problem, np.ones(4000))
+    truth = toy.observations @ toy.weights[:-1] + toy.weights[-1]
+    assert np.abs(outputs - truth).mean() < 0.01
+    least = np.diag((0.01 * (toy.space.high - toy.space.low)) ** 2)
+    np.testing.assert_allclose(policy.cholesky @ policy.cholesky.T, 0.09 * np.eye(2) + least, atol=0.01)
+    assert policy.freedom >= 30.0  # the noise is Gaussian
+
+
+def test_it_recovers_how_heavy_the_tails_are():
+    rng = np.random.default_rng(0)
+    features, _ = some_steps(20_000, 1)
+    actions = features @ np.array([[1.0], [-2.0], [0.5]]) + 0.4 * rng.standard_t(3.0, size=(20_000, 1))
+    problem = Problem.of_steps(features, actions, Box.around(actions))
+    start = StudentPolicy.zero(Box(np.array([-10.0]), np.array([10.0])), np.zeros(3), 1.0)
+    policy, _ = start.learn(problem, np.ones(20_000), tol=1e-9)
+    np.testing.assert_allclose(policy.weights[:, 0], [1.0, -2.0, 0.5], atol=0.02)
+    assert policy.freedom == 3.0
+    assert policy.cholesky[0, 0] == pytest.approx(0.4, abs=0.02)
+
+
+@pytest.mark.parametrize("n_parts", [1, 3])
+def test_a_tenth_of_gross_outliers_does_not_move_it(n_parts):
+    toy = make_continuous("none", 4, n_parts=n_parts, n_good=20, n_bad=0, steps=(100, 100))
+    clean = toy.problem()
+    rng = np.random.default_rng(0)
+    actions, far = toy.actions.copy(), rng.random(len(toy.actions)) < 0.1
+    actions[far] = 20.0 + 50.0 * toy.observations[far, :1]  # all of one mind, too
+    spoiled = replace(clean, actions=actions)  # the box is the declared one
+    ones = np.ones(len(actions))
+    truth = toy.observations @ toy.weights[:-1] + toy.weights[-1]
+    policy, outputs = zero(spoiled).learn(spoiled, ones)
+    assert np.abs(outputs - truth).mean() < 0.05
+    least_squares = clean.features @ np.linalg.lstsq(clean.features, actions)[0]
+    assert np.abs(least_squares - truth).mean() > 1.0
+    assert policy.freedom <= 3.0
+
+
+def test_a_part_that_never_moves_is_predicted_and_no_more():
+    toy = ZOO["a part that never moves"]
+    problem = toy.problem()
+    policy, outputs = zero(problem).learn(problem, np.ones(len(problem.actions)))
+    np.testing.assert_allclose(outputs[:, 1], 3.0, atol=1e-6)
+    assert np.isfinite(policy.log_prob(outputs, problem.actions)).all()
+    # and it is no surer of it than a hundredth of the box allows
+    spread = np.sqrt((policy.cholesky @ policy.cholesky.T)[1, 1])
+    assert spread == pytest.approx(0.01, rel=0.3)
+
+
+def test_no_policy_is_surer_than_a_hundredth_of_the_box():
+    toy = make_continuous("none", 0, n_bad=0, noise=0.0)
+    problem = toy.problem()
+    policy, _ = zero(problem).learn(problem, np.ones(len(problem.actions)), max_iter=1000)
+    spread = np.sqrt(np.diag(policy.cholesky @ policy.cholesky.T))
+    assert (spread > 0.009 * (problem.space.high - problem.space.low)).all()
+
+
+def test_a_weight_of_two_is_a_step_taken_twice():
+    problem = ZOO["noisy"].problem()
+    rows = np.repeat(np.arange(len(problem.actions)), 2)
+    twice = Problem.of_steps(problem.features[rows], problem.actions[rows], problem.space)
+    one, _ = zero(problem).learn(problem, np.full(len(problem.actions), 2.0))
+    two, _ = zero(problem).learn(twice, np.ones(len(rows)))
+    np.testing.assert_allclose(one.weights, two.weights, atol=1e-9)
+    np.testing.assert_allclose(one.cholesky, two.cholesky, atol=1e-9)
+
+
+def test_steps_without_weight_do_not_count():
+    toy = make_continuous("random", 0)
+    problem = toy.problem()
+    good = toy.is_good[toy.groups]
+    weighted, _ = zero(problem).learn(problem, good.astype(float))
+    alone = Problem.of_steps(problem.features[good], problem.actions[good], problem.space)
+    selected, _ = zero(problem).learn(alone, np.ones(good.sum()))
+    np.testing.assert_allclose(weighted.weights, selected.weights, atol=1e-9)
+
+
+def test_nobody_to_learn_from_leaves_a_policy_with_a_finite_density():
+    """Where EM trusts everybody, or nobody, the other side's steps weigh nothing at all."""
+    problem = ZOO["random"].problem()
+    policy, outputs = zero(problem).learn(problem, np.zeros(len(problem.actions)))
+    assert np.isfinite(outputs).all()
+    assert np.isfinite(policy.log_prob(outputs, problem.actions)).all()
+    assert np.isfinite(policy.penalty())
+
+
+def test_units_of_the_actions_do_not_matter():
+    toy = make_continuous("noisy", 0)
+    problem = toy.problem()
+    unit, shift = np.array([1e-4, 30.0]), np.array([5.0, -100.0])
+    other = replace(
+        problem,
+        actions=problem.actions * unit + shift,
+        space=Box(problem.space.low * unit + shift, problem.space.high * unit + shift),
+    )
+    ones = np.ones(len(problem.actions))
+    (one, outputs), (two, others) = (zero(p).learn(p, ones) for p in (problem, other))
+    np.testing.assert_allclose((others - shift) / unit, outputs, atol=1e-6)
+    assert one.freedom == two.freedom
+    np.testing.assert_allclose(
+        two.log_prob(others, other.actions) + np.log(unit).sum(), one.log_prob(outputs, problem.actions), atol=1e-6
+    )
+
+
+def test_single_precision_costs_precision_and_nothing_else():
+    problem = ZOO["noisy"].problem()
+    single = replace(problem, features=problem.features.astype(np.float32))
+    ones = np.ones(len(problem.actions))
+    one, two = (zero(problem).learn(p, ones)[0] for p in (problem, single))
+    np.testing.assert_allclose(two.weights, one.weights, atol=1e-4)
+
+
+def test_columns_that_are_no_columns_are_survived():
+    """Two columns alike and no ridge: least squares without a unique solution."""
+    features, actions = some_steps(50, 1)
+    features = np.column_stack([features[:, 0], features[:, 0], np.ones(50)])
+    problem = Problem.of_steps(features, actions, Box.around(actions))
+    policy, outputs = StudentPolicy.zero(problem.space, np.zeros(3), 50).learn(problem, np.ones(50))
+    expected, _ = StudentPolicy.zero(problem.space, np.zeros(2), 50).learn(
+        replace(problem, features=features[:, 1:]), np.ones(50)
+    )
+    np.testing.assert_allclose(outputs, expected.outputs(features[:, 1:]), atol=1e-4)
+    assert np.isfinite(policy.weights).all()
+
+
+def test_it_cannot_be_made_surer():
+    policy = some_policy(2)
+    assert policy.tempered(3.0) is policy
