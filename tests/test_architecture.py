@@ -20,6 +20,7 @@ ORDER = [
     "errors", "_arrays", "files", "demonstrations", "formats",
     "passes", "parallel", "features", "solvers", "policies", "adversaries", "priors", "reliability",
     "chains", "em", "search", "belief", "identify", "audit", "inputs", "selection", "cloning", "estimators", "rment",
+    "reweighting",
     "persistence", "experts", "corruptions", "environments", "rollouts", "simulation",
     "plots", "report", "data", "demo", "reproduce", "terminal", "cli", "__main__",
 ]

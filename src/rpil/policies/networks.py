@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -63,7 +64,7 @@ def untrained(sizes: tuple[int, ...], n_networks: int, rng: np.random.Generator)
     """`n_networks` with layers of these sizes, inputs and outputs among them: He's initialisation, and zeros in the
     last layer, so that they say nothing before they have seen anything."""
     networks: list[Array] = []
-    for layer, (n_in, n_out) in enumerate(zip(sizes, sizes[1:], strict=False)):
+    for layer, (n_in, n_out) in enumerate(pairwise(sizes)):
         bound = np.sqrt(6.0 / n_in) if layer < len(sizes) - 2 else 0.0
         networks += [rng.uniform(-bound, bound, (n_networks, n_in, n_out)), np.zeros((n_networks, 1, n_out))]
     return tuple(_frozen(array) for array in networks)

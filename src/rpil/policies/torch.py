@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from hashlib import blake2b
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -296,7 +297,7 @@ def _units(problem: Problem) -> tuple[Array, list[bytes]]:
         offsets = np.unique(np.linspace(0, len(problem.actions), _N_PIECES + 1).astype(int))
     columns = np.ascontiguousarray(problem.features), np.ascontiguousarray(problem.actions)
     keys = []
-    for start, stop in zip(offsets, offsets[1:], strict=False):
+    for start, stop in pairwise(offsets):
         digest = blake2b(digest_size=16)
         for column in columns:
             digest.update(column[start:stop].tobytes())
