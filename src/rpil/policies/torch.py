@@ -131,6 +131,10 @@ class TorchPolicy:
         if self.scale is not None and not np.all(np.asarray(self.scale, dtype=float) > 0):
             raise DataError(f"TorchPolicy: scale={self.scale!r} must be positive, one number or one for each part.")
 
+    def for_space(self, space: Space) -> TorchPolicy:
+        """The same for such actions, before it has seen any."""
+        return replace(self, space=space, trained=None)
+
     def outputs(self, features: Array) -> Array:
         """Log-probabilities (N, K), or means (N, A): the average over the networks.
 
