@@ -25,13 +25,10 @@ _STEP_EPOCHS = 3
 """Epochs in one improving step of EM; the networks go on from where they are."""
 
 _N_PIECES = 20
-"""Pieces that fewer than three demonstrations are cut into: nothing can be held out of one."""
+"""Pieces that steps are cut into where no whole demonstration can be held out."""
 
 _JUDGES = 5
 """One unit in so many is held out of a network that is in no need of a fold, to say when to stop."""
-
-_BLOCK = 8
-"""Steps, in a row, that are held out where no whole demonstration is left for it."""
 
 _LEAST = 0.01
 """Share of the weight from which somebody has learned something."""
@@ -315,7 +312,7 @@ def _learn_and_judge(number: Array, n_folds: int, mass: Array) -> tuple[Array, A
 
     A network is judged by the fold that it has not seen: only when to stop, one number for all of them, is learned
     there. A single network has seen all; it leaves out every fifth unit. Where a few demonstrations hold all of the
-    weight, and nobody has learned who could be judged by them, it is blocks of steps that are left out.
+    weight, and nobody has learned who could be judged by them, it is every fifth piece of the steps that count that is left out.
     """
     if n_folds > 1:
         unseen = np.arange(n_folds)[:, None] == number % n_folds
@@ -326,6 +323,7 @@ def _learn_and_judge(number: Array, n_folds: int, mass: Array) -> tuple[Array, A
         learn = ~judge
     taught, asked = ((rows * mass).sum(axis=1) for rows in (learn, judge))
     if asked[taught > _LEAST * mass.sum()].sum() <= _LEAST * mass.sum():
-        judge = ~unseen & ((np.arange(len(number)) // _BLOCK) % _JUDGES == _JUDGES - 1)
+        place = np.cumsum(mass > 0.0) / max((mass > 0.0).sum(), 1)
+        judge = ~unseen & (np.ceil(place * _N_PIECES) % _JUDGES == 0)
         learn = ~unseen & ~judge
     return learn, judge
