@@ -13,7 +13,7 @@ from sklearn.metrics import roc_auc_score
 from problems import make
 from rpil import RPIL, Demonstrations, TorchPolicy, save
 from rpil.adversaries import adversary
-from rpil.em import Result, State, m_step, run
+from rpil.em import State, m_step, run
 from rpil.errors import DataError, MissingExtraError
 from rpil.policies.networks import untrained
 from rpil.policies.torch import _learn_and_judge, _units

@@ -13,7 +13,7 @@ import numpy as np
 
 from rpil.passes import Array, log_softmax, logsumexp
 from rpil.policies.gaussian import StudentPolicy
-from rpil.policies.networks import Loss, Networks, needs_torch
+from rpil.policies.networks import Loss, Networks, needs_torch, on_device
 from rpil.policies.softmax import one_hot
 from rpil.problem import Problem
 from rpil.spaces import Box
@@ -68,7 +68,7 @@ class SoftmaxHead:
     def loss(self, problem: Problem, weight: Array, lesson: Array | None, device: str) -> Loss:
         torch = needs_torch()
         wanted = one_hot(problem.actions, weight, self.width)
-        targets = torch.from_numpy(wanted if lesson is None else wanted + lesson).float().to(device)
+        targets = on_device(wanted if lesson is None else wanted + lesson, device)
         return lambda raw, rows: -(targets[rows] * torch.log_softmax(raw, dim=-1)).sum(dim=-1)
 
     def fit(self, problem: Problem, weight: Array, outputs: Array) -> SoftmaxHead:
@@ -127,10 +127,8 @@ class StudentHead:
         torch = needs_torch()
         middle, half = self._units
         inverse, freedom = np.linalg.inv(self.noise.cholesky), self.noise.freedom
-        actions, shrink, weights = (
-            torch.from_numpy(np.asarray(values)).float().to(device)
-            for values in ((problem.actions - middle) @ inverse.T, half[:, None] * inverse.T, weight)
-        )
+        white = (problem.actions - middle) @ inverse.T, half[:, None] * inverse.T, weight
+        actions, shrink, weights = (on_device(values, device) for values in white)
         factor = 0.5 * (freedom + self.width)
 
         def loss(raw: Any, rows: Any) -> Any:

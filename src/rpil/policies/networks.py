@@ -79,11 +79,11 @@ def raw_outputs(networks: Networks, inputs: Array, device: str) -> Array:
         Where that is not a number.
     """
     torch = needs_torch()
-    parameters = _on_device(torch, networks, device)
+    parameters = [on_device(array, device) for array in networks]
     found = []
     with torch.no_grad():
         for start in range(0, max(len(inputs), 1), _ROWS):
-            rows = torch.from_numpy(np.array(inputs[start : start + _ROWS], dtype=np.float32)).to(parameters[0].device)
+            rows = on_device(inputs[start : start + _ROWS], device)
             found.append(_forward(torch, parameters, rows).cpu().numpy())
     out = np.concatenate(found, axis=1).astype(float)
     if not np.isfinite(out).all():
@@ -129,12 +129,12 @@ def train(
     used = np.flatnonzero((weight > 0.0) & learn.any(axis=0))
     if not len(used):
         return networks, 0
-    parameters = [p.requires_grad_() for p in _on_device(torch, networks, plan.device)]
+    parameters = [on_device(array, plan.device).requires_grad_() for array in networks]
     device = parameters[0].device
-    rows = torch.from_numpy(np.array(inputs, dtype=np.float32)).to(device)
-    taught = _share(learn, (learn * weight).sum(axis=1, keepdims=True))
-    judged = _share(judge, (judge * weight).sum(keepdims=True))
-    taught, judged = (torch.from_numpy(array).to(device) for array in (taught, judged))
+    rows = on_device(inputs, plan.device)
+    # what a row adds to a mean, for a unit of its weight: over a network's own rows, and over all that are held out
+    taught = on_device(learn / np.maximum((learn * weight).sum(axis=1, keepdims=True), 1e-12), plan.device)
+    judged = on_device(judge / max(float((judge * weight).sum()), 1e-12), plan.device)
     judges = torch.from_numpy(np.flatnonzero((weight > 0.0) & judge.any(axis=0))).to(device)
     size = int(np.clip(len(used) // _UPDATES, _LEAST_BATCH, plan.batch_size))
     adam = torch.optim.Adam(parameters, lr=plan.learning_rate)
@@ -166,11 +166,6 @@ def train(
     return tuple(_frozen(p.cpu().numpy()) for p in kept), when
 
 
-def _share(rows: Array, total: Array) -> Array:
-    """What a row adds to a mean, for a unit of its weight, float32."""
-    return (rows / np.maximum(total, 1e-12)).astype(np.float32)
-
-
 def _forward(torch: Any, parameters: Any, rows: Any) -> Any:
     """(k, B, O) raw outputs of rows (B, D)."""
     hidden = rows.expand(len(parameters[0]), *rows.shape)
@@ -181,10 +176,17 @@ def _forward(torch: Any, parameters: Any, rows: Any) -> Any:
     return hidden
 
 
-def _on_device(torch: Any, networks: Networks, device: str) -> list[Any]:
-    """Copies as tensors."""
+def on_device(array: Array, device: str) -> Any:
+    """A copy as a tensor of single precision.
+
+    Raises
+    ------
+    DataError
+        Where there is no such device.
+    """
+    torch = needs_torch()
     try:
-        return [torch.tensor(array, device=device) for array in networks]
+        return torch.tensor(array, dtype=torch.float32, device=device)
     except (RuntimeError, AssertionError) as error:  # torch without CUDA asserts
         raise DataError(f"device={device!r}: torch finds no such device here; use 'cpu'.") from error
 

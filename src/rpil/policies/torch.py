@@ -312,7 +312,7 @@ def _learn_and_judge(number: Array, n_folds: int, mass: Array) -> tuple[Array, A
 
     A network is judged by the fold that it has not seen: only when to stop, one number for all of them, is learned
     there. A single network has seen all; it leaves out every fifth unit. Where a few demonstrations hold all of the
-    weight, and nobody has learned who could be judged by them, it is every fifth piece of the steps that count that is left out.
+    weight, nobody has learned who could be judged by them: then every fifth piece of the steps that count is left out.
     """
     if n_folds > 1:
         unseen = np.arange(n_folds)[:, None] == number % n_folds
