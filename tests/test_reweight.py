@@ -234,8 +234,11 @@ def test_it_is_a_function_however_it_is_imported():
     assert rpil.reweight is rpil.reweighting.reweight
 
 
-def test_a_torch_module_cross_fitted_and_with_its_own_optimiser():
+def test_a_torch_module_cross_fitted_and_with_its_own_optimiser(request):
     torch = pytest.importorskip("torch", reason="torch is not installed: pip install 'rpil[torch]'")
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)  # a network so small only loses by more
+    request.addfinalizer(lambda: torch.set_num_threads(threads))
 
     class Learner:
         def __init__(self):

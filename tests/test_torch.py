@@ -13,7 +13,7 @@ from sklearn.metrics import roc_auc_score
 from problems import make
 from rpil import RPIL, Demonstrations, TorchPolicy, save
 from rpil.adversaries import adversary
-from rpil.em import State, m_step, run
+from rpil.em import Result, State, m_step, run
 from rpil.errors import DataError, MissingExtraError
 from rpil.policies.networks import untrained
 from rpil.policies.torch import _learn_and_judge, _units
@@ -23,15 +23,6 @@ from rpil.reliability import PointMasses, TwoBetas
 from rpil.spaces import Box, Discrete
 
 torch = pytest.importorskip("torch", reason="torch is not installed: pip install 'rpil[torch]'")
-
-
-@pytest.fixture(autouse=True)
-def _one_thread():
-    """Networks so small lose by more."""
-    before = torch.get_num_threads()
-    torch.set_num_threads(1)
-    yield
-    torch.set_num_threads(before)
 
 
 def nonlinear(seed: int, n: int = 30, steps: int = 40, n_bad: int = 12, n_idle: int = 0) -> tuple[Problem, np.ndarray]:
@@ -63,9 +54,7 @@ def wave(x: np.ndarray) -> np.ndarray:
     return np.stack([np.sin(2 * x[:, 0]), np.abs(x[:, 1]) - 1], axis=1)
 
 
-def robust(
-    problem: Problem, policy: TorchPolicy, which: str = "uniform", level: type | None = None, max_iter: int = 25
-):
+def robust(problem: Problem, policy: TorchPolicy, level: type | None = None, max_iter: int = 25) -> Result:
     """EM from trusting everybody."""
     policy, outputs = policy.learn(problem, np.ones(len(problem.actions)))
     reliability = TwoBetas.start() if level is None else level()
@@ -84,9 +73,11 @@ def test_same_seed_same_bits_and_no_other_random_state_is_touched():
     quick = TorchPolicy(hidden=(16,), epochs=4, seed=7)
     torch.manual_seed(0)
     np.random.seed(0)  # noqa: NPY002
+    threads = torch.get_num_threads()
     states = torch.get_rng_state(), np.random.get_state()[1].copy()  # noqa: NPY002
     policy, outputs = quick.learn(problem, weight)
     _, more = policy.learn(problem, weight, max_iter=1)
+    assert torch.get_num_threads() == threads
     assert torch.equal(torch.get_rng_state(), states[0])
     np.testing.assert_array_equal(np.random.get_state()[1], states[1])  # noqa: NPY002
     torch.manual_seed(5)

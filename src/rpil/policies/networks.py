@@ -7,7 +7,8 @@ arrays: they can be shared, saved and compared, and nothing that was handed out 
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
@@ -60,6 +61,19 @@ def needs_torch() -> Any:
     return torch
 
 
+@contextmanager
+def one_thread() -> Iterator[None]:
+    """Nothing is shared out among cores: small networks only lose by it, a lot on a busy machine, and the bits would
+    depend on how many there are."""
+    torch = needs_torch()
+    before = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(before)
+
+
 def untrained(sizes: tuple[int, ...], n_networks: int, rng: np.random.Generator) -> Networks:
     """`n_networks` with layers of these sizes, inputs and outputs among them: He's initialisation, and zeros in the
     last layer, so that they say nothing before they have seen anything."""
@@ -70,6 +84,7 @@ def untrained(sizes: tuple[int, ...], n_networks: int, rng: np.random.Generator)
     return tuple(_frozen(array) for array in networks)
 
 
+@one_thread()
 def raw_outputs(networks: Networks, inputs: Array, device: str) -> Array:
     """What every network says of inputs (N, D), (k, N, O).
 
@@ -91,6 +106,7 @@ def raw_outputs(networks: Networks, inputs: Array, device: str) -> Array:
     return out
 
 
+@one_thread()
 def train(
     networks: Networks,
     inputs: Array,
