@@ -4,7 +4,7 @@ Trust around a training loop of one's own
 
 A plain torch loop trusts every demonstration alike. With two functions cut out of it, one that says how likely actions
 are and one that trains for an epoch with weights, `rpil.reweight` runs the same loop, and finds out meanwhile which
-demonstrations to learn from. Here 40 % of them are random.
+demonstrations to learn from. Here 60 % of them are random.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ N_DEMONSTRATIONS, N_STEPS = 30, 40
 rng = np.random.default_rng(0)
 observations = rng.normal(size=(N_DEMONSTRATIONS * N_STEPS, 2))
 actions = rule(observations)
-is_good = np.arange(N_DEMONSTRATIONS) >= 12
+is_good = np.arange(N_DEMONSTRATIONS) >= 18
 bad_steps = ~np.repeat(is_good, N_STEPS)
 actions[bad_steps] = rng.integers(3, size=bad_steps.sum())
 demonstrations = Demonstrations(observations, actions, np.arange(N_DEMONSTRATIONS + 1) * N_STEPS)
