@@ -145,7 +145,8 @@ class TorchPolicy:
                 raise DataError("TorchPolicy: it has not learned yet, and does not know the actions; call learn first.")
             head = HEADS[self.space.kind](self.space, 1.0, self.scale)
             return head.read(np.zeros((len(features), head.width)))
-        return self.trained.head.average(self._all_outputs(features))
+        raw = raw_outputs(self.trained.networks, _standard(self.trained, features), self.device)
+        return self.trained.head.average(self.trained.head.read(raw))
 
     def log_prob(self, outputs: Array, actions: Array) -> Array:
         """log pi(a_n|s_n), (N,): of the codes (N,) of actions, or the density of (N, A)."""
@@ -234,11 +235,6 @@ class TorchPolicy:
         if self.space is None:
             raise DataError("TorchPolicy: it has not learned yet, and does not know the actions; call learn first.")
         return self.space
-
-    def _all_outputs(self, features: Array) -> Array:
-        trained = self.trained
-        assert trained is not None
-        return trained.head.read(raw_outputs(trained.networks, _standard(trained, features), self.device))
 
     def _untrained(self, problem: Problem, keys: list[bytes]) -> _Trained:
         features = np.asarray(problem.features, dtype=float)
