@@ -21,7 +21,7 @@ ORDER = [
     "passes", "spaces", "problem", "parallel", "features", "solvers",
     "policies", "adversaries", "priors", "reliability",
     "chains", "em", "agreement", "search", "refine", "belief", "identify", "audit",
-    "inputs", "selection", "cloning", "estimators", "rment",
+    "inputs", "selection", "cloning", "estimators", "rment", "reweighting",
     "schema", "persistence", "actions", "experts", "corruptions", "environments", "rollouts", "simulation",
     "plots", "report", "data", "demo", "reproduce", "terminal", "cli", "__main__",
 ]

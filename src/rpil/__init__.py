@@ -17,8 +17,10 @@ _HOME = {
     "RMEnt": "rpil.rment",
     "RPIL": "rpil.estimators",
     "SoftmaxPolicy": "rpil.policies",
+    "TorchPolicy": "rpil.policies.torch",
     "load": "rpil.persistence",
     "read": "rpil.formats",
+    "reweight": "rpil.reweighting",
     "rollout": "rpil.rollouts",
     "save": "rpil.persistence",
     "simulate": "rpil.simulation",
@@ -35,9 +37,11 @@ __all__ = [
     "Demonstrations",
     "RMEnt",
     "SoftmaxPolicy",
+    "TorchPolicy",
     "__version__",
     "load",
     "read",
+    "reweight",
     "rollout",
     "save",
     "simulate",
@@ -54,6 +58,8 @@ if TYPE_CHECKING:
     from rpil.formats import read, write
     from rpil.persistence import load, save
     from rpil.policies import SoftmaxPolicy
+    from rpil.policies.torch import TorchPolicy
+    from rpil.reweighting import reweight
     from rpil.rment import RMEnt
     from rpil.rollouts import rollout
     from rpil.simulation import simulate

@@ -60,8 +60,9 @@ def save(estimator: RPIL | RMEnt | BehavioralCloning, path: StrPath) -> None:
         raise DataError(f"{path}: a {kind} cannot be saved; save one of {', '.join(ESTIMATORS)}.")
     check_is_fitted(estimator)
     if type(estimator.policy_) not in KNOWN:
+        made_of = getattr(estimator.policy_, "estimator", estimator.policy_)
         raise DataError(
-            f"{path}: a policy made of a {type(estimator.policy_.estimator).__name__} cannot be saved without pickle; "
+            f"{path}: a policy made of a {type(made_of).__name__} cannot be saved without pickle; "
             "keep the weights (rpil audit --weights, or audit_.step_weight) and fit it to them again."
         )
     arrays: dict[str, NDArray[Any]] = {}

@@ -18,7 +18,7 @@ from sklearn.utils.validation import has_fit_parameter
 
 from rpil.errors import DataError
 from rpil.passes import Array, log_softmax
-from rpil.policies.gaussian import StudentPolicy
+from rpil.policies import Policy, StudentPolicy
 from rpil.problem import Problem
 from rpil.spaces import Box, Space
 
@@ -165,14 +165,16 @@ class RegressorPolicy:
         return self.noise.penalty()
 
 
-def estimator_policy(estimator: Any, space: Space, n_steps: int) -> ClassifierPolicy | RegressorPolicy:
-    """The policy that `estimator` makes before it has seen data.
+def estimator_policy(estimator: Any, space: Space, n_steps: int) -> Policy:
+    """The policy that `estimator` makes before it has seen data; `TorchPolicy` is one, and only told of the actions.
 
     Raises
     ------
     DataError
         Where it gives no probabilities, takes no weights, or is made for other actions.
     """
+    if hasattr(estimator, "for_space"):
+        return estimator.for_space(space)
     name = type(estimator).__name__
     if is_regressor(estimator) != (space.kind == "continuous"):
         kinds = ("a regressor", "discrete") if space.kind == "discrete" else ("no regressor", "continuous")

@@ -1,0 +1,325 @@
+"""A neural policy that cannot memorise bad data: what it says of a step comes from a network that never saw it.
+
+A flexible policy explains whatever it was trained on, the actions of adversaries too, and its in-sample likelihood says
+nothing of who is to be trusted. So there are k networks, each trained without the demonstrations of one fold, and what
+EM learns of a step is what the network without its demonstration says (cross-fitting, as cleanlab does by row).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from hashlib import blake2b
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+
+from rpil.errors import DataError
+from rpil.passes import Array
+from rpil.policies.heads import HEADS, Head
+from rpil.policies.networks import Networks, Plan, raw_outputs, train, untrained
+from rpil.problem import Problem
+from rpil.spaces import Space
+
+_STEP_EPOCHS = 3
+"""Epochs in one improving step of EM; the networks go on from where they are."""
+
+_N_PIECES = 20
+"""Pieces that steps are cut into where no whole demonstration can be held out."""
+
+_JUDGES = 5
+"""One unit in so many is held out of a network that is in no need of a fold, to say when to stop."""
+
+_LEAST = 0.01
+"""Share of the weight from which somebody has learned something."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Trained:
+    """Networks, and whom they know.
+
+    Attributes
+    ----------
+    networks : Networks
+    center, spread : (D,) arrays
+        What inputs are standardised with.
+    head : Head
+    known : dict of bytes to int
+        Number of each demonstration, by its contents. Numbers decide who is held out of which network, so they must
+        not change while networks go on learning. That the contents are the key keeps them wherever a demonstration
+        turns up, and puts copies of one into the same fold.
+    age : int
+        How often they have learned.
+    """
+
+    networks: Networks
+    center: Array
+    spread: Array
+    head: Head
+    known: dict[bytes, int]
+    age: int = 0
+
+
+@dataclass(frozen=True, eq=False)
+class TorchPolicy:
+    """A multilayer perceptron for discrete or continuous actions, cross-fitted over demonstrations.
+
+    Instances never change: `learn` gives a new policy. Same seed, same bits, on one CPU; no random state but its own is
+    used. Discrete actions get a softmax; continuous ones Student's distribution around the network's outputs.
+
+    Parameters
+    ----------
+    hidden : tuple of int
+        Units of the hidden layers.
+    n_folds : int
+        Networks, each without the demonstrations of one fold; 1 is a single network that has seen everything, for
+        those who only predict: under EM it would trust what it has memorised.
+    epochs : int
+        Most readings of the data in one training.
+    patience : int or None
+        Readings without a gain on held-out demonstrations after which a network stops; it is then the best there was.
+        With None all `epochs` are trained.
+    batch_size : int
+        Most steps in a mini-batch.
+    learning_rate : float
+        Adam's.
+    device : str
+        "cpu", "cuda", or whatever torch knows.
+    seed : int
+    scale : float or (A,) array, optional
+        Standard deviations of continuous actions; by default they are learned, from held-out steps.
+    space : Discrete or Box, optional
+        Of the actions; `learn` finds it in the problem.
+
+    Raises
+    ------
+    DataError
+        Where a parameter makes no sense.
+    MissingExtraError
+        Where torch is not installed, at the first training.
+
+    Examples
+    --------
+    >>> policy, outputs = TorchPolicy(hidden=(64,)).learn(problem, weight)    # doctest: +SKIP
+    """
+
+    hidden: tuple[int, ...] = (64, 64)
+    n_folds: int = 5
+    epochs: int = 200
+    patience: int | None = 8
+    batch_size: int = 256
+    learning_rate: float = 3e-3
+    device: str = "cpu"
+    seed: int = 0
+    scale: Any = None
+    space: Space | None = None
+    trained: _Trained | None = None
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "hidden", tuple(self.hidden))
+        whole = {"n_folds": self.n_folds, "epochs": self.epochs, "batch_size": self.batch_size}
+        whole |= {f"hidden[{layer}]": size for layer, size in enumerate(self.hidden)}
+        whole |= {} if self.patience is None else {"patience": self.patience}
+        for name, value in whole.items():
+            if value != int(value) or value < 1:
+                raise DataError(f"TorchPolicy: {name}={value!r} must be a whole number, 1 or more.")
+        if not 0.0 < self.learning_rate < np.inf:
+            raise DataError(f"TorchPolicy: learning_rate={self.learning_rate!r} must be a positive number.")
+        if self.scale is not None and not np.all(np.asarray(self.scale, dtype=float) > 0):
+            raise DataError(f"TorchPolicy: scale={self.scale!r} must be positive, one number or one for each part.")
+
+    def for_space(self, space: Space) -> TorchPolicy:
+        """The same for such actions, before it has seen any."""
+        return replace(self, space=space, trained=None)
+
+    def outputs(self, features: Array) -> Array:
+        """Log-probabilities (N, K), or means (N, A): the average over the networks.
+
+        Raises
+        ------
+        DataError
+            Where a network's outputs are not finite, or nobody has said yet what actions there are.
+        """
+        if self.trained is None:
+            if self.space is None:
+                raise DataError("TorchPolicy: it has not learned yet, and does not know the actions; call learn first.")
+            head = HEADS[self.space.kind](self.space, 1.0, self.scale)
+            return head.read(np.zeros((len(features), head.width)))
+        raw = raw_outputs(self.trained.networks, _standard(self.trained, features), self.device)
+        return self.trained.head.average(self.trained.head.read(raw))
+
+    def log_prob(self, outputs: Array, actions: Array) -> Array:
+        """log pi(a_n|s_n), (N,): of the codes (N,) of actions, or the density of (N, A)."""
+        head = self.trained.head if self.trained else HEADS[self._known_space.kind](self._known_space, 1.0, self.scale)
+        return head.log_prob(outputs, actions)
+
+    def learn(
+        self,
+        problem: Problem,
+        weight: Array,
+        lesson: Array | None = None,
+        *,
+        tol: float = 1e-6,
+        max_iter: int = 100,
+        max_cg: int = 0,
+    ) -> tuple[TorchPolicy, Array]:
+        """A policy for steps with `weight` (N,), and its outputs (N, ...), each from a network that did not see it.
+
+        Networks go on from where they are unless they know demonstrations that the problem holds not: whoever leaves
+        some out wants a policy that has not seen them. Fewer than three demonstrations are cut into pieces, each
+        counting as one.
+
+        Parameters
+        ----------
+        problem : Problem
+        weight : (N,) array
+        lesson : (N, K) array, optional
+            Soft targets besides, where actions are discrete.
+        tol, max_cg
+            Of no use here: held-out steps say when to stop.
+        max_iter : int
+            Readings of the data, in threes, of networks that go on; new ones are trained until they are done.
+
+        Raises
+        ------
+        DataError
+            Where the loss or a network's outputs are not finite, or torch does not know the device.
+        MissingExtraError
+            Where torch is not installed.
+        """
+        units, keys = _units(problem)
+        old = self.trained if self.trained is not None and self.trained.known.keys() <= set(keys) else None
+        now = self._untrained(problem, keys) if old is None else replace(old, known=self._numbered(old.known, keys))
+        epochs = self.epochs if old is None else min(self.epochs, _STEP_EPOCHS * max_iter)
+        number = np.repeat([now.known[key] for key in keys], np.diff(units))
+        for phase in range(now.head.phases if max_iter > 1 else 1):
+            now, _ = self._taught(now, problem, number, weight, lesson, epochs, phase)
+            raw = raw_outputs(now.networks, _standard(now, problem.features), self.device)
+            outputs = now.head.read(raw[number % len(raw), np.arange(len(number))])
+            now = replace(now, head=now.head.fit(problem, weight, outputs))
+        return replace(self, space=problem.space, trained=replace(now, age=now.age + 1)), outputs
+
+    def finished(self, problem: Problem, weight: Array) -> TorchPolicy:
+        """The policy of one new network that all steps by their `weight` (N,) have trained, for predicting.
+
+        It is trained for as long as is best for new networks that are cross-fitted.
+        """
+        units, keys = _units(problem)
+        start = self._untrained(problem, keys)
+        if self.trained is not None:
+            start = replace(start, head=self.trained.head)  # it knows how far held-out actions are off
+        elif start.head.phases > 1:
+            start = replace(start, head=self.learn(problem, weight)[0].trained.head)  # type: ignore[union-attr]
+        number = np.repeat([start.known[key] for key in keys], np.diff(units))
+        epochs = self.epochs
+        if self.patience is not None:
+            epochs = max(self._taught(start, problem, number, weight, None, epochs)[1], 1)
+        single = replace(self, n_folds=1, space=problem.space, patience=None)
+        start = replace(single._untrained(problem, keys), head=start.head)
+        final, _ = single._taught(start, problem, number, weight, None, epochs)
+        return replace(self, n_folds=1, space=problem.space, trained=final)
+
+    def tempered(self, temperature: float) -> TorchPolicy:
+        """The same order of preferences, surer above 1 and less sure below; the same where actions are continuous."""
+        if self.trained is None:
+            return self
+        networks = self.trained.head.tempered(self.trained.networks, temperature)
+        return replace(self, trained=replace(self.trained, networks=networks))
+
+    def penalty(self) -> float:
+        """None: networks are kept from overfitting by stopping early."""
+        return 0.0
+
+    @property
+    def _known_space(self) -> Space:
+        if self.space is None:
+            raise DataError("TorchPolicy: it has not learned yet, and does not know the actions; call learn first.")
+        return self.space
+
+    def _untrained(self, problem: Problem, keys: list[bytes]) -> _Trained:
+        features = np.asarray(problem.features, dtype=float)
+        center, spread = features.mean(axis=0), features.std(axis=0)
+        spread = np.where(spread > 1e-9 * np.maximum(np.abs(center), 1.0), spread, 1.0)
+        head = HEADS[problem.space.kind](problem.space, len(problem.actions), self.scale)
+        known = self._numbered({}, keys)
+        n_networks = min(self.n_folds, len(known))
+        sizes = (features.shape[1], *self.hidden, head.width)
+        networks = untrained(sizes, n_networks, np.random.default_rng([self.seed, 0]))
+        return _Trained(networks, center, spread, head, known)
+
+    def _numbered(self, known: dict[bytes, int], keys: list[bytes]) -> dict[bytes, int]:
+        """`known` with numbers for those that it lacks, in an order that does not depend on the data's."""
+        new = sorted(set(keys) - known.keys())
+        order = np.random.default_rng([self.seed, 1]).permutation(len(new))
+        return known | {new[k]: len(known) + place for place, k in enumerate(order)}
+
+    def _taught(
+        self,
+        now: _Trained,
+        problem: Problem,
+        number: Array,
+        weight: Array,
+        lesson: Array | None,
+        epochs: int,
+        phase: int = 0,
+    ) -> tuple[_Trained, int]:
+        """Networks after up to so many `epochs`, and how many were best; `number` (N,) is that of each step's unit."""
+        mass = weight if lesson is None else weight + lesson.sum(axis=1)
+        n_folds = len(now.networks[0])
+        learn, judge = _learn_and_judge(number, n_folds, mass)
+        if self.patience is None:  # nothing but the fold itself is to be held out
+            unseen = np.arange(n_folds)[:, None] == number % n_folds
+            learn = ~unseen if n_folds > 1 else np.ones_like(learn)
+        networks, when = train(
+            now.networks,
+            _standard(now, problem.features),
+            now.head.loss(problem, weight, lesson, self.device),
+            mass,
+            learn,
+            judge,
+            Plan(epochs, self.patience, self.batch_size, self.learning_rate, self.device),
+            np.random.default_rng([self.seed, 2, now.age, phase]),
+        )
+        return replace(now, networks=networks), when
+
+
+def _standard(trained: _Trained, features: Array) -> Array:
+    return (features - trained.center) / trained.spread
+
+
+def _units(problem: Problem) -> tuple[Array, list[bytes]]:
+    """Where the units begin that are held out as a whole, and the end, (U + 1,); and a key to the contents of each."""
+    offsets = problem.offsets
+    if len(offsets) < 4:
+        offsets = np.unique(np.linspace(0, len(problem.actions), _N_PIECES + 1).astype(int))
+    columns = np.ascontiguousarray(problem.features), np.ascontiguousarray(problem.actions)
+    keys = []
+    for start, stop in pairwise(offsets):
+        digest = blake2b(digest_size=16)
+        for column in columns:
+            digest.update(column[start:stop].tobytes())
+        keys.append(digest.digest())
+    return offsets, keys
+
+
+def _learn_and_judge(number: Array, n_folds: int, mass: Array) -> tuple[Array, Array]:
+    """Steps that each network learns from, and those by which it is judged, both (k, N), given the `number` (N,) of
+    each step's unit, and how much each step counts (N,).
+
+    A network is judged by the fold that it has not seen: only when to stop, one number for all of them, is learned
+    there. A single network has seen all; it leaves out every fifth unit. Where a few demonstrations hold all of the
+    weight, nobody has learned who could be judged by them: then every fifth piece of the steps that count is left out.
+    """
+    if n_folds > 1:
+        unseen = np.arange(n_folds)[:, None] == number % n_folds
+        learn, judge = ~unseen, unseen
+    else:
+        unseen = np.zeros((1, len(number)), dtype=bool)
+        judge = (number % _JUDGES == 0)[None]
+        learn = ~judge
+    taught, asked = ((rows * mass).sum(axis=1) for rows in (learn, judge))
+    if asked[taught > _LEAST * mass.sum()].sum() <= _LEAST * mass.sum():
+        place = np.cumsum(mass > 0.0) / max((mass > 0.0).sum(), 1)
+        judge = ~unseen & (np.ceil(place * _N_PIECES) % _JUDGES == 0)
+        learn = ~unseen & ~judge
+    return learn, judge

@@ -1,0 +1,444 @@
+"""Continuous actions from end to end: EM, what is trusted, what is learned, kept and shown."""
+
+from __future__ import annotations
+
+import json
+import warnings
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from sklearn.base import clone
+from sklearn.linear_model import LinearRegression, LogisticRegression
+from sklearn.metrics import r2_score, roc_auc_score
+
+from problems import LEVELS, Toy, continuous_zoo, make, make_continuous, pooled_state
+from rpil import cli, formats, plots
+from rpil.adversaries import ADVERSARIES, AUTO, UniformBox
+from rpil.cloning import BehavioralCloning
+from rpil.demonstrations import Demonstrations
+from rpil.em import e_step, run
+from rpil.errors import DataError
+from rpil.estimators import RPIL, AmbiguousWarning
+from rpil.persistence import load, save
+from rpil.rment import RMEnt
+from rpil.spaces import Box
+
+ZOO = continuous_zoo(0)
+STEPS = (40, 60)
+MANY: dict[str, Any] = {"n_good": 10, "n_bad": 10, "steps": STEPS}
+ESTIMATORS = [RPIL(), BehavioralCloning(), RMEnt()]
+
+
+def right(model: RPIL, toy: Toy) -> bool:
+    return model.audit_.verdicts == tuple(np.where(toy.is_good, "expert", "adversary"))
+
+
+def means(toy: Toy) -> np.ndarray:
+    """What the expert means to do."""
+    return toy.observations @ toy.weights[:-1] + toy.weights[-1]
+
+
+def one_sentence(error: Any) -> bool:
+    message = str(error.value)
+    return message.endswith(".") and ". " not in message.replace("\n", " ")
+
+
+# ---- EM --------------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("beta", [1.0, 0.1])
+@pytest.mark.parametrize("level", LEVELS)
+@pytest.mark.parametrize("which", ADVERSARIES["continuous"])
+def test_the_objective_never_falls(which, level, beta):
+    for name, toy in ZOO.items():
+        problem = toy.problem()
+        state = pooled_state(problem, which, LEVELS[level]())
+        history = run(problem, state, beta=beta, max_iter=12, tol=0.0).history
+        assert np.isfinite(history).all(), name
+        assert np.diff(history).min() >= -1e-9 * np.abs(history).max(), name
+
+
+@pytest.mark.parametrize("which", ADVERSARIES["continuous"])
+def test_the_objective_never_falls_with_weights_chains_and_splines(which):
+    for seed in range(3):
+        toy = make_continuous("window", seed)
+        weight = np.random.default_rng(seed).gamma(1.0, size=len(toy.actions))
+        problem = replace(toy.problem("spline"), weight=weight)
+        for stickiness in (0.0, 0.8):
+            state = replace(pooled_state(problem, which, LEVELS["both"]()), stickiness=stickiness)
+            history = run(problem, state, max_iter=12, tol=0.0).history
+            assert np.diff(history).min() >= -1e-9 * np.abs(history).max()
+
+
+def test_one_step_far_off_does_not_condemn_a_demonstration():
+    """Under a Gaussian its density would be e^-5000; the box and the tails forgive it."""
+    toy = make_continuous("random", 0, **MANY)
+    spoiled = replace(toy, actions=toy.actions.copy())
+    spoiled.actions[3] = toy.space.high
+    spoiled.actions[toy.offsets[4]] = toy.space.low
+    model = RPIL(action_box=(toy.space.low, toy.space.high)).fit(spoiled.demonstrations)
+    assert right(model, toy)
+
+
+# ---- RPIL ------------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+@pytest.mark.parametrize("n_parts", [1, 2])
+@pytest.mark.parametrize("kind", ["random", "noisy", "window"])
+def test_finds_the_bad_and_learns_the_policy_of_the_good(kind, n_parts, seed):
+    toy = make_continuous(kind, seed, n_parts=n_parts, **MANY)
+    model = RPIL().fit(toy.demonstrations)
+    assert roc_auc_score(toy.is_good, model.log_odds_) == 1.0
+    assert right(model, toy) or kind == "window"
+    assert model.audit_.identifiable
+    assert model.audit_.adversary in AUTO["continuous"]
+    np.testing.assert_array_equal(model.log_odds_, model.audit_.log_odds)
+    truth = model.space_.act(means(toy))
+    naive = BehavioralCloning().fit(toy.demonstrations)
+    ours, theirs = (np.abs(m.predict(toy.observations) - truth).mean() for m in (model, naive))
+    assert ours < 0.05
+    assert ours < theirs
+
+
+@pytest.mark.parametrize(("n_good", "n_bad"), [(4, 12), (3, 27)])
+def test_also_where_the_bad_are_many(n_good, n_bad):
+    toy = make_continuous("random", 2, n_good=n_good, n_bad=n_bad, steps=STEPS)
+    assert right(RPIL().fit(toy.demonstrations), toy)
+
+
+@pytest.mark.parametrize("features", ["spline", "poly", "auto"])
+def test_other_features(features):
+    toy = make_continuous("random", 1, **MANY)
+    model = RPIL(features).fit(toy.demonstrations)
+    assert right(model, toy)
+    score = r2_score(model.space_.act(means(toy)), model.predict(toy.observations))
+    assert score > 0.98
+    assert any(f"linear in {model.features_.kind} features" in sentence for sentence in model.audit_.assumptions)
+
+
+def test_a_curved_expert_needs_curved_features_and_auto_finds_them():
+    toy = make_continuous("random", 0, **MANY)
+    good = toy.is_good[toy.groups]
+    curve = 3 * toy.observations[:, 0] * toy.observations[:, 1]
+    actions = np.where(good, curve + 0.2 * np.random.default_rng(0).normal(size=len(good)), toy.actions[:, 0])[:, None]
+    data = Demonstrations.from_arrays(toy.observations, actions, toy.offsets)
+    model = RPIL("auto", search_features="poly").fit(data)
+    assert model.features_.kind == "poly"
+    assert roc_auc_score(toy.is_good, model.log_odds_) == 1.0
+
+
+@pytest.mark.parametrize("kind", ["flipped", "smooth"])
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_two_groups_of_one_mind_each_cannot_be_told_apart_but_by_a_label(kind, seed):
+    toy = make_continuous(kind, seed, steps=STEPS)
+    with pytest.warns(AmbiguousWarning, match="2 groups of demonstrations each agree among themselves"):
+        blind = RPIL().fit(toy.demonstrations)
+    assert not blind.audit_.identifiable
+    assert {frozenset(group) for group in blind.audit_.competing} == {frozenset(toy.ids[:6]), frozenset(toy.ids[6:])}
+    for labels in ({"d0": "expert"}, {"d11": "adversary"}, {"d1": "expert", "d7": "adversary"}):
+        told = RPIL().fit(toy.demonstrations, labels=labels)
+        assert told.audit_.identifiable
+        assert right(told, toy), labels
+        assert np.abs(told.predict(toy.observations) - told.space_.act(means(toy))).mean() < 0.1
+
+
+def test_noise_and_clean_data_are_no_groups():
+    for kind in ("random", "noisy", "window", "none"):
+        with warnings.catch_warnings():
+            warnings.simplefilter("error", AmbiguousWarning)
+            assert RPIL().fit(make_continuous(kind, 3, **MANY).demonstrations).audit_.identifiable
+
+
+def test_nobody_is_bad():
+    toy = make_continuous("none", 0, **MANY)
+    assert set(RPIL().fit(toy.demonstrations).audit_.verdicts) == {"expert"}
+
+
+@pytest.mark.parametrize("which", ADVERSARIES["continuous"])
+@pytest.mark.parametrize("kind", ["random", "none"])
+def test_every_adversary(which, kind):
+    toy = make_continuous(kind, 0, **MANY)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", AmbiguousWarning)
+        model = RPIL(adversary=which).fit(toy.demonstrations)
+    assert model.audit_.adversary == which
+    assert np.isfinite(model.log_odds_).all()
+    if kind == "random" and which != "own policy":  # which may be either's
+        assert roc_auc_score(toy.is_good, model.log_odds_) == 1.0
+
+
+def test_an_instance_and_the_papers_level_and_prior():
+    toy = make_continuous("random", 0, **MANY)
+    box = Box.around(toy.actions)
+    model = RPIL(adversary=UniformBox(box.log_volume), level="demonstration", prior=0.5).fit(toy.demonstrations)
+    assert right(model, toy)
+    assert model.audit_.prior.mean == 0.5
+
+
+def test_a_part_that_never_moves_and_no_noise_at_all():
+    for name in ("a part that never moves", "no noise at all"):
+        toy = ZOO[name]
+        model = RPIL().fit(toy.demonstrations)
+        assert roc_auc_score(toy.is_good, model.log_odds_) == 1.0, name
+        predicted = model.predict(toy.observations)
+        assert np.isfinite(predicted).all()
+    still = RPIL().fit(ZOO["a part that never moves"].demonstrations)
+    np.testing.assert_allclose(still.predict(toy.observations)[:, 1], 3.0, atol=1e-3)
+
+
+def test_a_regressor_as_the_policy():
+    toy = make_continuous("random", 1, **MANY)
+    model = RPIL(policy=LinearRegression()).fit(toy.demonstrations)
+    assert right(model, toy)
+    assert r2_score(model.space_.act(means(toy)), model.predict(toy.observations)) > 0.98
+    with pytest.raises(DataError, match="The policy LogisticRegression is no regressor and the actions are continuous"):
+        RPIL(policy=LogisticRegression()).fit(toy.demonstrations)
+    with pytest.raises(DataError, match="The policy LinearRegression is a regressor and the actions are discrete"):
+        RPIL(policy=LinearRegression()).fit(make("random", 0).demonstrations)
+
+
+def test_score_demonstrations_of_new_data():
+    toy, new = (make_continuous("random", 0, **MANY) for _ in range(2))
+    model = RPIL(action_box=(toy.space.low, toy.space.high)).fit(toy.demonstrations.select(slice(0, 20, 2)))
+    fresh = new.demonstrations.select(slice(1, 20, 2))
+    found = model.score_demonstrations(fresh)
+    np.testing.assert_array_equal(found > 0, new.is_good[1::2])
+    single = [model.score_demonstrations(fresh.select([m]))[0] for m in range(10)]
+    np.testing.assert_allclose(single, found)
+    arrays = model.score_demonstrations(fresh.observations, fresh.actions, groups=fresh.groups)
+    np.testing.assert_array_equal(arrays, found)
+    with pytest.raises(DataError, match="the actions are discrete, and the fitted ones were not") as error:
+        model.score_demonstrations(make("random", 0, n_observations=3).demonstrations)
+    assert one_sentence(error)
+    with pytest.raises(DataError) as error:  # another number of parts
+        model.score_demonstrations(make_continuous("random", 0, n_parts=1).demonstrations)
+    assert one_sentence(error)
+
+
+def test_score_demonstrations_that_go_beyond_the_box():
+    """What nobody did while it was fitted is no reason to fail."""
+    toy = make_continuous("random", 0, **MANY)
+    model = RPIL().fit(toy.demonstrations)
+    far = Demonstrations.from_arrays(toy.observations, 10 * toy.actions, toy.offsets)
+    found = model.score_demonstrations(far)
+    assert np.isfinite(found).all()
+    assert (found < 0).all()
+
+
+def test_same_seed_same_bits_and_arrays_as_demonstrations():
+    toy = make_continuous("noisy", 0)
+    one, two = (RPIL(random_state=3).fit(toy.demonstrations) for _ in range(2))
+    three = RPIL(random_state=3).fit(toy.observations, toy.actions, groups=toy.groups)
+    for other in (two, three):
+        np.testing.assert_array_equal(one.log_odds_, other.log_odds_)
+        np.testing.assert_array_equal(one.policy_.weights, other.policy_.weights)
+        np.testing.assert_array_equal(one.policy_.cholesky, other.policy_.cholesky)
+
+
+def test_units_of_the_actions_do_not_matter():
+    toy = make_continuous("noisy", 0, **MANY)
+    unit, shift = np.array([1e-3, 40.0]), np.array([3.0, -500.0])
+    other = replace(toy, actions=toy.actions * unit + shift)
+    one, two = (RPIL().fit(t.demonstrations) for t in (toy, other))
+    np.testing.assert_allclose(two.log_odds_, one.log_odds_, rtol=1e-3, atol=1e-3)
+    np.testing.assert_allclose(
+        (two.predict(toy.observations) - shift) / unit, one.predict(toy.observations), atol=1e-4
+    )
+
+
+# ---- the scikit-learn face -------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("n_parts", [1, 2])
+@pytest.mark.parametrize("estimator", ESTIMATORS, ids=lambda e: type(e).__name__)
+def test_predictions_are_numbers_within_the_box(estimator, n_parts):
+    toy = make_continuous("random", 0, n_parts=n_parts)
+    model = clone(estimator).fit(toy.demonstrations)
+    assert len(model.classes_) == 0
+    assert isinstance(model.space_, Box)
+    np.testing.assert_array_equal(model.space_.low, toy.actions.min(axis=0))
+    predicted = model.predict(100 * toy.observations)
+    assert predicted.shape == (len(toy.actions), n_parts)
+    assert ((model.space_.low <= predicted) & (predicted <= model.space_.high)).all()
+    assert (predicted == model.space_.high).any()
+    log_prob = model.log_prob(toy.observations, toy.actions)
+    assert log_prob.shape == (len(toy.actions),)
+    assert model.coef_.shape == (n_parts, 3)
+    linear = toy.observations @ model.coef_.T + model.intercept_
+    np.testing.assert_allclose(model.predict(toy.observations), model.space_.act(linear), atol=1e-9)
+    for method in ("predict_proba", "predict_log_proba"):
+        with pytest.raises(DataError, match="The actions are continuous") as error:
+            getattr(model, method)(toy.observations)
+        assert one_sentence(error)
+
+
+@pytest.mark.parametrize("estimator", ESTIMATORS, ids=lambda e: type(e).__name__)
+def test_score_is_what_a_regressors_is(estimator):
+    toy = make_continuous("noisy", 0, n_bad=2)
+    model = clone(estimator).fit(toy.demonstrations)
+    expected = r2_score(toy.actions, model.predict(toy.observations))
+    assert model.score(toy.observations, toy.actions) == pytest.approx(expected)
+
+
+def test_behavioral_cloning_is_least_squares_where_nothing_is_far_off():
+    toy = make_continuous("none", 0, n_good=30, n_bad=0, steps=(100, 100))
+    ours = BehavioralCloning().fit(toy.observations, toy.actions)
+    theirs = LinearRegression().fit(toy.observations, toy.actions)
+    np.testing.assert_allclose(ours.coef_, theirs.coef_, atol=0.01)
+    np.testing.assert_allclose(ours.intercept_, theirs.intercept_, atol=0.01)
+
+
+def test_weights_of_steps():
+    toy = make_continuous("random", 0)
+    good = toy.is_good[toy.groups]
+    weighted = BehavioralCloning().fit(toy.observations, toy.actions, sample_weight=good)
+    alone = BehavioralCloning().fit(toy.observations[good], toy.actions[good])
+    np.testing.assert_allclose(
+        weighted.predict(toy.observations[good]), alone.predict(toy.observations[good]), atol=0.02
+    )
+
+
+def test_one_action_a_step_as_one_dimensional_floats():
+    toy = make_continuous("random", 0, n_parts=1)
+    columns = Demonstrations.from_arrays(toy.observations, toy.actions, toy.offsets)
+    flat = Demonstrations.from_arrays(toy.observations, toy.actions[:, 0], toy.offsets)
+    models = [RPIL().fit(data) for data in (columns, flat)]
+    np.testing.assert_array_equal(models[0].log_odds_, models[1].log_odds_)
+    assert models[1].predict(toy.observations).shape == (len(toy.actions), 1)
+    # scikit-learn's own checks want one-dimensional floats refused: they look like a regression
+    with pytest.raises(ValueError, match="continuous") as error:
+        RPIL().fit(toy.observations, toy.actions[:, 0], groups=toy.groups)
+    assert one_sentence(error)
+
+
+@pytest.mark.parametrize(
+    ("box", "words"),
+    [
+        ((-1.0, 1.0), r"demonstration 'd\d+': action [01] is -?[\d.]+, outside the declared box from -1 to 1; widen"),
+        (([-99.0, -0.1], [99.0, 0.1]), "action 1 is .*, outside the declared box from -0.1 to 0.1; widen action_box"),
+        ((1.0, -1.0), "is empty or unbounded; give finite low < high"),
+        ((-np.inf, np.inf), "is empty or unbounded"),
+        ((np.nan, 1.0), "is empty or unbounded"),
+        (([0.0, 0.0, 0.0], [1.0, 1.0, 1.0]), r"give \(low, high\), numbers or one for each part"),
+        (5.0, r"give \(low, high\)"),
+        ((1.0, 2.0, 3.0), r"give \(low, high\)"),
+        (("a", "b"), r"give \(low, high\)"),
+    ],
+)
+def test_action_boxes_that_do_not_fit_are_one_sentence(box, words):
+    toy = make_continuous("random", 0)
+    with pytest.raises(DataError, match=words) as error:
+        RPIL(action_box=box).fit(toy.demonstrations)
+    assert one_sentence(error)
+
+
+def test_a_box_is_declared_and_kept():
+    toy = make_continuous("random", 0)
+    model = RPIL(action_box=([-50, -40], 60)).fit(toy.demonstrations)
+    np.testing.assert_array_equal(model.space_.low, [-50, -40])
+    np.testing.assert_array_equal(model.space_.high, [60, 60])
+
+
+@pytest.mark.parametrize("estimator", ESTIMATORS, ids=lambda e: type(e).__name__)
+def test_bad_data_are_one_sentence(estimator):
+    toy = make_continuous("random", 0)
+    same = Demonstrations.from_arrays(toy.observations, np.full_like(toy.actions, 0.5), toy.offsets)
+    with pytest.raises(DataError, match="every action is the same; give demonstrations with two at least") as error:
+        clone(estimator).fit(same)
+    assert one_sentence(error)
+    with pytest.raises(DataError, match="action 1 is nan; repair the value"):
+        spoiled = toy.actions.copy()
+        spoiled[3, 1] = np.nan
+        clone(estimator).fit(Demonstrations.from_arrays(toy.observations, spoiled, toy.offsets))
+
+
+def test_a_box_for_discrete_actions_is_one_sentence():
+    with pytest.raises(DataError, match="the actions are discrete, which no action_box fits; leave it out") as error:
+        RPIL(action_box=(0, 1)).fit(make("random", 0).demonstrations)
+    assert one_sentence(error)
+
+
+# ---- what is kept, shown and told ------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "estimator",
+    [
+        *ESTIMATORS,
+        *(RPIL(adversary=which) for which in ADVERSARIES["continuous"]),
+        RPIL("spline", action_box=([-50.0, -40.0], 60.0)),
+    ],
+    ids=lambda e: f"{type(e).__name__} {getattr(e, 'adversary', '')}",
+)
+@pytest.mark.filterwarnings("ignore::rpil.AmbiguousWarning")
+def test_everything_comes_back_bit_for_bit(estimator, tmp_path):
+    toy = make_continuous("noisy", 0)
+    model = clone(estimator).fit(toy.demonstrations)
+    save(model, tmp_path / "p")
+    loaded = load(tmp_path / "p")
+    np.testing.assert_array_equal(loaded.predict(toy.observations), model.predict(toy.observations))
+    np.testing.assert_array_equal(
+        loaded.log_prob(toy.observations, toy.actions), model.log_prob(toy.observations, toy.actions)
+    )
+    assert len(loaded.classes_) == 0
+    np.testing.assert_array_equal(loaded.space_.high, model.space_.high)
+    if isinstance(model, RPIL):
+        data = toy.demonstrations
+        np.testing.assert_array_equal(loaded.score_demonstrations(data), model.score_demonstrations(data))
+        assert loaded.audit_.to_dict() == model.audit_.to_dict()
+    save(loaded, tmp_path / "again")
+    assert (tmp_path / "again").read_bytes() == (tmp_path / "p").read_bytes()
+
+
+def test_a_policy_map_has_a_colour_bar():
+    toy = make_continuous("random", 0)
+    model = BehavioralCloning().fit(toy.demonstrations)
+    shown = plots.PolicyMapDisplay.from_estimator(model, toy.observations, grid=5)
+    assert shown.classes is None
+    assert shown.figure_.axes[1].get_ylabel() == "Action"
+
+
+@pytest.mark.parametrize("name", ["swings.npz", "swings.parquet", "swings.csv"])
+def test_the_commands(name, tmp_path, monkeypatch):
+    def ok(*arguments: Any) -> str:
+        result = CliRunner().invoke(cli.main, [str(argument) for argument in arguments])
+        assert result.exit_code == 0, result.output
+        return result.stdout
+
+    monkeypatch.chdir(tmp_path)
+    toy = make_continuous("random", 0, **MANY)
+    formats.write(Path(name), Demonstrations.from_arrays(toy.observations, toy.actions, toy.offsets), {})
+    audit = json.loads(ok("audit", name, "--json", "--report", "r.html", "--weights", "w.csv"))
+    verdicts = {entry["id"]: entry["verdict"] for entry in audit["demonstrations"]}
+    assert [verdicts[m] for m in range(20)] == np.where(toy.is_good, "expert", "adversary").tolist()
+    page = Path("r.html").read_text()
+    assert name in page
+    assert "nan" not in page.lower().replace("name", "")
+    assert len(Path("w.csv").read_text().splitlines()) == len(toy.actions) + 1
+    ok("fit", name, "-o", "policy")
+    assert load("policy").predict(toy.observations).shape == toy.actions.shape
+    other = json.loads(ok("audit", name, "--json", "--adversary", "own-policy-or-marginal"))
+    assert other["adversary"] == "own policy or marginal"
+
+
+def test_an_adversary_for_other_actions_is_refused():
+    toy = make_continuous("random", 0)
+    for which in ("complement", "confusion", "constant", "normalised complement"):
+        with pytest.raises(DataError, match=f"'{which}' for continuous actions; choose auto, uniform") as error:
+            RPIL(adversary=which).fit(toy.demonstrations)
+        assert one_sentence(error)
+
+
+def test_the_audit_of_an_e_step_is_finite_for_long_demonstrations():
+    toy = make_continuous("random", 0, n_good=2, n_bad=2, steps=(3000, 3000))
+    problem = toy.problem()
+    for level in LEVELS:
+        state = pooled_state(problem, "uniform", LEVELS[level]())
+        posterior = e_step(problem, state, state.policy.outputs(problem.features))
+        assert np.isfinite(posterior.log_odds).all()
+        assert np.isfinite(posterior.step).all()
