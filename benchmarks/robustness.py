@@ -45,6 +45,7 @@ from rpil.demonstrations import Demonstrations
 from rpil.estimators import RPIL
 from rpil.experts import expert
 from rpil.features import FEATURES
+from rpil.reproduce.experiments import EXPERIMENTS
 from rpil.rollouts import RandomPolicy, Returns, rollout
 from rpil.simulation import simulate
 
@@ -194,7 +195,7 @@ def reference(env: str, seed: int, rollouts: int) -> Row:
     """What a return is measured against; the good demonstrations depend on neither kind nor number of the bad."""
     good = Demonstrations.from_episodes(simulate(env, "corrupted", n_good=N_GOOD, n_bad=0, seed=seed).episodes)
     oracle = BehavioralCloning(features=CHOSEN).fit(good)
-    policies = {"oracle": oracle, "expert": expert(env), "random": RandomPolicy(expert(env).n_actions, seed)}
+    policies = {"oracle": oracle, "expert": expert(env), "random": RandomPolicy(expert(env).actions, seed)}
     returns = {name: play(policy, env, rollouts, seed) for name, policy in policies.items()}
     return returns | {"features": oracle.features_.kind}
 
@@ -211,6 +212,9 @@ def labelled(job: Job, demonstrations: Demonstrations, good: np.ndarray, rollout
     return found | {"return": play(model, job.env, rollouts, job.seed)}
 
 
+PRIORS = {experiment.env_id: experiment.prior for experiment in EXPERIMENTS}
+"""What the paper's recipe is given; one half elsewhere."""
+
 OWN: dict[str, Callable[..., Row]] = {OURS: unlabelled, LABELLED: labelled}
 
 
@@ -218,8 +222,12 @@ def peer(name: str, job: Job, demonstrations: Demonstrations, good: np.ndarray, 
     from peers import METHODS, Task
 
     begun = time.perf_counter()
-    told = {"oracle": {"good": good}, "RM-ENT": {"n_trusted": int(good.sum())}}.get(name, {})
-    task = Task(features=CHOSEN, seed=job.seed, **told)
+    told: dict[str, dict[str, Any]] = {
+        "oracle": {"good": good},
+        "RM-ENT": {"n_trusted": int(good.sum())},
+        "paper's recipe": {"prior": PRIORS.get(job.env, 0.5)},
+    }
+    task = Task(features=CHOSEN, seed=job.seed, **told.get(name, {}))
     answer = METHODS[name](demonstrations, task)
     found: Row = {"seconds": time.perf_counter() - begun}
     if answer.scores is not None:

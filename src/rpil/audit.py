@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.special import expit
 
 from rpil.belief import Belief
-from rpil.em import Result
+from rpil.em import Posterior, Result
 from rpil.errors import DataError
 from rpil.problem import Problem
 
@@ -136,6 +136,7 @@ class Audit:
             "identifiable": self.identifiable,
             "groups": [list(group) for group in self.competing],
             "to_label": list(self.to_label),
+            "assumptions": list(self.assumptions),
             "demonstrations": [
                 {
                     "id": self.ids[m],
@@ -179,6 +180,7 @@ def summarise(
     contested = np.zeros(len(ids), dtype=bool)
     for group in competing:
         contested[group] = True
+    contested |= len(problem.labels) > 1 and alone(problem, posterior)
     contested &= problem.labels == 0
     proba = np.where(contested, 0.5, expit(log_odds))
     return Audit(
@@ -200,6 +202,12 @@ def summarise(
         history=result.history,
         assumptions=(),
     )
+
+
+def alone(problem: Problem, posterior: Posterior) -> bool:
+    """Whether one demonstration at most is taken for an expert's, and no label says so: experts are known by their
+    agreement, and who is alone agrees with nobody."""
+    return not (problem.labels > 0).any() and int((posterior.expert > 0.5).sum()) < 2
 
 
 def _with_labels(log_odds: NDArray[np.float64], labels: NDArray[np.int64]) -> NDArray[np.float64]:

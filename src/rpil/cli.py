@@ -325,7 +325,7 @@ def demo(episodes: int, report: str, json_wanted: bool, seed: int, quiet: bool) 
 @_seed
 @_quiet
 def reproduce(quick: bool, draws: int | None, output: str | None, json_wanted: bool, seed: int, quiet: bool) -> None:
-    """Make the paper's tables and figures: its own recipe, and what became of it."""
+    """Make the paper's tables and figures, and ours beside."""
     if output:
         make_folder(output)
     with counter("playing the draws", quiet) as progress:

@@ -21,6 +21,11 @@ from rpil.spaces import Space
 
 Array = NDArray[Any]
 
+LARGE = 1_000_000
+"""Entries of a design matrix that is read in single precision: it no longer stays in cache."""
+
+_SINGLE_TOL = 1e-6
+
 
 class PolicyEstimator(ClassifierMixin, BaseEstimator):
     """What all estimators share once they have `space_`, `classes_`, `features_` and `policy_`."""
@@ -97,9 +102,12 @@ class PolicyEstimator(ClassifierMixin, BaseEstimator):
         self.features_ = FeatureMap.fit(choice.kind, data.observations[trusted], weight[trusted], choice.ridge)
         ridge = ridge_of(self.features_, self.C, weight.sum(), self.space_)
         used = weight > 0.0
-        problem = Problem.of_steps(self.features_.design(data.observations[used]), codes[used], self.space_)
+        # A design matrix that no longer stays in cache is read in single precision, which is as good as 1e-6.
+        large = used.sum() * self.features_.n_columns > LARGE
+        design = self.features_.design(data.observations[used], single=large)
+        problem = Problem.of_steps(design, codes[used], self.space_)
         policy: Policy = linear_policy(self.space_, ridge, weight.sum())
-        policy, _ = policy.learn(problem, weight[used], tol=tol)
+        policy, _ = policy.learn(problem, weight[used], tol=max(tol, _SINGLE_TOL) if large else tol)
         self.policy_ = policy.tempered(choice.temperature)
 
 

@@ -16,7 +16,7 @@ from threadpoolctl import threadpool_limits
 from rpil.adversaries import AUTO, Adversary
 from rpil.audit import Audit, summarise
 from rpil.belief import believe, evidence
-from rpil.cloning import PolicyEstimator
+from rpil.cloning import LARGE, PolicyEstimator
 from rpil.demonstrations import Demonstrations
 from rpil.em import Result, State
 from rpil.errors import DataError
@@ -36,18 +36,18 @@ from rpil.priors import ByLength
 from rpil.problem import Problem
 from rpil.refine import refine
 from rpil.reliability import PointMasses, Reliability, TwoBetas
-from rpil.search import Setting, fit
+from rpil.search import Setting, fit, unseen
 
 Array = NDArray[Any]
 
 _FEW = 32
 """Observations up to which folding them costs little."""
 
+_TOLD = 0.05
+"""Nats, for a standard deviation of log length, from which it is said that length counts."""
+
 _REFIT_TOL = 1e-6
 """Gradient, a step, at which the final policy is done: its actions have long stopped changing."""
-
-_LARGE = 1_000_000
-"""Entries of a design matrix that is searched in single precision: it no longer stays in cache."""
 
 
 class AmbiguousWarning(UserWarning):
@@ -192,7 +192,7 @@ class RPIL(PolicyEstimator):
             features = FeatureMap.fit(self._search_kind(demonstrations), demonstrations.observations)
             problem = Problem(
                 features.design(
-                    demonstrations.observations, single=demonstrations.n_steps * features.n_columns > _LARGE
+                    demonstrations.observations, single=demonstrations.n_steps * features.n_columns > LARGE
                 ),
                 codes,
                 demonstrations.offsets,
@@ -205,15 +205,16 @@ class RPIL(PolicyEstimator):
             rng = np.random.default_rng(self.random_state)
             result, runs = fit(problem, setting, candidates, rng, progress)
             read: FeatureMap | Untouched = features
-            seen = problem
+            seen, outputs = problem, unseen(problem, setting, result, rng)
             if self.policy is not None:
                 read = Untouched()
                 seen = replace(problem, features=read.design(demonstrations.observations))
                 start = estimator_policy(self.policy, self.space_, len(codes))
                 result = refine(seen, setting, start, result, progress)
+                outputs = result.posterior.outputs
             progress("competing groups")
             groups_found = competing_groups(problem, setting, result, runs, rng)
-            self._finish(demonstrations, codes, read, seen, result, groups_found)
+            self._finish(demonstrations, codes, read, seen, result, outputs, groups_found)
         return self
 
     @property
@@ -277,12 +278,13 @@ class RPIL(PolicyEstimator):
         features: FeatureMap | Untouched,
         problem: Problem,
         result: Result,
+        outputs: Array,
         competing: list[Array],
     ) -> None:
         """Keep what was found, and refit the policy to the expert's term alone: the adversary's biases it."""
         self.search_features_: FeatureMap | Untouched = features
         self.state_: State = result.state
-        self.belief_, log_odds = believe(problem, result)
+        self.belief_, log_odds = believe(problem, result, outputs)
         self.n_iter_ = max(1, len(result.history) - 1)
         self.lower_bound_ = result.objective
         self.converged_ = result.converged
@@ -312,7 +314,8 @@ def _assumptions(model: RPIL, problem: Problem) -> list[str]:
     labelled = int((problem.labels != 0).sum())
     said = [
         "Experts agree with one another: in similar states they act alike.",
-        "Steps are independent given the state; log-odds of long demonstrations may be overconfident.",
+        f"Steps that follow one another tell the same in part: {model.belief_.power:.2f} of each counts.",
+        f"P(there are no adversaries at all, or nothing to tell them by) is {model.belief_.alike:.2f}, and was one half.",
         f"The policy is linear in {model.features_.kind} features."
         if model.policy is None
         else f"The policy is a {type(model.policy).__name__}; each demonstration was judged by one fitted to others.",
@@ -323,7 +326,7 @@ def _assumptions(model: RPIL, problem: Problem) -> list[str]:
     if isinstance(model.prior, float):
         said.append(f"The share of experts was given as {model.prior}.")
     prior = model.belief_.prior
-    if isinstance(prior, ByLength):
+    if isinstance(prior, ByLength) and abs(prior.slope) >= _TOLD:
         more = "more" if prior.slope > 0 else "less"
         nats = f"{abs(prior.slope):.1f} nats for each standard deviation of the logarithm of their length"
         said.append(f"Longer demonstrations are trusted {more} than short ones, by {nats}: learned from the others.")

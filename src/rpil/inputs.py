@@ -12,6 +12,7 @@ from sklearn.base import BaseEstimator
 from sklearn.utils.multiclass import check_classification_targets
 from sklearn.utils.validation import validate_data
 
+from rpil._arrays import are_whole
 from rpil.demonstrations import Demonstrations
 from rpil.errors import DataError
 from rpil.features import FeatureMap
@@ -38,12 +39,13 @@ def observations_and_actions(
         return X.observations, X.actions
     if reset:
         estimator.observation_names_ = ()
-    return validate_data(estimator, X, y, reset=reset, multi_output=_are_numbers(y))
-
-
-def _are_numbers(y: Any) -> bool:
-    """Whether y (N, A) holds continuous actions."""
-    return y is not None and np.ndim(y) == 2 and np.asarray(y).dtype.kind == "f"
+    given = np.asarray(y)
+    checked: tuple[Array, Array] = validate_data(
+        estimator, X, y, reset=reset, multi_output=given.ndim == 2 and given.dtype.kind == "f"
+    )
+    if checked[1].ndim == 1 and checked[1].dtype.kind == "f" and not are_whole(checked[1]):
+        raise DataError("Unknown label type: continuous; give continuous actions as columns, (N, 1) where it is one.")
+    return checked
 
 
 def as_demonstrations(

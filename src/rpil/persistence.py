@@ -32,7 +32,7 @@ from rpil.rment import RMEnt
 from rpil.schema import BY_NAME, ESTIMATORS, FITTED, FITTED_ARRAYS, KNOWN
 
 SCHEMA = "rpil fitted estimator"
-VERSION = 1
+VERSION = 2
 
 _HEADER = "header.json"
 _NAMES = ("feature_names_in_", "observation_names_")  # of data frames, and of `Demonstrations`

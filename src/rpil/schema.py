@@ -45,7 +45,7 @@ KNOWN: dict[type, dict[str, str]] = {
     Discrete: {},
     Box: {"low": "A", "high": "A"},
     State: {},
-    Belief: {"shift": "shares", "expert": "pairs J", "adversary": "pairs J", "weight": "shares pairs"},
+    Belief: {"shift": "shares", "expert": "pairs J", "adversary": "pairs J", "weight": "shares pairs", "one": "J"},
     Share: {},
     ByLength: {},
     Interval: {},

@@ -87,7 +87,7 @@ def choose(
     trust = np.bincount(demonstration, weight) / np.bincount(demonstration)
     found: list[_Held] = []
     for kind in KINDS:
-        if _n_columns(kind, observations.shape[1]) > _MOST_COLUMNS:
+        if kind != "raw" and _n_columns(kind, observations.shape[1]) > _MOST_COLUMNS:
             continue
         outputs = _held_out(kind, observations, codes, weight, fold, space, ridges, C)
         found += [
@@ -111,6 +111,7 @@ def _sample(offsets: Array, weight: Array) -> tuple[Array, Array, Array]:
     steps = np.concatenate([np.arange(offsets[m], offsets[m + 1]) for m in kept])
     demonstration = np.repeat(np.arange(len(kept)), lengths[kept])
     if len(kept) == 1:  # parts of the only demonstration stand for demonstrations
+        steps = steps[weight[steps] > 0.0]
         demonstration = np.arange(len(steps)) * min(_N_FOLDS, len(steps)) // len(steps)
     return steps, demonstration, demonstration % _N_FOLDS
 
