@@ -224,7 +224,7 @@ def test_nobody_trusted_is_nobody_trained():
         weights.append(trust.sum())
 
     found = reweight(Linear(), TOY.demonstrations, log_prob=never, train=note, max_rounds=3)
-    assert set(found.audit.verdicts) == {"adversary"}
+    assert "expert" not in found.audit.verdicts
     assert min(weights) > 0.0
 
 

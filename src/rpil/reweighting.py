@@ -15,7 +15,7 @@ import numpy as np
 
 from rpil.adversaries import Adversary, Constant, Marginal, MarginalBox, UniformBox
 from rpil.audit import Audit, summarise
-from rpil.belief import believe
+from rpil.belief import Belief, believe
 from rpil.demonstrations import Demonstrations
 from rpil.em import Result, State, e_step, lower_bound, m_step
 from rpil.errors import DataError
@@ -281,7 +281,7 @@ def reweight(
     )
     result, n_rounds = _rounds(problem, start, outputs, max_rounds, tol, progress)
     n_rounds += n_warm
-    belief, log_odds = believe(problem, result)
+    belief, log_odds = believe(problem, result, result.posterior.outputs)
     audit = summarise(problem, result, belief, log_odds, demonstrations.ids, [])
     if n_folds == 1:
         policy = result.state.policy.members[0]  # type: ignore[attr-defined]
@@ -291,7 +291,7 @@ def reweight(
             progress(f"training the policy: {n + 1} of {n_rounds}")
             whole = replace(whole, members=(whole._train(whole.members[0], np.arange(len(fold)), audit.step_weight),))
         policy = whole.members[0]
-    return Reweighted(policy, replace(audit, assumptions=_assumptions(n_folds)), n_rounds, result.converged)
+    return Reweighted(policy, replace(audit, assumptions=_assumptions(belief, n_folds)), n_rounds, result.converged)
 
 
 def _warm(
@@ -349,10 +349,11 @@ def _rounds(
     return best, when
 
 
-def _assumptions(n_folds: int) -> tuple[str, ...]:
+def _assumptions(belief: Belief, n_folds: int) -> tuple[str, ...]:
     said = [
         "Experts agree with one another: in similar states they act alike.",
-        "Steps are independent given the state; log-odds of long demonstrations may be overconfident.",
+        f"Steps that follow one another tell the same in part: {belief.power:.2f} of each counts.",
+        f"P(there are no adversaries at all, or nothing to tell them by) is {belief.alike:.2f}, and was one half.",
         "The order of demonstrations and any reward were not used.",
         "Whether several groups of demonstrations each agree among themselves was not looked into.",
     ]
