@@ -42,7 +42,7 @@ def fresh(problem: Problem = PROBLEM) -> Policy:
 
 def fitted(name: str, problem: Problem = PROBLEM, seed: int = 0) -> tuple[Adversary, NDArray]:
     """An adversary that has seen some steps, and the outputs of the policy it was fitted beside."""
-    policy, outputs = fresh(problem).learn(problem, np.ones(len(problem.actions)))
+    _, outputs = fresh(problem).learn(problem, np.ones(len(problem.actions)))
     weight = np.random.default_rng(seed).random(len(problem.actions))
     found = adversary(name, problem.space, fresh(problem))
     for _ in range(3):
@@ -208,7 +208,7 @@ def test_an_own_policy_learns_what_made_the_steps_and_the_rest_is_the_marginals(
 
 @pytest.mark.parametrize("name", NAMES)
 def test_only_those_with_a_policy_of_their_own_are_symmetric(name):
-    found, outputs = fitted(name)
+    found, _ = fitted(name)
     assert found.symmetric == (name in SYMMETRIC)
     other, _ = fresh().learn(PROBLEM, np.random.default_rng(1).random(N))
     changed = found.with_policy(other)

@@ -138,7 +138,7 @@ def share(problem) -> float:
 
 
 def test_labels_move_the_share():
-    problem, result = fitted("noisy", 2, prior=Share())
+    problem, _ = fitted("noisy", 2, prior=Share())
     bad = replace(problem, labels=np.where(np.arange(problem.n_demonstrations) < 8, -1, 0))
     assert share(bad) < share(problem)
 

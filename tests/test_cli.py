@@ -442,7 +442,7 @@ BAD_DATA = {
         r"demonstration 5, row 2: column 'observation.x' holds text \('far'\) where numbers are due; write numbers",
     ),
     "text.npz": (lambda name: npz(name, observations=X.astype(str)), "text where numbers are due; encode it"),
-    "continuous.npz": (lambda name: npz(name, actions=X), "actions are continuous, .*; give discrete ones"),
+    "still-numbers.npz": (lambda name: npz(name, actions=X * 0), "every action is the same; give demonstrations"),
     "anonymous.csv": (lambda name: text(name, "episode_index,x", "0,1"), "no column holds the action: name it action"),
 }  # fmt: skip
 

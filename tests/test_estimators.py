@@ -149,11 +149,23 @@ def test_demonstrations_and_arrays_are_the_same_fit():
 
 def test_rows_of_a_demonstration_need_not_lie_together():
     toy = make("random", 0)
-    order = np.argsort(np.random.default_rng(0).random(len(toy.actions)), kind="stable")
-    shuffled = RPIL(adversary="uniform").fit(toy.observations[order], toy.actions[order], groups=toy.groups[order])
     plain = RPIL(adversary="uniform").fit(toy.observations, toy.actions, groups=toy.groups)
-    found = dict(zip(shuffled.audit_.ids, shuffled.log_odds_, strict=True))
-    np.testing.assert_allclose([found[m] for m in plain.audit_.ids], plain.log_odds_, rtol=0.05, atol=0.05)
+    within = np.arange(len(toy.actions)) - toy.offsets[toy.groups]
+    order = np.lexsort((toy.groups, within))  # the first steps of all, then the second ones
+    interleaved = RPIL(adversary="uniform").fit(toy.observations[order], toy.actions[order], groups=toy.groups[order])
+    assert interleaved.audit_.ids == plain.audit_.ids
+    np.testing.assert_array_equal(interleaved.log_odds_, plain.log_odds_)
+
+
+def test_the_order_of_demonstrations_matters_little():
+    """It says which are held out together when log-odds are found."""
+    toy = make("random", 0)
+    plain = RPIL(adversary="uniform").fit(toy.demonstrations)
+    other = RPIL(adversary="uniform").fit(toy.demonstrations.select(np.random.default_rng(0).permutation(12)))
+    found = dict(zip(other.audit_.ids, other.log_odds_, strict=True))
+    np.testing.assert_allclose([found[m] for m in plain.audit_.ids], plain.log_odds_, rtol=0.1)
+    verdicts = dict(zip(other.audit_.ids, other.audit_.verdicts, strict=True))
+    assert tuple(verdicts[m] for m in plain.audit_.ids) == plain.audit_.verdicts
 
 
 def test_same_seed_same_bits():
@@ -255,8 +267,10 @@ def test_score_demonstrations_of_new_data():
     np.testing.assert_array_equal(found > 0, new.is_good[1::2])
     single = [model.score_demonstrations(fresh.select([m]))[0] for m in range(10)]
     np.testing.assert_allclose(single, found)  # each is judged on its own
-    # those that were fitted are judged as they were
-    np.testing.assert_allclose(model.score_demonstrations(toy.demonstrations.select(slice(0, 20, 2))), model.log_odds_)
+    # those that were fitted are known to the policy that judges them here, which a fit takes care to avoid
+    again = model.score_demonstrations(toy.demonstrations.select(slice(0, 20, 2)))
+    np.testing.assert_array_equal(again > 0, model.log_odds_ > 0)
+    np.testing.assert_allclose(again, model.log_odds_, rtol=0.6)
     arrays = model.score_demonstrations(fresh.observations, fresh.actions, groups=fresh.groups)
     np.testing.assert_array_equal(arrays, found)
 

@@ -125,7 +125,7 @@ def test_long_bad_demonstrations_do_not_swamp_every_start():
     times = np.where(toy.is_good, 1, 12)
     rows = np.concatenate([np.tile(np.arange(20) + 20 * m, times[m]) for m in range(14)])
     offsets = np.concatenate([[0], np.cumsum(20 * times)])
-    swamped = Problem(problem.features[rows], problem.actions[rows], offsets, 3, problem.labels)
+    swamped = Problem(problem.features[rows], problem.actions[rows], offsets, problem.space, problem.labels)
     runs = search(swamped, setting_for(swamped), "uniform", np.random.default_rng(0))
     assert any(right(toy, found.posterior.log_odds) for found in runs)
 

@@ -315,7 +315,7 @@ def _assumptions(model: RPIL, problem: Problem) -> list[str]:
     said = [
         "Experts agree with one another: in similar states they act alike.",
         f"Steps that follow one another tell the same in part: {model.belief_.power:.2f} of each counts.",
-        f"P(nobody is an adversary, or nothing tells them apart) is {model.belief_.alike:.2f}; beforehand it is one half.",
+        f"P(nobody is an adversary, or nothing tells who) is {model.belief_.alike:.2f}; beforehand it was one half.",
         f"The policy is linear in {model.features_.kind} features."
         if model.policy is None
         else f"The policy is a {type(model.policy).__name__}; each demonstration was judged by one fitted to others.",
