@@ -7,11 +7,12 @@ finite sum: over every pair of Betas in the table, and a grid of shares. A belie
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
-from scipy.special import expit
+from scipy.special import expit, log_expit
 
+from rpil.demonstrators import Demonstrators, intervals
 from rpil.em import Result, State, evidence_by_reliability
 from rpil.passes import Array, logsumexp
 from rpil.priors import Prior
@@ -24,6 +25,7 @@ _NEGLIGIBLE = 12.0
 _ROUNDS = 20
 _STEADY = 1e-3
 _LEAST = -1e5
+_RARE = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,6 +42,9 @@ class Belief:
         log P(rho_j | group) under each pair of Betas.
     weight : (P, Q) array
         Posterior of each combination.
+    people : (U, 3) array
+        P(expert) of what each demonstrator gives: its mean, and the ends of its 95 % interval; nobody where it is not
+        known who gave what.
     """
 
     prior: Prior
@@ -47,6 +52,7 @@ class Belief:
     expert: Array
     adversary: Array
     weight: Array
+    people: Array = field(default_factory=lambda: np.empty((0, 3)))
 
     def log_odds(self, evidence: Array, lengths: Array) -> Array:
         """Log-odds of expert against adversary, (M,), of demonstrations with `evidence` (M, J) at each reliability."""
@@ -92,7 +98,39 @@ def believe(problem: Problem, result: Result) -> tuple[Belief, Array]:
         prior = prior.fit(np.where(labels == 0, proba, labels > 0), lengths)
         if np.ptp(prior.log_odds(lengths) - offset) < _STEADY:
             break
+    if isinstance(problem.company, Demonstrators):
+        return _in_company(problem.company, problem.labels, ratio, offset, belief)
     return belief, _log_odds(ratio, offset, belief)
+
+
+def _in_company(
+    demonstrators: Demonstrators, labels: Array, ratio: Array, offset: Array, belief: Belief
+) -> tuple[Belief, Array]:
+    """The belief and the log-odds (M,) where it is known who gave what.
+
+    For each share the pairs of Betas are summed out first, as if the demonstrations had nothing to do with each other;
+    the sum over demonstrators is exact.
+    """
+    log_weight, odds, people = [], [], []
+    kept = np.flatnonzero(belief.weight.sum(axis=1) > _RARE)
+    for s, row in zip(belief.shift[kept], belief.weight[kept], strict=True):
+        prior, one = offset + s, replace(belief, shift=np.array([s]), weight=row[None])
+        alone = _log_odds(ratio, offset, one)
+        lent = demonstrators.borrow(alone - prior, prior, labels)
+        strangers = _over_adversary((alone - prior)[:, None], prior, labels)[0]
+        log_weight.append(np.log(row.sum()) + lent.log_evidence - strangers)
+        odds.append(alone - prior + lent.log_odds)
+        people.append(lent)
+    log_share = np.array(log_weight) - logsumexp(np.array(log_weight), 0)
+    share, z = np.exp(log_share), np.array(odds).T
+    weight = np.zeros(belief.weight.shape)
+    weight[kept] = belief.weight[kept] * (share / belief.weight[kept].sum(axis=1))[:, None]
+    trust = intervals(
+        np.concatenate([lent.share for lent in people], axis=1),
+        np.concatenate([w * lent.weight for w, lent in zip(share, people, strict=True)], axis=1),
+    )
+    log_odds = logsumexp(log_share + log_expit(z), 1) - logsumexp(log_share + log_expit(-z), 1)
+    return replace(belief, weight=weight, people=trust), log_odds
 
 
 def _plausible(alternatives: Alternatives, by_node: Array, offset: Array, labels: Array) -> Alternatives:
