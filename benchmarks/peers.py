@@ -22,14 +22,16 @@ from threadpoolctl import threadpool_limits
 
 from rpil.cloning import BehavioralCloning
 from rpil.demonstrations import Demonstrations
-from rpil.em import Problem
 from rpil.estimators import RPIL, AmbiguousWarning
 from rpil.features import FeatureMap
 from rpil.inputs import action_codes, ridge_of
 from rpil.passes import log_softmax, logsumexp
 from rpil.policies import SoftmaxPolicy
+from rpil.policies.softmax import one_hot
+from rpil.problem import Problem
 from rpil.reproduce import PaperRecipe
 from rpil.rment import RMEnt
+from rpil.spaces import Discrete
 
 Array = NDArray[Any]
 N_FOLDS = 5
@@ -151,7 +153,7 @@ def ileed(data: Demonstrations, task: Task) -> Answer:
     """
     problem, features, classes = _problem(data, _kind(data, task))
     rng = np.random.default_rng(task.seed)
-    ridge = ridge_of(features, None, data.n_steps, problem.n_actions)
+    ridge = ridge_of(features, None, data.n_steps, problem.space)
     shapes = ileed_shapes(problem)
     with threadpool_limits(1, "blas"):
         pooled = _pooled(problem, ridge)
@@ -168,7 +170,7 @@ def ileed(data: Demonstrations, task: Task) -> Answer:
 def ileed_shapes(problem: Problem) -> list[tuple[int, int]]:
     """Of the policy's weights, of the embedding, of the expertise."""
     n_columns = problem.features.shape[1]
-    return [(n_columns, problem.n_actions), (n_columns, ILEED_DIMENSIONS), (problem.n_demonstrations, ILEED_DIMENSIONS)]
+    return [(n_columns, problem.space.n), (n_columns, ILEED_DIMENSIONS), (problem.n_demonstrations, ILEED_DIMENSIONS)]
 
 
 def unpacked(parameters: Array, shapes: list[tuple[int, int]]) -> list[Array]:
@@ -180,9 +182,9 @@ def unpacked(parameters: Array, shapes: list[tuple[int, int]]) -> list[Array]:
 def ileed_loss(parameters: Array, problem: Problem, ridge: Array) -> tuple[float, Array]:
     """Penalised negative log-likelihood of ILEED, and its gradient."""
     weights, embedding, expertise = unpacked(parameters, ileed_shapes(problem))
-    n_others = problem.n_actions - 1
+    n_others = problem.space.n - 1
     log_proba = log_softmax(problem.features @ weights)
-    proba, log_pi = np.exp(log_proba), problem.taken(log_proba)
+    proba, log_pi = np.exp(log_proba), taken(problem, log_proba)
     pi, others = np.exp(log_pi), -np.expm1(log_pi)
     embedded, own = problem.features @ embedding, problem.spread(expertise)
     rho = expit((embedded * own).sum(axis=1))
@@ -191,8 +193,9 @@ def ileed_loss(parameters: Array, problem: Problem, ridge: Array) -> tuple[float
 
     by_logit = (rho - (1 - rho) / n_others) * pi / likelihood  # d log p / d log pi
     by_skill = rho * (1 - rho) * (pi - others / n_others) / likelihood  # d log p / d <f(s), w>
+    hot_by_logit = one_hot(problem.actions, by_logit, problem.space.n)
     slopes = (
-        ridge[:, None] * weights - problem.features.T @ (problem.one_hot(by_logit) - by_logit[:, None] * proba),
+        ridge[:, None] * weights - problem.features.T @ (hot_by_logit - by_logit[:, None] * proba),
         ridge[:, None] * embedding - problem.features.T @ (by_skill[:, None] * own),
         expertise - problem.sum_steps(by_skill[:, None] * embedded),
     )
@@ -227,19 +230,19 @@ def median_of_means(data: Demonstrations, task: Task) -> Answer:
     being as far from it as the worst: the score is the mean log-likelihood under the final policy.
     """
     problem, features, classes = _problem(data, _kind(data, task))
-    ridge = ridge_of(features, None, 1.0, problem.n_actions)
-    taken = problem.one_hot(np.ones(data.n_steps))
+    ridge = ridge_of(features, None, 1.0, problem.space)
+    hot = one_hot(problem.actions, np.ones(data.n_steps), problem.space.n)
     with threadpool_limits(1, "blas"):
         covariance = problem.features.T @ problem.features / data.n_steps + np.diag(ridge + 1e-9)
         factor = cho_factor(covariance)
 
         def losses(weights: Array) -> Array:
-            return -problem.sum_steps(problem.taken(log_softmax(problem.features @ weights))) / problem.lengths
+            return -problem.sum_steps(taken(problem, log_softmax(problem.features @ weights))) / problem.lengths
 
         def stepped(weights: Array, block: int) -> Array:
             steps = slice(*problem.offsets[block : block + 2])
             rows = problem.features[steps]
-            slope = rows.T @ (np.exp(log_softmax(rows @ weights)) - taken[steps]) / len(rows) + ridge[:, None] * weights
+            slope = rows.T @ (np.exp(log_softmax(rows @ weights)) - hot[steps]) / len(rows) + ridge[:, None] * weights
             return weights - cho_solve(factor, slope)
 
         weights = _pooled(problem, ridge * data.n_steps).weights
@@ -335,13 +338,21 @@ def _problem(data: Demonstrations, kind: str) -> tuple[Problem, FeatureMap, Arra
     classes, codes = action_codes(data.actions, data.source)
     features = FeatureMap.fit(kind, data.observations)
     nobody = np.zeros(len(data), dtype=int)
-    return Problem(features.design(data.observations), codes, data.offsets, len(classes), nobody), features, classes
+    return (
+        Problem(features.design(data.observations), codes, data.offsets, Discrete(len(classes)), nobody),
+        features,
+        classes,
+    )
 
 
 def _pooled(problem: Problem, ridge: Array) -> SoftmaxPolicy:
     """The policy that trusts every step."""
-    targets = problem.one_hot(np.ones(len(problem.actions)))
-    return SoftmaxPolicy.zero(problem.n_actions, ridge).fit(problem.features, targets)[0]
+    return SoftmaxPolicy.zero(problem.space.n, ridge).learn(problem, np.ones(len(problem.actions)))[0]
+
+
+def taken(problem: Problem, log_proba: Array) -> Array:
+    """Log-probability of the action taken, (N, K) -> (N,)."""
+    return np.take_along_axis(log_proba, problem.actions[:, None], axis=1)[:, 0]
 
 
 def _taken(data: Demonstrations, policy: Any) -> Array:

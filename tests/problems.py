@@ -11,11 +11,13 @@ from scipy.special import softmax
 
 from rpil.adversaries import adversary
 from rpil.demonstrations import Demonstrations
-from rpil.em import Problem, State
+from rpil.em import State
 from rpil.features import FeatureMap
 from rpil.policies import SoftmaxPolicy
 from rpil.priors import Share
+from rpil.problem import Problem
 from rpil.reliability import PointMasses, Reliability, TwoBetas
+from rpil.spaces import Discrete
 
 Array = NDArray[Any]
 
@@ -62,7 +64,7 @@ class Toy:
     def problem(self, features: str = "raw") -> Problem:
         """As EM wants it."""
         design = FeatureMap.fit(features, self.observations).design(self.observations)
-        return Problem(design, self.actions, self.offsets, self.n_actions, self.labels)
+        return Problem(design, self.actions, self.offsets, Discrete(self.n_actions), self.labels)
 
     def labelled(self, labels: dict[int, int]) -> Toy:
         """The same with ``labels`` {index: 1 or -1}."""
@@ -159,8 +161,6 @@ def ridge(problem: Problem) -> Array:
 
 def pooled_state(problem: Problem, which: str, reliability: Reliability) -> State:
     """Where EM starts by default: the policy that trusts everybody."""
-    penalty = ridge(problem)
-    policy, _ = SoftmaxPolicy.zero(problem.n_actions, penalty).fit(
-        problem.features, problem.one_hot(np.ones(len(problem.actions)))
-    )
-    return State(policy, adversary(which, problem.n_actions, penalty), Share(), reliability)
+    zero = SoftmaxPolicy.zero(problem.space.n, ridge(problem))
+    policy, _ = zero.learn(problem, np.ones(len(problem.actions)))
+    return State(policy, adversary(which, problem.space, zero), Share(), reliability)

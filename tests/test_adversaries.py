@@ -8,8 +8,10 @@ from numpy.typing import NDArray
 from scipy.special import log_softmax
 
 from rpil.adversaries import ADVERSARIES, Complement, Confusion, Marginal, Uniform, adversary
-from rpil.em import Problem
 from rpil.errors import DataError
+from rpil.policies import linear_policy
+from rpil.problem import Problem
+from rpil.spaces import Discrete
 
 N = 40
 LEARNED = ("marginal", "confusion", "own policy")
@@ -23,11 +25,21 @@ def steps(n_actions: int, seed: int = 0) -> tuple[NDArray, NDArray, NDArray]:
     return features, log_policy, rng.integers(n_actions, size=N)
 
 
+def named(name: str, n_actions: int, ridge: tuple[float, ...] = (0.3, 0.3, 0.0)):
+    """An adversary that has seen nothing."""
+    space = Discrete(n_actions)
+    return adversary(name, space, linear_policy(space, np.array(ridge), N))
+
+
+def learn(found, features, log_policy, actions, weight):
+    """An adversary fitted to steps."""
+    return found.fit(Problem.of_steps(features, actions, Discrete(log_policy.shape[1])), log_policy, weight)
+
+
 def fitted(name: str, n_actions: int, seed: int = 0):
     """An adversary that has seen some steps, so that it is not at its start."""
     features, log_policy, actions = steps(n_actions, seed + 100)
-    new = adversary(name, n_actions, np.array([0.3, 0.3, 0.0]))
-    return new.fit(features, log_policy, actions, np.random.default_rng(seed).random(N))
+    return learn(named(name, n_actions), features, log_policy, actions, np.random.default_rng(seed).random(N))
 
 
 def matrix(found: Confusion) -> NDArray:
@@ -65,7 +77,7 @@ def brute_force(name: str, found, features, log_policy) -> NDArray:
 
 
 @pytest.mark.parametrize("n_actions", [2, 3, 5])
-@pytest.mark.parametrize("name", ADVERSARIES)
+@pytest.mark.parametrize("name", ADVERSARIES["discrete"])
 def test_log_prob_is_the_definition(name, n_actions):
     features, log_policy, actions = steps(n_actions)
     found = fitted(name, n_actions)
@@ -78,7 +90,7 @@ def test_log_prob_is_the_definition(name, n_actions):
 
 
 @pytest.mark.parametrize("n_actions", [2, 3, 5])
-@pytest.mark.parametrize("name", ADVERSARIES)
+@pytest.mark.parametrize("name", ADVERSARIES["discrete"])
 def test_sums(name, n_actions):
     """All but two are distributions: the constant sums to K, the paper's complement to K - 1."""
     features, log_policy, _ = steps(n_actions)
@@ -143,7 +155,7 @@ def test_the_others_teach_nothing(name):
 
 @pytest.mark.parametrize("seed", range(5))
 @pytest.mark.parametrize("n_actions", [2, 4])
-@pytest.mark.parametrize("name", ADVERSARIES)
+@pytest.mark.parametrize("name", ADVERSARIES["discrete"])
 def test_fit_never_loses(name, n_actions, seed):
     features, log_policy, actions = steps(n_actions, seed)
     weight = np.random.default_rng(seed).random(N) * (actions > 0)  # one action never taken
@@ -151,10 +163,10 @@ def test_fit_never_loses(name, n_actions, seed):
     def objective(found):
         return weight @ found.log_prob(features, log_policy, actions) + found.log_prior()
 
-    found = adversary(name, n_actions, np.array([0.3, 0.3, 0.0]))
+    found = named(name, n_actions)
     before = objective(found)
     for _ in range(5):
-        found = found.fit(features, log_policy, actions, weight)
+        found = learn(found, features, log_policy, actions, weight)
         after = objective(found)
         assert after >= before - 1e-9
         before = after
@@ -174,9 +186,9 @@ def test_fit_learns(name):
         "own policy": np.exp(log_softmax(features @ np.array([[-1.0, 0.0, 2.0], [0.0, 1.0, 0.0]]), axis=1)),
     }[name]
     actions = (truth.cumsum(axis=1) < rng.random((n, 1))).sum(axis=1)
-    found = adversary(name, 3, np.zeros(2))
+    found = named(name, 3, (0.0, 0.0))
     for _ in range(200 if name == "confusion" else 5):
-        found = found.fit(features, log_policy, actions, np.ones(n))
+        found = learn(found, features, log_policy, actions, np.ones(n))
     np.testing.assert_allclose(by_action(found, features, log_policy), truth, atol=0.03)
 
 
@@ -184,9 +196,9 @@ def test_learned_parameters_are_modes():
     """Marginal and confusion under their Dirichlet priors: one pseudo-step an action, and an entry."""
     actions, weight = np.array([0, 0, 1]), np.array([1.0, 0.5, 2.0])
     features, certain = np.empty((3, 0)), np.log(np.array([[1.0, 0, 0], [0, 1, 0], [0, 0, 1]]) + 1e-300)
-    found = Marginal.start(3).fit(features, certain, actions, weight)
+    found = learn(Marginal.start(3), features, certain, actions, weight)
     np.testing.assert_allclose(np.exp(found.log_frequency), np.array([2.5, 3.0, 1.0]) / 6.5)
-    learned = Confusion.start(3).fit(features, certain, actions, weight)
+    learned = learn(Confusion.start(3), features, certain, actions, weight)
     np.testing.assert_allclose(
         matrix(learned), [[2 / 4, 1 / 4, 1 / 4], [1.5 / 3.5, 1 / 3.5, 1 / 3.5], [1 / 5, 3 / 5, 1 / 5]]
     )
@@ -194,7 +206,7 @@ def test_learned_parameters_are_modes():
 
 def test_given_confusion_is_never_learned():
     given = Confusion.given(np.eye(3)[[1, 2, 0]])
-    assert given.fit(*steps(3), np.ones(N)) is given
+    assert learn(given, *steps(3), np.ones(N)) is given
     assert given.log_prior() == 0.0
 
 
@@ -208,15 +220,15 @@ def test_given_confusion_must_be_square_rows_of_distributions(bad):
 
 
 def test_unknown_name():
-    with pytest.raises(DataError, match="'evil'; choose auto, constant, uniform"):
-        adversary("evil", 3, np.zeros(2))
+    with pytest.raises(DataError, match="'evil' for discrete actions; choose auto, constant, uniform"):
+        named("evil", 3)
 
 
 def test_given_confusion_must_have_the_actions_of_the_data():
     given = Confusion.given(np.eye(2))
-    assert adversary(given, 2, np.zeros(2)) is given
+    assert named(given, 2) is given
     with pytest.raises(DataError, match="2 x 2 was given for 3 actions"):
-        adversary(given, 3, np.zeros(2))
+        named(given, 3)
 
 
 def test_what_cannot_be_pressed_was_meant_by_nobody():
@@ -235,7 +247,9 @@ def test_soft_targets_bound_log_one_minus_pi_from_below():
         old, new = log_softmax(4 * rng.normal(size=(2, 2000, n_actions)), axis=2)
         actions = rng.integers(n_actions, size=2000)
         q = Complement().intended(old, actions)
-        problem = Problem(np.empty((2000, 0)), actions, np.array([0, 2000]), n_actions, np.zeros(1, dtype=int))
+        problem = Problem(
+            np.empty((2000, 0)), actions, np.array([0, 2000]), Discrete(n_actions), np.zeros(1, dtype=int)
+        )
         assert (q[np.arange(2000), actions] == 0).all()
         surrogate = (q * (new - old)).sum(axis=1)
         gain = Complement().log_prob(problem.features, new, actions) - Complement().log_prob(

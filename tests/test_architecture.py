@@ -18,9 +18,11 @@ FILES = sorted(path for path in ROOT.rglob("*.py") if path != ROOT / "__init__.p
 # fmt: off
 ORDER = [
     "errors", "_arrays", "files", "demonstrations", "formats",
-    "passes", "parallel", "features", "solvers", "policies", "adversaries", "priors", "reliability",
-    "chains", "em", "search", "belief", "identify", "audit", "inputs", "selection", "cloning", "estimators", "rment",
-    "persistence", "experts", "corruptions", "environments", "rollouts", "simulation",
+    "passes", "spaces", "demonstrators", "problem", "parallel", "features", "solvers",
+    "policies", "adversaries", "priors", "reliability",
+    "chains", "em", "agreement", "search", "refine", "belief", "identify", "audit",
+    "inputs", "selection", "cloning", "estimators", "rment",
+    "schema", "persistence", "experts", "corruptions", "environments", "rollouts", "simulation",
     "plots", "report", "data", "demo", "reproduce", "terminal", "cli", "__main__",
 ]
 # fmt: on

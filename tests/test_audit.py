@@ -12,9 +12,10 @@ from audits import make_audit
 from problems import Toy, make, pooled_state
 from rpil.audit import SURE, WHOLE, Audit, Interval, summarise
 from rpil.belief import Belief, believe
-from rpil.em import Posterior, Problem, Result, run
+from rpil.em import Posterior, Result, run
 from rpil.errors import DataError
 from rpil.priors import Share
+from rpil.problem import Problem
 from rpil.reliability import TwoBetas, beta_table
 
 IDS = ("a", "b", "c", "d", "e")

@@ -26,7 +26,7 @@ def fitted(kind: str = "random", seed: int = 0, labels=None, reliability=None, p
 
 def brute_force(problem, result, belief: Belief) -> tuple[np.ndarray, np.ndarray]:
     """Log-odds (M,) and posterior of the shares (P,), each combination on its own and none left out."""
-    by_node = evidence(problem, result.state, result.posterior.log_proba)
+    by_node = evidence(problem, result.state, result.posterior.outputs)
     alternatives = result.state.reliability.alternatives
     shift, log_share = belief.prior.alternatives(problem.lengths)
     log_z, log_each = [], []
@@ -51,7 +51,7 @@ def test_against_brute_force(labels, reliability):
     problem, result = fitted("noisy", 3, labels, reliability, Share(0.4, 2.0, 3.0))
     short = replace(problem.select(np.arange(4)))
     result = replace(
-        result, posterior=replace(result.posterior, log_proba=result.posterior.log_proba[: len(short.actions)])
+        result, posterior=replace(result.posterior, outputs=result.posterior.outputs[: len(short.actions)])
     )
     belief, log_odds = believe(short, result)
     expected, shares = brute_force(short, result, belief)
@@ -63,7 +63,7 @@ def test_against_brute_force(labels, reliability):
 def test_new_demonstrations_are_judged_as_the_fitted_ones():
     problem, result = fitted("noisy", 1)
     belief, log_odds = believe(problem, result)
-    by_node = evidence(problem, result.state, result.posterior.log_proba)
+    by_node = evidence(problem, result.state, result.posterior.outputs)
     np.testing.assert_allclose(belief.log_odds(by_node, problem.lengths), log_odds)
     one = problem.select(np.array([3]))
     assert belief.log_odds(by_node[3:4], one.lengths)[0] == pytest.approx(log_odds[3])

@@ -11,9 +11,10 @@ from scipy.special import expit
 
 from problems import Toy, make, pooled_state, ridge, zoo
 from rpil import chains, search
-from rpil.em import Problem, e_step, evidence_by_reliability, expert_steps, run
+from rpil.em import e_step, evidence_by_reliability, expert_steps, run
 from rpil.policies import SoftmaxPolicy
 from rpil.priors import Share
+from rpil.problem import Problem
 from rpil.reliability import PointMasses, TwoBetas
 from rpil.search import Setting, fit
 

@@ -94,7 +94,11 @@ def test_help_imports_nothing_slow_and_answers_at_once():
 def test_the_choices_are_those_of_the_library():
     assert set(cli.FEATURES) == set(FEATURES)
     assert set(cli.KINDS) == set(KINDS)
-    assert {name.replace("-", " ") for name in cli.ADVERSARIES} == {"auto", *ADVERSARIES}
+    assert {name.replace("-", " ") for name in cli.ADVERSARIES} == {
+        "auto",
+        *ADVERSARIES["discrete"],
+        *ADVERSARIES["continuous"],
+    }
 
 
 def test_simulate_writes_demonstrations_with_their_truth(folder):
@@ -138,7 +142,7 @@ def test_audit_as_json(folder):
     ]  # fmt: skip
     assert audit["n_demonstrations"] == 12
     assert audit["n_steps"] == formats.read(folder / "good.parquet").n_steps
-    assert audit["adversary"] in ADVERSARIES
+    assert audit["adversary"] in ADVERSARIES["discrete"]
     assert audit["prior"].keys() == {"mean", "low", "high"}
     assert 0 < audit["prior"]["low"] < audit["prior"]["mean"] < audit["prior"]["high"] < 1
     assert audit["identifiable"] is True

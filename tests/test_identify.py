@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 
 from problems import Toy, make, ridge
+from rpil.adversaries import AUTO
 from rpil.identify import _compete, competing_groups
 from rpil.policies import SoftmaxPolicy
 from rpil.priors import Share
 from rpil.reliability import TwoBetas
-from rpil.search import AUTO, Setting, fit
+from rpil.search import Setting, fit
 
 STEPS = (40, 60)
 
@@ -18,9 +19,9 @@ STEPS = (40, 60)
 def groups_found(toy: Toy, seed: int = 0) -> list[set[int]]:
     problem = toy.problem()
     penalty = ridge(problem) / 100
-    setting = Setting(SoftmaxPolicy.zero(problem.n_actions, penalty), penalty, Share(), TwoBetas.start())
+    setting = Setting(SoftmaxPolicy.zero(problem.space.n, penalty), Share(), TwoBetas.start())
     rng = np.random.default_rng(seed)
-    result, runs = fit(problem, setting, AUTO, rng)
+    result, runs = fit(problem, setting, AUTO["discrete"], rng)
     return [set(group.tolist()) for group in competing_groups(problem, setting, result, runs, rng)]
 
 
@@ -75,7 +76,7 @@ def test_experts_who_visit_other_states_are_no_rivals():
         toy.actions[:] = (5 * logits).argmax(axis=1)
         problem = toy.problem("spline")
         penalty = np.full(problem.features.shape[1], 1e-5 * len(toy.actions))
-        setting = Setting(SoftmaxPolicy.zero(3, penalty), penalty, Share(), TwoBetas.start())
+        setting = Setting(SoftmaxPolicy.zero(3, penalty), Share(), TwoBetas.start())
         halves = np.arange(6), np.arange(6, 12)
         assert not _compete(problem, setting, *halves, np.random.default_rng(0))
 

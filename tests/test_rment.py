@@ -14,7 +14,9 @@ from rpil.demonstrations import Demonstrations
 from rpil.errors import DataError
 from rpil.inputs import ridge_of
 from rpil.policies import SoftmaxPolicy
+from rpil.policies.softmax import one_hot
 from rpil.rment import RMEnt, concentrate, fitted, search, starts
+from rpil.spaces import Discrete
 
 TOY = make("random", 0)
 
@@ -46,12 +48,12 @@ def test_exact_against_all_subsets(seed):
     toy = make("noisy", seed, n_good=4, n_bad=4, steps=(5, 15), sharpness=2.0)
     model = RMEnt(n_trusted=4, tol=1e-10).fit(toy.demonstrations)
     problem, lengths = toy.problem(), np.diff(toy.offsets)
-    penalty = ridge_of(model.features_, None, 4 * lengths.mean(), toy.n_actions)
+    penalty = ridge_of(model.features_, None, 4 * lengths.mean(), Discrete(toy.n_actions))
     objectives = {}
     for subset in combinations(range(8), 4):
         weight = np.isin(np.arange(8), subset) / lengths
         design = model.features_.design(toy.observations)
-        targets = problem.one_hot(problem.spread(weight))
+        targets = one_hot(problem.actions, problem.spread(weight), problem.space.n)
         policy, log_proba = SoftmaxPolicy.zero(toy.n_actions, penalty / lengths.mean()).fit(design, targets, tol=1e-10)
         objectives[subset] = (policy.penalty() - (targets * log_proba).sum()) / 4
     best = min(objectives, key=objectives.get)

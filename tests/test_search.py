@@ -9,20 +9,21 @@ import pytest
 
 from problems import Toy, make, pooled_state, ridge, zoo
 from rpil import parallel
-from rpil.adversaries import Marginal, Uniform
-from rpil.em import MStep, Problem, e_step, run
+from rpil.adversaries import AUTO, Marginal, Uniform
+from rpil.em import MStep, e_step, run
 from rpil.policies import SoftmaxPolicy
 from rpil.priors import Share
+from rpil.problem import Problem
 from rpil.reliability import PointMasses, TwoBetas
-from rpil.search import AUTO, Setting, _folds, _temperatures, _with_adversary, fit, held_out, search, starts
+from rpil.search import Setting, _folds, _temperatures, _with_adversary, fit, held_out, search, starts
 
 STEPS = (40, 60)
 
 
 def setting_for(problem: Problem, mode: MStep = "joint", n_single: int = 3, annealing: int = 0) -> Setting:
     penalty = ridge(problem) / 100
-    policy = SoftmaxPolicy.zero(problem.n_actions, penalty)
-    return Setting(policy, penalty, Share(), TwoBetas.start(), mode=mode, n_single=n_single, annealing=annealing)
+    policy = SoftmaxPolicy.zero(problem.space.n, penalty)
+    return Setting(policy, Share(), TwoBetas.start(), mode=mode, n_single=n_single, annealing=annealing)
 
 
 def right(toy: Toy, log_odds: np.ndarray) -> bool:
@@ -77,7 +78,9 @@ def test_search_is_sorted_and_no_worse_than_the_pooled_start():
         setting = setting_for(problem)
         runs = search(problem, setting, "uniform", np.random.default_rng(0))
         pooled = pooled_state(problem, "uniform", TwoBetas.start())
-        alone = run(problem, replace(pooled, policy=SoftmaxPolicy(pooled.policy.weights, setting.ridge)), max_iter=6)
+        alone = run(
+            problem, replace(pooled, policy=SoftmaxPolicy(pooled.policy.weights, setting.policy.ridge)), max_iter=6
+        )
         if not toy.labels.any():
             carried = [r.objective for r in runs[:2]]
             assert carried == sorted(carried, reverse=True), name
@@ -99,7 +102,7 @@ def test_histories_never_fall_through_the_stages_of_a_search():
 def test_random_actions_are_found_also_where_they_are_many(which, bad):
     toy = make("random", 0, n_good=12 - bad, n_bad=bad, steps=STEPS)
     problem = toy.problem()
-    candidates = AUTO if which == "auto" else [which]
+    candidates = AUTO["discrete"] if which == "auto" else [which]
     result, _ = fit(problem, setting_for(problem), candidates, np.random.default_rng(0))
     assert right(toy, result.posterior.log_odds)
 
@@ -111,7 +114,7 @@ def test_labels_overrule_a_coherent_majority(n_bad, labels):
     known = {"expert": {0: 1}, "adversary": {11: -1}, "both": {0: 1, 11: -1}}[labels]
     toy = make("shifted", 1, n_good=12 - n_bad, n_bad=n_bad, steps=STEPS).labelled(known)
     problem = toy.problem()
-    result, _ = fit(problem, setting_for(problem), AUTO, np.random.default_rng(0))
+    result, _ = fit(problem, setting_for(problem), AUTO["discrete"], np.random.default_rng(0))
     assert right(toy, result.posterior.log_odds)
 
 
@@ -175,17 +178,17 @@ def test_folds_part_the_demonstrations():
 
 def test_auto_returns_one_of_its_candidates_and_the_same_for_the_same_seed():
     problem = make("noisy", 0).problem()
-    first, again = (fit(problem, setting_for(problem), AUTO, np.random.default_rng(3))[0] for _ in range(2))
-    assert first.state.adversary.name in AUTO
+    first, again = (fit(problem, setting_for(problem), AUTO["discrete"], np.random.default_rng(3))[0] for _ in range(2))
+    assert first.state.adversary.name in AUTO["discrete"]
     np.testing.assert_array_equal(first.posterior.log_odds, again.posterior.log_odds)
     np.testing.assert_array_equal(first.history, again.history)
 
 
 def test_threads_change_no_bit(monkeypatch):
     problem = make("noisy", 0).problem()
-    one, _ = fit(problem, setting_for(problem), AUTO, np.random.default_rng(3))
+    one, _ = fit(problem, setting_for(problem), AUTO["discrete"], np.random.default_rng(3))
     monkeypatch.setattr(parallel, "_WORTH_A_THREAD", 0)
-    several, _ = fit(problem, setting_for(problem), AUTO, np.random.default_rng(3))
+    several, _ = fit(problem, setting_for(problem), AUTO["discrete"], np.random.default_rng(3))
     np.testing.assert_array_equal(one.posterior.log_odds, several.posterior.log_odds)
     np.testing.assert_array_equal(one.state.policy.weights, several.state.policy.weights)
 
@@ -193,9 +196,11 @@ def test_threads_change_no_bit(monkeypatch):
 def test_every_stage_is_announced():
     said: list[str] = []
     problem = make("random", 0).problem()
-    fit(problem, setting_for(problem), AUTO, np.random.default_rng(0), said.append)
+    fit(problem, setting_for(problem), AUTO["discrete"], np.random.default_rng(0), said.append)
     assert "start: pooled" in said
-    assert {word for word in said if word.startswith("adversary")} == {f"adversary: {name}" for name in AUTO}
+    assert {word for word in said if word.startswith("adversary")} == {
+        f"adversary: {name}" for name in AUTO["discrete"]
+    }
 
 
 def test_annealing_warms_from_one_steps_worth_to_all():

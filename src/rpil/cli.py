@@ -38,6 +38,7 @@ if TYPE_CHECKING:
 FEATURES = ("auto", "raw", "folded", "spline", "poly", "nystroem")
 ADVERSARIES = (
     "auto", "constant", "uniform", "marginal", "complement", "normalised-complement", "confusion", "own-policy",
+    "own-policy-or-marginal",
 )  # fmt: skip
 KINDS = ("corrupted", "random", "flip", "shift", "noisy", "window", "sensor")
 

@@ -27,7 +27,7 @@ class PolicyEstimator(ClassifierMixin, BaseEstimator):
 
     space_: Space
     classes_: Array
-    features_: FeatureMap
+    features_: Any
     policy_: Any
     features: str
     C: float | None

@@ -20,7 +20,7 @@ from rpil.cloning import PolicyEstimator
 from rpil.demonstrations import Demonstrations
 from rpil.em import Result, State
 from rpil.errors import DataError
-from rpil.features import FeatureMap
+from rpil.features import FeatureMap, Untouched
 from rpil.identify import competing_groups
 from rpil.inputs import (
     as_demonstrations,
@@ -32,8 +32,10 @@ from rpil.inputs import (
     who_gave,
 )
 from rpil.policies import linear_policy
+from rpil.policies.estimator import estimator_policy
 from rpil.priors import ByLength
 from rpil.problem import Problem
+from rpil.refine import refine
 from rpil.reliability import PointMasses, Reliability, TwoBetas
 from rpil.search import Setting, fit
 
@@ -62,6 +64,11 @@ class RPIL(PolicyEstimator):
     features : {"raw", "folded", "spline", "poly", "nystroem", "auto"}
         What the policy sees of an observation, see `rpil.features`. "auto" chooses, with the ridge, once trust is
         decided: by the likelihood of held-out demonstrations, each with as much say as it is trusted.
+    policy : scikit-learn estimator, optional
+        What an expert's policy is like: a classifier with `predict_proba` (a regressor where actions are continuous)
+        that takes `sample_weight`, a pipeline or a search of such; or what `rpil.TorchPolicy` makes. It sees the
+        observations as they are. Its likelihoods are cross-fitted over demonstrations, so that it cannot memorise bad
+        ones. A linear one proposes what to trust, and it decides. By default the policy is linear in `features`.
     adversary : str or Adversary
         What bad demonstrators do. "auto" fits several and keeps the one under which held-out demonstrations are most
         likely; or "constant", "uniform", "marginal", "complement" (the paper's), "normalised complement", "confusion",
@@ -124,6 +131,7 @@ class RPIL(PolicyEstimator):
     def __init__(
         self,
         features: str = "raw",
+        policy: Any = None,
         adversary: str | Adversary = "auto",
         prior: float | tuple[float, float] | None = None,
         C: float | None = None,
@@ -140,6 +148,7 @@ class RPIL(PolicyEstimator):
         progress: Callable[[str], None] | None = None,
     ) -> None:
         self.features = features
+        self.policy = policy
         self.adversary = adversary
         self.prior = prior
         self.C = C
@@ -201,9 +210,16 @@ class RPIL(PolicyEstimator):
             candidates = AUTO[self.space_.kind] if auto else (self.adversary,)
             rng = np.random.default_rng(self.random_state)
             result, runs = fit(problem, setting, candidates, rng, progress)
+            read: FeatureMap | Untouched = features
+            seen = problem
+            if self.policy is not None:
+                read = Untouched()
+                seen = replace(problem, features=read.design(demonstrations.observations))
+                start = estimator_policy(self.policy, self.space_, len(codes))
+                result = refine(seen, setting, start, result, progress)
             progress("competing groups")
             groups_found = competing_groups(problem, setting, result, runs, rng)
-            self._finish(demonstrations, codes, features, problem, result, groups_found)
+            self._finish(demonstrations, codes, read, seen, result, groups_found)
         return self
 
     @property
@@ -264,13 +280,13 @@ class RPIL(PolicyEstimator):
         self,
         demonstrations: Demonstrations,
         codes: Array,
-        features: FeatureMap,
+        features: FeatureMap | Untouched,
         problem: Problem,
         result: Result,
         competing: list[Array],
     ) -> None:
         """Keep what was found, and refit the policy to the expert's term alone: the adversary's biases it."""
-        self.search_features_: FeatureMap = features
+        self.search_features_: FeatureMap | Untouched = features
         self.state_: State = result.state
         self.belief_, log_odds = believe(problem, result)
         self.n_iter_ = max(1, len(result.history) - 1)
@@ -280,8 +296,10 @@ class RPIL(PolicyEstimator):
         weight = audit.step_weight
         if weight.sum() < 1.0:  # nobody is trusted: what little is the expert's, wherever it is
             weight = result.posterior.step
-        trusted = weight > 0.5 * weight.max()
-        self._learn(demonstrations, codes, weight, trusted, _REFIT_TOL)
+        if self.policy is None:
+            self._learn(demonstrations, codes, weight, weight > 0.5 * weight.max(), _REFIT_TOL)
+        else:
+            self.features_, self.policy_ = features, result.state.policy.finished(problem, weight)  # type: ignore[attr-defined]
         self.audit_: Audit = replace(audit, assumptions=tuple(_assumptions(self, problem)))
         if not result.converged:
             warnings.warn("EM stopped at max_iter; raise max_iter or tol.", ConvergenceWarning, stacklevel=3)
@@ -301,7 +319,9 @@ def _assumptions(model: RPIL, problem: Problem) -> list[str]:
     said = [
         "Experts agree with one another: in similar states they act alike.",
         "Steps are independent given the state; log-odds of long demonstrations may be overconfident.",
-        f"The policy is linear in {model.features_.kind} features.",
+        f"The policy is linear in {model.features_.kind} features."
+        if model.policy is None
+        else f"The policy is a {type(model.policy).__name__}; each demonstration was judged by one fitted to others.",
         "The order of demonstrations and any reward were not used.",
     ]
     if model.level == "demonstration":

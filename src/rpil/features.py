@@ -151,6 +151,17 @@ class FeatureMap:
         return SplineTransformer(degree=_DEGREE, knots=self.knots, extrapolation="linear").fit(self.knots)
 
 
+@dataclass(frozen=True)
+class Untouched:
+    """Observations as they are, for policies that make their own features of them."""
+
+    kind: str = "the policy's own"
+
+    def design(self, observations: NDArray[Any], single: bool = False) -> Array:
+        """The observations, (N, D)."""
+        return np.asarray(observations, dtype=float)
+
+
 def _fold(z: Array) -> Array:
     return np.hstack([z, np.abs(z)])
 

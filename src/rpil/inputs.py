@@ -40,7 +40,12 @@ def observations_and_actions(
         return X.observations, X.actions
     if reset:
         estimator.observation_names_ = ()
-    return validate_data(estimator, X, y, reset=reset, multi_output=np.ndim(y) == 2 and np.asarray(y).dtype.kind == "f")
+    return validate_data(estimator, X, y, reset=reset, multi_output=_are_numbers(y))
+
+
+def _are_numbers(y: Any) -> bool:
+    """Whether y (N, A) holds continuous actions."""
+    return y is not None and np.ndim(y) == 2 and np.asarray(y).dtype.kind == "f"
 
 
 def as_demonstrations(
@@ -124,8 +129,7 @@ def known_actions(classes: Array, actions: Array, where: str) -> Array:
     if len(unknown):
         action, known = actions[unknown[0]].item(), ", ".join(map(str, classes))
         raise DataError(
-            f"{where}: step {unknown[0]} has the action {action!r}, which is not among the known ones ({known}); fit "
-            "again with it, or leave it out."
+            f"{where}: action {action!r} is not among the known ones ({known}); fit again with it, or leave it out."
         )
     return codes
 
@@ -135,9 +139,10 @@ def coded_like(classes: Array, demonstrations: Demonstrations) -> Array:
     if demonstrations.is_discrete != bool(len(classes)):
         other = "continuous" if len(classes) else "discrete"
         raise DataError(f"{demonstrations.source}: the actions are {other}, and the fitted ones were not.")
-    for m, (_, actions) in zip(demonstrations.ids, demonstrations, strict=True):
-        known_actions(classes, actions, f"{demonstrations.source}, demonstration {m!r}")
-    return known_actions(classes, demonstrations.actions, demonstrations.source)
+    parts = zip(demonstrations.ids, demonstrations, strict=True)
+    return np.concatenate(
+        [known_actions(classes, actions, f"{demonstrations.source}, demonstration {m!r}") for m, (_, actions) in parts]
+    )
 
 
 def known_labels(labels: Mapping[Any, str] | None, demonstrations: Demonstrations) -> Array:

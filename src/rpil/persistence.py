@@ -2,8 +2,8 @@
 
 The file is a ZIP archive of plain ``.npy`` arrays, as `numpy.savez` makes it, and one ``header.json`` with all the
 rest. A header is a tree: numbers and text stand for themselves; an array is named by its member of the archive; an
-object is the name of a class in `_KNOWN` and its fields. `load` makes objects of those classes only, and only where
-every array has the type and the shape that the class says.
+object is the name of a class in `rpil.schema.KNOWN` and its fields. `load` makes objects of those classes only, and
+only where every array has the type and the shape that the class says.
 """
 
 from __future__ import annotations
@@ -22,113 +22,19 @@ from numpy.typing import NDArray
 from sklearn.utils.validation import check_is_fitted
 
 from rpil import __version__
-from rpil.adversaries import (
-    Complement,
-    Confusion,
-    Constant,
-    Marginal,
-    MarginalBox,
-    OwnPolicy,
-    Uniform,
-    UniformBox,
-)
-from rpil.audit import Audit, Demonstrator, Interval
-from rpil.belief import Belief
 from rpil.cloning import BehavioralCloning
 from rpil.demonstrations import Demonstrations
-from rpil.em import State
 from rpil.errors import DataError
 from rpil.estimators import RPIL
 from rpil.features import FeatureMap
 from rpil.files import StrPath, check_readable, replacing
-from rpil.policies import SoftmaxPolicy, StudentPolicy
-from rpil.priors import ByLength, Share
-from rpil.reliability import PointMasses, TwoBetas
 from rpil.rment import RMEnt
-from rpil.spaces import Box, Discrete
+from rpil.schema import BY_NAME, ESTIMATORS, FITTED, FITTED_ARRAYS, KNOWN
 
 SCHEMA = "rpil fitted estimator"
 VERSION = 1
 
 _HEADER = "header.json"
-_ESTIMATORS: dict[str, Any] = {"RPIL": RPIL, "RMEnt": RMEnt, "BehavioralCloning": BehavioralCloning}
-
-# The arrays of each class: every axis a number or a letter that means one size all through the file, perhaps plus one.
-# D observations, F features, K actions or A parts of one, B bins, M demonstrations, N steps, J reliabilities.
-_KNOWN: dict[type, dict[str, str]] = {
-    FeatureMap: {
-        "knots": "knots D",
-        "location": "D",
-        "spread": "D",
-        "center": "F",
-        "scale": "F",
-        "landmarks": "R E",
-        "mixing": "R R",
-    },
-    SoftmaxPolicy: {"weights": "F+1 K", "ridge": "F+1"},
-    StudentPolicy: {"weights": "F+1 A", "cholesky": "A A", "ridge": "F+1", "least": "A"},
-    Discrete: {},
-    Box: {"low": "A", "high": "A"},
-    State: {},
-    Belief: {
-        "shift": "shares",
-        "expert": "pairs J",
-        "adversary": "pairs J",
-        "weight": "shares pairs",
-        "people": "people 3",
-    },
-    Share: {},
-    ByLength: {},
-    Interval: {},
-    Demonstrator: {},
-    TwoBetas: {},
-    PointMasses: {"nodes": "J", "log_weight": "2 J"},
-    Constant: {},
-    Uniform: {},
-    Marginal: {"log_frequency": "K"},
-    Complement: {},
-    Confusion: {"log_matrix": "K K"},
-    UniformBox: {},
-    MarginalBox: {"low": "A", "width": "A", "log_density": "A B"},
-    OwnPolicy: {},
-    Audit: {
-        "offsets": "M+1",
-        "log_odds": "M",
-        "expert_proba": "M",
-        "reliability": "M",
-        "reliability_interval": "M 2",
-        "step_log_ratio": "N",
-        "step_weight": "N",
-        "history": "iterations",
-    },
-}
-_BY_NAME = {known.__name__: known for known in _KNOWN}
-_FITTED = {
-    "BehavioralCloning": ("space_", "features_", "policy_"),
-    "RMEnt": (
-        "space_",
-        "features_",
-        "policy_",
-        "ids_",
-        "weights_",
-        "log_likelihood_",
-        "objective_",
-        "n_iter_",
-        "converged_",
-    ),
-    "RPIL": (
-        "space_",
-        "features_",
-        "policy_",
-        "search_features_",
-        "belief_",
-        "audit_",
-        "n_iter_",
-        "lower_bound_",
-        "converged_",
-    ),
-}
-_FITTED_ARRAYS = {"weights_": "M", "log_likelihood_": "M"}
 _NAMES = ("feature_names_in_", "observation_names_")  # of data frames, and of `Demonstrations`
 
 
@@ -150,9 +56,14 @@ def save(estimator: RPIL | RMEnt | BehavioralCloning, path: StrPath) -> None:
         Where it is another kind of estimator or the path cannot be written; a file that was there stays as it was.
     """
     kind = type(estimator).__name__
-    if _ESTIMATORS.get(kind) is not type(estimator):
-        raise DataError(f"{path}: a {kind} cannot be saved; save one of {', '.join(_ESTIMATORS)}.")
+    if ESTIMATORS.get(kind) is not type(estimator):
+        raise DataError(f"{path}: a {kind} cannot be saved; save one of {', '.join(ESTIMATORS)}.")
     check_is_fitted(estimator)
+    if type(estimator.policy_) not in KNOWN:
+        raise DataError(
+            f"{path}: a policy made of a {type(estimator.policy_.estimator).__name__} cannot be saved without pickle; "
+            "keep the weights (rpil audit --weights, or audit_.step_weight) and fit it to them again."
+        )
     arrays: dict[str, NDArray[Any]] = {}
     header = {
         "schema": SCHEMA,
@@ -162,7 +73,7 @@ def save(estimator: RPIL | RMEnt | BehavioralCloning, path: StrPath) -> None:
         "names": {name: [*map(str, getattr(estimator, name))] for name in _NAMES if len(getattr(estimator, name, ()))},
         "params": _params(estimator, arrays),
         "classes": _encode(_plain(estimator.classes_, path), "classes", arrays),
-        "fitted": {name: _encode(getattr(estimator, name), name.strip("_"), arrays) for name in _FITTED[kind]},
+        "fitted": {name: _encode(getattr(estimator, name), name.strip("_"), arrays) for name in FITTED[kind]},
     }
     if isinstance(estimator, RPIL):
         header |= _state(estimator, arrays)
@@ -259,7 +170,7 @@ def _encode(value: Any, name: str, arrays: dict[str, NDArray[Any]]) -> Any:
         return [_encode(item, f"{name}/{k}", arrays) for k, item in enumerate(value)]
     if isinstance(value, Mapping):
         return {"pairs": [[_encode(part, name, arrays) for part in pair] for pair in value.items()]}
-    if type(value) not in _KNOWN or not is_dataclass(value):
+    if type(value) not in KNOWN or not is_dataclass(value):
         raise _UnknownClassError(value)
     content = {f: _encode(getattr(value, f), f"{name}/{f}", arrays) for f in _field_names(type(value))}
     return {"class": type(value).__name__, "fields": content}
@@ -278,7 +189,7 @@ class _Decoder:
         self.sizes: dict[str, int] = {}
 
     def array(self, node: Any, axes: str, dtype: type | None = None) -> NDArray[Any]:
-        """The array that `node` names; axes as in `_KNOWN`."""
+        """The array that `node` names; axes as in `KNOWN`."""
         array = self.arrays.pop(node["array"])
         letters = axes.split()
         if array.ndim != len(letters) or (dtype is not None and array.dtype != dtype):
@@ -300,10 +211,10 @@ class _Decoder:
             return node
         if node.keys() == {"pairs"}:
             return {self.value(key): self.value(value) for key, value in node["pairs"]}
-        known, content = _BY_NAME[node["class"]], node["fields"]
+        known, content = BY_NAME[node["class"]], node["fields"]
         if node.keys() != {"class", "fields"} or content.keys() != set(_field_names(known)):
             raise KeyError(node["class"])
-        shapes = _KNOWN[known]
+        shapes = KNOWN[known]
         if known is FeatureMap:  # what comes after it, up to the next one, has as many columns as it
             self.sizes = {letter: size for letter, size in self.sizes.items() if letter not in ("F", "knots", "R")}
         return known(
@@ -320,12 +231,12 @@ def _restore(header: dict[str, Any], decoder: _Decoder) -> Any:
     kind = header["class"]
     classes = decoder.array(header["classes"], "K")
     params = {name: decoder.value(node) for name, node in header["params"].items()}
-    estimator = _ESTIMATORS[kind](**params)
+    estimator = ESTIMATORS[kind](**params)
     estimator.classes_ = classes
-    if header["fitted"].keys() != set(_FITTED[kind]):
+    if header["fitted"].keys() != set(FITTED[kind]):
         raise KeyError("fitted")
     for name, node in header["fitted"].items():
-        axes = _FITTED_ARRAYS.get(name)
+        axes = FITTED_ARRAYS.get(name)
         setattr(estimator, name, decoder.array(node, axes, np.float64) if axes else decoder.value(node))
     if kind == "RPIL":
         needs = header["state_needs"]
@@ -423,7 +334,7 @@ def _check_known(path: Path, header: dict[str, Any]) -> None:
             f"{path}: rpil {made_by} saved it in version {version!r} of the format, but rpil {__version__} reads "
             f"version {VERSION}; use that rpil, or fit and save again."
         )
-    if header.get("class") not in _ESTIMATORS:
+    if header.get("class") not in ESTIMATORS:
         raise DataError(
             f"{path}: it holds a {header.get('class')!r}, which rpil {__version__} does not know; "
             f"use rpil {made_by}, or fit and save again."

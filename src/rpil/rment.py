@@ -224,7 +224,7 @@ class RMEnt(PolicyEstimator):
             policy = linear_policy(self.space_, ridge_of(self.features_, self.C, weight, self.space_), weight)
             rng = np.random.default_rng(self.random_state)
             found = search(problem, policy, n_trusted, max(1, self.n_starts), self.tol, self.max_iter, rng)
-        self.policy_ = found.policy  # type: ignore[assignment]
+        self.policy_ = found.policy
         self.ids_ = demonstrations.ids
         self.weights_ = found.kept.astype(float)
         self.log_likelihood_ = found.log_likelihood

@@ -54,10 +54,11 @@ class Choice:
 
 @dataclass(frozen=True, eq=False)
 class _Held:
-    """What demonstrations (M,) that are held out say of a choice: nats a step, and the share of actions hit."""
+    """What demonstrations that are held out say of a choice: its `value` as a kind of features, and how accurate it is
+    on each of them, (M,)."""
 
     choice: Choice
-    likelihood: Array
+    value: float
     accuracy: Array
 
 
@@ -90,10 +91,10 @@ def choose(
             continue
         outputs = _held_out(kind, observations, codes, weight, fold, space, ridges, C)
         found += [
-            _JUDGES[space.kind](Choice(kind, ridge), said, codes, weight, demonstration)
+            _JUDGES[space.kind](Choice(kind, ridge), space.bounded(said), codes, weight, demonstration)
             for ridge, said in zip(ridges, outputs, strict=True)
         ]
-    kind = max(found, key=lambda held: _median(held.likelihood, trust)).choice.kind
+    kind = max(found, key=lambda held: held.value).choice.kind
     alike = [held for held in found if held.choice.kind == kind]
     best = max(alike, key=lambda held: float(np.average(held.accuracy, weights=trust)))
     return min((held.choice for held in alike if _as_good(held, best, trust)), key=lambda choice: choice.ridge)
@@ -165,17 +166,19 @@ def _judge(choice: Choice, log_proba: Array, codes: Array, weight: Array, demons
         lambda t: -_median(likelihood(t), trust), bounds=_TEMPERATURES, method="bounded", options={"xatol": 0.02}
     )
     hit = np.bincount(demonstration, share * (log_proba.argmax(axis=1) == codes))
-    return _Held(replace(choice, temperature=float(np.exp(found.x))), likelihood(found.x), hit)
+    return _Held(replace(choice, temperature=float(np.exp(found.x))), -float(found.fun), hit)
 
 
 def _judge_numbers(choice: Choice, mean: Array, actions: Array, weight: Array, demonstration: Array) -> _Held:
-    """Both by the squared error, of each part in units of its variance; a robust policy's likelihood would forgive."""
+    """Both by the squared error within the box, of each part in units of its variance: no single demonstration can
+    make that infinite, so the mean decides; the likelihood of a heavy-tailed policy would forgive too much."""
     total = np.bincount(demonstration, weight)
+    trust = total / np.bincount(demonstration)
     center = np.average(actions, axis=0, weights=weight)
     variance = np.average((actions - center) ** 2, axis=0, weights=weight)
     error = ((actions - mean) ** 2 / np.where(variance > 0, variance, 1.0)).mean(axis=1)
     loss = np.bincount(demonstration, weight * error) / total
-    return _Held(choice, -np.log(np.maximum(loss, 1e-12)), -loss)
+    return _Held(choice, -float(np.average(loss, weights=trust)), -loss)
 
 
 _JUDGES = {"discrete": _judge, "continuous": _judge_numbers}

@@ -17,6 +17,9 @@ class Space(Protocol):
     def kind(self) -> Literal["discrete", "continuous"]:
         """Which policies and adversaries there are for it."""
 
+    def bounded(self, outputs: Array) -> Array:
+        """Outputs of a policy as far as they can be acted upon."""
+
     def act(self, outputs: Array) -> Array:
         """What to do where a policy has these `outputs` (N, ...): codes (N,), or numbers (N, A)."""
 
@@ -27,6 +30,10 @@ class Discrete:
 
     n: int
     kind: Literal["discrete"] = "discrete"
+
+    def bounded(self, outputs: Array) -> Array:
+        """Log-probabilities know their bounds."""
+        return outputs
 
     def act(self, outputs: Array) -> Array:
         """The most likely action."""
@@ -54,9 +61,11 @@ class Box:
         still = high <= low
         return cls(np.where(still, low - 0.5, low), np.where(still, high + 0.5, high))
 
-    def act(self, outputs: Array) -> Array:
-        """The mean, or the closest that the box holds."""
+    def bounded(self, outputs: Array) -> Array:
+        """The closest that the box holds."""
         return np.clip(outputs, self.low, self.high)
+
+    act = bounded
 
     @property
     def log_volume(self) -> float:

@@ -15,7 +15,7 @@ from rpil.adversaries.protocol import Adversary
 from rpil.errors import DataError
 from rpil.policies import Policy
 from rpil.problem import Problem
-from rpil.spaces import Space
+from rpil.spaces import Discrete, Space
 
 __all__ = [
     "ADVERSARIES",
@@ -69,9 +69,9 @@ def adversary(which: str | Adversary, space: Space, policy: Policy) -> Adversary
     DataError
         If there is none of that name for such actions, or a confusion matrix has another number of actions.
     """
-    if isinstance(which, Confusion) and len(which.log_matrix) != getattr(space, "n", None):
-        size = len(which.log_matrix)
-        raise DataError(f"A confusion matrix of {size} x {size} was given for {space}; give one row each.")
+    if isinstance(which, Confusion) and space != Discrete(len(which.log_matrix)):
+        size, actions = len(which.log_matrix), f"{getattr(space, 'n', 'continuous')} actions"
+        raise DataError(f"A confusion matrix of {size} x {size} was given for {actions}; give one row for each.")
     if not isinstance(which, str):
         return which
     known = ADVERSARIES[space.kind]

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from typing import Protocol, Self
 
 from rpil.passes import Array
+from rpil.policies import Policy
 from rpil.problem import Problem
 
 
@@ -22,7 +23,10 @@ class Adversary(Protocol):
 
     @property
     def symmetric(self) -> bool:
-        """Whether expert and adversary could change places; then there is `with_policy` too, to let them."""
+        """Whether it has a policy of its own, so that expert and adversary could change places."""
+
+    def with_policy(self, policy: Policy) -> Self:
+        """The same with another policy, where it has one of its own."""
 
     def log_prob(self, features: Array, outputs: Array, actions: Array) -> Array:
         """log psi(a_n|s_n) of the actions taken, (N,), where the policy has these `outputs` (N, ...)."""
@@ -44,6 +48,9 @@ class Fixed:
     @property
     def symmetric(self) -> bool:
         return False
+
+    def with_policy(self, policy: Policy) -> Self:
+        return self
 
     def intended(self, outputs: Array, actions: Array) -> Array | None:
         return None

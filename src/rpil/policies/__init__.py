@@ -46,6 +46,9 @@ class Policy(Protocol):
     def penalty(self) -> float:
         """What regularisation takes off the log-likelihood."""
 
+    def tempered(self, temperature: float) -> Self:
+        """The same, surer above 1 and less sure below, where a policy knows how."""
+
 
 _LINEAR: dict[str, Callable[[Any, Array, float], Policy]] = {
     "discrete": lambda space, ridge, n_steps: SoftmaxPolicy.zero(space.n, ridge),

@@ -61,9 +61,7 @@ class StudentPolicy:
         least = _LEAST_SPREAD * width * np.sqrt(n_steps)
         weights = np.zeros((len(ridge), len(width)))
         weights[-1] = 0.5 * (box.low + box.high)
-        return cls(
-            weights, np.diag(width / np.sqrt(12.0)), _START_FREEDOM, ridge, _LEAST_SPREAD * width * np.sqrt(n_steps)
-        )
+        return cls(weights, np.diag(width / np.sqrt(12.0)), _START_FREEDOM, ridge, least)
 
     def outputs(self, features: Array) -> Array:
         """The means, (N, A)."""

@@ -91,7 +91,7 @@ class PaperRecipe(PolicyEstimator):
                 m_iter=self.newton,
                 m_cg=200,
             )
-        self.policy_ = result.state.policy  # type: ignore[assignment]
+        self.policy_ = result.state.policy
         self.log_odds_: NDArray[np.float64] = result.posterior.log_odds
         self.expert_proba_: NDArray[np.float64] = expit(self.log_odds_)
         self.n_iter_ = len(result.history) - 1

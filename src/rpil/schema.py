@@ -1,0 +1,106 @@
+"""What a saved file may hold: which classes, and arrays of which shapes."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from rpil.adversaries import (
+    Complement,
+    Confusion,
+    Constant,
+    Marginal,
+    MarginalBox,
+    OwnPolicy,
+    Uniform,
+    UniformBox,
+)
+from rpil.audit import Audit, Demonstrator, Interval
+from rpil.belief import Belief
+from rpil.cloning import BehavioralCloning
+from rpil.em import State
+from rpil.estimators import RPIL
+from rpil.features import FeatureMap
+from rpil.policies import SoftmaxPolicy, StudentPolicy
+from rpil.priors import ByLength, Share
+from rpil.reliability import PointMasses, TwoBetas
+from rpil.rment import RMEnt
+from rpil.spaces import Box, Discrete
+
+ESTIMATORS: dict[str, Any] = {"RPIL": RPIL, "RMEnt": RMEnt, "BehavioralCloning": BehavioralCloning}
+
+# The arrays of each class: every axis a number or a letter that means one size all through the file, perhaps plus one.
+# D observations, F features, K actions or A parts of one, B bins, M demonstrations, N steps, J reliabilities.
+KNOWN: dict[type, dict[str, str]] = {
+    FeatureMap: {
+        "knots": "knots D",
+        "location": "D",
+        "spread": "D",
+        "center": "F",
+        "scale": "F",
+        "landmarks": "R E",
+        "mixing": "R R",
+    },
+    SoftmaxPolicy: {"weights": "F+1 K", "ridge": "F+1"},
+    StudentPolicy: {"weights": "F+1 A", "cholesky": "A A", "ridge": "F+1", "least": "A"},
+    Discrete: {},
+    Box: {"low": "A", "high": "A"},
+    State: {},
+    Belief: {
+        "shift": "shares",
+        "expert": "pairs J",
+        "adversary": "pairs J",
+        "weight": "shares pairs",
+        "people": "people 3",
+    },
+    Share: {},
+    ByLength: {},
+    Interval: {},
+    Demonstrator: {},
+    TwoBetas: {},
+    PointMasses: {"nodes": "J", "log_weight": "2 J"},
+    Constant: {},
+    Uniform: {},
+    Marginal: {"log_frequency": "K"},
+    Complement: {},
+    Confusion: {"log_matrix": "K K"},
+    UniformBox: {},
+    MarginalBox: {"low": "A", "width": "A", "log_density": "A B"},
+    OwnPolicy: {},
+    Audit: {
+        "offsets": "M+1",
+        "log_odds": "M",
+        "expert_proba": "M",
+        "reliability": "M",
+        "reliability_interval": "M 2",
+        "step_log_ratio": "N",
+        "step_weight": "N",
+        "history": "iterations",
+    },
+}
+BY_NAME = {known.__name__: known for known in KNOWN}
+FITTED = {
+    "BehavioralCloning": ("space_", "features_", "policy_"),
+    "RMEnt": (
+        "space_",
+        "features_",
+        "policy_",
+        "ids_",
+        "weights_",
+        "log_likelihood_",
+        "objective_",
+        "n_iter_",
+        "converged_",
+    ),
+    "RPIL": (
+        "space_",
+        "features_",
+        "policy_",
+        "search_features_",
+        "belief_",
+        "audit_",
+        "n_iter_",
+        "lower_bound_",
+        "converged_",
+    ),
+}
+FITTED_ARRAYS = {"weights_": "M", "log_likelihood_": "M"}
