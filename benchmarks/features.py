@@ -64,7 +64,7 @@ def one_draw(env_id: str, seed: int, kinds: list[str] | tuple[str, ...], rollout
     data = Demonstrations.from_episodes(simulate(env_id, "corrupted", n_good=N_GOOD, n_bad=0, seed=seed).episodes)
     best = expert(env_id)
     top = rollout(best, env_id, n_episodes=rollouts, seed=seed).mean
-    bottom = rollout(RandomPolicy(best.n_actions, seed), env_id, n_episodes=rollouts, seed=seed).mean
+    bottom = rollout(RandomPolicy(best.actions, seed), env_id, n_episodes=rollouts, seed=seed).mean
     rows = []
     for kind in kinds:
         begun = time.perf_counter()

@@ -194,7 +194,7 @@ def reference(env: str, seed: int, rollouts: int) -> Row:
     """What a return is measured against; the good demonstrations depend on neither kind nor number of the bad."""
     good = Demonstrations.from_episodes(simulate(env, "corrupted", n_good=N_GOOD, n_bad=0, seed=seed).episodes)
     oracle = BehavioralCloning(features=CHOSEN).fit(good)
-    policies = {"oracle": oracle, "expert": expert(env), "random": RandomPolicy(expert(env).n_actions, seed)}
+    policies = {"oracle": oracle, "expert": expert(env), "random": RandomPolicy(expert(env).actions, seed)}
     returns = {name: play(policy, env, rollouts, seed) for name, policy in policies.items()}
     return returns | {"features": oracle.features_.kind}
 

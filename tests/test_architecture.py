@@ -22,7 +22,7 @@ ORDER = [
     "policies", "adversaries", "priors", "reliability",
     "chains", "em", "agreement", "search", "refine", "belief", "identify", "audit",
     "inputs", "selection", "cloning", "estimators", "rment",
-    "schema", "persistence", "experts", "corruptions", "environments", "rollouts", "simulation",
+    "schema", "persistence", "actions", "experts", "corruptions", "environments", "rollouts", "simulation",
     "plots", "report", "data", "demo", "reproduce", "terminal", "cli", "__main__",
 ]
 # fmt: on

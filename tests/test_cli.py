@@ -109,6 +109,17 @@ def test_simulate_writes_demonstrations_with_their_truth(folder):
     assert table["is_good"].to_numpy().reshape(-1)[[0, -1]].tolist() == [1, 0]
 
 
+@pytest.mark.parametrize("name", ["a.parquet", "a.csv", "a.npz"])
+def test_simulate_writes_continuous_actions(name):
+    result = ok(
+        "simulate", "--env", "LunarLanderContinuous-v3", "--kind", "random", "--good", 1, "--bad", 1, "-o", name
+    )
+    assert "1 good and 1 bad (random) demonstrations of LunarLanderContinuous-v3" in result.stdout
+    demonstrations = formats.read(name)
+    assert demonstrations.actions.shape == (demonstrations.n_steps, 2)
+    assert len(demonstrations) == 2
+
+
 def test_simulate_is_fixed_by_its_seed():
     for name, seed in (("a", 3), ("b", 3), ("c", 4)):
         result = ok(

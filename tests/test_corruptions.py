@@ -5,9 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from rpil.actions import ActionBox, NumberedActions
 from rpil.corruptions import CORRUPTIONS, KINDS, RANDOM
 
 N, D, K = 2001, 3, 4
+NUMBERED = NumberedActions(K)
+# One range around zero and one far from it.
+BOX = ActionBox.of([-2, 10], [2, 11])
 
 
 @pytest.fixture
@@ -21,8 +25,17 @@ def episode():
     return observations, actions
 
 
-def spoil(kind, episode, seed=0, n_actions=K):
-    return CORRUPTIONS[kind](*episode, n_actions, np.random.default_rng(seed))
+@pytest.fixture
+def continuous(episode):
+    # Inside the box, some on its bounds.
+    actions = BOX.executed(np.random.default_rng(101).normal([0, 10.5], [1, 0.3], size=(N, 2)), N)
+    actions.setflags(write=False)
+    return episode[0], actions
+
+
+def spoil(kind, episode, seed=0):
+    space = NUMBERED if episode[1].ndim == 1 else BOX
+    return CORRUPTIONS[kind](*episode, space, np.random.default_rng(seed))
 
 
 def assert_uniform(actions, n_actions=K):
@@ -32,8 +45,10 @@ def assert_uniform(actions, n_actions=K):
     np.testing.assert_allclose(share, p, atol=4 * np.sqrt(p * (1 - p) / len(actions)))
 
 
+@pytest.mark.parametrize("of", ["episode", "continuous"])
 @pytest.mark.parametrize("kind", CORRUPTIONS)
-def test_seeded_and_leaves_its_input_alone(kind, episode):
+def test_seeded_and_leaves_its_input_alone(kind, of, request):
+    episode = request.getfixturevalue(of)
     before = [part.copy() for part in episode]
     first, again = spoil(kind, episode), spoil(kind, episode)
     for one, two, part, copy in zip(first, again, episode, before, strict=True):
@@ -44,14 +59,18 @@ def test_seeded_and_leaves_its_input_alone(kind, episode):
         assert one.shape == part.shape
 
 
+@pytest.mark.parametrize("of", ["episode", "continuous"])
 @pytest.mark.parametrize("kind", ["corrupted", "noisy", "window", "sensor"])
-def test_another_seed_spoils_otherwise(kind, episode):
+def test_another_seed_spoils_otherwise(kind, of, request):
+    episode = request.getfixturevalue(of)
     first, other = spoil(kind, episode, 0), spoil(kind, episode, 1)
     assert not all(np.array_equal(one, two) for one, two in zip(first, other, strict=True))
 
 
+@pytest.mark.parametrize("of", ["episode", "continuous"])
 @pytest.mark.parametrize("kind", [kind for kind in CORRUPTIONS if kind != "sensor"])
-def test_observations_stay_the_experts(kind, episode):
+def test_observations_stay_the_experts(kind, of, request):
+    episode = request.getfixturevalue(of)
     np.testing.assert_array_equal(spoil(kind, episode)[0], episode[0])
 
 
@@ -65,13 +84,57 @@ def test_corrupted_draws_uniformly_whatever_the_expert_did(episode):
 @pytest.mark.parametrize(("n_actions", "wanted"), [(2, [1, 0]), (3, [2, 1, 0]), (4, [3, 1, 2, 0])])
 def test_flip_swaps_first_and_last(n_actions, wanted):
     actions = np.arange(n_actions)
-    flipped = CORRUPTIONS["flip"](np.zeros((n_actions, 1)), actions, n_actions, np.random.default_rng(0))[1]
+    space = NumberedActions(n_actions)
+    flipped = CORRUPTIONS["flip"](np.zeros((n_actions, 1)), actions, space, np.random.default_rng(0))[1]
     np.testing.assert_array_equal(flipped, wanted)
 
 
 def test_shift_moves_every_action_on_by_one():
-    shifted = CORRUPTIONS["shift"](np.zeros((5, 1)), np.array([0, 1, 2, 3, 0]), 4, np.random.default_rng(0))[1]
+    shifted = CORRUPTIONS["shift"](np.zeros((5, 1)), np.array([0, 1, 2, 3, 0]), NUMBERED, np.random.default_rng(0))[1]
     np.testing.assert_array_equal(shifted, [1, 2, 3, 0, 1])
+
+
+def assert_fills_the_box(actions):
+    # Of a uniform draw every tenth of every range holds a tenth.
+    for column, low, high in zip(actions.T.astype(float), BOX.low, BOX.high, strict=True):
+        assert (column >= low).all()
+        assert (column <= high).all()
+        assert_uniform(np.minimum((column - low) / (high - low) * 10, 9).astype(int), 10)
+    assert abs(np.corrcoef(actions.T)[0, 1]) < 4 / np.sqrt(len(actions))
+
+
+def test_corrupted_draws_from_the_whole_box_whatever_the_expert_did(continuous):
+    _, actions = spoil("corrupted", continuous)
+    assert_fills_the_box(actions)
+    for ours, theirs in zip(actions.T, continuous[1].T, strict=True):
+        assert abs(np.corrcoef(ours, theirs)[0, 1]) < 4 / np.sqrt(N)
+
+
+def test_flip_mirrors_a_box_at_its_middle(continuous):
+    _, actions = spoil("flip", continuous)
+    np.testing.assert_allclose(actions[:, 0], -continuous[1][:, 0])
+    np.testing.assert_allclose(actions[:, 1], 21 - continuous[1][:, 1], rtol=1e-6)
+    np.testing.assert_allclose(spoil("flip", (continuous[0], actions))[1], continuous[1], rtol=1e-6)
+
+
+def test_shift_moves_half_way_around_a_box(continuous):
+    corners = np.array([[-2, 10], [-1, 10.25], [0.5, 10.75], [2, 11]], dtype=np.float32)
+    _, moved = spoil("shift", (np.zeros((4, 1)), corners))
+    np.testing.assert_array_equal(moved, [[0, 10.5], [1, 10.75], [-1.5, 10.25], [0, 10.5]])
+    _, actions = spoil("shift", continuous)
+    np.testing.assert_allclose(np.abs(actions - continuous[1]), np.tile([2, 0.5], (N, 1)), atol=1e-5)
+
+
+@pytest.mark.parametrize("kind", ["noisy", "window"])
+def test_half_of_the_continuous_actions_are_drawn_anew_whole(kind):
+    # The expert's action lies outside the box, so that every replaced number shows.
+    for n in (1, 2, 7, N):
+        actions = spoil(kind, (np.zeros((n, D)), np.full((n, 2), 99, dtype=np.float32)))[1]
+        drawn = (actions != 99).all(axis=1)
+        assert drawn.sum() == (n + 1) // 2
+        assert (actions[~drawn] == 99).all()
+    assert_fills_the_box(actions[drawn])
+    assert (np.diff(np.flatnonzero(drawn)) == 1).all() == (kind == "window")
 
 
 @pytest.mark.parametrize("kind", ["noisy", "window"])

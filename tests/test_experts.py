@@ -9,6 +9,8 @@ import numpy as np
 import pytest
 from gymnasium.envs.box2d.lunar_lander import heuristic
 
+from rpil.actions import ActionBox
+from rpil.environments import actions_of, make
 from rpil.errors import DataError
 from rpil.experts import EXPERTS, expert
 from rpil.rollouts import record, rollout
@@ -27,12 +29,21 @@ SPEEDS = np.concatenate([[-1.0, 1.0, 1.0, -1.0], np.random.default_rng(5).normal
         ("LunarLander-v3", 235, 113),
         ("FrozenLake8x8-v1", 0.887, 0.317),
         ("rpil/DiscretePendulum-v1", -172, 139),
+        ("Pendulum-v1", -152, 90),
+        ("MountainCarContinuous-v0", 95.1, 1.1),
+        ("LunarLanderContinuous-v3", 283, 28),
     ],
 )
 def test_return_is_the_documented_one(env_id, mean, sd):
     seen = rollout(expert(env_id), env_id, n_episodes=30, seed=0)
     # Three standard errors of 30 episodes around the mean of 1,000.
     assert abs(seen.mean - mean) < 3 * sd / np.sqrt(30)
+
+
+def test_continuous_experts_never_fail():
+    worst = {"Pendulum-v1": -600, "MountainCarContinuous-v0": 90, "LunarLanderContinuous-v3": 200}
+    for env_id, least in worst.items():
+        assert rollout(expert(env_id), env_id, n_episodes=30, seed=1).returns.min() > least
 
 
 def test_mountain_car_and_acrobot_reach_their_goal_in_every_episode():
@@ -44,18 +55,32 @@ def test_cart_pole_balances_to_the_limit_in_every_episode():
     np.testing.assert_array_equal(rollout(expert("CartPole-v1"), "CartPole-v1", n_episodes=30, seed=2).returns, 500)
 
 
-@pytest.mark.parametrize("dtype", [np.float32, np.float64])
-def test_lunar_lander_agrees_with_gymnasium_action_for_action(dtype):
+def lander_states(dtype):
     rng = np.random.default_rng(0)
     # Wide states for the clipped angle, narrow ones for the thresholds of .05 around zero.
     states = rng.normal(size=(6000, 8)) * np.repeat([1.0, 0.3, 0.05], 2000)[:, None]
     states[:, 6:] = rng.random((6000, 2)) < 0.2
-    states = states.astype(dtype)
+    return states.astype(dtype)
+
+
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+def test_lunar_lander_agrees_with_gymnasium_action_for_action(dtype):
+    states = lander_states(dtype)
     env = SimpleNamespace(unwrapped=SimpleNamespace(continuous=False))
     wanted = [heuristic(env, state) for state in states]
     actions = expert("LunarLander-v3").predict(states)
     np.testing.assert_array_equal(actions, wanted)
     assert set(actions) == {0, 1, 2, 3}
+
+
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+def test_continuous_lunar_lander_agrees_with_gymnasium(dtype):
+    states = lander_states(dtype)
+    env = SimpleNamespace(unwrapped=SimpleNamespace(continuous=True))
+    wanted = np.array([heuristic(env, state) for state in states])
+    actions = expert("LunarLanderContinuous-v3").predict(states)
+    np.testing.assert_allclose(actions, wanted, atol=1e-6)
+    assert (np.abs(actions) < 1).any(axis=0).all()
 
 
 def test_mountain_car_follows_the_formula_row_by_row():
@@ -122,7 +147,61 @@ def test_pendulum_swings_up_and_stays():
     assert (at_the_end > 0.99).mean() > 0.9
 
 
+def test_continuous_pendulum_pumps_below_and_holds_above():
+    states = np.column_stack([np.cos(ANGLES), np.sin(ANGLES), SPEEDS])
+    actions = expert("Pendulum-v1").predict(states)[:, 0]
+    np.testing.assert_allclose(actions[:2], [-2, 2], rtol=1e-6)  # hanging: with the swing
+    assert actions[2] < 0 < actions[3]  # upright: against the fall
+    height = (1 + states[:, 0]) / 2
+    pump, catch = 2 * SPEEDS + 4 * states[:, 1], -3 * SPEEDS - 12 * states[:, 1]
+    np.testing.assert_allclose(actions, np.clip((1 - height) * pump + height * catch, -2, 2), atol=1e-6)
+
+
+def test_continuous_pendulum_swings_up_and_stays():
+    episodes = record(expert("Pendulum-v1"), "Pendulum-v1", n_episodes=30, seed=3)
+    assert min(episode.observations[-1, 0] for episode in episodes) > 0.99
+
+
+def test_continuous_mountain_car_pushes_along_the_motion():
+    states = np.column_stack([np.linspace(-1.2, 0.6, 101), np.linspace(-0.07, 0.07, 101)])
+    actions = expert("MountainCarContinuous-v0").predict(states)[:, 0]
+    np.testing.assert_array_equal(np.sign(actions), np.sign(states[:, 1]))
+    assert (np.diff(actions) > 0).all()
+
+
+CONTINUOUS = [env_id for env_id in EXPERTS if isinstance(expert(env_id).actions, ActionBox)]
+
+
 @pytest.mark.parametrize("env_id", EXPERTS)
+def test_actions_and_observations_are_the_environments(env_id):
+    env = make(env_id)
+    theirs, ours = actions_of(env), expert(env_id).actions
+    assert type(theirs) is type(ours)
+    assert str(theirs) == str(ours)
+    np.testing.assert_array_equal(theirs.classes_, ours.classes_)
+    assert env.observation_space.shape == (expert(env_id).n_features_in_,)
+    env.close()
+
+
+@pytest.mark.parametrize("env_id", CONTINUOUS)
+def test_continuous_actions_are_float32_within_the_box(env_id):
+    driver = expert(env_id)
+    low, high = driver.actions.low, driver.actions.high
+    states = 5 * np.random.default_rng(3).normal(size=(200, driver.n_features_in_))
+    actions = driver.predict(states)
+    assert actions.shape == (200, len(low))
+    assert actions.dtype == np.float32
+    assert ((low <= actions) & (actions <= high)).all()
+    assert driver.predict(states[:0]).shape == (0, len(low))
+    np.testing.assert_array_equal(driver.predict(states[5:6]), actions[5:6])
+
+
+def test_observations_that_are_not_finite_are_named():
+    with pytest.raises(DataError, match=r"expert of Pendulum-v1 was given observations that are not finite: .*\.$"):
+        expert("Pendulum-v1").predict([[np.nan, 0, 0]])
+
+
+@pytest.mark.parametrize("env_id", [env_id for env_id in EXPERTS if env_id not in CONTINUOUS])
 def test_actions_are_int64_within_the_classes(env_id):
     driver = expert(env_id)
     states = np.random.default_rng(3).normal(size=(200, driver.n_features_in_))
@@ -135,8 +214,8 @@ def test_actions_are_int64_within_the_classes(env_id):
 
 
 def test_unknown_environment_lists_the_known():
-    with pytest.raises(DataError, match=r"'Pendulum-v1'.*MountainCar-v0, Acrobot-v1, LunarLander-v3, .*\.$"):
-        expert("Pendulum-v1")
+    with pytest.raises(DataError, match=r"'Pendulum-v0'.*MountainCar-v0, Acrobot-v1, LunarLander-v3, .*\.$"):
+        expert("Pendulum-v0")
 
 
 @pytest.mark.parametrize("shape", [(2,), (5, 3), (5, 2, 1)])

@@ -10,11 +10,13 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from rpil.actions import ActionBox, NumberedActions
 from rpil.errors import DataError, MissingExtraError
 from rpil.experts import expert
 from rpil.rollouts import RandomPolicy, Returns, record, rollout
 
 ENVIRONMENTS = ["MountainCar-v0", "Acrobot-v1", "LunarLander-v3", "CartPole-v1"]
+CONTINUOUS = ["Pendulum-v1", "MountainCarContinuous-v0", "LunarLanderContinuous-v3"]
 
 
 class Always:
@@ -26,7 +28,7 @@ class Always:
 
     def predict(self, observations):
         self.batches.append(len(observations))
-        return np.full(len(observations), self.action)
+        return np.array([self.action] * len(observations))
 
 
 def one_at_a_time(policy, env_id, seed):
@@ -35,7 +37,8 @@ def one_at_a_time(policy, env_id, seed):
     observations, actions, rewards, over = [], [], [], False
     while not over:
         observations.append(observation)
-        actions.append(int(policy.predict(observation[None])[0]))
+        answer = policy.predict(observation[None])[0]
+        actions.append(answer if np.ndim(answer) else int(answer))
         observation, reward, terminated, truncated, _ = env.step(actions[-1])
         rewards.append(reward)
         over = terminated or truncated
@@ -43,7 +46,7 @@ def one_at_a_time(policy, env_id, seed):
     return np.array(observations), np.array(actions), np.array(rewards)
 
 
-@pytest.mark.parametrize("env_id", ENVIRONMENTS)
+@pytest.mark.parametrize("env_id", ENVIRONMENTS + CONTINUOUS)
 def test_lockstep_equals_one_at_a_time(env_id):
     driver = expert(env_id)
     episodes = record(driver, env_id, n_episodes=5, seed=3)
@@ -57,7 +60,7 @@ def test_lockstep_equals_one_at_a_time(env_id):
         assert episode.total_reward == rewards.sum()
 
 
-@pytest.mark.parametrize("env_id", ENVIRONMENTS)
+@pytest.mark.parametrize("env_id", ENVIRONMENTS + CONTINUOUS)
 def test_rollout_reports_the_recorded_episodes(env_id):
     driver = expert(env_id)
     episodes = record(driver, env_id, n_episodes=6, seed=4)
@@ -89,7 +92,9 @@ def test_discretised_pendulum_takes_the_torque_of_each_choice():
 
 
 def test_same_seed_same_bits_and_another_seed_others():
-    first, again, other = (record(RandomPolicy(4, 7), "LunarLander-v3", n_episodes=4, seed=seed) for seed in (1, 1, 2))
+    first, again, other = (
+        record(RandomPolicy(NumberedActions(4), 7), "LunarLander-v3", n_episodes=4, seed=seed) for seed in (1, 1, 2)
+    )
     for one, two in zip(first, again, strict=True):
         np.testing.assert_array_equal(one.observations, two.observations)
         np.testing.assert_array_equal(one.actions, two.actions)
@@ -140,11 +145,44 @@ def test_progress_counts_up_to_the_number_of_episodes():
 
 
 def test_random_policy_is_uniform_and_seeded():
-    draws = RandomPolicy(4, 0).predict(np.zeros((40_000, 2)))
-    np.testing.assert_array_equal(draws, RandomPolicy(4, 0).predict(np.zeros((40_000, 2))))
-    assert (draws != RandomPolicy(4, 1).predict(np.zeros((40_000, 2)))).any()
+    draws = RandomPolicy(NumberedActions(4), 0).predict(np.zeros((40_000, 2)))
+    np.testing.assert_array_equal(draws, RandomPolicy(NumberedActions(4), 0).predict(np.zeros((40_000, 2))))
+    assert (draws != RandomPolicy(NumberedActions(4), 1).predict(np.zeros((40_000, 2)))).any()
     # Four standard errors of a share of 1/4.
     np.testing.assert_allclose(np.bincount(draws, minlength=4) / 40_000, 0.25, atol=4 * np.sqrt(0.1875 / 40_000))
+
+
+def test_random_policy_of_a_box_is_uniform_and_seeded():
+    box = ActionBox.of([-1, 0], [1, 10])
+    draws = RandomPolicy(box, 0).predict(np.zeros((40_000, 2)))
+    assert draws.shape == (40_000, 2)
+    np.testing.assert_array_equal(draws, RandomPolicy(box, 0).predict(np.zeros((40_000, 2))))
+    assert (draws != RandomPolicy(box, 1).predict(np.zeros((40_000, 2)))).any()
+    # Four standard errors of a mean; the variance of a uniform draw is width^2 / 12.
+    assert (np.abs(draws.mean(axis=0) - [0, 5]) < 4 * np.array([2, 10]) / np.sqrt(12 * 40_000)).all()
+    np.testing.assert_allclose(draws.min(axis=0), [-1, 0], atol=0.01)
+    np.testing.assert_allclose(draws.max(axis=0), [1, 10], atol=0.01)
+
+
+def test_continuous_actions_are_clipped_when_executed_and_recorded():
+    far, bound = (record(Always([torque]), "Pendulum-v1", n_episodes=2, seed=0) for torque in (1e300, 2.0))
+    for one, two in zip(far, bound, strict=True):
+        assert one.actions.shape == (200, 1)
+        assert one.actions.dtype == np.float32
+        np.testing.assert_array_equal(one.actions, 2)
+        np.testing.assert_array_equal(one.observations, two.observations)
+        np.testing.assert_array_equal(one.rewards, two.rewards)
+
+
+def test_one_continuous_action_needs_no_column():
+    column = rollout(Always([0.3]), "Pendulum-v1", n_episodes=2, seed=0).returns
+    np.testing.assert_array_equal(column, rollout(Always(0.3), "Pendulum-v1", n_episodes=2, seed=0).returns)
+
+
+def test_a_policy_that_lists_no_classes_may_be_continuous():
+    policy = SimpleNamespace(classes_=np.empty(0), predict=lambda rows: np.zeros((len(rows), 1)))
+    nothing = rollout(policy, "MountainCarContinuous-v0", n_episodes=2, seed=0).returns
+    np.testing.assert_array_equal(nothing, 0)
 
 
 def test_float_labels_that_are_whole_are_actions():
@@ -168,10 +206,18 @@ def one_sentence(error):
         (Always(0), "MountainCar-v99", "no environment 'MountainCar-v99'"),
         (Always(0), "not an id", "no environment 'not an id'"),
         (Always(0), "no_such_module:Thing-v0", "no environment 'no_such_module:Thing-v0'"),
-        (Always(0), "Pendulum-v1", "Pendulum-v1 has .* only flat Box or Discrete observations and Discrete actions"),
+        (expert("CartPole-v1"), "Pendulum-v1", r"Pendulum-v1 has .* shape \(3,\) .* shape \(4,\)"),
+        (RandomPolicy(NumberedActions(2), 0), "Pendulum-v1", r"has continuous actions \(-2 to 2\) .* knows \[0, 1\]"),
+        (RandomPolicy(ActionBox.of([-2], [2]), 0), "CartPole-v1", "has the actions 0 to 1 .* knows continuous ones"),
+        (Always([0.5]), "CartPole-v1", r"shape \(2, 1\): predict must return one action 0 to 1"),
+        (Always([0, 0]), "Pendulum-v1", r"shape \(2, 2\): predict must return one finite number for each"),
+        (Always(0.5), "LunarLanderContinuous-v3", r"shape \(2,\): predict must return 2 finite numbers for each"),
+        (Always([np.nan]), "Pendulum-v1", "float64 .* one finite number"),
+        (Always([np.inf]), "Pendulum-v1", "float64 .* one finite number"),
+        (Always(["left"]), "Pendulum-v1", "one finite number"),
         (Always(0), "Blackjack-v1", "Blackjack-v1 has Tuple .* only flat Box or Discrete observations"),
         (expert("Acrobot-v1"), "MountainCar-v0", r"MountainCar-v0 has .* shape \(2,\) .* shape \(6,\)"),
-        (RandomPolicy(3, 0), "CartPole-v1", r"CartPole-v1 has the actions 0 to 1 .* \[0, 1, 2\]"),
+        (RandomPolicy(NumberedActions(3), 0), "CartPole-v1", r"CartPole-v1 has the actions 0 to 1 .* \[0, 1, 2\]"),
         (SimpleNamespace(classes_=np.array(["left"]), predict=None), "CartPole-v1", r"CartPole-v1 .* \['left'\]"),
         (Always(2), "CartPole-v1", r"CartPole-v1 .* one action 0 to 1"),
         (Always(-1), "CartPole-v1", r"CartPole-v1 .* one action 0 to 1"),

@@ -5,12 +5,15 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from rpil import formats
 from rpil.corruptions import KINDS
+from rpil.demonstrations import Demonstrations
 from rpil.errors import DataError
 from rpil.experts import expert
 from rpil.simulation import simulate
 
 CAR = "MountainCar-v0"
+CONTINUOUS = ["Pendulum-v1", "MountainCarContinuous-v0", "LunarLanderContinuous-v3"]
 
 
 def assert_same(first, second):
@@ -32,13 +35,45 @@ def test_good_first_and_labelled(kind):
     assert max(agrees[3:]) < 0.95
 
 
+@pytest.mark.parametrize("env_id", [CAR, "MountainCarContinuous-v0"])
 @pytest.mark.parametrize("kind", KINDS)
-def test_same_seed_same_bits_and_another_seed_others(kind):
-    first, again, other = (simulate(CAR, kind, n_good=1, n_bad=2, seed=seed) for seed in (1, 1, 2))
+def test_same_seed_same_bits_and_another_seed_others(kind, env_id):
+    first, again, other = (simulate(env_id, kind, n_good=1, n_bad=2, seed=seed) for seed in (1, 1, 2))
     assert_same(first.episodes, again.episodes)
     np.testing.assert_array_equal(first.returns, again.returns)
     for (observations, _), (others, _) in zip(first.episodes, other.episodes, strict=True):
         assert not np.array_equal(observations[0], others[0])
+
+
+@pytest.mark.parametrize("env_id", CONTINUOUS)
+@pytest.mark.parametrize("kind", KINDS)
+def test_continuous_good_first_and_bad_off_the_expert(kind, env_id):
+    made = simulate(env_id, kind, n_good=2, n_bad=2, seed=0)
+    np.testing.assert_array_equal(made.is_good, [1, 1, 0, 0])
+    box = expert(env_id).actions
+    # The mean distance from the expert's action, in widths of the box.
+    off = []
+    for observations, actions in made.episodes:
+        assert actions.dtype == np.float32
+        assert ((box.low <= actions) & (actions <= box.high)).all()
+        off.append((np.abs(expert(env_id).predict(observations) - actions) / (box.high - box.low)).mean())
+    assert off[:2] == [0, 0]
+    assert min(off[2:]) > 0.08
+
+
+@pytest.mark.parametrize("suffix", ["parquet", "csv", "npz"])
+@pytest.mark.parametrize("env_id", CONTINUOUS)
+def test_continuous_demonstrations_survive_every_format(env_id, suffix, tmp_path):
+    made = simulate(env_id, "noisy", n_good=1, n_bad=1, seed=8)
+    demonstrations = Demonstrations.from_episodes(made.episodes)
+    path = tmp_path / f"data.{suffix}"
+    formats.write(path, demonstrations, {"is_good": made.is_good, "episode_return": made.returns})
+    back = formats.read(path)
+    assert not back.is_discrete
+    assert back.actions.shape == (demonstrations.n_steps, len(expert(env_id).actions.low))
+    np.testing.assert_array_equal(back.actions, demonstrations.actions)
+    np.testing.assert_array_equal(back.observations, demonstrations.observations)
+    np.testing.assert_array_equal(back.offsets, demonstrations.offsets)
 
 
 def test_good_episodes_depend_on_neither_kind_nor_number_of_bad():
@@ -69,7 +104,7 @@ def test_good_and_bad_are_different_episodes():
     ("arguments", "words"),
     [
         ((CAR, "evil", 1, 1), "'evil': choose one of corrupted, random, flip, shift, noisy, window, sensor"),
-        (("Pendulum-v1", "flip", 1, 1), "'Pendulum-v1'.*MountainCar-v0"),
+        (("Pendulum-v0", "flip", 1, 1), "'Pendulum-v0'.*MountainCar-v0"),
         ((CAR, "flip", 0, 0), "n_good = 0 and n_bad = 0"),
         ((CAR, "flip", 3, -1), "n_bad = -1"),
     ],

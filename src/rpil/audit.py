@@ -12,7 +12,7 @@ from scipy.special import expit
 
 from rpil.belief import Belief
 from rpil.demonstrators import Company, Demonstrators
-from rpil.em import Result
+from rpil.em import Posterior, Result
 from rpil.errors import DataError
 from rpil.problem import Problem
 
@@ -210,6 +210,7 @@ def summarise(
     contested = np.zeros(len(ids), dtype=bool)
     for group in competing:
         contested[group] = True
+    contested |= len(problem.labels) > 1 and alone(problem, posterior)
     contested &= problem.labels == 0
     proba = np.where(contested, 0.5, expit(log_odds))
     verdicts = tuple(_verdict(p, unsure) for p, unsure in zip(proba, contested, strict=True))
@@ -233,6 +234,12 @@ def summarise(
         assumptions=(),
         demonstrators=_people(problem.company, belief, verdicts),
     )
+
+
+def alone(problem: Problem, posterior: Posterior) -> bool:
+    """Whether one demonstration at most is taken for an expert's, and no label says so: experts are known by their
+    agreement, and who is alone agrees with nobody."""
+    return not (problem.labels > 0).any() and int((posterior.expert > 0.5).sum()) < 2
 
 
 def _people(company: Company, belief: Belief, verdicts: Sequence[Verdict]) -> tuple[Demonstrator, ...]:

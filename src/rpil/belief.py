@@ -2,7 +2,8 @@
 
 From thirty demonstrations nobody can tell exactly how reliable experts are, nor how many there are. EM picks the most
 likely values, and is as sure of its verdicts as if they were known. Given policy and adversary, though, all of it is a
-finite sum: over every pair of Betas in the table, and a grid of shares. A belief is that posterior.
+finite sum: over every pair of Betas in the table, and a grid of shares. A belief is that posterior. It also knows what
+a mixture of two does not: perhaps there is one group only, and everybody in it is alike.
 """
 
 from __future__ import annotations
@@ -10,7 +11,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from scipy.special import expit, log_expit
+from scipy.special import expit, log_expit, logit
 
 from rpil.demonstrators import Demonstrators, intervals
 from rpil.em import Result, State, evidence_by_reliability
@@ -26,6 +27,8 @@ _ROUNDS = 20
 _STEADY = 1e-3
 _LEAST = -1e5
 _RARE = 1e-9
+_LARGEST = 20.0
+"""Nats of a step's log-ratio beyond which it is no more surprising, when neighbours are compared."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,7 +44,13 @@ class Belief:
     expert, adversary : (Q, J) arrays
         log P(rho_j | group) under each pair of Betas.
     weight : (P, Q) array
-        Posterior of each combination.
+        Posterior of each combination, should there be two groups.
+    alike : float
+        P(there is one group only | data): then everybody is an expert, however reliable.
+    one : (J,) array
+        log P(rho_j) of that one group.
+    power : float
+        To which likelihoods are raised, because the steps of a demonstration are not independent.
     people : (U, 3) array
         P(expert) of what each demonstrator gives: its mean, and the ends of its 95 % interval; nobody where it is not
         known who gave what.
@@ -52,20 +61,35 @@ class Belief:
     expert: Array
     adversary: Array
     weight: Array
+    alike: float
+    one: Array
+    power: float
     people: Array = field(default_factory=lambda: np.empty((0, 3)))
 
     def log_odds(self, evidence: Array, lengths: Array) -> Array:
-        """Log-odds of expert against adversary, (M,), of demonstrations with `evidence` (M, J) at each reliability."""
-        ratio = _marginal(evidence, self.expert) - _marginal(evidence, self.adversary)
-        return _log_odds(ratio, self.prior.log_odds(lengths), self)
+        """Log-odds of expert against adversary, (M,), of new demonstrations with `evidence` (M, J) at each reliability.
+
+        How they look also says whether there is one group only.
+        """
+        evidence = self.power * evidence
+        adversary = _marginal(evidence, self.adversary)
+        ratio = _marginal(evidence, self.expert) - adversary
+        top = adversary.max(axis=1)
+        log_expert, log_adversary = _log_shares(ratio, self.prior.log_odds(lengths), self, adversary - top[:, None])
+        one = _marginal(evidence, self.one[None])[:, 0] - top
+        with np.errstate(divide="ignore"):
+            log_expert = np.logaddexp(np.log1p(-self.alike) + log_expert, np.log(self.alike) + one)
+            return log_expert - np.log1p(-self.alike) - log_adversary
 
     def share(self, lengths: Array) -> tuple[float, float, float]:
         """P(expert) of a demonstration drawn from these: its mean, and the ends of its 95 % interval."""
         offset = self.prior.log_odds(lengths)
         shares = np.array([expit(offset + s).mean() for s in self.shift])
-        weight = self.weight.sum(axis=1)
+        weight = (1.0 - self.alike) * self.weight.sum(axis=1)
         low, high = np.interp([0.025, 0.975], np.cumsum(weight) - 0.5 * weight, shares)
-        return float(weight @ shares), float(low), float(high)
+        if self.alike > 0.025:
+            high = 1.0
+        return float(weight @ shares) + self.alike, float(low), float(high)
 
 
 def evidence(problem: Problem, state: State, outputs: Array) -> Array:
@@ -75,38 +99,80 @@ def evidence(problem: Problem, state: State, outputs: Array) -> Array:
     return evidence_by_reliability(problem, log_pi, log_psi, nodes, state.stickiness)
 
 
-def believe(problem: Problem, result: Result) -> tuple[Belief, Array]:
+def power(problem: Problem, state: State, outputs: Array) -> float:
+    """Effective over actual number of steps: (1 - r) / (1 + r), r being how far the log-ratio of a step resembles that
+    of the step before, as in a first-order autoregression; no more than 1."""
+    log_ratio = state.policy.log_prob(outputs, problem.actions)
+    log_ratio = log_ratio - state.adversary.log_prob(problem.features, outputs, problem.actions)
+    x = np.clip(log_ratio, -_LARGEST, _LARGEST)
+    x = x - problem.spread(problem.sum_steps(x) / problem.lengths)
+    together = np.ones(len(x), dtype=bool)
+    together[problem.offsets[:-1]] = False
+    variance = float(x @ x)
+    r = max(float(x[1:] @ (x[:-1] * together[1:])) / variance, 0.0) if variance > 0 else 0.0
+    return (1.0 - r) / (1.0 + r)
+
+
+def believe(problem: Problem, result: Result, outputs: Array) -> tuple[Belief, Array]:
     """The belief after a fit, and the log-odds (M,) under it, labels not counted.
 
     How trust depends on the length is fitted once more, by EM with everything else summed out.
+
+    Parameters
+    ----------
+    problem, result
+        The data and where EM ended.
+    outputs : (N, ...) array
+        What policies that did not see a demonstration say of its steps.
     """
     state, labels, lengths = result.state, problem.labels, problem.lengths
-    by_node = evidence(problem, state, result.posterior.outputs)
+    tempering = power(problem, state, outputs)
+    by_node = tempering * evidence(problem, state, outputs)
     prior = state.prior
     alternatives = _plausible(state.reliability.alternatives, by_node, prior.log_odds(lengths), labels)
     expert, adversary = (alternatives.log_weight[rows] for rows in alternatives.pairs.T)
     log_adversary = _marginal(by_node, adversary)
     ratio = _marginal(by_node, expert) - log_adversary
     fixed = alternatives.log_prior + log_adversary.sum(axis=0)
+    log_one, one = _one_group(state.reliability.alternatives, by_node)
     for _ in range(_ROUNDS):
         offset, (shift, log_share) = prior.log_odds(lengths), prior.alternatives(lengths)
         log_posterior = np.stack([_over_adversary(ratio, offset + s, labels) for s in shift])
         log_posterior += fixed + log_share[:, None]
         weight = np.exp(log_posterior - log_posterior.max())
-        belief = Belief(prior, shift, expert, adversary, weight / weight.sum())
+        log_two = log_posterior.max() + np.log(weight.sum()) - logsumexp(log_share, 0)
+        log_two -= logsumexp(state.reliability.alternatives.log_prior, 0)
+        alike = 0.0 if (labels < 0).any() else float(expit(log_one - log_two))
+        belief = Belief(prior, shift, expert, adversary, weight / weight.sum(), alike, one, tempering)
         proba = sum(expit(ratio + (offset + s)[:, None]) @ w for s, w in zip(shift, belief.weight, strict=True))
         prior = prior.fit(np.where(labels == 0, proba, labels > 0), lengths)
         if np.ptp(prior.log_odds(lengths) - offset) < _STEADY:
             break
     if isinstance(problem.company, Demonstrators):
-        return _in_company(problem.company, problem.labels, ratio, offset, belief)
-    return belief, _log_odds(ratio, offset, belief)
+        belief, log_expert, log_adversary = _in_company(problem.company, labels, ratio, offset, belief)
+    else:
+        log_expert, log_adversary = _log_shares(ratio, offset, belief)
+    with np.errstate(divide="ignore"):
+        log_expert = np.logaddexp(np.log1p(-belief.alike) + log_expert, np.log(belief.alike))
+        return belief, log_expert - np.log1p(-belief.alike) - log_adversary
+
+
+def _one_group(alternatives: Alternatives, by_node: Array) -> tuple[float, Array]:
+    """log p(all | everybody is alike), and that group's log P(rho_j), with any Beta of the table as likely.
+
+    That experts are reliable only tells them from adversaries; without these anything goes.
+    """
+    total = _marginal(by_node, alternatives.log_weight).sum(axis=0)
+    weight = np.exp(total - total.max())
+    with np.errstate(divide="ignore"):
+        mixture = np.log((weight / weight.sum()) @ np.exp(alternatives.log_weight))
+    return float(total.max() + np.log(weight.mean())), mixture
 
 
 def _in_company(
     demonstrators: Demonstrators, labels: Array, ratio: Array, offset: Array, belief: Belief
-) -> tuple[Belief, Array]:
-    """The belief and the log-odds (M,) where it is known who gave what.
+) -> tuple[Belief, Array, Array]:
+    """The belief where it is known who gave what, and log P(expert), log P(adversary) as of `_log_shares`.
 
     For each share the pairs of Betas are summed out first, as if the demonstrations had nothing to do with each other;
     the sum over demonstrators is exact.
@@ -114,23 +180,29 @@ def _in_company(
     log_weight, odds, people = [], [], []
     kept = np.flatnonzero(belief.weight.sum(axis=1) > _RARE)
     for s, row in zip(belief.shift[kept], belief.weight[kept], strict=True):
-        prior, one = offset + s, replace(belief, shift=np.array([s]), weight=row[None])
-        alone = _log_odds(ratio, offset, one)
+        prior = offset + s
+        alone = np.subtract(*_log_shares(ratio, offset, replace(belief, shift=np.array([s]), weight=row[None])))
         lent = demonstrators.borrow(alone - prior, prior, labels)
         strangers = _over_adversary((alone - prior)[:, None], prior, labels)[0]
         log_weight.append(np.log(row.sum()) + lent.log_evidence - strangers)
         odds.append(alone - prior + lent.log_odds)
         people.append(lent)
-    log_share = np.array(log_weight) - logsumexp(np.array(log_weight), 0)
-    share, z = np.exp(log_share), np.array(odds).T
+    log_share, z = np.array(log_weight), np.array(odds).T
+    gain = float(logsumexp(log_share, 0))
+    log_share -= gain
+    share = np.exp(log_share)
     weight = np.zeros(belief.weight.shape)
     weight[kept] = belief.weight[kept] * (share / belief.weight[kept].sum(axis=1))[:, None]
     trust = intervals(
         np.concatenate([lent.share for lent in people], axis=1),
         np.concatenate([w * lent.weight for w, lent in zip(share, people, strict=True)], axis=1),
     )
-    log_odds = logsumexp(log_share + log_expit(z), 1) - logsumexp(log_share + log_expit(-z), 1)
-    return replace(belief, weight=weight, people=trust), log_odds
+    alike = belief.alike and float(expit(logit(belief.alike) - gain))
+    trust[:, 0] += alike * (1.0 - trust[:, 0])  # if everybody is alike, so are all demonstrators
+    if alike > 0.025:
+        trust[:, 2] = 1.0
+    new = replace(belief, weight=weight, people=trust, alike=alike)
+    return new, logsumexp(log_share + log_expit(z), 1), logsumexp(log_share + log_expit(-z), 1)
 
 
 def _plausible(alternatives: Alternatives, by_node: Array, offset: Array, labels: Array) -> Alternatives:
@@ -161,13 +233,20 @@ def _over_adversary(ratio: Array, prior_log_odds: Array, labels: Array) -> Array
     return (mixture - np.logaddexp(0.0, prior_log_odds)[:, None]).sum(axis=0)
 
 
-def _log_odds(ratio: Array, offset: Array, belief: Belief) -> Array:
-    """log P(expert | D_m) - log P(adversary | D_m), each summed over all combinations, (M,)."""
+def _log_shares(ratio: Array, offset: Array, belief: Belief, log_scale: Array | float = 0.0) -> tuple[Array, Array]:
+    """log P(expert | D_m) and log P(adversary | D_m), each summed over all combinations, (M,).
+
+    With a `log_scale` (M, Q), log p(D_m | adversary), the evidence is not divided out of them.
+    """
     log_expert, log_adversary = np.full((2, len(ratio)), -np.inf)
     with np.errstate(divide="ignore"):
         log_weight = np.log(belief.weight)
     for s, row in zip(belief.shift, log_weight, strict=True):
-        z = ratio + (offset + s)[:, None]
-        log_expert = np.logaddexp(log_expert, logsumexp(row - np.logaddexp(0.0, -z), 1))
-        log_adversary = np.logaddexp(log_adversary, logsumexp(row - np.logaddexp(0.0, z), 1))
-    return log_expert - log_adversary
+        prior = (offset + s)[:, None]
+        z = ratio + prior
+        total = row + log_scale
+        if np.ndim(log_scale):  # p(D) = p(D | adversary) (1 + e^z) / (1 + e^prior)
+            total = total + np.logaddexp(0.0, z) - np.logaddexp(0.0, prior)
+        log_expert = np.logaddexp(log_expert, logsumexp(total - np.logaddexp(0.0, -z), 1))
+        log_adversary = np.logaddexp(log_adversary, logsumexp(total - np.logaddexp(0.0, z), 1))
+    return log_expert, log_adversary

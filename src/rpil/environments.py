@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rpil.actions import ActionBox, ActionSpace, NumberedActions
 from rpil.errors import DataError, MissingExtraError
 
 DISCRETISED: dict[str, tuple[str, NDArray[np.float32]]] = {
@@ -55,3 +56,15 @@ def make(env_id: str) -> Any:
     if choices is not None:
         env = TransformAction(env, choices.__getitem__, Discrete(len(choices)))
     return FlattenObservation(env) if isinstance(env.observation_space, Discrete) else env
+
+
+def actions_of(env: Any) -> ActionSpace | None:
+    """What one can do in a Gymnasium environment; None for spaces of other kinds than Discrete and flat float Box."""
+    from gymnasium.spaces import Box, Discrete
+
+    space = env.action_space
+    if isinstance(space, Discrete):
+        return NumberedActions(int(space.n), int(space.start))
+    if isinstance(space, Box) and len(space.shape) == 1 and space.dtype.kind == "f":
+        return ActionBox(space.low, space.high)
+    return None

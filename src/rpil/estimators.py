@@ -37,7 +37,7 @@ from rpil.priors import ByLength
 from rpil.problem import Problem
 from rpil.refine import refine
 from rpil.reliability import PointMasses, Reliability, TwoBetas
-from rpil.search import Setting, fit
+from rpil.search import Setting, fit, unseen
 
 Array = NDArray[Any]
 
@@ -211,15 +211,16 @@ class RPIL(PolicyEstimator):
             rng = np.random.default_rng(self.random_state)
             result, runs = fit(problem, setting, candidates, rng, progress)
             read: FeatureMap | Untouched = features
-            seen = problem
+            seen, outputs = problem, unseen(problem, setting, result, rng)
             if self.policy is not None:
                 read = Untouched()
                 seen = replace(problem, features=read.design(demonstrations.observations))
                 start = estimator_policy(self.policy, self.space_, len(codes))
                 result = refine(seen, setting, start, result, progress)
+                outputs = result.posterior.outputs
             progress("competing groups")
             groups_found = competing_groups(problem, setting, result, runs, rng)
-            self._finish(demonstrations, codes, read, seen, result, groups_found)
+            self._finish(demonstrations, codes, read, seen, result, outputs, groups_found)
         return self
 
     @property
@@ -283,12 +284,13 @@ class RPIL(PolicyEstimator):
         features: FeatureMap | Untouched,
         problem: Problem,
         result: Result,
+        outputs: Array,
         competing: list[Array],
     ) -> None:
         """Keep what was found, and refit the policy to the expert's term alone: the adversary's biases it."""
         self.search_features_: FeatureMap | Untouched = features
         self.state_: State = result.state
-        self.belief_, log_odds = believe(problem, result)
+        self.belief_, log_odds = believe(problem, result, outputs)
         self.n_iter_ = max(1, len(result.history) - 1)
         self.lower_bound_ = result.objective
         self.converged_ = result.converged

@@ -13,28 +13,30 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import stdtrit
 
-from rpil.environments import make
+from rpil.actions import ActionSpace
+from rpil.environments import actions_of, make
 from rpil.errors import DataError
 
 
 class Policy(Protocol):
-    """Anything that maps observations (n, D) to actions (n,): an expert, an estimator, a scikit-learn classifier."""
+    """Anything that maps observations (n, D) to actions (n,) or (n, A): an expert, an estimator, a classifier."""
 
     def predict(self, observations: NDArray[Any], /) -> Any: ...
 
 
 class RandomPolicy:
-    """Uniform draws from the actions 0 .. K-1, whatever the observation.
+    """Uniform draws from K actions or a box, whatever the observation.
 
     The draws come from one stream, which a later `predict` of the same object continues."""
 
-    def __init__(self, n_actions: int, seed: int) -> None:
-        self.classes_ = np.arange(n_actions)
+    def __init__(self, actions: ActionSpace, seed: int) -> None:
+        self.classes_ = actions.classes_
+        self._actions = actions
         self._rng = np.random.default_rng(seed)
 
-    def predict(self, observations: NDArray[Any]) -> NDArray[np.int64]:
-        """Draw an action (n,) for every observation (n, D)."""
-        return self._rng.integers(len(self.classes_), size=len(observations))
+    def predict(self, observations: NDArray[Any]) -> NDArray[Any]:
+        """Draw an action for every observation (n, D): (n,), or (n, A) where actions are continuous."""
+        return self._actions.draw(len(observations), self._rng)
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,12 +74,13 @@ class Episode:
     ----------
     observations : array (n, D)
         What the policy saw before each action; the observation after the last action is not kept.
-    actions : array of int64 (n,)
+    actions : array of int64 (n,), or of floats (n, A)
+        What was done: continuous actions are clipped to the box of the environment.
     rewards : array (n,)
     """
 
     observations: NDArray[Any]
-    actions: NDArray[np.int64]
+    actions: NDArray[Any]
     rewards: NDArray[np.float64]
 
     @property
@@ -94,10 +97,11 @@ def rollout(
     Parameters
     ----------
     policy : object with `predict`
-        Maps observations (n, D) to actions (n,).
+        Maps observations (n, D) to actions: numbers of actions (n,), or continuous ones (n, A), which are clipped to
+        the box of the environment; (n,) will do where A is 1.
     env_id : str
-        What `rpil.environments.make` knows, with flat or discrete observations and discrete actions. A discrete
-        observation is seen as a one-hot row.
+        What `rpil.environments.make` knows, with flat or discrete observations, and actions that are discrete or a flat
+        box. A discrete observation is seen as a one-hot row.
     n_episodes : int
         At least 1.
     seed : int
@@ -155,7 +159,7 @@ class _Step:
 
     running: NDArray[np.int64]
     observations: NDArray[Any]
-    actions: NDArray[np.int64]
+    actions: NDArray[Any]
     rewards: NDArray[np.float64]
     finished: NDArray[np.bool_]
 
@@ -167,19 +171,21 @@ def _seeds(seed: int, n_episodes: int) -> list[int]:
 
 def _play(policy: Policy, env_id: str, seeds: Sequence[int]) -> Iterator[_Step]:
     """Play one episode per seed in lockstep; for a deterministic policy an episode depends on its seed alone."""
+    if not seeds:
+        return
     envs: list[Any] = []
     try:
         # One environment per episode, never reused: what a physics engine keeps beyond a reset cannot leak.
         envs = [make(env_id) for _ in seeds]
-        if envs:
-            _check_fit(policy, env_id, envs[0])
+        space = _actions_that_fit(policy, env_id, envs[0])
         running = np.arange(len(envs))
         observations = np.array([env.reset(seed=seed)[0] for env, seed in zip(envs, seeds, strict=True)])
         active = list(envs)
         while active:
-            actions = _actions(policy, observations, env_id, active[0].action_space)
-            # Python ints: environments check each action, which costs far more on NumPy scalars.
-            outcomes = [env.step(action) for env, action in zip(active, actions.tolist(), strict=True)]
+            actions = _actions(policy, observations, env_id, space)
+            # Python ints: environments check each discrete action, which costs far more on NumPy scalars.
+            orders = actions.tolist() if actions.ndim == 1 else actions
+            outcomes = [env.step(order) for env, order in zip(active, orders, strict=True)]
             following, rewards, terminated, truncated, _ = zip(*outcomes, strict=True)
             finished = np.logical_or(terminated, truncated)
             yield _Step(running, observations, actions, np.array(rewards, dtype=np.float64), finished)
@@ -193,42 +199,42 @@ def _play(policy: Policy, env_id: str, seeds: Sequence[int]) -> Iterator[_Step]:
             env.close()
 
 
-def _check_fit(policy: Policy, env_id: str, env: Any) -> None:
-    """Refuse spaces that are not supported, and a policy that was fitted on another environment."""
-    from gymnasium.spaces import Box, Discrete
+def _actions_that_fit(policy: Policy, env_id: str, env: Any) -> ActionSpace:
+    """What the policy can do in `env`; refuses spaces that are not supported, and a policy from another environment."""
+    from gymnasium.spaces import Box
 
-    space, choices = env.observation_space, env.action_space
-    if not isinstance(space, Box) or len(space.shape) != 1 or not isinstance(choices, Discrete):
+    seen, actions = env.observation_space, actions_of(env)
+    if not isinstance(seen, Box) or len(seen.shape) != 1 or actions is None:
         raise DataError(
-            f"{env_id} has {type(space).__name__} observations of shape {space.shape} and {type(choices).__name__} "
-            "actions, but only flat Box or Discrete observations and Discrete actions can be played: wrap it or choose "
-            "another."
+            f"{env_id} has {type(seen).__name__} observations of shape {seen.shape} and "
+            f"{type(env.action_space).__name__} actions, but only flat Box or Discrete observations and actions can be "
+            "played: wrap it or choose another."
         )
     name = getattr(policy, "source_", "the policy")  # the file that `rpil.load` read it from
     width = getattr(policy, "n_features_in_", None)
-    if width is not None and (width,) != space.shape:
+    if width is not None and (width,) != seen.shape:
         raise DataError(
-            f"{env_id} has observations of shape {space.shape} but {name} was fitted on shape ({width},): "
+            f"{env_id} has observations of shape {seen.shape} but {name} was fitted on shape ({width},): "
             "play it in the environment its demonstrations come from."
         )
-    classes = getattr(policy, "classes_", None)
-    if classes is not None and not all(known in range(choices.start, choices.start + choices.n) for known in classes):
-        raise DataError(
-            f"{env_id} has the actions {choices.start} to {choices.start + choices.n - 1} but {name} knows "
-            f"{np.asarray(classes).tolist()}: play it in the environment its demonstrations come from."
-        )
+    known = getattr(policy, "classes_", None)
+    if known is not None:
+        theirs, ours = np.asarray(known).tolist(), actions.classes_.tolist()
+        if bool(theirs) != bool(ours) or not set(theirs) <= set(ours):
+            raise DataError(
+                f"{env_id} has {actions} but {name} knows {theirs or 'continuous ones'}: "
+                "play it in the environment its demonstrations come from."
+            )
+    return actions
 
 
-def _actions(policy: Policy, observations: NDArray[Any], env_id: str, choices: Any) -> NDArray[np.int64]:
+def _actions(policy: Policy, observations: NDArray[Any], env_id: str, space: ActionSpace) -> NDArray[Any]:
     """Ask the policy once for all running episodes, and refuse an answer that the environments would misread."""
     answer = np.asarray(policy.predict(observations))
-    usable = answer.shape == (len(observations),) and answer.dtype.kind in "iufb"
-    # Compared before the cast: NaN and infinity have no integer.
-    if usable and answer.min() >= choices.start and answer.max() < choices.start + choices.n:
-        actions = answer.astype(np.int64)
-        if np.array_equal(actions, answer):
-            return actions
-    raise DataError(
-        f"In {env_id} the policy answered {len(observations)} observations with {answer.dtype} of shape "
-        f"{answer.shape}: predict must return one action {choices.start} to {choices.start + choices.n - 1} for each."
-    )
+    actions = space.executed(answer, len(observations))
+    if actions is None:
+        raise DataError(
+            f"In {env_id} the policy answered {len(observations)} observations with {answer.dtype} of shape "
+            f"{answer.shape}: predict must return {space.wanted} for each."
+        )
+    return actions

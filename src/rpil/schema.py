@@ -50,6 +50,7 @@ KNOWN: dict[type, dict[str, str]] = {
         "expert": "pairs J",
         "adversary": "pairs J",
         "weight": "shares pairs",
+        "one": "J",
         "people": "people 3",
     },
     Share: {},

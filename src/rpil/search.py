@@ -36,6 +36,7 @@ _JUDGED_STEPS = 10_000
 _COMPARED = 3
 """Solutions of which the experts' agreement is compared."""
 
+_N_FOLDS = 5
 _SHORT = 6
 """EM iterations after which starts are compared."""
 
@@ -318,13 +319,27 @@ def held_out(problem: Problem, setting: Setting, result: Result, folds: Sequence
     forgets what the policy knew of the held-out demonstrations.
     """
     total = 0.0
-    everyone = np.arange(problem.n_demonstrations)
     for fold in folds:
-        train = problem.select(np.setdiff1d(everyone, fold))
         test = problem.select(fold, unlabelled=True)
-        state = result.state
-        posterior = e_step(train, state, state.policy.outputs(train.features))
-        state, outputs = m_step(train, state, posterior, setting.mode, max_iter=4, max_cg=20)
-        state, _ = m_step(train, state, e_step(train, state, outputs), setting.mode)
+        state = _without(problem, setting, result, fold)
         total += float(e_step(test, state, state.policy.outputs(test.features)).log_evidence.sum())
     return total
+
+
+def unseen(problem: Problem, setting: Setting, result: Result, rng: np.random.Generator) -> Array:
+    """Outputs, (N, ...), of policies that are fitted as `result`'s but to the other folds of demonstrations."""
+    outputs = np.array(result.posterior.outputs)
+    for fold in _folds(problem, _N_FOLDS, rng):
+        steps = problem.spread(np.isin(np.arange(problem.n_demonstrations), fold))
+        outputs[steps] = _without(problem, setting, result, fold).policy.outputs(problem.features[steps])
+    return outputs
+
+
+def _without(problem: Problem, setting: Setting, result: Result, fold: Array) -> State:
+    """The state of `result` once it has forgotten the demonstrations of `fold`."""
+    train = problem.select(np.setdiff1d(np.arange(problem.n_demonstrations), fold))
+    state = result.state
+    posterior = e_step(train, state, state.policy.outputs(train.features))
+    state, outputs = m_step(train, state, posterior, setting.mode, max_iter=4, max_cg=20)
+    state, _ = m_step(train, state, e_step(train, state, outputs), setting.mode)
+    return state

@@ -22,7 +22,7 @@ class Simulation:
     ----------
     env_id, kind : str
         The environment, and what is wrong with the bad ones.
-    episodes : list of (observations (n, D), actions (n,))
+    episodes : list of (observations (n, D), actions (n,) or (n, A))
     is_good : array of int (M,)
         1 for the expert's own demonstrations, 0 for the bad ones.
     returns : array (M,)
@@ -31,7 +31,7 @@ class Simulation:
 
     env_id: str
     kind: str
-    episodes: list[tuple[NDArray[Any], NDArray[np.int64]]]
+    episodes: list[tuple[NDArray[Any], NDArray[Any]]]
     is_good: NDArray[np.int64]
     returns: NDArray[np.float64]
 
@@ -67,18 +67,19 @@ def simulate(env_id: str, kind: str, *, n_good: int, n_bad: int, seed: int) -> S
     if n_good < 0 or n_bad < 0 or n_good + n_bad == 0:
         raise DataError(f"n_good = {n_good} and n_bad = {n_bad} make no demonstrations: ask for at least one in all.")
     driver = expert(env_id)
+    space = driver.actions
     good_seed, bad_seed, policy_seed, spoil_seed = np.random.SeedSequence(seed).generate_state(4).tolist()
 
     good = record(driver, env_id, n_episodes=n_good, seed=good_seed)
     if kind == RANDOM:
-        bad = record(RandomPolicy(driver.n_actions, policy_seed), env_id, n_episodes=n_bad, seed=bad_seed)
+        bad = record(RandomPolicy(space, policy_seed), env_id, n_episodes=n_bad, seed=bad_seed)
         spoiled = [(episode.observations, episode.actions) for episode in bad]
     else:
         bad = record(driver, env_id, n_episodes=n_bad, seed=bad_seed)
         # A stream per episode: asking for more bad ones leaves the first as they were.
         streams = np.random.default_rng(spoil_seed).spawn(n_bad)
         spoiled = [
-            CORRUPTIONS[kind](episode.observations, episode.actions, driver.n_actions, rng)
+            CORRUPTIONS[kind](episode.observations, episode.actions, space, rng)
             for episode, rng in zip(bad, streams, strict=True)
         ]
     return Simulation(

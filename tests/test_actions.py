@@ -1,0 +1,72 @@
+"""The two kinds of actions: what is drawn, mirrored, turned, and accepted from a policy."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from rpil.actions import ActionBox, NumberedActions
+from rpil.errors import DataError
+
+
+def test_numbered_actions_may_start_anywhere():
+    space = NumberedActions(3, start=5)
+    np.testing.assert_array_equal(space.classes_, [5, 6, 7])
+    np.testing.assert_array_equal(space.flip(np.array([5, 6, 7])), [7, 6, 5])
+    np.testing.assert_array_equal(space.shift(np.array([5, 6, 7])), [6, 7, 5])
+    assert set(space.draw(200, np.random.default_rng(0))) == {5, 6, 7}
+    assert str(space) == "the actions 5 to 7"
+    assert space.wanted == "one action 5 to 7"
+
+
+def test_numbered_draws_are_the_generators_own_integers():
+    wanted = np.random.default_rng(3).integers(4, size=50)
+    np.testing.assert_array_equal(NumberedActions(4).draw(50, np.random.default_rng(3)), wanted)
+
+
+@pytest.mark.parametrize("answer", [[5, 7], [5.0, 7.0], np.array([5, 7], dtype=np.uint8)])
+def test_whole_numbers_among_the_actions_are_executed(answer):
+    actions = NumberedActions(3, start=5).executed(np.asarray(answer), 2)
+    assert actions.dtype == np.int64
+    np.testing.assert_array_equal(actions, [5, 7])
+
+
+@pytest.mark.parametrize("answer", [[0, 5], [5, 8], [5.5, 6], [np.nan, 5], [np.inf, 5], ["5", "6"], [[5], [6]], [5]])
+def test_other_answers_are_not_executed(answer):
+    assert NumberedActions(3, start=5).executed(np.asarray(answer), 2) is None
+
+
+def test_a_box_clips_and_takes_the_precision_of_its_bounds():
+    box = ActionBox.of([-1, 0], [1, 10])
+    actions = box.executed(np.array([[-3.0, 4.0], [0.25, 1e300]]), 2)
+    assert actions.dtype == np.float32
+    np.testing.assert_array_equal(actions, [[-1, 4], [0.25, 10]])
+    np.testing.assert_array_equal(box.executed(np.array([[3, 4]]), 1), [[1, 4]])
+    assert box.executed(np.empty((0, 2)), 0).shape == (0, 2)
+    assert len(box.classes_) == 0
+    assert str(box) == "continuous actions (-1 to 1, 0 to 10)"
+    assert box.wanted == "2 finite numbers"
+
+
+@pytest.mark.parametrize(
+    "answer", [[0.0, 0.0], [[0.0]], [[0.0, np.nan]], [[-np.inf, 0.0]], [["a", "b"]], [[True, False]]]
+)
+def test_a_box_takes_one_row_of_finite_numbers_per_step(answer):
+    assert ActionBox.of([-1, 0], [1, 10]).executed(np.asarray(answer), 1) is None
+
+
+def test_flip_and_shift_stay_in_the_box_and_undo_themselves():
+    box = ActionBox.of([-0.1, 3], [0.3, 1000])
+    actions = box.draw(5000, np.random.default_rng(1))
+    for turn in (box.flip, box.shift):
+        turned = turn(actions)
+        assert turned.dtype == np.float32
+        assert ((box.low <= turned) & (turned <= box.high)).all()
+        # A number at half of its range may come back at either end.
+        inside = np.abs(actions - (box.low + box.high) / 2) > 1e-3 * (box.high - box.low)
+        np.testing.assert_allclose(np.where(inside, turn(turned), actions), actions, rtol=1e-4, atol=1e-6)
+
+
+def test_no_uniform_draw_without_bounds():
+    with pytest.raises(DataError, match=r"from continuous actions \(-1 to inf\): give .* two finite bounds\.$"):
+        ActionBox.of([-1], [np.inf]).draw(3, np.random.default_rng(0))
