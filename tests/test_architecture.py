@@ -23,7 +23,7 @@ ORDER = [
     "chains", "em", "agreement", "search", "refine", "belief", "identify", "audit",
     "inputs", "selection", "cloning", "estimators", "rment",
     "schema", "persistence", "actions", "experts", "corruptions", "environments", "rollouts", "simulation",
-    "plots", "report", "data", "demo", "reproduce", "terminal", "cli", "__main__",
+    "plots", "report", "data", "demo", "reproduce", "terminal", "commands", "cli", "__main__",
 ]
 # fmt: on
 

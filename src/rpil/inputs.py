@@ -174,7 +174,7 @@ def who_gave(
         if unknown:
             wrong, right = listed(unknown, 5), listed(ids, 5)
             raise DataError(
-                f"{source}: no demonstration is called {wrong}, which demonstrators names; the ids are {right}."
+                f"{source}: demonstrators names {wrong}, no demonstration; the ids are {right}."
             )
         names = [known.get(str(m)) for m in ids]
     else:
