@@ -18,12 +18,12 @@ FILES = sorted(path for path in ROOT.rglob("*.py") if path != ROOT / "__init__.p
 # fmt: off
 ORDER = [
     "errors", "_arrays", "files", "demonstrations", "formats",
-    "passes", "spaces", "problem", "parallel", "features", "solvers",
+    "passes", "spaces", "demonstrators", "problem", "parallel", "features", "solvers",
     "policies", "adversaries", "priors", "reliability",
     "chains", "em", "agreement", "search", "refine", "belief", "identify", "audit",
     "inputs", "selection", "cloning", "estimators", "rment", "reweighting",
     "schema", "persistence", "actions", "experts", "corruptions", "environments", "rollouts", "simulation",
-    "plots", "report", "data", "demo", "reproduce", "terminal", "cli", "__main__",
+    "plots", "report", "data", "demo", "reproduce", "terminal", "commands", "cli", "__main__",
 ]
 # fmt: on
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any, Literal
 
 import numpy as np
@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from scipy.special import expit
 
 from rpil.belief import Belief
+from rpil.demonstrators import Company, Demonstrators
 from rpil.em import Posterior, Result
 from rpil.errors import DataError
 from rpil.problem import Problem
@@ -38,6 +39,32 @@ class Interval:
     mean: float
     low: float
     high: float
+
+
+@dataclass(frozen=True)
+class Demonstrator:
+    """How far somebody can be trusted who gave several demonstrations.
+
+    Attributes
+    ----------
+    name : Any
+    trust : Interval
+        P(expert) of such demonstrations as they gave.
+    n_demonstrations : int
+    experts, adversaries, uncertain : int
+        Verdicts on them.
+    """
+
+    name: Any
+    trust: Interval
+    n_demonstrations: int
+    experts: int
+    adversaries: int
+    uncertain: int
+
+    def to_dict(self) -> dict[str, Any]:
+        """As plain numbers and text."""
+        return asdict(self)
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,6 +103,8 @@ class Audit:
         The EM objective at each iteration of the winning run.
     assumptions : tuple of str
         What the audit took for granted, one sentence each.
+    demonstrators : tuple of Demonstrator
+        The most trusted first; nobody where it is not known who gave what.
     """
 
     ids: tuple[Any, ...]
@@ -94,6 +123,7 @@ class Audit:
     adversary: str
     history: NDArray[np.float64]
     assumptions: tuple[str, ...]
+    demonstrators: tuple[Demonstrator, ...] = ()
 
     @property
     def lengths(self) -> NDArray[np.int64]:
@@ -149,6 +179,7 @@ class Audit:
                 }
                 for m in self.ranking().tolist()
             ],
+            "demonstrators": [who.to_dict() for who in self.demonstrators],
         }
 
 
@@ -183,6 +214,7 @@ def summarise(
     contested |= len(problem.labels) > 1 and alone(problem, posterior)
     contested &= problem.labels == 0
     proba = np.where(contested, 0.5, expit(log_odds))
+    verdicts = tuple(_verdict(p, unsure) for p, unsure in zip(proba, contested, strict=True))
     return Audit(
         ids=tuple(ids),
         offsets=np.asarray(problem.offsets, dtype=np.int64),
@@ -190,7 +222,7 @@ def summarise(
         expert_proba=proba,
         reliability=reliability,
         reliability_interval=np.stack([_quantile(nodes, by_node, q) for q in (0.025, 0.975)], axis=1),
-        verdicts=tuple(_verdict(p, unsure) for p, unsure in zip(proba, contested, strict=True)),
+        verdicts=verdicts,
         step_log_ratio=posterior.log_ratio,
         step_weight=problem.spread(proba) * np.where(problem.spread(reliability) >= WHOLE, 1.0, posterior.step),
         prior=Interval(*belief.share(problem.lengths)),
@@ -201,6 +233,7 @@ def summarise(
         adversary=result.state.adversary.name,
         history=result.history,
         assumptions=(),
+        demonstrators=_people(problem.company, belief, verdicts),
     )
 
 
@@ -208,6 +241,18 @@ def alone(problem: Problem, posterior: Posterior) -> bool:
     """Whether one demonstration at most is taken for an expert's, and no label says so: experts are known by their
     agreement, and who is alone agrees with nobody."""
     return not (problem.labels > 0).any() and int((posterior.expert > 0.5).sum()) < 2
+
+
+def _people(company: Company, belief: Belief, verdicts: Sequence[Verdict]) -> tuple[Demonstrator, ...]:
+    if not isinstance(company, Demonstrators):
+        return ()
+    found = []
+    for u, name in enumerate(company.names):
+        own = [verdicts[m] for m in np.flatnonzero(company.of == u).tolist()]
+        counts = [own.count(verdict) for verdict in ("expert", "adversary", "uncertain")]
+        if name is not None:
+            found.append(Demonstrator(name, Interval(*map(float, belief.people[u])), len(own), *counts))
+    return tuple(sorted(found, key=lambda who: -who.trust.mean))
 
 
 def _with_labels(log_odds: NDArray[np.float64], labels: NDArray[np.int64]) -> NDArray[np.float64]:

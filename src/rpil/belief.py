@@ -8,11 +8,12 @@ a mixture of two does not: perhaps there is one group only, and everybody in it 
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
-from scipy.special import expit
+from scipy.special import expit, log_expit, logit
 
+from rpil.demonstrators import Demonstrators, intervals
 from rpil.em import Result, State, evidence_by_reliability
 from rpil.passes import Array, logsumexp
 from rpil.priors import Prior
@@ -25,6 +26,7 @@ _NEGLIGIBLE = 12.0
 _ROUNDS = 20
 _STEADY = 1e-3
 _LEAST = -1e5
+_RARE = 1e-9
 _LARGEST = 20.0
 """Nats of a step's log-ratio beyond which it is no more surprising, when neighbours are compared."""
 
@@ -50,6 +52,9 @@ class Belief:
         log P(rho_j) of that one group.
     power : float
         To which likelihoods are raised, because the steps of a demonstration are not independent.
+    people : (U, 3) array
+        P(expert) of what each demonstrator gives: its mean, and the ends of its 95 % interval; nobody where it is not
+        known who gave what.
     """
 
     prior: Prior
@@ -60,6 +65,7 @@ class Belief:
     alike: float
     one: Array
     power: float
+    people: Array = field(default_factory=lambda: np.empty((0, 3)))
 
     def log_odds(self, evidence: Array, lengths: Array) -> Array:
         """Log-odds of expert against adversary, (M,), of new demonstrations with `evidence` (M, J) at each reliability.
@@ -143,10 +149,13 @@ def believe(problem: Problem, result: Result, outputs: Array) -> tuple[Belief, A
         prior = prior.fit(np.where(labels == 0, proba, labels > 0), lengths)
         if np.ptp(prior.log_odds(lengths) - offset) < _STEADY:
             break
-    log_expert, log_adversary = _log_shares(ratio, offset, belief)
+    if isinstance(problem.company, Demonstrators):
+        belief, log_expert, log_adversary = _in_company(problem.company, labels, ratio, offset, belief)
+    else:
+        log_expert, log_adversary = _log_shares(ratio, offset, belief)
     with np.errstate(divide="ignore"):
-        log_expert = np.logaddexp(np.log1p(-alike) + log_expert, np.log(alike))
-        return belief, log_expert - np.log1p(-alike) - log_adversary
+        log_expert = np.logaddexp(np.log1p(-belief.alike) + log_expert, np.log(belief.alike))
+        return belief, log_expert - np.log1p(-belief.alike) - log_adversary
 
 
 def _one_group(alternatives: Alternatives, by_node: Array) -> tuple[float, Array]:
@@ -159,6 +168,42 @@ def _one_group(alternatives: Alternatives, by_node: Array) -> tuple[float, Array
     with np.errstate(divide="ignore"):
         mixture = np.log((weight / weight.sum()) @ np.exp(alternatives.log_weight))
     return float(total.max() + np.log(weight.mean())), mixture
+
+
+def _in_company(
+    demonstrators: Demonstrators, labels: Array, ratio: Array, offset: Array, belief: Belief
+) -> tuple[Belief, Array, Array]:
+    """The belief where it is known who gave what, and log P(expert), log P(adversary) as of `_log_shares`.
+
+    For each share the pairs of Betas are summed out first, as if the demonstrations had nothing to do with each other;
+    the sum over demonstrators is exact.
+    """
+    log_weight, odds, people = [], [], []
+    kept = np.flatnonzero(belief.weight.sum(axis=1) > _RARE)
+    for s, row in zip(belief.shift[kept], belief.weight[kept], strict=True):
+        prior = offset + s
+        alone = np.subtract(*_log_shares(ratio, offset, replace(belief, shift=np.array([s]), weight=row[None])))
+        lent = demonstrators.borrow(alone - prior, prior, labels)
+        strangers = _over_adversary((alone - prior)[:, None], prior, labels)[0]
+        log_weight.append(np.log(row.sum()) + lent.log_evidence - strangers)
+        odds.append(alone - prior + lent.log_odds)
+        people.append(lent)
+    log_share, z = np.array(log_weight), np.array(odds).T
+    gain = float(logsumexp(log_share, 0))
+    log_share -= gain
+    share = np.exp(log_share)
+    weight = np.zeros(belief.weight.shape)
+    weight[kept] = belief.weight[kept] * (share / belief.weight[kept].sum(axis=1))[:, None]
+    trust = intervals(
+        np.concatenate([lent.share for lent in people], axis=1),
+        np.concatenate([w * lent.weight for w, lent in zip(share, people, strict=True)], axis=1),
+    )
+    alike = belief.alike and float(expit(logit(belief.alike) - gain))
+    trust[:, 0] += alike * (1.0 - trust[:, 0])  # if everybody is alike, so are all demonstrators
+    if alike > 0.025:
+        trust[:, 2] = 1.0
+    new = replace(belief, weight=weight, people=trust, alike=alike)
+    return new, logsumexp(log_share + log_expit(z), 1), logsumexp(log_share + log_expit(-z), 1)
 
 
 def _plausible(alternatives: Alternatives, by_node: Array, offset: Array, labels: Array) -> Alternatives:

@@ -6,7 +6,6 @@ import io
 import shlex
 import sys
 import time
-import warnings
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
@@ -15,24 +14,23 @@ import click
 from click.core import ParameterSource
 
 from rpil import __version__
+from rpil.commands import fit_rpil, read
 from rpil.errors import DataError, MissingExtraError
 from rpil.files import check_outputs, make_folder
 from rpil.terminal import (
-    Stages,
     as_json,
     counter,
     headline,
     notes,
     one_line,
     show_ambiguity,
+    show_demonstrators,
     show_ranking,
     stages,
 )
 
 if TYPE_CHECKING:
     from rpil.audit import Audit
-    from rpil.demonstrations import Demonstrations
-    from rpil.estimators import RPIL
 
 # Also known to the modules that own them, but those take a second to import; a test compares.
 FEATURES = ("auto", "raw", "folded", "spline", "poly", "nystroem")
@@ -100,6 +98,11 @@ _json = click.option("--json", "json_wanted", is_flag=True, help="Print JSON, an
 _learning = (
     click.option("--labels", metavar="FILE", help="CSV (id,label) or JSON: what you know of some demonstrations."),
     click.option(
+        "--demonstrators",
+        metavar="FILE|COLUMN",
+        help="Who gave what: CSV (id,demonstrator), JSON, or a column of FILE.",
+    ),
+    click.option(
         "--features", type=click.Choice(FEATURES), default="auto", show_default=True, help="What the policy sees."
     ),
     click.option(
@@ -152,13 +155,13 @@ def audit(
 ) -> None:
     """Tell how far each demonstration can be trusted."""
     start = time.perf_counter()
-    check_outputs((file, learning["labels"]), report, weights)
+    check_outputs((file, learning["labels"], learning["demonstrators"]), report, weights)
     with stages(quiet) as progress:
         if weights:
             from rpil.formats.weights import check_weights
 
             check_weights(weights)
-        found = _fit_rpil(_read(file, progress), progress, boxed=not json_wanted, **learning).audit_
+        found = fit_rpil(file, read(file, progress), progress, boxed=not json_wanted, **learning).audit_
         seconds = time.perf_counter() - start
         if weights:
             from rpil.formats import write_weights
@@ -174,6 +177,7 @@ def audit(
         click.echo(as_json(found.to_dict()))
     else:
         show_ranking(found)
+        show_demonstrators(found)
         click.echo(f"\n{headline(found)}")
         _explain(ctx, found)
     for what, path in (("Weights", weights), ("Report", report)):
@@ -197,13 +201,15 @@ def fit(
     ctx: click.Context, file: str, output: str, method: str, trusted: int | None, quiet: bool, **learning: Any
 ) -> None:
     """Learn a policy from what can be trusted."""
-    if method != "rpil" and learning["labels"]:
-        raise click.UsageError(f"Labels mean nothing to --method {method}: leave them out, or use --method rpil", ctx)
+    for what in ("labels", "demonstrators"):
+        if method != "rpil" and learning[what]:
+            said = f"{what.capitalize()} mean nothing to --method {method}: leave them out, or use --method rpil"
+            raise click.UsageError(said, ctx)
     if (method == "rment") != (trusted is not None):
         raise click.UsageError("--method rment and --trusted N need each other: give both or neither", ctx)
-    check_outputs((file, learning["labels"]), output)
+    check_outputs((file, learning["labels"], learning["demonstrators"]), output)
     with stages(quiet) as progress:
-        demonstrations = _read(file, progress)
+        demonstrations = read(file, progress)
         progress("starting")
         from rpil.cloning import BehavioralCloning
         from rpil.persistence import save
@@ -218,7 +224,7 @@ def fit(
             progress("learning")
             model = RMEnt(trusted, learning["features"], random_state=learning["seed"]).fit(demonstrations)
         else:
-            model = _fit_rpil(demonstrations, progress, boxed=True, **learning)
+            model = fit_rpil(file, demonstrations, progress, boxed=True, **learning)
         save(model, output)
     size = f"{len(demonstrations):,} demonstrations ({demonstrations.n_steps:,} steps)"
     if method == "cloning":
@@ -339,38 +345,6 @@ def reproduce(quick: bool, draws: int | None, output: str | None, json_wanted: b
             draw(output, found.draws, seed=seed)
     click.echo(as_json(found.to_dict()) if json_wanted else found.text())
     _say_where("Tables and figures", output, json_wanted)
-
-
-def _read(file: str, progress: Stages) -> Demonstrations:
-    from rpil import formats
-
-    progress(f"reading {file}")
-    return formats.read(file)
-
-
-def _fit_rpil(
-    demonstrations: Demonstrations,
-    progress: Stages,
-    *,
-    boxed: bool,
-    labels: str | None,
-    features: str,
-    adversary: str,
-    seed: int,
-) -> RPIL:
-    """RPIL with the options of the command; `boxed` where a box will say what cannot be known."""
-    from rpil import formats
-
-    known = formats.read_labels(labels) if labels else {}
-    # Also done by the estimator, which cannot name the file.
-    formats.match_labels(known, demonstrations.ids, str(labels))
-    progress("starting")
-    from rpil.estimators import RPIL, AmbiguousWarning
-
-    model = RPIL(features=features, adversary=adversary, labels=known or None, random_state=seed, progress=progress)
-    if boxed:
-        warnings.simplefilter("ignore", AmbiguousWarning)
-    return model.fit(demonstrations)
 
 
 def _explain(ctx: click.Context, audit: Audit, warning: str = "") -> None:

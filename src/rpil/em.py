@@ -148,9 +148,10 @@ def e_step(problem: Problem, state: State, outputs: Array, beta: float = 1.0) ->
     """Posterior over groups, reliabilities and steps, with the likelihood to the power `beta`."""
     log_pi = state.policy.log_prob(outputs, problem.actions)
     log_psi = state.adversary.log_prob(problem.features, outputs, problem.actions)
-    nodes = state.reliability.nodes
+    nodes, lengths = state.reliability.nodes, problem.lengths
     evidence = evidence_by_reliability(problem, log_pi, log_psi, nodes, state.stickiness)
-    log_joint = state.prior.log(problem.lengths)[:, :, None] + state.reliability.log_weight + beta * evidence[:, None]
+    log_joint = state.prior.log(lengths)[:, :, None] + state.reliability.log_weight + beta * evidence[:, None]
+    log_joint, shared = problem.company.condition(log_joint, state.prior.log_odds(lengths), problem.labels)
     by_group = logsumexp(log_joint, 2)
     log_odds = by_group[:, EXPERT] - by_group[:, ADVERSARY]
     log_joint[problem.labels > 0, ADVERSARY] = -np.inf
@@ -158,7 +159,7 @@ def e_step(problem: Problem, state: State, outputs: Array, beta: float = 1.0) ->
     log_evidence = logsumexp(log_joint, (1, 2))
     joint = np.exp(log_joint - log_evidence[:, None, None])
     step = expert_steps(problem, log_pi - log_psi, joint.sum(axis=1), nodes, state.stickiness)
-    return Posterior(log_odds, joint, step, log_evidence, log_pi - log_psi, outputs)
+    return Posterior(log_odds, joint, step, log_evidence + shared, log_pi - log_psi, outputs)
 
 
 def lower_bound(state: State, posterior: Posterior, beta: float = 1.0) -> float:

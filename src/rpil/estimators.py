@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -29,6 +29,7 @@ from rpil.inputs import (
     coded_like,
     known_labels,
     ridge_of,
+    who_gave,
 )
 from rpil.policies import linear_policy
 from rpil.policies.estimator import estimator_policy
@@ -169,16 +170,19 @@ class RPIL(PolicyEstimator):
         y: ArrayLike | None = None,
         groups: ArrayLike | None = None,
         labels: Mapping[Any, str] | None = None,
+        demonstrators: Mapping[Any, Any] | Sequence[Any] | None = None,
     ) -> RPIL:
         """Learn from observations X (N, D), actions y (N,) and the demonstration of each step, groups (N,).
 
-        `Demonstrations` are accepted in the place of the three.
+        `Demonstrations` are accepted in the place of the three. `demonstrators` says who gave which demonstration, by
+        id or one for each in order: then those of one person speak for each other, as far as people are found to
+        differ, see `rpil.demonstrators`. Whoever is left out by id, or None, is somebody else every time.
 
         Raises
         ------
         DataError
-            One sentence: constant actions, or one outside the declared box, a single demonstration, unknown label ids,
-            none left that may be an expert's.
+            One sentence: constant actions, or one outside the declared box, a single demonstration, unknown label
+            ids, unknown ids or a wrong number of `demonstrators`, none left that may be an expert's.
         """
         demonstrations = as_demonstrations(self, X, y, groups)
         source = demonstrations.source
@@ -186,6 +190,7 @@ class RPIL(PolicyEstimator):
         if len(demonstrations) < 2:
             raise DataError(f"{source}: one demonstration alone (n_samples=1) cannot be compared; give at least two.")
         known = known_labels(labels if labels is not None else self.labels, demonstrations)
+        company = who_gave(demonstrators, demonstrations)
         progress = self.progress or (lambda _: None)
         with threadpool_limits(1, "blas"):  # thin products gain nothing from threads, and can lose a lot
             progress("features")
@@ -198,6 +203,7 @@ class RPIL(PolicyEstimator):
                 demonstrations.offsets,
                 self.space_,
                 known,
+                company=company,
             )
             setting = self._setting(features, problem)
             auto = isinstance(self.adversary, str) and self.adversary == "auto"
@@ -332,4 +338,6 @@ def _assumptions(model: RPIL, problem: Problem) -> list[str]:
         said.append(f"Longer demonstrations are trusted {more} than short ones, by {nats}: learned from the others.")
     if labelled:
         said.append(f"{labelled} labels were taken as certain.")
+    if problem.company.said:
+        said.append(problem.company.said)
     return said

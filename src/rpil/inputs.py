@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -14,9 +14,11 @@ from sklearn.utils.validation import validate_data
 
 from rpil._arrays import are_whole
 from rpil.demonstrations import Demonstrations
+from rpil.demonstrators import Company, Strangers, company
 from rpil.errors import DataError
 from rpil.features import FeatureMap
 from rpil.formats.labels import match_labels
+from rpil.formats.table import listed
 from rpil.passes import Array
 from rpil.priors import ByLength, Prior, Share
 from rpil.spaces import Box, Discrete, Space
@@ -158,6 +160,36 @@ def known_labels(labels: Mapping[Any, str] | None, demonstrations: Demonstration
             f"{demonstrations.source}: all demonstrations are labelled adversary; leave one that may be an expert's."
         )
     return known
+
+
+def who_gave(
+    demonstrators: Mapping[Any, Any] | Sequence[Any] | Array | None, demonstrations: Demonstrations
+) -> Company:
+    """Who gave each demonstration; a warning where that tells nothing."""
+    source, ids = demonstrations.source, demonstrations.ids
+    if demonstrators is None:
+        return Strangers()
+    names: list[Any]
+    if isinstance(demonstrators, Mapping):
+        known = {str(name): who for name, who in demonstrators.items()}
+        unknown = [name for name in known if name not in {str(m) for m in ids}]
+        if unknown:
+            wrong, right = listed(unknown, 5), listed(ids, 5)
+            raise DataError(
+                f"{source}: demonstrators names {wrong}, no demonstration; the ids are {right}."
+            )
+        names = [known.get(str(m)) for m in ids]
+    else:
+        names = np.asarray(demonstrators).tolist() if np.ndim(demonstrators) == 1 else []
+        if len(names) != len(ids):
+            raise DataError(
+                f"{source}: demonstrators has the shape {np.shape(demonstrators)}; give one for each of the {len(ids)} "
+                "demonstrations, in their order."
+            )
+    found = company(names)
+    if isinstance(found, Strangers):
+        warnings.warn(f"{source}: {found.said}", UserWarning, stacklevel=3)
+    return found
 
 
 def as_prior(prior: float | tuple[float, float] | None, lengths: Array) -> Prior:

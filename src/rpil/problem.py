@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
 
+from rpil.demonstrators import Company, Strangers
 from rpil.passes import Array
 from rpil.spaces import Space
 
@@ -32,6 +33,8 @@ class Problem:
         1 known expert, -1 known adversary, 0 unknown.
     weight : (N,) array or None
         Weight of each step, 1 where None.
+    company : Company
+        Who gave which demonstration.
     """
 
     features: Array
@@ -40,6 +43,7 @@ class Problem:
     space: Space
     labels: Array
     weight: Array | None = None
+    company: Company = field(default_factory=Strangers)
 
     @classmethod
     def of_steps(cls, features: Array, actions: Array, space: Space) -> Problem:
@@ -86,4 +90,5 @@ class Problem:
             offsets=offsets,
             labels=np.zeros(len(demonstrations), dtype=int) if unlabelled else self.labels[demonstrations],
             weight=weight,
+            company=self.company.select(demonstrations),
         )

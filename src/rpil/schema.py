@@ -14,7 +14,7 @@ from rpil.adversaries import (
     Uniform,
     UniformBox,
 )
-from rpil.audit import Audit, Interval
+from rpil.audit import Audit, Demonstrator, Interval
 from rpil.belief import Belief
 from rpil.cloning import BehavioralCloning
 from rpil.em import State
@@ -45,10 +45,18 @@ KNOWN: dict[type, dict[str, str]] = {
     Discrete: {},
     Box: {"low": "A", "high": "A"},
     State: {},
-    Belief: {"shift": "shares", "expert": "pairs J", "adversary": "pairs J", "weight": "shares pairs", "one": "J"},
+    Belief: {
+        "shift": "shares",
+        "expert": "pairs J",
+        "adversary": "pairs J",
+        "weight": "shares pairs",
+        "one": "J",
+        "people": "people 3",
+    },
     Share: {},
     ByLength: {},
     Interval: {},
+    Demonstrator: {},
     TwoBetas: {},
     PointMasses: {"nodes": "J", "log_weight": "2 J"},
     Constant: {},

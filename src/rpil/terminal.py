@@ -118,6 +118,27 @@ def show_ranking(audit: Audit) -> None:
     _console().print(table)
 
 
+def show_demonstrators(audit: Audit) -> None:
+    """The demonstrators as a table, the most trusted first; nothing where nobody is known."""
+    from rich import box
+    from rich.table import Table
+    from rich.text import Text
+
+    if not audit.demonstrators:
+        return
+    table = Table(box=box.SIMPLE_HEAD, show_edge=False, pad_edge=False)
+    table.add_column("demonstrator", overflow="fold")
+    for title in ("trust", "95 %", "demonstrations", *_COLOURS):
+        table.add_column(title, justify="right", no_wrap=True)
+    for who in audit.demonstrators:
+        counts = who.n_demonstrations, who.experts, who.uncertain, who.adversaries
+        trust = who.trust
+        cells = f"{trust.mean:.2f}", f"{trust.low:.2f} to {trust.high:.2f}", *(f"{count:,}" for count in counts)
+        table.add_row(Text(_shown(who.name)), *cells)
+    _console().print("")
+    _console().print(table)
+
+
 def headline(audit: Audit) -> str:
     """The audit in one sentence."""
     n = {verdict: audit.verdicts.count(verdict) for verdict in _COLOURS}

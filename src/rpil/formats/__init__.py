@@ -13,11 +13,21 @@ from rpil.demonstrations import Demonstrations
 from rpil.errors import DataError
 from rpil.files import StrPath, check_readable
 from rpil.formats import csv, npz, parquet
+from rpil.formats.demonstrators import read_demonstrators
 from rpil.formats.labels import Label, match_labels, read_labels
 from rpil.formats.table import is_data
 from rpil.formats.weights import write_weights
 
-__all__ = ["Label", "check_format", "match_labels", "read", "read_labels", "write", "write_weights"]
+__all__ = [
+    "Label",
+    "check_format",
+    "match_labels",
+    "read",
+    "read_demonstrators",
+    "read_labels",
+    "write",
+    "write_weights",
+]
 
 _FORMATS: dict[str, ModuleType] = {".parquet": parquet, ".csv": csv, ".npz": npz}
 

@@ -22,7 +22,8 @@ RESERVED = frozenset({
     "frame_index", "step", STEP, "timestamp", "index", "task_index", "task",
     "reward", "rewards", "return", "next.reward", "next.done", "next.success", "done", "terminated", "truncated",
     "weight", "expert_proba", "log_odds", "label",
-    "is_good", "episode_quality", "episode_return", "demonstrator_ids", "noise_level", "agent_level", "trial_ids",
+    "is_good", "episode_quality", "episode_return", "demonstrator", "demonstrator_id",
+    "demonstrator_ids", "noise_level", "agent_level", "trial_ids",
 })
 # fmt: on
 # pandas writes its row index under these names; as an observation it would give away the order of the rows.

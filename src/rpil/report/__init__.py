@@ -183,6 +183,7 @@ def summarise(audit: Audit, prefix: str = "") -> dict[str, Any]:
         "identifiable": audit.identifiable,
         "groups": [{"letter": _letter(g), "ids": members} for g, members in enumerate(audit.competing)],
         "to_label": audit.to_label,
+        "demonstrators": audit.demonstrators,
         "scale": timelines,
         "length_picture": inline_svg(
             LengthDisplay(audit).plot,

@@ -1,0 +1,205 @@
+"""Who gave which demonstration: what the others of the same person say about one of them.
+
+Demonstrator u has a tendency b_u of her own, added to the log-odds of P(expert) of every demonstration she gives:
+
+    logit P(expert | m, u) = o_m + b_u,     b_u ~ N(0, tau^2),     o_m such that  E P(expert | m, u) = P(expert | m)
+
+So the population's share, which may depend on the length, stays what it is (a marginally specified random intercept,
+Heagerty 1999): who gave one demonstration only is judged as if nobody were known. tau says how alike the demonstrations
+of one person are; it is the same for all, and summed out over a table that begins at 0, where it does not matter who
+gave what: demonstrators that mean nothing do next to no harm.
+
+b is on a grid, so that everything is a finite sum, and a demonstration borrows from the *others* of its demonstrator:
+its own actions are left out exactly.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cache, cached_property
+from typing import Any
+
+import numpy as np
+from scipy.special import log_expit
+
+from rpil.passes import Array, logsumexp
+
+SPREADS = np.array([0.0, 0.5, 1.0, 2.0, 4.0, 8.0])
+"""tau: from nobody differs to who is good once is always good; all equally likely beforehand."""
+
+_POINTS = np.linspace(-3.0, 3.0, 25)
+_LOG_WEIGHT = -0.5 * _POINTS**2 - np.log(np.exp(-0.5 * _POINTS**2).sum())
+_FARTHEST = 30.0
+"""Log-odds beyond which a share is 0 or 1."""
+
+_CERTAIN = 1e5
+"""Log-ratios beyond this are no different."""
+
+
+@dataclass(frozen=True)
+class Strangers:
+    """Nobody knows who gave what, or it tells nothing.
+
+    Attributes
+    ----------
+    said : str
+        Why, in one sentence, where somebody had hoped it would.
+    """
+
+    said: str = ""
+
+    def select(self, demonstrations: Array) -> Strangers:
+        return self
+
+    def condition(self, log_joint: Array, log_odds: Array, labels: Array) -> tuple[Array, Array | float]:
+        """Nothing to add."""
+        return log_joint, 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class Borrowed:
+    """What demonstrations say of one another.
+
+    Attributes
+    ----------
+    log_odds : (M,) array
+        Of expert against adversary before a demonstration's own actions, but after those of its demonstrator's others.
+    shared : (M,) array
+        To add to the log-evidence of each demonstration, given all others, so that the sum is that of all together.
+    log_evidence : float
+        log p(D, labels) / p(D | all adversaries).
+    share, weight : (U, T * G) arrays
+        P(expert), averaged over what each demonstrator gave, for every tau and tendency; and their posterior.
+    """
+
+    log_odds: Array
+    shared: Array
+    log_evidence: float
+    share: Array
+    weight: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Demonstrators:
+    """Who gave which demonstration.
+
+    Attributes
+    ----------
+    of : (M,) int array
+        Demonstrator of each demonstration, 0 .. U-1.
+    names : tuple
+        Of the U demonstrators; None for somebody unknown, who gave one.
+    """
+
+    of: Array
+    names: tuple[Any, ...]
+    said: str = "Demonstrations of one person speak for each other, as far as people were found to differ."
+
+    @cached_property
+    def _given(self) -> Array:
+        """1 where demonstrator u gave demonstration m, (U, M)."""
+        return (np.arange(len(self.names))[:, None] == self.of).astype(float)
+
+    @property
+    def counts(self) -> Array:
+        """Demonstrations of each, (U,)."""
+        return np.bincount(self.of, minlength=len(self.names))
+
+    def select(self, demonstrations: Array) -> Company:
+        """The same of some of the demonstrations."""
+        return company([self.names[u] for u in self.of[demonstrations]])
+
+    def condition(self, log_joint: Array, log_odds: Array, labels: Array) -> tuple[Array, Array | float]:
+        """`log_joint` (M, 2, J) with P(expert | the others of the same demonstrator) in the place of P(expert), whose
+        `log_odds` are (M,); and what to add to its sums so that they are log p(D, labels) in all, (M,)."""
+        by_group = logsumexp(log_joint, 2)
+        found = self.borrow(by_group[:, 0] - by_group[:, 1] - log_odds, log_odds, labels)
+        log_prior, new = ([log_expit(z), log_expit(-z)] for z in (log_odds, found.log_odds))
+        return log_joint + np.subtract(new, log_prior).T[:, :, None], found.shared
+
+    def borrow(self, log_ratio: Array, log_odds: Array, labels: Array) -> Borrowed:
+        """What the demonstrations of each person say of one another.
+
+        Parameters
+        ----------
+        log_ratio : (M,) array
+            log p(D_m | expert) - log p(D_m | adversary).
+        log_odds : (M,) array
+            Of P(expert), the population's.
+        labels : (M,) int array
+            1 known expert, -1 known adversary, 0 unknown.
+        """
+        ratio = np.clip(log_ratio, -_CERTAIN, _CERTAIN)
+        z = shares(log_odds)  # (M, T, G)
+        log_p = log_expit(z)
+        expert, adversary = log_p + ratio[:, None, None], log_p - z
+        own = np.logaddexp(expert, adversary)
+        own[labels > 0], own[labels < 0] = expert[labels > 0], adversary[labels < 0]
+        each = np.tensordot(self._given, own, axes=1) + _LOG_WEIGHT  # (U, T, G)
+        together = logsumexp(each, 2)  # (U, T)
+        of_spread = together.sum(axis=0)  # (T,)
+        # The others of the same demonstrator: everything but the demonstration's own factor.
+        others = (of_spread - together)[self.of][:, :, None] + each[self.of] - own
+        log_expert, log_adversary = (logsumexp(others + part, (1, 2)) for part in (log_p, adversary))
+        alone = self.counts[self.of] == 1  # whose others are strangers: the population's share, to the last bit
+        lent = np.where(alone, log_odds, log_expert - log_adversary)
+        predicted = np.logaddexp(log_expit(lent) + ratio, log_expit(-lent))
+        predicted = np.where(labels > 0, log_expit(lent) + ratio, np.where(labels < 0, log_expit(-lent), predicted))
+        everything = float(logsumexp(of_spread, 0)) - np.log(len(SPREADS))
+        shared = np.full(len(lent), (everything - predicted.sum()) / len(lent))
+        weight = (of_spread - together)[:, :, None] + each
+        weight = np.exp(weight - logsumexp(weight, (1, 2))[:, None, None])
+        share = np.tensordot(self._given, np.exp(log_p), axes=1) / self.counts[:, None, None]
+        return Borrowed(lent, shared, everything, *(a.reshape(len(a), -1) for a in (share, weight)))
+
+
+Company = Demonstrators | Strangers
+
+
+def company(names: Sequence[Any]) -> Company:
+    """Who gave each of M demonstrations, None for somebody not known; `Strangers` where that tells nothing: one gave
+    all, or each gave one."""
+    people = [(name, m if name is None else -1) for m, name in enumerate(names)]
+    distinct = {who: u for u, who in enumerate(dict.fromkeys(people))}
+    if len(distinct) == 1:
+        return Strangers(f"One demonstrator, {names[0]!r}, gave all demonstrations, so who gave them tells nothing.")
+    if len(distinct) == len(people):
+        return Strangers("No demonstrator gave two demonstrations, so who gave them tells nothing.")
+    return Demonstrators(np.array([distinct[who] for who in people]), tuple(name for name, _ in distinct))
+
+
+def shares(log_odds: Array) -> Array:
+    """logit P(expert | b) at every tau and b of the grid, for demonstrations whose P(expert) has `log_odds` (M,),
+    (M, T, G)."""
+    grid, center = _centers()
+    at = np.clip(log_odds, -_FARTHEST, _FARTHEST)
+    o = np.stack([np.interp(at, grid, column) for column in center], axis=1)
+    return o[:, :, None] + SPREADS[:, None] * _POINTS
+
+
+@cache
+def _centers() -> tuple[Array, Array]:
+    """Log-odds of a share (L,), and o for each tau, (T, L): the mean of expit(o + b) is that share."""
+    grid = np.linspace(-_FARTHEST, 0.0, 301)
+    low = grid - SPREADS[:, None] * _POINTS[-1]
+    high = grid + SPREADS[:, None] * _POINTS[-1]
+    for _ in range(60):
+        middle = 0.5 * (low + high)
+        # In logs: far out the shares are tiny, and o still matters.
+        mean = logsumexp(log_expit(middle[:, :, None] + SPREADS[:, None, None] * _POINTS) + _LOG_WEIGHT, 2)
+        below = mean < log_expit(grid)
+        low, high = np.where(below, middle, low), np.where(below, high, middle)
+    center = 0.5 * (low + high)
+    center[:, -1] = 0.0
+    return np.concatenate([grid, -grid[-2::-1]]), np.concatenate([center, -center[:, -2::-1]], axis=1)
+
+
+def intervals(value: Array, weight: Array) -> Array:
+    """Mean, and the ends of the 95 % interval, of each row of `value` (U, S) under the distribution `weight` (U, S):
+    (U, 3)."""
+    order = np.argsort(value, axis=1)
+    value, weight = (np.take_along_axis(array, order, axis=1) for array in (value, weight))
+    middle = np.cumsum(weight, axis=1) - 0.5 * weight
+    ends = [np.interp([0.025, 0.975], *row) for row in zip(middle, value, strict=True)]
+    return np.column_stack([(value * weight).sum(axis=1), ends])

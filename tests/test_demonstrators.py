@@ -1,0 +1,211 @@
+"""Who gave which demonstration: exact sums, shrinkage both ways, and no harm where it means nothing."""
+
+from __future__ import annotations
+
+import json
+import warnings
+from itertools import product
+
+import numpy as np
+import pytest
+from scipy.special import expit, log_expit, logsumexp
+
+from problems import make
+from rpil import RPIL, DataError, formats, load, save
+from rpil.demonstrators import _LOG_WEIGHT, SPREADS, Demonstrators, Strangers, company, intervals, shares
+
+NOBODY = np.zeros(6, dtype=int)
+
+
+def log_prior(found: Demonstrators, log_odds: np.ndarray, expert: tuple[int, ...]) -> float:
+    """log P(who is an expert), every tau and tendency on its own."""
+    z = shares(log_odds)
+    each = np.where(np.array(expert)[:, None, None], log_expit(z), log_expit(-z))
+    people = [logsumexp(each[found.of == u].sum(axis=0) + _LOG_WEIGHT, axis=1) for u in range(len(found.names))]
+    return float(logsumexp(np.sum(people, axis=0)) - np.log(len(SPREADS)))
+
+
+@pytest.mark.parametrize("labels", [NOBODY, np.array([0, 0, 1, 0, -1, 0])], ids=["unlabelled", "labelled"])
+def test_against_brute_force(labels):
+    rng = np.random.default_rng(0)
+    found = company("aabbbc")
+    ratio, log_odds = 2 * rng.normal(size=6), rng.normal(size=6)
+    lent = found.borrow(ratio, log_odds, labels)
+    everybody = list(product([0, 1], repeat=6))
+    joint = np.array([log_prior(found, log_odds, expert) for expert in everybody])
+    assert logsumexp(joint) == pytest.approx(0.0)
+    experts = np.array(everybody)
+    joint = joint + experts @ ratio
+    fits = (experts == (labels > 0)) | (labels == 0)
+    assert lent.log_evidence == pytest.approx(logsumexp(joint[fits.all(axis=1)]))
+    for m in range(6):
+        others = np.delete(fits, m, axis=1).all(axis=1)
+        without = joint - experts[:, m] * ratio[m]  # its own actions are left out
+        odds = [logsumexp(without[others & (experts[:, m] == z)]) for z in (1, 0)]
+        assert lent.log_odds[m] == pytest.approx(odds[0] - odds[1], abs=1e-4)
+
+
+def test_conditioning_sums_to_the_evidence():
+    rng = np.random.default_rng(1)
+    found, log_odds, joint = company("aabbbc"), rng.normal(size=6), rng.normal(size=(6, 2, 4))
+    by_group = logsumexp(joint, axis=2)
+    base = np.stack([log_expit(log_odds), log_expit(-log_odds)], axis=1)
+    new, shared = found.condition(joint + base[:, :, None], log_odds, NOBODY)
+    lent = found.borrow(by_group[:, 0] - by_group[:, 1], log_odds, NOBODY)
+    assert (logsumexp(new, axis=(1, 2)) + shared).sum() == pytest.approx(lent.log_evidence + by_group[:, 1].sum())
+
+
+def test_the_population_keeps_its_share():
+    log_odds = np.array([-20.0, -3.0, 0.0, 0.4, 8.0])
+    mean = logsumexp(log_expit(shares(log_odds)) + _LOG_WEIGHT, axis=2)
+    np.testing.assert_allclose(mean, np.repeat(log_expit(log_odds)[:, None], len(SPREADS), axis=1), rtol=1e-3)
+
+
+def test_shrinkage_both_ways():
+    """Two good ones say less of the next than eight do; who gave one is judged by the population."""
+    found = company(["many"] * 9 + ["few"] * 3 + ["one"] + ["bad"] * 6)
+    ratio = np.array([30.0] * 8 + [0.0] + [30.0] * 2 + [0.0] + [0.0] + [-30.0] * 6)
+    base = np.full(19, -0.3)
+    lent = found.borrow(ratio, base, np.zeros(19, dtype=int))
+    many, few, one, bad = lent.log_odds[[8, 11, 12, 13]]
+    assert many > few + 0.3 > one + 0.6
+    assert one == -0.3
+    assert bad < -0.8
+    trust = intervals(lent.share, lent.weight)
+    assert (np.diff(trust[:, 0]) < 0).all()
+    assert (trust[:, 1] <= trust[:, 0]).all()
+    assert (trust[:, 0] <= trust[:, 2]).all()
+    assert trust[2, 2] - trust[2, 1] > trust[0, 2] - trust[0, 1]
+
+
+def test_meaningless_demonstrators_do_next_to_no_harm():
+    rng = np.random.default_rng(0)
+    ratio = rng.permutation(np.repeat([20.0, -20.0], 30))
+    lent = company(list(rng.integers(6, size=60))).borrow(ratio, np.zeros(60), np.zeros(60, dtype=int))
+    assert np.abs(lent.log_odds).max() < 0.8
+    assert np.abs(lent.log_odds).mean() < 0.25
+
+
+def test_who_gave_what_tells_nothing():
+    assert company("aaaa").said == "One demonstrator, 'a', gave all demonstrations, so who gave them tells nothing."
+    assert company("abcd").said == "No demonstrator gave two demonstrations, so who gave them tells nothing."
+    assert isinstance(company([None] * 4), Strangers)  # nobody is known: not one and the same
+    assert company(["a", None, "a", None]).of.tolist() == [0, 1, 0, 2]
+    assert isinstance(company("aabb").select(np.array([0, 2])), Strangers)
+    assert company("aabb").select(np.array([3, 0, 1])).names == ("b", "a")
+
+
+# --- a fit ----------------------------------------------------------------------------------------------------------
+
+
+def people(seed: int = 0, short: int = 8):
+    """Ann gives good demonstrations and Bob random ones; then short good ones by Ann, Bob and somebody unknown."""
+    toy = make("random", seed, n_good=9, n_bad=6, steps=(40, 40))
+    lengths = np.diff(toy.offsets)
+    kept = np.concatenate([np.arange(40) < (40 if not 6 <= m < 9 else short) for m in range(15)])
+    first = toy.offsets[6]  # the same steps for all three
+    observations, actions = toy.observations.copy(), toy.actions.copy()
+    for m in (7, 8):
+        observations[toy.offsets[m] : toy.offsets[m] + short] = observations[first : first + short]
+        actions[toy.offsets[m] : toy.offsets[m] + short] = actions[first : first + short]
+    ids = np.repeat(np.arange(15), lengths)
+    who = {**dict.fromkeys(range(7), "Ann"), 7: "Bob", **dict.fromkeys(range(9, 15), "Bob")}
+    return observations[kept], actions[kept], ids[kept], who
+
+
+@pytest.fixture(scope="module")
+def fitted():
+    X, y, groups, who = people()
+    return RPIL(adversary="uniform").fit(X, y, groups, demonstrators=who)
+
+
+def test_a_short_demonstration_borrows_from_its_demonstrator(fitted):
+    audit = fitted.audit_
+    known_good, known_bad, unknown = audit.log_odds[[6, 7, 8]]
+    assert known_good > unknown + 0.5 > known_bad + 1.0
+    ann, bob = audit.demonstrators
+    assert (ann.name, bob.name) == ("Ann", "Bob")  # whoever is unknown is not listed
+    assert (ann.n_demonstrations, ann.experts) == (7, 7)
+    assert bob.adversaries >= 6
+    assert ann.trust.low > bob.trust.high
+    assert any("speak for each other" in said for said in audit.assumptions)
+    told = json.loads(json.dumps(audit.to_dict(), allow_nan=False))["demonstrators"]
+    assert told[0]["name"] == "Ann"
+    assert told[0]["trust"].keys() == {"mean", "low", "high"}
+
+
+def test_saving_keeps_them(fitted, tmp_path):
+    save(fitted, tmp_path / "model")
+    loaded = load(tmp_path / "model")
+    assert loaded.audit_.demonstrators == fitted.audit_.demonstrators
+    np.testing.assert_array_equal(loaded.belief_.people, fitted.belief_.people)
+
+
+def test_useless_demonstrators_change_no_bit():
+    X, y, groups, _ = people()
+    model = RPIL(adversary="uniform")
+    alone = model.fit(X, y, groups).log_odds_
+    for useless, said in ((["Ann"] * 15, "One demonstrator"), (range(15), "No demonstrator gave two")):
+        with pytest.warns(UserWarning, match=said):
+            model.fit(X, y, groups, demonstrators=useless)
+        np.testing.assert_array_equal(model.log_odds_, alone)
+        assert model.audit_.demonstrators == ()
+        assert any(said in sentence for sentence in model.audit_.assumptions)
+
+
+@pytest.mark.parametrize(
+    ("demonstrators", "match"),
+    [
+        ({99: "Ann"}, "names '99', no demonstration; the ids are 0, 1, 2, 3, 4"),
+        (["Ann", "Bob"], r"shape \(2,\); give one for each of the 15 demonstrations"),
+        (np.zeros((15, 2)), r"shape \(15, 2\)"),
+    ],
+)
+def test_bad_input_is_one_sentence(demonstrators, match):
+    X, y, groups, _ = people()
+    with pytest.raises(DataError, match=match) as error:
+        RPIL().fit(X, y, groups, demonstrators=demonstrators)
+    assert ". " not in str(error.value)
+
+
+def test_the_objective_does_not_fall_with_demonstrators(fitted):
+    assert np.diff(fitted.audit_.history).min() > -1e-2
+
+
+# --- files ----------------------------------------------------------------------------------------------------------
+
+
+def test_reading_demonstrators(tmp_path):
+    (tmp_path / "who.csv").write_text("id,demonstrator\n0,Ann\n1, Bob\n")
+    (tmp_path / "who.json").write_text('{"0": "Ann", "1": "Bob"}')
+    np.savez(tmp_path / "each.npz", episode_ids=np.repeat([5, 2], 3), who=np.array(["x", "y"]), n=np.zeros((2, 2)))
+    (tmp_path / "data.csv").write_text("episode_index,who,action\n0,Ann,1\n0,Ann,0\n1,Bob,0\n")
+    (tmp_path / "two.csv").write_text("episode_index,who,action\n0,Ann,1\n0,Bob,0\n1,,0\n")
+    for name in ("who.csv", "who.json"):
+        assert formats.read_demonstrators(str(tmp_path / name), tmp_path / "data.csv") == {"0": "Ann", "1": "Bob"}
+    assert formats.read_demonstrators("who", tmp_path / "data.csv") == {"0": "Ann", "1": "Bob"}
+    assert formats.read_demonstrators("who", tmp_path / "each.npz") == {"5": "x", "2": "y"}
+    formats.write(tmp_path / "data.parquet", formats.read(_npz(tmp_path)), {"demonstrator_ids": np.array([3.0, 4.0])})
+    assert formats.read_demonstrators("demonstrator_ids", tmp_path / "data.parquet") == {"0": "3", "1": "4"}
+    for where, file, match in (
+        ("who", "two.csv", "'0': both 'Ann' and 'Bob' gave it"),
+        ("nothing", "data.csv", "holds no 'nothing'"),
+        ("n", "each.npz", r"shape \(2, 2\)"),
+        (str(tmp_path / "missing.csv"), "data.csv", "no such file"),
+        (str(tmp_path / "data.csv"), "data.csv", "columns must be id and demonstrator"),
+    ):
+        with pytest.raises(DataError, match=match):
+            formats.read_demonstrators(where, tmp_path / file)
+
+
+def _npz(folder):
+    path = folder / "small.npz"
+    np.savez(path, observations=np.eye(4), actions=np.array([0, 1, 0, 1]), episode_ids=np.repeat([0, 1], 2))
+    return path
+
+
+def test_the_share_at_ordinary_odds_is_symmetric():
+    np.testing.assert_allclose(expit(shares(np.zeros(1))).mean(), 0.5)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        company("aab").borrow(np.array([np.inf, -np.inf, 0.0]), np.array([-40.0, 40.0, 0.0]), np.zeros(3, dtype=int))
