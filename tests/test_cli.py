@@ -149,7 +149,8 @@ def test_audit_as_json(folder):
     audit = json.loads(result.stdout, parse_constant=pytest.fail)
     # The issue's, and what is needed where the data do not settle it.
     assert list(audit) == [
-        "n_demonstrations", "n_steps", "adversary", "prior", "identifiable", "groups", "to_label", "demonstrations",
+        "n_demonstrations", "n_steps", "adversary", "prior", "identifiable", "groups", "to_label", "assumptions",
+        "demonstrators", "demonstrations",
     ]  # fmt: skip
     assert audit["n_demonstrations"] == 12
     assert audit["n_steps"] == formats.read(folder / "good.parquet").n_steps
