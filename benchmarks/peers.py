@@ -1,14 +1,15 @@
 """Other ways of deciding whom to trust, behind one interface: `METHODS[name](demonstrations, task) -> Answer`.
 
-Every method learns the same policy, our softmax on features of kind `task.features`, so that methods differ by their
-treatment of trust alone. Each docstring says what is as published and what had to be adapted or guessed. None reads the
-truth, but for the two that are told a part of it: the oracle and RM-ENT.
+Every method learns the same policy, ours on features of kind `task.features` (a softmax; linear with Student's tails
+where actions are continuous, which not all can do), so that methods differ by their treatment of trust alone. Each
+docstring says what is as published and what had to be adapted or guessed. None reads the truth, but for the two that
+are told a part of it: the oracle and RM-ENT.
 """
 
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
@@ -98,6 +99,10 @@ class Ensemble:
     def predict(self, X: Array) -> Array:
         """The most likely action, (N,)."""
         return self.classes_[self.predict_log_proba(X).argmax(axis=1)]
+
+    def log_prob(self, X: Array, y: Array) -> Array:
+        """log pi(a|s) of the actions y taken in X, (N,)."""
+        return self.predict_log_proba(X)[np.arange(len(X)), np.searchsorted(self.classes_, y)]
 
 
 def rpil(data: Demonstrations, task: Task) -> Answer:
@@ -209,13 +214,14 @@ def bcnd(data: Demonstrations, task: Task) -> Answer:
     the likelihood of its action under the mean policy of the iteration before; K = 5, 5 iterations. Guessed: the split
     is at random and by steps. Adapted: each fit is carried to its optimum. The score is the mean of the final weights.
     """
+    action_codes(data.actions, data.source)
     kind = _kind(data, task)
     part = np.random.default_rng(task.seed).permutation(data.n_steps) % BCND_POLICIES
     weight = np.ones(data.n_steps)
     for _ in range(BCND_ITERATIONS):
         policies = [_cloned(data, kind, weight * (part == k)) for k in range(BCND_POLICIES)]
         policy = Ensemble(tuple((one.features_, one.policy_) for one in policies), policies[0].classes_)
-        weight = np.exp(_taken(data, policy))
+        weight = np.exp(policy.log_prob(data.observations, data.actions))
     return Answer(_mean(data, weight), policy)
 
 
@@ -273,8 +279,10 @@ def cleanlab(data: Demonstrations, task: Task) -> Answer:
     from cleanlab.filter import find_label_issues
     from cleanlab.rank import get_label_quality_scores
 
-    log_proba, codes = _cross_fitted(data, task)
-    proba = np.exp(log_proba)
+    classes, codes = action_codes(data.actions, data.source)
+    proba = np.empty((data.n_steps, len(classes)))
+    for held_out, policy in _cross_fitted(data, task):
+        proba[held_out] = policy.predict_proba(data.observations[held_out])
     quality = get_label_quality_scores(codes, proba)
     kept = ~find_label_issues(codes, proba, n_jobs=1)
     return Answer(_mean(data, quality), _cloned(data, _kind(data, task), kept.astype(float)))
@@ -282,13 +290,15 @@ def cleanlab(data: Demonstrations, task: Task) -> Answer:
 
 def mean_log_likelihood(data: Demonstrations, task: Task) -> Answer:
     """How well one policy, cloned from everything, explains a demonstration: the mean over its steps."""
-    return Answer(_mean(data, _taken(data, _cloned(data, _kind(data, task)))), None)
+    return Answer(_mean(data, _cloned(data, _kind(data, task)).log_prob(data.observations, data.actions)), None)
 
 
 def cross_fitted_log_likelihood(data: Demonstrations, task: Task) -> Answer:
     """The same with policies that have not seen the demonstration: 5 folds of whole demonstrations."""
-    log_proba, codes = _cross_fitted(data, task)
-    return Answer(_mean(data, log_proba[np.arange(data.n_steps), codes]), None)
+    log_prob = np.empty(data.n_steps)
+    for held_out, policy in _cross_fitted(data, task):
+        log_prob[held_out] = policy.log_prob(data.observations[held_out], data.actions[held_out])
+    return Answer(_mean(data, log_prob), None)
 
 
 def length(data: Demonstrations, task: Task) -> Answer:
@@ -329,7 +339,7 @@ def _chosen(data: Demonstrations) -> str:
 
 
 def _cloned(data: Demonstrations, kind: str, weight: Array | None = None) -> BehavioralCloning:
-    """Softmax regression; `weight` (N,) may leave steps out, and their actions are still known."""
+    """Our policy; `weight` (N,) may leave steps out, and their actions are still known."""
     return BehavioralCloning(features=kind).fit(data, sample_weight=weight)
 
 
@@ -355,25 +365,15 @@ def taken(problem: Problem, log_proba: Array) -> Array:
     return np.take_along_axis(log_proba, problem.actions[:, None], axis=1)[:, 0]
 
 
-def _taken(data: Demonstrations, policy: Any) -> Array:
-    """log pi(a_n|s_n) of the actions taken, (N,)."""
-    codes = np.searchsorted(policy.classes_, data.actions)
-    return policy.predict_log_proba(data.observations)[np.arange(data.n_steps), codes]
-
-
 def _mean(data: Demonstrations, values: Array) -> Array:
     """Means over the steps of each demonstration, (N,) -> (M,)."""
     return np.add.reduceat(values, data.offsets[:-1]) / data.lengths
 
 
-def _cross_fitted(data: Demonstrations, task: Task) -> tuple[Array, Array]:
-    """log pi(k|s) by policies cloned from the other folds of demonstrations, (N, K); codes of the actions, (N,)."""
+def _cross_fitted(data: Demonstrations, task: Task) -> Iterator[tuple[Array, BehavioralCloning]]:
+    """Folds of whole demonstrations, as steps (N,) bool, and policies cloned from the others."""
     kind = _kind(data, task)
     folds = np.random.default_rng(task.seed).permutation(len(data)) % N_FOLDS
-    classes, codes = action_codes(data.actions, data.source)
-    log_proba = np.empty((data.n_steps, len(classes)))
     for fold in range(min(N_FOLDS, len(data))):
         held_out = (folds == fold)[data.groups]
-        policy = _cloned(data, kind, (~held_out).astype(float))
-        log_proba[held_out] = policy.predict_log_proba(data.observations[held_out])
-    return log_proba, codes
+        yield held_out, _cloned(data, kind, (~held_out).astype(float))

@@ -38,7 +38,7 @@ def text(result: Row) -> str:
         rows = [held.get((name, trained_on), {}) for name in names]
         lines.append(line(f"  {trained_on}", [plus_minus(row, "mean", digits=3) for row in rows]))
     verdicts = [f"Verdicts, {said}" for said in verdict_lines(result)]
-    return "\n".join([*lines, "", *verdicts, *said_lines(result), goal_line(result)])
+    return "\n".join([*lines, "", *verdicts, *said_lines(result), goal_line(result), *continuous_lines(result)])
 
 
 def plus_minus(row: Row, value: str, error: str | None = None, digits: int = 2) -> str:
@@ -81,6 +81,20 @@ def goal_line(result: Row) -> str:
     return f"{asked}: {'reached' if aim['reached'] else 'missed'}, ours {aim['ours']:.3f}{peer}."
 
 
+def continuous_lines(result: Row) -> list[str]:
+    """The goals where actions are continuous, one sentence each."""
+    lines = []
+    for aim in result["continuous_goals"]:
+        near = ", which is what training on the truly good gives, less .03" if aim["measure"] == "R²" else ""
+        if aim["ours"] is None or aim["asked"] is None:
+            lines.append(f"Goal for {aim['measure']} on {spaced(aim['set'])}: not measured.")
+            continue
+        word = "reached" if aim["reached"] else "missed"
+        asked = f"{aim['measure']} on {spaced(aim['set'])} >= {aim['asked']:.3f}{near}"
+        lines.append(f'Goal "{asked}": {word}, ours {aim["ours"]:.3f}.')
+    return lines
+
+
 def markdown(result: Row) -> str:
     """The section of docs/results.md."""
     names = list(result["sets"])
@@ -114,6 +128,7 @@ def markdown(result: Row) -> str:
         by_column([*map(spaced, mixed), "mean"], aurocs),
         " ".join([goal_line(result), *said_lines(result)]),
         bullets([*behind(result, "auroc"), *ahead(result)]),
+        bullets(continuous_lines(result)),
         "### Spearman's correlation with quality, all demonstrations",
         by_column(list(map(spaced, names)), spearmans),
         bullets(behind(result, "spearman")),

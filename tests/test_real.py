@@ -225,22 +225,55 @@ def test_methods_run_without_any_truth_in_the_file(real, tmp_path):
     np.testing.assert_array_equal(reply.scores, LENGTHS)
 
 
-def test_continuous_actions_are_a_sentence_not_a_number(real, tmp_path, capsys):
+def test_continuous_actions_are_predicted_and_a_method_that_cannot_says_so(real, tmp_path, capsys):
     save(tmp_path, "swings", actions=arrays(continuous=True)["actions"])
     save(tmp_path, "steps")
     real.main(["--data", str(tmp_path), "--json", str(tmp_path / "real.json")])
     found = json.loads((tmp_path / "real.json").read_text())
     rows = {(row["method"], row["set"]): row for row in found["ranking"]}
     assert rows["length", "swings"]["auroc"] == rows["length", "steps"]["auroc"]
-    held = next(row for row in found["held_out"] if row["set"] == "swings" and row["trained_on"] == "all")
-    assert (held["mean"], held["measure"]) == (None, "R²")
-    assert held["said"].startswith("the actions are continuous")
-    assert rows["rpil", "swings"]["said"] == held["said"]
+    held = {row["trained_on"]: row for row in found["held_out"] if row["set"] == "swings"}
+    assert held["all"]["measure"] == held["kept"]["measure"] == "R²"
+    assert held["all"]["mean"] > 0.95
+    assert held["kept"]["mean"] is None  # by the stand-in for ours, which is no good there
+    assert held["kept"]["said"].startswith("the actions are continuous")
+    assert rows["rpil", "swings"]["said"] == held["kept"]["said"]
+    (aim,) = found["continuous_goals"]
+    assert (aim["set"], aim["ours"], aim["reached"]) == ("swings", None, False)
     # the mean is over discrete sets alone
     assert found["mean_auroc"]["length"]["mean"] == rows["length", "steps"]["auroc"]
     assert "trust all" not in found["mean_auroc"]  # it ranks nobody
     printed = capsys.readouterr().out
     assert 'Goal "mean AUROC >= 0.90 and above every peer\'s mean": missed' in printed
+    assert "Goal for R² on swings: not measured." in printed
+
+
+def test_goals_where_actions_are_continuous(real):
+    sets = {name: {"discrete": name == "steps"} for name in ("rilco_hopper_mix", "other", "steps")}
+    ranked = [
+        {"set": name, "method": method, "auroc": auroc}
+        for name, method, auroc in (("rilco_hopper_mix", "rpil", 0.94), ("rilco_hopper_mix", "length", 1.0))
+    ]
+    held_out = [
+        {"set": name, "trained_on": trained_on, "mean": mean}
+        for name, trained_on, mean in (
+            ("rilco_hopper_mix", "all", 0.2),
+            ("rilco_hopper_mix", "kept", 0.67),
+            ("rilco_hopper_mix", "good", 0.70),
+            ("other", "kept", 0.5),
+            ("other", "good", 0.54),
+            ("steps", "kept", 0.9),
+        )
+    ]
+    found = real.continuous_goals(sets, ranked, held_out)
+    assert [(aim["set"], aim["measure"], aim["reached"]) for aim in found] == [
+        ("rilco_hopper_mix", "AUROC", False),
+        ("rilco_hopper_mix", "R²", True),
+        ("other", "R²", False),
+    ]
+    ranked[0]["auroc"] = 0.95
+    assert real.continuous_goals(sets, ranked, held_out)[0]["reached"]
+    assert not any(aim["reached"] for aim in real.continuous_goals(sets, [], []))
 
 
 # ---- what cannot be scored -------------------------------------------------------------------------------------------
