@@ -126,7 +126,7 @@ def test_to_dict_has_the_promised_keys_and_is_json():
     found = told((1.0, 2.0, -30.0, 0.0, -1.0), competing=((0, 1), (2, 4)))
     told_again = json.loads(json.dumps(found.to_dict(), allow_nan=False))
     promised = {"n_demonstrations", "n_steps", "adversary", "prior", "identifiable", "demonstrations"}
-    assert set(told_again) == promised | {"groups", "to_label"}
+    assert set(told_again) == promised | {"groups", "to_label", "assumptions", "demonstrators"}
     assert set(told_again["prior"]) == {"mean", "low", "high"}
     for entry in told_again["demonstrations"]:
         each = {"id", "n_steps", "log_odds", "expert_proba", "reliability", "verdict", "worst_steps"}

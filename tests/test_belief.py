@@ -70,7 +70,7 @@ def test_against_brute_force(labels, reliability):
 
 
 def test_new_demonstrations_are_judged_as_the_fitted_ones():
-    problem, result = fitted("noisy", 1)
+    problem, result = fitted("random", 0)
     belief, log_odds = believe(problem, result, result.posterior.outputs)
     by_node = evidence(problem, result.state, result.posterior.outputs)
     assert belief.alike < 1e-4

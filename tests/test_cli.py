@@ -150,7 +150,8 @@ def test_audit_as_json(folder):
     # The issue's, and what is needed where the data do not settle it.
     assert list(audit) == [
         "n_demonstrations", "n_steps", "adversary", "prior", "identifiable", "groups", "to_label", "assumptions",
-        "demonstrators", "demonstrations",
+        "demonstrations",
+        "demonstrators",
     ]  # fmt: skip
     assert audit["n_demonstrations"] == 12
     assert audit["n_steps"] == formats.read(folder / "good.parquet").n_steps

@@ -27,6 +27,7 @@ _ROUNDS = 20
 _STEADY = 1e-3
 _LEAST = -1e5
 _RARE = 1e-9
+_MOST_ALIKE = 1 - 1e-12
 _LARGEST = 20.0
 """Nats of a step's log-ratio beyond which it is no more surprising, when neighbours are compared."""
 
@@ -75,12 +76,17 @@ class Belief:
         evidence = self.power * evidence
         adversary = _marginal(evidence, self.adversary)
         ratio = _marginal(evidence, self.expert) - adversary
-        top = adversary.max(axis=1)
-        log_expert, log_adversary = _log_shares(ratio, self.prior.log_odds(lengths), self, adversary - top[:, None])
-        one = _marginal(evidence, self.one[None])[:, 0] - top
+        offset = self.prior.log_odds(lengths)
         with np.errstate(divide="ignore"):
-            log_expert = np.logaddexp(np.log1p(-self.alike) + log_expert, np.log(self.alike) + one)
-            return log_expert - np.log1p(-self.alike) - log_adversary
+            log_weight = np.log(self.weight)
+            two = np.full(len(ratio), -np.inf)  # log p(D | two groups)
+            for s, row in zip(self.shift, log_weight, strict=True):
+                prior = (offset + s)[:, None]
+                each = row + adversary + np.logaddexp(0.0, ratio + prior) - np.logaddexp(0.0, prior)
+                two = np.logaddexp(two, logsumexp(each, 1))
+            one = _marginal(evidence, self.one[None])[:, 0]
+            alike = np.minimum(expit(np.log(self.alike) - np.log1p(-self.alike) + one - two), _MOST_ALIKE)
+        return _or_alike(*_log_shares(ratio, offset, self), alike)
 
     def share(self, lengths: Array) -> tuple[float, float, float]:
         """P(expert) of a demonstration drawn from these: its mean, and the ends of its 95 % interval."""
@@ -143,7 +149,7 @@ def believe(problem: Problem, result: Result, outputs: Array) -> tuple[Belief, A
         weight = np.exp(log_posterior - log_posterior.max())
         log_two = log_posterior.max() + np.log(weight.sum()) - logsumexp(log_share, 0)
         log_two -= logsumexp(state.reliability.alternatives.log_prior, 0)
-        alike = 0.0 if (labels < 0).any() or prior.fixed else float(expit(log_one - log_two))
+        alike = 0.0 if (labels < 0).any() or prior.fixed else min(float(expit(log_one - log_two)), _MOST_ALIKE)
         belief = Belief(prior, shift, expert, adversary, weight / weight.sum(), alike, one, tempering)
         proba = sum(expit(ratio + (offset + s)[:, None]) @ w for s, w in zip(shift, belief.weight, strict=True))
         prior = prior.fit(np.where(labels == 0, proba, labels > 0), lengths)
@@ -153,9 +159,7 @@ def believe(problem: Problem, result: Result, outputs: Array) -> tuple[Belief, A
         belief, log_expert, log_adversary = _in_company(problem.company, labels, ratio, offset, belief)
     else:
         log_expert, log_adversary = _log_shares(ratio, offset, belief)
-    with np.errstate(divide="ignore"):
-        log_expert = np.logaddexp(np.log1p(-belief.alike) + log_expert, np.log(belief.alike))
-        return belief, log_expert - np.log1p(-belief.alike) - log_adversary
+    return belief, _or_alike(log_expert, log_adversary, belief.alike)
 
 
 def _one_group(alternatives: Alternatives, by_node: Array) -> tuple[float, Array]:
@@ -234,20 +238,21 @@ def _over_adversary(ratio: Array, prior_log_odds: Array, labels: Array) -> Array
     return (mixture - np.logaddexp(0.0, prior_log_odds)[:, None]).sum(axis=0)
 
 
-def _log_shares(ratio: Array, offset: Array, belief: Belief, log_scale: Array | float = 0.0) -> tuple[Array, Array]:
-    """log P(expert | D_m) and log P(adversary | D_m), each summed over all combinations, (M,).
+def _or_alike(log_expert: Array, log_adversary: Array, alike: Array | float) -> Array:
+    """Log-odds where everybody is an expert with probability `alike`, and else as the shares have it, (M,)."""
+    with np.errstate(divide="ignore"):
+        log_two = np.log1p(-alike)
+        log_odds: Array = np.logaddexp(log_two + log_expert, np.log(alike)) - log_two - log_adversary
+    return log_odds
 
-    With a `log_scale` (M, Q), log p(D_m | adversary), the evidence is not divided out of them.
-    """
+
+def _log_shares(ratio: Array, offset: Array, belief: Belief) -> tuple[Array, Array]:
+    """log P(expert | D_m) and log P(adversary | D_m) in two groups, each summed over all combinations, (M,)."""
     log_expert, log_adversary = np.full((2, len(ratio)), -np.inf)
     with np.errstate(divide="ignore"):
         log_weight = np.log(belief.weight)
     for s, row in zip(belief.shift, log_weight, strict=True):
-        prior = (offset + s)[:, None]
-        z = ratio + prior
-        total = row + log_scale
-        if np.ndim(log_scale):  # p(D) = p(D | adversary) (1 + e^z) / (1 + e^prior)
-            total = total + np.logaddexp(0.0, z) - np.logaddexp(0.0, prior)
-        log_expert = np.logaddexp(log_expert, logsumexp(total - np.logaddexp(0.0, -z), 1))
-        log_adversary = np.logaddexp(log_adversary, logsumexp(total - np.logaddexp(0.0, z), 1))
+        z = ratio + (offset + s)[:, None]
+        log_expert = np.logaddexp(log_expert, logsumexp(row - np.logaddexp(0.0, -z), 1))
+        log_adversary = np.logaddexp(log_adversary, logsumexp(row - np.logaddexp(0.0, z), 1))
     return log_expert, log_adversary

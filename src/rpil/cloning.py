@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from sklearn.base import BaseEstimator, ClassifierMixin
+from sklearn.metrics import accuracy_score, r2_score
 from sklearn.utils.validation import _check_sample_weight, check_is_fitted, validate_data
 from threadpoolctl import threadpool_limits
 
@@ -61,6 +62,11 @@ class PolicyEstimator(ClassifierMixin, BaseEstimator):
         if not len(self.classes_):
             raise DataError("The actions are continuous, so that none has a probability; use log_prob or predict.")
         return self._outputs(X)
+
+    def score(self, X: ArrayLike, y: ArrayLike, sample_weight: ArrayLike | None = None) -> float:
+        """The share of actions that are the most likely one; R^2, the mean over parts, where they are continuous."""
+        measure = accuracy_score if len(self.classes_) else r2_score
+        return float(measure(y, self.predict(X), sample_weight=sample_weight))
 
     def log_prob(self, X: ArrayLike, y: ArrayLike) -> Array:
         """log pi(a|s) of the actions y, (N,) or (N, A), taken in X, (N,): a density where they are continuous.

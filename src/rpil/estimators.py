@@ -211,7 +211,7 @@ class RPIL(PolicyEstimator):
             rng = np.random.default_rng(self.random_state)
             result, runs = fit(problem, setting, candidates, rng, progress)
             read: FeatureMap | Untouched = features
-            seen, outputs = problem, unseen(problem, setting, result, rng)
+            seen, outputs = problem, unseen(problem, setting, result)
             if self.policy is not None:
                 read = Untouched()
                 seen = replace(problem, features=read.design(demonstrations.observations))
@@ -245,7 +245,7 @@ class RPIL(PolicyEstimator):
         """
         check_is_fitted(self)
         demonstrations = as_demonstrations(self, X, y, groups, reset=False)
-        codes = coded_like(self.classes_, demonstrations)
+        codes = coded_like(self.classes_, self.space_.n_parts, demonstrations)
         design = self.search_features_.design(demonstrations.observations)
         nobody = np.zeros(len(demonstrations), dtype=int)
         problem = Problem(design, codes, demonstrations.offsets, self.space_, nobody)

@@ -136,11 +136,16 @@ def known_actions(classes: Array, actions: Array, where: str) -> Array:
     return codes
 
 
-def coded_like(classes: Array, demonstrations: Demonstrations) -> Array:
+def coded_like(classes: Array, n_parts: int, demonstrations: Demonstrations) -> Array:
     """`known_actions` of demonstrations that were not fitted."""
     if demonstrations.is_discrete != bool(len(classes)):
         other = "continuous" if len(classes) else "discrete"
         raise DataError(f"{demonstrations.source}: the actions are {other}, and the fitted ones were not.")
+    if np.ndim(demonstrations.actions) == 2 and demonstrations.actions.shape[1] != n_parts:
+        raise DataError(
+            f"{demonstrations.source}: actions with {demonstrations.actions.shape[1]} numbers each, but {n_parts} were "
+            "fitted; give the same ones."
+        )
     parts = zip(demonstrations.ids, demonstrations, strict=True)
     return np.concatenate(
         [known_actions(classes, actions, f"{demonstrations.source}, demonstration {m!r}") for m, (_, actions) in parts]
@@ -175,9 +180,7 @@ def who_gave(
         unknown = [name for name in known if name not in {str(m) for m in ids}]
         if unknown:
             wrong, right = listed(unknown, 5), listed(ids, 5)
-            raise DataError(
-                f"{source}: demonstrators names {wrong}, no demonstration; the ids are {right}."
-            )
+            raise DataError(f"{source}: demonstrators names {wrong}, no demonstration; the ids are {right}.")
         names = [known.get(str(m)) for m in ids]
     else:
         names = np.asarray(demonstrators).tolist() if np.ndim(demonstrators) == 1 else []

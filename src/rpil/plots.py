@@ -51,7 +51,8 @@ class _Display:
 
 def _legend(ax: Any) -> None:
     # Above the axes, so that nothing is covered.
-    ax.legend(loc="lower left", bbox_to_anchor=(-0.02, 1.0), ncols=6, frameon=False, handletextpad=0.2)
+    if ax.get_legend_handles_labels()[0]:
+        ax.legend(loc="lower left", bbox_to_anchor=(-0.02, 1.0), ncols=6, frameon=False, handletextpad=0.2)
 
 
 @dataclass(eq=False)
@@ -267,7 +268,8 @@ class PolicyMapDisplay(_ActionDisplay):
         points = np.tile(np.median(observations, axis=0), (grid * grid, 1))
         points[:, i], points[:, j] = np.tile(x, grid), np.repeat(y, grid)
         actions = np.asarray(estimator.predict(points)).reshape(grid, grid, -1)[..., 0]
-        return cls(x, y, actions, (names[i], names[j]), getattr(estimator, "classes_", None)).plot(ax)
+        known = getattr(estimator, "classes_", None)
+        return cls(x, y, actions, (names[i], names[j]), known if known is not None and len(known) else None).plot(ax)
 
     def plot(self, ax: Any = None) -> Self:
         """Draw the map."""

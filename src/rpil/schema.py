@@ -8,6 +8,7 @@ from rpil.adversaries import (
     Complement,
     Confusion,
     Constant,
+    Either,
     Marginal,
     MarginalBox,
     OwnPolicy,
@@ -67,6 +68,7 @@ KNOWN: dict[type, dict[str, str]] = {
     UniformBox: {},
     MarginalBox: {"low": "A", "width": "A", "log_density": "A B"},
     OwnPolicy: {},
+    Either: {},
     Audit: {
         "offsets": "M+1",
         "log_odds": "M",

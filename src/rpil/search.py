@@ -326,10 +326,14 @@ def held_out(problem: Problem, setting: Setting, result: Result, folds: Sequence
     return total
 
 
-def unseen(problem: Problem, setting: Setting, result: Result, rng: np.random.Generator) -> Array:
-    """Outputs, (N, ...), of policies that are fitted as `result`'s but to the other folds of demonstrations."""
+def unseen(problem: Problem, setting: Setting, result: Result) -> Array:
+    """Outputs, (N, ...), of policies that are fitted as `result`'s but to the other folds of demonstrations.
+
+    Demonstrations are dealt out by length, so that folds are alike, and do not depend on their order.
+    """
     outputs = np.array(result.posterior.outputs)
-    for fold in _folds(problem, _N_FOLDS, rng):
+    order = np.argsort(problem.lengths, kind="stable")
+    for fold in (np.sort(order[k::_N_FOLDS]) for k in range(min(_N_FOLDS, len(order)))):
         steps = problem.spread(np.isin(np.arange(problem.n_demonstrations), fold))
         outputs[steps] = _without(problem, setting, result, fold).policy.outputs(problem.features[steps])
     return outputs

@@ -17,6 +17,10 @@ class Space(Protocol):
     def kind(self) -> Literal["discrete", "continuous"]:
         """Which policies and adversaries there are for it."""
 
+    @property
+    def n_parts(self) -> int:
+        """Numbers in one action: A."""
+
     def bounded(self, outputs: Array) -> Array:
         """Outputs of a policy as far as they can be acted upon."""
 
@@ -30,6 +34,10 @@ class Discrete:
 
     n: int
     kind: Literal["discrete"] = "discrete"
+
+    @property
+    def n_parts(self) -> int:
+        return 1
 
     def bounded(self, outputs: Array) -> Array:
         """Log-probabilities know their bounds."""
@@ -53,6 +61,10 @@ class Box:
     low: Array
     high: Array
     kind: Literal["continuous"] = "continuous"
+
+    @property
+    def n_parts(self) -> int:
+        return len(self.low)
 
     @classmethod
     def around(cls, actions: Array) -> Box:

@@ -85,6 +85,8 @@ class StudentPolicy:
         features, actions = problem.features, problem.actions
         total = weight.sum()
         policy, outputs = self, self.outputs(features)
+        if not total > 0.0:  # nothing to learn from, so nothing to forget
+            return policy, outputs
         objective = weight @ policy.log_prob(outputs, actions) - policy.penalty()
         for _ in range(max_iter):
             policy, outputs = policy._improved(features, actions, outputs, weight)
