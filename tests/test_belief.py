@@ -70,10 +70,10 @@ def test_against_brute_force(labels, reliability):
 
 
 def test_new_demonstrations_are_judged_as_the_fitted_ones():
-    problem, result = fitted("random", 0)
+    problem, result = fitted("noisy", 1, prior=Share(0.5, fixed=True))
     belief, log_odds = believe(problem, result, result.posterior.outputs)
     by_node = evidence(problem, result.state, result.posterior.outputs)
-    assert belief.alike < 1e-4
+    assert belief.alike == 0.0  # with a given share there are two groups
     np.testing.assert_allclose(belief.log_odds(by_node, problem.lengths), log_odds, atol=1e-2)
     one = problem.select(np.array([3]))
     assert belief.log_odds(by_node[3:4], one.lengths)[0] == pytest.approx(log_odds[3], abs=1e-2)
