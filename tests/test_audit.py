@@ -109,13 +109,24 @@ def test_weights_of_steps():
     """Every step of a wholly reliable expert counts in full; others as far as they are the expert's."""
     nodes = beta_table().nodes
     whole, partly = int(np.argmax(nodes >= WHOLE)), int(np.argmax(nodes >= 0.5))
-    found = told((50.0, -50.0, 50.0, -50.0, 0.0), node=(whole, whole, partly, partly, partly))
+    found = told((50.0, -50.0, 50.0, -50.0, 0.0), node=(whole, whole, partly, partly, whole))
     step = np.linspace(0, 1, 15)
     np.testing.assert_allclose(found.step_weight[found.steps(0)], 1.0)
     np.testing.assert_allclose(found.step_weight[found.steps(1)], 0.0, atol=1e-12)
     np.testing.assert_allclose(found.step_weight[found.steps(2)], step[4:8])
     np.testing.assert_allclose(found.step_weight[found.steps(3)], 0.0, atol=1e-12)
-    np.testing.assert_allclose(found.step_weight[found.steps(4)], 0.5 * step[10:])
+    np.testing.assert_allclose(found.step_weight[found.steps(4)], 0.5)
+
+
+def test_what_all_experts_fail_in_is_the_policys_misfit():
+    """Where the typical expert is only half reliable, so is the policy: all of their steps are trained on."""
+    partly, hardly = (int(np.argmax(beta_table().nodes >= rho)) for rho in (0.5, 0.1))
+    found = told((50.0, 50.0, 50.0, 50.0, -50.0), node=(partly, partly, partly, hardly, partly))
+    step = np.linspace(0, 1, 15)
+    for m in range(3):
+        np.testing.assert_allclose(found.step_weight[found.steps(m)], 1.0)
+    np.testing.assert_allclose(found.step_weight[found.steps(3)], step[found.steps(3)])
+    np.testing.assert_allclose(found.step_weight[found.steps(4)], 0.0, atol=1e-12)
 
 
 def test_the_prior_is_the_beliefs():

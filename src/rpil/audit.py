@@ -20,8 +20,9 @@ SURE = 0.9
 """Probability from which a demonstration is called an expert's, or an adversary's."""
 
 WHOLE = 0.9
-"""Reliability from which every step of an expert's demonstration is trained on: so few odd steps are as likely the
-policy's misfit as the demonstrator's, and dropping them would bias the policy."""
+"""Reliability, to that of a typical expert, from which every step of a demonstration is trained on: odd steps that
+experts have in common, or so few, are the policy's misfit and not the demonstrator's, and dropping them would bias the
+policy to where it fits."""
 
 _LABEL_LOG_ODDS = 20.0
 """What a label is worth at least: as good as certain, and finite."""
@@ -215,6 +216,7 @@ def summarise(
     contested &= problem.labels == 0
     proba = np.where(contested, 0.5, expit(log_odds))
     verdicts = tuple(_verdict(p, unsure) for p, unsure in zip(proba, contested, strict=True))
+    whole = WHOLE * _typical(reliability, proba)
     return Audit(
         ids=tuple(ids),
         offsets=np.asarray(problem.offsets, dtype=np.int64),
@@ -224,7 +226,7 @@ def summarise(
         reliability_interval=np.stack([_quantile(nodes, by_node, q) for q in (0.025, 0.975)], axis=1),
         verdicts=verdicts,
         step_log_ratio=posterior.log_ratio,
-        step_weight=problem.spread(proba) * np.where(problem.spread(reliability) >= WHOLE, 1.0, posterior.step),
+        step_weight=problem.spread(proba) * np.where(problem.spread(reliability >= whole), 1.0, posterior.step),
         prior=Interval(*belief.share(problem.lengths)),
         identifiable=not competing,
         competing=tuple(tuple(ids[m] for m in group) for group in competing),
@@ -235,6 +237,14 @@ def summarise(
         assumptions=(),
         demonstrators=_people(problem.company, belief, verdicts),
     )
+
+
+def _typical(reliability: NDArray[np.float64], trust: NDArray[np.float64]) -> float:
+    """The median of the trusted, or 1 where nobody is."""
+    if trust.sum() < 1.0:
+        return 1.0
+    order = np.argsort(reliability)
+    return float(reliability[order][np.searchsorted(np.cumsum(trust[order]), 0.5 * trust.sum())])
 
 
 def alone(problem: Problem, posterior: Posterior) -> bool:
