@@ -87,3 +87,22 @@ def test_quick_features(tmp_path, capsys, monkeypatch):
     assert cells["auto"]["share"] >= 0.98 > cells["raw"]["share"]
     assert sum(cells["auto"]["chosen"].values()) == cells["auto"]["draws"] == 2
     assert "98% of the expert's return reached" in script["markdown"](result)
+
+
+def test_quick_calibration(tmp_path, capsys):
+    path = tmp_path / "calibration.json"
+    script = runpy.run_path(str(BENCHMARKS / "calibration.py"))
+    assert script["main"](["--quick", "--json", str(path)]) == 0
+    found = json.loads(path.read_text())
+    assert found["ece"] <= 0.05
+    assert found["n_judged"] + 20 * found["n_ambiguous"] == 100
+    assert sum(map(sum, found["accused"].values())) <= 3  # of 60
+    assert "Expected calibration error over" in capsys.readouterr().out
+
+
+def test_expected_calibration_error():
+    """Right on average in every bin is calibrated; sure and wrong is not."""
+    of = runpy.run_path(str(BENCHMARKS / "calibration.py"))["expected_calibration_error"]
+    assert of(np.full(10, 0.75), np.arange(10) < 8) == pytest.approx(0.05)
+    assert of(np.array([0.95, 0.05]), np.array([False, True])) == pytest.approx(0.95)
+    assert of(np.array([1.0, 0.0]), np.array([True, False])) == 0.0
