@@ -8,6 +8,7 @@ import sys
 from pathlib import Path
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
 from rpil import BehavioralCloning
@@ -89,7 +90,8 @@ def test_quick_features(tmp_path, capsys, monkeypatch):
     assert "98% of the expert's return reached" in script["markdown"](result)
 
 
-def test_quick_calibration(tmp_path, capsys):
+def test_quick_calibration(tmp_path, capsys, monkeypatch):
+    monkeypatch.syspath_prepend(BENCHMARKS)
     path = tmp_path / "calibration.json"
     script = runpy.run_path(str(BENCHMARKS / "calibration.py"))
     assert script["main"](["--quick", "--json", str(path)]) == 0
@@ -100,8 +102,9 @@ def test_quick_calibration(tmp_path, capsys):
     assert "Expected calibration error over" in capsys.readouterr().out
 
 
-def test_expected_calibration_error():
+def test_expected_calibration_error(monkeypatch):
     """Right on average in every bin is calibrated; sure and wrong is not."""
+    monkeypatch.syspath_prepend(BENCHMARKS)
     of = runpy.run_path(str(BENCHMARKS / "calibration.py"))["expected_calibration_error"]
     assert of(np.full(10, 0.75), np.arange(10) < 8) == pytest.approx(0.05)
     assert of(np.array([0.95, 0.05]), np.array([False, True])) == pytest.approx(0.95)
