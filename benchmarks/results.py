@@ -1,7 +1,7 @@
 """docs/results.md from what the other scripts wrote: figures, where they come from, and where ours are not the best.
 
     python benchmarks/results.py --acceptance acceptance.json --paper paper.json --features features.json \\
-        --robustness robustness/summary.json --real real.json > docs/results.md
+        --robustness robustness/summary.json --calibration calibration.json --real real.json > docs/results.md
 
 Every file is optional; a section comes for each that is given. Nothing here is written by hand but the words around the
 numbers.
@@ -274,6 +274,22 @@ def missed_in_grid(result: Result) -> list[str]:
     return lines
 
 
+def calibration(result: Result) -> str:
+    """Whether P(expert) means what it says."""
+    accused = {name: (sum(found), result["n_each"] * len(found)) for name, found in result["accused"].items()}
+    return "\n\n".join(
+        [
+            "## Calibration",
+            f"`benchmarks/calibration.py`: MountainCar, Acrobot and LunarLander. Expected calibration error over "
+            f"{result['n_judged']} demonstrations with signal: {result['ece']:.4f}, at most .05 being the goal; "
+            f"{result['n_ambiguous']} draws were answered “ambiguous”. The interval for the share of experts held the "
+            f"truth in {result['covered']:.0%} of the draws, at least 90 % being the goal. Called adversaries where "
+            "all demonstrations come from one policy, at most 5 % being the goal:",
+            table(["", "called adversaries", "of"], [[name, str(n), str(of)] for name, (n, of) in accused.items()], 1),
+        ]
+    )
+
+
 SCORES = {"auroc": "AUROC", "normalised": "normalised return"}
 
 
@@ -320,6 +336,7 @@ SECTIONS: dict[str, Callable[[Result], str]] = {
     "paper": paper,
     "features": features,
     "robustness": robustness,
+    "calibration": calibration,
     "real": real_report.markdown,
 }
 
