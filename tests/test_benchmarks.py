@@ -109,3 +109,19 @@ def test_expected_calibration_error(monkeypatch):
     assert of(np.full(10, 0.75), np.arange(10) < 8) == pytest.approx(0.05)
     assert of(np.array([0.95, 0.05]), np.array([False, True])) == pytest.approx(0.95)
     assert of(np.array([1.0, 0.0]), np.array([True, False])) == 0.0
+
+
+def test_quick_labels(tmp_path, capsys, monkeypatch):
+    monkeypatch.syspath_prepend(BENCHMARKS)
+    script = runpy.run_path(str(BENCHMARKS / "labels.py"))
+    path = tmp_path / "labels.json"
+    assert script["main"](["--quick", "--json", str(path)]) == 0
+    result = json.loads(path.read_text())
+    curve = {(row["how"], row["k"]): row for row in result["curve"]}
+    assert set(curve) == {(how, k) for how in ("suggested", "random") for k in (1, 3)}
+    assert curve["suggested", 1]["auroc"] == pytest.approx(1.0)  # most are bad, and of one mind: a label settles it
+    assert curve["suggested", 1]["without"] < 0.5
+    assert curve["random", 3]["without"] < 0.5
+    for row in result["rows"]:
+        assert len(set(row["asked"])) == row["k"]
+    assert "mountaincar_flip" in capsys.readouterr().out

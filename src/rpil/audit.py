@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from typing import Any, Literal
 
 import numpy as np
@@ -15,6 +15,7 @@ from rpil.demonstrators import Company, Demonstrators
 from rpil.em import Posterior, Result
 from rpil.errors import DataError
 from rpil.problem import Problem
+from rpil.suggestions import suggest
 
 SURE = 0.9
 """Probability from which a demonstration is called an expert's, or an adversary's."""
@@ -106,6 +107,10 @@ class Audit:
         What the audit took for granted, one sentence each.
     demonstrators : tuple of Demonstrator
         The most trusted first; nobody where it is not known who gave what.
+    labelled : tuple of ids
+        Demonstrations whose label was given.
+    solutions : (H, M) array
+        P(expert) in this and in other solutions that the search found, each different; see `suggest_labels`.
     """
 
     ids: tuple[Any, ...]
@@ -125,6 +130,8 @@ class Audit:
     history: NDArray[np.float64]
     assumptions: tuple[str, ...]
     demonstrators: tuple[Demonstrator, ...] = ()
+    labelled: tuple[Any, ...] = ()
+    solutions: NDArray[np.float64] = field(default_factory=lambda: np.empty((0, 0)))
 
     @property
     def lengths(self) -> NDArray[np.int64]:
@@ -134,6 +141,26 @@ class Audit:
     def ranking(self) -> NDArray[np.int64]:
         """Indices of the demonstrations, the most trusted first."""
         return np.argsort(-self.log_odds, kind="stable")
+
+    def suggest_labels(self, k: int = 3) -> tuple[Any, ...]:
+        """Ids of the `k` demonstrations whose labels would tell most about the others, the most telling first.
+
+        Of groups that compete one of each comes first (`to_label`); then whoever the solutions that the search found
+        disagree about, see `rpil.suggestions`. Fewer where fewer are unlabelled.
+
+        Raises
+        ------
+        DataError
+            Where `k` is not positive.
+        """
+        if k < 1:
+            raise DataError(f"k={k!r} labels cannot be suggested; ask for one at least.")
+        index = {name: m for m, name in enumerate(self.ids)}
+        solutions = np.vstack([self.expert_proba, *self.solutions[1:]])
+        solutions[:, [index[name] for name in self.labelled]] = np.nan
+        groups = [np.array([index[name] for name in group if name not in self.labelled]) for group in self.competing]
+        first = [index[name] for name in self.to_label if name not in self.labelled]
+        return tuple(self.ids[m] for m in suggest(solutions, groups, first, self.lengths, k))
 
     def worst_steps(self, index: int, k: int = 5) -> list[int]:
         """Up to `k` steps of demonstration `index` (counted from 0 within it) that speak most against an expert."""
@@ -236,6 +263,7 @@ def summarise(
         history=result.history,
         assumptions=(),
         demonstrators=_people(problem.company, belief, verdicts),
+        labelled=tuple(ids[m] for m in np.flatnonzero(problem.labels).tolist()),
     )
 
 

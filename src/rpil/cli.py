@@ -27,6 +27,7 @@ from rpil.terminal import (
     show_demonstrators,
     show_ranking,
     stages,
+    suggestion,
 )
 
 if TYPE_CHECKING:
@@ -141,6 +142,7 @@ def main(ctx: click.Context) -> None:
 @click.argument("file")
 @click.option("--report", metavar="OUT.html", help="Also write a report to look at.")
 @click.option("--weights", metavar="OUT.parquet|OUT.csv", help="Also write a weight for every step, to train with.")
+@click.option("--suggest", metavar="K", type=click.IntRange(1), help="Also say which K labels would tell most.")
 @_json
 @_learning_options
 @click.pass_context
@@ -149,6 +151,7 @@ def audit(
     file: str,
     report: str | None,
     weights: str | None,
+    suggest: int | None,
     json_wanted: bool,
     quiet: bool,
     **learning: Any,
@@ -174,11 +177,13 @@ def audit(
 
             write(report, found, title=f"Audit of {Path(file).name}", source=file, seconds=seconds)
     if json_wanted:
-        click.echo(as_json(found.to_dict()))
+        click.echo(as_json(found.to_dict() | ({"suggested": found.suggest_labels(suggest)} if suggest else {})))
     else:
         show_ranking(found)
         show_demonstrators(found)
         click.echo(f"\n{headline(found)}")
+        if suggest:
+            click.echo(suggestion(found, suggest))
         _explain(ctx, found)
     for what, path in (("Weights", weights), ("Report", report)):
         _say_where(what, path, json_wanted)

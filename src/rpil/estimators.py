@@ -38,6 +38,7 @@ from rpil.problem import Problem
 from rpil.refine import refine
 from rpil.reliability import PointMasses, Reliability, TwoBetas
 from rpil.search import Setting, fit, unseen
+from rpil.suggestions import opinions
 
 Array = NDArray[Any]
 
@@ -221,6 +222,8 @@ class RPIL(PolicyEstimator):
             progress("competing groups")
             groups_found = competing_groups(problem, setting, result, runs, rng)
             self._finish(demonstrations, codes, read, seen, result, outputs, groups_found)
+            solutions = opinions(self.expert_proba_, [run.posterior.expert for run in runs])
+            self.audit_: Audit = replace(self.audit_, solutions=solutions)
         return self
 
     @property
@@ -302,7 +305,7 @@ class RPIL(PolicyEstimator):
             self._learn(demonstrations, codes, weight, weight > 0.5 * weight.max(), _REFIT_TOL)
         else:
             self.features_, self.policy_ = features, result.state.policy.finished(problem, weight)  # type: ignore[attr-defined]
-        self.audit_: Audit = replace(audit, assumptions=tuple(_assumptions(self, problem)))
+        self.audit_ = replace(audit, assumptions=tuple(_assumptions(self, problem)))
         if not result.converged:
             warnings.warn("EM stopped at max_iter; raise max_iter or tol.", ConvergenceWarning, stacklevel=3)
         if competing:

@@ -146,6 +146,14 @@ def headline(audit: Audit) -> str:
     return f"Of {size}, {n['expert']} can be trusted, {n['adversary']} cannot, and {n['uncertain']} remain uncertain."
 
 
+def suggestion(audit: Audit, k: int) -> str:
+    """Whom to look at, in one sentence."""
+    asked = audit.suggest_labels(k)
+    if not asked:
+        return "Every demonstration is labelled already."
+    return f"To learn most about the others, label {_listed(asked)}, in this order; leave out what you cannot judge."
+
+
 def show_ambiguity(audit: Audit, labels_file: str, warning: str = "") -> None:
     """What cannot be known, and what the user can do about it.
 
