@@ -1,6 +1,7 @@
 """What one pass over the data computes: sums over steps, in blocks that stay in cache.
 
-The design matrix is read once per pass, block by block; everything else a pass touches is (N, K). Objective, gradient
+The design matrix is read once per pass, block by block; everything else a pass touches is (N, K), each column contiguous:
+sums and maxima over a handful of actions are then whole-array operations. Objective, gradient
 and Hessian products below are those of weighted softmax regression on soft targets T (N, K), whose row sums are the
 weights of the steps:
 
@@ -30,12 +31,12 @@ def blocks(features: Array) -> Iterator[slice]:
 
 
 def linear(features: Array, weights: Array) -> Array:
-    """The product X W in double precision, (N, K), each block in the precision of `features`."""
-    out = np.empty((features.shape[0], weights.shape[1]))
+    """The product X W in double precision, (N, K), columns contiguous, each block in the precision of `features`."""
+    out = np.empty((weights.shape[1], features.shape[0]))
     weights = weights.astype(features.dtype, copy=False)
     for block in blocks(features):
-        out[block] = features[block] @ weights
-    return out
+        out[:, block] = weights.T @ features[block].T
+    return out.T
 
 
 def log_softmax(logits: Array) -> Array:
@@ -59,7 +60,7 @@ def gradient(features: Array, residual: Array) -> Array:
     total = np.zeros((features.shape[1], residual.shape[1]))
     residual = residual.astype(features.dtype, copy=False)
     for block in blocks(features):
-        total += features[block].T @ residual[block]
+        total += (residual[block].T @ features[block]).T
     return total
 
 
@@ -71,10 +72,10 @@ def hessian_product(features: Array, proba: Array, weight: Array, direction: Arr
     total = np.zeros(direction.shape)
     direction, proba, weight = (a.astype(features.dtype, copy=False) for a in (direction, proba, weight))
     for block in blocks(features):
-        rows, p = features[block], proba[block]
-        z = rows @ direction
+        rows, p = features[block], proba[block].T
+        z = direction.T @ rows.T
         z *= p
-        z -= p * z.sum(axis=1, keepdims=True)
-        z *= weight[block, None]
-        total += rows.T @ z
+        z -= p * z.sum(axis=0)
+        z *= weight[block]
+        total += (z @ rows).T
     return total

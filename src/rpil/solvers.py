@@ -10,7 +10,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve
 
 from rpil.passes import Array, gradient, hessian_product, linear, log_softmax
 
@@ -163,14 +162,11 @@ class Preconditioner:
         curvature = stride * weight[::stride, None] * proba[::stride] * (1 - proba[::stride])
         curvature = curvature.astype(rows.dtype, copy=False)
         floor = max(1e-8, 100 * np.finfo(rows.dtype).eps)
-        self.factors = []
-        for k in range(proba.shape[1]):
-            block = ((rows.T * curvature[:, k]) @ rows).astype(float)
-            diagonal = np.einsum("dd->d", block)
-            # The floor keeps a class that the subsample hardly sees invertible, and is above the product's rounding.
-            diagonal += penalty + floor * (1e-8 + diagonal.max())
-            self.factors.append(cho_factor(block, lower=True, overwrite_a=True, check_finite=False))
+        blocks = np.stack([(rows.T * curvature[:, k]) @ rows for k in range(proba.shape[1])]).astype(float)
+        diagonal = np.einsum("kdd->kd", blocks)
+        # The floor keeps a class that the subsample hardly sees invertible, and is above the product's rounding.
+        diagonal += penalty + floor * (1e-8 + diagonal.max(axis=1, keepdims=True))
+        self.inverse = np.linalg.inv(blocks)
 
     def __call__(self, residual: Array) -> Array:
-        columns = [cho_solve(f, residual[:, k], check_finite=False) for k, f in enumerate(self.factors)]
-        return np.stack(columns, axis=1)
+        return (self.inverse @ residual.T[:, :, None])[:, :, 0].T

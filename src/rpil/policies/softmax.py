@@ -16,9 +16,9 @@ _PRECONDITIONER_FITS = 10
 
 def one_hot(actions: Array, weight: Array, n_actions: int) -> Array:
     """Targets (N, K) with `weight` (N,) on the action taken."""
-    targets = np.zeros((len(actions), n_actions))
-    np.put_along_axis(targets, actions[:, None], weight[:, None], axis=1)
-    return targets
+    targets = np.zeros((n_actions, len(actions)))
+    targets[actions, np.arange(len(actions))] = weight
+    return targets.T
 
 
 @dataclass(frozen=True, eq=False)
