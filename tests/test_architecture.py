@@ -18,10 +18,10 @@ FILES = sorted(path for path in ROOT.rglob("*.py") if path != ROOT / "__init__.p
 # fmt: off
 ORDER = [
     "errors", "_arrays", "files", "demonstrations", "formats",
-    "passes", "spaces", "demonstrators", "problem", "parallel", "features", "solvers",
+    "passes", "spaces", "demonstrators", "problem", "parallel", "engines", "features", "solvers",
     "policies", "adversaries", "priors", "reliability",
     "chains", "em", "agreement", "search", "refine", "belief", "identify", "suggestions", "audit",
-    "inputs", "selection", "cloning", "estimators", "rment", "reweighting",
+    "polish", "inputs", "selection", "large", "cloning", "assumptions", "estimators", "rment", "reweighting",
     "schema", "persistence", "actions", "experts", "corruptions", "environments", "rollouts", "simulation",
     "plots", "report", "data", "demo", "reproduce", "terminal", "commands", "cli", "__main__",
 ]

@@ -102,7 +102,7 @@ def test_reliability_is_the_posterior_mean_with_its_interval():
 def audit_of(toy: Toy) -> Audit:
     problem = toy.problem()
     result = run(problem, pooled_state(problem, "uniform", TwoBetas.start()), max_iter=50)
-    return summarise(problem, result, *believe(problem, result, result.posterior.outputs), toy.ids, [])
+    return summarise(problem, result, *believe(problem, result.state, result.posterior.outputs), toy.ids, [])
 
 
 def test_weights_of_steps():
@@ -159,7 +159,7 @@ def test_to_dict_of_numpy_ids_is_json():
     ids = tuple(np.arange(12).tolist())
     problem = toy.problem()
     result = run(problem, pooled_state(problem, "uniform", TwoBetas.start()), max_iter=5)
-    belief, log_odds = believe(problem, result, result.posterior.outputs)
+    belief, log_odds = believe(problem, result.state, result.posterior.outputs)
     found = summarise(problem, result, belief, log_odds, ids, [np.array([0, 1]), np.array([2])])
     json.dumps(found.to_dict(), allow_nan=False)
     assert found.adversary == "uniform"

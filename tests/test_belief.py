@@ -9,10 +9,8 @@ import pytest
 from scipy.special import expit, logsumexp
 
 from problems import make, pooled_state
-from rpil.adversaries import Uniform
-from rpil.belief import Belief, believe, evidence, power
-from rpil.em import State, run
-from rpil.policies import SoftmaxPolicy
+from rpil.belief import Belief, believe, evidence, power, resemblance
+from rpil.em import run
 from rpil.priors import ByLength, Share
 from rpil.problem import Problem
 from rpil.reliability import PointMasses, TwoBetas
@@ -61,7 +59,7 @@ def test_against_brute_force(labels, reliability):
     result = replace(
         result, posterior=replace(result.posterior, outputs=result.posterior.outputs[: len(short.actions)])
     )
-    belief, log_odds = believe(short, result, result.posterior.outputs)
+    belief, log_odds = believe(short, result.state, result.posterior.outputs)
     expected, shares, alike = brute_force(short, result, belief)
     assert belief.alike == pytest.approx(alike, abs=1e-3)
     np.testing.assert_allclose(belief.weight.sum(axis=1), shares, atol=2e-4)
@@ -71,7 +69,7 @@ def test_against_brute_force(labels, reliability):
 
 def test_new_demonstrations_are_judged_as_the_fitted_ones():
     problem, result = fitted("noisy", 1, prior=Share(0.5, fixed=True))
-    belief, log_odds = believe(problem, result, result.posterior.outputs)
+    belief, log_odds = believe(problem, result.state, result.posterior.outputs)
     by_node = evidence(problem, result.state, result.posterior.outputs)
     assert belief.alike == 0.0  # with a given share there are two groups
     np.testing.assert_allclose(belief.log_odds(by_node, problem.lengths), log_odds, atol=1e-2)
@@ -82,7 +80,7 @@ def test_new_demonstrations_are_judged_as_the_fitted_ones():
 def test_where_all_are_alike_nobody_is_accused_but_a_stranger_is():
     """No signal: everybody's actions are equally (un)predictable; then comes one who does something else."""
     problem, result = fitted("none", 0)
-    belief, log_odds = believe(problem, result, result.posterior.outputs)
+    belief, log_odds = believe(problem, result.state, result.posterior.outputs)
     assert belief.alike > 0.5
     assert (log_odds > 0).all()
     stranger = make("random", 5, n_good=2, n_bad=20).problem().select(np.arange(2, 22))
@@ -101,21 +99,19 @@ def test_power_is_the_effective_share_of_steps(r):
     problem = Problem(
         np.ones((40_000, 1)), np.zeros(40_000, dtype=int), np.arange(21) * 2000, Discrete(2), np.zeros(20, dtype=int)
     )
-    outputs = np.stack([ratio.ravel(), np.zeros(40_000)], axis=1)  # not normalised: only the difference counts
-    state = State(SoftmaxPolicy.zero(2, np.zeros(1)), Uniform(), Share(), TwoBetas.start())
-    assert power(problem, state, outputs) == pytest.approx((1 - r) / (1 + r), abs=0.02)
+    assert power(*resemblance(problem, ratio.ravel())) == pytest.approx((1 - r) / (1 + r), abs=0.02)
 
 
 def test_it_is_less_sure_than_point_estimates_and_of_the_same_mind():
     problem, result = fitted("random", 0)
-    _, log_odds = believe(problem, result, result.posterior.outputs)
+    _, log_odds = believe(problem, result.state, result.posterior.outputs)
     np.testing.assert_array_equal(log_odds > 0, result.posterior.log_odds > 0)
     assert np.isfinite(log_odds).all()
 
 
 def test_the_interval_of_the_share_is_the_betas_where_everything_is_clear():
     problem, result = fitted("random", 0, prior=Share())
-    belief, log_odds = believe(problem, result, result.posterior.outputs)
+    belief, log_odds = believe(problem, result.state, result.posterior.outputs)
     n_expert = (log_odds > 0).sum()
     assert np.abs(log_odds).min() > 5
     from scipy.stats import beta
@@ -128,13 +124,13 @@ def test_the_interval_of_the_share_is_the_betas_where_everything_is_clear():
 
 def test_a_given_share_has_no_interval():
     problem, result = fitted("random", 0, prior=Share(0.3, fixed=True))
-    belief, _ = believe(problem, result, result.posterior.outputs)
+    belief, _ = believe(problem, result.state, result.posterior.outputs)
     assert belief.share(problem.lengths) == pytest.approx((0.3, 0.3, 0.3))
 
 
 def share(problem) -> float:
     _, result = fitted("noisy", 2, prior=Share())
-    return believe(problem, result, result.posterior.outputs)[0].share(problem.lengths)[0]
+    return believe(problem, result.state, result.posterior.outputs)[0].share(problem.lengths)[0]
 
 
 def test_labels_move_the_share():
@@ -148,7 +144,7 @@ def test_length_helps_where_actions_say_little():
     problem, result = fitted("random", 0)
     lengths = np.where(result.posterior.expert > 0.5, 10, 100) + np.arange(problem.n_demonstrations)
     prior = ByLength.start(lengths).fit(result.posterior.expert, lengths)
-    belief, _ = believe(problem, replace(result, state=replace(result.state, prior=prior)), result.posterior.outputs)
+    belief, _ = believe(problem, replace(result.state, prior=prior), result.posterior.outputs)
     nothing = np.zeros((2, len(result.state.reliability.nodes)))
     belief = replace(belief, prior=prior)
     short, long = belief.log_odds(nothing, np.array([10, 110]))

@@ -243,7 +243,6 @@ def summarise(
     contested &= problem.labels == 0
     proba = np.where(contested, 0.5, expit(log_odds))
     verdicts = tuple(_verdict(p, unsure) for p, unsure in zip(proba, contested, strict=True))
-    whole = WHOLE * _typical(reliability, proba)
     return Audit(
         ids=tuple(ids),
         offsets=np.asarray(problem.offsets, dtype=np.int64),
@@ -253,7 +252,9 @@ def summarise(
         reliability_interval=np.stack([_quantile(nodes, by_node, q) for q in (0.025, 0.975)], axis=1),
         verdicts=verdicts,
         step_log_ratio=posterior.log_ratio,
-        step_weight=problem.spread(proba) * np.where(problem.spread(reliability >= whole), 1.0, posterior.step),
+        step_weight=step_weight(problem.lengths, proba, reliability, posterior.step)
+        if len(posterior.step)
+        else posterior.step,
         prior=Interval(*belief.share(problem.lengths)),
         identifiable=not competing,
         competing=tuple(tuple(ids[m] for m in group) for group in competing),
@@ -267,7 +268,22 @@ def summarise(
     )
 
 
-def _typical(reliability: NDArray[np.float64], trust: NDArray[np.float64]) -> float:
+def step_weight(
+    lengths: NDArray[np.int64],
+    proba: NDArray[np.float64],
+    reliability: NDArray[np.float64],
+    step: NDArray[np.float64],
+    typical: float | None = None,
+) -> NDArray[np.float64]:
+    """What each step counts for training, (N,): the trust in its demonstration, times that in the step itself unless
+    the demonstration is as reliable as a `typical` expert's."""
+    typical = typical_reliability(reliability, proba) if typical is None else typical
+    whole = reliability >= WHOLE * typical
+    weight: NDArray[np.float64] = np.repeat(proba, lengths) * np.where(np.repeat(whole, lengths), 1.0, step)
+    return weight
+
+
+def typical_reliability(reliability: NDArray[np.float64], trust: NDArray[np.float64]) -> float:
     """The median of the trusted, or 1 where nobody is."""
     if trust.sum() < 1.0:
         return 1.0

@@ -14,7 +14,7 @@ import numpy as np
 from scipy.special import expit, log_expit, logit
 
 from rpil.demonstrators import Demonstrators, intervals
-from rpil.em import Result, State, evidence_by_reliability
+from rpil.em import State, evidence_by_reliability
 from rpil.passes import Array, logsumexp
 from rpil.priors import Prior
 from rpil.problem import Problem
@@ -26,6 +26,7 @@ _NEGLIGIBLE = 12.0
 _ROUNDS = 20
 _STEADY = 1e-3
 _LEAST = -1e5
+_SCREENED = 2_000
 _RARE = 1e-9
 _MOST_ALIKE = 1 - 1e-12
 _LARGEST = 20.0
@@ -106,35 +107,47 @@ def evidence(problem: Problem, state: State, outputs: Array) -> Array:
     return evidence_by_reliability(problem, log_pi, log_psi, nodes, state.stickiness)
 
 
-def power(problem: Problem, state: State, outputs: Array) -> float:
+def power(together: float, variance: float) -> float:
     """Effective over actual number of steps: (1 - r) / (1 + r), r being how far the log-ratio of a step resembles that
     of the step before, as in a first-order autoregression; no more than 1."""
-    log_ratio = state.policy.log_prob(outputs, problem.actions)
-    log_ratio = log_ratio - state.adversary.log_prob(problem.features, outputs, problem.actions)
+    r = max(together / variance, 0.0) if variance > 0 else 0.0
+    return (1.0 - r) / (1.0 + r)
+
+
+def resemblance(problem: Problem, log_ratio: Array) -> tuple[float, float]:
+    """Sums over steps of the log-ratio times that of the step before, and of its square, around each demonstration's
+    mean."""
     x = np.clip(log_ratio, -_LARGEST, _LARGEST)
     x = x - problem.spread(problem.sum_steps(x) / problem.lengths)
     together = np.ones(len(x), dtype=bool)
     together[problem.offsets[:-1]] = False
-    variance = float(x @ x)
-    r = max(float(x[1:] @ (x[:-1] * together[1:])) / variance, 0.0) if variance > 0 else 0.0
-    return (1.0 - r) / (1.0 + r)
+    return float(x[1:] @ (x[:-1] * together[1:])), float(x @ x)
 
 
-def believe(problem: Problem, result: Result, outputs: Array) -> tuple[Belief, Array]:
+def believe(problem: Problem, state: State, outputs: Array) -> tuple[Belief, Array]:
     """The belief after a fit, and the log-odds (M,) under it, labels not counted.
-
-    How trust depends on the length is fitted once more, by EM with everything else summed out.
 
     Parameters
     ----------
-    problem, result
+    problem, state
         The data and where EM ended.
     outputs : (N, ...) array
         What policies that did not see a demonstration say of its steps.
     """
-    state, labels, lengths = result.state, problem.labels, problem.lengths
-    tempering = power(problem, state, outputs)
-    by_node = tempering * evidence(problem, state, outputs)
+    log_ratio = state.policy.log_prob(outputs, problem.actions)
+    log_ratio = log_ratio - state.adversary.log_prob(problem.features, outputs, problem.actions)
+    tempering = power(*resemblance(problem, log_ratio))
+    return sum_out(problem, state, evidence(problem, state, outputs), tempering)
+
+
+def sum_out(problem: Problem, state: State, by_node: Array, tempering: float) -> tuple[Belief, Array]:
+    """`believe`, given the evidence of every demonstration at each reliability, (M, J), and its power.
+
+    How trust depends on the length is fitted once more, by EM with everything else summed out. Of `problem` only the
+    demonstrations count, not their steps.
+    """
+    labels, lengths = problem.labels, problem.lengths
+    by_node = tempering * by_node
     prior = state.prior
     alternatives = _plausible(state.reliability.alternatives, by_node, prior.log_odds(lengths), labels)
     expert, adversary = (alternatives.log_weight[rows] for rows in alternatives.pairs.T)
@@ -211,7 +224,10 @@ def _in_company(
 
 
 def _plausible(alternatives: Alternatives, by_node: Array, offset: Array, labels: Array) -> Alternatives:
-    """The pairs that are not negligible at the fitted share."""
+    """The pairs that are not negligible at the fitted share; of many demonstrations, first by some of them."""
+    if len(by_node) > 2 * _SCREENED:
+        some = np.linspace(0, len(by_node) - 1, _SCREENED).astype(int)
+        alternatives = _plausible(alternatives, by_node[some], offset[some], labels[some])
     each = _marginal(by_node, alternatives.log_weight)
     score = alternatives.log_prior.copy()
     for q, (expert, adversary) in enumerate(alternatives.pairs):

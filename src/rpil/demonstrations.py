@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -13,6 +14,33 @@ from rpil._arrays import are_whole, as_actions, as_array, as_ids, as_observation
 from rpil.errors import DataError
 
 SOURCE = "the demonstrations"
+
+
+PIECE_STEPS = 65_536
+"""Steps of a piece, unless a single demonstration is longer."""
+
+
+@dataclass(frozen=True, eq=False)
+class Piece:
+    """Whole demonstrations that follow one another: a stretch of what was checked already.
+
+    Attributes
+    ----------
+    first : int
+        Which demonstration it begins with.
+    observations, actions, offsets
+        As in `Demonstrations`, `offsets` counted from 0 here.
+    """
+
+    first: int
+    observations: NDArray[Any]
+    actions: NDArray[Any]
+    offsets: NDArray[np.int64]
+
+    @property
+    def demonstrations(self) -> slice:
+        """Which demonstrations it holds."""
+        return slice(self.first, self.first + len(self.offsets) - 1)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -219,6 +247,18 @@ class Demonstrations:
             self.observation_names,
             self.source,
         )
+
+    def parts(self, n_parts: int = 1) -> list[list[Piece]]:
+        """All demonstrations in order, without copying: parts of about as many steps, each a list of pieces."""
+        ends = np.searchsorted(self.offsets, np.arange(PIECE_STEPS, self.n_steps + PIECE_STEPS, PIECE_STEPS))
+        cuts = np.unique(np.clip(np.append(0, ends), 0, len(self)))
+        pieces = []
+        for first, last in zip(cuts[:-1].tolist(), cuts[1:].tolist(), strict=True):
+            steps = slice(self.offsets[first], self.offsets[last])
+            offsets = self.offsets[first : last + 1] - self.offsets[first]
+            pieces.append(Piece(first, self.observations[steps], self.actions[steps], offsets))
+        bounds = np.linspace(0, len(pieces), min(n_parts, len(pieces)) + 1).astype(int).tolist()
+        return [pieces[a:b] for a, b in itertools.pairwise(bounds)]
 
     def episode(self, m: int) -> tuple[NDArray[Any], NDArray[Any]]:
         """``(observations (T, D), actions (T,) or (T, A))`` of demonstration number `m`, as views."""

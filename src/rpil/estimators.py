@@ -14,11 +14,14 @@ from sklearn.utils.validation import check_is_fitted
 from threadpoolctl import threadpool_limits
 
 from rpil.adversaries import AUTO, Adversary
+from rpil.assumptions import assumptions
 from rpil.audit import Audit, summarise
-from rpil.belief import believe, evidence
+from rpil.belief import Belief, believe, evidence
 from rpil.cloning import LARGE, PolicyEstimator
 from rpil.demonstrations import Demonstrations
+from rpil.demonstrators import Company
 from rpil.em import Result, State
+from rpil.engines import Engine, InMemory
 from rpil.errors import DataError
 from rpil.features import FeatureMap, Untouched
 from rpil.identify import competing_groups
@@ -31,9 +34,9 @@ from rpil.inputs import (
     ridge_of,
     who_gave,
 )
+from rpil.large import REFIT_TOL, Source, fit_large, is_large
 from rpil.policies import linear_policy
 from rpil.policies.estimator import estimator_policy
-from rpil.priors import ByLength
 from rpil.problem import Problem
 from rpil.refine import refine
 from rpil.reliability import PointMasses, Reliability, TwoBetas
@@ -44,12 +47,6 @@ Array = NDArray[Any]
 
 _FEW = 32
 """Observations up to which folding them costs little."""
-
-_TOLD = 0.05
-"""Nats, for a standard deviation of log length, from which it is said that length counts."""
-
-_REFIT_TOL = 1e-6
-"""Gradient, a step, at which the final policy is done: its actions have long stopped changing."""
 
 
 class AmbiguousWarning(UserWarning):
@@ -104,6 +101,9 @@ class RPIL(PolicyEstimator):
         Bounds of continuous actions, numbers or one for each part; by default what the demonstrations span.
     progress : callable, optional
         Called with a few words at every stage of a fit.
+    engine : Engine, optional
+        Who runs passes over data that are many times larger than what a search needs to read, see `rpil.engines`: by
+        default this process, on all its cores.
 
     Attributes
     ----------
@@ -129,6 +129,8 @@ class RPIL(PolicyEstimator):
     >>> model.audit_.verdicts                                        # doctest: +SKIP
     """
 
+    audit_: Audit
+
     def __init__(
         self,
         features: str = "raw",
@@ -147,6 +149,7 @@ class RPIL(PolicyEstimator):
         random_state: int = 0,
         action_box: tuple[ArrayLike, ArrayLike] | None = None,
         progress: Callable[[str], None] | None = None,
+        engine: Engine | None = None,
     ) -> None:
         self.features = features
         self.policy = policy
@@ -164,6 +167,7 @@ class RPIL(PolicyEstimator):
         self.random_state = random_state
         self.action_box = action_box
         self.progress = progress
+        self.engine = engine
 
     def fit(
         self,
@@ -192,39 +196,51 @@ class RPIL(PolicyEstimator):
             raise DataError(f"{source}: one demonstration alone (n_samples=1) cannot be compared; give at least two.")
         known = known_labels(labels if labels is not None else self.labels, demonstrations)
         company = who_gave(demonstrators, demonstrations)
-        progress = self.progress or (lambda _: None)
         with threadpool_limits(1, "blas"):  # thin products gain nothing from threads, and can lose a lot
-            progress("features")
-            features = FeatureMap.fit(self._search_kind(demonstrations), demonstrations.observations)
-            problem = Problem(
-                features.design(
-                    demonstrations.observations, single=demonstrations.n_steps * features.n_columns > LARGE
-                ),
-                codes,
-                demonstrations.offsets,
-                self.space_,
-                known,
-                company=company,
-            )
-            setting = self._setting(features, problem)
-            auto = isinstance(self.adversary, str) and self.adversary == "auto"
-            candidates = AUTO[self.space_.kind] if auto else (self.adversary,)
-            rng = np.random.default_rng(self.random_state)
-            result, runs = fit(problem, setting, candidates, rng, progress)
-            read: FeatureMap | Untouched = features
-            seen, outputs = problem, unseen(problem, setting, result)
-            if self.policy is not None:
-                read = Untouched()
-                seen = replace(problem, features=read.design(demonstrations.observations))
-                start = estimator_policy(self.policy, self.space_, len(codes))
-                result = refine(seen, setting, start, result, progress)
-                outputs = result.posterior.outputs
-            progress("competing groups")
-            groups_found = competing_groups(problem, setting, result, runs, rng)
-            self._finish(demonstrations, codes, read, seen, result, outputs, groups_found)
-            solutions = opinions(self.expert_proba_, [run.posterior.expert for run in runs])
-            self.audit_: Audit = replace(self.audit_, solutions=solutions)
+            if self.policy is None and is_large(self, demonstrations):
+                fit_large(self, demonstrations, known, company, self.engine or InMemory())
+            else:
+                self._fit_small(demonstrations, codes, known, company)
         return self
+
+    def _fit_small(self, demonstrations: Demonstrations, codes: Array, known: Array, company: Company) -> None:
+        """A search that reads everything."""
+        progress = self.progress or (lambda _: None)
+        progress("features")
+        features = FeatureMap.fit(self._search_kind(demonstrations), demonstrations.observations)
+        problem = Problem(
+            features.design(demonstrations.observations, single=demonstrations.n_steps * features.n_columns > LARGE),
+            codes,
+            demonstrations.offsets,
+            self.space_,
+            known,
+            company=company,
+        )
+        setting = self._setting(features, len(codes), problem.lengths)
+        rng = np.random.default_rng(self.random_state)
+        result, runs = fit(problem, setting, self._candidates(), rng, progress)
+        read: FeatureMap | Untouched = features
+        seen, outputs = problem, unseen(problem, setting, result)
+        if self.policy is not None:
+            read = Untouched()
+            seen = replace(problem, features=read.design(demonstrations.observations))
+            start = estimator_policy(self.policy, self.space_, len(codes))
+            result = refine(seen, setting, start, result, progress)
+            outputs = result.posterior.outputs
+        progress("competing groups")
+        groups_found = competing_groups(problem, setting, result, runs, rng)
+        believed = believe(seen, result.state, outputs)
+        self._keep(seen, result, *believed, demonstrations, groups_found)
+        self.audit_ = replace(self.audit_, solutions=opinions(self.expert_proba_, [r.posterior.expert for r in runs]))
+        weight = self.audit_.step_weight
+        if weight.sum() < 1.0:  # nobody is trusted: what little is the expert's, wherever it is
+            weight = result.posterior.step
+        self.search_features_: FeatureMap | Untouched = read
+        if self.policy is None:
+            self._learn(demonstrations, codes, weight, weight > 0.5 * weight.max(), REFIT_TOL)
+        else:
+            self.features_, self.policy_ = read, result.state.policy.finished(seen, weight)  # type: ignore[attr-defined]
+        self._tell(seen, demonstrations.source)
 
     @property
     def log_odds_(self) -> Array:
@@ -263,15 +279,20 @@ class RPIL(PolicyEstimator):
             return self.features
         return "folded" if few and demonstrations.is_discrete else "raw"
 
-    def _setting(self, features: FeatureMap, problem: Problem) -> Setting:
-        ridge = ridge_of(features, self.C, len(problem.actions), problem.space)
+    def _candidates(self) -> Sequence[str | Adversary]:
+        auto = isinstance(self.adversary, str) and self.adversary == "auto"
+        return AUTO[self.space_.kind] if auto else (self.adversary,)
+
+    def _setting(self, features: FeatureMap, n_steps: int, lengths: Array) -> Setting:
+        """Of a search through `n_steps`, where all demonstrations have such `lengths`."""
+        ridge = ridge_of(features, self.C, n_steps, self.space_)
         levels: dict[str, Callable[[], Reliability]] = {"both": TwoBetas.start, "demonstration": PointMasses}
         for name, value, known in (("level", self.level, levels), ("m_step", self.m_step, ("joint", "expert_only"))):
             if value not in known:
                 raise DataError(f"There is no {name} {value!r}; choose {' or '.join(known)}.")
         return Setting(
-            policy=linear_policy(problem.space, ridge, len(problem.actions)),
-            prior=as_prior(self.prior, problem.lengths),
+            policy=linear_policy(self.space_, ridge, n_steps),
+            prior=as_prior(self.prior, lengths),
             reliability=levels[self.level](),
             mode=self.m_step,  # type: ignore[arg-type]
             n_single=self.n_single,
@@ -280,67 +301,33 @@ class RPIL(PolicyEstimator):
             tol=self.tol,
         )
 
-    def _finish(
+    def _keep(
         self,
-        demonstrations: Demonstrations,
-        codes: Array,
-        features: FeatureMap | Untouched,
         problem: Problem,
         result: Result,
-        outputs: Array,
+        belief: Belief,
+        log_odds: Array,
+        demonstrations: Source,
         competing: list[Array],
     ) -> None:
-        """Keep what was found, and refit the policy to the expert's term alone: the adversary's biases it."""
-        self.search_features_: FeatureMap | Untouched = features
+        """What was found about the demonstrations; their policy comes later."""
         self.state_: State = result.state
-        self.belief_, log_odds = believe(problem, result, outputs)
+        self.belief_ = belief
         self.n_iter_ = max(1, len(result.history) - 1)
         self.lower_bound_ = result.objective
         self.converged_ = result.converged
-        audit = summarise(problem, result, self.belief_, log_odds, demonstrations.ids, competing)
-        weight = audit.step_weight
-        if weight.sum() < 1.0:  # nobody is trusted: what little is the expert's, wherever it is
-            weight = result.posterior.step
-        if self.policy is None:
-            self._learn(demonstrations, codes, weight, weight > 0.5 * weight.max(), _REFIT_TOL)
-        else:
-            self.features_, self.policy_ = features, result.state.policy.finished(problem, weight)  # type: ignore[attr-defined]
-        self.audit_ = replace(audit, assumptions=tuple(_assumptions(self, problem)))
-        if not result.converged:
-            warnings.warn("EM stopped at max_iter; raise max_iter or tol.", ConvergenceWarning, stacklevel=3)
-        if competing:
+        self.audit_ = summarise(problem, result, belief, log_odds, demonstrations.ids, competing)
+
+    def _tell(self, problem: Problem, source: str) -> None:
+        """What was taken for granted, and what the user should know before using it."""
+        self.audit_ = replace(self.audit_, assumptions=tuple(assumptions(self, problem)))
+        if not self.converged_:
+            warnings.warn("EM stopped at max_iter; raise max_iter or tol.", ConvergenceWarning, stacklevel=4)
+        if not self.audit_.identifiable:
             which = ", ".join(repr(m) for m in self.audit_.to_label)
             warnings.warn(
-                f"{demonstrations.source}: {len(competing)} groups of demonstrations each agree among themselves and "
+                f"{source}: {len(self.audit_.competing)} groups of demonstrations each agree among themselves and "
                 f"nothing says which is the expert; label one of each, say {which}.",
                 AmbiguousWarning,
-                stacklevel=3,
+                stacklevel=4,
             )
-
-
-def _assumptions(model: RPIL, problem: Problem) -> list[str]:
-    """What was taken for granted, one sentence each."""
-    labelled = int((problem.labels != 0).sum())
-    said = [
-        "Experts agree with one another: in similar states they act alike.",
-        f"Steps that follow one another tell the same in part: {model.belief_.power:.2f} of each counts.",
-        f"P(nobody is an adversary, or nothing tells who) is {model.belief_.alike:.2f}; beforehand it was one half.",
-        f"The policy is linear in {model.features_.kind} features."
-        if model.policy is None
-        else f"The policy is a {type(model.policy).__name__}; each demonstration was judged by one fitted to others.",
-        "The order of demonstrations and any reward were not used.",
-    ]
-    if model.level == "demonstration":
-        said.append("A demonstration is good or bad as a whole.")
-    if isinstance(model.prior, float):
-        said.append(f"The share of experts was given as {model.prior}.")
-    prior = model.belief_.prior
-    if isinstance(prior, ByLength) and abs(prior.slope) >= _TOLD:
-        more = "more" if prior.slope > 0 else "less"
-        nats = f"{abs(prior.slope):.1f} nats for each standard deviation of the logarithm of their length"
-        said.append(f"Longer demonstrations are trusted {more} than short ones, by {nats}: learned from the others.")
-    if labelled:
-        said.append(f"{labelled} labels were taken as certain.")
-    if problem.company.said:
-        said.append(problem.company.said)
-    return said

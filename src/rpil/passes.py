@@ -1,9 +1,9 @@
 """What one pass over the data computes: sums over steps, in blocks that stay in cache.
 
-The design matrix is read once per pass, block by block; everything else a pass touches is (N, K), each column contiguous:
-sums and maxima over a handful of actions are then whole-array operations. Objective, gradient
-and Hessian products below are those of weighted softmax regression on soft targets T (N, K), whose row sums are the
-weights of the steps:
+The design matrix is read once per pass, block by block; everything else a pass touches is (N, K), each column
+contiguous, so that sums and maxima over a handful of actions are whole-array operations. Objective, gradient and
+Hessian products below are those of weighted softmax regression on soft targets T (N, K), whose row sums are the weights
+of the steps:
 
     f(W) = - sum_nk T_nk log softmax(x_n W)_k + 1/2 sum_dk penalty_d W_dk^2
 """
@@ -18,8 +18,18 @@ from numpy.typing import NDArray
 
 Array = NDArray[Any]
 
+Sums = tuple[Any, ...]
+"""Arrays, and tuples of such, that add up over parts of the data."""
+
 BLOCK_BYTES = 1 << 19
 """Bytes of the design matrix in one block: half of a small second-level cache."""
+
+
+def add(one: Any, other: Any) -> Any:
+    """`Sums` of two parts of the data are those of both together."""
+    if isinstance(one, tuple):
+        return tuple(add(a, b) for a, b in zip(one, other, strict=True))
+    return one + other
 
 
 def blocks(features: Array) -> Iterator[slice]:

@@ -14,7 +14,7 @@ from typing import Protocol, Self
 import numpy as np
 from scipy.special import expit, log_expit, logit
 
-from rpil.passes import Array
+from rpil.passes import Array, Sums
 
 
 class Prior(Protocol):
@@ -36,6 +36,12 @@ class Prior(Protocol):
 
     def fit(self, expert: Array, lengths: Array) -> Self:
         """The prior that explains the responsibilities `expert` (M,) no worse."""
+
+    def statistics(self, expert: Array, lengths: Array) -> Sums:
+        """What some of the demonstrations tell, as sums."""
+
+    def improved(self, statistics: Sums) -> Self:
+        """The prior after one improving step, given the statistics of all."""
 
     def log_prior(self) -> float:
         """What the prior on its own parameters adds to the objective."""
@@ -64,9 +70,16 @@ class Share:
 
     def fit(self, expert: Array, lengths: Array) -> Share:
         """The posterior mode after ``expert.sum()`` expected experts."""
+        return self.improved(self.statistics(expert, lengths))
+
+    def statistics(self, expert: Array, lengths: Array) -> Sums:
+        return expert.sum(), len(expert)
+
+    def improved(self, statistics: Sums) -> Share:
         if self.fixed:
             return self
-        p = (expert.sum() + self.a - 1) / (len(expert) + self.a + self.b - 2)
+        experts, everybody = statistics
+        p = (experts + self.a - 1) / (everybody + self.a + self.b - 2)
         return replace(self, p=float(np.clip(p, 1e-12, 1 - 1e-12)))
 
     def log_prior(self) -> float:
@@ -145,6 +158,23 @@ class ByLength:
         intercept, slope = theta
         return replace(self, intercept=float(np.clip(intercept, -_MOST, _MOST)), slope=float(slope))
 
+    def statistics(self, expert: Array, lengths: Array) -> Sums:
+        """Gradient and Hessian of the log-likelihood."""
+        design = np.stack([np.ones(len(lengths)), self._standardised(lengths)], axis=1)
+        p = expit(self.log_odds(lengths))
+        return design.T @ (expert - p), (design.T * (p * (1 - p))) @ design
+
+    def improved(self, statistics: Sums) -> ByLength:
+        """One Newton step of limited length."""
+        slope, curvature = statistics
+        theta, p = np.array([self.intercept, self.slope]), self.p
+        precision = np.array([0.0, _SLOPE**-2])
+        slope = slope + np.array([self.a - 1 - (self.a + self.b - 2) * p, 0.0]) - precision * theta
+        curvature = curvature + np.diag([(self.a + self.b - 2) * p * (1 - p) + 1e-9, precision[1]])
+        step = np.clip(np.linalg.solve(curvature, slope), -_STEP, _STEP)
+        intercept, slope = theta + step
+        return replace(self, intercept=float(np.clip(intercept, -_MOST, _MOST)), slope=float(slope))
+
     def _standardised(self, lengths: Array) -> Array:
         return np.clip((np.log(lengths) - self.center) / self.scale, -_EXTREME, _EXTREME)
 
@@ -171,4 +201,5 @@ _WIDE = 7.0
 _SLOPE = 2.5
 _EXTREME = 2.0
 _NEWTON = 25
+_STEP = 2.0
 _MOST = 25.0

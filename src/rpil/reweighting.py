@@ -281,7 +281,7 @@ def reweight(
     )
     result, n_rounds = _rounds(problem, start, outputs, max_rounds, tol, progress)
     n_rounds += n_warm
-    belief, log_odds = believe(problem, result, result.posterior.outputs)
+    belief, log_odds = believe(problem, result.state, result.posterior.outputs)
     audit = summarise(problem, result, belief, log_odds, demonstrations.ids, [])
     if n_folds == 1:
         policy = result.state.policy.members[0]  # type: ignore[attr-defined]

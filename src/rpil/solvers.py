@@ -19,6 +19,9 @@ _PRECONDITIONER_ROWS = 8192
 _PRECONDITIONER_STEPS = 4
 """Newton steps that one preconditioner serves."""
 
+_LARGEST = 1_500
+"""Coefficients up to which the whole Hessian is inverted where it serves many passes over much data."""
+
 
 @dataclass(frozen=True, eq=False)
 class SoftmaxFit:
@@ -153,20 +156,58 @@ def _newton_direction(
 
 
 class Preconditioner:
-    """Inverse of the class blocks X^T diag(s p_k (1 - p_k)) X + penalty, from an even subsample of the steps."""
+    """Inverse of the Hessian's class blocks X^T diag(s p_k (1 - p_k)) X + penalty, from an even subsample of the steps.
 
-    def __init__(self, features: Array, proba: Array, weight: Array, penalty: Array) -> None:
+    Parameters
+    ----------
+    features : (N, D) array
+    proba : (N, K) array
+        The policy's.
+    weight : (N,) array
+    penalty : (D,) array
+    rows : int, optional
+        Steps in the subsample at least.
+    coupled : bool
+        The whole Hessian instead, in double precision, where it is no larger than `_LARGEST` either way.
+    """
+
+    def __init__(
+        self,
+        features: Array,
+        proba: Array,
+        weight: Array,
+        penalty: Array,
+        rows: int = _PRECONDITIONER_ROWS,
+        coupled: bool = False,
+    ) -> None:
         n_steps, n_features = features.shape
-        stride = max(1, n_steps // max(_PRECONDITIONER_ROWS, 4 * n_features))
-        rows = features[::stride]
-        curvature = stride * weight[::stride, None] * proba[::stride] * (1 - proba[::stride])
-        curvature = curvature.astype(rows.dtype, copy=False)
-        floor = max(1e-8, 100 * np.finfo(rows.dtype).eps)
-        blocks = np.stack([(rows.T * curvature[:, k]) @ rows for k in range(proba.shape[1])]).astype(float)
-        diagonal = np.einsum("kdd->kd", blocks)
+        stride = max(1, n_steps // max(rows, 4 * n_features))
+        x, p, s = features[::stride], proba[::stride], stride * weight[::stride]
+        if coupled and n_features * p.shape[1] <= _LARGEST:
+            hessian = _coupled(x.astype(float, copy=False), p, s)[None]
+            penalty = np.tile(penalty, p.shape[1])
+        else:
+            curvature = (s[:, None] * p * (1 - p)).astype(x.dtype, copy=False)
+            hessian = np.stack([(x.T * curvature[:, k]) @ x for k in range(p.shape[1])]).astype(float)
+        floor = max(1e-8, 100 * np.finfo(x.dtype).eps) if len(hessian) > 1 else 1e-9
+        diagonal = np.einsum("kdd->kd", hessian)
         # The floor keeps a class that the subsample hardly sees invertible, and is above the product's rounding.
         diagonal += penalty + floor * (1e-8 + diagonal.max(axis=1, keepdims=True))
-        self.inverse = np.linalg.inv(blocks)
+        self.inverse = np.linalg.inv(hessian)
 
     def __call__(self, residual: Array) -> Array:
-        return (self.inverse @ residual.T[:, :, None])[:, :, 0].T
+        n_features, n_actions = residual.shape
+        parts = residual.T.reshape(len(self.inverse), -1, 1)
+        return (self.inverse @ parts).reshape(n_actions, n_features).T
+
+
+def _coupled(features: Array, proba: Array, weight: Array) -> Array:
+    """The Hessian, (K D, K D), whose blocks are X^T diag(s p_k (1[k = l] - p_l)) X."""
+    n_features, n_actions = features.shape[1], proba.shape[1]
+    hessian = np.empty((n_actions, n_features, n_actions, n_features))
+    for k in range(n_actions):
+        for j in range(k + 1):
+            curvature = weight * proba[:, k] * (float(j == k) - proba[:, j])
+            hessian[k, :, j] = (features.T * curvature) @ features
+            hessian[j, :, k] = hessian[k, :, j].T
+    return hessian.reshape(n_actions * n_features, -1)

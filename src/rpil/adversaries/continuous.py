@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from rpil.adversaries.protocol import Fixed
-from rpil.passes import Array
+from rpil.passes import Array, Sums
 from rpil.problem import Problem
 from rpil.spaces import Box
 
@@ -51,9 +51,12 @@ class MarginalBox(Fixed):
     def log_prob(self, features: Array, outputs: Array, actions: Array) -> Array:
         return np.take_along_axis(self.log_density, self._bins(actions).T, axis=1).sum(axis=0)
 
-    def fit(self, problem: Problem, outputs: Array, weight: Array) -> MarginalBox:
+    def statistics(self, problem: Problem, outputs: Array, weight: Array) -> Sums:
         bins = self._bins(problem.actions)
-        counts = 1.0 + np.stack([np.bincount(column, weight, minlength=_N_BINS) for column in bins.T])
+        return (np.stack([np.bincount(column, weight, minlength=_N_BINS) for column in bins.T]),)
+
+    def improved(self, statistics: Sums) -> MarginalBox:
+        counts = 1.0 + statistics[0]
         share = counts / counts.sum(axis=1, keepdims=True)
         return replace(self, log_density=np.log(share) - np.log(self.width)[:, None])
 

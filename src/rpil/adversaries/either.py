@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from rpil.adversaries.protocol import Adversary
-from rpil.passes import Array
+from rpil.passes import Array, Sums
 from rpil.policies import Policy
 from rpil.problem import Problem
 
@@ -52,18 +52,37 @@ class Either:
         return None
 
     def fit(self, problem: Problem, outputs: Array, weight: Array) -> Either:
-        one, other = self._parts(problem.features, outputs, problem.actions)
-        first = weight * np.exp(one - np.logaddexp(one, other))
-        return Either(
-            self.first.fit(problem, outputs, first),
-            self.second.fit(problem, outputs, weight - first),
-            float((first.sum() + _PSEUDO_COUNT) / (weight.sum() + 2 * _PSEUDO_COUNT)),
-        )
+        first = self._first(problem, outputs, weight)
+        one, other = self.first.fit(problem, outputs, first), self.second.fit(problem, outputs, weight - first)
+        return Either(one, other, _share(first.sum(), weight.sum()))
+
+    def primed(self, problem: Problem, weight: Array, ridge: Array, factor: float) -> Either:
+        return replace(self, first=self.first.primed(problem, self.share * weight, ridge, factor))
+
+    def statistics(self, problem: Problem, outputs: Array, weight: Array) -> Sums:
+        first = self._first(problem, outputs, weight)
+        one = self.first.statistics(problem, outputs, first)
+        return one, self.second.statistics(problem, outputs, weight - first), first.sum(), weight.sum()
+
+    def improved(self, statistics: Sums) -> Either:
+        one, other, first, total = statistics
+        return Either(self.first.improved(one), self.second.improved(other), _share(first, total))
 
     def log_prior(self) -> float:
         own = _PSEUDO_COUNT * (np.log(self.share) + np.log1p(-self.share))
         return float(own + self.first.log_prior() + self.second.log_prior())
 
+    def _first(self, problem: Problem, outputs: Array, weight: Array) -> Array:
+        """The part of `weight` (N,) that falls to the first."""
+        one, other = self._parts(problem.features, outputs, problem.actions)
+        part: Array = weight * np.exp(one - np.logaddexp(one, other))
+        return part
+
     def _parts(self, features: Array, outputs: Array, actions: Array) -> tuple[Array, Array]:
         one, other = (part.log_prob(features, outputs, actions) for part in (self.first, self.second))
         return np.log(self.share) + one, np.log1p(-self.share) + other
+
+
+def _share(first: float, total: float) -> float:
+    """The mode of the posterior."""
+    return float((first + _PSEUDO_COUNT) / (total + 2 * _PSEUDO_COUNT))

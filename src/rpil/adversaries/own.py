@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 from rpil.adversaries.protocol import Fixed
-from rpil.passes import Array
+from rpil.passes import Array, Sums
 from rpil.policies import Policy
 from rpil.problem import Problem
 
@@ -17,7 +18,7 @@ class OwnPolicy(Fixed):
     Symmetric with the expert: which of the two is which must come from labels, the prior or the start.
     """
 
-    policy: Policy
+    policy: Any
     name: str = "own policy"
 
     @property
@@ -34,6 +35,15 @@ class OwnPolicy(Fixed):
     def fit(self, problem: Problem, outputs: Array, weight: Array) -> OwnPolicy:
         policy, _ = self.policy.learn(problem, weight, max_iter=2, max_cg=20)
         return replace(self, policy=policy)
+
+    def primed(self, problem: Problem, weight: Array, ridge: Array, factor: float) -> OwnPolicy:
+        return replace(self, policy=self.policy.primed(problem, weight, ridge, factor))
+
+    def statistics(self, problem: Problem, outputs: Array, weight: Array) -> Sums:
+        return self.policy.statistics(problem, self.policy.outputs(problem.features), weight)
+
+    def improved(self, statistics: Sums) -> OwnPolicy:
+        return replace(self, policy=self.policy.improved(statistics))
 
     def log_prior(self) -> float:
         return -self.policy.penalty()

@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any, Protocol, Self
 
-from rpil.passes import Array
+from rpil.passes import Array, Sums
 from rpil.policies.gaussian import StudentPolicy
 from rpil.policies.softmax import SoftmaxPolicy
 from rpil.problem import Problem
 from rpil.spaces import Space
 
-__all__ = ["Policy", "SoftmaxPolicy", "StudentPolicy", "linear_policy"]
+__all__ = ["AdditivePolicy", "Policy", "SoftmaxPolicy", "StudentPolicy", "linear_policy"]
 
 
 class Policy(Protocol):
@@ -48,6 +48,25 @@ class Policy(Protocol):
 
     def tempered(self, temperature: float) -> Self:
         """The same, surer above 1 and less sure below, where a policy knows how."""
+
+
+class AdditivePolicy(Policy, Protocol):
+    """A policy that can also learn from sums over parts of the data, which may lie in many places."""
+
+    def primed(self, problem: Problem, weight: Array, ridge: Array, factor: float) -> Self:
+        """Ready for sums over `factor` times as many steps as these, weighted; `ridge` (D,) is for all of them."""
+
+    def statistics(self, problem: Problem, outputs: Array, weight: Array, lesson: Array | None = None) -> Sums:
+        """What some of the steps tell, as sums."""
+
+    def improved(self, statistics: Sums) -> Self:
+        """The policy after one improving step, given the statistics of all."""
+
+    def slope(self, statistics: Sums) -> float:
+        """How far from the best it still is: the largest entry of the gradient."""
+
+    def towards(self, other: Self, share: float) -> Self:
+        """The policy so far along the way to `other`."""
 
 
 _LINEAR: dict[str, Callable[[Any, Array, float], Policy]] = {

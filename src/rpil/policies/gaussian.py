@@ -16,7 +16,7 @@ import numpy as np
 from scipy.linalg import cho_factor, cho_solve, solve_triangular
 from scipy.special import gammaln
 
-from rpil.passes import Array, blocks, linear
+from rpil.passes import Array, Sums, blocks, linear
 from rpil.problem import Problem
 from rpil.spaces import Box
 
@@ -103,6 +103,45 @@ class StudentPolicy:
         """What the ridge and the least spread take off the log-likelihood."""
         root = np.vstack([np.sqrt(self.ridge)[:, None] * self.weights, np.diag(self.least)])
         return float(0.5 * self._distance(root).sum())
+
+    def primed(self, problem: Problem, weight: Array, ridge: Array, factor: float) -> StudentPolicy:
+        """The same for `factor` times as many steps."""
+        return replace(self, ridge=ridge, least=self.least * np.sqrt(factor))
+
+    def statistics(self, problem: Problem, outputs: Array, weight: Array, lesson: Array | None = None) -> Sums:
+        """X^T W X, X^T W R and R^T W R for the residuals R, the likelihood of every nu, and the sum of the weights."""
+        residual = problem.actions - outputs
+        distance = self._distance(residual)
+        trust = weight * (self.freedom + residual.shape[1]) / (self.freedom + distance)
+        likelihood = np.array([weight @ self._log_density(distance, freedom) for freedom in _FREEDOM])
+        moments = _moments(problem.features, residual, trust)
+        return (*moments, (residual.T * trust) @ residual, likelihood, weight.sum())
+
+    def improved(self, statistics: Sums) -> StudentPolicy:
+        """One step of weighted least squares; nu is the best for what was there before it."""
+        moments, cross, scatter, likelihood, total = statistics
+        if not total > 0.0:
+            return self
+        step = _solve(moments + np.diag(self.ridge), cross - self.ridge[:, None] * self.weights)
+        weights = self.weights + step
+        scatter = scatter - step.T @ cross - cross.T @ step + step.T @ moments @ step
+        scatter += (weights.T * self.ridge) @ weights + np.diag(self.least**2)
+        freedom = float(_FREEDOM[int(np.argmax(likelihood))])
+        return replace(self, weights=weights, cholesky=np.linalg.cholesky(scatter / total), freedom=freedom)
+
+    def slope(self, statistics: Sums) -> float:
+        """Largest entry of the gradient of the penalised log-likelihood, in units of the spread."""
+        spread = np.sqrt((self.cholesky**2).sum(axis=1))
+        return float(np.abs((statistics[1] - self.ridge[:, None] * self.weights) / spread).max())
+
+    def towards(self, other: StudentPolicy, share: float) -> StudentPolicy:
+        """The policy so far along the way to another one."""
+
+        def between(one: Array, two: Array) -> Array:
+            return one + share * (two - one)
+
+        weights, cholesky = between(self.weights, other.weights), between(self.cholesky, other.cholesky)
+        return replace(self, weights=weights, cholesky=cholesky, freedom=other.freedom)
 
     def _improved(self, features: Array, actions: Array, outputs: Array, weight: Array) -> tuple[StudentPolicy, Array]:
         dimension = actions.shape[1]

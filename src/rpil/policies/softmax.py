@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from rpil.passes import Array, linear, log_softmax
+from rpil.passes import Array, Sums, gradient, linear, log_softmax
 from rpil.problem import Problem
 from rpil.solvers import Preconditioner, fit_softmax
 
@@ -86,6 +86,35 @@ class SoftmaxPolicy:
         )
         age = self._age + 1 if fit.preconditioner is reuse else 0
         return SoftmaxPolicy(fit.weights, self.ridge, fit.preconditioner, age), fit.log_proba
+
+    def primed(self, problem: Problem, weight: Array, ridge: Array, factor: float) -> SoftmaxPolicy:
+        """Ready for sums over `factor` times as many steps, with the Hessian of these; `ridge` is for all."""
+        proba = np.exp(self.log_proba(problem.features))
+        hessian = Preconditioner(problem.features, proba, factor * weight, ridge, len(weight), coupled=True)
+        return SoftmaxPolicy(self.weights, ridge, hessian)
+
+    def statistics(self, problem: Problem, outputs: Array, weight: Array, lesson: Array | None = None) -> Sums:
+        """The gradient of the log-likelihood, (D, K)."""
+        targets = one_hot(problem.actions, weight, self.weights.shape[1])
+        if lesson is not None:
+            targets += lesson
+            weight = targets.sum(axis=1)
+        slope = gradient(problem.features, targets - weight[:, None] * np.exp(outputs))
+        return (slope - slope.mean(axis=1, keepdims=True),)  # what all actions share is rounding
+
+    def improved(self, statistics: Sums) -> SoftmaxPolicy:
+        """One Newton step."""
+        assert self._preconditioner is not None, "primed first"
+        step = self._preconditioner(statistics[0] - self.ridge[:, None] * self.weights)
+        return replace(self, weights=self.weights + step)
+
+    def slope(self, statistics: Sums) -> float:
+        """Largest entry of the gradient of the penalised log-likelihood."""
+        return float(np.abs(statistics[0] - self.ridge[:, None] * self.weights).max())
+
+    def towards(self, other: SoftmaxPolicy, share: float) -> SoftmaxPolicy:
+        """The policy so far along the way to another one."""
+        return replace(self, weights=self.weights + share * (other.weights - self.weights))
 
     def tempered(self, temperature: float) -> SoftmaxPolicy:
         """The same order of preferences, surer above 1 and less sure below."""

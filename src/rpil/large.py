@@ -1,0 +1,286 @@
+"""A fit to more data than a search should read: a sample decides what they are like, passes over all of them the rest.
+
+Which starts, which adversary, which groups compete: a hundred demonstrations tell as well as a million. What everybody
+does tell is the policy, the shares, and who is who; that is what `rpil.polish` learns from all of them, and nothing but
+parameters and sums leaves the place where the data lie.
+"""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from operator import itemgetter
+from typing import Any, Protocol
+
+import numpy as np
+
+from rpil.audit import step_weight, typical_reliability
+from rpil.belief import evidence, power, resemblance, sum_out
+from rpil.demonstrations import Demonstrations, Piece
+from rpil.demonstrators import Company
+from rpil.em import Posterior, Result, State, e_step
+from rpil.engines import Engine, InMemory
+from rpil.features import FeatureMap
+from rpil.identify import competing_groups
+from rpil.inputs import known_actions, ridge_of
+from rpil.passes import Array
+from rpil.policies import linear_policy
+from rpil.polish import Polished, clone, polish, primed
+from rpil.problem import Problem
+from rpil.search import fit as search
+from rpil.selection import Choice
+from rpil.spaces import Space
+
+SAMPLE_STEPS = 20_000
+SAMPLE_DEMONSTRATIONS = 100
+STEPS_PER_COEFFICIENT = 50
+"""Of the sample that is searched, at least."""
+
+TIMES = 10
+"""How many samples there must be before a sample is all that is searched."""
+
+
+REFIT_TOL = 1e-6
+"""Gradient, a step, at which the final policy is done: its actions have long stopped changing."""
+
+
+class Source(Protocol):
+    """Demonstrations in memory, or on disk."""
+
+    @property
+    def ids(self) -> tuple[Any, ...]: ...
+
+    @property
+    def offsets(self) -> Array: ...
+
+    @property
+    def source(self) -> str: ...
+
+    def parts(self, n_parts: int = 1) -> list[Any]:
+        """All demonstrations in order: parts, each to be iterated over for its pieces."""
+
+    def select(self, indices: Any) -> Demonstrations:
+        """Some of them, in memory."""
+
+
+def sample_steps(n_coefficients: int) -> int:
+    """Steps of the sample that is searched for a policy of so many coefficients."""
+    return max(SAMPLE_STEPS, STEPS_PER_COEFFICIENT * n_coefficients)
+
+
+def sample(lengths: Array, labels: Array, n_steps: int, rng: np.random.Generator) -> Array:
+    """Demonstrations to search, in order: those with a label, and others at random until there are enough."""
+    order = rng.permutation(len(lengths))
+    order = order[np.argsort(labels[order] == 0, kind="stable")]
+    enough = int(np.searchsorted(np.cumsum(lengths[order]), n_steps)) + 1
+    return np.sort(order[: max(enough, SAMPLE_DEMONSTRATIONS, int((labels != 0).sum()))])
+
+
+@dataclass(frozen=True, eq=False)
+class Prepare:
+    """A piece of demonstrations as the data of a fit, in single precision.
+
+    Attributes
+    ----------
+    features : FeatureMap
+    space : Space
+    classes : (K,) array
+    labels : (M,) array
+        Of all demonstrations.
+    """
+
+    features: FeatureMap
+    space: Space
+    classes: Array
+    labels: Array
+
+    def __call__(self, piece: Piece) -> tuple[Piece, Problem]:
+        codes = known_actions(self.classes, piece.actions, "the demonstrations")
+        design = self.features.design(piece.observations, single=True)
+        return piece, Problem(design, codes, piece.offsets, self.space, self.labels[piece.demonstrations])
+
+
+@dataclass(frozen=True, eq=False)
+class Judged:
+    """What a pass at the final parameters says of some demonstrations; arrays as in `rpil.em.Posterior`."""
+
+    evidence: Array
+    joint: Array
+    log_odds: Array
+    log_evidence: Array
+    together: float
+    variance: float
+
+
+def judge(problem: Problem, state: State) -> Judged:
+    """What `state` says of demonstrations."""
+    outputs = state.policy.outputs(problem.features)
+    found = e_step(problem, state, outputs)
+    alike = resemblance(problem, found.log_ratio)
+    return Judged(evidence(problem, state, outputs), found.joint, found.log_odds, found.log_evidence, *alike)
+
+
+def together(judged: Iterable[Judged], polished: Polished) -> tuple[Result, Array, float]:
+    """The result for everybody, without their steps; their evidence (M, J), and the power of a likelihood."""
+    parts = list(judged)
+    joint, by_node = (np.concatenate([getattr(p, name) for p in parts]) for name in ("joint", "evidence"))
+    log_odds, log_evidence = (np.concatenate([getattr(p, n) for p in parts]) for n in ("log_odds", "log_evidence"))
+    none = np.empty(0)
+    posterior = Posterior(log_odds, joint, none, log_evidence, none, none)
+    tempering = power(sum(p.together for p in parts), sum(p.variance for p in parts))
+    return Result(polished.state, posterior, polished.history, polished.converged), by_node, tempering
+
+
+@dataclass(frozen=True, eq=False)
+class Weigh:
+    """What the final policy learns from a piece, the weights of its steps, and their log-ratios.
+
+    Attributes
+    ----------
+    state : State
+    trust, reliability : (M,) arrays
+        Of all demonstrations.
+    typical : float
+        Reliability of an expert.
+    final : Prepare or None
+        With the features of the final policy, where they are others than the search's.
+    """
+
+    state: State
+    trust: Array
+    reliability: Array
+    typical: float
+    final: Prepare | None
+
+    def __call__(self, ready: tuple[Piece, Problem]) -> tuple[Problem, Array, Array]:
+        piece, problem = ready
+        posterior = e_step(problem, self.state, self.state.policy.outputs(problem.features))
+        weight = self.weight(problem, posterior.step, piece.demonstrations)
+        return (self.final(piece)[1] if self.final else problem), weight, posterior.log_ratio
+
+    def weight(self, problem: Problem, step: Array, those: Any) -> Array:
+        """Weights of the steps of `those` demonstrations."""
+        return step_weight(problem.lengths, self.trust[those], self.reliability[those], step, self.typical)
+
+
+def everyone(data: Source, prepare: Prepare, company: Company) -> Problem:
+    """All demonstrations as such, without their steps: lengths, labels, who gave which."""
+    none = np.empty(0)
+    return Problem(none, none, data.offsets, prepare.space, prepare.labels, company=company)
+
+
+def in_groups(competing: Sequence[Array], chosen: Array, expert: Array) -> list[Array]:
+    """Groups that compete in the sample (its demonstrations `chosen`), for everybody: who is like the group that leads,
+    and all others, of whom nobody can say in which of the groups they are."""
+    if not competing:
+        return []
+    leads = expert > 0.5
+    leads[chosen[competing[0]]] = True
+    for rival in competing[1:]:
+        leads[chosen[rival]] = False
+    return [np.flatnonzero(leads), np.flatnonzero(~leads)]
+
+
+def gathered(pieces: Iterator[tuple[Array, Array]], n_steps: int, on_disk: bool) -> tuple[Array, Array]:
+    """Log-ratios and weights of all steps, (N,) each, in a temporary file where memory should not hold them."""
+    if not on_disk:
+        both = list(pieces)
+        return np.concatenate([one for one, _ in both]), np.concatenate([other for _, other in both])
+    files = [tempfile.TemporaryFile() for _ in range(2)]  # noqa: SIM115 - they live as long as the arrays
+    for pair in pieces:
+        for file, values in zip(files, pair, strict=True):
+            file.write(values.astype(np.float32).tobytes())
+    for file in files:
+        file.flush()
+    one, other = (np.memmap(file, np.float32, "r", shape=(n_steps,)) for file in files)
+    return one, other
+
+
+def is_large(model: Any, data: Source) -> bool:
+    """Whether a sample of `data` is enough to search."""
+    return int(data.offsets[-1]) > TIMES * _budget(model, data)
+
+
+def _budget(model: Any, data: Source) -> int:
+    columns = FeatureMap.fit(model._search_kind(data), data.select(slice(0, 1)).observations).n_columns
+    return sample_steps(columns * model.space_.n_parts)
+
+
+def fit_large(model: Any, data: Source, labels: Array, company: Company, engine: Engine) -> None:
+    """`RPIL.fit`, of which `model` has the settings and gets the attributes.
+
+    Parameters
+    ----------
+    model : RPIL
+    data : Source
+    labels : (M,) array
+        Of all demonstrations.
+    company : Company
+        Who gave which of them.
+    engine : Engine
+        Who runs the passes.
+    """
+    progress, rng = model.progress or (lambda _: None), np.random.default_rng(model.random_state)
+    lengths, n_steps, space = np.diff(data.offsets), int(data.offsets[-1]), model.space_
+    progress("a sample")
+    chosen = sample(lengths, labels, _budget(model, data), rng)
+    few = data.select(chosen)
+    whole = Piece(0, few.observations, few.actions, few.offsets)
+    prepare = Prepare(FeatureMap.fit(model._search_kind(data), few.observations), space, model.classes_, labels)
+    some = replace(prepare, labels=labels[chosen])(whole)[1]
+    setting = model._setting(prepare.features, len(some.actions), lengths)
+    result, runs = search(some, setting, model._candidates(), rng, progress)
+    progress("competing groups")
+    competing = competing_groups(some, setting, result, runs, rng)
+
+    ready = engine.place(data.parts(engine.n_parts)).then(prepare)
+    problems = ready.then(itemgetter(1))
+    ridge = ridge_of(prepare.features, model.C, n_steps, space)
+    factor = n_steps / len(some.actions)
+    start = primed(result.state, some, result.posterior, setting.mode, ridge, factor)
+    polished = polish(problems, start, setting.mode, len(lengths), model.tol, model.max_iter, progress)
+
+    progress("verdicts")
+    everybody = everyone(data, prepare, company)
+    found, by_node, tempering = together(problems.map(partial(judge, state=polished.state)), polished)
+    belief, log_odds = sum_out(everybody, polished.state, by_node, tempering)
+    groups = in_groups(competing, chosen, found.posterior.expert)
+    model._keep(everybody, found, belief, log_odds, data, groups)
+    model.search_features_ = prepare.features
+    if competing:
+        longest = [group[np.argmax(some.lengths[group])] for group in competing]
+        model.audit_ = replace(model.audit_, to_label=tuple(few.ids[m] for m in longest))
+
+    progress("the policy")
+    # Where nobody is trusted, what little is the expert's is learned from, wherever it is.
+    trust, reliability = model.audit_.expert_proba, model.audit_.reliability
+    typical = typical_reliability(reliability, trust)
+    if not trust.any():
+        trust, typical = np.ones(len(trust)), np.inf
+    weigh = Weigh(polished.state, trust, reliability, typical, None)
+    outputs = polished.state.policy.outputs(some.features)
+    weight = weigh.weight(some, e_step(some, polished.state, outputs).step, chosen)
+    choice = model._choice(few, some.actions, weight)
+    policy, read = polished.state.policy, prepare.features
+    if choice != Choice(read.kind):
+        trusted = weight > 0.5 * weight.max()
+        read = FeatureMap.fit(choice.kind, few.observations[trusted], weight[trusted], choice.ridge)
+        weigh = replace(weigh, final=replace(prepare, features=read))
+        some = replace(some, features=read.design(few.observations, single=True))
+        policy = linear_policy(space, ridge_of(read, model.C, weight.sum(), space), weight.sum())
+        policy, _ = policy.learn(some, weight)
+    lessons = ready.then(weigh)
+    on_disk = not isinstance(engine, InMemory)
+    log_ratio, step_weight = gathered(lessons.map(_of_steps), n_steps, on_disk)
+    model.audit_ = replace(model.audit_, step_log_ratio=log_ratio, step_weight=step_weight)
+    total = float(step_weight.sum(dtype=float))
+    policy = policy.primed(some, weight, ridge_of(read, model.C, total, space), total / weight.sum())
+    final = clone(lessons, policy, REFIT_TOL, model.max_iter, progress)
+    model.features_, model.policy_ = read, final.state.tempered(choice.temperature)
+    model._tell(everybody, data.source)
+
+
+def _of_steps(lesson: tuple[Problem, Array, Array]) -> tuple[Array, Array]:
+    return lesson[2], lesson[1]

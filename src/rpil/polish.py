@@ -1,0 +1,173 @@
+"""Fits to all demonstrations, wherever they lie, from what a sample of them found: every iteration is one pass.
+
+A pass is an E-step at some parameters and, with the responsibilities that it gives, the sums from which every part of
+the state improves; so the E-step costs no reading of its own. By Fisher's identity these are the gradients of the
+observed-data likelihood itself ("One optimisation instead of two loops" in docs/model.md). Policies take Newton steps
+with the Hessian of the sample, scaled up: a sample of fifty steps a coefficient gets most directions right, so that
+each pass takes most of the error away.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import partial, reduce
+from typing import Any
+
+import numpy as np
+
+from rpil.em import MStep, Posterior, State, e_step
+from rpil.engines import Shards
+from rpil.passes import Array, Sums, add
+from rpil.problem import Problem
+
+_ROUNDING = 1e-9
+"""Share of the objective that a pass may lose to rounding."""
+
+_SHORTEST = 1 / 64
+"""Of a step, before the search along it is given up."""
+
+Progress = Callable[[str], None]
+
+
+@dataclass(frozen=True, eq=False)
+class Polished:
+    """Where passes over everything ended: a `State`, or a policy."""
+
+    state: Any
+    history: Array
+    converged: bool
+
+
+def primed(state: State, sample: Problem, posterior: Posterior, mode: MStep, ridge: Array, factor: float) -> State:
+    """`state`, found on a sample, ready for sums over `factor` times as many steps; `ridge` is for all of them."""
+    expert, adversary = posterior.step, 1 - posterior.step
+    teaches = mode == "joint" and state.adversary.intended(posterior.outputs[:1], sample.actions[:1]) is not None
+    policy: Any = state.policy
+    return replace(
+        state,
+        policy=policy.primed(sample, expert + adversary if teaches else expert, ridge, factor),
+        adversary=state.adversary.primed(sample, adversary, ridge, factor),
+    )
+
+
+def em_pass(problem: Problem, state: State, mode: MStep) -> Sums:
+    """Log-evidence and what every part of `state` must know to improve, summed over some demonstrations."""
+    policy: Any = state.policy
+    outputs = policy.outputs(problem.features)
+    posterior = e_step(problem, state, outputs)
+    expert, adversary = posterior.step, 1 - posterior.step
+    intended = state.adversary.intended(outputs, problem.actions) if mode == "joint" else None
+    lesson = None if intended is None else adversary[:, None] * intended
+    return (
+        posterior.log_evidence.sum(),
+        policy.statistics(problem, outputs, expert, lesson),
+        state.adversary.statistics(problem, outputs, adversary),
+        state.prior.statistics(posterior.expert, problem.lengths),
+        posterior.joint.sum(axis=0),
+    )
+
+
+def improved(state: State, sums: Sums) -> State:
+    """Every part one step better, given the sums over everything."""
+    _, policy, adversary, prior, counts = sums
+    mine: Any = state.policy
+    return replace(
+        state,
+        policy=mine.improved(policy),
+        adversary=state.adversary.improved(adversary),
+        prior=state.prior.improved(prior),
+        reliability=state.reliability.fit(counts),
+    )
+
+
+def polish(
+    shards: Shards,
+    state: State,
+    mode: MStep,
+    n_demonstrations: int,
+    tol: float,
+    max_iter: int,
+    progress: Progress = lambda _: None,
+) -> Polished:
+    """EM on everything from a `primed` state, until the objective gains less than `tol` nats a demonstration."""
+
+    def towards(before: State, after: State, share: float) -> State:
+        policy: Any = before.policy
+        return replace(after, policy=policy.towards(after.policy, share))
+
+    def measure(at: State) -> tuple[float, Sums]:
+        sums = total(shards, partial(em_pass, state=at, mode=mode))
+        own = at.prior.log_prior() + at.reliability.log_prior() + at.adversary.log_prior() - at.policy.penalty()
+        return float(sums[0]) + own, sums
+
+    def finished(gain: float) -> bool:
+        return gain <= tol * n_demonstrations
+
+    return _climb(state, measure, improved, towards, finished, max_iter, progress)
+
+
+def clone_pass(lesson: tuple[Problem, Array, Array], policy: Any) -> Sums:
+    """Log-likelihood and weight of weighted steps, and what the policy must know to improve."""
+    problem, weight, _ = lesson
+    outputs = policy.outputs(problem.features)
+    likelihood = weight @ policy.log_prob(outputs, problem.actions)
+    return likelihood, policy.statistics(problem, outputs, weight), weight.sum()
+
+
+def clone(
+    shards: Shards,
+    policy: Any,
+    tol: float,
+    max_iter: int,
+    progress: Progress = lambda _: None,
+) -> Polished:
+    """A `primed` policy, fitted to weighted steps until no entry of the gradient is above `tol` a step."""
+
+    def measure(at: Any) -> tuple[float, Sums]:
+        sums = total(shards, partial(clone_pass, policy=at))
+        return float(sums[0]) - at.penalty(), sums
+
+    def better(at: Any, sums: Sums) -> Any:
+        return at if at.slope(sums[1]) <= tol * sums[2] else at.improved(sums[1])
+
+    return _climb(policy, measure, better, lambda a, b, share: a.towards(b, share), lambda _: False, max_iter, progress)
+
+
+def total(shards: Shards) -> Sums:
+    """The sums over all shards, always added up in the same order."""
+    return reduce(add, shards.map(one_pass))
+
+
+def _climb(
+    start: Any,
+    measure: Callable[[Any], tuple[float, Sums]],
+    better: Callable[[Any, Sums], Any],
+    towards: Callable[[Any, Any, float], Any],
+    finished: Callable[[float], bool],
+    max_iter: int,
+    progress: Progress,
+) -> Polished:
+    """Steps uphill; one that went down is shortened, as the Hessian of a sample may be too small somewhere."""
+    here = start
+    value, sums = measure(here)
+    history = [value]
+    for n_pass in range(max_iter):
+        progress(f"pass {n_pass + 1} over everything, objective {value:.6g}")
+        far = there = better(here, sums)
+        if there is here:
+            return Polished(here, np.array(history), True)
+        share = 1.0
+        new_value, new_sums = measure(there)
+        while new_value < value - _ROUNDING * abs(value):
+            share *= 0.25
+            if share < _SHORTEST:
+                return Polished(here, np.array(history), False)
+            there = towards(here, far, share)
+            new_value, new_sums = measure(there)
+        gain = new_value - value
+        here, value, sums = there, new_value, new_sums
+        history.append(value)
+        if finished(gain):
+            return Polished(here, np.array(history), True)
+    return Polished(here, np.array(history), False)
