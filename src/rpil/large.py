@@ -188,14 +188,13 @@ def gathered(pieces: Iterator[tuple[Array, Array]], n_steps: int, on_disk: bool)
     if not on_disk:
         both = list(pieces)
         return np.concatenate([one for one, _ in both]), np.concatenate([other for _, other in both])
-    files = [tempfile.TemporaryFile() for _ in range(2)]  # noqa: SIM115 - they live as long as the arrays
-    for pair in pieces:
-        for file, values in zip(files, pair, strict=True):
-            file.write(values.astype(np.float32).tobytes())
-    for file in files:
-        file.flush()
-    one, other = (np.memmap(file, np.float32, "r", shape=(n_steps,)) for file in files)
-    return one, other
+    with tempfile.TemporaryFile() as one, tempfile.TemporaryFile() as other:
+        for pair in pieces:
+            for file, values in zip((one, other), pair, strict=True):
+                file.write(values.astype(np.float32).tobytes())
+        one.flush()
+        other.flush()
+        return np.memmap(one, np.float32, "r", shape=(n_steps,)), np.memmap(other, np.float32, "r", shape=(n_steps,))
 
 
 def is_large(model: Any, data: Source) -> bool:

@@ -134,7 +134,7 @@ def clone(
     return _climb(policy, measure, better, lambda a, b, share: a.towards(b, share), lambda _: False, max_iter, progress)
 
 
-def total(shards: Shards) -> Sums:
+def total(shards: Shards, one_pass: Callable[[Any], Sums]) -> Sums:
     """The sums over all shards, always added up in the same order."""
     return reduce(add, shards.map(one_pass))
 
