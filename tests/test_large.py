@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from problems import make, make_continuous
-from rpil import RPIL, large
+from rpil import RPIL, large, load, save
 from rpil.demonstrations import PIECE_STEPS, Demonstrations
 from rpil.engines import InMemory, Streamed
 from rpil.large import sample
@@ -32,7 +32,7 @@ def demonstrations(kind="random", seed=0, n_good=80, n_bad=40, maker=make):
 @pytest.mark.parametrize("adversary", ADVERSARIES)
 def test_it_says_what_a_search_of_everything_says(small, monkeypatch, adversary):
     toy, data = demonstrations()
-    labels = {m: "expert" for m in toy.ids[:2]} if adversary == "own policy" else None
+    labels = dict.fromkeys(toy.ids[:2], "expert") if adversary == "own policy" else None
     model = RPIL(adversary=adversary, labels=labels, tol=1e-6).fit(data)
     assert large.is_large(model, data)
     monkeypatch.setattr(large, "TIMES", 1e9)
@@ -82,3 +82,14 @@ def test_a_sample_holds_every_label():
     assert {3, 4000} <= set(chosen.tolist())
     assert len(chosen) == 100
     assert (np.diff(chosen) > 0).all()
+
+
+@pytest.mark.parametrize("engine", [InMemory(), Streamed()])
+def test_it_is_saved(small, engine, tmp_path):
+    _, data = demonstrations()
+    model = RPIL(engine=engine, adversary="marginal").fit(data)
+    save(model, tmp_path / "policy")
+    back = load(tmp_path / "policy")
+    np.testing.assert_array_equal(back.audit_.step_weight, model.audit_.step_weight)
+    np.testing.assert_array_equal(back.predict_proba(data.observations), model.predict_proba(data.observations))
+    assert back.audit_.suggest_labels(2) == model.audit_.suggest_labels(2)

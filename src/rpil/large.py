@@ -273,7 +273,8 @@ def fit_large(model: Any, data: Source, labels: Array, company: Company, engine:
     lessons = ready.then(weigh)
     on_disk = not isinstance(engine, InMemory)
     log_ratio, step_weight = gathered(lessons.map(_of_steps), n_steps, on_disk)
-    model.audit_ = replace(model.audit_, step_log_ratio=log_ratio, step_weight=step_weight)
+    mine = model.audit_.expert_proba[None]
+    model.audit_ = replace(model.audit_, step_log_ratio=log_ratio, step_weight=step_weight, solutions=mine)
     total = float(step_weight.sum(dtype=float))
     policy = policy.primed(some, weight, ridge_of(read, model.C, total, space), total / weight.sum())
     final = clone(lessons, policy, REFIT_TOL, model.max_iter, progress)

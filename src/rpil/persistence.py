@@ -35,15 +35,17 @@ SCHEMA = "rpil fitted estimator"
 VERSION = 2
 
 _HEADER = "header.json"
+_STEPS = (np.float64, np.float32)  # the latter where there are very many
+_TYPES: dict[str, tuple[type, ...]] = {"offsets": (np.int64,), "step_log_ratio": _STEPS, "step_weight": _STEPS}
 _NAMES = ("feature_names_in_", "observation_names_")  # of data frames, and of `Demonstrations`
 
 
 def save(estimator: RPIL | RMEnt | BehavioralCloning, path: StrPath) -> None:
     """Write a fitted estimator to a file of any name.
 
-    All of it comes back, bit for bit, but for what only its own program can make: `progress`, and an adversary of a
-    class that is not in `rpil.adversaries`. Without the latter a loaded model still predicts and has its `audit_`, but
-    cannot score further demonstrations.
+    All of it comes back, bit for bit, but for what only its own program can make: `progress`, `engine`, and an
+    adversary of a class that is not in `rpil.adversaries`. Without the latter a loaded model still predicts and
+    has its `audit_`, but cannot score further demonstrations.
 
     Parameters
     ----------
@@ -126,7 +128,8 @@ def _params(estimator: Any, arrays: dict[str, NDArray[Any]]) -> dict[str, Any]:
     """Constructor parameters; one that is nothing plain is left out, an adversary of unknown class but its name."""
     params = {}
     given = estimator.get_params(deep=False)
-    given.pop("progress", None)
+    for only_here in ("progress", "engine"):
+        given.pop(only_here, None)
     for name, value in given.items():
         plain = value.tolist() if isinstance(value, np.ndarray) else value
         try:
@@ -189,11 +192,11 @@ class _Decoder:
         self.arrays = dict(arrays)
         self.sizes: dict[str, int] = {}
 
-    def array(self, node: Any, axes: str, dtype: type | None = None) -> NDArray[Any]:
+    def array(self, node: Any, axes: str, *dtypes: type) -> NDArray[Any]:
         """The array that `node` names; axes as in `KNOWN`."""
         array = self.arrays.pop(node["array"])
         letters = axes.split()
-        if array.ndim != len(letters) or (dtype is not None and array.dtype != dtype):
+        if array.ndim != len(letters) or (dtypes and array.dtype not in dtypes):
             raise ValueError(node)
         for size, letter in zip(array.shape, letters, strict=True):
             letter, _, more = letter.partition("+")
@@ -220,7 +223,7 @@ class _Decoder:
             self.sizes = {letter: size for letter, size in self.sizes.items() if letter not in ("F", "knots", "R")}
         return known(
             **{
-                name: self.array(part, shapes[name], np.int64 if name == "offsets" else np.float64)
+                name: self.array(part, shapes[name], *_TYPES.get(name, (np.float64,)))
                 if name in shapes
                 else self.value(part)
                 for name, part in content.items()
