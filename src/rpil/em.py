@@ -26,8 +26,8 @@ from rpil.reliability import ADVERSARY, EXPERT, Reliability
 
 MStep = Literal["joint", "expert_only"]
 
-_LARGE = 700.0
-"""Log-ratios beyond this are no different to a double."""
+_LARGE = 80.0
+"""Log-ratios beyond this are no different: e^80 times the odds of any reliability is a number in single precision."""
 
 _STEADY = 1e-3
 """Changes of a responsibility or reliability, in one iteration, that no verdict notices."""
@@ -101,22 +101,27 @@ def evidence_by_reliability(
     if stickiness:
         log_pi, log_psi = _weighted(problem, log_pi), _weighted(problem, log_psi)
         return chains.log_evidence(log_pi, log_psi, problem.offsets, nodes, stickiness)
-    total = np.zeros((len(nodes), problem.n_demonstrations))
+    out = np.empty((problem.n_demonstrations, len(nodes)))
+    # At the ends the mixture is one of the two, to the last bit and below the smallest number there is.
+    out[:, nodes == 1.0] = problem.sum_steps(_weighted(problem, log_pi))[:, None]
+    out[:, nodes == 0.0] = problem.sum_steps(_weighted(problem, log_psi))[:, None]
+    inside = (nodes > 0.0) & (nodes < 1.0)
+    if not inside.any():
+        return out
     top = np.maximum(log_pi, log_psi)
-    share, rest = np.exp(log_pi - top), np.exp(log_psi - top)
+    precision = problem.features.dtype
+    mine, other = (np.exp(a - top).astype(precision, copy=False) for a in (log_pi, log_psi))
+    rho, against = (a.astype(precision)[:, None] for a in (nodes[inside], 1 - nodes[inside]))
+    total = np.zeros((len(rho), problem.n_demonstrations))
     for steps, demonstrations, begins in problem.segments:
-        mixture = nodes[:, None] * (share[steps] - rest[steps])
-        mixture += rest[steps]
-        with np.errstate(divide="ignore"):
-            np.log(mixture, out=mixture)
-        mixture += top[steps]
-        # At the ends the mixture is one of the two, to the last bit and below the smallest number there is.
-        mixture[nodes == 1.0] = log_pi[steps]
-        mixture[nodes == 0.0] = log_psi[steps]
+        mixture = rho * mine[steps]
+        mixture += against * other[steps]
+        np.log(mixture, out=mixture)
         if problem.weight is not None:
             mixture *= problem.weight[steps]
-        total[:, demonstrations] += np.add.reduceat(mixture, begins, axis=1)
-    return total.T
+        total[:, demonstrations] += np.add.reduceat(mixture, begins, axis=1, dtype=float)
+    out[:, inside] = total.T + problem.sum_steps(_weighted(problem, top))[:, None]
+    return out
 
 
 def expert_steps(problem: Problem, log_ratio: Array, by_node: Array, nodes: Array, stickiness: float = 0.0) -> Array:
@@ -128,9 +133,11 @@ def expert_steps(problem: Problem, log_ratio: Array, by_node: Array, nodes: Arra
     if not inside.any():
         return out
     # rho pi / (rho pi + (1 - rho) psi) = 1 / (1 + (1 - rho) / rho * psi / pi)
-    odds_against = (1 - nodes[inside]) / nodes[inside]
-    weight = by_node[:, inside].T
     ratio = np.exp(np.minimum(-log_ratio, _LARGE))
+    odds_against, weight, ratio = (
+        a.astype(problem.features.dtype, copy=False)
+        for a in ((1 - nodes[inside]) / nodes[inside], by_node[:, inside].T, ratio)
+    )
     for steps, demonstrations, begins in problem.segments:
         share = odds_against[:, None] * ratio[steps]
         share += 1.0

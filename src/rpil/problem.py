@@ -11,7 +11,7 @@ from rpil.demonstrators import Company, Strangers
 from rpil.passes import Array
 from rpil.spaces import Space
 
-_BLOCK_STEPS = 2048
+_BLOCK_STEPS = 4096
 """Steps whose mixtures over the whole grid of reliabilities are in memory, and in cache, at a time."""
 
 

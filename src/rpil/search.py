@@ -28,6 +28,9 @@ _STICKY = 0.5
 _CLEARLY = 5.0
 """Nats a solution must be better by in that light."""
 
+_PARTLY, _FEW = 0.15, 0.03
+"""A demonstration is partly bad with a reliability so far from 0 and 1, and so few of them do not count."""
+
 _LIKE_EXPERTS = "like known experts"
 _ASKED = 30
 _JUDGED_STEPS = 10_000
@@ -149,7 +152,8 @@ def _in_runs(
 
     An independent mixture pays for not knowing which steps are bad, so that a policy wins that is bad in the same
     situations. Chains do not pay (`rpil.chains`). But they explain a careless expert as well as an adversary, so they
-    only point to an optimum of the independent mixture, and decide between two.
+    only point to an optimum of the independent mixture, and decide between two. Where every demonstration is all good
+    or all bad, there is nothing to ask.
     """
 
     def in_that_light(result: Result) -> float:
@@ -157,7 +161,9 @@ def _in_runs(
         return lower_bound(state, e_step(problem, state, result.posterior.outputs))
 
     best = runs[0]
-    if in_that_light(best) < best.objective + _CLEARLY:
+    reliability = best.posterior.joint.sum(axis=1) @ best.state.reliability.nodes
+    partly = (reliability > _PARTLY) & (reliability < 1 - _PARTLY)
+    if partly.mean() < _FEW or in_that_light(best) < best.objective + _CLEARLY:
         return runs
     progress("bad steps in runs")
     found = search(problem, replace(setting, stickiness=_STICKY), which, rng.spawn(1)[0])[0]
