@@ -22,7 +22,8 @@ ORDER = [
     "policies", "adversaries", "priors", "reliability",
     "chains", "em", "agreement", "search", "refine", "belief", "identify", "suggestions", "audit",
     "polish", "inputs", "selection", "large", "cloning", "assumptions", "estimators", "rment", "reweighting",
-    "schema", "persistence", "actions", "experts", "corruptions", "environments", "rollouts", "simulation",
+    "schema", "persistence", "checkpoints",
+    "actions", "experts", "corruptions", "environments", "rollouts", "simulation",
     "plots", "report", "data", "demo", "reproduce", "terminal", "commands", "cli", "__main__",
 ]
 # fmt: on

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pytest
 
 from problems import make, make_continuous
-from rpil import RPIL, large, load, save
+from rpil import RPIL, DataError, large, load, save
 from rpil.demonstrations import PIECE_STEPS, Demonstrations
 from rpil.engines import InMemory, Streamed
 from rpil.large import sample
@@ -93,3 +95,50 @@ def test_it_is_saved(small, engine, tmp_path):
     np.testing.assert_array_equal(back.audit_.step_weight, model.audit_.step_weight)
     np.testing.assert_array_equal(back.predict_proba(data.observations), model.predict_proba(data.observations))
     assert back.audit_.suggest_labels(2) == model.audit_.suggest_labels(2)
+
+
+def test_an_interrupted_fit_goes_on_to_the_same_bits(small, tmp_path):
+    _, data = demonstrations("noisy", 1)
+    path = tmp_path / "so far"
+    settings = {"adversary": "confusion", "tol": 1e-7}
+    whole = RPIL(**settings).fit(data)
+
+    def interrupt(stage: str) -> None:
+        if stage.startswith("pass 4"):
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        RPIL(**settings, checkpoint=path, progress=interrupt).fit(data)
+    assert path.exists()
+    stages: list[str] = []
+    again = RPIL(**settings, checkpoint=path, progress=stages.append).fit(data)
+    assert not path.exists()
+    assert stages[1].startswith("pass 4")  # no search, and no pass twice
+    np.testing.assert_array_equal(again.audit_.history, whole.audit_.history)
+    np.testing.assert_array_equal(again.log_odds_, whole.log_odds_)
+    np.testing.assert_array_equal(again.coef_, whole.coef_)
+
+
+def test_a_checkpoint_of_another_fit_is_refused(small, tmp_path):
+    _, data = demonstrations("noisy", 1)
+    path = tmp_path / "so far"
+
+    def interrupt(stage: str) -> None:
+        if stage.startswith("pass 2"):
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        RPIL(adversary="marginal", checkpoint=path, progress=interrupt).fit(data)
+    with pytest.raises(DataError, match="other settings; delete it"):
+        RPIL(adversary="uniform", checkpoint=path).fit(data)
+    path.write_bytes(b"something else")
+    with pytest.raises(DataError, match="no checkpoint"):
+        RPIL(adversary="marginal", checkpoint=path).fit(data)
+    assert path.read_bytes() == b"something else"
+
+
+def test_the_time_left_is_told(small):
+    _, data = demonstrations("noisy", 1)
+    stages: list[str] = []
+    RPIL(adversary="confusion", tol=1e-7, progress=stages.append).fit(data)
+    assert any(re.search(r"^pass \d+ over everything, objective -[\d.e+]+, about \d+ s left$", s) for s in stages)

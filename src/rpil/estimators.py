@@ -24,6 +24,7 @@ from rpil.em import Result, State
 from rpil.engines import Engine, InMemory
 from rpil.errors import DataError
 from rpil.features import FeatureMap, Untouched
+from rpil.files import StrPath
 from rpil.identify import competing_groups
 from rpil.inputs import (
     as_demonstrations,
@@ -104,6 +105,9 @@ class RPIL(PolicyEstimator):
     engine : Engine, optional
         Who runs passes over data that are many times larger than what a search needs to read, see `rpil.engines`: by
         default this process, on all its cores.
+    checkpoint : path, optional
+        Where a fit to so much data keeps how far it is, after every pass. Where the file exists the fit goes on from
+        there, to the same bits; in the end it is removed.
 
     Attributes
     ----------
@@ -150,6 +154,7 @@ class RPIL(PolicyEstimator):
         action_box: tuple[ArrayLike, ArrayLike] | None = None,
         progress: Callable[[str], None] | None = None,
         engine: Engine | None = None,
+        checkpoint: StrPath | None = None,
     ) -> None:
         self.features = features
         self.policy = policy
@@ -168,6 +173,7 @@ class RPIL(PolicyEstimator):
         self.action_box = action_box
         self.progress = progress
         self.engine = engine
+        self.checkpoint = checkpoint
 
     def fit(
         self,

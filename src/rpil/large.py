@@ -27,7 +27,7 @@ from rpil.identify import competing_groups
 from rpil.inputs import known_actions, ridge_of
 from rpil.passes import Array
 from rpil.policies import linear_policy
-from rpil.polish import Polished, clone, polish, primed
+from rpil.polish import Polished, clone, polish, primed, resumed
 from rpil.problem import Problem
 from rpil.search import fit as search
 from rpil.selection import Choice
@@ -230,16 +230,29 @@ def fit_large(model: Any, data: Source, labels: Array, company: Company, engine:
     prepare = Prepare(FeatureMap.fit(model._search_kind(data), few.observations), space, model.classes_, labels)
     some = replace(prepare, labels=labels[chosen])(whole)[1]
     setting = model._setting(prepare.features, len(some.actions), lengths)
-    result, runs = search(some, setting, model._candidates(), rng, progress)
-    progress("competing groups")
-    competing = competing_groups(some, setting, result, runs, rng)
+    checkpoint = _checkpoint(model, data, few, labels)
+    begun = checkpoint.read() if checkpoint else None
+    if begun is None:
+        result, runs = search(some, setting, model._candidates(), rng, progress)
+        progress("competing groups")
+        begun = result.state, competing_groups(some, setting, result, runs, rng), None
+    state, competing, before = begun
 
     ready = engine.place(data.parts(engine.n_parts)).then(prepare)
     problems = ready.then(itemgetter(1))
     ridge = ridge_of(prepare.features, model.C, n_steps, space)
-    factor = n_steps / len(some.actions)
-    start = primed(result.state, some, result.posterior, setting.mode, ridge, factor)
-    polished = polish(problems, start, setting.mode, len(lengths), model.tol, model.max_iter, progress)
+    posterior = e_step(some, state, state.policy.outputs(some.features))
+    start = primed(state, some, posterior, setting.mode, ridge, n_steps / len(some.actions))
+    polished = polish(
+        problems,
+        replace(before, state=resumed(before.state, start)) if before else Polished(start),
+        setting.mode,
+        len(lengths),
+        model.tol,
+        model.max_iter,
+        progress,
+        partial(checkpoint.keep, state, competing) if checkpoint else lambda _: None,
+    )
 
     progress("verdicts")
     everybody = everyone(data, prepare, company)
@@ -280,6 +293,16 @@ def fit_large(model: Any, data: Source, labels: Array, company: Company, engine:
     final = clone(lessons, policy, REFIT_TOL, model.max_iter, progress)
     model.features_, model.policy_ = read, final.state.tempered(choice.temperature)
     model._tell(everybody, data.source)
+    if checkpoint:
+        checkpoint.done()
+
+
+def _checkpoint(model: Any, data: Source, few: Demonstrations, labels: Array) -> Any:
+    if model.checkpoint is None:
+        return None
+    from rpil.checkpoints import Checkpoint  # it knows all that can be saved, which is more than a fit needs
+
+    return Checkpoint.of(model.checkpoint, model, data.offsets, few, labels)
 
 
 def _of_steps(lesson: tuple[Problem, Array, Array]) -> tuple[Array, Array]:

@@ -43,8 +43,8 @@ _NAMES = ("feature_names_in_", "observation_names_")  # of data frames, and of `
 def save(estimator: RPIL | RMEnt | BehavioralCloning, path: StrPath) -> None:
     """Write a fitted estimator to a file of any name.
 
-    All of it comes back, bit for bit, but for what only its own program can make: `progress`, `engine`, and an
-    adversary of a class that is not in `rpil.adversaries`. Without the latter a loaded model still predicts and
+    All of it comes back, bit for bit, but for what only its own program can make: `progress`, `engine`, `checkpoint`,
+    and an adversary of a class that is not in `rpil.adversaries`. Without the latter a loaded model still predicts and
     has its `audit_`, but cannot score further demonstrations.
 
     Parameters
@@ -75,17 +75,12 @@ def save(estimator: RPIL | RMEnt | BehavioralCloning, path: StrPath) -> None:
         "class": kind,
         "names": {name: [*map(str, getattr(estimator, name))] for name in _NAMES if len(getattr(estimator, name, ()))},
         "params": _params(estimator, arrays),
-        "classes": _encode(_plain(estimator.classes_, path), "classes", arrays),
-        "fitted": {name: _encode(getattr(estimator, name), name.strip("_"), arrays) for name in FITTED[kind]},
+        "classes": encode(_plain(estimator.classes_, path), "classes", arrays),
+        "fitted": {name: encode(getattr(estimator, name), name.strip("_"), arrays) for name in FITTED[kind]},
     }
     if isinstance(estimator, RPIL):
         header |= _state(estimator, arrays)
-    with replacing(path) as temporary, zipfile.ZipFile(temporary, "w") as archive:
-        archive.writestr(_member(_HEADER), json.dumps(header, indent=1))
-        for name, array in arrays.items():
-            stream = io.BytesIO()
-            npy.write_array(stream, array, allow_pickle=False)
-            archive.writestr(_member(f"{name}.npy"), stream.getvalue())
+    write_archive(path, header, arrays)
 
 
 def load(path: StrPath) -> RPIL | RMEnt | BehavioralCloning:
@@ -97,15 +92,30 @@ def load(path: StrPath) -> RPIL | RMEnt | BehavioralCloning:
         One sentence: no such file, no saved estimator, another version of the format, or a damaged file.
     """
     path = check_readable(path)
-    header, arrays = _read(path)
+    header, arrays = read_archive(path, SCHEMA, "it is no policy that rpil saved; make one with rpil fit, or rpil.save")
+    if header.get("class") not in ESTIMATORS:
+        raise DataError(
+            f"{path}: it holds a {header.get('class')!r}, which rpil {__version__} does not know; "
+            f"use rpil {header.get('rpil')}, or fit and save again."
+        )
     try:
-        estimator = _restore(header, _Decoder(arrays))
+        estimator = _restore(header, Decoder(arrays))
         with np.errstate(all="ignore"):
             _try_out(estimator)
     except (KeyError, TypeError, ValueError, IndexError, AttributeError) as error:
         raise DataError(f"{path}: its parts do not belong together; fit and save it again.") from error
     estimator.source_ = path.name  # so that messages about it can say which file to replace
     return estimator
+
+
+def write_archive(path: StrPath, header: dict[str, Any], arrays: Mapping[str, NDArray[Any]]) -> None:
+    """A header and arrays to a file, all of it or nothing."""
+    with replacing(path) as temporary, zipfile.ZipFile(temporary, "w") as archive:
+        archive.writestr(_member(_HEADER), json.dumps(header, indent=1))
+        for name, array in arrays.items():
+            stream = io.BytesIO()
+            npy.write_array(stream, array, allow_pickle=False)
+            archive.writestr(_member(f"{name}.npy"), stream.getvalue())
 
 
 def _member(name: str) -> zipfile.ZipInfo:
@@ -128,12 +138,12 @@ def _params(estimator: Any, arrays: dict[str, NDArray[Any]]) -> dict[str, Any]:
     """Constructor parameters; one that is nothing plain is left out, an adversary of unknown class but its name."""
     params = {}
     given = estimator.get_params(deep=False)
-    for only_here in ("progress", "engine"):
+    for only_here in ("progress", "engine", "checkpoint"):
         given.pop(only_here, None)
     for name, value in given.items():
         plain = value.tolist() if isinstance(value, np.ndarray) else value
         try:
-            params[name] = _encode(plain, f"params/{name}", arrays)
+            params[name] = encode(plain, f"params/{name}", arrays)
         except _UnknownClassError as error:
             if name == "adversary":
                 params[name] = error.name
@@ -146,7 +156,7 @@ def _state(estimator: RPIL, arrays: dict[str, NDArray[Any]]) -> dict[str, Any]:
         return {"state": None, "state_needs": estimator.state_.needs}
     own: dict[str, NDArray[Any]] = {}
     try:
-        entry = _encode(estimator.state_, "state", own)
+        entry = encode(estimator.state_, "state", own)
     except _UnknownClassError as error:
         return {"state": None, "state_needs": error.name}
     arrays |= own
@@ -161,7 +171,7 @@ class _UnknownClassError(Exception):
         super().__init__(self.name)
 
 
-def _encode(value: Any, name: str, arrays: dict[str, NDArray[Any]]) -> Any:
+def encode(value: Any, name: str, arrays: dict[str, NDArray[Any]]) -> Any:
     """`value` as a node of the header; its arrays go to `arrays`, under names that begin with `name`."""
     if isinstance(value, np.generic):
         value = value.item()
@@ -171,12 +181,12 @@ def _encode(value: Any, name: str, arrays: dict[str, NDArray[Any]]) -> Any:
         arrays[name] = value
         return {"array": name}
     if isinstance(value, tuple | list):
-        return [_encode(item, f"{name}/{k}", arrays) for k, item in enumerate(value)]
+        return [encode(item, f"{name}/{k}", arrays) for k, item in enumerate(value)]
     if isinstance(value, Mapping):
-        return {"pairs": [[_encode(part, name, arrays) for part in pair] for pair in value.items()]}
+        return {"pairs": [[encode(part, name, arrays) for part in pair] for pair in value.items()]}
     if type(value) not in KNOWN or not is_dataclass(value):
         raise _UnknownClassError(value)
-    content = {f: _encode(getattr(value, f), f"{name}/{f}", arrays) for f in _field_names(type(value))}
+    content = {f: encode(getattr(value, f), f"{name}/{f}", arrays) for f in _field_names(type(value))}
     return {"class": type(value).__name__, "fields": content}
 
 
@@ -185,7 +195,7 @@ def _field_names(known: type) -> list[str]:
     return [field.name for field in fields(known) if not field.name.startswith("_")]
 
 
-class _Decoder:
+class Decoder:
     """Nodes of a header back to values, each array used once and checked against the sizes seen before."""
 
     def __init__(self, arrays: dict[str, NDArray[Any]]) -> None:
@@ -231,7 +241,7 @@ class _Decoder:
         )
 
 
-def _restore(header: dict[str, Any], decoder: _Decoder) -> Any:
+def _restore(header: dict[str, Any], decoder: Decoder) -> Any:
     kind = header["class"]
     classes = decoder.array(header["classes"], "K")
     params = {name: decoder.value(node) for name, node in header["params"].items()}
@@ -301,9 +311,9 @@ class _NotSaved:
     adversary = prior = reliability = policy
 
 
-def _read(path: Path) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
-    """The header, of the right schema and version, and every array of the archive."""
-    foreign = f"{path}: it is no policy that rpil saved; make one with rpil fit, or rpil.save."
+def read_archive(path: Path, schema: str, otherwise: str) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
+    """The header, of the right schema and version, and every array of the archive; what to say of another file."""
+    foreign = f"{path}: {otherwise}."
     if not zipfile.is_zipfile(path):
         with path.open("rb") as file:
             started = file.read(2) == b"PK"
@@ -312,7 +322,7 @@ def _read(path: Path) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
         with zipfile.ZipFile(path) as archive:
             names = archive.namelist()
             header = json.loads(archive.read(_HEADER)) if _HEADER in names else None
-            if not isinstance(header, dict) or header.get("schema") != SCHEMA:
+            if not isinstance(header, dict) or header.get("schema") != schema:
                 raise DataError(foreign)
             _check_known(path, header)
             arrays = {name.removesuffix(".npy"): _array(archive.read(name)) for name in names if name != _HEADER}
@@ -337,11 +347,6 @@ def _check_known(path: Path, header: dict[str, Any]) -> None:
         raise DataError(
             f"{path}: rpil {made_by} saved it in version {version!r} of the format, but rpil {__version__} reads "
             f"version {VERSION}; use that rpil, or fit and save again."
-        )
-    if header.get("class") not in ESTIMATORS:
-        raise DataError(
-            f"{path}: it holds a {header.get('class')!r}, which rpil {__version__} does not know; "
-            f"use rpil {made_by}, or fit and save again."
         )
 
 

@@ -9,8 +9,9 @@ each pass takes most of the error away.
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial, reduce
 from typing import Any
 
@@ -27,6 +28,9 @@ _ROUNDING = 1e-9
 _SHORTEST = 1 / 64
 """Of a step, before the search along it is given up."""
 
+_PATIENCE = 5
+"""Passes in which the gradient must halve, or rounding is all that is left of it."""
+
 Progress = Callable[[str], None]
 
 
@@ -35,8 +39,8 @@ class Polished:
     """Where passes over everything ended: a `State`, or a policy."""
 
     state: Any
-    history: Array
-    converged: bool
+    history: Array = field(default_factory=lambda: np.empty(0))
+    converged: bool = False
 
 
 def primed(state: State, sample: Problem, posterior: Posterior, mode: MStep, ridge: Array, factor: float) -> State:
@@ -49,6 +53,12 @@ def primed(state: State, sample: Problem, posterior: Posterior, mode: MStep, rid
         policy=policy.primed(sample, expert + adversary if teaches else expert, ridge, factor),
         adversary=state.adversary.primed(sample, adversary, ridge, factor),
     )
+
+
+def resumed(state: State, start: State) -> State:
+    """`state`, from a checkpoint, ready for the same sums as `start`, with which the passes began."""
+    policy: Any = state.policy
+    return replace(state, policy=policy.like(start.policy), adversary=state.adversary.like(start.adversary))
 
 
 def em_pass(problem: Problem, state: State, mode: MStep) -> Sums:
@@ -83,14 +93,18 @@ def improved(state: State, sums: Sums) -> State:
 
 def polish(
     shards: Shards,
-    state: State,
+    start: Polished,
     mode: MStep,
     n_demonstrations: int,
     tol: float,
     max_iter: int,
     progress: Progress = lambda _: None,
+    keep: Callable[[Polished], None] = lambda _: None,
 ) -> Polished:
-    """EM on everything from a `primed` state, until the objective gains less than `tol` nats a demonstration."""
+    """EM on everything from a `primed` state, until the objective gains less than `tol` nats a demonstration.
+
+    `keep` is called after every pass with what there is; it is a `start` from which the same bits follow.
+    """
 
     def towards(before: State, after: State, share: float) -> State:
         policy: Any = before.policy
@@ -101,10 +115,7 @@ def polish(
         own = at.prior.log_prior() + at.reliability.log_prior() + at.adversary.log_prior() - at.policy.penalty()
         return float(sums[0]) + own, sums
 
-    def finished(gain: float) -> bool:
-        return gain <= tol * n_demonstrations
-
-    return _climb(state, measure, improved, towards, finished, max_iter, progress)
+    return _climb(start, measure, improved, towards, tol * n_demonstrations, max_iter, progress, keep)
 
 
 def clone_pass(lesson: tuple[Problem, Array, Array], policy: Any) -> Sums:
@@ -115,23 +126,24 @@ def clone_pass(lesson: tuple[Problem, Array, Array], policy: Any) -> Sums:
     return likelihood, policy.statistics(problem, outputs, weight), weight.sum()
 
 
-def clone(
-    shards: Shards,
-    policy: Any,
-    tol: float,
-    max_iter: int,
-    progress: Progress = lambda _: None,
-) -> Polished:
+def clone(shards: Shards, policy: Any, tol: float, max_iter: int, progress: Progress = lambda _: None) -> Polished:
     """A `primed` policy, fitted to weighted steps until no entry of the gradient is above `tol` a step."""
 
     def measure(at: Any) -> tuple[float, Sums]:
         sums = total(shards, partial(clone_pass, policy=at))
         return float(sums[0]) - at.penalty(), sums
 
-    def better(at: Any, sums: Sums) -> Any:
-        return at if at.slope(sums[1]) <= tol * sums[2] else at.improved(sums[1])
+    slopes: list[float] = []
 
-    return _climb(policy, measure, better, lambda a, b, share: a.towards(b, share), lambda _: False, max_iter, progress)
+    def better(at: Any, sums: Sums) -> Any:
+        slopes.append(at.slope(sums[1]))
+        stuck = len(slopes) > _PATIENCE and min(slopes[-_PATIENCE:]) > 0.5 * min(slopes[:-_PATIENCE])
+        return at if stuck or slopes[-1] <= tol * sums[2] else at.improved(sums[1])
+
+    def towards(before: Any, after: Any, share: float) -> Any:
+        return before.towards(after, share)
+
+    return _climb(Polished(policy), measure, better, towards, -np.inf, max_iter, progress)
 
 
 def total(shards: Shards, one_pass: Callable[[Any], Sums]) -> Sums:
@@ -140,34 +152,52 @@ def total(shards: Shards, one_pass: Callable[[Any], Sums]) -> Sums:
 
 
 def _climb(
-    start: Any,
+    start: Polished,
     measure: Callable[[Any], tuple[float, Sums]],
     better: Callable[[Any, Sums], Any],
     towards: Callable[[Any, Any, float], Any],
-    finished: Callable[[float], bool],
+    goal: float,
     max_iter: int,
     progress: Progress,
+    keep: Callable[[Polished], None] = lambda _: None,
 ) -> Polished:
-    """Steps uphill; one that went down is shortened, as the Hessian of a sample may be too small somewhere."""
-    here = start
+    """Steps uphill until one gains no more than `goal`, or `better` knows none.
+
+    One that went down is shortened, as the Hessian of a sample may be too small somewhere.
+    """
+    begun = time.perf_counter()
+    here, history = start.state, start.history
     value, sums = measure(here)
-    history = [value]
-    for n_pass in range(max_iter):
-        progress(f"pass {n_pass + 1} over everything, objective {value:.6g}")
+    history = history if len(history) else np.array([value])
+    n_before = len(history)
+    while len(history) <= max_iter and not start.converged:
+        elapsed = (time.perf_counter() - begun) / (1 + len(history) - n_before)
+        progress(f"pass {len(history)} over everything, objective {value:.6g}{_time_left(history, goal, elapsed)}")
         far = there = better(here, sums)
         if there is here:
-            return Polished(here, np.array(history), True)
+            return Polished(here, history, True)
         share = 1.0
         new_value, new_sums = measure(there)
         while new_value < value - _ROUNDING * abs(value):
             share *= 0.25
             if share < _SHORTEST:
-                return Polished(here, np.array(history), False)
+                return Polished(here, history, False)
             there = towards(here, far, share)
             new_value, new_sums = measure(there)
         gain = new_value - value
         here, value, sums = there, new_value, new_sums
-        history.append(value)
-        if finished(gain):
-            return Polished(here, np.array(history), True)
-    return Polished(here, np.array(history), False)
+        history = np.append(history, value)
+        converged = gain <= goal
+        keep(Polished(here, history, converged))
+        if converged:
+            return Polished(here, history, True)
+    return Polished(here, history, start.converged)
+
+
+def _time_left(history: Array, goal: float, seconds: float) -> str:
+    """In words, as far as two gains tell how fast they shrink."""
+    gains = np.diff(history[-3:])
+    if len(gains) < 2 or not 0.0 < gains[1] < gains[0] or not 0.0 < goal < gains[1]:
+        return ""
+    passes = np.ceil(np.log(gains[1] / goal) / np.log(gains[0] / gains[1]))
+    return f", about {passes * seconds:.0f} s left"

@@ -59,6 +59,9 @@ class Either:
     def primed(self, problem: Problem, weight: Array, ridge: Array, factor: float) -> Either:
         return replace(self, first=self.first.primed(problem, self.share * weight, ridge, factor))
 
+    def like(self, primed: Either) -> Either:
+        return replace(self, first=self.first.like(primed.first))
+
     def statistics(self, problem: Problem, outputs: Array, weight: Array) -> Sums:
         first = self._first(problem, outputs, weight)
         one = self.first.statistics(problem, outputs, first)

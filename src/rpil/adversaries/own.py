@@ -39,6 +39,9 @@ class OwnPolicy(Fixed):
     def primed(self, problem: Problem, weight: Array, ridge: Array, factor: float) -> OwnPolicy:
         return replace(self, policy=self.policy.primed(problem, weight, ridge, factor))
 
+    def like(self, primed: OwnPolicy) -> OwnPolicy:
+        return replace(self, policy=self.policy.like(primed.policy))
+
     def statistics(self, problem: Problem, outputs: Array, weight: Array) -> Sums:
         return self.policy.statistics(problem, self.policy.outputs(problem.features), weight)
 

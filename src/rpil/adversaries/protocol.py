@@ -40,6 +40,9 @@ class Adversary(Protocol):
     def primed(self, problem: Problem, weight: Array, ridge: Array, factor: float) -> Self:
         """Ready for sums over `factor` times as many steps, see `rpil.policies.Policy`."""
 
+    def like(self, primed: Self) -> Self:
+        """Ready for the same sums as another one."""
+
     def statistics(self, problem: Problem, outputs: Array, weight: Array) -> Sums:
         """What some of the steps tell, as sums."""
 
@@ -68,6 +71,9 @@ class Fixed:
         return self.improved(self.statistics(problem, outputs, weight))
 
     def primed(self, problem: Problem, weight: Array, ridge: Array, factor: float) -> Self:
+        return self
+
+    def like(self, primed: Self) -> Self:
         return self
 
     def statistics(self, problem: Problem, outputs: Array, weight: Array) -> Sums:

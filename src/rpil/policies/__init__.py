@@ -56,6 +56,9 @@ class AdditivePolicy(Policy, Protocol):
     def primed(self, problem: Problem, weight: Array, ridge: Array, factor: float) -> Self:
         """Ready for sums over `factor` times as many steps as these, weighted; `ridge` (D,) is for all of them."""
 
+    def like(self, primed: Self) -> Self:
+        """Ready for the same sums as another one."""
+
     def statistics(self, problem: Problem, outputs: Array, weight: Array, lesson: Array | None = None) -> Sums:
         """What some of the steps tell, as sums."""
 

@@ -108,6 +108,10 @@ class StudentPolicy:
         """The same for `factor` times as many steps."""
         return replace(self, ridge=ridge, least=self.least * np.sqrt(factor))
 
+    def like(self, primed: StudentPolicy) -> StudentPolicy:
+        """The same."""
+        return self
+
     def statistics(self, problem: Problem, outputs: Array, weight: Array, lesson: Array | None = None) -> Sums:
         """X^T W X, X^T W R and R^T W R for the residuals R, the likelihood of every nu, and the sum of the weights."""
         residual = problem.actions - outputs

@@ -93,6 +93,10 @@ class SoftmaxPolicy:
         hessian = Preconditioner(problem.features, proba, factor * weight, ridge, len(weight), coupled=True)
         return SoftmaxPolicy(self.weights, ridge, hessian)
 
+    def like(self, primed: SoftmaxPolicy) -> SoftmaxPolicy:
+        """The same with another one's Hessian."""
+        return SoftmaxPolicy(self.weights, self.ridge, primed._preconditioner)
+
     def statistics(self, problem: Problem, outputs: Array, weight: Array, lesson: Array | None = None) -> Sums:
         """The gradient of the log-likelihood, (D, K)."""
         targets = one_hot(problem.actions, weight, self.weights.shape[1])
