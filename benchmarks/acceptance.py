@@ -13,21 +13,20 @@ from __future__ import annotations
 
 import argparse
 import json
-import multiprocessing
 import time
 import warnings
-from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from sklearn.metrics import roc_auc_score
 
-from provenance import provenance
 from rpil.audit import Audit
 from rpil.cloning import BehavioralCloning
 from rpil.demonstrations import Demonstrations
 from rpil.estimators import RPIL, AmbiguousWarning
+from rpil.parallel import in_processes
+from rpil.reproduce.provenance import provenance
 from rpil.rollouts import rollout
 from rpil.simulation import simulate
 
@@ -59,12 +58,7 @@ def main(arguments: list[str] | None = None) -> int:
         for kind in (*PAPER, *PARTLY, COHERENT)
         for draw in range(draws)
     ]
-    if options.processes > 1:
-        spawn = multiprocessing.get_context("spawn")
-        with ProcessPoolExecutor(options.processes, spawn) as pool:
-            rows = list(pool.map(one_draw, *zip(*jobs, strict=True)))
-    else:
-        rows = [one_draw(*job) for job in jobs]
+    rows = list(in_processes(one_draw, jobs, options.processes))
 
     cells = [summary([row for row in rows if key(row) == cell]) for cell in dict.fromkeys(map(key, rows))]
     print(table(cells))

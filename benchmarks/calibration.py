@@ -19,9 +19,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from provenance import provenance
 from rpil.demonstrations import Demonstrations
 from rpil.estimators import RPIL
+from rpil.reproduce.provenance import provenance
 from rpil.simulation import simulate
 
 ENVIRONMENTS = ("MountainCar-v0", "Acrobot-v1", "LunarLander-v3")

@@ -18,11 +18,11 @@ from typing import Any
 import numpy as np
 from scipy.stats import t as student
 
-from provenance import provenance
 from rpil.cloning import BehavioralCloning
 from rpil.demonstrations import Demonstrations
 from rpil.experts import expert
 from rpil.features import FEATURES
+from rpil.reproduce.provenance import provenance
 from rpil.rollouts import RandomPolicy, rollout
 from rpil.simulation import simulate
 

@@ -27,11 +27,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from provenance import provenance
 from real import Truth, files, stream, truth, wins
 from rpil import RPIL, Demonstrations, formats, simulate
 from rpil.audit import Audit
 from rpil.errors import DataError
+from rpil.reproduce.provenance import provenance
 from tables import table
 
 Array = NDArray[Any]

@@ -17,14 +17,12 @@ from __future__ import annotations
 
 import argparse
 import json
-import multiprocessing
 import sys
 import tempfile
 import time
 import warnings
 import zlib
-from collections.abc import Iterable, Iterator
-from concurrent.futures import ProcessPoolExecutor
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -33,13 +31,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import spearmanr
 
-from provenance import provenance
 from real_goals import continuous_goals, goal
 from real_report import OURS, VERDICTS, markdown, text
 from rpil import formats
 from rpil.demonstrations import Demonstrations
 from rpil.errors import DataError
 from rpil.features import FEATURES
+from rpil.parallel import in_processes
+from rpil.reproduce.provenance import provenance
 from rpil.simulation import simulate
 
 __all__ = ["main", "markdown", "measure"]
@@ -150,7 +149,7 @@ def measure(paths: Iterable[Path], methods: Iterable[str], features: str, seed: 
         for job in jobs_of(path, known[name].good, list(methods), features, seed)
     ]
     replies: dict[str, list[tuple[Job, Reply]]] = {name: [] for name in data}
-    for job, reply in zip(jobs, replies_to(jobs, processes), strict=True):
+    for job, reply in zip(jobs, in_processes(answer, [(job,) for job in jobs], processes), strict=True):
         replies[job.path.stem].append((job, reply))
         print(f"{job.path.stem}, {job.method}: {reply.seconds:.1f} s", file=sys.stderr)
 
@@ -201,14 +200,6 @@ def jobs_of(path: Path, good: Array, methods: list[str], features: str, seed: in
         if method in methods
         for fold in folds
     ]
-
-
-def replies_to(jobs: list[Job], processes: int) -> Iterator[Reply]:
-    if processes == 1:
-        yield from map(answer, jobs)
-        return
-    with ProcessPoolExecutor(processes, multiprocessing.get_context("spawn")) as pool:
-        yield from pool.map(answer, jobs)
 
 
 def answer(job: Job) -> Reply:

@@ -17,8 +17,8 @@ from pathlib import Path
 from typing import Any
 
 import real_report
-from provenance import line
 from rpil.errors import DataError
+from rpil.reproduce.provenance import line
 from tables import and_list, bold_best, bullets, by_column, table
 
 Result = dict[str, Any]
@@ -59,17 +59,8 @@ def results(found: dict[str, Result]) -> str:
                 parts.append(render(found[name]))
             except KeyError as error:
                 raise DataError(f"The figures of {name}.py have no {error}; run {name}.py of this version.") from None
-            parts.append(origin(found[name]))
+            parts.append(line(found[name].get("provenance")))
     return "\n\n".join(parts) + "\n"
-
-
-def origin(result: Result) -> str:
-    """Where figures come from; `rpil reproduce`, which has no benchmarks beside it, tells its commit and versions."""
-    if "provenance" in result or "versions" not in result:
-        return line(result.get("provenance"))
-    seeds = sorted({seed for of in result["tables"] for seed in of["seeds"]})
-    versions = ", ".join(f"{name} {number}" for name, number in result["versions"].items())
-    return f"*commit {result['commit'] or 'unknown'}, seeds {seeds[0]} to {seeds[-1]}; {versions}.*"
 
 
 # ---- acceptance.py ---------------------------------------------------------------------------------------------------

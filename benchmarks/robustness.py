@@ -20,13 +20,11 @@ from __future__ import annotations
 import argparse
 import hashlib
 import json
-import multiprocessing
 import os
 import sys
 import time
 import warnings
-from collections.abc import Callable, Iterator
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -38,7 +36,6 @@ import numpy as np
 from sklearn.metrics import roc_auc_score
 
 import rpil
-from provenance import provenance
 from robustness_report import LABELLED, OURS, REFERENCE, Row, heat_map, summary, table, unknowable
 from rpil.cloning import BehavioralCloning
 from rpil.corruptions import KINDS
@@ -46,7 +43,9 @@ from rpil.demonstrations import Demonstrations
 from rpil.estimators import RPIL
 from rpil.experts import expert
 from rpil.features import FEATURES
+from rpil.parallel import cores, in_processes
 from rpil.reproduce.experiments import EXPERIMENTS
+from rpil.reproduce.provenance import provenance
 from rpil.rollouts import RandomPolicy, rollout
 from rpil.simulation import simulate
 
@@ -295,7 +294,8 @@ def work(every: list[Job], results: Results, options: argparse.Namespace) -> Non
         if (missing := tuple(key[-1] for key in job.keys if key not in results.rows))
     ]
     begun = said = time.perf_counter()
-    for done, rows in enumerate(answers(todo, options), 1):
+    jobs = [(job, options.rollouts) for job in todo]
+    for done, rows in enumerate(in_processes(run, jobs, options.processes), 1):
         for row in rows:
             results.add(row)
             if "error" in row:
@@ -307,22 +307,6 @@ def work(every: list[Job], results: Results, options: argparse.Namespace) -> Non
         if time.perf_counter() - said > 30 or done == len(todo):
             said = time.perf_counter()
             print(f"{done} of {len(todo)} jobs in {said - begun:.0f} s", file=sys.stderr, flush=True)
-
-
-def answers(todo: list[Job], options: argparse.Namespace) -> Iterator[list[Row]]:
-    if options.processes < 2 or len(todo) < 2:
-        yield from (run(job, options.rollouts) for job in todo)
-        return
-    pool = ProcessPoolExecutor(options.processes, multiprocessing.get_context("spawn"))
-    try:
-        for future in as_completed([pool.submit(run, job, options.rollouts) for job in todo]):
-            yield future.result()
-    finally:
-        pool.shutdown(cancel_futures=True)
-
-
-def cores() -> int:
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 if __name__ == "__main__":

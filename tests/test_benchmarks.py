@@ -125,3 +125,64 @@ def test_quick_labels(tmp_path, capsys, monkeypatch):
     for row in result["rows"]:
         assert len(set(row["asked"])) == row["k"]
     assert "mountaincar_flip" in capsys.readouterr().out
+
+
+def test_quick_speed(tmp_path, capsys, monkeypatch):
+    """Every row is there, or says why not; nothing is asserted of the time."""
+    monkeypatch.syspath_prepend(BENCHMARKS)
+    script = runpy.run_path(str(BENCHMARKS / "speed.py"))
+    path = tmp_path / "speed.json"
+    assert script["main"](["--quick", "--json", str(path)]) == 0
+    printed, found = capsys.readouterr().out, json.loads(path.read_text())
+    assert found["quick"]
+    assert set(found["threads"].values()) == {1}
+    assert found["provenance"]["seeds"] == 0
+    assert 0 < found["peak_gib"] < 16
+    for letter, row in script["ROWS"].items():
+        details = found["details"][letter]
+        for key in row.goals:
+            assert f"\n{key} " in printed
+            assert ("skipped" in details) == (key not in found)
+        if "skipped" in details:
+            assert f"skipped: {details['skipped']}" in printed
+        else:
+            assert np.isfinite([found[letter], *(found[key] for key in row.goals)]).all()
+    for letter in "AB":  # the same problem, solved as well by both: else the ratio would compare nothing
+        details = found["details"][letter]
+        norms, names = details["gradient_norms"], details["compared_with"].values()
+        assert details["same_norm"]
+        assert max(norms[name] for name in names) <= 2 * norms["ours"] <= 2e-6
+        assert details["auroc"] == 1.0
+
+
+def test_the_norm_that_fits_are_compared_by(monkeypatch):
+    """Is zero at scikit-learn's optimum, and the gradient by finite differences elsewhere."""
+    from sklearn.linear_model import LogisticRegression
+
+    monkeypatch.syspath_prepend(BENCHMARKS)
+    from speed_fits import gradient_norm
+
+    rng = np.random.default_rng(0)
+    x, codes, weight = rng.normal(size=(300, 4)), rng.integers(0, 3, size=300), rng.random(300)
+    design, ridge = np.column_stack([x, np.ones(300)]), np.array([0.5, 0.5, 0.5, 0.5, 0.0])
+    best = LogisticRegression(C=2.0, tol=1e-10, max_iter=1000).fit(x, codes, sample_weight=weight)
+    optimum = np.vstack([best.coef_.T, best.intercept_])
+    assert gradient_norm(design, codes, weight, ridge, optimum) < 1e-8
+
+    def loss(weights):
+        logits = design @ weights
+        log_proba = logits - np.log(np.exp(logits).sum(axis=1, keepdims=True))
+        return -weight @ log_proba[np.arange(300), codes] + 0.5 * (ridge[:, None] * weights**2).sum()
+
+    off = optimum + rng.normal(size=optimum.shape)
+    step = 1e-6 * np.eye(off.size).reshape(-1, *off.shape)
+    slopes = [(loss(off + one) - loss(off - one)) / 2e-6 for one in step]
+    found = gradient_norm(design, codes, weight, ridge, off)
+    assert found == pytest.approx(np.abs(slopes).max() / weight.sum(), rel=1e-5)
+
+
+def test_unknown_rows_are_refused(monkeypatch, capsys):
+    monkeypatch.syspath_prepend(BENCHMARKS)
+    with pytest.raises(SystemExit):
+        runpy.run_path(str(BENCHMARKS / "speed.py"))["main"](["--rows", "A,X"])
+    assert "no row X" in capsys.readouterr().err

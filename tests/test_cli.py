@@ -2,6 +2,7 @@ import json
 import os
 import re
 import shlex
+import shutil
 import subprocess
 import sys
 import time
@@ -17,7 +18,7 @@ import pytest
 from click.testing import CliRunner
 
 import rpil
-from rpil import cli, formats
+from rpil import cli, formats, polish
 from rpil.adversaries import ADVERSARIES
 from rpil.corruptions import KINDS
 from rpil.features import FEATURES
@@ -519,7 +520,7 @@ SIMULATE = ["simulate", "--good", 1, "--bad", 1]
         ([*SIMULATE, "--env", ENV, "--kind", "flip", "--good", 0, "--bad", 0, "-o", "d.csv"], "ask for at least one"),
         ([*SIMULATE, "--env", "No-v0", "--kind", "flip", "-o", "d.csv"], "choose one of Mount"),
         ([*SIMULATE, "--env", ENV, "--kind", "odd", "-o", "d.csv"], "'corrupted', 'random'"),
-        (["fit", "data.npz", "-o", "p", "--labels", "l.csv", "--method", "cloning"], "Labels mean nothing .* leave"),
+        (["fit", "data.npz", "-o", "p", "--labels", "l.csv", "--method", "cloning"], "--labels means nothing .* leave"),
         (["fit", "data.npz", "-o", "p", "--method", "rment"], "--method rment and --trusted N need each other"),
         (["fit", "data.npz", "-o", "p", "--trusted", "3"], "--method rment and --trusted N need each other"),
         (["audit"], "Missing argument 'FILE'; see rpil audit --help"),
@@ -535,6 +536,34 @@ def test_bad_options_are_refused_before_any_work(arguments, match, monkeypatch):
     npz("data.npz")
     monkeypatch.setattr("rpil.estimators.RPIL.fit", lambda *_, **__: pytest.fail("too late"))
     refused(match, *arguments)
+
+
+def test_an_interrupted_run_goes_on(folder, monkeypatch):
+    """Ctrl-C during the passes leaves a file, and --resume goes on to the same answer."""
+    for name, small in (
+        ("SAMPLE_STEPS", 200),
+        ("STEPS_PER_COEFFICIENT", 5),
+        ("SAMPLE_DEMONSTRATIONS", 4),
+        ("TIMES", 2),
+    ):
+        monkeypatch.setattr(f"rpil.large.{name}", small)
+    shutil.copy(folder / "good.parquet", "good.parquet")
+    whole = ok("audit", "good.parquet", "--json", "--features", "raw").stdout
+    climb, interrupted = polish.improved, []
+
+    def interrupt(*arguments):
+        interrupted.append(1)
+        if len(interrupted) == 2:
+            raise KeyboardInterrupt
+        return climb(*arguments)
+
+    monkeypatch.setattr(polish, "improved", interrupt)
+    stopped = call("audit", "good.parquet", "--json", "--features", "raw")
+    assert stopped.exit_code == 130
+    assert "good.parquet.rpil-checkpoint; the same command with --resume goes on" in stopped.stderr
+    refused("a run was interrupted; delete it, or go on", "audit", "good.parquet", "--json", "--features", "raw")
+    assert ok("audit", "good.parquet", "--json", "--features", "raw", "--resume").stdout == whole
+    refused("nothing was interrupted here", "audit", "good.parquet", "--resume")
 
 
 def test_old_outputs_stay_when_writing_fails(folder, monkeypatch):

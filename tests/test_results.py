@@ -12,6 +12,16 @@ from pathlib import Path
 import pytest
 
 BENCHMARKS = Path(__file__).parents[1] / "benchmarks"
+ORIGIN = {
+    "commit": "0123456789ab",
+    "dirty": False,
+    "date": "2026-01-02",
+    "seeds": 0,
+    "python": "3.11.7",
+    "packages": {"numpy": "2.0.0"},
+    "cores": 2,
+    "system": "Linux x86_64",
+}
 
 
 @pytest.fixture(autouse=True)
@@ -58,16 +68,7 @@ def real_result(ours: float = 0.81, peer: float = 0.92) -> dict:
     import real_goals
 
     return {
-        "provenance": {
-            "commit": "0123456789ab",
-            "dirty": False,
-            "date": "2026-01-02",
-            "seeds": 0,
-            "python": "3.11.7",
-            "packages": {"numpy": "2.0.0"},
-            "cores": 2,
-            "system": "Linux x86_64",
-        },
+        "provenance": ORIGIN,
         "features": "raw",
         "sets": {"cramped_room": size, "hopper": size | {"discrete": False, "actions": 3}},
         "ranking": ranking,
@@ -133,7 +134,7 @@ def paper_result() -> dict:
         "oracle": policy(191.0),
     }
     of = {"table": 3, "env": "LunarLander-v3", "kind": "corrupted", "draws": 20, "seeds": [0, 1], "verdicts": 400}
-    how = {"rollouts": 100, "features": "spline", "versions": {"python": "3.11.7"}, "commit": "abc"}
+    how = {"rollouts": 100, "features": "spline", "provenance": ORIGIN}
     return how | {"tables": [of | {"policies": policies}], "draws": []}
 
 
@@ -150,7 +151,7 @@ def test_a_loss_in_the_paper_is_told():
     assert "| expert | 265.0 ± 2.0 |" in page  # competes with nobody
     assert "Wrong verdicts of rpil: 1 of 400 in table 3." in page
     assert "| paper's recipe, printed | 195.06 |" in page
-    assert "*commit abc, seeds 0 to 1; python 3.11.7.*" in page
+    assert ORIGIN["commit"] in page
 
 
 def test_nobody_above_is_told_only_when_nobody_is():
@@ -254,7 +255,7 @@ def test_what_is_no_result_is_one_sentence(tmp_path, capsys):
 def test_provenance_names_the_commit_and_no_machine():
     import platform
 
-    from provenance import line, provenance
+    from rpil.reproduce.provenance import line, provenance
 
     found = provenance("1000 to 1009")
     command = ["git", "-C", str(BENCHMARKS), "rev-parse", "HEAD"]

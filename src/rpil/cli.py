@@ -109,6 +109,7 @@ _learning = (
     click.option(
         "--adversary", type=_Words(ADVERSARIES), default="auto", show_default=True, help="What bad demonstrators do."
     ),
+    click.option("--resume", is_flag=True, help="Go on where a long run was interrupted."),
     _seed,
     _quiet,
 )
@@ -206,9 +207,9 @@ def fit(
     ctx: click.Context, file: str, output: str, method: str, trusted: int | None, quiet: bool, **learning: Any
 ) -> None:
     """Learn a policy from what can be trusted."""
-    for what in ("labels", "demonstrators"):
+    for what in ("labels", "demonstrators", "resume"):
         if method != "rpil" and learning[what]:
-            said = f"{what.capitalize()} mean nothing to --method {method}: leave them out, or use --method rpil"
+            said = f"--{what} means nothing to --method {method}: leave it out, or use --method rpil"
             raise click.UsageError(said, ctx)
     if (method == "rment") != (trusted is not None):
         raise click.UsageError("--method rment and --trusted N need each other: give both or neither", ctx)

@@ -8,13 +8,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from sklearn.base import BaseEstimator, ClassifierMixin
 from sklearn.metrics import accuracy_score, r2_score
-from sklearn.utils.validation import _check_sample_weight, check_is_fitted, validate_data
+from sklearn.utils.validation import _check_sample_weight, check_is_fitted
 from threadpoolctl import threadpool_limits
 
 from rpil.demonstrations import Demonstrations
 from rpil.errors import DataError
 from rpil.features import FeatureMap
-from rpil.inputs import coded_actions, known_actions, observations_and_actions, ridge_of, source_of
+from rpil.inputs import checked_rows, coded_actions, known_actions, observations_and_actions, ridge_of, source_of
 from rpil.policies import Policy, linear_policy
 from rpil.problem import Problem
 from rpil.selection import Choice, choose
@@ -81,7 +81,7 @@ class PolicyEstimator(ClassifierMixin, BaseEstimator):
 
     def _outputs(self, X: ArrayLike) -> Array:
         check_is_fitted(self)
-        return self.policy_.outputs(self.features_.design(validate_data(self, X, reset=False)))
+        return self.policy_.outputs(self.features_.design(checked_rows(self, X)))
 
     @property
     def coef_(self) -> Array:

@@ -3,8 +3,12 @@
 from __future__ import annotations
 
 import warnings
+from pathlib import Path
 from typing import TYPE_CHECKING
 
+import click
+
+from rpil.errors import DataError
 from rpil.terminal import Stages
 
 if TYPE_CHECKING:
@@ -31,6 +35,7 @@ def fit_rpil(
     features: str,
     adversary: str,
     seed: int,
+    resume: bool,
 ) -> RPIL:
     """RPIL with the options of the command; `boxed` where a box will say what cannot be known."""
     from rpil import formats
@@ -42,7 +47,25 @@ def fit_rpil(
     progress("starting")
     from rpil.estimators import RPIL, AmbiguousWarning
 
-    model = RPIL(features=features, adversary=adversary, labels=known or None, random_state=seed, progress=progress)
+    so_far = Path(f"{Path(file).name}.rpil-checkpoint")  # where the command runs: the data may lie where nobody writes
+    if so_far.exists() != resume:
+        said = (
+            "nothing was interrupted here; leave out" if resume else "a run was interrupted; delete it, or go on with"
+        )
+        raise DataError(f"{so_far}: {said} --resume.")
+    model = RPIL(
+        features=features,
+        adversary=adversary,
+        labels=known or None,
+        random_state=seed,
+        progress=progress,
+        checkpoint=so_far,
+    )
     if boxed:
         warnings.simplefilter("ignore", AmbiguousWarning)
-    return model.fit(demonstrations, demonstrators=who)
+    try:
+        return model.fit(demonstrations, demonstrators=who)
+    except KeyboardInterrupt:
+        if so_far.exists():
+            click.echo(f"rpil: what was done is kept in {so_far}; the same command with --resume goes on.", err=True)
+        raise

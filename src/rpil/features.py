@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from rpil.errors import DataError
 from rpil.passes import Array
+from rpil.splines import CubicSplines
 
 KINDS = ("raw", "folded", "spline", "poly", "nystroem")
 """The kinds of maps."""
@@ -26,7 +27,6 @@ RIDGE_PER_STEP = 1e-5
 """The default ridge, for a step: strong enough to keep separable classes finite, too weak to bias a policy."""
 
 _N_KNOTS = 8
-_DEGREE = 3
 _MAX_POLY_COLUMNS = 2000
 _N_LANDMARKS = 200
 _KERNEL_WIDTH = 0.1
@@ -133,7 +133,7 @@ class FeatureMap:
         if self.kind == "raw":
             return observations
         if self.kind == "spline":
-            return self._splines.transform(observations)
+            return self._splines.design(observations)
         z = (observations - self.location) / self.spread
         if self.kind == "folded":
             return np.hstack([observations, np.abs(z)])
@@ -144,11 +144,8 @@ class FeatureMap:
         return np.hstack([z, z[:, i] * z[:, j]])
 
     @cached_property
-    def _splines(self) -> Any:
-        from sklearn.preprocessing import SplineTransformer  # lazily: it takes a second to import
-
-        # linear beyond the knots: a state outside the data keeps the trend and cannot explode
-        return SplineTransformer(degree=_DEGREE, knots=self.knots, extrapolation="linear").fit(self.knots)
+    def _splines(self) -> CubicSplines:
+        return CubicSplines(self.knots)
 
 
 @dataclass(frozen=True)

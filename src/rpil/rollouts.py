@@ -16,6 +16,7 @@ from scipy.special import stdtrit
 from rpil.actions import ActionSpace
 from rpil.environments import actions_of, make
 from rpil.errors import DataError
+from rpil.parallel import in_processes
 
 
 class Policy(Protocol):
@@ -90,7 +91,13 @@ class Episode:
 
 
 def rollout(
-    policy: Policy, env_id: str, *, n_episodes: int, seed: int, progress: Callable[[int, int], None] | None = None
+    policy: Policy,
+    env_id: str,
+    *,
+    n_episodes: int,
+    seed: int,
+    progress: Callable[[int, int], None] | None = None,
+    processes: int = 1,
 ) -> Returns:
     """Play a policy and report its return.
 
@@ -109,6 +116,10 @@ def rollout(
         compared on the same starts.
     progress : callable, optional
         Called as `progress(n_finished, n_episodes)` whenever episodes finish.
+    processes : int
+        Other Python processes to share the episodes, which take a second or two to start; 1 is none. The returns of a
+        policy that looks at the observation alone do not depend on it. A policy of another process must be found there:
+        no local function.
 
     Returns
     -------
@@ -123,14 +134,31 @@ def rollout(
     """
     if n_episodes < 1:
         raise DataError(f"rollout needs at least one episode but n_episodes is {n_episodes}: raise it.")
-    returns = np.zeros(n_episodes)
+    seeds = _seeds(seed, n_episodes)
+    if processes < 2:
+        return Returns.of(_returns(policy, env_id, seeds, progress))
+    # More shares than processes, so that one with a long episode keeps nobody waiting.
+    shares = np.array_split(seeds, min(n_episodes, 2 * processes))
+    returns: list[float] = []
+    for share in in_processes(_returns, [(policy, env_id, share.tolist()) for share in shares], processes):
+        returns += share.tolist()
+        if progress is not None:
+            progress(len(returns), n_episodes)
+    return Returns.of(np.array(returns))
+
+
+def _returns(
+    policy: Policy, env_id: str, seeds: Sequence[int], progress: Callable[[int, int], None] | None = None
+) -> NDArray[np.float64]:
+    """The return of one episode per seed."""
+    returns = np.zeros(len(seeds))
     n_finished = 0
-    for step in _play(policy, env_id, _seeds(seed, n_episodes)):
+    for step in _play(policy, env_id, seeds):
         returns[step.running] += step.rewards
         if progress is not None and step.finished.any():
             n_finished += int(step.finished.sum())
-            progress(n_finished, n_episodes)
-    return Returns.of(returns)
+            progress(n_finished, len(seeds))
+    return returns
 
 
 def record(policy: Policy, env_id: str, *, n_episodes: int, seed: int) -> list[Episode]:

@@ -2,16 +2,10 @@
 
 from __future__ import annotations
 
-import multiprocessing
 import os
-import platform
-import subprocess
 import warnings
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from importlib.metadata import PackageNotFoundError, version
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -23,6 +17,7 @@ from rpil.errors import DataError
 from rpil.estimators import AmbiguousWarning
 from rpil.experts import expert
 from rpil.files import make_folder, replacing
+from rpil.parallel import in_processes
 from rpil.reproduce.experiments import (
     ENVIRONMENTS,
     EXPERIMENTS,
@@ -39,6 +34,7 @@ from rpil.reproduce.experiments import (
     raw_trust_all,
     trust_all,
 )
+from rpil.reproduce.provenance import provenance
 from rpil.rollouts import Returns, rollout
 from rpil.simulation import simulate
 
@@ -66,7 +62,9 @@ class Reproduction:
 
     def to_dict(self) -> dict[str, Any]:
         """Everything, as plain numbers and text."""
-        how = {"rollouts": self.rollouts, "features": OUR_FEATURES, "versions": versions(), "commit": commit()}
+        seeds = [row["seed"] for row in self.draws]
+        origin = provenance(f"{min(seeds)} to {max(seeds)}")
+        how = {"rollouts": self.rollouts, "features": OUR_FEATURES, "provenance": origin}
         return how | {"tables": self.tables, "draws": self.draws}
 
     def text(self) -> str:
@@ -145,7 +143,7 @@ def run(
             raise DataError(f"The paper has no environment {env_id!r}: choose from {', '.join(ENVIRONMENTS)}.")
     jobs = [(env_id, seed + draw, rollouts, dict(methods)) for draw in range(draws) for env_id in environments]
     done = []
-    for rows in _answers(one_draw, jobs, processes):
+    for rows in in_processes(one_draw, jobs, processes):
         done.append(rows)
         if progress is not None:
             progress(len(done), len(jobs))
@@ -156,20 +154,6 @@ def run(
         if experiment.env_id in environments
     ]
     return Reproduction(found, tables, rollouts)
-
-
-def _answers(function: Callable[..., Any], jobs: Sequence[tuple[Any, ...]], processes: int) -> Iterator[Any]:
-    """What `function` makes of every job, as they are done."""
-    if processes <= 1:
-        yield from (function(*job) for job in jobs)
-        return
-    # Spawned, because a fork of a process with threads may hang.
-    with ProcessPoolExecutor(min(processes, len(jobs)), multiprocessing.get_context("spawn")) as pool:
-        try:
-            yield from (future.result() for future in as_completed([pool.submit(function, *job) for job in jobs]))
-        except BaseException:
-            pool.shutdown(cancel_futures=True)
-            raise
 
 
 def one_draw(env_id: str, seed: int, rollouts: int, methods: Mapping[str, Method]) -> list[Row]:
@@ -282,26 +266,3 @@ def _lines(table: Row) -> list[tuple[str, ...]]:
         )
         for name, found in table["policies"].items()
     ]
-
-
-def versions() -> dict[str, str]:
-    """Of Python and of the packages that the numbers depend on."""
-    found = {"python": platform.python_version()}
-    for package in ("rpil", "numpy", "scipy", "scikit-learn", "gymnasium", "box2d"):
-        try:
-            found[package] = version(package)
-        except PackageNotFoundError:
-            continue
-    return found
-
-
-def commit() -> str | None:
-    """The commit of the checkout that this file lies in, with "-dirty" where it was changed; None elsewhere."""
-    root = Path(__file__).parents[3]
-    if not (root / ".git").exists():
-        return None
-    try:
-        words = ["git", "-C", str(root), "describe", "--always", "--dirty", "--exclude=*", "--abbrev=12"]
-        return subprocess.run(words, capture_output=True, text=True, check=True).stdout.strip()
-    except (OSError, subprocess.CalledProcessError):
-        return None

@@ -1,8 +1,7 @@
-"""Where figures come from: what every script writes beside its own, and `results.py` prints."""
+"""Where figures come from: what tables and benchmarks write beside their own."""
 
 from __future__ import annotations
 
-import os
 import platform
 import subprocess
 from datetime import UTC, datetime
@@ -10,7 +9,10 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
-PACKAGES = ("numpy", "scipy", "scikit-learn", "gymnasium", "cleanlab")
+from rpil.parallel import cores
+
+PACKAGES = ("rpil", "numpy", "scipy", "scikit-learn", "gymnasium", "box2d", "cleanlab", "dask", "pyarrow")
+_ROOT = Path(__file__).parents[3]
 
 
 def provenance(seeds: Any) -> dict[str, Any]:
@@ -24,7 +26,7 @@ def provenance(seeds: Any) -> dict[str, Any]:
     Returns
     -------
     dict
-        "commit" (None outside a repository), "dirty" (whether tracked files differ from it), "date" (UTC), "seeds",
+        "commit" (None outside its checkout), "dirty" (whether tracked files differ from it), "date" (UTC), "seeds",
         "python", "packages" (name to version, of those installed), "cores" (that this process may use), "system".
     """
     return {
@@ -34,7 +36,7 @@ def provenance(seeds: Any) -> dict[str, Any]:
         "seeds": seeds,
         "python": platform.python_version(),
         "packages": {name: found for name in PACKAGES if (found := _version(name))},
-        "cores": len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1,
+        "cores": cores(),
         "system": f"{platform.system()} {platform.machine()}",
     }
 
@@ -53,8 +55,11 @@ def line(found: dict[str, Any] | None) -> str:
 
 
 def _git(*arguments: str) -> str | None:
-    command = ["git", "-C", str(Path(__file__).parent), *arguments]
+    """What git says of the checkout that this file lies in; an installed copy may lie in somebody else's."""
+    if not (_ROOT / ".git").exists():
+        return None
     try:
+        command = ["git", "-C", str(_ROOT), *arguments]
         return subprocess.run(command, capture_output=True, text=True, check=True).stdout.strip()
     except (OSError, subprocess.CalledProcessError):
         return None

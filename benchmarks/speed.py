@@ -1,0 +1,163 @@
+"""How fast, as ratios: scikit-learn, bare matrix products and bare loops beside, thread counts equal.
+
+    python benchmarks/speed.py --json speed.json
+    python benchmarks/speed.py --rows A,D --repeats 1
+    python benchmarks/speed.py --quick                   # small sizes: checks the harness, not the time
+
+Every row is one function of `speed_fits` or `speed_systems`, which says what it measures. Rows A to F and I have one
+core and one thread, whoever runs; G and H have two processes. The seconds are medians over runs that take turns.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import sys
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+# Before NumPy; other processes inherit it.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+os.environ.setdefault("OMP_NUM_THREADS", "1")
+os.environ.setdefault("MKL_NUM_THREADS", "1")
+
+import speed_fits
+import speed_systems
+from rpil.reproduce.provenance import provenance
+from speed_timing import Measured, Skipped, peak_gib, threads
+
+MOST_GIB = 16.0
+
+
+@dataclass(frozen=True)
+class Row:
+    """A row of the table: what is measured how, on how much, and what its numbers should be at most."""
+
+    what: str
+    measure: Callable[[dict[str, int], int], Measured | Skipped]
+    full: dict[str, int]
+    quick: dict[str, int]
+    goals: dict[str, float]
+
+
+_LARGE = {"steps": 1_000_000, "features": 64, "actions": 6}
+_SMALL = {"steps": 6_000, "features": 8, "actions": 3}
+ROWS = {
+    "A": Row("RPIL over LogisticRegression", speed_fits.plain, _LARGE, _SMALL, {"A": 1.0}),
+    "B": Row(
+        "the same, ill-conditioned splines",
+        speed_fits.ill_conditioned,
+        {"demonstrations": 200},
+        {"demonstrations": 8},
+        {"B": 0.3, "B_newton_cg": 1.0},
+    ),
+    "C": Row(
+        "a cell of the paper, over the paper's recipe",
+        speed_fits.recipe,
+        {"demonstrations": 20, "iterations": 101},
+        {"demonstrations": 8, "iterations": 2},
+        {"C": 1 / 30},
+    ),
+    "D": Row("a pass over two matrix products", speed_fits.one_pass, _LARGE, _SMALL, {"D": 2.0}),
+    "E": Row(
+        "from disk: GiB, and time over in memory",
+        speed_systems.from_disk,
+        {"steps": 20_000_000, "subset": 2_000_000, "features": 32, "actions": 4},
+        {"steps": 12_000, "subset": 6_000, "features": 8, "actions": 3},
+        {"E_rss_gib": 1.0, "E_time": 1.5},
+    ),
+    "F": Row(
+        "growth with the number of steps",
+        speed_fits.growth,
+        {"fewest": 100_000, "most": 10_000_000, "features": 32, "actions": 4},
+        {"fewest": 2_000, "most": 8_000, "features": 8, "actions": 3},
+        {"F": 1.05},
+    ),
+    "G": Row(
+        "Dask, two processes, over in memory",
+        speed_systems.cluster,
+        {"steps": 10_000_000, "features": 32, "actions": 4},
+        {"steps": 12_000, "features": 8, "actions": 3},
+        {"G": 1.5},
+    ),
+    "H": Row("rollouts over the bare loop", speed_systems.rollouts, {"episodes": 100}, {"episodes": 2}, {"H": 0.6}),
+    "I": Row("RPIL() over the configuration of A", speed_fits.automatic, _LARGE, _SMALL, {"I": 4.0}),
+    "J": Row(
+        "import rpil over import numpy; rpil --help",
+        speed_systems.start_up,
+        {"starts": 15},
+        {"starts": 1},
+        {"J": 1.3, "J_help_s": 0.3},
+    ),
+}
+AT_LEAST = ("H",)
+"""What should be large; all else should be small."""
+
+
+def main(arguments: list[str] | None = None) -> int:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--rows", default=",".join(ROWS), help="letters, with commas; all by default")
+    parser.add_argument("--repeats", type=int, default=3, help="runs of each, of which the median counts")
+    parser.add_argument("--quick", action="store_true", help="small sizes, once: checks the harness, not the time")
+    parser.add_argument("--json", type=Path, help="where to write all figures")
+    options = parser.parse_args(arguments)
+    letters = options.rows.upper().split(",")
+    unknown = sorted(set(letters) - set(ROWS))
+    if unknown:
+        parser.error(f"there is no row {', '.join(unknown)}: choose from {', '.join(ROWS)}")
+
+    repeats = 1 if options.quick else options.repeats
+    result: dict[str, Any] = {"quick": options.quick, "repeats": repeats, "threads": threads()}
+    print(f"threads of every pool: {result['threads']}")
+    result["details"] = {}
+    for letter in letters:
+        print(f"{letter}: {ROWS[letter].what}", file=sys.stderr, flush=True)
+        result |= measured(letter, options.quick, repeats, result["details"])
+    result["peak_gib"] = peak_gib()
+    result["provenance"] = provenance(seeds=0)
+    print(table(result, letters))
+    if options.json:
+        options.json.write_text(json.dumps(result, indent=1))
+    return 0
+
+
+def measured(letter: str, quick: bool, repeats: int, details: dict[str, Any]) -> dict[str, float]:
+    """The numbers of one row; what explains them goes to `details`."""
+    row, begun = ROWS[letter], time.perf_counter()
+    size = row.quick if quick else row.full
+    found = row.measure(size, repeats)
+    took = {"size": size, "took_s": time.perf_counter() - begun}
+    if isinstance(found, Skipped):
+        details[letter] = took | {"skipped": found.why}
+        return {}
+    details[letter] = took | found.details
+    return found.values
+
+
+def table(result: dict[str, Any], letters: list[str]) -> str:
+    """Every number beside its goal, for a terminal."""
+    lines = [f"{'row':12}{'what':46}{'found':>9}{'goal':>10}"]
+    for letter in letters:
+        for key, goal in ROWS[letter].goals.items():
+            sign = ">=" if key in AT_LEAST else "<="
+            aim = f"{sign} {goal:.3g}"
+            if key in result:
+                reached = result[key] >= goal if key in AT_LEAST else result[key] <= goal
+                verdict = "reached" if reached else "missed"
+                lines.append(f"{key:12}{ROWS[letter].what:46}{result[key]:9.3g}{aim:>10}  {verdict}")
+            else:
+                why = result["details"][letter]["skipped"]
+                lines.append(f"{key:12}{ROWS[letter].what:46}{'':9}{aim:>10}  skipped: {why}")
+    memory = "below" if result["peak_gib"] < MOST_GIB else "above"
+    if result["quick"]:
+        lines.append("Small sizes: these numbers say that everything runs, and nothing about its speed.")
+    lines.append(f"peak memory {result['peak_gib']:.2f} GiB, {memory} {MOST_GIB:g}")
+    return "\n".join(lines)
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

@@ -1,0 +1,169 @@
+"""Rows E, G, H and J: data on disk, a cluster of processes, environments, and starting up."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from importlib import import_module
+from importlib.util import find_spec
+from pathlib import Path
+from statistics import median
+from typing import Any
+
+import numpy as np
+
+from rpil.cloning import BehavioralCloning
+from rpil.demonstrations import Demonstrations
+from rpil.environments import make
+from rpil.estimators import RPIL
+from rpil.parallel import in_processes
+from rpil.rollouts import record, rollout
+from rpil.simulation import simulate
+from speed_data import softmax_expert
+from speed_timing import Measured, Skipped, in_turns, one_core, peak_gib
+
+ENVIRONMENTS = ("MountainCar-v0", "Acrobot-v1", "LunarLander-v3")
+PROCESSES = 2
+ENGINES = "rpil.engines"
+"""The hook of rows E and G: a module with `ParquetEngine()` and `DaskEngine(client)`, each for ``RPIL(engine=...)``,
+whose `fit` then takes the path of a Parquet file."""
+
+_SHARD_STEPS = 1_000_000
+_COLUMN = "observation.{}"
+
+
+def from_disk(size: dict[str, int], repeats: int) -> Measured | Skipped:
+    """E: peak memory of a process that fits a Parquet file, and its time per step over a fit in memory."""
+    if find_spec(ENGINES) is None:
+        return Skipped(f"there is no {ENGINES} yet, which fits files")
+    with tempfile.TemporaryDirectory() as folder, one_core():
+        path = write_shards(Path(folder) / "data.parquet", size["steps"], size["features"], size["actions"])
+        found = [_child(from_file, str(path)) for _ in range(repeats)]
+        data = softmax_expert(size["subset"], size["features"], size["actions"]).demonstrations
+        seconds, _ = in_turns(repeats, memory=lambda: _given().fit(data))
+        gib = path.stat().st_size / 2**30
+    streamed = median(one["seconds"] for one in found) / size["steps"]
+    ratio = streamed / (seconds["memory"] / size["subset"])
+    values = {"E": ratio, "E_time": ratio, "E_rss_gib": max(one["gib"] for one in found)}
+    return Measured(values, {"streamed": found, "seconds": seconds, "file_gib": gib})
+
+
+def from_file(path: str) -> dict[str, float]:
+    """Fit a file; how long that took, and the most memory that this process ever had."""
+    engine = import_module(ENGINES).ParquetEngine()
+    begun = time.perf_counter()
+    _given(engine=engine).fit(path)
+    return {"seconds": time.perf_counter() - begun, "gib": peak_gib()}
+
+
+def cluster(size: dict[str, int], repeats: int) -> Measured | Skipped:
+    """G: Dask with two worker processes over the same fit in memory, which has as many threads."""
+    missing = [name for name in (ENGINES, "distributed") if find_spec(name) is None]
+    if missing:
+        return Skipped(f"there is no {' and no '.join(missing)} here, which a cluster needs")
+    from distributed import Client, LocalCluster
+
+    engine = import_module(ENGINES).DaskEngine
+    data = softmax_expert(size["steps"], size["features"], size["actions"]).demonstrations
+    with tempfile.TemporaryDirectory() as folder:
+        path = write_shards(Path(folder) / "data.parquet", size["steps"], size["features"], size["actions"])
+        with LocalCluster(n_workers=PROCESSES, threads_per_worker=1) as workers, Client(workers) as client:
+            seconds, _ = in_turns(
+                repeats,
+                dask=lambda: _given(engine=engine(client)).fit(str(path)),
+                memory=lambda: _given().fit(data),
+            )
+    return Measured({"G": seconds["dask"] / seconds["memory"]}, {"seconds": seconds, "processes": PROCESSES})
+
+
+def _given(**told: Any) -> RPIL:
+    return RPIL(features="raw", search_features="raw", adversary="uniform", **told)
+
+
+def write_shards(path: Path, n_steps: int, n_features: int, n_actions: int) -> Path:
+    """`softmax_expert` as Parquet, a shard at a time, so that nothing of the size of the file is in memory."""
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    writer, done = None, 0
+    while done < n_steps:
+        data = softmax_expert(min(_SHARD_STEPS, n_steps - done), n_features, n_actions, shard=done).demonstrations
+        columns = {_COLUMN.format(k): data.observations[:, k] for k in range(n_features)}
+        episode = data.groups + done // 200
+        table = pa.table({"episode_index": episode, "action": data.actions, **columns})
+        writer = writer or pq.ParquetWriter(path, table.schema, compression="none", use_dictionary=False)
+        writer.write_table(table)
+        done += len(data.actions)
+    if writer is not None:
+        writer.close()
+    return path
+
+
+def _child(function: Callable[[str], dict[str, float]], argument: str) -> dict[str, float]:
+    """What a function of this module returns in a fresh interpreter."""
+    code = f"import json, speed_systems; print(json.dumps(speed_systems.{function.__name__}({argument!r})))"
+    found = subprocess.run(
+        [sys.executable, "-c", code], check=True, capture_output=True, text=True, cwd=Path(__file__).parent
+    )
+    return json.loads(found.stdout.splitlines()[-1])
+
+
+def rollouts(size: dict[str, int], repeats: int) -> Measured:
+    """H: steps a second of `rollout` over those of a bare loop with the same actions, on both cores at a time.
+
+    Every process plays both in turns, so that its core serves both alike. The worst policy and environment counts.
+    """
+    names = [(env_id, features) for env_id in ENVIRONMENTS for features in ("raw", "spline")]
+    jobs = [(*name, size["episodes"], repeats + 2, seed) for name in names for seed in range(PROCESSES)]
+    found = list(in_processes(play_both_ways, jobs, PROCESSES))
+    ratios, details = {}, {}
+    for k, name in enumerate(map(" ".join, names)):
+        both = found[k * PROCESSES : (k + 1) * PROCESSES]
+        ratios[name] = median(one["bare"] / one["rollout"] for one in both)
+        rates = {way: round(median(one["steps"] / one[way] for one in both)) for way in ("bare", "rollout")}
+        details[name] = {"ratio": ratios[name], "steps_per_second_and_core": rates}
+    return Measured({"H": min(ratios.values())}, details | {"processes": PROCESSES})
+
+
+def play_both_ways(env_id: str, features: str, n_episodes: int, repeats: int, seed: int) -> dict[str, float]:
+    """Median seconds of a bare loop and of `rollout`, and the steps that both make."""
+    made = simulate(env_id, "corrupted", n_good=10, n_bad=10, seed=seed)
+    good = Demonstrations.from_episodes(made.episodes[:10])
+    policy = BehavioralCloning(features=features).fit(good)
+    actions = [episode.actions.tolist() for episode in record(policy, env_id, n_episodes=n_episodes, seed=seed)]
+    starts = np.random.SeedSequence(seed).generate_state(n_episodes).tolist()
+
+    def bare() -> None:
+        env = make(env_id)
+        for start, orders in zip(starts, actions, strict=True):
+            env.reset(seed=start)
+            for order in orders:
+                env.step(order)
+        env.close()
+
+    seconds, _ = in_turns(
+        repeats, quiet=True, bare=bare, rollout=lambda: rollout(policy, env_id, n_episodes=n_episodes, seed=seed)
+    )
+    return seconds | {"steps": sum(map(len, actions))}
+
+
+def start_up(size: dict[str, int], repeats: int) -> Measured:
+    """J: importing rpil over importing NumPy, and `rpil --help`, each in fresh interpreters."""
+    code = {
+        "rpil": "import rpil",
+        "numpy": "import numpy",
+        "help": "import sys; sys.argv = ['rpil', '--help']; from rpil.cli import main; main()",
+    }
+    runs = {name: lambda words=words: _interpret(words) for name, words in code.items()}
+    in_turns(1, quiet=True, **runs)  # files come into the cache
+    seconds, _ = in_turns(size["starts"], quiet=True, **runs)
+    return Measured({"J": seconds["rpil"] / seconds["numpy"], "J_help_s": seconds["help"]}, {"seconds": seconds})
+
+
+def _interpret(code: str) -> None:
+    subprocess.run([sys.executable, "-c", code], check=True, stdout=subprocess.DEVNULL, env=dict(os.environ))
