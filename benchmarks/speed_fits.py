@@ -213,9 +213,7 @@ def one_pass(size: dict[str, int], repeats: int) -> Measured:
     single, residual = weights.astype(np.float32), targets.astype(np.float32)
 
     def ours() -> tuple[float, Array, Array]:
-        log_proba = passes.log_softmax(passes.linear(design, weights))
-        slope = passes.gradient(design, weight[:, None] * np.exp(log_proba) - targets)
-        taken = np.take_along_axis(log_proba, data.actions[:, None], axis=1)[:, 0]
+        taken, slope = passes.softmax_pass(design, weights, data.actions, weight)
         return float(weight @ taken), slope, np.add.reduceat(taken, data.offsets[:-1])
 
     with one_core():

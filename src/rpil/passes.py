@@ -74,6 +74,27 @@ def gradient(features: Array, residual: Array) -> Array:
     return total
 
 
+def softmax_pass(features: Array, weights: Array, actions: Array, weight: Array) -> tuple[Array, Array]:
+    """Log-probability of each action taken, (N,), and X^T R with R = s (onehot(a) - p), (D, K), in one reading of X.
+
+    That is the gradient of the log-likelihood of steps with the weights s (N,). Nothing is kept of a block but these.
+    """
+    taken, total = np.empty(len(features)), np.zeros(weights.T.shape)
+    weights, weight = (a.astype(features.dtype, copy=False) for a in (weights, weight))
+    for block in blocks(features):
+        rows, codes, s = features[block], actions[block], weight[block]
+        at = codes, np.arange(len(codes))
+        z = weights.T @ rows.T
+        z -= z.max(axis=0)
+        proba = np.exp(z)
+        norm = proba.sum(axis=0)
+        taken[block] = z[at] - np.log(norm)
+        proba *= -s / norm
+        proba[at] += s
+        total += proba @ rows
+    return taken, total.T
+
+
 def hessian_product(features: Array, proba: Array, weight: Array, direction: Array) -> Array:
     """H V without the penalty, (D, K): X^T [ s p (z - p.z) ] with z = X V, in one reading of X.
 

@@ -121,9 +121,8 @@ def polish(
 def clone_pass(lesson: tuple[Problem, Array, Array], policy: Any) -> Sums:
     """Log-likelihood and weight of weighted steps, and what the policy must know to improve."""
     problem, weight, _ = lesson
-    outputs = policy.outputs(problem.features)
-    likelihood = weight @ policy.log_prob(outputs, problem.actions)
-    return likelihood, policy.statistics(problem, outputs, weight), weight.sum()
+    log_prob, statistics = policy.study(problem, weight)
+    return weight @ log_prob, statistics, weight.sum()
 
 
 def clone(shards: Shards, policy: Any, tol: float, max_iter: int, progress: Progress = lambda _: None) -> Polished:

@@ -62,6 +62,9 @@ class AdditivePolicy(Policy, Protocol):
     def statistics(self, problem: Problem, outputs: Array, weight: Array, lesson: Array | None = None) -> Sums:
         """What some of the steps tell, as sums."""
 
+    def study(self, problem: Problem, weight: Array) -> tuple[Array, Sums]:
+        """log pi of the actions taken, (N,), and the statistics of the steps by weight."""
+
     def improved(self, statistics: Sums) -> Self:
         """The policy after one improving step, given the statistics of all."""
 

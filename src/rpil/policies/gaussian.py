@@ -121,6 +121,11 @@ class StudentPolicy:
         moments = _moments(problem.features, residual, trust)
         return (*moments, (residual.T * trust) @ residual, likelihood, weight.sum())
 
+    def study(self, problem: Problem, weight: Array) -> tuple[Array, Sums]:
+        """log pi of the actions taken, (N,), and the statistics."""
+        outputs = self.outputs(problem.features)
+        return self.log_prob(outputs, problem.actions), self.statistics(problem, outputs, weight)
+
     def improved(self, statistics: Sums) -> StudentPolicy:
         """One step of weighted least squares; nu is the best for what was there before it."""
         moments, cross, scatter, likelihood, total = statistics

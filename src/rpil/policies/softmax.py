@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from rpil.passes import Array, Sums, gradient, linear, log_softmax
+from rpil.passes import Array, Sums, gradient, linear, log_softmax, softmax_pass
 from rpil.problem import Problem
 from rpil.solvers import Preconditioner, fit_softmax
 
@@ -105,6 +105,11 @@ class SoftmaxPolicy:
             weight = targets.sum(axis=1)
         slope = gradient(problem.features, targets - weight[:, None] * np.exp(outputs))
         return (slope - slope.mean(axis=1, keepdims=True),)  # what all actions share is rounding
+
+    def study(self, problem: Problem, weight: Array) -> tuple[Array, Sums]:
+        """log pi of the actions taken, (N,), and the statistics, in one reading."""
+        taken, slope = softmax_pass(problem.features, self.weights, problem.actions, weight)
+        return taken, (slope - slope.mean(axis=1, keepdims=True),)
 
     def improved(self, statistics: Sums) -> SoftmaxPolicy:
         """One Newton step."""
