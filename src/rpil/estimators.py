@@ -17,7 +17,7 @@ from rpil.adversaries import AUTO, Adversary
 from rpil.assumptions import assumptions
 from rpil.audit import Audit, summarise
 from rpil.belief import Belief, believe, evidence
-from rpil.cloning import LARGE, PolicyEstimator
+from rpil.cloning import PolicyEstimator
 from rpil.demonstrations import Demonstrations
 from rpil.demonstrators import Company
 from rpil.em import Result, State
@@ -45,6 +45,9 @@ from rpil.search import Setting, fit, unseen
 from rpil.suggestions import opinions
 
 Array = NDArray[Any]
+
+_SINGLE = 100_000
+"""Entries of a design matrix from which a search is faster in single precision; trust needs no more digits."""
 
 _FEW = 32
 """Observations up to which folding them costs little."""
@@ -215,7 +218,7 @@ class RPIL(PolicyEstimator):
         progress("features")
         features = FeatureMap.fit(self._search_kind(demonstrations), demonstrations.observations)
         problem = Problem(
-            features.design(demonstrations.observations, single=demonstrations.n_steps * features.n_columns > LARGE),
+            features.design(demonstrations.observations, single=demonstrations.n_steps * features.n_columns > _SINGLE),
             codes,
             demonstrations.offsets,
             self.space_,
