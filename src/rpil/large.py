@@ -20,14 +20,14 @@ from rpil.audit import step_weight, typical_reliability
 from rpil.belief import evidence, power, resemblance, sum_out
 from rpil.demonstrations import Demonstrations, Piece
 from rpil.demonstrators import Company
-from rpil.em import Posterior, Result, State, e_step
+from rpil.em import MStep, Posterior, Result, State, e_step
 from rpil.engines import Engine, InMemory
 from rpil.features import FeatureMap
 from rpil.identify import competing_groups
 from rpil.inputs import known_actions, ridge_of
 from rpil.passes import Array
 from rpil.policies import linear_policy
-from rpil.polish import Polished, clone, polish, primed, resumed
+from rpil.polish import Polished, clone, lesson_of, polish, primed, resumed
 from rpil.problem import Problem
 from rpil.search import fit as search
 from rpil.selection import Choice
@@ -38,7 +38,7 @@ SAMPLE_DEMONSTRATIONS = 100
 STEPS_PER_COEFFICIENT = 50
 """Of the sample that is searched, at least."""
 
-TIMES = 10
+TIMES = 2
 """How many samples there must be before a sample is all that is searched."""
 
 
@@ -114,12 +114,15 @@ class Judged:
     variance: float
 
 
-def judge(problem: Problem, state: State) -> Judged:
-    """What `state` says of demonstrations."""
-    outputs = state.policy.outputs(problem.features)
-    found = e_step(problem, state, outputs)
-    alike = resemblance(problem, found.log_ratio)
-    return Judged(evidence(problem, state, outputs), found.joint, found.log_odds, found.log_evidence, *alike)
+def judge(problem: Problem, state: State, mode: MStep) -> Judged:
+    """What `state` says of demonstrations; their evidence is that of policies which did not learn from them."""
+    policy: Any = state.policy
+    found = e_step(problem, state, policy.outputs(problem.features))
+    outputs = policy.unseen(problem, found.outputs, found.step, lesson_of(problem, state, found, mode))
+    log_ratio = policy.log_prob(outputs, problem.actions)
+    log_ratio = log_ratio - state.adversary.log_prob(problem.features, outputs, problem.actions)
+    by_node = evidence(problem, state, outputs)
+    return Judged(by_node, found.joint, found.log_odds, found.log_evidence, *resemblance(problem, log_ratio))
 
 
 def together(judged: Iterable[Judged], polished: Polished) -> tuple[Result, Array, float]:
@@ -183,23 +186,33 @@ def in_groups(competing: Sequence[Array], chosen: Array, expert: Array) -> list[
     return [np.flatnonzero(leads), np.flatnonzero(~leads)]
 
 
-def gathered(pieces: Iterator[tuple[Array, Array]], n_steps: int, on_disk: bool) -> tuple[Array, Array]:
-    """Log-ratios and weights of all steps, (N,) each, in a temporary file where memory should not hold them."""
+def gathered(pieces: Iterator[tuple[Array, Array]], n_steps: int, on_disk: bool) -> tuple[Array, Array, float]:
+    """Log-ratios and weights of all steps, (N,) each, in a temporary file where memory should not hold them; and the
+    sum of the weights."""
+    total = 0.0
     if not on_disk:
-        both = list(pieces)
-        return np.concatenate([one for one, _ in both]), np.concatenate([other for _, other in both])
-    with tempfile.TemporaryFile() as one, tempfile.TemporaryFile() as other:
-        for pair in pieces:
-            for file, values in zip((one, other), pair, strict=True):
-                file.write(values.astype(np.float32).tobytes())
-        one.flush()
-        other.flush()
-        return np.memmap(one, np.float32, "r", shape=(n_steps,)), np.memmap(other, np.float32, "r", shape=(n_steps,))
+        log_ratio, weight = np.empty((2, n_steps))
+        end = 0
+        for one, other in pieces:
+            begin, end = end, end + len(one)
+            log_ratio[begin:end], weight[begin:end] = one, other
+            total += float(other.sum())
+        return log_ratio, weight, total
+    with tempfile.TemporaryFile() as first, tempfile.TemporaryFile() as second:
+        for one, other in pieces:
+            total += float(other.sum())
+            first.write(one.astype(np.float32).tobytes())
+            second.write(other.astype(np.float32).tobytes())
+        first.flush()
+        second.flush()
+        one, other = (np.memmap(file, np.float32, "r", shape=(n_steps,)) for file in (first, second))
+    return one, other, total
 
 
 def is_large(model: Any, data: Source) -> bool:
     """Whether a sample of `data` is enough to search."""
-    return int(data.offsets[-1]) > TIMES * _budget(model, data)
+    n_steps, n_demonstrations = int(data.offsets[-1]), len(data.offsets) - 1
+    return n_steps > TIMES * _budget(model, data) and n_demonstrations >= TIMES * SAMPLE_DEMONSTRATIONS
 
 
 def _budget(model: Any, data: Source) -> int:
@@ -256,7 +269,9 @@ def fit_large(model: Any, data: Source, labels: Array, company: Company, engine:
 
     progress("verdicts")
     everybody = everyone(data, prepare, company)
-    found, by_node, tempering = together(problems.map(partial(judge, state=polished.state)), polished)
+    found, by_node, tempering = together(
+        problems.map(partial(judge, state=polished.state, mode=setting.mode)), polished
+    )
     belief, log_odds = sum_out(everybody, polished.state, by_node, tempering)
     groups = in_groups(competing, chosen, found.posterior.expert)
     model._keep(everybody, found, belief, log_odds, data, groups)
@@ -285,11 +300,10 @@ def fit_large(model: Any, data: Source, labels: Array, company: Company, engine:
         policy, _ = policy.learn(some, weight)
     lessons = ready.then(weigh)
     on_disk = not isinstance(engine, InMemory)
-    log_ratio, step_weight = gathered(lessons.map(_of_steps), n_steps, on_disk)
+    log_ratio, step_weight, total = gathered(lessons.map(_of_steps), n_steps, on_disk)
     mine = model.audit_.expert_proba[None]
     model.audit_ = replace(model.audit_, step_log_ratio=log_ratio, step_weight=step_weight, solutions=mine)
-    total = float(step_weight.sum(dtype=float))
-    policy = policy.primed(some, weight, ridge_of(read, model.C, total, space), total / weight.sum())
+    policy = policy.primed(some, weight, ridge_of(read, model.C, total, space), total / weight.sum(), True)
     final = clone(lessons, policy, REFIT_TOL, model.max_iter, progress)
     model.features_, model.policy_ = read, final.state.tempered(choice.temperature)
     model._tell(everybody, data.source)

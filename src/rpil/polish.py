@@ -28,7 +28,7 @@ _ROUNDING = 1e-9
 _SHORTEST = 1 / 64
 """Of a step, before the search along it is given up."""
 
-_PATIENCE = 5
+_PATIENCE = 10
 """Passes in which the gradient must halve, or rounding is all that is left of it."""
 
 Progress = Callable[[str], None]
@@ -64,18 +64,20 @@ def resumed(state: State, start: State) -> State:
 def em_pass(problem: Problem, state: State, mode: MStep) -> Sums:
     """Log-evidence and what every part of `state` must know to improve, summed over some demonstrations."""
     policy: Any = state.policy
-    outputs = policy.outputs(problem.features)
-    posterior = e_step(problem, state, outputs)
-    expert, adversary = posterior.step, 1 - posterior.step
-    intended = state.adversary.intended(outputs, problem.actions) if mode == "joint" else None
-    lesson = None if intended is None else adversary[:, None] * intended
+    posterior = e_step(problem, state, policy.outputs(problem.features))
     return (
         posterior.log_evidence.sum(),
-        policy.statistics(problem, outputs, expert, lesson),
-        state.adversary.statistics(problem, outputs, adversary),
+        policy.statistics(problem, posterior.outputs, posterior.step, lesson_of(problem, state, posterior, mode)),
+        state.adversary.statistics(problem, posterior.outputs, 1 - posterior.step),
         state.prior.statistics(posterior.expert, problem.lengths),
         posterior.joint.sum(axis=0),
     )
+
+
+def lesson_of(problem: Problem, state: State, posterior: Posterior, mode: MStep) -> Array | None:
+    """What the adversary's steps teach the policy, (N, K), see `rpil.policies.Policy.learn`."""
+    intended = state.adversary.intended(posterior.outputs, problem.actions) if mode == "joint" else None
+    return None if intended is None else (1 - posterior.step)[:, None] * intended
 
 
 def improved(state: State, sums: Sums) -> State:

@@ -19,6 +19,9 @@ _PRECONDITIONER_ROWS = 8192
 _PRECONDITIONER_STEPS = 4
 """Newton steps that one preconditioner serves."""
 
+_REMEMBERED = 10
+"""Steps of a path that a Newton step takes into account."""
+
 _LARGEST = 1_500
 """Coefficients up to which the whole Hessian is inverted where it serves many passes over much data."""
 
@@ -153,6 +156,45 @@ def _newton_direction(
             break
         direction = preconditioned + (energy / previous) * direction
     return step if step.any() else -slope
+
+
+@dataclass(frozen=True, eq=False)
+class Path:
+    """Where an ascent was: what gradients along the way tell of the Hessian, beside a preconditioner (L-BFGS, Nocedal
+    1980).
+
+    Attributes
+    ----------
+    weights, slope : (D, K) arrays or None
+        The last place, and the gradient there.
+    pairs : tuple of pairs of (D, K) arrays
+        Steps, and by how much the gradient fell along each.
+    """
+
+    weights: Array | None = None
+    slope: Array | None = None
+    pairs: tuple[tuple[Array, Array], ...] = ()
+
+    def at(self, weights: Array, slope: Array) -> Path:
+        """The path up to here."""
+        pairs = self.pairs
+        if self.weights is not None and self.slope is not None:
+            step, fall = weights - self.weights, self.slope - slope
+            if float((step * fall).sum()) > 0.0:
+                pairs = (*pairs, (step, fall))[-_REMEMBERED:]
+        return Path(weights, slope, pairs)
+
+    def newton_step(self, precondition: Preconditioner) -> Array:
+        """Uphill from here, (D, K)."""
+        assert self.slope is not None
+        rest, shares = self.slope, []
+        for step, fall in reversed(self.pairs):
+            shares.append(float((step * rest).sum() / (step * fall).sum()))
+            rest = rest - shares[-1] * fall
+        found = precondition(rest)
+        for (step, fall), share in zip(self.pairs, reversed(shares), strict=True):
+            found = found + (share - float((fall * found).sum() / (step * fall).sum())) * step
+        return found
 
 
 class Preconditioner:

@@ -53,14 +53,20 @@ class Policy(Protocol):
 class AdditivePolicy(Policy, Protocol):
     """A policy that can also learn from sums over parts of the data, which may lie in many places."""
 
-    def primed(self, problem: Problem, weight: Array, ridge: Array, factor: float) -> Self:
-        """Ready for sums over `factor` times as many steps as these, weighted; `ridge` (D,) is for all of them."""
+    def primed(self, problem: Problem, weight: Array, ridge: Array, factor: float, remembers: bool = False) -> Self:
+        """Ready for sums over `factor` times as many steps as these, weighted; `ridge` (D,) is for all of them.
+
+        One that `remembers` may learn from the steps that it takes how to take better ones.
+        """
 
     def like(self, primed: Self) -> Self:
         """Ready for the same sums as another one."""
 
     def statistics(self, problem: Problem, outputs: Array, weight: Array, lesson: Array | None = None) -> Sums:
         """What some of the steps tell, as sums."""
+
+    def unseen(self, problem: Problem, outputs: Array, weight: Array, lesson: Array | None = None) -> Array:
+        """What the outputs would be, had no demonstration been learned from itself."""
 
     def study(self, problem: Problem, weight: Array) -> tuple[Array, Sums]:
         """log pi of the actions taken, (N,), and the statistics of the steps by weight."""

@@ -104,7 +104,9 @@ class StudentPolicy:
         root = np.vstack([np.sqrt(self.ridge)[:, None] * self.weights, np.diag(self.least)])
         return float(0.5 * self._distance(root).sum())
 
-    def primed(self, problem: Problem, weight: Array, ridge: Array, factor: float) -> StudentPolicy:
+    def primed(
+        self, problem: Problem, weight: Array, ridge: Array, factor: float, remembers: bool = False
+    ) -> StudentPolicy:
         """The same for `factor` times as many steps."""
         return replace(self, ridge=ridge, least=self.least * np.sqrt(factor))
 
@@ -120,6 +122,10 @@ class StudentPolicy:
         likelihood = np.array([weight @ self._log_density(distance, freedom) for freedom in _FREEDOM])
         moments = _moments(problem.features, residual, trust)
         return (*moments, (residual.T * trust) @ residual, likelihood, weight.sum())
+
+    def unseen(self, problem: Problem, outputs: Array, weight: Array, lesson: Array | None = None) -> Array:
+        """The outputs as they are: so few coefficients remember no demonstration among so many."""
+        return outputs
 
     def study(self, problem: Problem, weight: Array) -> tuple[Array, Sums]:
         """log pi of the actions taken, (N,), and the statistics."""

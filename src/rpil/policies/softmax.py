@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from rpil.passes import Array, Sums, gradient, linear, log_softmax, softmax_pass
 from rpil.problem import Problem
-from rpil.solvers import Preconditioner, fit_softmax
+from rpil.solvers import Path, Preconditioner, fit_softmax
 
 _PRECONDITIONER_FITS = 10
 """Warm-started fits that one preconditioner serves: EM moves little in so many iterations."""
@@ -19,6 +20,15 @@ def one_hot(actions: Array, weight: Array, n_actions: int) -> Array:
     targets = np.zeros((n_actions, len(actions)))
     targets[actions, np.arange(len(actions))] = weight
     return targets.T
+
+
+def _residual(actions: Array, outputs: Array, weight: Array, lesson: Array | None) -> Array:
+    """Soft targets less what the policy, with these `outputs`, expects of steps of their weight, (N, K)."""
+    targets = one_hot(actions, weight, outputs.shape[1])
+    if lesson is not None:
+        targets += lesson
+        weight = targets.sum(axis=1)
+    return targets - weight[:, None] * np.exp(outputs)
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,6 +47,7 @@ class SoftmaxPolicy:
     ridge: Array
     _preconditioner: Preconditioner | None = None
     _age: int = 0
+    _path: Path | None = None
 
     @classmethod
     def zero(cls, n_actions: int, ridge: Array) -> SoftmaxPolicy:
@@ -87,11 +98,16 @@ class SoftmaxPolicy:
         age = self._age + 1 if fit.preconditioner is reuse else 0
         return SoftmaxPolicy(fit.weights, self.ridge, fit.preconditioner, age), fit.log_proba
 
-    def primed(self, problem: Problem, weight: Array, ridge: Array, factor: float) -> SoftmaxPolicy:
-        """Ready for sums over `factor` times as many steps, with the Hessian of these; `ridge` is for all."""
+    def primed(
+        self, problem: Problem, weight: Array, ridge: Array, factor: float, remembers: bool = False
+    ) -> SoftmaxPolicy:
+        """Ready for sums over `factor` times as many steps, with the Hessian of these; `ridge` is for all.
+
+        One that `remembers` learns from its steps what the sample does not know of the Hessian.
+        """
         proba = np.exp(self.log_proba(problem.features))
         hessian = Preconditioner(problem.features, proba, factor * weight, ridge, len(weight), coupled=True)
-        return SoftmaxPolicy(self.weights, ridge, hessian)
+        return SoftmaxPolicy(self.weights, ridge, hessian, _path=Path() if remembers else None)
 
     def like(self, primed: SoftmaxPolicy) -> SoftmaxPolicy:
         """The same with another one's Hessian."""
@@ -99,12 +115,18 @@ class SoftmaxPolicy:
 
     def statistics(self, problem: Problem, outputs: Array, weight: Array, lesson: Array | None = None) -> Sums:
         """The gradient of the log-likelihood, (D, K)."""
-        targets = one_hot(problem.actions, weight, self.weights.shape[1])
-        if lesson is not None:
-            targets += lesson
-            weight = targets.sum(axis=1)
-        slope = gradient(problem.features, targets - weight[:, None] * np.exp(outputs))
+        slope = gradient(problem.features, _residual(problem.actions, outputs, weight, lesson))
         return (slope - slope.mean(axis=1, keepdims=True),)  # what all actions share is rounding
+
+    def unseen(self, problem: Problem, outputs: Array, weight: Array, lesson: Array | None = None) -> Array:
+        """The outputs (N, K) had no demonstration been learned from itself: one Newton step back for each of them."""
+        assert self._preconditioner is not None, "primed first"
+        residual = _residual(problem.actions, outputs, weight, lesson)
+        away = np.empty(outputs.shape[::-1]).T
+        for begin, end in itertools.pairwise(problem.offsets.tolist()):
+            rows = problem.features[begin:end]
+            away[begin:end] = rows @ self._preconditioner(rows.T @ residual[begin:end].astype(rows.dtype))
+        return log_softmax(outputs - away)
 
     def study(self, problem: Problem, weight: Array) -> tuple[Array, Sums]:
         """log pi of the actions taken, (N,), and the statistics, in one reading."""
@@ -114,8 +136,11 @@ class SoftmaxPolicy:
     def improved(self, statistics: Sums) -> SoftmaxPolicy:
         """One Newton step."""
         assert self._preconditioner is not None, "primed first"
-        step = self._preconditioner(statistics[0] - self.ridge[:, None] * self.weights)
-        return replace(self, weights=self.weights + step)
+        slope = statistics[0] - self.ridge[:, None] * self.weights
+        if self._path is None:
+            return replace(self, weights=self.weights + self._preconditioner(slope))
+        path = self._path.at(self.weights, slope)
+        return replace(self, weights=self.weights + path.newton_step(self._preconditioner), _path=path)
 
     def slope(self, statistics: Sums) -> float:
         """Largest entry of the gradient of the penalised log-likelihood."""
@@ -123,7 +148,7 @@ class SoftmaxPolicy:
 
     def towards(self, other: SoftmaxPolicy, share: float) -> SoftmaxPolicy:
         """The policy so far along the way to another one."""
-        return replace(self, weights=self.weights + share * (other.weights - self.weights))
+        return replace(other, weights=self.weights + share * (other.weights - self.weights))
 
     def tempered(self, temperature: float) -> SoftmaxPolicy:
         """The same order of preferences, surer above 1 and less sure below."""
