@@ -13,14 +13,14 @@ from sklearn.exceptions import ConvergenceWarning
 from sklearn.utils.validation import check_is_fitted
 from threadpoolctl import threadpool_limits
 
-from rpil.adversaries import AUTO, Adversary
+from rpil.adversaries import AUTO, Adversary, adversary
 from rpil.audit import Audit, summarise
 from rpil.belief import believe, evidence
 from rpil.cloning import LARGE, PolicyEstimator
 from rpil.demonstrations import Demonstrations
 from rpil.em import Result, State
 from rpil.errors import DataError
-from rpil.features import FeatureMap, Untouched
+from rpil.features import N_LANDMARKS, FeatureMap, Untouched
 from rpil.identify import competing_groups
 from rpil.inputs import (
     as_demonstrations,
@@ -44,6 +44,9 @@ Array = NDArray[Any]
 
 _FEW = 32
 """Observations up to which folding them costs little."""
+
+_LANDMARKS = (50, N_LANDMARKS)
+"""Of Nystroem's features where the search chose them itself, and where they were asked for."""
 
 _TOLD = 0.05
 """Nats, for a standard deviation of log length, from which it is said that length counts."""
@@ -89,7 +92,8 @@ class RPIL(PolicyEstimator):
     search_features : str
         What the policy sees while trust is decided: a kind of features, or "auto", which is `features`, but where that
         is "raw" or "auto": then it is "folded" if there are few observations, since a straight line mistakes an expert
-        in a rare situation for an adversary, and "raw" if there are many.
+        in a rare situation for an adversary, and "raw" if there are many. Few observations and continuous actions are
+        given to "nystroem", with fewer landmarks, and what "raw" finds is one more solution to compare.
     n_single : int
         Starts from single demonstrations, beside the pooled one and the one where all demonstrations weigh the same.
     annealing : int
@@ -195,22 +199,22 @@ class RPIL(PolicyEstimator):
         progress = self.progress or (lambda _: None)
         with threadpool_limits(1, "blas"):  # thin products gain nothing from threads, and can lose a lot
             progress("features")
-            features = FeatureMap.fit(self._search_kind(demonstrations), demonstrations.observations)
-            problem = Problem(
-                features.design(
-                    demonstrations.observations, single=demonstrations.n_steps * features.n_columns > LARGE
-                ),
-                codes,
-                demonstrations.offsets,
-                self.space_,
-                known,
-                company=company,
-            )
+            rest = (codes, demonstrations.offsets, self.space_, known)
+            kind, simpler = self._search_kinds(demonstrations)
+            features = FeatureMap.fit(kind, demonstrations.observations, n_landmarks=_LANDMARKS[simpler is None])
+            problem = Problem(_design(features, demonstrations), *rest, company=company)
             setting = self._setting(features, problem)
             auto = isinstance(self.adversary, str) and self.adversary == "auto"
             candidates = AUTO[self.space_.kind] if auto else (self.adversary,)
             rng = np.random.default_rng(self.random_state)
-            result, runs = fit(problem, setting, candidates, rng, progress)
+            hints = []
+            alike = [of for of in candidates if adversary(of, self.space_, setting.policy).symmetric]
+            if simpler is not None and alike:
+                progress(f"{simpler} features")
+                plain = FeatureMap.fit(simpler, demonstrations.observations)
+                same = Problem(_design(plain, demonstrations), *rest, company=company)
+                hints = [fit(same, self._setting(plain, same), alike, rng, progress)[0].posterior.expert]
+            result, runs = fit(problem, setting, candidates, rng, progress, hints)
             read: FeatureMap | Untouched = features
             seen, outputs = problem, unseen(problem, setting, result)
             if self.policy is not None:
@@ -255,13 +259,15 @@ class RPIL(PolicyEstimator):
         by_node = evidence(problem, self.state_, self.state_.policy.outputs(design))
         return self.belief_.log_odds(by_node, problem.lengths)
 
-    def _search_kind(self, demonstrations: Demonstrations) -> str:
+    def _search_kinds(self, demonstrations: Demonstrations) -> tuple[str, str | None]:
+        """Features while trust is decided, and simpler ones that propose a solution to compare."""
         if self.search_features != "auto":
-            return self.search_features
-        few = demonstrations.n_observations <= _FEW
+            return self.search_features, None
         if self.features not in ("raw", "auto"):
-            return self.features
-        return "folded" if few and demonstrations.is_discrete else "raw"
+            return self.features, None
+        if demonstrations.n_observations > _FEW:
+            return "raw", None
+        return ("folded", None) if demonstrations.is_discrete else ("nystroem", "raw")
 
     def _setting(self, features: FeatureMap, problem: Problem) -> Setting:
         ridge = ridge_of(features, self.C, len(problem.actions), problem.space)
@@ -316,6 +322,12 @@ class RPIL(PolicyEstimator):
                 AmbiguousWarning,
                 stacklevel=3,
             )
+
+
+def _design(features: FeatureMap, demonstrations: Demonstrations) -> Array:
+    """In single precision where double would not stay in cache."""
+    large = demonstrations.n_steps * features.n_columns > LARGE
+    return features.design(demonstrations.observations, single=large)
 
 
 def _assumptions(model: RPIL, problem: Problem) -> list[str]:
