@@ -1,7 +1,8 @@
 """docs/results.md from what the other scripts wrote: figures, where they come from, and where ours are not the best.
 
     python benchmarks/results.py --acceptance acceptance.json --paper paper.json --features features.json \\
-        --robustness robustness/summary.json --calibration calibration.json --real real.json > docs/results.md
+        --robustness robustness/summary.json --robustness-continuous continuous/summary.json \\
+        --calibration calibration.json --real real.json > docs/results.md
 
 Every file is optional; a section comes for each that is given. Nothing here is written by hand but the words around the
 numbers.
@@ -13,6 +14,7 @@ import argparse
 import json
 import sys
 from collections.abc import Callable, Iterable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -32,7 +34,8 @@ Under every table stands where ours is not the best or a goal is missed."""
 def main(arguments: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     for name in SECTIONS:
-        parser.add_argument(f"--{name}", type=Path, metavar="JSON", help=f"what {name}.py wrote")
+        option = f"--{name.replace('_', '-')}"
+        parser.add_argument(option, type=Path, metavar="JSON", help=f"what {script(name)} wrote")
     options = vars(parser.parse_args(arguments))
     try:
         print(results({name: read(path) for name, path in options.items() if path}), end="")
@@ -51,16 +54,22 @@ def read(path: Path) -> Result:
 def results(found: dict[str, Result]) -> str:
     """The whole page: a section for each script that has figures, in the order of `SECTIONS`."""
     if not found:
-        raise DataError(f"No figures were given; give one of --{', --'.join(SECTIONS)} at least.")
+        raise DataError(f"No figures were given; give one of --{', --'.join(SECTIONS).replace('_', '-')} at least.")
     parts = [HEAD]
     for name, render in SECTIONS.items():
         if name in found:
             try:
                 parts.append(render(found[name]))
             except KeyError as error:
-                raise DataError(f"The figures of {name}.py have no {error}; run {name}.py of this version.") from None
+                said = f"The figures of {script(name)} have no {error}; run {script(name)} of this version."
+                raise DataError(said) from None
             parts.append(line(found[name].get("provenance")))
     return "\n\n".join(parts) + "\n"
+
+
+def script(section: str) -> str:
+    """Which wrote the figures of a section; two sections may come from one."""
+    return f"{section.split('_')[0]}.py"
 
 
 # ---- acceptance.py ---------------------------------------------------------------------------------------------------
@@ -201,7 +210,7 @@ def behind_in_paper(tables: Iterable[Result]) -> list[str]:
 # ---- robustness.py ---------------------------------------------------------------------------------------------------
 
 
-def robustness(result: Result) -> str:
+def robustness(result: Result, title: str = "Robustness") -> str:
     """The grid: returns, AUROC and wrong verdicts of every cell, and methods over all that can be known."""
     cells = {(cell["env"], cell["share"], cell["kind"]): cell for cell in result["cells"]}
     kinds = list(dict.fromkeys(kind for _, _, kind in cells))
@@ -211,7 +220,7 @@ def robustness(result: Result) -> str:
     ]
     of = result["configuration"]
     parts = [
-        "## Robustness",
+        f"## {title}",
         f"`benchmarks/robustness.py`: {of['n_good']} good demonstrations, {result['draws']} draws from seed "
         f"{result['first_seed']}, {of['rollouts']} rollouts a policy, features `{of['features']}`, one configuration "
         "for all cells. Normalised return (0 plays like uniform actions, 1 like the clean oracle) / AUROC / wrong "
@@ -327,6 +336,7 @@ SECTIONS: dict[str, Callable[[Result], str]] = {
     "paper": paper,
     "features": features,
     "robustness": robustness,
+    "robustness_continuous": partial(robustness, title="Robustness, continuous actions"),
     "calibration": calibration,
     "real": real_report.markdown,
 }

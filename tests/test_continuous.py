@@ -26,6 +26,7 @@ from rpil.errors import DataError
 from rpil.estimators import RPIL, AmbiguousWarning
 from rpil.persistence import load, save
 from rpil.rment import RMEnt
+from rpil.simulation import simulate
 from rpil.spaces import Box
 
 ZOO = continuous_zoo(0)
@@ -131,6 +132,18 @@ def test_a_curved_expert_needs_curved_features_and_auto_finds_them():
     model = RPIL("auto", search_features="poly").fit(data)
     assert model.features_.kind == "poly"
     assert roc_auc_score(toy.is_good, model.log_odds_) == 1.0
+
+
+@pytest.mark.parametrize("bad", ["noisy", "window"])
+def test_an_expert_who_does_one_thing_in_the_air_and_another_on_the_ground_is_one_expert(bad):
+    # A straight line sees two experts in a lander, and trusts half of each demonstration.
+    made = simulate("LunarLanderContinuous-v3", bad, n_good=10, n_bad=10, seed=1000)
+    model = RPIL().fit(Demonstrations.from_episodes(made.episodes))
+    assert model.search_features_.kind == "nystroem"
+    assert roc_auc_score(made.is_good, model.log_odds_) == 1.0
+    verdicts = np.array(model.audit_.verdicts)
+    assert (verdicts[made.is_good == 0] == "adversary").all()
+    assert not (verdicts[made.is_good == 1] == "adversary").any()
 
 
 @pytest.mark.parametrize("kind", ["flipped", "smooth"])

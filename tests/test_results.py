@@ -234,6 +234,22 @@ def test_every_section_has_its_provenance(tmp_path, capsys):
     assert page.endswith(line + "\n")
 
 
+def test_the_grid_has_a_second_section_for_continuous_actions(tmp_path, capsys):
+    from results import main
+
+    discrete, continuous = tmp_path / "discrete.json", tmp_path / "continuous.json"
+    discrete.write_text(json.dumps(grid_result()))
+    other = grid_result()
+    other["cells"] = [cell("window", 75, 0.875, 1.0, 0.0, ["return"]) | {"env": "Pendulum-v1"}]
+    continuous.write_text(json.dumps(other))
+    main(["--robustness-continuous", str(continuous), "--robustness", str(discrete)])
+    first, second = capsys.readouterr().out.split("## Robustness, continuous actions")
+    assert "| Acrobot-v1 | 90 % |" in first
+    assert "Pendulum-v1" not in first
+    assert "| Pendulum-v1 | 75 % | 0.88 / 1.000 / 0.0%† |" in second
+    assert "Acrobot" not in second
+
+
 def test_what_is_no_result_is_one_sentence(tmp_path, capsys):
     from results import main
 

@@ -17,6 +17,7 @@ from rpil.policies import Policy
 from rpil.problem import Problem
 
 _N_FOLDS = 3
+_N_REPEATS = 4
 _RHO = np.linspace(0.0, 1.0, 21)
 
 
@@ -39,15 +40,16 @@ def agreement(problem: Problem, policy: Policy, group: Array, rng: np.random.Gen
     frequent among all, and N is their steps.
 
     That is the scan statistic for a mean above zero (Kulldorff 1997, with Gaussian noise): few who agree perfectly are
-    as remarkable as many who agree somewhat.
+    as remarkable as many who agree somewhat. G is a mean over several ways of holding out: where two alone are of one
+    kind, it matters whether they are held out together.
     """
     if len(group) < 2:
         return 0.0
     guess = marginal(problem, policy)
     gain, steps = 0.0, problem.lengths[group]
-    for held in _folds(len(group), rng):
+    for held in (fold for _ in range(_N_REPEATS) for fold in _folds(len(group), rng)):
         each = _gain(problem, policy, [np.delete(group, held)], group[held], guess)
-        gain += float(each @ steps[held])
+        gain += float(each @ steps[held]) / _N_REPEATS
     return max(gain, 0.0) ** 2 / float(steps.sum())
 
 

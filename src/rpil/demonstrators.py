@@ -57,6 +57,9 @@ class Strangers:
         return log_joint, 0.0
 
 
+STRANGERS = Strangers()
+
+
 @dataclass(frozen=True, eq=False)
 class Borrowed:
     """What demonstrations say of one another.

@@ -13,17 +13,17 @@ from sklearn.exceptions import ConvergenceWarning
 from sklearn.utils.validation import check_is_fitted
 from threadpoolctl import threadpool_limits
 
-from rpil.adversaries import AUTO, Adversary
+from rpil.adversaries import AUTO, Adversary, adversary
 from rpil.assumptions import assumptions
 from rpil.audit import Audit, summarise
 from rpil.belief import Belief, believe, evidence
 from rpil.cloning import PolicyEstimator
 from rpil.demonstrations import Demonstrations
-from rpil.demonstrators import Company
+from rpil.demonstrators import STRANGERS, Company
 from rpil.em import Result, State
 from rpil.engines import Engine, InMemory
 from rpil.errors import DataError
-from rpil.features import FeatureMap, Untouched
+from rpil.features import N_LANDMARKS, FeatureMap, Untouched
 from rpil.files import StrPath
 from rpil.identify import competing_groups
 from rpil.inputs import (
@@ -46,11 +46,15 @@ from rpil.suggestions import opinions
 
 Array = NDArray[Any]
 
-_SINGLE = 100_000
-"""Entries of a design matrix from which a search is faster in single precision; trust needs no more digits."""
+_SINGLE = {"discrete": 100_000, "continuous": 1_000_000}
+"""Entries of a design matrix from which a search is faster in single precision, by kind of actions. Trust needs no more
+digits, but least squares do."""
 
 _FEW = 32
 """Observations up to which folding them costs little."""
+
+_LANDMARKS = (50, N_LANDMARKS)
+"""Of Nystroem's features where the search chose them itself, and where they were asked for."""
 
 
 class AmbiguousWarning(UserWarning):
@@ -90,7 +94,8 @@ class RPIL(PolicyEstimator):
     search_features : str
         What the policy sees while trust is decided: a kind of features, or "auto", which is `features`, but where that
         is "raw" or "auto": then it is "folded" if there are few observations, since a straight line mistakes an expert
-        in a rare situation for an adversary, and "raw" if there are many.
+        in a rare situation for an adversary, and "raw" if there are many. Few observations and continuous actions are
+        given to "nystroem", with fewer landmarks, and what "raw" finds is one more solution to compare.
     n_single : int
         Starts from single demonstrations, beside the pooled one and the one where all demonstrations weigh the same.
     annealing : int
@@ -215,19 +220,11 @@ class RPIL(PolicyEstimator):
     def _fit_small(self, demonstrations: Demonstrations, codes: Array, known: Array, company: Company) -> None:
         """A search that reads everything."""
         progress = self.progress or (lambda _: None)
-        progress("features")
-        features = FeatureMap.fit(self._search_kind(demonstrations), demonstrations.observations)
-        problem = Problem(
-            features.design(demonstrations.observations, single=demonstrations.n_steps * features.n_columns > _SINGLE),
-            codes,
-            demonstrations.offsets,
-            self.space_,
-            known,
-            company=company,
-        )
-        setting = self._setting(features, len(codes), problem.lengths)
         rng = np.random.default_rng(self.random_state)
-        result, runs = fit(problem, setting, self._candidates(), rng, progress)
+        progress("features")
+        features, lengths = self._search_map(demonstrations), demonstrations.lengths
+        problem, setting = self._pose(features, demonstrations, codes, known, lengths, company)
+        result, runs = self._search(demonstrations, problem, setting, lengths, rng)
         read: FeatureMap | Untouched = features
         seen, outputs = problem, unseen(problem, setting, result)
         if self.policy is not None:
@@ -280,13 +277,56 @@ class RPIL(PolicyEstimator):
         by_node = evidence(problem, self.state_, self.state_.policy.outputs(design))
         return self.belief_.log_odds(by_node, problem.lengths)
 
-    def _search_kind(self, demonstrations: Demonstrations) -> str:
+    def _search_kinds(self, demonstrations: Demonstrations) -> tuple[str, str | None]:
+        """Features while trust is decided, and simpler ones that propose a solution to compare."""
         if self.search_features != "auto":
-            return self.search_features
-        few = demonstrations.n_observations <= _FEW
+            return self.search_features, None
         if self.features not in ("raw", "auto"):
-            return self.features
-        return "folded" if few and demonstrations.is_discrete else "raw"
+            return self.features, None
+        if demonstrations.n_observations > _FEW:
+            return "raw", None
+        return ("folded", None) if demonstrations.is_discrete else ("nystroem", "raw")
+
+    def _pose(
+        self,
+        features: FeatureMap,
+        demonstrations: Demonstrations,
+        codes: Array,
+        known: Array,
+        lengths: Array,
+        company: Company = STRANGERS,
+    ) -> tuple[Problem, Setting]:
+        """What is searched, and how; `lengths` are of everybody, searched or not."""
+        single = demonstrations.n_steps * features.n_columns > _SINGLE[self.space_.kind]
+        design = features.design(demonstrations.observations, single=single)
+        problem = Problem(design, codes, demonstrations.offsets, self.space_, known, company=company)
+        return problem, self._setting(features, len(codes), lengths)
+
+    def _search(
+        self,
+        demonstrations: Demonstrations,
+        problem: Problem,
+        setting: Setting,
+        lengths: Array,
+        rng: np.random.Generator,
+    ) -> tuple[Result, list[Result]]:
+        """What was found, and every start's run; where there are simpler features, theirs is a solution to compare."""
+        progress = self.progress or (lambda _: None)
+        candidates = self._candidates()
+        _, simpler = self._search_kinds(demonstrations)
+        alike = [of for of in candidates if adversary(of, self.space_, setting.policy).symmetric]
+        hints = []
+        if simpler is not None and alike:
+            progress(f"{simpler} features")
+            plain = FeatureMap.fit(simpler, demonstrations.observations)
+            same = self._pose(plain, demonstrations, problem.actions, problem.labels, lengths, problem.company)
+            hints = [fit(*same, alike, rng, progress)[0].posterior.expert]
+        return fit(problem, setting, candidates, rng, progress, hints)
+
+    def _search_map(self, demonstrations: Demonstrations) -> FeatureMap:
+        """What the policy sees while trust is decided."""
+        kind, simpler = self._search_kinds(demonstrations)
+        return FeatureMap.fit(kind, demonstrations.observations, n_landmarks=_LANDMARKS[simpler is None])
 
     def _candidates(self) -> Sequence[str | Adversary]:
         auto = isinstance(self.adversary, str) and self.adversary == "auto"

@@ -26,9 +26,11 @@ FEATURES = ("auto", *KINDS)
 RIDGE_PER_STEP = 1e-5
 """The default ridge, for a step: strong enough to keep separable classes finite, too weak to bias a policy."""
 
+N_LANDMARKS = 200
+"""With which Nystroem compares, unless fewer are asked for."""
+
 _N_KNOTS = 8
 _MAX_POLY_COLUMNS = 2000
-_N_LANDMARKS = 200
 _KERNEL_WIDTH = 0.1
 
 
@@ -68,10 +70,15 @@ class FeatureMap:
 
     @classmethod
     def fit(
-        cls, kind: str, observations: NDArray[Any], weight: Array | None = None, ridge: float = RIDGE_PER_STEP
+        cls,
+        kind: str,
+        observations: NDArray[Any],
+        weight: Array | None = None,
+        ridge: float = RIDGE_PER_STEP,
+        n_landmarks: int = N_LANDMARKS,
     ) -> FeatureMap:
         """Choose knots, landmarks, centres and scales from observations (N, D), the latter two with the `weight` (N,)
-        of each. Landmarks are drawn with a seed of their own: the same data, the same bits.
+        of each. `n_landmarks` are drawn with a seed of their own: the same data, the same bits.
 
         Raises
         ------
@@ -92,7 +99,7 @@ class FeatureMap:
             knots = np.linspace(low, high, _N_KNOTS)
         landmarks, mixing = np.empty((0, 2 * n_columns)), np.empty((0, 0))
         if kind == "nystroem":
-            landmarks, mixing = _nystroem(_fold((observations - location) / spread))
+            landmarks, mixing = _nystroem(_fold((observations - location) / spread), n_landmarks)
         none = np.zeros(0)
         raw = cls(kind, knots, location, spread, none, none, landmarks, mixing)
         columns = raw._columns(observations)
@@ -163,12 +170,12 @@ def _fold(z: Array) -> Array:
     return np.hstack([z, np.abs(z)])
 
 
-def _nystroem(folded: Array) -> tuple[Array, Array]:
+def _nystroem(folded: Array, n_landmarks: int) -> tuple[Array, Array]:
     """Landmarks (R, 2 D) and mixing (R, R) of scikit-learn's Nystroem."""
     from sklearn.kernel_approximation import Nystroem
 
-    n_landmarks = min(_N_LANDMARKS, len(folded))
-    fitted = Nystroem(gamma=_gamma(folded), n_components=n_landmarks, random_state=0).fit(folded)
+    n_components = min(n_landmarks, len(folded))
+    fitted = Nystroem(gamma=_gamma(folded), n_components=n_components, random_state=0).fit(folded)
     return fitted.components_, fitted.normalization_.T
 
 

@@ -22,14 +22,13 @@ from rpil.demonstrations import Demonstrations, Piece
 from rpil.demonstrators import Company
 from rpil.em import MStep, Posterior, Result, State, e_step
 from rpil.engines import Engine, InMemory
-from rpil.features import FeatureMap
+from rpil.features import N_LANDMARKS, FeatureMap
 from rpil.identify import competing_groups
 from rpil.inputs import known_actions, ridge_of
 from rpil.passes import Array
 from rpil.policies import linear_policy
 from rpil.polish import Polished, clone, lesson_of, polish, primed, resumed
 from rpil.problem import Problem
-from rpil.search import fit as search
 from rpil.selection import Choice
 from rpil.spaces import Space
 
@@ -216,7 +215,8 @@ def is_large(model: Any, data: Source) -> bool:
 
 
 def _budget(model: Any, data: Source) -> int:
-    columns = FeatureMap.fit(model._search_kind(data), data.select(slice(0, 1)).observations).n_columns
+    enough = int(np.searchsorted(data.offsets, N_LANDMARKS))  # to see how many columns the features have
+    columns = model._search_map(data.select(slice(0, enough))).n_columns
     return sample_steps(columns * model.space_.n_parts)
 
 
@@ -239,18 +239,18 @@ def fit_large(model: Any, data: Source, labels: Array, company: Company, engine:
     progress("a sample")
     chosen = sample(lengths, labels, _budget(model, data), rng)
     few = data.select(chosen)
-    whole = Piece(0, few.observations, few.actions, few.offsets)
-    prepare = Prepare(FeatureMap.fit(model._search_kind(data), few.observations), space, model.classes_, labels)
-    some = replace(prepare, labels=labels[chosen])(whole)[1]
-    setting = model._setting(prepare.features, len(some.actions), lengths)
     checkpoint = _checkpoint(model, data, few, labels)
     begun = checkpoint.read() if checkpoint else None
+    codes = known_actions(model.classes_, few.actions, data.source)
+    features = model._search_map(few)
+    some, setting = model._pose(features, few, codes, labels[chosen], lengths)
     if begun is None:
-        result, runs = search(some, setting, model._candidates(), rng, progress)
+        result, runs = model._search(few, some, setting, lengths, rng)
         progress("competing groups")
         begun = result.state, competing_groups(some, setting, result, runs, rng), None
     state, competing, before = begun
 
+    prepare = Prepare(features, space, model.classes_, labels)
     ready = engine.place(data.parts(engine.n_parts)).then(prepare)
     problems = ready.then(itemgetter(1))
     ridge = ridge_of(prepare.features, model.C, n_steps, space)

@@ -86,14 +86,21 @@ def fit(
     candidates: Sequence[str | Adversary],
     rng: np.random.Generator,
     progress: Progress = lambda _: None,
+    hints: Sequence[Array] = (),
 ) -> tuple[Result, list[Result]]:
-    """The winning run among `candidates` for the adversary, and every start's run, for those who compare groups."""
+    """The winning run among `candidates` for the adversary, and every start's run, for those who compare groups.
+
+    `hints` are P(expert), (M,) each, found by other means: more solutions to compare, where the adversary has a policy
+    of its own.
+    """
     first = candidates[0] if len(candidates) == 1 else usual(problem.space, bool(problem.labels.any()))
     runs = _in_runs(problem, setting, first, search(problem, setting, first, rng, progress), rng, progress)
     best = runs[0]
     if len(candidates) == 1:
-        best = _continue(problem, setting, best)
-        return (_who_agrees(problem, setting, runs, rng) if best.state.adversary.symmetric else best), runs
+        if not best.state.adversary.symmetric:
+            return _continue(problem, setting, best), runs
+        hinted = [_from(problem, setting, best.state.adversary, hint) for hint in hints]
+        return _who_agrees(problem, setting, [*runs[:_COMPARED], *hinted], rng), runs
     seeds = dict(zip(candidates, rng.spawn(len(candidates)), strict=True))
 
     def try_one(candidate: str | Adversary) -> Result:
@@ -104,7 +111,8 @@ def fit(
         if not new.symmetric:
             return found
         own = search(problem, setting, candidate, seeds[candidate])
-        return _who_agrees(problem, setting, [found, *own], seeds[candidate])
+        hinted = [_from(problem, setting, new, hint) for hint in hints]
+        return _who_agrees(problem, setting, [found, *own[: _COMPARED - 1], *hinted], seeds[candidate])
 
     results = in_parallel(try_one, candidates, problem.features)
     progress("comparing adversaries")
@@ -115,13 +123,13 @@ def fit(
 
 
 def _who_agrees(problem: Problem, setting: Setting, runs: Sequence[Result], rng: np.random.Generator) -> Result:
-    """The solution whose experts agree best, among the first of `runs` and those where the groups changed places.
+    """The solution whose experts agree best, among `runs` and those where the groups changed places.
 
     For an adversary with a policy of its own expert and adversary are alike, and any group that is easy to describe
     apart from the others makes a likely solution. Experts are those who agree with one another, on much.
     """
-    tried = [_continue(problem, setting, result) for result in runs[:_COMPARED]]
-    tried += [_turned(problem, setting, result) for result in tried]
+    tried = [_continue(problem, setting, result) for result in runs]
+    tried += [_from(problem, setting, of.state.adversary, 1.0 - of.posterior.expert) for of in tried]
 
     def rank(result: Result) -> tuple[int, float]:
         experts = np.flatnonzero(result.posterior.expert > 0.5)
@@ -132,11 +140,11 @@ def _who_agrees(problem: Problem, setting: Setting, runs: Sequence[Result], rng:
     return max(tried, key=rank)
 
 
-def _turned(problem: Problem, setting: Setting, result: Result) -> Result:
-    """EM from where experts and adversaries of `result` have changed places."""
-    policy, outputs = _taught(problem, setting, 1.0 - result.posterior.expert)
-    other, _ = _taught(problem, setting, result.posterior.expert)
-    anew = State(policy, result.state.adversary.with_policy(other), setting.prior, setting.reliability)
+def _from(problem: Problem, setting: Setting, like: Adversary, expert: Array) -> Result:
+    """EM from P(expert), (M,), with an adversary such as `like`, who has a policy of its own."""
+    policy, outputs = _taught(problem, setting, expert)
+    other, _ = _taught(problem, setting, 1.0 - expert)
+    anew = State(policy, like.with_policy(other), setting.prior, setting.reliability)
     return _run(problem, setting, anew, outputs, setting.max_iter)
 
 
