@@ -32,7 +32,7 @@ def demonstrations(kind="random", seed=0, n_good=80, n_bad=40, maker=make):
 @pytest.mark.parametrize("adversary", ADVERSARIES)
 def test_it_says_what_a_search_of_everything_says(small, monkeypatch, adversary):
     toy, data = demonstrations()
-    labels = {m: "expert" for m in toy.ids[:2]} if adversary == "own policy" else None
+    labels = dict.fromkeys(toy.ids[:2], "expert") if adversary == "own policy" else None
     model = RPIL(adversary=adversary, labels=labels, tol=1e-6).fit(data)
     assert large.is_large(model, data)
     monkeypatch.setattr(large, "TIMES", 1e9)

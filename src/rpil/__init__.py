@@ -13,12 +13,14 @@ _HOME = {
     "BehavioralCloning": "rpil.cloning",
     "Confusion": "rpil.adversaries",
     "DataError": "rpil.errors",
+    "Dataset": "rpil.formats.dataset",
     "Demonstrations": "rpil.demonstrations",
     "RMEnt": "rpil.rment",
     "RPIL": "rpil.estimators",
     "SoftmaxPolicy": "rpil.policies",
     "TorchPolicy": "rpil.policies.torch",
     "load": "rpil.persistence",
+    "open_dataset": "rpil.formats.dataset",
     "read": "rpil.formats",
     "reweight": "rpil.reweighting",
     "rollout": "rpil.rollouts",
@@ -34,12 +36,14 @@ __all__ = [
     "BehavioralCloning",
     "Confusion",
     "DataError",
+    "Dataset",
     "Demonstrations",
     "RMEnt",
     "SoftmaxPolicy",
     "TorchPolicy",
     "__version__",
     "load",
+    "open_dataset",
     "read",
     "reweight",
     "rollout",
@@ -56,6 +60,7 @@ if TYPE_CHECKING:
     from rpil.errors import DataError
     from rpil.estimators import RPIL, AmbiguousWarning
     from rpil.formats import read, write
+    from rpil.formats.dataset import Dataset, open_dataset
     from rpil.persistence import load, save
     from rpil.policies import SoftmaxPolicy
     from rpil.policies.torch import TorchPolicy
