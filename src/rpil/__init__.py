@@ -14,6 +14,7 @@ _HOME = {
     "Confusion": "rpil.adversaries",
     "DataError": "rpil.errors",
     "Dataset": "rpil.formats.dataset",
+    "DaskEngine": "rpil.engines",
     "Demonstrations": "rpil.demonstrations",
     "RMEnt": "rpil.rment",
     "RPIL": "rpil.estimators",
@@ -35,6 +36,7 @@ __all__ = [
     "Audit",
     "BehavioralCloning",
     "Confusion",
+    "DaskEngine",
     "DataError",
     "Dataset",
     "Demonstrations",
@@ -57,6 +59,7 @@ if TYPE_CHECKING:
     from rpil.audit import Audit
     from rpil.cloning import BehavioralCloning
     from rpil.demonstrations import Demonstrations
+    from rpil.engines import DaskEngine
     from rpil.errors import DataError
     from rpil.estimators import RPIL, AmbiguousWarning
     from rpil.formats import read, write

@@ -182,9 +182,9 @@ class RPIL(PolicyEstimator):
         """Learn from observations X (N, D), actions y (N,) and the demonstration of each step, groups (N,).
 
         `Demonstrations`, or what `rpil.open_dataset` finds on disk, are accepted in the place of the three.
-        `demonstrators` says who gave which demonstration, by id or one for each in order: then those of one person speak
-        for each other, as far as people are found to differ, see `rpil.demonstrators`. Whoever is left out by id, or
-        None, is somebody else every time.
+        `demonstrators` says who gave which demonstration, by id or one for each in order: then those of one person
+        speak for each other, as far as people are found to differ, see `rpil.demonstrators`. Whoever is left out by id,
+        or None, is somebody else every time.
 
         Raises
         ------
