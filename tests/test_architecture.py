@@ -18,7 +18,7 @@ FILES = sorted(path for path in ROOT.rglob("*.py") if path != ROOT / "__init__.p
 # fmt: off
 ORDER = [
     "errors", "_arrays", "files", "demonstrations", "formats",
-    "passes", "spaces", "demonstrators", "problem", "parallel", "engines", "splines", "features", "solvers",
+    "passes", "spaces", "demonstrators", "problem", "parallel", "splines", "features", "solvers", "engines",
     "policies", "adversaries", "priors", "reliability",
     "chains", "em", "agreement", "search", "refine", "belief", "identify", "suggestions", "audit",
     "polish", "inputs", "selection", "large", "cloning", "assumptions", "estimators", "rment", "reweighting",

@@ -114,3 +114,17 @@ def test_errors():
         FeatureMap.fit("fourier", X)
     with pytest.raises(DataError, match="Polynomials of 100 observations are too many"):
         FeatureMap.fit("poly", np.zeros((5, 100)))
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("far", [0.0, 1000.0])
+@pytest.mark.parametrize("order", ["C", "F"])
+def test_single_precision_is_as_good_as_double(kind, far, order):
+    rng = np.random.default_rng(0)
+    observations = rng.normal(far, 1.0, (9000, 3)).astype(np.float32, order=order)
+    features = FeatureMap.fit(kind, observations)
+    double, single = features.design(observations), features.design(observations, single=True)
+    assert single.dtype == np.float32
+    np.testing.assert_allclose(single, double, rtol=1e-6, atol=1e-6)
+    np.testing.assert_allclose(single[5000:5003], features.design(observations[5000:5003], single=True), atol=1e-6)
+    assert single.flags.f_contiguous == (order == "F")

@@ -13,12 +13,15 @@ _HOME = {
     "BehavioralCloning": "rpil.cloning",
     "Confusion": "rpil.adversaries",
     "DataError": "rpil.errors",
+    "Dataset": "rpil.formats.dataset",
+    "DaskEngine": "rpil.engines",
     "Demonstrations": "rpil.demonstrations",
     "RMEnt": "rpil.rment",
     "RPIL": "rpil.estimators",
     "SoftmaxPolicy": "rpil.policies",
     "TorchPolicy": "rpil.policies.torch",
     "load": "rpil.persistence",
+    "open_dataset": "rpil.formats.dataset",
     "read": "rpil.formats",
     "reweight": "rpil.reweighting",
     "rollout": "rpil.rollouts",
@@ -33,13 +36,16 @@ __all__ = [
     "Audit",
     "BehavioralCloning",
     "Confusion",
+    "DaskEngine",
     "DataError",
+    "Dataset",
     "Demonstrations",
     "RMEnt",
     "SoftmaxPolicy",
     "TorchPolicy",
     "__version__",
     "load",
+    "open_dataset",
     "read",
     "reweight",
     "rollout",
@@ -53,9 +59,11 @@ if TYPE_CHECKING:
     from rpil.audit import Audit
     from rpil.cloning import BehavioralCloning
     from rpil.demonstrations import Demonstrations
+    from rpil.engines import DaskEngine
     from rpil.errors import DataError
     from rpil.estimators import RPIL, AmbiguousWarning
     from rpil.formats import read, write
+    from rpil.formats.dataset import Dataset, open_dataset
     from rpil.persistence import load, save
     from rpil.policies import SoftmaxPolicy
     from rpil.policies.torch import TorchPolicy

@@ -43,6 +43,13 @@ class Piece:
         return slice(self.first, self.first + len(self.offsets) - 1)
 
 
+def piece_cuts(offsets: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Demonstrations that pieces begin with, and how many there are."""
+    ends = np.searchsorted(offsets, np.arange(PIECE_STEPS, offsets[-1] + PIECE_STEPS, PIECE_STEPS))
+    cuts: NDArray[np.int64] = np.unique(np.clip(np.append(0, ends), 0, len(offsets) - 1))
+    return cuts
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class Demonstrations:
     """Demonstrations laid end to end: one row per step, demonstration m owning rows ``offsets[m]:offsets[m + 1]``.
@@ -250,8 +257,7 @@ class Demonstrations:
 
     def parts(self, n_parts: int = 1) -> list[list[Piece]]:
         """All demonstrations in order, without copying: parts of about as many steps, each a list of pieces."""
-        ends = np.searchsorted(self.offsets, np.arange(PIECE_STEPS, self.n_steps + PIECE_STEPS, PIECE_STEPS))
-        cuts = np.unique(np.clip(np.append(0, ends), 0, len(self)))
+        cuts = piece_cuts(self.offsets)
         pieces = []
         for first, last in zip(cuts[:-1].tolist(), cuts[1:].tolist(), strict=True):
             steps = slice(self.offsets[first], self.offsets[last])

@@ -21,10 +21,11 @@ from rpil.cloning import PolicyEstimator
 from rpil.demonstrations import Demonstrations
 from rpil.demonstrators import STRANGERS, Company
 from rpil.em import Result, State
-from rpil.engines import Engine, InMemory
+from rpil.engines import Engine, InMemory, Streamed
 from rpil.errors import DataError
 from rpil.features import N_LANDMARKS, FeatureMap, Untouched
 from rpil.files import StrPath
+from rpil.formats.dataset import Dataset
 from rpil.identify import competing_groups
 from rpil.inputs import (
     as_demonstrations,
@@ -32,6 +33,7 @@ from rpil.inputs import (
     coded_actions,
     coded_like,
     known_labels,
+    known_space,
     ridge_of,
     who_gave,
 )
@@ -112,7 +114,7 @@ class RPIL(PolicyEstimator):
         Called with a few words at every stage of a fit.
     engine : Engine, optional
         Who runs passes over data that are many times larger than what a search needs to read, see `rpil.engines`: by
-        default this process, on all its cores.
+        default this process, on all its cores; from disk, where a `Dataset` is.
     checkpoint : path, optional
         Where a fit to so much data keeps how far it is, after every pass. Where the file exists the fit goes on from
         there, to the same bits; in the end it is removed.
@@ -185,7 +187,7 @@ class RPIL(PolicyEstimator):
 
     def fit(
         self,
-        X: ArrayLike | Demonstrations,
+        X: ArrayLike | Demonstrations | Dataset,
         y: ArrayLike | None = None,
         groups: ArrayLike | None = None,
         labels: Mapping[Any, str] | None = None,
@@ -193,9 +195,10 @@ class RPIL(PolicyEstimator):
     ) -> RPIL:
         """Learn from observations X (N, D), actions y (N,) and the demonstration of each step, groups (N,).
 
-        `Demonstrations` are accepted in the place of the three. `demonstrators` says who gave which demonstration, by
-        id or one for each in order: then those of one person speak for each other, as far as people are found to
-        differ, see `rpil.demonstrators`. Whoever is left out by id, or None, is somebody else every time.
+        `Demonstrations`, or what `rpil.open_dataset` finds on disk, are accepted in the place of the three.
+        `demonstrators` says who gave which demonstration, by id or one for each in order: then those of one person
+        speak for each other, as far as people are found to differ, see `rpil.demonstrators`. Whoever is left out by id,
+        or None, is somebody else every time.
 
         Raises
         ------
@@ -203,6 +206,8 @@ class RPIL(PolicyEstimator):
             One sentence: constant actions, or one outside the declared box, a single demonstration, unknown label
             ids, unknown ids or a wrong number of `demonstrators`, none left that may be an expert's.
         """
+        if isinstance(X, Dataset):
+            return self._fit_dataset(X, labels, demonstrators)
         demonstrations = as_demonstrations(self, X, y, groups)
         source = demonstrations.source
         self.space_, self.classes_, codes = coded_actions(demonstrations, self.action_box)
@@ -215,6 +220,17 @@ class RPIL(PolicyEstimator):
                 fit_large(self, demonstrations, known, company, self.engine or InMemory())
             else:
                 self._fit_small(demonstrations, codes, known, company)
+        return self
+
+    def _fit_dataset(self, data: Dataset, labels: Mapping[Any, str] | None, demonstrators: Any) -> RPIL:
+        """What is small is read, and fitted as anything else."""
+        self.space_, self.classes_ = known_space(data, self.action_box)
+        with threadpool_limits(1, "blas"):
+            if self.policy is not None or not is_large(self, data):
+                return self.fit(data.select(slice(None)), labels=labels, demonstrators=demonstrators)
+            self.n_features_in_, self.observation_names_ = data.n_observations, data.observation_names
+            known = known_labels(labels if labels is not None else self.labels, data)
+            fit_large(self, data, known, who_gave(demonstrators, data), self.engine or Streamed())
         return self
 
     def _fit_small(self, demonstrations: Demonstrations, codes: Array, known: Array, company: Company) -> None:
@@ -277,7 +293,7 @@ class RPIL(PolicyEstimator):
         by_node = evidence(problem, self.state_, self.state_.policy.outputs(design))
         return self.belief_.log_odds(by_node, problem.lengths)
 
-    def _search_kinds(self, demonstrations: Demonstrations) -> tuple[str, str | None]:
+    def _search_kinds(self, demonstrations: Demonstrations | Dataset) -> tuple[str, str | None]:
         """Features while trust is decided, and simpler ones that propose a solution to compare."""
         if self.search_features != "auto":
             return self.search_features, None

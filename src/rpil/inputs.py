@@ -17,6 +17,7 @@ from rpil.demonstrations import Demonstrations
 from rpil.demonstrators import Company, Strangers, company
 from rpil.errors import DataError
 from rpil.features import FeatureMap
+from rpil.formats.dataset import Dataset
 from rpil.formats.labels import match_labels
 from rpil.formats.table import listed
 from rpil.passes import Array
@@ -117,6 +118,27 @@ def coded_actions(
     return space, np.empty(0), actions
 
 
+def known_space(data: Dataset, box: tuple[ArrayLike, ArrayLike] | None = None) -> tuple[Space, Array]:
+    """The space of the actions on disk, and the K classes where they are discrete, else none."""
+    source = data.source
+    if data.is_discrete:
+        if box is not None:
+            raise DataError(f"{source}: the actions are discrete, which no action_box fits; leave it out.")
+        return Discrete(len(data.classes)), action_codes(data.classes, source)[0]
+    span = np.stack([data.low, data.high]).astype(float)
+    if (data.low == data.high).all():
+        raise DataError(f"{source}: every action is the same; give demonstrations with two at least.")
+    space = Box.around(span) if box is None else _declared(box, len(data.low), source)
+    outside = (span < space.low) | (span > space.high)
+    if outside.any():
+        end, part = np.argwhere(outside)[0]
+        raise DataError(
+            f"{source}: action {part} reaches {span[end, part]:g}, outside the declared box from {space.low[part]:g} "
+            f"to {space.high[part]:g}; widen action_box, or clip the actions."
+        )
+    return space, np.empty(0)
+
+
 def _declared(box: tuple[ArrayLike, ArrayLike], n_parts: int, source: str) -> Box:
     try:
         low, high = (np.broadcast_to(np.asarray(bound, dtype=float), n_parts) for bound in box)
@@ -170,7 +192,7 @@ def coded_like(classes: Array, n_parts: int, demonstrations: Demonstrations) -> 
     )
 
 
-def known_labels(labels: Mapping[Any, str] | None, demonstrations: Demonstrations) -> Array:
+def known_labels(labels: Mapping[Any, str] | None, demonstrations: Demonstrations | Dataset) -> Array:
     """1 for known experts, -1 for known adversaries, 0 for the rest, (M,)."""
     known = np.zeros(len(demonstrations), dtype=int)
     for name, word in (labels or {}).items():
@@ -186,7 +208,7 @@ def known_labels(labels: Mapping[Any, str] | None, demonstrations: Demonstration
 
 
 def who_gave(
-    demonstrators: Mapping[Any, Any] | Sequence[Any] | Array | None, demonstrations: Demonstrations
+    demonstrators: Mapping[Any, Any] | Sequence[Any] | Array | None, demonstrations: Demonstrations | Dataset
 ) -> Company:
     """Who gave each demonstration; a warning where that tells nothing."""
     source, ids = demonstrations.source, demonstrations.ids

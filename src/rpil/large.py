@@ -78,6 +78,17 @@ def sample(lengths: Array, labels: Array, n_steps: int, rng: np.random.Generator
 
 
 @dataclass(frozen=True, eq=False)
+class Stretch:
+    """Values of demonstrations from number `first` on, to be found by their numbers among all."""
+
+    values: Array
+    first: int
+
+    def __getitem__(self, those: slice) -> Array:
+        return self.values[those.start - self.first : those.stop - self.first]
+
+
+@dataclass(frozen=True, eq=False)
 class Prepare:
     """A piece of demonstrations as the data of a fit, in single precision.
 
@@ -93,7 +104,11 @@ class Prepare:
     features: FeatureMap
     space: Space
     classes: Array
-    labels: Array
+    labels: Any
+
+    def only(self, those: slice) -> Prepare:
+        """The same for `those` demonstrations."""
+        return replace(self, labels=Stretch(self.labels[those], those.start))
 
     def __call__(self, piece: Piece) -> tuple[Piece, Problem]:
         codes = known_actions(self.classes, piece.actions, "the demonstrations")
@@ -151,10 +166,16 @@ class Weigh:
     """
 
     state: State
-    trust: Array
-    reliability: Array
+    trust: Any
+    reliability: Any
     typical: float
     final: Prepare | None
+
+    def only(self, those: slice) -> Weigh:
+        """The same for `those` demonstrations."""
+        trust, reliability = (Stretch(values[those], those.start) for values in (self.trust, self.reliability))
+        final = self.final.only(those) if self.final else None
+        return replace(self, trust=trust, reliability=reliability, final=final)
 
     def __call__(self, ready: tuple[Piece, Problem]) -> tuple[Problem, Array, Array]:
         piece, problem = ready
@@ -257,7 +278,7 @@ def fit_large(model: Any, data: Source, labels: Array, company: Company, engine:
     posterior = e_step(some, state, state.policy.outputs(some.features))
     start = primed(state, some, posterior, setting.mode, ridge, n_steps / len(some.actions))
     polished = polish(
-        problems,
+        problems.summed(),
         replace(before, state=resumed(before.state, start)) if before else Polished(start),
         setting.mode,
         len(lengths),
@@ -304,7 +325,7 @@ def fit_large(model: Any, data: Source, labels: Array, company: Company, engine:
     mine = model.audit_.expert_proba[None]
     model.audit_ = replace(model.audit_, step_log_ratio=log_ratio, step_weight=step_weight, solutions=mine)
     policy = policy.primed(some, weight, ridge_of(read, model.C, total, space), total / weight.sum(), True)
-    final = clone(lessons, policy, REFIT_TOL, model.max_iter, progress)
+    final = clone(lessons.summed(), policy, REFIT_TOL, model.max_iter, progress)
     model.features_, model.policy_ = read, final.state.tempered(choice.temperature)
     model._tell(everybody, data.source)
     if checkpoint:

@@ -15,7 +15,15 @@ class Shards(Protocol):
         """The result for each shard, brought here, in order."""
 
     def then(self, function: Callable[[Any], Any]) -> Shards:
-        """The result for each shard, left where the shard is."""
+        """The result for each shard, left where the shard is.
+
+        A function that holds something of every demonstration may have a method ``only(those: slice)``: the same for
+        the demonstrations of a part, which is what is sent to where the part is.
+        """
+
+    def summed(self) -> Shards:
+        """The same shards, of whose results only the `rpil.passes.Sums` are wanted: they may be added up where they
+        are."""
 
 
 class Engine(Protocol):

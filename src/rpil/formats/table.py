@@ -102,18 +102,18 @@ def to_demonstrations(table: Any, columns: Columns, source: str) -> Demonstratio
         On missing values, text where numbers are due, lists of unequal length, and as `Demonstrations` does.
     """
     check_any(table.num_rows, source)
-    ids = _values(table, columns.episode, lambda row: f"{source}, row {row + 1}")
+    ids = values(table, columns.episode, lambda row: f"{source}, row {row + 1}")
 
     def at(row: int) -> str:
         return f"{source}, demonstration {ids[row].tolist()!r}, row {row + 1}"
 
     if columns.one_action:
-        actions = _values(table, columns.actions[0], at)
+        actions = values(table, columns.actions[0], at)
         if actions.ndim == 2 and actions.shape[1] > 1:
             actions = actions.astype(np.result_type(actions, np.float32), copy=False)
     else:
-        actions, _ = _stack(table, columns.actions, at)
-    observations, names = _stack(table, columns.observations, at)
+        actions, _ = stack(table, columns.actions, at)
+    observations, names = stack(table, columns.observations, at)
     return Demonstrations.from_groups(observations, actions, ids, observation_names=names, source=source)
 
 
@@ -142,11 +142,11 @@ def step_columns(ids: Sequence[Any], offsets: NDArray[np.int64]) -> dict[str, ND
     }
 
 
-def _stack(table: Any, names: Sequence[str], at: Callable[[int], str]) -> tuple[NDArray[Any], tuple[str, ...]]:
+def stack(table: Any, names: Sequence[str], at: Callable[[int], str]) -> tuple[NDArray[Any], tuple[str, ...]]:
     """Columns of numbers side by side, (N, D), and a name for each; a column of lists counts as several."""
     blocks = {}
     for name in names:
-        block = _values(table, name, at)
+        block = values(table, name, at)
         if block.dtype.kind == "U":
             row = next((row for row, text in enumerate(block) if not _is_number(text)), 0)
             text = str(block[row])[:40]
@@ -177,7 +177,7 @@ def _is_number(text: str) -> bool:
     return True
 
 
-def _values(table: Any, name: str, at: Callable[[int], str]) -> NDArray[Any]:
+def values(table: Any, name: str, at: Callable[[int], str]) -> NDArray[Any]:
     """One column as (N,) numbers or text, or as (N, K) numbers where it holds lists."""
     import pyarrow as pa
     import pyarrow.compute as pc

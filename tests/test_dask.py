@@ -1,0 +1,186 @@
+"""Fits on a cluster of two worker processes are the fits in memory, also where one of them is killed."""
+
+from __future__ import annotations
+
+import os
+import pickle
+import signal
+import threading
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+import pytest
+
+from problems import make, make_continuous
+from rpil import RPIL, DaskEngine, DataError, formats, large, open_dataset
+from rpil.demonstrations import Demonstrations, Piece
+from rpil.engines import InMemory
+from rpil.engines import dask as engine
+from rpil.polish import em_pass
+
+distributed = pytest.importorskip("distributed")
+
+# Where a worker is killed its connections are closed by whoever collects them: distributed's, not ours.
+pytestmark = [
+    pytest.mark.filterwarnings("ignore:unclosed:ResourceWarning"),
+    pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning"),
+]
+
+
+@pytest.fixture(scope="module")
+def cluster():
+    with (
+        distributed.LocalCluster(
+            n_workers=2, threads_per_worker=1, processes=True, dashboard_address=":0", silence_logs="CRITICAL"
+        ) as cluster,
+        distributed.Client(cluster, set_as_default=False) as client,
+    ):
+        yield client
+
+
+@pytest.fixture
+def small(monkeypatch):
+    """A world in which thousands of steps are many, and hundreds fill a piece."""
+    monkeypatch.setattr(large, "SAMPLE_STEPS", 600)
+    monkeypatch.setattr(large, "STEPS_PER_COEFFICIENT", 20)
+    monkeypatch.setattr(large, "SAMPLE_DEMONSTRATIONS", 20)
+    monkeypatch.setattr(large, "TIMES", 4)
+    monkeypatch.setattr("rpil.demonstrations.PIECE_STEPS", 700)
+
+
+def demonstrations(maker=make, kind="noisy"):
+    toy = maker(kind, 0, n_good=80, n_bad=40, steps=(20, 60))
+    return Demonstrations.from_arrays(toy.observations.astype(np.float32), toy.actions, toy.offsets)
+
+
+def assert_same(one, other):
+    for name in ("log_odds", "expert_proba", "step_weight", "step_log_ratio", "reliability", "history"):
+        np.testing.assert_allclose(getattr(one.audit_, name), getattr(other.audit_, name), rtol=1e-6, atol=1e-6)
+    np.testing.assert_allclose(one.coef_, other.coef_, rtol=1e-6, atol=1e-6)
+    assert one.audit_.verdicts == other.audit_.verdicts
+
+
+@pytest.mark.parametrize("maker", [make, make_continuous])
+@pytest.mark.parametrize("on_disk", [False, True])
+def test_a_cluster_says_what_one_process_says(small, cluster, tmp_path, maker, on_disk):
+    data = demonstrations(maker)
+    labels = {0: "expert", 100: "adversary"}
+    here = RPIL(engine=InMemory(), labels=labels).fit(data)
+    if on_disk:
+        formats.write(tmp_path / "a.parquet", data)
+        data = open_dataset(tmp_path / "a.parquet")
+    there = RPIL(engine=DaskEngine(cluster, n_parts=3), labels=labels).fit(data)
+    assert_same(here, there)
+
+
+def test_the_adversary_s_own_policy_too(small, cluster):
+    data = demonstrations()
+    labels = {0: "expert", 1: "expert", 100: "adversary"}
+    here, there = (
+        RPIL(engine=e, adversary="own policy", labels=labels).fit(data) for e in (InMemory(), DaskEngine(cluster))
+    )
+    assert_same(here, there)
+
+
+@pytest.mark.parametrize("on_disk", [False, True])
+def test_a_worker_that_is_killed_costs_time_only(small, cluster, tmp_path, on_disk):
+    data = demonstrations()
+    here = RPIL(engine=InMemory()).fit(data)
+    if on_disk:
+        formats.write(tmp_path / "a.parquet", data)
+        data = open_dataset(tmp_path / "a.parquet")
+    killed: list[int] = []
+    cluster.wait_for_workers(2, timeout=30)
+
+    def progress(stage):
+        if stage.startswith("pass 2") and not killed:
+            pid = min(cluster.run(os.getpid).values())
+            os.kill(pid, signal.SIGKILL)
+            killed.append(pid)
+
+    there = RPIL(engine=DaskEngine(cluster, n_parts=4), progress=progress).fit(data)
+    assert killed
+    assert_same(here, there)
+
+
+def test_each_worker_holds_a_share(small, cluster):
+    cluster.wait_for_workers(2, timeout=30)
+    placed = DaskEngine(cluster, n_parts=4).place(demonstrations().parts(4))
+    keys = [future.key for future in placed.stage.futures]
+    where = cluster.who_has(placed.stage.futures)
+    assert [len([k for k in keys if w in where[k]]) for w in cluster.nthreads()] == [2, 2]
+    held = sum(piece.observations.nbytes + piece.actions.nbytes for part in demonstrations().parts() for piece in part)
+    assert sum(cluster.nbytes(keys, summary=False).values()) == pytest.approx(held, rel=0.05)
+
+
+def test_only_parameters_and_sums_travel(small, cluster, monkeypatch):
+    data = demonstrations()
+    model = RPIL(engine=InMemory(), adversary="own policy", labels={0: "expert", 100: "adversary"}).fit(data)
+    state = model.state_
+    sizes = [size(engine._light(partial(em_pass, state=state, mode="joint")))]
+    whole = partial(em_pass, state=state, mode="joint")
+    assert state.policy._preconditioner is not None
+    assert sizes[0] < 0.6 * size(whole)
+    assert sizes[0] < 16 * state.policy.weights.nbytes + 4000
+    # What a part is told of demonstrations is of its own.
+    weigh = large.Weigh(state, np.arange(120.0), np.ones(120), 1.0, None)
+    parts = data.parts(4)
+    told = [engine._only(weigh, part) for part in parts]
+    assert sum(len(one.trust.values) for one in told) == 120
+    for part, one in zip(parts, told, strict=True):
+        for piece in part:
+            np.testing.assert_array_equal(one.trust[piece.demonstrations], weigh.trust[piece.demonstrations])
+    # And what passes over pieces find is added up where it would be too much.
+    placed = DaskEngine(cluster, n_parts=2).place(parts[:2])
+    steps = [float(len(p.actions)) for part in parts[:2] for p in part]
+    assert list(placed.map(_steps)) == steps
+    assert list(placed.summed().map(_steps)) == steps
+    monkeypatch.setattr(engine, "_SUMS_BYTES", 16)
+    assert len(list(placed.summed().map(_count))) == 2
+    assert sum(placed.summed().map(_count))[0] == sum(steps)
+
+
+def _steps(piece: Piece) -> float:
+    return float(len(piece.actions))
+
+
+def _count(piece: Piece) -> np.ndarray:
+    return np.full(4, float(len(piece.actions)))
+
+
+def size(value):
+    return len(pickle.dumps(value))
+
+
+def test_a_path_that_workers_cannot_read(small, cluster, tmp_path):
+    formats.write(tmp_path / "a.parquet", demonstrations())
+    data = open_dataset(tmp_path / "a.parquet")
+    groups = tuple(replace(group, path="/nowhere/a.parquet") for group in data.store.groups)
+    lost = replace(data, store=replace(data.store, groups=groups))
+    placed = DaskEngine(cluster).place(lost.parts(2))
+    with pytest.raises(
+        DataError, match=r"A worker of the cluster cannot read the data .*/nowhere/a.parquet.*same path"
+    ):
+        list(placed.map(_steps))
+
+
+def test_nobody_answers():
+    with pytest.raises(DataError, match=r"tcp://127.0.0.1:9: no Dask scheduler answers there"):
+        engine.connect("tcp://127.0.0.1:9", timeout=0.5)
+    with pytest.raises(DataError, match="no Dask scheduler answers there"):
+        engine.connect("not an address", timeout=0.5)
+
+
+def test_no_process_is_left(small):
+    with distributed.LocalCluster(
+        n_workers=1, processes=True, threads_per_worker=1, dashboard_address=":0", silence_logs="CRITICAL"
+    ) as cluster:
+        client = engine.connect(cluster.scheduler_address)
+        pids = list(client.run(os.getpid).values())
+        RPIL(engine=DaskEngine(client)).fit(demonstrations())
+        client.close()
+    for pid in pids:
+        with pytest.raises(ProcessLookupError):
+            os.kill(pid, 0)
+    assert not [thread for thread in threading.enumerate() if "IO loop" in thread.name and not thread.daemon]
