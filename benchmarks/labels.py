@@ -15,18 +15,18 @@ every k.
 from __future__ import annotations
 
 import argparse
-import json
 import sys
 import tempfile
 import time
 import warnings
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from options import at_least, output, write_json
 from real import Truth, files, stream, truth, wins
 from rpil import RPIL, Demonstrations, formats, simulate
 from rpil.audit import Audit
@@ -50,12 +50,12 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument(
         "--sets", action="append", metavar="NAME", help="may be repeated; default all with good and bad"
     )
-    parser.add_argument("--labels", type=int, nargs="+", default=[1, 3, 5], metavar="K")
-    parser.add_argument("--draws", type=int, default=10)
+    parser.add_argument("--labels", type=at_least(1), nargs="+", default=[1, 3, 5], metavar="K")
+    parser.add_argument("--draws", type=at_least(1), default=10)
     parser.add_argument("--adversary", default="auto", help="as RPIL takes it; one by name takes half the time")
-    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--seed", type=at_least(0), default=0)
     parser.add_argument("--quick", action="store_true", help="one simulated data set, two draws; needs no DIR")
-    parser.add_argument("--json", type=Path, help="where to write all figures")
+    parser.add_argument("--json", type=output, help="where to write all figures")
     options = parser.parse_args(arguments)
     if not (options.data or options.quick):
         parser.error("say where the NPZ files are: --data DIR.")
@@ -66,15 +66,16 @@ def main(arguments: list[str] | None = None) -> int:
         try:
             paths = [] if options.quick else files(options.data)
             paths = [path for path in (*files(Path(made)), *paths) if path.stem in (options.sets or [path.stem])]
-            result = measure(
-                paths, (1, 3) if options.quick else options.labels, 2 if options.quick else options.draws,
-                options.adversary, options.seed,
-            )  # fmt: skip
+            ks, draws = ((1, 3), 2) if options.quick else (options.labels, options.draws)
+            result: Row = {}
+            for result in measure(paths, ks, draws, options.adversary, options.seed):
+                if options.json:  # after every data set: what is done is not lost
+                    write_json(options.json, result)
         except DataError as error:
             parser.error(str(error))
+    if not result:
+        parser.error("no data set with discrete actions and both good and bad demonstrations was found.")
     print(text(result))
-    if options.json:
-        options.json.write_text(json.dumps(result, indent=1) + "\n")
     return 0
 
 
@@ -84,8 +85,8 @@ def simulated(path: Path, env_id: str, kind: str, n_good: int, n_bad: int, seed:
     formats.write(path, Demonstrations.from_episodes(made.episodes), known)
 
 
-def measure(paths: Iterable[Path], ks: Iterable[int], draws: int, adversary: str, seed: int) -> Row:
-    """All figures, as plain numbers and text."""
+def measure(paths: Iterable[Path], ks: Iterable[int], draws: int, adversary: str, seed: int) -> Iterator[Row]:
+    """All figures so far, as plain numbers and text, after each data set."""
     rows: list[Row] = []
     for path in paths:
         demonstrations = formats.read(path)
@@ -107,12 +108,13 @@ def measure(paths: Iterable[Path], ks: Iterable[int], draws: int, adversary: str
                 score = scored(found, alone, known, asked)
                 rows.append({"set": path.stem, "how": how, "draw": draw, "k": k, "asked": asked, **score})
         print(f"{path.stem}: {time.perf_counter() - begun:.0f} s", file=sys.stderr)
-    return {
-        "provenance": provenance(seed),
-        "adversary": adversary,
-        "rows": rows,
-        "curve": [mean_over_sets(rows, how, k) for k in ks for how in (SUGGESTED, RANDOM)],
-    }
+        yield {
+            "provenance": provenance(seed),
+            "adversary": adversary,
+            "draws": draws,
+            "rows": rows,
+            "curve": [mean_over_sets(rows, how, k) for k in ks for how in (SUGGESTED, RANDOM)],
+        }
 
 
 def fitted(demonstrations: Demonstrations, adversary: str, labels: dict[Any, str]) -> Audit:

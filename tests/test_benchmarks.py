@@ -11,7 +11,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from rpil import BehavioralCloning
+from rpil import BehavioralCloning, Demonstrations
+from rpil.corruptions import KINDS
 
 BENCHMARKS = Path(__file__).parents[1] / "benchmarks"
 
@@ -97,8 +98,12 @@ def test_quick_calibration(tmp_path, capsys, monkeypatch):
     assert script["main"](["--quick", "--json", str(path)]) == 0
     found = json.loads(path.read_text())
     assert found["ece"] <= 0.05
-    assert found["n_judged"] + 20 * found["n_ambiguous"] == 100
-    assert sum(map(sum, found["accused"].values())) <= 3  # of 60
+    sizes = {row["kind"]: len(row["good"]) for row in found["signal"]}
+    assert sizes == {kind: 18 if kind in ("flip", "shift") else 20 for kind in KINDS}  # without the labelled ones
+    assert found["n_judged"] == sum(len(row["good"]) for row in found["signal"] if not row["ambiguous"])
+    assert sum(of["n"] for of in found["bins"]) == found["n_judged"]
+    assert set(found["accused"]) == {"all good", "all random", "all noisy", "actions shuffled", "steps shuffled"}
+    assert sum(map(sum, found["accused"].values())) <= 5  # of 100
     assert "Expected calibration error over" in capsys.readouterr().out
 
 
@@ -109,6 +114,21 @@ def test_expected_calibration_error(monkeypatch):
     assert of(np.full(10, 0.75), np.arange(10) < 8) == pytest.approx(0.05)
     assert of(np.array([0.95, 0.05]), np.array([False, True])) == pytest.approx(0.95)
     assert of(np.array([1.0, 0.0]), np.array([True, False])) == 0.0
+
+
+def test_shuffled_demonstrations_do_not_differ(monkeypatch):
+    """All states and actions stay, lengths too; what belongs together is lost."""
+    monkeypatch.syspath_prepend(BENCHMARKS)
+    shuffled = runpy.run_path(str(BENCHMARKS / "calibration.py"))["shuffled"]
+    state = np.arange(60.0)
+    made = Demonstrations(state[:, None], state.astype(int) % 3, np.array([0, 10, 30, 60]))
+    for name in ("actions shuffled", "steps shuffled"):
+        found = shuffled(made, name, np.random.default_rng(0))
+        np.testing.assert_array_equal(found.lengths, made.lengths)
+        np.testing.assert_array_equal(np.sort(found.observations[:, 0]), state)
+        np.testing.assert_array_equal(np.sort(found.actions), np.sort(made.actions))
+        kept = (found.observations[:, 0] % 3 == found.actions).all()
+        assert kept == (name == "steps shuffled")
 
 
 def test_quick_labels(tmp_path, capsys, monkeypatch):
@@ -186,3 +206,31 @@ def test_unknown_rows_are_refused(monkeypatch, capsys):
     with pytest.raises(SystemExit):
         runpy.run_path(str(BENCHMARKS / "speed.py"))["main"](["--rows", "A,X"])
     assert "no row X" in capsys.readouterr().err
+
+
+def test_quick_demonstrators(tmp_path, capsys, monkeypatch):
+    monkeypatch.syspath_prepend(BENCHMARKS)
+    script = runpy.run_path(str(BENCHMARKS / "demonstrators.py"))
+    path = tmp_path / "demonstrators.json"
+    assert script["main"](["--quick", "--adversary", "uniform", "--json", str(path)]) == 0
+    result = json.loads(path.read_text())
+    whole, short = result["rows"]
+    assert (whole["steps"], short["steps"], whole["people"]) == (None, 10, 5)
+    assert whole["knowing"] == pytest.approx(1.0)
+    assert short["knowing"] > short["without"]  # ten steps borrow from the thirty of the same person
+    assert "mountaincar five people" in capsys.readouterr().out
+    assert "Whole demonstrations: 1.000 without, 1.000 knowing" in script["markdown"](result)
+
+
+def test_what_is_cut_out_of_demonstrations(monkeypatch):
+    monkeypatch.syspath_prepend(BENCHMARKS)
+    cut = runpy.run_path(str(BENCHMARKS / "demonstrators.py"))["cut"]
+    state = np.arange(60.0)
+    made = Demonstrations(state[:, None], state.astype(int) % 3, np.array([0, 5, 30, 60]), ids=("c", "a", "b"))
+    found = cut(made, 10, np.random.default_rng(0))
+    assert tuple(found.ids) == ("c", "a", "b")
+    np.testing.assert_array_equal(found.lengths, [5, 10, 10])
+    for (observations, actions), low, high in zip(found, made.offsets, made.offsets[1:], strict=False):
+        assert (np.diff(observations[:, 0]) == 1).all()
+        assert low <= observations[0, 0] <= observations[-1, 0] < high
+        np.testing.assert_array_equal(actions, observations[:, 0] % 3)

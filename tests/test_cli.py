@@ -500,6 +500,31 @@ def test_bad_labels(name):
     refused(match, "fit", "data.npz", "--labels", name, "-o", "policy")
 
 
+BAD_DEMONSTRATORS = {
+    "who.csv": ("id,demonstrator\n0,Ann\n77,Ann\n", "who.csv: no demonstration is called '77'; .*; correct the"),
+    "none.csv": ("id,demonstrator\n", "none.csv: it names no demonstrator; give"),
+    "twice.csv": ("id,demonstrator\n1,Ann\n1,Bob\n", "twice.csv, demonstration '1': both 'Ann' and 'Bob' gave it"),
+    "columns.csv": ("id,label\n1,bad\n", "columns.csv: the columns must be id and demonstrator"),
+    "missing.csv": (None, "missing.csv: there is no such file; check the path"),
+    "column": (None, "data.npz: it holds no 'column'; name a column"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", BAD_DEMONSTRATORS)
+def test_bad_demonstrators(name):
+    content, match = BAD_DEMONSTRATORS[name]
+    npz("data.npz")
+    if content is not None:
+        Path(name).write_text(content)
+    refused(match, "audit", "data.npz", "--demonstrators", name, "--report", "r.html")
+    refused(match, "fit", "data.npz", "--demonstrators", name, "-o", "policy")
+
+
+def test_one_demonstration_alone():
+    npz("data.npz", episode_ids=np.zeros(len(X), dtype=int))
+    refused("data.npz: one demonstration alone .* cannot be compared; give at least two", "audit", "data.npz")
+
+
 SIMULATE = ["simulate", "--good", 1, "--bad", 1]
 
 
@@ -521,6 +546,7 @@ SIMULATE = ["simulate", "--good", 1, "--bad", 1]
         ([*SIMULATE, "--env", "No-v0", "--kind", "flip", "-o", "d.csv"], "choose one of Mount"),
         ([*SIMULATE, "--env", ENV, "--kind", "odd", "-o", "d.csv"], "'corrupted', 'random'"),
         (["fit", "data.npz", "-o", "p", "--labels", "l.csv", "--method", "cloning"], "--labels means nothing .* leave"),
+        (["fit", "data.npz", "-o", "p", "--method", "cloning", "--adversary", "auto"], "--adversary means nothing"),
         (["fit", "data.npz", "-o", "p", "--method", "rment"], "--method rment and --trusted N need each other"),
         (["fit", "data.npz", "-o", "p", "--trusted", "3"], "--method rment and --trusted N need each other"),
         (["audit"], "Missing argument 'FILE'; see rpil audit --help"),

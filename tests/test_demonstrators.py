@@ -156,7 +156,8 @@ def test_useless_demonstrators_change_no_bit():
 @pytest.mark.parametrize(
     ("demonstrators", "match"),
     [
-        ({99: "Ann"}, "names '99', no demonstration; the ids are 0, 1, 2, 3, 4"),
+        ({99: "Ann"}, "no demonstration is called '99'; the ids are '0', '1', '2', '3', '4', ...; correct the demonst"),
+        ({0: ["Ann"]}, r"demonstration 0: the demonstrator \['Ann'\] is no name; give text or a number"),
         (["Ann", "Bob"], r"shape \(2,\); give one for each of the 15 demonstrations"),
         (np.zeros((15, 2)), r"shape \(15, 2\)"),
     ],
@@ -196,6 +197,31 @@ def test_reading_demonstrators(tmp_path):
     ):
         with pytest.raises(DataError, match=match):
             formats.read_demonstrators(where, tmp_path / file)
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "match"),
+    [
+        ("empty.csv", "", "the file is empty; write it again"),
+        ("nobody.csv", "id,demonstrator\n", "it names no demonstrator; give at least one"),
+        ("nobody.json", "{}", "it names no demonstrator; give at least one"),
+        ("column.csv", "id,who\n0,Ann\n", "the columns must be id and demonstrator .found 'id', 'who'"),
+        ("two.csv", "id,demonstrator\n0,Ann\n0,Bob\n", "demonstration '0': both 'Ann' and 'Bob' gave it; name one"),
+        ("two.json", '{"0": "Ann", "0": "Bob"}', "demonstration '0': both 'Ann' and 'Bob' gave it; name one"),
+        ("short.csv", "id,demonstrator\n0\n", "demonstration '0': it has no demonstrator; name one, or leave it out"),
+        ("long.csv", "id,demonstrator\n0,Ann,Bob\n", "line 2: it has more values than there are columns; give"),
+        ("no-id.csv", "id,demonstrator\n,Ann\n", "line 2: it names no demonstration; give"),
+        ("null.json", '{"0": null}', "demonstration '0': the demonstrator is neither text nor a whole number"),
+        ("list.json", '["Ann"]', "it must hold one object"),
+        ("cut.json", '{"0": "Ann"', "it cannot be read as JSON; write it again"),
+        ("bytes.csv", b"\xff\xfe\x00", "it cannot be read as CSV; write it again"),
+    ],
+)
+def test_bad_files_are_one_sentence(tmp_path, name, content, match):
+    (tmp_path / name).write_bytes(content if isinstance(content, bytes) else content.encode())
+    with pytest.raises(DataError, match=f"{name}.*{match}") as error:
+        formats.read_demonstrators(str(tmp_path / name), _npz(tmp_path))
+    assert ". " not in str(error.value)
 
 
 def _npz(folder):

@@ -213,6 +213,9 @@ def fit(
             raise click.UsageError(said, ctx)
     if (method == "rment") != (trusted is not None):
         raise click.UsageError("--method rment and --trusted N need each other: give both or neither", ctx)
+    if method != "rpil" and ctx.get_parameter_source("adversary") is ParameterSource.COMMANDLINE:
+        said = f"--adversary means nothing to --method {method}: leave it out, or use --method rpil"
+        raise click.UsageError(said, ctx)
     check_outputs((file, learning["labels"], learning["demonstrators"]), output)
     with stages(quiet) as progress:
         demonstrations = read(file, progress)

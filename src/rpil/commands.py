@@ -39,11 +39,13 @@ def fit_rpil(
 ) -> RPIL:
     """RPIL with the options of the command; `boxed` where a box will say what cannot be known."""
     from rpil import formats
+    from rpil.formats.table import check_ids
 
     known = formats.read_labels(labels) if labels else {}
     # Also done by the estimator, which cannot name the file.
     formats.match_labels(known, demonstrations.ids, str(labels))
     who = formats.read_demonstrators(demonstrators, file) if demonstrators else None
+    check_ids(who or (), demonstrations.ids, str(demonstrators), "the demonstrators")
     progress("starting")
     from rpil.estimators import RPIL, AmbiguousWarning
 

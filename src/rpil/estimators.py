@@ -213,6 +213,8 @@ class RPIL(PolicyEstimator):
         self.space_, self.classes_, codes = coded_actions(demonstrations, self.action_box)
         if len(demonstrations) < 2:
             raise DataError(f"{source}: one demonstration alone (n_samples=1) cannot be compared; give at least two.")
+        if self.policy is not None:
+            estimator_policy(self.policy, self.space_, len(codes))  # a wrong one is refused before any work
         known = known_labels(labels if labels is not None else self.labels, demonstrations)
         company = who_gave(demonstrators, demonstrations)
         with threadpool_limits(1, "blas"):  # thin products gain nothing from threads, and can lose a lot

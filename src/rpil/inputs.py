@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Hashable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -19,7 +19,7 @@ from rpil.errors import DataError
 from rpil.features import FeatureMap
 from rpil.formats.dataset import Dataset
 from rpil.formats.labels import match_labels
-from rpil.formats.table import listed
+from rpil.formats.table import check_ids
 from rpil.passes import Array
 from rpil.priors import ByLength, Prior, Share
 from rpil.spaces import Box, Discrete, Space
@@ -217,10 +217,7 @@ def who_gave(
     names: list[Any]
     if isinstance(demonstrators, Mapping):
         known = {str(name): who for name, who in demonstrators.items()}
-        unknown = [name for name in known if name not in {str(m) for m in ids}]
-        if unknown:
-            wrong, right = listed(unknown, 5), listed(ids, 5)
-            raise DataError(f"{source}: demonstrators names {wrong}, no demonstration; the ids are {right}.")
+        check_ids(known, ids, source, "the demonstrators")
         names = [known.get(str(m)) for m in ids]
     else:
         names = np.asarray(demonstrators).tolist() if np.ndim(demonstrators) == 1 else []
@@ -228,6 +225,11 @@ def who_gave(
             raise DataError(
                 f"{source}: demonstrators has the shape {np.shape(demonstrators)}; give one for each of the {len(ids)} "
                 "demonstrations, in their order."
+            )
+    for m, who in zip(ids, names, strict=True):
+        if not isinstance(who, Hashable):
+            raise DataError(
+                f"{source}, demonstration {m!r}: the demonstrator {who!r} is no name; give text or a number."
             )
     found = company(names)
     if isinstance(found, Strangers):

@@ -46,6 +46,8 @@ def read_demonstrators(where: str, data: StrPath) -> dict[str, str]:
             raise DataError(f"{source}, demonstration {name!r}: it has no demonstrator; name one, or leave it out.")
         if found.setdefault(name, who) != who:
             raise DataError(f"{source}, demonstration {name!r}: both {found[name]!r} and {who!r} gave it; name one.")
+    if not found:
+        raise DataError(f"{source}: it names no demonstrator; give at least one id and demonstrator.")
     return found
 
 
@@ -54,13 +56,27 @@ def _of_file(path: Path) -> list[tuple[str, str]]:
     if path.suffix.lower() == ".json":
         if not text.lstrip().startswith("{"):
             raise DataError(f'{path.name}: it must hold one object such as {{"17": "Ann"}}.')
-        return [(name, str(who)) for name, who in json.loads(text, object_pairs_hook=list)]
+        pairs = json.loads(text, object_pairs_hook=list)
+        return [(name, _name(who, f"{path.name}, demonstration {name!r}")) for name, who in pairs]
     rows = csv.DictReader(text.splitlines(), skipinitialspace=True, strict=True)
     header = rows.fieldnames or ()
     column = next((name for name in ("id", *EPISODE) if name in header), None)
     if column is None or "demonstrator" not in header:
         raise DataError(f"{path.name}: the columns must be id and demonstrator (found {listed(header)}).")
-    return [((row[column] or "").strip(), (row["demonstrator"] or "").strip()) for row in rows]
+    found = []
+    for row in rows:
+        name = (row[column] or "").strip()
+        if not name or None in row:
+            said = "it names no demonstration" if not name else "it has more values than there are columns"
+            raise DataError(f"{path.name}, line {rows.line_num}: {said}; give one id and one demonstrator.")
+        found.append((name, (row["demonstrator"] or "").strip()))
+    return found
+
+
+def _name(who: Any, where: str) -> str:
+    if not isinstance(who, str | int):
+        raise DataError(f"{where}: the demonstrator is neither text nor a whole number; name one, or leave it out.")
+    return str(who)
 
 
 def _of_column(path: Path, name: str) -> list[tuple[str, str]]:

@@ -10,7 +10,7 @@ from typing import Any, Literal
 
 from rpil.errors import DataError
 from rpil.files import StrPath, check_readable
-from rpil.formats.table import EPISODE, listed
+from rpil.formats.table import EPISODE, check_ids, listed
 
 Label = Literal["expert", "adversary"]
 
@@ -61,11 +61,8 @@ def match_labels(labels: Mapping[str, Label], ids: Sequence[Any], source: str = 
     DataError
         Where a label is for an id that is not among `ids`.
     """
+    check_ids(labels, ids, source, "the labels")
     index = {str(name): m for m, name in enumerate(ids)}
-    unknown = [name for name in labels if name not in index]
-    if unknown:
-        wrong, right = listed(unknown, 5), listed(index, 5)
-        raise DataError(f"{source}: no demonstration is called {wrong}; the ids are {right}; correct the labels.")
     return {index[name]: label == "expert" for name, label in labels.items()}
 
 

@@ -65,6 +65,21 @@ def listed(names: Iterable[Any], most: int = 12) -> str:
     return ", ".join(shown[:most]) + (", ..." if len(shown) > most else "")
 
 
+def check_ids(names: Iterable[Any], ids: Iterable[Any], source: str, what: str) -> None:
+    """Refuse names that no demonstration has; they are compared as text.
+
+    Raises
+    ------
+    DataError
+        Naming the first of them, and `what` is to be corrected.
+    """
+    known = dict.fromkeys(map(str, ids))
+    unknown = [str(name) for name in names if str(name) not in known]
+    if unknown:
+        wrong, right = listed(unknown, 5), listed(known, 5)
+        raise DataError(f"{source}: no demonstration is called {wrong}; the ids are {right}; correct {what}.")
+
+
 def find_columns(names: Sequence[str], source: str) -> Columns:
     """Choose the columns to read by their names.
 

@@ -29,6 +29,8 @@ _NEGLIGIBLE = 1e-3
 _TEMPERATURES = np.geomspace(0.2, 2.0, 7)
 _DOUBTS = (1e-4, 1e-3, 0.01, 0.03, 0.1)
 _SURE = 1e-12
+_ROUNDING = 1e-3
+"""By how much probabilities of a state may miss one."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,9 +97,16 @@ class ClassifierPolicy:
         """Of all K actions, also of those that a model has not seen."""
         proba = np.zeros((len(features), self.n_actions))
         if len(features):
-            proba[:, np.asarray(model.classes_, dtype=int)] = model.predict_proba(features)
-        if not np.isfinite(proba).all():
-            raise DataError(f"{type(self.estimator).__name__}.predict_proba gave NaN; scale its inputs or regularise.")
+            seen = np.asarray(model.classes_, dtype=int)
+            said = np.asarray(model.predict_proba(features))
+            where = f"{type(self.estimator).__name__}.predict_proba"
+            if said.shape != (len(features), len(seen)):
+                raise DataError(f"{where} gave the shape {said.shape}; let it give {(len(features), len(seen))}.")
+            if not np.isfinite(said).all():
+                raise DataError(f"{where} gave NaN; scale its inputs or regularise.")
+            if (said < 0).any() or np.abs(said.sum(axis=1) - 1).max() > _ROUNDING:
+                raise DataError(f"{where} gave no probabilities; let every row be positive and sum to one.")
+            proba[:, seen] = said
         return proba
 
     def _tempered(self, proba: Array) -> Array:
@@ -171,11 +180,17 @@ def estimator_policy(estimator: Any, space: Space, n_steps: int) -> Policy:
     Raises
     ------
     DataError
-        Where it gives no probabilities, takes no weights, or is made for other actions.
+        Where it is no estimator, gives no probabilities, takes no weights, or is made for other actions.
     """
     if hasattr(estimator, "for_space"):
         return estimator.for_space(space)
     name = type(estimator).__name__
+    if isinstance(estimator, type) or not (hasattr(estimator, "fit") and hasattr(estimator, "get_params")):
+        what = f"the class {estimator.__name__}" if isinstance(estimator, type) else f"a {name}"
+        raise DataError(
+            f"The policy is {what}, no scikit-learn estimator; give one such as HistGradientBoostingClassifier(), "
+            "rpil.TorchPolicy() for a network, or rpil.reweight around a training loop of your own."
+        )
     if is_regressor(estimator) != (space.kind == "continuous"):
         kinds = ("a regressor", "discrete") if space.kind == "discrete" else ("no regressor", "continuous")
         raise DataError(f"The policy {name} is {kinds[0]} and the actions are {kinds[1]}; give one made for these.")
@@ -212,7 +227,13 @@ def _fitted(estimator: Any, features: Array, actions: Array, weight: Array) -> A
     if target.ndim == 1 and (target == target[0]).all():
         return _Always(int(target[0]))
     target = target[:, 0] if target.ndim == 2 and target.shape[1] == 1 else target
-    return clone(estimator).fit(features[used], target, **{_weight_key(estimator): weight})
+    try:
+        return clone(estimator).fit(features[used], target, **{_weight_key(estimator): weight})
+    except (TypeError, ValueError) as error:
+        said = " ".join(str(error).split()).rstrip(".")
+        raise DataError(
+            f"The policy {type(estimator).__name__} cannot be fitted: {said}; correct its settings."
+        ) from error
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,43 @@
+"""What the scripts share on their command lines: numbers that make sense, and files that are never half written."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from rpil.errors import DataError
+from rpil.files import check_writable, replacing
+
+
+def at_least(least: int, most: float = float("inf")) -> Callable[[str], int]:
+    """A type for argparse: a whole number from `least` to `most`."""
+
+    def number(text: str) -> int:
+        try:
+            value = int(text)
+        except ValueError:
+            raise argparse.ArgumentTypeError(f"{text!r} is no whole number") from None
+        if not least <= value <= most:
+            raise argparse.ArgumentTypeError(
+                f"{value} is less than {least}" if value < least else f"{value} is more than {most:.0f}"
+            )
+        return value
+
+    return number
+
+
+def output(text: str) -> Path:
+    """A type for argparse: a file that can be written, found out before any work."""
+    try:
+        return check_writable(text)
+    except DataError as error:
+        raise argparse.ArgumentTypeError(str(error).rstrip(".")) from None
+
+
+def write_json(path: Path, found: Any) -> None:
+    """Figures as JSON; whatever was there stays until all is written."""
+    with replacing(path) as temporary:
+        temporary.write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")

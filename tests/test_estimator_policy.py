@@ -1,0 +1,82 @@
+"""Estimators that cannot be policies are refused in one sentence, wherever in a pipeline or a search they are."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from sklearn.ensemble import AdaBoostClassifier
+from sklearn.linear_model import LogisticRegression, RidgeClassifier
+from sklearn.model_selection import GridSearchCV
+from sklearn.neighbors import KNeighborsClassifier, KNeighborsRegressor
+from sklearn.pipeline import make_pipeline
+from sklearn.preprocessing import StandardScaler
+
+from rpil import RPIL, DataError, Demonstrations
+
+
+class Answers(LogisticRegression):
+    """Says of every state what `answer` makes of what it should have said."""
+
+    def __init__(self, answer=None):
+        super().__init__()
+        self.answer = answer
+
+    def predict_proba(self, X):
+        return self.answer(super().predict_proba(X))
+
+
+def demonstrations(continuous: bool = False) -> Demonstrations:
+    rng = np.random.default_rng(0)
+    observations = [rng.normal(size=(20, 2)) for _ in range(6)]
+    actions = [0.5 * o[:, :1] if continuous else (o[:, 0] > 0).astype(int) for o in observations]
+    return Demonstrations.from_episodes(list(zip(observations, actions, strict=True)), source="lab.npz")
+
+
+NEIGHBOURS, RIDGE = KNeighborsClassifier(), RidgeClassifier()
+NO_WEIGHT = "The policy KNeighborsClassifier takes no sample_weight, so that trust cannot reach it; give one that does"
+
+
+@pytest.mark.parametrize(
+    ("policy", "match"),
+    [
+        (NEIGHBOURS, NO_WEIGHT),
+        (make_pipeline(StandardScaler(), NEIGHBOURS), NO_WEIGHT),
+        (GridSearchCV(NEIGHBOURS, {"n_neighbors": [1, 2]}), NO_WEIGHT),
+        (GridSearchCV(make_pipeline(StandardScaler(), NEIGHBOURS), {}), NO_WEIGHT),
+        (make_pipeline(StandardScaler(), GridSearchCV(NEIGHBOURS, {})), NO_WEIGHT),
+        (RIDGE, "The policy RidgeClassifier has no predict_proba; give one that has"),
+        (make_pipeline(StandardScaler(), RIDGE), "The policy Pipeline has no predict_proba; give one that has"),
+        (GridSearchCV(RIDGE, {}), "The policy GridSearchCV has no predict_proba; give one that has"),
+        (LogisticRegression, "The policy is the class LogisticRegression, no scikit-learn estimator; give one"),
+        ("forest", "The policy is a str, no scikit-learn estimator; give one such as HistGradient"),
+    ],
+)  # fmt: skip
+def test_what_cannot_be_a_policy_is_refused_before_any_work(policy, match, monkeypatch):
+    monkeypatch.setattr("rpil.estimators.fit", lambda *_: pytest.fail("too late"))
+    refused(RPIL(policy=policy), demonstrations(), match)
+
+
+def test_regressors_without_weights_are_refused():
+    refused(RPIL(policy=KNeighborsRegressor()), demonstrations(True), "KNeighborsRegressor takes no sample_weight")
+
+
+@pytest.mark.parametrize(
+    ("policy", "match"),
+    [
+        (Answers(lambda p: p * np.nan), "Answers.predict_proba gave NaN; scale its inputs or regularise"),
+        (Answers(lambda p: 5 * p), "Answers.predict_proba gave no probabilities; let every row be positive and sum to"),
+        (Answers(lambda p: p[:, :1]), r"Answers.predict_proba gave the shape \(\d+, 1\); let it give \(\d+, 2\)"),
+        (AdaBoostClassifier(NEIGHBOURS), "AdaBoostClassifier cannot be fitted: KNeighborsClassifier doesn't support "),
+    ],
+)  # fmt: skip
+def test_what_goes_wrong_in_an_estimator_is_told(policy, match):
+    refused(RPIL(policy=policy, adversary="uniform"), demonstrations(), match)
+
+
+def refused(model: RPIL, data: Demonstrations, match: str) -> None:
+    with pytest.raises(DataError, match=match) as error:
+        model.fit(data)
+    said = str(error.value)
+    assert "\n" not in said
+    assert ". " not in said
+    assert said.endswith(".")
