@@ -4,8 +4,8 @@
     python benchmarks/speed.py --rows A,D --repeats 1
     python benchmarks/speed.py --quick                   # small sizes: checks the harness, not the time
 
-Every row is one function of `speed_fits` or `speed_systems`, which says what it measures. Rows A to F and I have one
-core and one thread, whoever runs; G and H have two processes. The seconds are medians over runs that take turns.
+Every row is one function of `speed_fits` or `speed_systems`, which says what it measures. Rows A to D, F and I have
+one core and one thread, whoever runs; E, G and H have all cores. The seconds are medians over runs that take turns.
 """
 
 from __future__ import annotations
@@ -67,7 +67,7 @@ ROWS = {
         "from disk: GiB, and time over in memory",
         speed_systems.from_disk,
         {"steps": 20_000_000, "subset": 2_000_000, "features": 32, "actions": 4},
-        {"steps": 12_000, "subset": 6_000, "features": 8, "actions": 3},
+        {"steps": 60_000, "subset": 50_000, "features": 8, "actions": 3},
         {"E_rss_gib": 1.0, "E_time": 1.5},
     ),
     "F": Row(
@@ -81,7 +81,7 @@ ROWS = {
         "Dask, two processes, over in memory",
         speed_systems.cluster,
         {"steps": 10_000_000, "features": 32, "actions": 4},
-        {"steps": 12_000, "features": 8, "actions": 3},
+        {"steps": 50_000, "features": 8, "actions": 3},
         {"G": 1.5},
     ),
     "H": Row("rollouts over the bare loop", speed_systems.rollouts, {"episodes": 100}, {"episodes": 2}, {"H": 0.6}),

@@ -9,7 +9,6 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable
-from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
 from statistics import median
@@ -17,65 +16,81 @@ from typing import Any
 
 import numpy as np
 
+import rpil
 from rpil.cloning import BehavioralCloning
 from rpil.demonstrations import Demonstrations
+from rpil.engines import Engine, InMemory, Streamed
+from rpil.engines.dask import DaskEngine
 from rpil.environments import make
 from rpil.estimators import RPIL
 from rpil.parallel import in_processes
 from rpil.rollouts import record, rollout
 from rpil.simulation import simulate
 from speed_data import softmax_expert
-from speed_timing import Measured, Skipped, in_turns, one_core, peak_gib
+from speed_timing import Measured, Skipped, in_turns, peak_gib
 
 ENVIRONMENTS = ("MountainCar-v0", "Acrobot-v1", "LunarLander-v3")
 PROCESSES = 2
-ENGINES = "rpil.engines"
-"""The hook of rows E and G: a module with `ParquetEngine()` and `DaskEngine(client)`, each for ``RPIL(engine=...)``,
-whose `fit` then takes the path of a Parquet file."""
-
 _SHARD_STEPS = 1_000_000
 _COLUMN = "observation.{}"
 
 
-def from_disk(size: dict[str, int], repeats: int) -> Measured | Skipped:
-    """E: peak memory of a process that fits a Parquet file, and its time per step over a fit in memory."""
-    if find_spec(ENGINES) is None:
-        return Skipped(f"there is no {ENGINES} yet, which fits files")
-    with tempfile.TemporaryDirectory() as folder, one_core():
+def from_disk(size: dict[str, int], repeats: int) -> Measured:
+    """E: peak memory of a process that fits a Parquet file, and the time of its passes, a step, over those in memory.
+
+    Both have all cores. Passes are what grows with the data, so that nothing is gained by what is read once.
+    """
+    with tempfile.TemporaryDirectory() as folder:
         path = write_shards(Path(folder) / "data.parquet", size["steps"], size["features"], size["actions"])
-        found = [_child(from_file, str(path)) for _ in range(repeats)]
-        data = softmax_expert(size["subset"], size["features"], size["actions"]).demonstrations
-        seconds, _ = in_turns(repeats, memory=lambda: _given().fit(data))
+        small = write_shards(Path(folder) / "small.parquet", size["subset"], size["features"], size["actions"])
+        found, beside = [], []
+        for _ in range(repeats):
+            found.append(_child(from_file, str(path)))
+            beside.append(_child(in_memory, str(small)))
         gib = path.stat().st_size / 2**30
-    streamed = median(one["seconds"] for one in found) / size["steps"]
-    ratio = streamed / (seconds["memory"] / size["subset"])
+    streamed, held = (median(one["pass"] for one in of) for of in (found, beside))
+    ratio = (streamed / size["steps"]) / (held / size["subset"])
     values = {"E": ratio, "E_time": ratio, "E_rss_gib": max(one["gib"] for one in found)}
-    return Measured(values, {"streamed": found, "seconds": seconds, "file_gib": gib})
+    return Measured(values, {"streamed": found, "memory": beside, "file_gib": gib})
 
 
 def from_file(path: str) -> dict[str, float]:
-    """Fit a file; how long that took, and the most memory that this process ever had."""
-    engine = import_module(ENGINES).ParquetEngine()
-    begun = time.perf_counter()
-    _given(engine=engine).fit(path)
-    return {"seconds": time.perf_counter() - begun, "gib": peak_gib()}
+    """Fit a file as it lies on disk."""
+    return _timed(rpil.open_dataset(path), Streamed())
+
+
+def in_memory(path: str) -> dict[str, float]:
+    """Read a file, and fit it."""
+    return _timed(rpil.read(path), InMemory())
+
+
+def _timed(data: Any, engine: Engine) -> dict[str, float]:
+    """How long a fit and each of its passes took, and the most memory that this process ever had."""
+    begun, said = time.perf_counter(), []
+    _given(engine=engine, progress=lambda stage: said.append((time.perf_counter(), stage))).fit(data)
+    end = time.perf_counter()
+    passes = [now for now, stage in said if stage.startswith("pass")]
+    verdicts = next((now for now, stage in said if stage == "verdicts"), end)
+    passes = [now for now in passes if now < verdicts] or [begun]
+    return {"seconds": end - begun, "pass": (verdicts - passes[0]) / len(passes), "gib": peak_gib()}
 
 
 def cluster(size: dict[str, int], repeats: int) -> Measured | Skipped:
     """G: Dask with two worker processes over the same fit in memory, which has as many threads."""
-    missing = [name for name in (ENGINES, "distributed") if find_spec(name) is None]
-    if missing:
-        return Skipped(f"there is no {' and no '.join(missing)} here, which a cluster needs")
+    if find_spec("distributed") is None:
+        return Skipped("there is no distributed here, which a cluster needs")
     from distributed import Client, LocalCluster
 
-    engine = import_module(ENGINES).DaskEngine
     data = softmax_expert(size["steps"], size["features"], size["actions"]).demonstrations
     with tempfile.TemporaryDirectory() as folder:
         path = write_shards(Path(folder) / "data.parquet", size["steps"], size["features"], size["actions"])
-        with LocalCluster(n_workers=PROCESSES, threads_per_worker=1) as workers, Client(workers) as client:
+        with (
+            LocalCluster(n_workers=PROCESSES, threads_per_worker=1, dashboard_address=None) as workers,
+            Client(workers) as client,
+        ):
             seconds, _ = in_turns(
                 repeats,
-                dask=lambda: _given(engine=engine(client)).fit(str(path)),
+                dask=lambda: _given(engine=DaskEngine(client)).fit(rpil.open_dataset(path)),
                 memory=lambda: _given().fit(data),
             )
     return Measured({"G": seconds["dask"] / seconds["memory"]}, {"seconds": seconds, "processes": PROCESSES})

@@ -133,7 +133,7 @@ class FeatureMap:
         made = self._single if single and observations.dtype == np.float32 and self._near_zero else self._double
         for start in range(0, len(observations), _BLOCK_STEPS):
             rows = slice(start, start + _BLOCK_STEPS)
-            out[rows, :-1] = made(observations[rows])
+            made(observations[rows], out[rows, :-1])
         return out
 
     @cached_property
@@ -142,13 +142,12 @@ class FeatureMap:
         pairs = (self.center, self.scale), (self.location, self.spread)
         return self.kind in ("raw", "folded") and all((np.abs(c) <= _NEAR * s).all() for c, s in pairs)
 
-    def _double(self, observations: NDArray[Any]) -> Array:
-        columns: Array = self._columns(np.asarray(observations, dtype=float))
-        return (columns - self.center) / self.scale
+    def _double(self, observations: NDArray[Any], out: Array) -> None:
+        columns = self._columns(np.asarray(observations, dtype=float))
+        out[:] = (columns - self.center) / self.scale
 
-    def _single(self, observations: NDArray[Any]) -> Array:
+    def _single(self, observations: NDArray[Any], out: Array) -> None:
         """Raw and folded columns, all in single precision."""
-        out = np.empty((len(observations), len(self.center)), np.float32, "F")
         center, factor = self.center.astype(np.float32), (1 / self.scale).astype(np.float32)
         width = observations.shape[1]
         np.subtract(observations, center[:width], out=out[:, :width])
@@ -159,7 +158,6 @@ class FeatureMap:
             np.abs(folded, out=folded)
             folded -= center[width:]
         out *= factor
-        return out
 
     def ridge(self, C: float | None, total_weight: float) -> Array:
         """Penalty on each squared coefficient of the design matrix, (F + 1,).

@@ -166,7 +166,11 @@ def known_actions(classes: Array, actions: Array, where: str) -> Array:
     """Codes (N,) of actions among `classes` (K,); where there are no classes, continuous actions (N, A) as they are."""
     if not len(classes):
         return np.asarray(actions, dtype=float)
-    codes = np.searchsorted(classes, actions).clip(max=len(classes) - 1)
+    are_codes = classes.dtype.kind in "iu" and classes[0] == 0 and classes[-1] == len(classes) - 1
+    if are_codes and actions.dtype.kind in "iu":
+        codes = actions.clip(0, len(classes) - 1)  # they are codes as they are
+    else:
+        codes = np.searchsorted(classes, actions).clip(max=len(classes) - 1)
     unknown = np.flatnonzero(classes[codes] != actions)
     if len(unknown):
         action, known = actions[unknown[0]].item(), ", ".join(map(str, classes))
