@@ -17,6 +17,7 @@ _HOME = {
     "RMEnt": "rpil.rment",
     "RPIL": "rpil.estimators",
     "SoftmaxPolicy": "rpil.policies",
+    "TorchEngine": "rpil.engines",
     "TorchPolicy": "rpil.policies.torch",
     "load": "rpil.persistence",
     "read": "rpil.formats",
@@ -37,6 +38,7 @@ __all__ = [
     "Demonstrations",
     "RMEnt",
     "SoftmaxPolicy",
+    "TorchEngine",
     "TorchPolicy",
     "__version__",
     "load",
@@ -53,6 +55,7 @@ if TYPE_CHECKING:
     from rpil.audit import Audit
     from rpil.cloning import BehavioralCloning
     from rpil.demonstrations import Demonstrations
+    from rpil.engines import TorchEngine
     from rpil.errors import DataError
     from rpil.estimators import RPIL, AmbiguousWarning
     from rpil.formats import read, write
