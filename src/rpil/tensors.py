@@ -141,7 +141,8 @@ class Device:
     def find(self, problem: Problem, state: State) -> Found:
         """The E-step, see `rpil.em.e_step`."""
         held, policy = self.held(problem), state.policy
-        log_proba = _log_proba(held, self.double(policy.weights))  # type: ignore[attr-defined]
+        logits = _logits(held, self.double(policy.weights))  # type: ignore[attr-defined]
+        log_proba = torch.log_softmax(logits.double(), 1)
         log_pi = _taken(log_proba, held.actions)
         log_psi, intended = _PSI[type(state.adversary)](self, state.adversary, log_proba, held.actions)
         nodes = state.reliability.nodes
@@ -219,11 +220,13 @@ def _em(device: Device, problem: Problem, state: State, mode: MStep) -> Sums:
 
 
 def _clone(device: Device, lesson: tuple[Problem, Array, Array], policy: SoftmaxPolicy) -> Sums:
+    """As `rpil.passes.softmax_pass`, all but the sums are in the precision of the design."""
     held, weight = device.held(lesson[0]), device.double(lesson[1])
-    log_proba = _log_proba(held, device.double(policy.weights))
-    residual = -weight[:, None] * log_proba.exp()
-    residual.scatter_add_(1, held.actions[:, None], weight[:, None])  # once a row: no two threads meet
+    log_proba = torch.log_softmax(_logits(held, device.double(policy.weights)), 1)
     value = (weight * _taken(log_proba, held.actions)).sum()
+    weight = weight.to(log_proba.dtype)[:, None]
+    residual, at = log_proba.exp_().mul_(-weight), held.actions[:, None]
+    residual.scatter_(1, at, residual.gather(1, at) + weight)
     return _array(value), (_centred(_gradient(held.features, residual)),), lesson[1].sum()
 
 
@@ -309,9 +312,9 @@ def _statistics(psi: Adversary, taken: Tensor, weight: Tensor, intended: Tensor 
     return ()
 
 
-def _log_proba(held: Tensors, weights: Tensor) -> Tensor:
-    """log pi(k|s), (N, K), in double precision, the product in that of the design."""
-    return torch.log_softmax((held.features @ weights.to(held.features.dtype)).double(), 1)
+def _logits(held: Tensors, weights: Tensor) -> Tensor:
+    """X W, (N, K), in the precision of the design."""
+    return held.features @ weights.to(held.features.dtype)
 
 
 def _taken(log_proba: Tensor, actions: Tensor) -> Tensor:
