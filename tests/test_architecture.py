@@ -21,7 +21,7 @@ ORDER = [
     "passes", "spaces", "demonstrators", "problem", "parallel", "splines", "features", "solvers", "engines",
     "policies", "adversaries", "priors", "reliability",
     "chains", "em", "agreement", "search", "refine", "belief", "identify", "suggestions", "audit",
-    "polish", "inputs", "selection", "large", "cloning", "assumptions", "estimators", "rment", "reweighting",
+    "polish", "inputs", "selection", "large", "tensors", "cloning", "assumptions", "estimators", "rment", "reweighting",
     "schema", "persistence", "checkpoints",
     "actions", "experts", "corruptions", "environments", "rollouts", "simulation",
     "plots", "report", "data", "demo", "reproduce", "terminal", "commands", "cli", "__main__",

@@ -19,6 +19,7 @@ _HOME = {
     "RMEnt": "rpil.rment",
     "RPIL": "rpil.estimators",
     "SoftmaxPolicy": "rpil.policies",
+    "TorchEngine": "rpil.engines",
     "TorchPolicy": "rpil.policies.torch",
     "load": "rpil.persistence",
     "open_dataset": "rpil.formats.dataset",
@@ -42,6 +43,7 @@ __all__ = [
     "Demonstrations",
     "RMEnt",
     "SoftmaxPolicy",
+    "TorchEngine",
     "TorchPolicy",
     "__version__",
     "load",
@@ -59,7 +61,7 @@ if TYPE_CHECKING:
     from rpil.audit import Audit
     from rpil.cloning import BehavioralCloning
     from rpil.demonstrations import Demonstrations
-    from rpil.engines import DaskEngine
+    from rpil.engines import DaskEngine, TorchEngine
     from rpil.errors import DataError
     from rpil.estimators import RPIL, AmbiguousWarning
     from rpil.formats import read, write

@@ -178,10 +178,15 @@ class Weigh:
         return replace(self, trust=trust, reliability=reliability, final=final)
 
     def __call__(self, ready: tuple[Piece, Problem]) -> tuple[Problem, Array, Array]:
-        piece, problem = ready
+        problem = ready[1]
         posterior = e_step(problem, self.state, self.state.policy.outputs(problem.features))
-        weight = self.weight(problem, posterior.step, piece.demonstrations)
-        return (self.final(piece)[1] if self.final else problem), weight, posterior.log_ratio
+        return self.lesson(ready, posterior.step, posterior.log_ratio)
+
+    def lesson(self, ready: tuple[Piece, Problem], step: Array, log_ratio: Array) -> tuple[Problem, Array, Array]:
+        """What it is, given what an E-step says of the steps."""
+        piece, problem = ready
+        weight = self.weight(problem, step, piece.demonstrations)
+        return (self.final(piece)[1] if self.final else problem), weight, log_ratio
 
     def weight(self, problem: Problem, step: Array, those: Any) -> Array:
         """Weights of the steps of `those` demonstrations."""

@@ -1,4 +1,4 @@
-"""Multilayer perceptrons of one shape, trained side by side: all there is of torch in the library.
+"""Multilayer perceptrons of one shape, trained side by side: all there is of torch in policies.
 
 The networks of a cross-fit see the same rows, but for those that each is not to see. Stacked into (k, in, out) matrices
 they are one computation, so that k small networks take little longer than one. Between computations they are NumPy
@@ -46,7 +46,7 @@ class Plan:
     device: str
 
 
-def needs_torch() -> Any:
+def needs_torch(feature: str = "A neural policy") -> Any:
     """The module torch.
 
     Raises
@@ -57,7 +57,7 @@ def needs_torch() -> Any:
     try:
         import torch  # lazily: it takes seconds, and most users have no need of it
     except ImportError as error:
-        raise MissingExtraError("A neural policy", "torch") from error
+        raise MissingExtraError(feature, "torch") from error
     return torch
 
 
