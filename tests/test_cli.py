@@ -413,7 +413,7 @@ def repeated(name):
 HEAD = "episode_index,action,observation.x"
 BAD_DATA = {
     "missing.parquet": (lambda name: None, "there is no such file; check the path"),
-    "folder.csv": (lambda name: Path(name).mkdir(), "it is a folder; give the path of one file"),
+    "folder.csv": (lambda name: Path(name).mkdir(), r"no .parquet file is there; only Parquet files make a data set"),
     "empty.parquet": (lambda name: Path(name).touch(), "the file is empty; write it again"),
     "empty.csv": (lambda name: Path(name).touch(), "the file is empty; write it again"),
     "empty.npz": (lambda name: Path(name).touch(), "the file is empty; write it again"),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import pickle
 import signal
@@ -11,9 +12,10 @@ from functools import partial
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
 
 from problems import make, make_continuous
-from rpil import RPIL, DaskEngine, DataError, formats, large, open_dataset
+from rpil import RPIL, DaskEngine, DataError, cli, formats, large, open_dataset
 from rpil.demonstrations import Demonstrations, Piece
 from rpil.engines import InMemory
 from rpil.engines import dask as engine
@@ -184,3 +186,14 @@ def test_no_process_is_left(small):
         with pytest.raises(ProcessLookupError):
             os.kill(pid, 0)
     assert not [thread for thread in threading.enumerate() if "IO loop" in thread.name and not thread.daemon]
+
+
+def test_the_command_uses_a_cluster(small, cluster, tmp_path):
+    data = demonstrations()
+    formats.write(tmp_path / "a.parquet", data)
+    arguments = ["audit", str(tmp_path / "a.parquet"), "--json", "--scheduler", cluster.scheduler.address]
+    result = CliRunner().invoke(cli.main, arguments)
+    assert result.exit_code == 0, result.output
+    found = {d["id"]: d["log_odds"] for d in json.loads(result.stdout)["demonstrations"]}
+    here = RPIL(engine=InMemory(), features="auto").fit(data)
+    np.testing.assert_allclose([found[m] for m in here.audit_.ids], here.log_odds_, rtol=1e-6, atol=1e-6)

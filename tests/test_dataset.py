@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import json
 import pickle
+import subprocess
+import sys
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
+from click.testing import CliRunner
 
 from problems import make, make_continuous
-from rpil import RPIL, DataError, formats, large, open_dataset
+from rpil import RPIL, DataError, Dataset, cli, commands, formats, large, open_dataset
 from rpil.demonstrations import Demonstrations
 from rpil.engines import InMemory
 from rpil.formats import table as flat
@@ -227,3 +231,120 @@ def test_parts_travel(small, tmp_path):
     assert len(sent) < 4000
     for ours, theirs in zip(pickle.loads(sent), part, strict=True):  # noqa: S301
         np.testing.assert_array_equal(ours.observations, theirs.observations)
+
+
+def many(tmp_path, **kind):
+    return spread(flat.from_demonstrations(demonstrations(**kind), {}), tmp_path / "many")
+
+
+def command(*arguments):
+    result = CliRunner().invoke(cli.main, [str(argument) for argument in arguments])
+    assert result.exit_code == 0, result.output
+    return result.stdout
+
+
+def test_the_command_streams_a_folder(small, tmp_path, monkeypatch):
+    monkeypatch.setattr("rpil.formats.weights._STRETCH", 1000)
+    folder, weights = many(tmp_path), tmp_path / "w.parquet"
+    outputs = ["--weights", weights, "--report", tmp_path / "r.html", "--json"]
+    found = json.loads(command("audit", folder, *outputs))
+    data = open_dataset(folder)
+    model = RPIL(features="auto").fit(data)
+    assert [d["id"] for d in found["demonstrations"]] == [data.ids[m] for m in model.audit_.ranking()]
+    assert found["n_steps"] == data.n_steps
+    assert pq.read_metadata(weights).num_row_groups > 3
+    written = pq.read_table(weights)
+    np.testing.assert_array_equal(written["weight"].to_numpy(), model.audit_.step_weight)
+    np.testing.assert_array_equal(written["episode_index"].to_numpy(), np.repeat(data.ids, data.lengths))
+    np.testing.assert_array_equal(written["step_index"].to_numpy()[: data.lengths[0]], np.arange(data.lengths[0]))
+    assert "</html>" in (tmp_path / "r.html").read_text()
+    command("audit", folder, "--weights", tmp_path / "w.csv", "--json")
+    assert len((tmp_path / "w.csv").read_text().splitlines()) == data.n_steps + 1
+    command("fit", folder, "-o", tmp_path / "policy", "--no-stream")
+    command("fit", folder, "-o", tmp_path / "policy", "--method", "cloning")
+
+
+def test_the_command_streams_what_is_big(small, tmp_path, monkeypatch):
+    formats.write(tmp_path / "a.parquet", demonstrations())
+    read = commands.read(str(tmp_path / "a.parquet"), lambda _: None, None)
+    assert isinstance(read, Demonstrations)
+    monkeypatch.setattr(commands, "_free_memory", lambda: 1000.0)
+    assert isinstance(commands.read(str(tmp_path / "a.parquet"), lambda _: None, None), Dataset)
+    assert isinstance(commands.read(str(tmp_path / "a.parquet"), lambda _: None, False), Demonstrations)
+    assert commands._free_memory() > 0
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["audit", "a.csv", "--stream"], "a.csv: no .parquet file is there; only Parquet files make a data set"),
+        (["audit", "a.parquet", "--scheduler", "tcp://127.0.0.1:9"], "tcp://127.0.0.1:9: no Dask scheduler answers"),
+        (["audit", "a.parquet", "--scheduler", "x", "--no-stream"], "--scheduler and --no-stream exclude each other"),
+        (["fit", "a.parquet", "-o", "p", "--method", "cloning", "--stream"], "needs all data in memory: leave out"),
+    ],
+)
+def test_what_the_command_refuses(tmp_path, monkeypatch, arguments, said):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("rpil.engines.dask.TIMEOUT", 0.5)
+    formats.write("a.csv", demonstrations())
+    formats.write("a.parquet", demonstrations())
+    result = CliRunner().invoke(cli.main, arguments)
+    assert result.exit_code == 2
+    assert said in result.stderr
+    assert len(result.stderr.splitlines()) == 1
+
+
+def test_weights_are_written_whole_or_not_at_all(small, tmp_path, monkeypatch):
+    monkeypatch.setattr("rpil.formats.weights._STRETCH", 1000)
+    (tmp_path / "w.parquet").write_text("old")
+
+    class Torn(np.ndarray):
+        def __getitem__(self, steps):
+            if steps.stop > 2500:
+                raise OSError(28, "No space left on device")
+            return np.asarray(self)[steps]
+
+    data = demonstrations()
+    per_step, each = np.ones(data.n_steps).view(Torn), np.ones(len(data))
+    for name in ("w.parquet", "w.csv"):
+        with pytest.raises(DataError, match=r"it cannot be written \(No space left"):
+            formats.write_weights(tmp_path / name, data.ids, data.offsets, per_step, each, each)
+    assert (tmp_path / "w.parquet").read_text() == "old"
+    assert [path.name for path in tmp_path.iterdir()] == ["w.parquet"]
+
+
+MEASURE = """
+import resource, sys
+import rpil, rpil.estimators, rpil.formats.dataset, sklearn.preprocessing, pyarrow.parquet, pyarrow.fs
+before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+if len(sys.argv) > 1:
+    data = rpil.open_dataset(sys.argv[1])
+    model = rpil.RPIL(adversary="uniform", n_single=1, level="demonstration", max_iter=3, tol=10.0).fit(data)
+    assert len(model.audit_.step_weight) == data.n_steps
+print((resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before) * 1024)
+"""
+
+
+def test_memory_does_not_grow_with_the_data(tmp_path):
+    """Four times the steps in the same memory, far below what they would take."""
+    taken = []
+    for n_steps in (250_000, 1_000_000):
+        path = tmp_path / f"{n_steps}.parquet"
+        rng, n_observations = np.random.default_rng(0), 40
+        fields = [pa.field(f"observation.{d}", pa.float32()) for d in range(n_observations)]
+        schema = pa.schema([pa.field("episode_index", pa.int64()), pa.field("action", pa.int64()), *fields])
+        weights = rng.normal(size=(n_observations, 3))
+        with pq.ParquetWriter(path, schema, use_dictionary=["episode_index", "action"]) as writer:
+            for first in range(0, n_steps, 50_000):
+                x = rng.normal(size=(50_000, n_observations)).astype(np.float32)
+                episode = np.arange(first, first + 50_000) // 500
+                actions = np.where(episode % 3 == 0, rng.integers(3, size=50_000), (x @ weights).argmax(axis=1))
+                columns = [episode, actions, *np.ascontiguousarray(x.T)]
+                writer.write_table(pa.table(columns, schema=schema))
+        out = subprocess.run(
+            [sys.executable, "-W", "ignore", "-c", MEASURE, str(path)], check=True, capture_output=True, text=True
+        )
+        taken.append(float(out.stdout))
+    data = 1_000_000 * 40 * 4
+    assert taken[1] < 0.9 * data
+    assert taken[1] - taken[0] < 0.2 * data

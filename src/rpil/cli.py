@@ -14,7 +14,7 @@ import click
 from click.core import ParameterSource
 
 from rpil import __version__
-from rpil.commands import fit_rpil, read
+from rpil.commands import cluster, fit_rpil, in_memory, is_streamed, read
 from rpil.errors import DataError, MissingExtraError
 from rpil.files import check_outputs, make_folder
 from rpil.terminal import (
@@ -68,7 +68,7 @@ class _Commands(click.Group):
             sys.exit(130)
         except click.UsageError as error:
             command = error.ctx.command_path if error.ctx else "rpil"
-            said = error.format_message().rstrip(".?").replace(". Did", "; did")
+            said = error.format_message().rstrip(".?").replace(". Did", "; did").replace(". (Did", " (did")
             _fail(f"{said}; see {command} --help.")
         except click.ClickException as error:
             _fail(error.format_message())
@@ -110,6 +110,8 @@ _learning = (
         "--adversary", type=_Words(ADVERSARIES), default="auto", show_default=True, help="What bad demonstrators do."
     ),
     click.option("--resume", is_flag=True, help="Go on where a long run was interrupted."),
+    click.option("--stream/--no-stream", default=None, help="Leave data on disk, or read them; by default by size."),
+    click.option("--scheduler", metavar="ADDRESS", help="Of a Dask cluster to do the work; Parquet only."),
     _seed,
     _quiet,
 )
@@ -133,7 +135,7 @@ def main(ctx: click.Context) -> None:
     """Which demonstrations can be trusted, and a policy from those.
 
     FILE holds demonstrations as .parquet, .csv or .npz: one row per step, with the columns episode_index, action and
-    observation.*.
+    observation.*. A folder of .parquet files, or its address, will do too, and need not fit in memory.
     """
     if ctx.invoked_subcommand is None:
         click.echo(ctx.get_help())
@@ -155,17 +157,22 @@ def audit(
     suggest: int | None,
     json_wanted: bool,
     quiet: bool,
+    stream: bool | None,
+    scheduler: str | None,
     **learning: Any,
 ) -> None:
     """Tell how far each demonstration can be trusted."""
     start = time.perf_counter()
     check_outputs((file, learning["labels"], learning["demonstrators"]), report, weights)
+    stream = is_streamed(stream, scheduler)
     with stages(quiet) as progress:
         if weights:
             from rpil.formats.weights import check_weights
 
             check_weights(weights)
-        found = fit_rpil(file, read(file, progress), progress, boxed=not json_wanted, **learning).audit_
+        with cluster(scheduler) as engine:
+            data = read(file, progress, stream)
+            found = fit_rpil(file, data, progress, boxed=not json_wanted, engine=engine, **learning).audit_
         seconds = time.perf_counter() - start
         if weights:
             from rpil.formats import write_weights
@@ -204,21 +211,32 @@ def audit(
 @_learning_options
 @click.pass_context
 def fit(
-    ctx: click.Context, file: str, output: str, method: str, trusted: int | None, quiet: bool, **learning: Any
+    ctx: click.Context,
+    file: str,
+    output: str,
+    method: str,
+    trusted: int | None,
+    quiet: bool,
+    stream: bool | None,
+    scheduler: str | None,
+    **learning: Any,
 ) -> None:
     """Learn a policy from what can be trusted."""
-    for what in ("labels", "demonstrators", "resume"):
-        if method != "rpil" and learning[what]:
-            said = f"--{what} means nothing to --method {method}: leave it out, or use --method rpil"
-            raise click.UsageError(said, ctx)
+    told = {what for what in ("labels", "demonstrators", "resume") if learning[what]}
+    if ctx.get_parameter_source("adversary") is ParameterSource.COMMANDLINE:
+        told.add("adversary")
+    if method != "rpil" and told:
+        said = f"--{min(told)} means nothing to --method {method}: leave it out, or use --method rpil"
+        raise click.UsageError(said, ctx)
+    if method != "rpil" and (stream or scheduler):
+        what = "--scheduler" if scheduler else "--stream"
+        raise click.UsageError(f"--method {method} needs all data in memory: leave out {what}", ctx)
     if (method == "rment") != (trusted is not None):
         raise click.UsageError("--method rment and --trusted N need each other: give both or neither", ctx)
-    if method != "rpil" and ctx.get_parameter_source("adversary") is ParameterSource.COMMANDLINE:
-        said = f"--adversary means nothing to --method {method}: leave it out, or use --method rpil"
-        raise click.UsageError(said, ctx)
     check_outputs((file, learning["labels"], learning["demonstrators"]), output)
+    stream = is_streamed(stream, scheduler)
     with stages(quiet) as progress:
-        demonstrations = read(file, progress)
+        demonstrations = read(file, progress, stream)
         progress("starting")
         from rpil.cloning import BehavioralCloning
         from rpil.persistence import save
@@ -226,14 +244,15 @@ def fit(
         model: Any
         if method == "cloning":
             progress("learning")
-            model = BehavioralCloning(features=learning["features"]).fit(demonstrations)
+            model = BehavioralCloning(features=learning["features"]).fit(in_memory(demonstrations))
         elif trusted is not None:
             from rpil.rment import RMEnt
 
             progress("learning")
-            model = RMEnt(trusted, learning["features"], random_state=learning["seed"]).fit(demonstrations)
+            model = RMEnt(trusted, learning["features"], random_state=learning["seed"]).fit(in_memory(demonstrations))
         else:
-            model = fit_rpil(file, demonstrations, progress, boxed=True, **learning)
+            with cluster(scheduler) as engine:
+                model = fit_rpil(file, demonstrations, progress, boxed=True, engine=engine, **learning)
         save(model, output)
     size = f"{len(demonstrations):,} demonstrations ({demonstrations.n_steps:,} steps)"
     if method == "cloning":
@@ -367,7 +386,8 @@ def _explain(ctx: click.Context, audit: Audit, warning: str = "") -> None:
         if isinstance(param, click.Argument):
             words.append(value)
         elif name != "labels" and ctx.get_parameter_source(name) is ParameterSource.COMMANDLINE:
-            words += [param.opts[0]] if value is True else [param.opts[0], str(value)]
+            flag = {True: param.opts[:1], False: param.secondary_opts[:1]}
+            words += flag[value] if isinstance(value, bool) else [param.opts[0], str(value)]
     show_ambiguity(audit, labels, warning)
     click.echo(f"Then run: {shlex.join([*words, '--labels', labels])}")
 

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import os
 import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -13,23 +16,87 @@ from rpil.terminal import Stages
 
 if TYPE_CHECKING:
     from rpil.demonstrations import Demonstrations
+    from rpil.engines import Engine
     from rpil.estimators import RPIL
+    from rpil.formats.dataset import Dataset
+
+_SHARE = 0.25
+"""Of the memory that is free: what a file may take there before it is read piece by piece instead."""
 
 
-def read(file: str, progress: Stages) -> Demonstrations:
-    """The demonstrations in a file."""
+def read(file: str, progress: Stages, stream: bool | None = False) -> Demonstrations | Dataset:
+    """The demonstrations in a file; left on disk where `stream` says so, or where, undecided, they are many."""
     from rpil import formats
+    from rpil.formats.store import is_many
 
     progress(f"reading {file}")
+    if stream or (stream is None and (is_many(file) or _is_big(file))):
+        from rpil.formats.dataset import open_dataset
+
+        return open_dataset(file)
+    if stream is False and is_many(file):
+        return in_memory(read(file, progress, True))
     return formats.read(file)
+
+
+def is_streamed(stream: bool | None, scheduler: str | None) -> bool | None:
+    """Whether data stay on disk, None where their size is to say so: the workers of a cluster read them themselves."""
+    if scheduler and stream is False:
+        raise click.UsageError("--scheduler and --no-stream exclude each other: leave one out")
+    return True if scheduler else stream
+
+
+def in_memory(demonstrations: Demonstrations | Dataset) -> Demonstrations:
+    """All of them, whatever they take."""
+    from rpil.formats.dataset import Dataset
+
+    return demonstrations.select(slice(None)) if isinstance(demonstrations, Dataset) else demonstrations
+
+
+def _is_big(file: str) -> bool:
+    """Whether a Parquet file would take more than a share of the free memory."""
+    if Path(file).suffix.lower() != ".parquet" or not os.path.isfile(file):
+        return False
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    try:
+        metadata = pq.read_metadata(file)
+    except (pa.ArrowException, OSError):
+        return False  # to read it will say what is wrong with it
+    size = sum(metadata.row_group(k).total_byte_size for k in range(metadata.num_row_groups))
+    return size > _SHARE * _free_memory()
+
+
+def _free_memory() -> float:
+    """Bytes that programs can still have; infinite where the system does not say."""
+    try:
+        lines = Path("/proc/meminfo").read_text().splitlines()
+    except OSError:
+        return float("inf")
+    found = [line.split()[1] for line in lines if line.startswith("MemAvailable:")]
+    return 1024.0 * int(found[0]) if found else float("inf")
+
+
+@contextmanager
+def cluster(address: str | None) -> Iterator[Engine | None]:
+    """The cluster of the scheduler at `address`, if one is given."""
+    if address is None:
+        yield None
+        return
+    from rpil.engines.dask import DaskEngine, connect
+
+    with connect(address) as client:
+        yield DaskEngine(client)
 
 
 def fit_rpil(
     file: str,
-    demonstrations: Demonstrations,
+    demonstrations: Demonstrations | Dataset,
     progress: Stages,
     *,
     boxed: bool,
+    engine: Engine | None = None,
     labels: str | None,
     demonstrators: str | None,
     features: str,
@@ -62,6 +129,7 @@ def fit_rpil(
         random_state=seed,
         progress=progress,
         checkpoint=so_far,
+        engine=engine,
     )
     if boxed:
         warnings.simplefilter("ignore", AmbiguousWarning)

@@ -24,6 +24,9 @@ from rpil.solvers import Path, Preconditioner
 
 R = TypeVar("R")
 
+TIMEOUT = 10.0
+"""Seconds within which a scheduler answers."""
+
 _PARTS_PER_THREAD = 2
 """Few, so that they are coarse, and more than one, so that what a dead worker held can be shared out."""
 
@@ -38,16 +41,17 @@ _PATIENCE = 60.0
 """Seconds without any worker after which nobody is expected to come back."""
 
 
-def connect(address: str, timeout: float = 10.0) -> Any:
+def connect(address: str, timeout: float | None = None) -> Any:
     """A ``distributed.Client`` of the scheduler at `address`.
 
     Raises
     ------
     DataError
-        Where nothing answers within `timeout` seconds, or nobody works there.
+        Where nothing answers within `timeout` seconds (`TIMEOUT`, if not given), or nobody works there.
     MissingExtraError
     """
     distributed = _distributed()
+    timeout = TIMEOUT if timeout is None else timeout
     try:
         client = distributed.Client(address, timeout=timeout, set_as_default=False)
     except (OSError, ValueError) as error:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -52,13 +53,21 @@ def write(path: Path, demonstrations: Demonstrations, truth: Mapping[str, NDArra
 
 def write_table(path: Path, table: Any) -> None:
     """Write any ``pyarrow.Table`` of numbers and text."""
+    write_tables(path, iter([table]))
+
+
+def write_tables(path: Path, tables: Iterator[Any]) -> None:
+    """Write any tables of one schema, one below the other; one is in memory at a time."""
     import pyarrow as pa
     from pyarrow import csv
 
+    first = next(tables)
     # The shortest text of a float32 is another number when read as float64; that of its float64 is not.
-    wide = [field.with_type(pa.float64()) if pa.types.is_float32(field.type) else field for field in table.schema]
-    with replacing(path) as temporary:
-        csv.write_csv(table.cast(pa.schema(wide)), temporary)
+    wide = [field.with_type(pa.float64()) if pa.types.is_float32(field.type) else field for field in first.schema]
+    schema = pa.schema(wide)
+    with replacing(path) as temporary, csv.CSVWriter(temporary, schema) as writer:
+        for table in chain([first], tables):
+            writer.write_table(table.cast(schema))
 
 
 def _settle(column: Any, floats: bool) -> Any:

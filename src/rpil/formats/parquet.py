@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -36,10 +37,20 @@ def write(path: Path, demonstrations: Demonstrations, truth: Mapping[str, NDArra
 
 def write_table(path: Path, table: Any) -> None:
     """Write any ``pyarrow.Table``."""
+    write_tables(path, iter([table]))
+
+
+def write_tables(path: Path, tables: Iterator[Any]) -> None:
+    """Write any tables of one schema, one below the other; one is in memory at a time."""
     import pyarrow as pa
     import pyarrow.parquet as pq
 
+    first = next(tables)
     # Measurements hardly repeat, so that a dictionary of them only costs time and space.
-    repeating = [field.name for field in table.schema if not pa.types.is_floating(field.type)]
-    with replacing(path) as temporary:
-        pq.write_table(table, temporary, use_dictionary=repeating, write_page_checksum=True)
+    repeating = [field.name for field in first.schema if not pa.types.is_floating(field.type)]
+    with (
+        replacing(path) as temporary,
+        pq.ParquetWriter(temporary, first.schema, use_dictionary=repeating, write_page_checksum=True) as writer,
+    ):
+        for table in chain([first], tables):
+            writer.write_table(table)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +14,10 @@ from rpil.files import StrPath
 from rpil.formats import csv, parquet
 from rpil.formats.table import step_columns
 
-_WRITERS = {".parquet": parquet.write_table, ".csv": csv.write_table}
+_WRITERS = {".parquet": parquet.write_tables, ".csv": csv.write_tables}
+
+_STRETCH = 1 << 20
+"""Steps that are written at a time."""
 
 
 def check_weights(path: StrPath) -> Path:
@@ -52,10 +55,17 @@ def write_weights(
     writer = _WRITERS[check_weights(path).suffix.lower()]
     import pyarrow as pa
 
-    lengths = np.diff(offsets)
-    table = step_columns(ids, offsets) | {
-        "weight": np.asarray(step_weight),
-        "expert_proba": np.repeat(expert_proba, lengths),
-        "log_odds": np.repeat(log_odds, lengths),
-    }
-    writer(Path(path), pa.table(table))
+    def tables() -> Iterator[Any]:
+        """A stretch at a time: weights may be in a file, and more than memory holds."""
+        cuts = np.unique(np.append(np.searchsorted(offsets, np.arange(0, offsets[-1], _STRETCH)), len(ids)))
+        for those in map(slice, cuts[:-1].tolist(), cuts[1:].tolist()):
+            steps = slice(int(offsets[those.start]), int(offsets[those.stop]))
+            its = offsets[those.start : those.stop + 1] - steps.start
+            columns = step_columns(ids[those], its) | {
+                "weight": np.asarray(step_weight[steps]),
+                "expert_proba": np.repeat(expert_proba[those], np.diff(its)),
+                "log_odds": np.repeat(log_odds[those], np.diff(its)),
+            }
+            yield pa.table(columns)
+
+    writer(Path(path), tables())

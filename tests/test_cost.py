@@ -1,0 +1,39 @@
+"""The cost model: what it measures adds up, what it predicts follows, and its tables are those of docs/scale.md."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+sys.path.insert(0, str(ROOT / "benchmarks"))
+import cost  # noqa: E402
+
+
+def test_it_measures_and_predicts(monkeypatch):
+    monkeypatch.setattr("rpil.large.SAMPLE_STEPS", 1000)
+    monkeypatch.setattr("rpil.large.STEPS_PER_COEFFICIENT", 20)
+    monkeypatch.setattr("rpil.large.TIMES", 4)
+    found = cost.run(20_000, 3, 3, repetitions=1, with_dask=False)
+    measured = found["cost"]
+    assert measured["passes"] > 1
+    assert measured["n_columns"] == 7  # three observations, folded, and the constant
+    assert measured["product_flops"] == 4 * 7 * 3
+    assert measured["kept_bytes"] == 3 * 4 + 8 + 7 * 4 + 16
+    assert 3 * 4 <= measured["read_bytes"] < 3 * 4 + 8
+    assert min(measured[name] for name in ("read_ns", "prepare_ns", "pass_ns", "product_ns", "sum_bytes")) > 0
+    few, many = (cost.predict(measured, 1e9, workers) for workers in (10, 100))
+    assert few["memory_bytes"] == pytest.approx(10 * many["memory_bytes"])
+    assert few["place_s"] == pytest.approx(10 * many["place_s"])
+    assert few["weights_s"] == many["weights_s"] == 16.0
+    assert "| 10^11 | 1,000 |" in cost.render(found)
+
+
+def test_tables_replace_tables():
+    text = (ROOT / "docs" / "scale.md").read_text()
+    once = cost.splice(text, "new")
+    assert cost.splice(once, "new") == once
+    assert once.split(cost.MARKS[0])[0] == text.split(cost.MARKS[0])[0]
+    assert "for each step |" in text
