@@ -58,6 +58,7 @@ class Checkpoint:
             "state": encode(polished.state, "state", arrays),
             "history": encode(polished.history, "history", arrays),
             "converged": polished.converged,
+            "radius": polished.radius if np.isfinite(polished.radius) else None,
         }
         write_archive(self.path, header, arrays)
 
@@ -78,10 +79,11 @@ class Checkpoint:
             decoder = Decoder(arrays)
             found, state = decoder.value(header["found"]), decoder.value(header["state"])
             history = decoder.array(header["history"], "iterations", np.float64)
+            radius = np.inf if header["radius"] is None else float(header["radius"])
             competing = [np.array(group, dtype=int) for group in header["competing"]]
         except (KeyError, TypeError, ValueError, IndexError, AttributeError) as error:
             raise DataError(f"{self.path}: its parts do not belong together; delete it to start anew.") from error
-        return found, competing, Polished(state, history, bool(header["converged"]))
+        return found, competing, Polished(state, history, bool(header["converged"]), radius)
 
     def done(self) -> None:
         """Remove the file."""

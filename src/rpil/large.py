@@ -71,11 +71,14 @@ def sample_steps(n_coefficients: int) -> int:
 
 
 def sample(lengths: Array, labels: Array, n_steps: int, rng: np.random.Generator) -> Array:
-    """Demonstrations to search, in order: those with a label, and others at random until there are enough."""
+    """Demonstrations to search, in order: of known experts, known adversaries, and all others, at random until there
+    are enough of each."""
+
+    def enough(order: Array) -> Array:
+        return order[: max(int(np.searchsorted(np.cumsum(lengths[order]), n_steps)) + 1, SAMPLE_DEMONSTRATIONS)]
+
     order = rng.permutation(len(lengths))
-    order = order[np.argsort(labels[order] == 0, kind="stable")]
-    enough = int(np.searchsorted(np.cumsum(lengths[order]), n_steps)) + 1
-    return np.sort(order[: max(enough, SAMPLE_DEMONSTRATIONS, int((labels != 0).sum()))])
+    return np.sort(np.concatenate([enough(order[labels[order] == label]) for label in (1, -1, 0)]))
 
 
 @dataclass(frozen=True, eq=False)
@@ -241,11 +244,16 @@ def fit_large(model: Any, data: Source, labels: Array, company: Company, engine:
     ready = engine.place(data.parts(engine.n_parts)).then(prepare)
     problems = ready.then(itemgetter(1))
     ridge = ridge_of(prepare.features, model.C, n_steps, space)
-    posterior = e_step(some, state, state.policy.outputs(some.features))
-    start = primed(state, some, posterior, setting.mode, ridge, n_steps / len(some.actions))
+
+    def prime(at: State) -> State:
+        posterior = e_step(some, at, at.policy.outputs(some.features))
+        return primed(at, some, posterior, setting.mode, ridge, n_steps / len(some.actions))
+
+    start = prime(state)
     polished = polish(
         problems,
         replace(before, state=resumed(before.state, start)) if before else Polished(start),
+        prime,
         setting.mode,
         len(lengths),
         model.tol,
@@ -269,28 +277,33 @@ def fit_large(model: Any, data: Source, labels: Array, company: Company, engine:
     # Where nobody is trusted, what little is the expert's is learned from, wherever it is.
     trust, reliability = model.audit_.expert_proba, model.audit_.reliability
     typical = typical_reliability(reliability, trust)
-    if not trust.any():
+    if trust @ lengths < 1.0:
         trust, typical = np.ones(len(trust)), np.inf
     weigh = Weigh(polished.state, trust, reliability, typical, None)
     outputs = polished.state.policy.outputs(some.features)
     weight = weigh.weight(some, e_step(some, polished.state, outputs).step, chosen)
     choice = model._choice(few, some.actions, weight)
-    policy, read = polished.state.policy, prepare.features
-    if choice != Choice(read.kind):
+    read = prepare.features
+    asked = choice == Choice(read.kind)  # for what the search read
+    if not asked:
         trusted = weight > 0.5 * weight.max()
         read = FeatureMap.fit(choice.kind, few.observations[trusted], weight[trusted], choice.ridge)
         weigh = replace(weigh, final=replace(prepare, features=read))
         some = replace(some, features=read.design(few.observations, single=True))
-        policy = linear_policy(space, ridge_of(read, model.C, weight.sum(), space), weight.sum())
-        policy, _ = policy.learn(some, weight)
+    policy: Any = linear_policy(space, ridge_of(read, model.C, weight.sum(), space), weight.sum())
+    policy = policy.at(polished.state.policy) if asked else policy.learn(some, weight)[0]
     lessons = ready.then(weigh)
     on_disk = not isinstance(engine, InMemory)
     log_ratio, step_weight = gathered(lessons.map(_of_steps), n_steps, on_disk)
     mine = model.audit_.expert_proba[None]
     model.audit_ = replace(model.audit_, step_log_ratio=log_ratio, step_weight=step_weight, solutions=mine)
     total = float(step_weight.sum(dtype=float))
-    policy = policy.primed(some, weight, ridge_of(read, model.C, total, space), total / weight.sum())
-    final = clone(lessons, policy, REFIT_TOL, model.max_iter, progress)
+    final_ridge, more = ridge_of(read, model.C, total, space), total / weight.sum()
+
+    def prime_policy(at: Any) -> Any:
+        return at.primed(some, weight, final_ridge, more)
+
+    final = clone(lessons, policy, prime_policy, REFIT_TOL, model.max_iter, progress)
     model.features_, model.policy_ = read, final.state.tempered(choice.temperature)
     model._tell(everybody, data.source)
     if checkpoint:

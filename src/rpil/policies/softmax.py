@@ -14,6 +14,10 @@ _PRECONDITIONER_FITS = 10
 """Warm-started fits that one preconditioner serves: EM moves little in so many iterations."""
 
 
+_UNSEEN = 0.25
+"""Largest curvature, for a step, of a direction that a sample has not seen: that of one step on a scaled column."""
+
+
 def one_hot(actions: Array, weight: Array, n_actions: int) -> Array:
     """Targets (N, K) with `weight` (N,) on the action taken."""
     targets = np.zeros((n_actions, len(actions)))
@@ -90,12 +94,18 @@ class SoftmaxPolicy:
     def primed(self, problem: Problem, weight: Array, ridge: Array, factor: float) -> SoftmaxPolicy:
         """Ready for sums over `factor` times as many steps, with the Hessian of these; `ridge` is for all."""
         proba = np.exp(self.log_proba(problem.features))
-        hessian = Preconditioner(problem.features, proba, factor * weight, ridge, len(weight), coupled=True)
+        hessian = Preconditioner(
+            problem.features, proba, factor * weight, ridge, len(weight), coupled=True, doubt=_UNSEEN * factor
+        )
         return SoftmaxPolicy(self.weights, ridge, hessian)
 
     def like(self, primed: SoftmaxPolicy) -> SoftmaxPolicy:
         """The same with another one's Hessian."""
         return SoftmaxPolicy(self.weights, self.ridge, primed._preconditioner)
+
+    def at(self, other: SoftmaxPolicy) -> SoftmaxPolicy:
+        """What another one does, regularised as this one is."""
+        return SoftmaxPolicy(other.weights, self.ridge)
 
     def statistics(self, problem: Problem, outputs: Array, weight: Array, lesson: Array | None = None) -> Sums:
         """The gradient of the log-likelihood, (D, K)."""
@@ -111,19 +121,15 @@ class SoftmaxPolicy:
         taken, slope = softmax_pass(problem.features, self.weights, problem.actions, weight)
         return taken, (slope - slope.mean(axis=1, keepdims=True),)
 
-    def improved(self, statistics: Sums) -> SoftmaxPolicy:
+    def improved(self, statistics: Sums, radius: float = np.inf) -> SoftmaxPolicy:
         """One Newton step."""
         assert self._preconditioner is not None, "primed first"
-        step = self._preconditioner(statistics[0] - self.ridge[:, None] * self.weights)
+        step = self._preconditioner.within(radius, statistics[0] - self.ridge[:, None] * self.weights)
         return replace(self, weights=self.weights + step)
 
     def slope(self, statistics: Sums) -> float:
         """Largest entry of the gradient of the penalised log-likelihood."""
         return float(np.abs(statistics[0] - self.ridge[:, None] * self.weights).max())
-
-    def towards(self, other: SoftmaxPolicy, share: float) -> SoftmaxPolicy:
-        """The policy so far along the way to another one."""
-        return replace(self, weights=self.weights + share * (other.weights - self.weights))
 
     def tempered(self, temperature: float) -> SoftmaxPolicy:
         """The same order of preferences, surer above 1 and less sure below."""
