@@ -144,7 +144,7 @@ def clone(
     max_iter: int,
     progress: Progress = lambda _: None,
 ) -> Polished:
-    """A policy that `prime` makes ready, fitted to weighted steps until no entry of the gradient is above `tol` a step."""
+    """A policy that `prime` makes ready, fitted to weighted steps until the gradient is nowhere above `tol` a step."""
 
     def measure(at: Any) -> tuple[float, Sums]:
         sums = total(shards, partial(clone_pass, policy=at))
