@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import warnings
 
 import numpy as np
 import pytest
@@ -57,6 +58,63 @@ def test_where_the_data_lie_changes_nothing(small, kind, maker):
     np.testing.assert_allclose(here.coef_, streamed.coef_, rtol=1e-6, atol=1e-6)
 
 
+@pytest.mark.parametrize("kind", ["random", "noisy"])
+def test_numbers_are_learned_as_a_search_of_everything_learns_them(small, monkeypatch, kind):
+    _, data = demonstrations(kind, maker=make_continuous)
+    model = RPIL(adversary="uniform").fit(data)
+    monkeypatch.setattr(large, "TIMES", 1e9)
+    other = RPIL(adversary="uniform").fit(data)
+    assert model.policy_.freedom == other.policy_.freedom
+    np.testing.assert_allclose(model.policy_.cholesky, other.policy_.cholesky, rtol=1e-3, atol=1e-3)
+    np.testing.assert_allclose(model.coef_, other.coef_, atol=1e-3)
+
+
+@pytest.mark.parametrize("adversary", ["marginal", "own policy"])
+def test_what_the_sample_has_not_seen_is_learned_too(small, monkeypatch, adversary):
+    toy, data = demonstrations(n_good=300, n_bad=150)
+    actions, observations = np.array(data.actions), np.hstack([data.observations, np.zeros((data.n_steps, 1))])
+    chosen = sample(data.lengths, np.zeros(450, dtype=int), 600, np.random.default_rng(0))
+    rare = data.offsets[np.setdiff1d(np.arange(300), chosen)[[10, 20, 30]]]
+    actions[np.concatenate([rare, rare + 1])] = 7
+    observations[rare, -1] = 1.0
+    data = Demonstrations.from_arrays(observations, actions, data.offsets, data.ids)
+    labels = dict.fromkeys(toy.ids[:2], "expert") if adversary == "own policy" else None
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        model = RPIL(adversary=adversary, labels=labels, features="raw").fit(data)
+    assert model.converged_
+    monkeypatch.setattr(large, "TIMES", 1e9)
+    other = RPIL(adversary=adversary, labels=labels, features="raw").fit(data)
+    assert model.audit_.verdicts == other.audit_.verdicts
+    for one in (model, other):  # an intercept has no ridge: the policy does it as often as those it learns from
+        weight = one.audit_.step_weight
+        assert weight @ one.predict_proba(observations)[:, -1] == pytest.approx(weight @ (actions == 7), rel=0.02)
+
+
+def test_the_papers_own_m_step_reads_everything(small):
+    """It promises no ascent, which passes rely on."""
+    _, data = demonstrations()
+    assert not large.is_large(RPIL(adversary="complement", m_step="expert_only").fit(data), data)
+
+
+def test_steps_of_class_blocks_are_not_twice_too_long(small, monkeypatch):
+    _, data = demonstrations()
+    data = Demonstrations.from_arrays(data.observations, data.actions == 0, data.offsets, data.ids)
+    whole = RPIL(adversary="marginal", tol=1e-5).fit(data)
+    monkeypatch.setattr("rpil.solvers._LARGEST", 1)
+    blocks = RPIL(adversary="marginal", tol=1e-5).fit(data)
+    assert blocks.n_iter_ <= 2 * whole.n_iter_ + 2
+    assert blocks.lower_bound_ == pytest.approx(whole.lower_bound_, abs=0.05)
+
+
+def test_labels_of_one_sort_leave_room_for_the_others(small, recwarn):
+    toy, data = demonstrations("flipped", 1, n_good=100, n_bad=100)
+    labels = dict.fromkeys(toy.ids[100:160], "adversary")
+    model = RPIL(labels=labels).fit(data)
+    np.testing.assert_array_equal(np.array(model.audit_.verdicts) == "expert", toy.is_good)
+    assert not [w for w in recwarn if w.category is RuntimeWarning]
+
+
 def test_the_objective_never_falls(small):
     _, data = demonstrations("noisy", 1)
     history = RPIL(adversary="confusion").fit(data).audit_.history
@@ -83,8 +141,15 @@ def test_a_sample_holds_every_label():
     labels[[3, 4000]] = 1, -1
     chosen = sample(np.full(5000, 200), labels, 20_000, rng)
     assert {3, 4000} <= set(chosen.tolist())
-    assert len(chosen) == 100
+    assert len(chosen) == 2 + 100
     assert (np.diff(chosen) > 0).all()
+
+
+def test_a_sample_holds_more_than_labels():
+    rng = np.random.default_rng(0)
+    labels = np.repeat([1, -1, 0], 2000)
+    chosen = sample(np.full(6000, 100), labels, 20_000, rng)
+    np.testing.assert_array_equal(np.bincount(labels[chosen] + 1), [200, 200, 200])
 
 
 @pytest.mark.parametrize("engine", [InMemory(), Streamed()])

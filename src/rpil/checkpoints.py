@@ -58,6 +58,8 @@ class Checkpoint:
             "state": encode(polished.state, "state", arrays),
             "history": encode(polished.history, "history", arrays),
             "converged": polished.converged,
+            "anchor": None if polished.anchor is None else encode(polished.anchor, "anchor", arrays),
+            "radius": polished.radius if np.isfinite(polished.radius) else None,
         }
         write_archive(self.path, header, arrays)
 
@@ -78,10 +80,12 @@ class Checkpoint:
             decoder = Decoder(arrays)
             found, state = decoder.value(header["found"]), decoder.value(header["state"])
             history = decoder.array(header["history"], "iterations", np.float64)
+            anchor = None if header["anchor"] is None else decoder.value(header["anchor"])
+            radius = np.inf if header["radius"] is None else float(header["radius"])
             competing = [np.array(group, dtype=int) for group in header["competing"]]
         except (KeyError, TypeError, ValueError, IndexError, AttributeError) as error:
             raise DataError(f"{self.path}: its parts do not belong together; delete it to start anew.") from error
-        return found, competing, Polished(state, history, bool(header["converged"]))
+        return found, competing, Polished(state, history, bool(header["converged"]), radius, anchor)
 
     def done(self) -> None:
         """Remove the file."""

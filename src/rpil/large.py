@@ -37,8 +37,12 @@ SAMPLE_DEMONSTRATIONS = 100
 STEPS_PER_COEFFICIENT = 50
 """Of the sample that is searched, at least."""
 
-TIMES = 2
-"""How many samples there must be before a sample is all that is searched."""
+_MOST_TIMES, _FEWEST = 10, 20
+"""So many demonstrations are in it only if they have no more than so many times these steps, but for the fewest."""
+
+TIMES = 10
+"""How many samples there must be before a sample is all that is searched: then a policy has seen so much that it matters
+little whether it has seen a demonstration."""
 
 
 REFIT_TOL = 1e-6
@@ -70,11 +74,15 @@ def sample_steps(n_coefficients: int) -> int:
 
 
 def sample(lengths: Array, labels: Array, n_steps: int, rng: np.random.Generator) -> Array:
-    """Demonstrations to search, in order: those with a label, and others at random until there are enough."""
+    """Demonstrations to search, in order: of known experts, known adversaries, and all others, at random until there
+    are enough of each."""
+
+    def enough(order: Array) -> Array:
+        least, most = np.searchsorted(np.cumsum(lengths[order]), [n_steps, _MOST_TIMES * n_steps]) + 1
+        return order[: max(least, min(SAMPLE_DEMONSTRATIONS, max(most, _FEWEST)))]
+
     order = rng.permutation(len(lengths))
-    order = order[np.argsort(labels[order] == 0, kind="stable")]
-    enough = int(np.searchsorted(np.cumsum(lengths[order]), n_steps)) + 1
-    return np.sort(order[: max(enough, SAMPLE_DEMONSTRATIONS, int((labels != 0).sum()))])
+    return np.sort(np.concatenate([enough(order[labels[order] == label]) for label in (1, -1, 0)]))
 
 
 @dataclass(frozen=True, eq=False)
@@ -235,9 +243,12 @@ def gathered(pieces: Iterator[tuple[Array, Array]], n_steps: int, on_disk: bool)
 
 
 def is_large(model: Any, data: Source) -> bool:
-    """Whether a sample of `data` is enough to search."""
-    n_steps, n_demonstrations = int(data.offsets[-1]), len(data.offsets) - 1
-    return n_steps > TIMES * _budget(model, data) and n_demonstrations >= TIMES * SAMPLE_DEMONSTRATIONS
+    """Whether a sample of `data` is enough to search; not for the paper's own M-step, with which nothing ascends."""
+    if model.m_step != "joint":
+        return False
+    n_steps, budget = int(data.offsets[-1]), _budget(model, data)
+    least = max(budget, min(SAMPLE_DEMONSTRATIONS * n_steps / (len(data.offsets) - 1), _MOST_TIMES * budget))
+    return n_steps > max(TIMES * budget, 2 * least)
 
 
 def _budget(model: Any, data: Source) -> int:
@@ -280,11 +291,16 @@ def fit_large(model: Any, data: Source, labels: Array, company: Company, engine:
     ready = engine.place(data.parts(engine.n_parts)).then(prepare)
     problems = ready.then(itemgetter(1))
     ridge = ridge_of(prepare.features, model.C, n_steps, space)
-    posterior = e_step(some, state, state.policy.outputs(some.features))
-    start = primed(state, some, posterior, setting.mode, ridge, n_steps / len(some.actions))
+
+    def prime(at: State) -> State:
+        posterior = e_step(some, at, at.policy.outputs(some.features))
+        return primed(at, some, posterior, setting.mode, ridge, n_steps / len(some.actions))
+
+    start = prime(state)
     polished = polish(
         problems.summed(),
-        replace(before, state=resumed(before.state, start)) if before else Polished(start),
+        replace(before, state=resumed(before.state, prime(before.anchor or state))) if before else Polished(start),
+        prime,
         setting.mode,
         len(lengths),
         model.tol,
@@ -310,27 +326,32 @@ def fit_large(model: Any, data: Source, labels: Array, company: Company, engine:
     # Where nobody is trusted, what little is the expert's is learned from, wherever it is.
     trust, reliability = model.audit_.expert_proba, model.audit_.reliability
     typical = typical_reliability(reliability, trust)
-    if not trust.any():
+    if trust @ lengths < 1.0:
         trust, typical = np.ones(len(trust)), np.inf
     weigh = Weigh(polished.state, trust, reliability, typical, None)
     outputs = polished.state.policy.outputs(some.features)
     weight = weigh.weight(some, e_step(some, polished.state, outputs).step, chosen)
     choice = model._choice(few, some.actions, weight)
-    policy, read = polished.state.policy, prepare.features
-    if choice != Choice(read.kind):
+    read = prepare.features
+    asked = choice == Choice(read.kind)  # for what the search read
+    if not asked:
         trusted = weight > 0.5 * weight.max()
         read = FeatureMap.fit(choice.kind, few.observations[trusted], weight[trusted], choice.ridge)
         weigh = replace(weigh, final=replace(prepare, features=read))
         some = replace(some, features=read.design(few.observations, single=True))
-        policy = linear_policy(space, ridge_of(read, model.C, weight.sum(), space), weight.sum())
-        policy, _ = policy.learn(some, weight)
+    policy: Any = linear_policy(space, ridge_of(read, model.C, weight.sum(), space), weight.sum())
+    policy = policy.at(polished.state.policy) if asked else policy.learn(some, weight)[0]
     lessons = ready.then(weigh)
     on_disk = not isinstance(engine, InMemory)
     log_ratio, step_weight, total = gathered(lessons.map(_of_steps), n_steps, on_disk)
     mine = model.audit_.expert_proba[None]
     model.audit_ = replace(model.audit_, step_log_ratio=log_ratio, step_weight=step_weight, solutions=mine)
-    policy = policy.primed(some, weight, ridge_of(read, model.C, total, space), total / weight.sum(), True)
-    final = clone(lessons.summed(), policy, REFIT_TOL, model.max_iter, progress)
+    final_ridge, more = ridge_of(read, model.C, total, space), total / weight.sum()
+
+    def prime_policy(at: Any) -> Any:
+        return at.primed(some, weight, final_ridge, more, remembers=True)
+
+    final = clone(lessons.summed(), policy, prime_policy, REFIT_TOL, model.max_iter, progress)
     model.features_, model.policy_ = read, final.state.tempered(choice.temperature)
     model._tell(everybody, data.source)
     if checkpoint:

@@ -25,22 +25,36 @@ from rpil.problem import Problem
 _ROUNDING = 1e-8
 """Share of the objective that a pass may lose to rounding: some 3e-9, with a few thousand steps in single precision."""
 
-_SHORTEST = 1 / 64
-"""Of a step, before the search along it is given up."""
+_RADIUS = 2.0
+"""How far any coefficient may move once a step went down: the policy of a sample may think nothing of a rare action,
+or the sample not know a column that is mostly zero, and so see no curvature where everything has some."""
 
-_PATIENCE = 10
-"""Passes in which the gradient must halve, or rounding is all that is left of it."""
+_SHORTEST = 1e-4
+"""Radius at which there is no more uphill."""
+
+_FREE = 1.0
+"""Radius from which a small gain means that there is little to gain."""
+
+_FAR = 64.0
+"""Radius from which there is none: Hessians of the sample will do again."""
+
+_PATIENCE, _SETTLED = 10, 5
+"""Passes in which the gradient must halve, or the objective gain, or rounding is all that is left; and passes that gain
+little, in however narrow a region, after which there is little to gain."""
 
 Progress = Callable[[str], None]
 
 
 @dataclass(frozen=True, eq=False)
 class Polished:
-    """Where passes over everything ended: a `State`, or a policy."""
+    """Where passes over everything ended: a `State`, or a policy; how far a step may go from there; and where the
+    Hessian was last made, if anywhere but at the start."""
 
     state: Any
     history: Array = field(default_factory=lambda: np.empty(0))
     converged: bool = False
+    radius: float = np.inf
+    anchor: Any = None
 
 
 def primed(state: State, sample: Problem, posterior: Posterior, mode: MStep, ridge: Array, factor: float) -> State:
@@ -56,7 +70,7 @@ def primed(state: State, sample: Problem, posterior: Posterior, mode: MStep, rid
 
 
 def resumed(state: State, start: State) -> State:
-    """`state`, from a checkpoint, ready for the same sums as `start`, with which the passes began."""
+    """`state`, with the Hessians of `start`, ready for the same sums."""
     policy: Any = state.policy
     return replace(state, policy=policy.like(start.policy), adversary=state.adversary.like(start.adversary))
 
@@ -80,15 +94,15 @@ def lesson_of(problem: Problem, state: State, posterior: Posterior, mode: MStep)
     return None if intended is None else (1 - posterior.step)[:, None] * intended
 
 
-def improved(state: State, sums: Sums) -> State:
-    """Every part one step better, given the sums over everything."""
+def improved(state: State, sums: Sums, radius: float = np.inf) -> State:
+    """Every part one step better, given the sums over everything; no coefficient moves further than `radius`."""
     _, policy, adversary, prior, counts = sums
     mine: Any = state.policy
     return replace(
         state,
-        policy=mine.improved(policy),
-        adversary=state.adversary.improved(adversary),
-        prior=state.prior.improved(prior),
+        policy=mine.improved(policy, radius),
+        adversary=state.adversary.improved(adversary, radius),
+        prior=state.prior.improved(prior, radius),
         reliability=state.reliability.fit(counts),
     )
 
@@ -96,6 +110,7 @@ def improved(state: State, sums: Sums) -> State:
 def polish(
     shards: Shards,
     start: Polished,
+    prime: Callable[[State], State],
     mode: MStep,
     n_demonstrations: int,
     tol: float,
@@ -105,19 +120,20 @@ def polish(
 ) -> Polished:
     """EM on everything from a `primed` state, until the objective gains less than `tol` nats a demonstration.
 
+    `prime` makes it so once more, elsewhere.
+
     `keep` is called after every pass with what there is; it is a `start` from which the same bits follow.
     """
-
-    def towards(before: State, after: State, share: float) -> State:
-        policy: Any = before.policy
-        return replace(after, policy=policy.towards(after.policy, share))
 
     def measure(at: State) -> tuple[float, Sums]:
         sums = total(shards, partial(em_pass, state=at, mode=mode))
         own = at.prior.log_prior() + at.reliability.log_prior() + at.adversary.log_prior() - at.policy.penalty()
         return float(sums[0]) + own, sums
 
-    return _climb(start, measure, improved, towards, tol * n_demonstrations, max_iter, progress, keep)
+    def again(at: State) -> State:
+        return resumed(at, prime(at))
+
+    return _climb(start, measure, improved, again, tol * n_demonstrations, max_iter, progress, keep)
 
 
 def clone_pass(lesson: tuple[Problem, Array, Array], policy: Any) -> Sums:
@@ -127,24 +143,37 @@ def clone_pass(lesson: tuple[Problem, Array, Array], policy: Any) -> Sums:
     return weight @ log_prob, statistics, weight.sum()
 
 
-def clone(shards: Shards, policy: Any, tol: float, max_iter: int, progress: Progress = lambda _: None) -> Polished:
-    """A `primed` policy, fitted to weighted steps until no entry of the gradient is above `tol` a step."""
+def clone(
+    shards: Shards,
+    policy: Any,
+    prime: Callable[[Any], Any],
+    tol: float,
+    max_iter: int,
+    progress: Progress = lambda _: None,
+) -> Polished:
+    """A policy that `prime` makes ready, fitted to weighted steps until the gradient is nowhere above `tol` a step."""
 
     def measure(at: Any) -> tuple[float, Sums]:
         sums = total(shards, partial(clone_pass, policy=at))
         return float(sums[0]) - at.penalty(), sums
 
     slopes: list[float] = []
+    values: list[float] = []
 
-    def better(at: Any, sums: Sums) -> Any:
+    def done(at: Any, sums: Sums) -> bool:
         slopes.append(at.slope(sums[1]))
+        values.append(float(sums[0]) - at.penalty())
         stuck = len(slopes) > _PATIENCE and min(slopes[-_PATIENCE:]) > 0.5 * min(slopes[:-_PATIENCE])
-        return at if stuck or slopes[-1] <= tol * sums[2] else at.improved(sums[1])
+        stuck = stuck and values[-1] - values[-_PATIENCE] < _PATIENCE * _ROUNDING * abs(values[-1])
+        return bool(stuck or slopes[-1] <= tol * sums[2])
 
-    def towards(before: Any, after: Any, share: float) -> Any:
-        return before.towards(after, share)
+    def better(at: Any, sums: Sums, radius: float) -> Any:
+        return at.improved(sums[1], radius)
 
-    return _climb(Polished(policy), measure, better, towards, -np.inf, max_iter, progress)
+    def again(at: Any) -> Any:
+        return at if at.experienced else at.like(prime(at))
+
+    return _climb(Polished(prime(policy)), measure, better, again, -np.inf, max_iter, progress, done=done)
 
 
 def total(shards: Shards, one_pass: Callable[[Any], Sums]) -> Sums:
@@ -155,41 +184,46 @@ def total(shards: Shards, one_pass: Callable[[Any], Sums]) -> Sums:
 def _climb(
     start: Polished,
     measure: Callable[[Any], tuple[float, Sums]],
-    better: Callable[[Any, Sums], Any],
-    towards: Callable[[Any, Any, float], Any],
+    better: Callable[[Any, Sums, float], Any],
+    again: Callable[[Any], Any],
     goal: float,
     max_iter: int,
     progress: Progress,
     keep: Callable[[Polished], None] = lambda _: None,
+    done: Callable[[Any, Sums], bool] = lambda _, __: False,
 ) -> Polished:
-    """Steps uphill until one gains no more than `goal`, or `better` knows none.
+    """Steps until one gains no more than `goal`, or it is `done`.
 
-    One that went down is shortened, as the Hessian of a sample may be too small somewhere.
+    Where one went down, as the Hessian of a sample may be too small somewhere, it is made `again`, and a trust region
+    keeps the next steps short (Levenberg and Marquardt's); the region grows with every success.
     """
     begun = time.perf_counter()
-    here, history = start.state, start.history
+    here, history, radius, anchor = start.state, start.history, start.radius, start.anchor
     value, sums = measure(here)
     history = history if len(history) else np.array([value])
     n_before = len(history)
     while len(history) <= max_iter and not start.converged:
         elapsed = (time.perf_counter() - begun) / (1 + len(history) - n_before)
         progress(f"pass {len(history)} over everything, objective {value:.6g}{_time_left(history, goal, elapsed)}")
-        far = there = better(here, sums)
-        if there is here:
+        if done(here, sums):
             return Polished(here, history, True)
-        share = 1.0
+        there = better(here, sums, radius)
         new_value, new_sums = measure(there)
-        while new_value < value - _ROUNDING * abs(value):
-            share *= 0.25
-            if share < _SHORTEST:
+        while not new_value >= value - _ROUNDING * abs(value):
+            if anchor is not here:
+                here = anchor = again(here)
+            radius = min(_RADIUS, radius / 8)
+            if radius < _SHORTEST:
                 return Polished(here, history, False)
-            there = towards(here, far, share)
+            there = better(here, sums, radius)
             new_value, new_sums = measure(there)
         gain = new_value - value
         here, value, sums = there, new_value, new_sums
         history = np.append(history, value)
-        converged = gain <= goal
-        keep(Polished(here, history, converged))
+        small = bool((np.abs(np.diff(history[-1 - _SETTLED :])) <= goal).all()) and len(history) > _SETTLED
+        converged = small or (radius >= _FREE and gain <= goal)
+        radius = 2.0 * radius if radius < _FAR else np.inf
+        keep(Polished(here, history, converged, radius, anchor))
         if converged:
             return Polished(here, history, True)
     return Polished(here, history, start.converged)

@@ -40,8 +40,8 @@ class Prior(Protocol):
     def statistics(self, expert: Array, lengths: Array) -> Sums:
         """What some of the demonstrations tell, as sums."""
 
-    def improved(self, statistics: Sums) -> Self:
-        """The prior after one improving step, given the statistics of all."""
+    def improved(self, statistics: Sums, radius: float = ...) -> Self:
+        """The prior after one improving step, given the statistics of all; no number moves further than `radius`."""
 
     def log_prior(self) -> float:
         """What the prior on its own parameters adds to the objective."""
@@ -75,7 +75,7 @@ class Share:
     def statistics(self, expert: Array, lengths: Array) -> Sums:
         return expert.sum(), len(expert)
 
-    def improved(self, statistics: Sums) -> Share:
+    def improved(self, statistics: Sums, radius: float = np.inf) -> Share:
         if self.fixed:
             return self
         experts, everybody = statistics
@@ -164,14 +164,15 @@ class ByLength:
         p = expit(self.log_odds(lengths))
         return design.T @ (expert - p), (design.T * (p * (1 - p))) @ design
 
-    def improved(self, statistics: Sums) -> ByLength:
+    def improved(self, statistics: Sums, radius: float = np.inf) -> ByLength:
         """One Newton step of limited length."""
         slope, curvature = statistics
         theta, p = np.array([self.intercept, self.slope]), self.p
         precision = np.array([0.0, _SLOPE**-2])
         slope = slope + np.array([self.a - 1 - (self.a + self.b - 2) * p, 0.0]) - precision * theta
         curvature = curvature + np.diag([(self.a + self.b - 2) * p * (1 - p) + 1e-9, precision[1]])
-        step = np.clip(np.linalg.solve(curvature, slope), -_STEP, _STEP)
+        longest = min(radius, _STEP)
+        step = np.clip(np.linalg.solve(curvature, slope), -longest, longest)
         intercept, slope = theta + step
         return replace(self, intercept=float(np.clip(intercept, -_MOST, _MOST)), slope=float(slope))
 

@@ -8,6 +8,7 @@ preconditioner from the exact class blocks of the Hessian on a subsample of step
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -21,6 +22,9 @@ _PRECONDITIONER_STEPS = 4
 
 _REMEMBERED = 10
 """Steps of a path that a Newton step takes into account."""
+
+_BISECTIONS = 10
+"""With which steps are shortened to a radius."""
 
 _LARGEST = 1_500
 """Coefficients up to which the whole Hessian is inverted where it serves many passes over much data."""
@@ -211,6 +215,8 @@ class Preconditioner:
         Steps in the subsample at least.
     coupled : bool
         The whole Hessian instead, in double precision, where it is no larger than `_LARGEST` either way.
+    doubt : float
+        Curvature that may be anywhere without these steps knowing, see `within`.
     """
 
     def __init__(
@@ -221,7 +227,9 @@ class Preconditioner:
         penalty: Array,
         rows: int = _PRECONDITIONER_ROWS,
         coupled: bool = False,
+        doubt: float = 1e-9,
     ) -> None:
+        self.doubt = doubt
         n_steps, n_features = features.shape
         stride = max(1, n_steps // max(rows, 4 * n_features))
         x, p, s = features[::stride], proba[::stride], stride * weight[::stride]
@@ -236,11 +244,42 @@ class Preconditioner:
         # The floor keeps a class that the subsample hardly sees invertible, and is above the product's rounding.
         diagonal += penalty + floor * (1e-8 + diagonal.max(axis=1, keepdims=True))
         self.inverse = np.linalg.inv(hessian)
+        if coupled and len(hessian) > 1:
+            # Class blocks underestimate the curvature between two actions by up to a half: steps of 2/3 of their length
+            # are never far too long nor far too short.
+            self.inverse *= 2.0 / 3.0
 
     def __call__(self, residual: Array) -> Array:
         n_features, n_actions = residual.shape
         parts = residual.T.reshape(len(self.inverse), -1, 1)
         return (self.inverse @ parts).reshape(n_actions, n_features).T
+
+    def within(self, radius: float, residual: Array) -> Array:
+        """The step (H + c I)^-1 residual, where c is `doubt` / `radius` at least and makes no entry larger than
+        `radius`; H^-1 residual where that is infinite."""
+        if radius == np.inf:
+            return self(residual)
+        n_features, n_actions = residual.shape
+        curvature, axes = self._axes
+        along = np.einsum("kdi,kd->ki", axes, residual.T.reshape(len(axes), -1))
+
+        def cautious(c: float) -> Array:
+            parts = np.einsum("kdi,ki->kd", axes, along / (curvature + c))
+            return parts.reshape(n_actions, n_features).T
+
+        low, high = self.doubt / radius, float(np.linalg.norm(residual)) / radius
+        if high <= low or np.abs(cautious(low)).max() <= radius:
+            return cautious(low)
+        for _ in range(_BISECTIONS):  # of orders of magnitude
+            middle = np.sqrt(low * high)
+            low, high = (middle, high) if np.abs(cautious(middle)).max() > radius else (low, middle)
+        return cautious(high)
+
+    @cached_property
+    def _axes(self) -> tuple[Array, Array]:
+        """Eigenvalues and eigenvectors of the Hessian."""
+        inverse, axes = np.linalg.eigh(0.5 * (self.inverse + self.inverse.transpose(0, 2, 1)))
+        return 1.0 / np.maximum(inverse, np.finfo(float).tiny), axes
 
 
 def _coupled(features: Array, proba: Array, weight: Array) -> Array:

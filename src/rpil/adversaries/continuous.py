@@ -55,7 +55,7 @@ class MarginalBox(Fixed):
         bins = self._bins(problem.actions)
         return (np.stack([np.bincount(column, weight, minlength=_N_BINS) for column in bins.T]),)
 
-    def improved(self, statistics: Sums) -> MarginalBox:
+    def improved(self, statistics: Sums, radius: float = np.inf) -> MarginalBox:
         counts = 1.0 + statistics[0]
         share = counts / counts.sum(axis=1, keepdims=True)
         return replace(self, log_density=np.log(share) - np.log(self.width)[:, None])

@@ -54,7 +54,7 @@ class Marginal(Fixed):
     def statistics(self, problem: Problem, outputs: Array, weight: Array) -> Sums:
         return (np.bincount(problem.actions, weight, minlength=len(self.log_frequency)),)
 
-    def improved(self, statistics: Sums) -> Marginal:
+    def improved(self, statistics: Sums, radius: float = np.inf) -> Marginal:
         counts = 1.0 + statistics[0]
         return replace(self, log_frequency=np.log(counts / counts.sum()))
 
@@ -139,7 +139,7 @@ class Confusion(Fixed):
         intended = weight[:, None] * self.intended(outputs, problem.actions)
         return (np.stack([intended[problem.actions == k].sum(axis=0) for k in range(len(self.log_matrix))], axis=1),)
 
-    def improved(self, statistics: Sums) -> Confusion:
+    def improved(self, statistics: Sums, radius: float = np.inf) -> Confusion:
         if not self.learned:
             return self
         counts = self.pseudo_count + statistics[0]

@@ -67,9 +67,9 @@ class Either:
         one = self.first.statistics(problem, outputs, first)
         return one, self.second.statistics(problem, outputs, weight - first), first.sum(), weight.sum()
 
-    def improved(self, statistics: Sums) -> Either:
+    def improved(self, statistics: Sums, radius: float = np.inf) -> Either:
         one, other, first, total = statistics
-        return Either(self.first.improved(one), self.second.improved(other), _share(first, total))
+        return Either(self.first.improved(one, radius), self.second.improved(other, radius), _share(first, total))
 
     def log_prior(self) -> float:
         own = _PSEUDO_COUNT * (np.log(self.share) + np.log1p(-self.share))

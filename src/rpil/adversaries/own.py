@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Any
 
+import numpy as np
+
 from rpil.adversaries.protocol import Fixed
 from rpil.passes import Array, Sums
 from rpil.policies import Policy
@@ -45,8 +47,8 @@ class OwnPolicy(Fixed):
     def statistics(self, problem: Problem, outputs: Array, weight: Array) -> Sums:
         return self.policy.statistics(problem, self.policy.outputs(problem.features), weight)
 
-    def improved(self, statistics: Sums) -> OwnPolicy:
-        return replace(self, policy=self.policy.improved(statistics))
+    def improved(self, statistics: Sums, radius: float = np.inf) -> OwnPolicy:
+        return replace(self, policy=self.policy.improved(statistics, radius))
 
     def log_prior(self) -> float:
         return -self.policy.penalty()

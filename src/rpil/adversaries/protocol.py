@@ -9,6 +9,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Protocol, Self
 
+import numpy as np
+
 from rpil.passes import Array, Sums
 from rpil.policies import Policy
 from rpil.problem import Problem
@@ -46,8 +48,8 @@ class Adversary(Protocol):
     def statistics(self, problem: Problem, outputs: Array, weight: Array) -> Sums:
         """What some of the steps tell, as sums."""
 
-    def improved(self, statistics: Sums) -> Self:
-        """The adversary that explains all steps no worse, given the statistics of all."""
+    def improved(self, statistics: Sums, radius: float = np.inf) -> Self:
+        """The adversary that explains all steps no worse, given the statistics of all; `radius` as for policies."""
 
     def log_prior(self) -> float:
         """What the prior on its own parameters adds to the objective."""
@@ -79,7 +81,7 @@ class Fixed:
     def statistics(self, problem: Problem, outputs: Array, weight: Array) -> Sums:
         return ()
 
-    def improved(self, statistics: Sums) -> Self:
+    def improved(self, statistics: Sums, radius: float = np.inf) -> Self:
         return self
 
     def log_prior(self) -> float:

@@ -62,6 +62,13 @@ class AdditivePolicy(Policy, Protocol):
     def like(self, primed: Self) -> Self:
         """Ready for the same sums as another one."""
 
+    @property
+    def experienced(self) -> bool:
+        """Whether its own path tells more of the Hessian than a sample would."""
+
+    def at(self, other: Self) -> Self:
+        """What `other` does, regularised as this one is."""
+
     def statistics(self, problem: Problem, outputs: Array, weight: Array, lesson: Array | None = None) -> Sums:
         """What some of the steps tell, as sums."""
 
@@ -71,14 +78,12 @@ class AdditivePolicy(Policy, Protocol):
     def study(self, problem: Problem, weight: Array) -> tuple[Array, Sums]:
         """log pi of the actions taken, (N,), and the statistics of the steps by weight."""
 
-    def improved(self, statistics: Sums) -> Self:
-        """The policy after one improving step, given the statistics of all."""
+    def improved(self, statistics: Sums, radius: float = ...) -> Self:
+        """The policy after one improving step, given the statistics of all; a finite `radius` says that a step without
+        went down, and how far a coefficient may move."""
 
     def slope(self, statistics: Sums) -> float:
-        """How far from the best it still is: the largest entry of the gradient."""
-
-    def towards(self, other: Self, share: float) -> Self:
-        """The policy so far along the way to `other`."""
+        """How far from the best it still is: the largest entry of the gradient, or nats where these say more."""
 
 
 _LINEAR: dict[str, Callable[[Any, Array, float], Policy]] = {

@@ -114,6 +114,15 @@ class StudentPolicy:
         """The same."""
         return self
 
+    @property
+    def experienced(self) -> bool:
+        """It learns nothing of Hessians."""
+        return False
+
+    def at(self, other: StudentPolicy) -> StudentPolicy:
+        """What another one does, regularised as this one is."""
+        return replace(self, weights=other.weights, cholesky=other.cholesky, freedom=other.freedom)
+
     def statistics(self, problem: Problem, outputs: Array, weight: Array, lesson: Array | None = None) -> Sums:
         """X^T W X, X^T W R and R^T W R for the residuals R, the likelihood of every nu, and the sum of the weights."""
         residual = problem.actions - outputs
@@ -132,8 +141,9 @@ class StudentPolicy:
         outputs = self.outputs(problem.features)
         return self.log_prob(outputs, problem.actions), self.statistics(problem, outputs, weight)
 
-    def improved(self, statistics: Sums) -> StudentPolicy:
-        """One step of weighted least squares; nu is the best for what was there before it."""
+    def improved(self, statistics: Sums, radius: float = np.inf) -> StudentPolicy:
+        """One step of weighted least squares; nu is the best for what was there before it, unless `radius` is finite:
+        the rest cannot go down."""
         moments, cross, scatter, likelihood, total = statistics
         if not total > 0.0:
             return self
@@ -141,22 +151,22 @@ class StudentPolicy:
         weights = self.weights + step
         scatter = scatter - step.T @ cross - cross.T @ step + step.T @ moments @ step
         scatter += (weights.T * self.ridge) @ weights + np.diag(self.least**2)
-        freedom = float(_FREEDOM[int(np.argmax(likelihood))])
+        freedom = float(_FREEDOM[int(np.argmax(likelihood))]) if radius == np.inf else self.freedom
         return replace(self, weights=weights, cholesky=np.linalg.cholesky(scatter / total), freedom=freedom)
 
     def slope(self, statistics: Sums) -> float:
-        """Largest entry of the gradient of the penalised log-likelihood, in units of the spread."""
+        """Largest entry of the gradient of the penalised log-likelihood, in units of the spread; or what a better
+        Sigma or nu would gain, in nats, where that is more."""
+        _, cross, scatter, likelihood, total = statistics
+        if not total > 0.0:
+            return 0.0
         spread = np.sqrt((self.cholesky**2).sum(axis=1))
-        return float(np.abs((statistics[1] - self.ridge[:, None] * self.weights) / spread).max())
-
-    def towards(self, other: StudentPolicy, share: float) -> StudentPolicy:
-        """The policy so far along the way to another one."""
-
-        def between(one: Array, two: Array) -> Array:
-            return one + share * (two - one)
-
-        weights, cholesky = between(self.weights, other.weights), between(self.cholesky, other.cholesky)
-        return replace(self, weights=weights, cholesky=cholesky, freedom=other.freedom)
+        steepest = np.abs((cross - self.ridge[:, None] * self.weights) / spread).max()
+        scatter = scatter + (self.weights.T * self.ridge) @ self.weights + np.diag(self.least**2)
+        half = solve_triangular(self.cholesky, scatter, lower=True)
+        excess = solve_triangular(self.cholesky, half.T, lower=True) / total - np.eye(len(scatter))
+        surer = likelihood.max() - likelihood[int(np.argmin(np.abs(_FREEDOM - self.freedom)))]
+        return float(max(steepest, 0.25 * total * (excess**2).sum(), surer))
 
     def _improved(self, features: Array, actions: Array, outputs: Array, weight: Array) -> tuple[StudentPolicy, Array]:
         dimension = actions.shape[1]

@@ -15,6 +15,10 @@ _PRECONDITIONER_FITS = 10
 """Warm-started fits that one preconditioner serves: EM moves little in so many iterations."""
 
 
+_UNSEEN = 0.25
+"""Largest curvature, for a step, of a direction that a sample has not seen: that of one step on a scaled column."""
+
+
 def one_hot(actions: Array, weight: Array, n_actions: int) -> Array:
     """Targets (N, K) with `weight` (N,) on the action taken."""
     targets = np.zeros((n_actions, len(actions)))
@@ -106,12 +110,23 @@ class SoftmaxPolicy:
         One that `remembers` learns from its steps what the sample does not know of the Hessian.
         """
         proba = np.exp(self.log_proba(problem.features))
-        hessian = Preconditioner(problem.features, proba, factor * weight, ridge, len(weight), coupled=True)
+        hessian = Preconditioner(
+            problem.features, proba, factor * weight, ridge, len(weight), coupled=True, doubt=_UNSEEN * factor
+        )
         return SoftmaxPolicy(self.weights, ridge, hessian, _path=Path() if remembers else None)
 
     def like(self, primed: SoftmaxPolicy) -> SoftmaxPolicy:
         """The same with another one's Hessian."""
-        return SoftmaxPolicy(self.weights, self.ridge, primed._preconditioner)
+        return replace(self, _preconditioner=primed._preconditioner)
+
+    @property
+    def experienced(self) -> bool:
+        """Whether its path so far tells more of the Hessian than a sample would."""
+        return self._path is not None and len(self._path.pairs) > 1
+
+    def at(self, other: SoftmaxPolicy) -> SoftmaxPolicy:
+        """What another one does, regularised as this one is."""
+        return SoftmaxPolicy(other.weights, self.ridge)
 
     def statistics(self, problem: Problem, outputs: Array, weight: Array, lesson: Array | None = None) -> Sums:
         """The gradient of the log-likelihood, (D, K)."""
@@ -133,22 +148,21 @@ class SoftmaxPolicy:
         taken, slope = softmax_pass(problem.features, self.weights, problem.actions, weight)
         return taken, (slope - slope.mean(axis=1, keepdims=True),)
 
-    def improved(self, statistics: Sums) -> SoftmaxPolicy:
+    def improved(self, statistics: Sums, radius: float = np.inf) -> SoftmaxPolicy:
         """One Newton step."""
         assert self._preconditioner is not None, "primed first"
         slope = statistics[0] - self.ridge[:, None] * self.weights
-        if self._path is None:
-            return replace(self, weights=self.weights + self._preconditioner(slope))
-        path = self._path.at(self.weights, slope)
-        return replace(self, weights=self.weights + path.newton_step(self._preconditioner), _path=path)
+        path = None if self._path is None else self._path.at(self.weights, slope)
+        if path is None or not path.pairs:
+            step = self._preconditioner.within(radius, slope)
+        else:
+            step = path.newton_step(self._preconditioner)
+            step *= min(1.0, radius / float(np.abs(step).max()))
+        return replace(self, weights=self.weights + step, _path=path)
 
     def slope(self, statistics: Sums) -> float:
         """Largest entry of the gradient of the penalised log-likelihood."""
         return float(np.abs(statistics[0] - self.ridge[:, None] * self.weights).max())
-
-    def towards(self, other: SoftmaxPolicy, share: float) -> SoftmaxPolicy:
-        """The policy so far along the way to another one."""
-        return replace(other, weights=self.weights + share * (other.weights - self.weights))
 
     def tempered(self, temperature: float) -> SoftmaxPolicy:
         """The same order of preferences, surer above 1 and less sure below."""
