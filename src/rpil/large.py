@@ -41,8 +41,8 @@ _MOST_TIMES, _FEWEST = 10, 20
 """So many demonstrations are in it only if they have no more than so many times these steps, but for the fewest."""
 
 TIMES = 10
-"""How many samples there must be before a sample is all that is searched: then a policy has seen so much that it matters
-little whether it has seen a demonstration."""
+"""How many samples there must be before a sample is all that is searched: then a policy has seen so much that a single
+demonstration matters little."""
 
 
 REFIT_TOL = 1e-6

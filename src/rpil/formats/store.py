@@ -149,11 +149,9 @@ def opened(filesystem: Any, path: str) -> Iterator[Any]:
 
     name = PurePosixPath(path).name
     try:
-        # Not mapped into memory: what is mapped stays there, and counts.
-        with (
-            filesystem.open_input_file(path) as stream,
-            pq.ParquetFile(stream, buffer_size=_BUFFER, page_checksum_verification=True) as file,
-        ):
+        # Neither mapped into memory, where what is mapped stays and counts, nor fetched by whole row groups.
+        options = {"buffer_size": _BUFFER, "pre_buffer": False, "page_checksum_verification": True}
+        with filesystem.open_input_file(path) as stream, pq.ParquetFile(stream, **options) as file:
             yield file
     except FileNotFoundError as error:
         raise DataError(f"{path}: there is no such file here; check the path.") from error
