@@ -20,7 +20,7 @@ ORDER = [
     "errors", "_arrays", "files", "demonstrations", "formats",
     "passes", "spaces", "demonstrators", "problem", "parallel", "features", "solvers",
     "policies", "adversaries", "priors", "reliability",
-    "chains", "em", "agreement", "search", "refine", "belief", "identify", "suggestions", "audit",
+    "chains", "em", "agreement", "search", "refine", "belief", "identify", "suggestions", "recalibration", "audit",
     "inputs", "selection", "cloning", "estimators", "rment", "reweighting",
     "schema", "persistence", "actions", "experts", "corruptions", "environments", "rollouts", "simulation",
     "plots", "report", "data", "demo", "reproduce", "terminal", "commands", "cli", "__main__",
