@@ -12,15 +12,14 @@ actions nobody can know, and the answer must be so; with one label of each sort 
 from __future__ import annotations
 
 import argparse
-import json
 import time
 import warnings
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from sklearn.metrics import roc_auc_score
 
+from options import at_least, output, write_json
 from rpil.audit import Audit
 from rpil.cloning import BehavioralCloning
 from rpil.demonstrations import Demonstrations
@@ -40,13 +39,13 @@ Row = dict[str, Any]
 
 def main(arguments: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--draws", type=int, default=10)
-    parser.add_argument("--first-seed", type=int, default=1000)
+    parser.add_argument("--draws", type=at_least(2), default=10)
+    parser.add_argument("--first-seed", type=at_least(0), default=1000)
     parser.add_argument("--features", choices=sorted(SECONDS), action="append", help="may be repeated; default raw")
-    parser.add_argument("--rollouts", type=int, default=100, help="episodes each policy plays")
-    parser.add_argument("--processes", type=int, default=1)
+    parser.add_argument("--rollouts", type=at_least(1), default=100, help="episodes each policy plays")
+    parser.add_argument("--processes", type=at_least(1), default=1)
     parser.add_argument("--quick", action="store_true", help="MountainCar alone, 2 draws, 10 rollouts")
-    parser.add_argument("--json", type=Path, help="where to write all figures")
+    parser.add_argument("--json", type=output, help="where to write all figures")
     options = parser.parse_args(arguments)
     environments = ENVIRONMENTS[:1] if options.quick else ENVIRONMENTS
     draws, rollouts = (2, 10) if options.quick else (options.draws, options.rollouts)
@@ -67,7 +66,7 @@ def main(arguments: list[str] | None = None) -> int:
     if options.json:
         seeds = f"{options.first_seed} to {options.first_seed + draws - 1}"
         found = {"provenance": provenance(seeds), "passed": passed, "cells": cells, "draws": rows}
-        options.json.write_text(json.dumps(found, indent=1) + "\n")
+        write_json(options.json, found)
     return 0 if passed else 1
 
 

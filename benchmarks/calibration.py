@@ -202,5 +202,37 @@ def text(result: Row) -> str:
     return "\n".join([*lines, "", table(["P(expert)", "experts", "demonstrations"], rows, 0)])
 
 
+def markdown(result: Row) -> str:
+    """The section of docs/results.md."""
+    accused = [[name, str(sum(found)), str(result["n_each"] * len(found))] for name, found in result["accused"].items()]
+    total = sum(int(row[1]) for row in accused) / sum(int(row[2]) for row in accused)
+    ece = {key: value for found in result["ece_by"].values() for key, value in found.items()}
+    shown = ["–" if value is None else f"{value:.3f}" for value in ece.values()]
+    rows = [[f"{row['proba']:.3f}", f"{row['good']:.3f}", str(row["n"])] for row in result["bins"]]
+    goals = {
+        f"expected calibration error {result['ece']:.4f}, at most .05": result["ece"] <= 0.05,
+        f"the interval for the share of experts held the truth in {result['covered']:.0%} of draws, at least 90 %": (
+            result["covered"] >= 0.9
+        ),
+        f"called adversaries without signal {total:.1%}, at most 5 %": total <= 0.05,
+    }
+    return "\n\n".join(
+        [
+            "## Calibration",
+            f"`benchmarks/calibration.py`: {result['n_draws']} draws of the cells of the grid, "
+            f"{result['n_judged']} demonstrations; {result['n_ambiguous']} draws were answered “ambiguous” and claim "
+            "nothing. Where nobody can know without labels, one of each sort is given, and not scored.",
+            "\n".join(f"- Goal {'reached' if reached else 'missed'}: {said}." for said, reached in goals.items()),
+            "What P(expert) says, and how many were experts:",
+            table(["P(expert), mean of a tenth", "experts", "demonstrations"], rows, 0),
+            "Expected calibration error by environment, kind and share of the bad (%):",
+            table(list(ece), [shown], 0),
+            "Called adversaries where demonstrations do not differ, because all come from one policy, or because "
+            "actions or steps were shuffled:",
+            table(["", "called adversaries", "of"], accused, 1),
+        ]
+    )
+
+
 if __name__ == "__main__":
     raise SystemExit(main())

@@ -10,14 +10,13 @@ data with 95 % t intervals. "auto" must reach 98 % in MountainCar, Acrobot and L
 from __future__ import annotations
 
 import argparse
-import json
 import time
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from scipy.stats import t as student
 
+from options import at_least, output, write_json
 from rpil.cloning import BehavioralCloning
 from rpil.demonstrations import Demonstrations
 from rpil.experts import expert
@@ -33,13 +32,13 @@ Row = dict[str, Any]
 
 def main(arguments: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--draws", type=int, default=10)
-    parser.add_argument("--first-seed", type=int, default=1000)
+    parser.add_argument("--draws", type=at_least(2), default=10)
+    parser.add_argument("--first-seed", type=at_least(0), default=1000)
     parser.add_argument("--env", choices=GOALS, action="append", help="may be repeated; default all")
     parser.add_argument("--features", choices=FEATURES, action="append", help="may be repeated; default all")
-    parser.add_argument("--rollouts", type=int, default=100, help="episodes each policy plays")
+    parser.add_argument("--rollouts", type=at_least(1), default=100, help="episodes each policy plays")
     parser.add_argument("--quick", action="store_true", help="MountainCar alone, 2 draws, 10 rollouts")
-    parser.add_argument("--json", type=Path, help="where to write all figures")
+    parser.add_argument("--json", type=output, help="where to write all figures")
     options = parser.parse_args(arguments)
     environments = ["MountainCar-v0"] if options.quick else options.env or list(GOALS)
     draws, rollouts = (2, 10) if options.quick else (options.draws, options.rollouts)
@@ -55,7 +54,7 @@ def main(arguments: list[str] | None = None) -> int:
     if options.json:
         seeds = list(range(options.first_seed, options.first_seed + draws))
         found = {"passed": not missed, "cells": cells, "draws": rows, "provenance": provenance(seeds)}
-        options.json.write_text(json.dumps(found, indent=1) + "\n")
+        write_json(options.json, found)
     return 1 if missed else 0
 
 

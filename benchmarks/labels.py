@@ -175,9 +175,56 @@ def text(result: Row) -> str:
     body = [["0", "", mean, mean, *(f"{none[name]:.3f}" for name in names)]]
     for of in result["curve"]:
         spread = f" ± {of['se']:.3f}" if of["how"] == RANDOM else ""
-        each = (f"{of['auroc_by_set'][name]:.3f}" if name in of["auroc_by_set"] else "" for name in names)
+        each = (number(of["auroc_by_set"].get(name)) for name in names)
         body.append([str(of["k"]), of["how"], f"{of['auroc']:.3f}{spread}", f"{of['without']:.3f}", *each])
     return table(["labels", "which", "AUROC of the rest", "the same without labels", *names], body, 2)
+
+
+def number(auroc: float | None) -> str:
+    return "–" if auroc is None else f"{auroc:.3f}"
+
+
+def markdown(result: Row) -> str:
+    """The section of docs/results.md: the curve, and each data set."""
+    names = list(dict.fromkeys(row["set"] for row in result["rows"]))
+    at = {(of["how"], of["k"]): of for of in result["curve"]}
+    none = {row["set"]: row["auroc"] for row in result["rows"] if row["how"] == "none"}
+    rows = [["0", f"{np.mean(list(none.values())):.3f}", "", "", "", ""]]
+    lines = []
+    for k in sorted({of["k"] for of in result["curve"]}):
+        ours, theirs = at[SUGGESTED, k], at[RANDOM, k]
+        spread = f" ± {theirs['se']:.3f}"
+        rows.append(
+            [str(k), f"{theirs['without']:.3f}", f"{ours['auroc']:.3f}", f"{theirs['auroc']:.3f}{spread}"]
+            + [f"{of['wrong']:.1f}" for of in (ours, theirs)]
+        )
+        word = "better than" if ours["auroc"] > theirs["auroc"] else "no better than"
+        lines.append(f"{k} suggested: {word} {k} at random ({ours['auroc'] - theirs['auroc']:+.3f}).")
+        lines += [
+            f"Worse on {name.replace('_', ' ')} with {k}: {mean:.3f}, at random {theirs['auroc_by_set'][name]:.3f}."
+            for name, mean in ours["auroc_by_set"].items()
+            if mean < theirs["auroc_by_set"].get(name, 0.0) - 0.0005
+        ]
+    by_set = [
+        [str(of["k"]), of["how"], *(number(of["auroc_by_set"].get(name)) for name in names)] for of in result["curve"]
+    ]
+    without = ["0", "", *(number(none[name]) for name in names)]
+    return "\n\n".join(
+        [
+            "## Labels",
+            f"`benchmarks/labels.py`, adversary `{result['adversary']}`: AUROC over good and bad demonstrations that "
+            f"nobody was asked about, mean over {len(names)} data sets; which labels: the first k of "
+            f"`audit.suggest_labels`, or k at random ({result['draws']} draws, ± one standard error over these). A "
+            "question about a demonstration that is neither good nor bad stays unanswered.",
+            table(
+                ["labels", "none (random's rest)", "suggested", "random", "wrong verdicts, suggested", "random"],
+                rows,
+                0,
+            ),
+            table(["labels", "which", *(name.replace("_", " ") for name in names)], [without, *by_set], 2),
+            "\n".join(f"- {line}" for line in lines),
+        ]
+    )
 
 
 if __name__ == "__main__":

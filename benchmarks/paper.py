@@ -15,12 +15,12 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from options import at_least, output, write_json
 from rpil.demonstrations import Demonstrations
-from rpil.files import check_writable, make_folder
+from rpil.files import make_folder
 from rpil.parallel import cores
 from rpil.reproduce import METHODS, Experiment, draw, run
 from rpil.reproduce.experiments import ENVIRONMENTS, N_GOOD, OUR_FEATURES
-from rpil.terminal import as_json
 
 ALREADY = ("rpil", "trust all", "oracle", "paper's recipe")
 """Methods of peers.py that the tables have without it."""
@@ -28,18 +28,16 @@ ALREADY = ("rpil", "trust all", "oracle", "paper's recipe")
 
 def main(arguments: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--draws", type=int, default=20, help="of the data")
-    parser.add_argument("--rollouts", type=int, default=100, help="episodes each policy plays")
-    parser.add_argument("--seed", type=int, default=0, help="of the first draw")
+    parser.add_argument("--draws", type=at_least(2), default=20, help="of the data")
+    parser.add_argument("--rollouts", type=at_least(2), default=100, help="episodes each policy plays")
+    parser.add_argument("--seed", type=at_least(0), default=0, help="of the first draw")
     parser.add_argument("--env", choices=ENVIRONMENTS, action="append", help="may be repeated; default all")
     parser.add_argument("--quick", action="store_true", help="3 draws, 20 rollouts")
     parser.add_argument("--peers", action="store_true", help="every method of peers.py that gives a policy, too")
-    parser.add_argument("--processes", type=int, default=cores())
-    parser.add_argument("--json", type=Path, help="where to write all figures")
+    parser.add_argument("--processes", type=at_least(1), default=cores())
+    parser.add_argument("--json", type=output, help="where to write all figures")
     parser.add_argument("--output", type=Path, help="folder for tables.md and the figures")
     options = parser.parse_args(arguments)
-    if options.json:
-        check_writable(options.json)
     if options.output:
         make_folder(options.output)
 
@@ -54,7 +52,7 @@ def main(arguments: list[str] | None = None) -> int:
     )
     print(found.text())
     if options.json:
-        options.json.write_text(as_json(found.to_dict()) + "\n")
+        write_json(options.json, found.to_dict())
     if options.output:
         found.write(options.output)
         draw(options.output, found.draws, seed=options.seed)

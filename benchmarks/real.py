@@ -16,7 +16,6 @@ RM-ENT alone is told how many are good, and the oracle which. A method that is n
 from __future__ import annotations
 
 import argparse
-import json
 import sys
 import tempfile
 import time
@@ -31,6 +30,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import spearmanr
 
+from options import at_least, output, write_json
 from real_goals import continuous_goals, goal
 from real_report import OURS, VERDICTS, markdown, text
 from rpil import formats
@@ -87,10 +87,10 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--sets", action="append", metavar="NAME", help="may be repeated; default all in DIR")
     parser.add_argument("--methods", action="append", metavar="NAME", help="may be repeated; default all of peers.py")
     parser.add_argument("--features", default="auto" if "auto" in FEATURES else "raw", choices=FEATURES)
-    parser.add_argument("--processes", type=int, default=1)
-    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--processes", type=at_least(1), default=1)
+    parser.add_argument("--seed", type=at_least(0), default=0)
     parser.add_argument("--quick", action="store_true", help="two small simulated data sets, two methods; needs no DIR")
-    parser.add_argument("--json", type=Path, help="where to write all figures")
+    parser.add_argument("--json", type=output, help="where to write all figures")
     options = parser.parse_args(arguments)
     from peers import METHODS  # lazily: scikit-learn, cleanlab and all the rest
 
@@ -110,7 +110,7 @@ def main(arguments: list[str] | None = None) -> int:
             parser.error(str(error))
     print(text(result))
     if options.json:
-        options.json.write_text(json.dumps(result, indent=1) + "\n")
+        write_json(options.json, result)
     return 0 if result["goal"]["reached"] and all(aim["reached"] for aim in result["continuous_goals"]) else 1
 
 

@@ -2,7 +2,8 @@
 
     python benchmarks/results.py --acceptance acceptance.json --paper paper.json --features features.json \\
         --robustness robustness/summary.json --robustness-continuous continuous/summary.json \\
-        --calibration calibration.json --real real.json > docs/results.md
+        --calibration calibration.json --real real.json \\
+        --demonstrators demonstrators.json --labels labels.json > docs/results.md
 
 Every file is optional; a section comes for each that is given. Nothing here is written by hand but the words around the
 numbers.
@@ -11,6 +12,7 @@ numbers.
 from __future__ import annotations
 
 import argparse
+import importlib
 import json
 import sys
 from collections.abc import Callable, Iterable
@@ -274,22 +276,6 @@ def missed_in_grid(result: Result) -> list[str]:
     return lines
 
 
-def calibration(result: Result) -> str:
-    """Whether P(expert) means what it says."""
-    accused = {name: (sum(found), result["n_each"] * len(found)) for name, found in result["accused"].items()}
-    return "\n\n".join(
-        [
-            "## Calibration",
-            f"`benchmarks/calibration.py`: MountainCar, Acrobot and LunarLander. Expected calibration error over "
-            f"{result['n_judged']} demonstrations with signal: {result['ece']:.4f}, at most .05 being the goal; "
-            f"{result['n_ambiguous']} draws were answered “ambiguous”. The interval for the share of experts held the "
-            f"truth in {result['covered']:.0%} of the draws, at least 90 % being the goal. Called adversaries where "
-            "all demonstrations come from one policy, at most 5 % being the goal:",
-            table(["", "called adversaries", "of"], [[name, str(n), str(of)] for name, (n, of) in accused.items()], 1),
-        ]
-    )
-
-
 SCORES = {"auroc": "AUROC", "normalised": "normalised return"}
 
 
@@ -321,24 +307,29 @@ def behind_in_grid(methods: list[Result]) -> list[str]:
     return lines or ["Ours is the best, or as good, in every column."]
 
 
-# ---- features.py -----------------------------------------------------------------------------------------------------
+# ---- what scripts tell themselves ------------------------------------------------------------------------------------
 
 
-def features(result: Result) -> str:
-    """As features.py itself tells it."""
-    from features import markdown
+def told_by(script: str) -> Callable[[Result], str]:
+    """The section as the script itself tells it; imported only where there are figures of it."""
 
-    return markdown(result)
+    def section(result: Result) -> str:
+        told: str = importlib.import_module(script).markdown(result)
+        return told
+
+    return section
 
 
 SECTIONS: dict[str, Callable[[Result], str]] = {
     "acceptance": acceptance,
     "paper": paper,
-    "features": features,
+    "features": told_by("features"),
     "robustness": robustness,
     "robustness_continuous": partial(robustness, title="Robustness, continuous actions"),
-    "calibration": calibration,
+    "calibration": told_by("calibration"),
     "real": real_report.markdown,
+    "demonstrators": told_by("demonstrators"),
+    "labels": told_by("labels"),
 }
 
 if __name__ == "__main__":

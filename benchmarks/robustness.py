@@ -36,6 +36,7 @@ import numpy as np
 from sklearn.metrics import roc_auc_score
 
 import rpil
+from options import at_least, write_json
 from robustness_report import LABELLED, OURS, REFERENCE, Row, heat_map, summary, table, unknowable
 from rpil.cloning import BehavioralCloning
 from rpil.corruptions import KINDS
@@ -82,13 +83,13 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--output", type=Path, required=True, metavar="DIR", help="where results are kept")
     parser.add_argument("--environments", nargs="+", metavar="ID")
     parser.add_argument("--kinds", nargs="+", choices=KINDS)
-    parser.add_argument("--shares", nargs="+", type=int, metavar="PERCENT", help="of bad demonstrations")
-    parser.add_argument("--draws", type=int)
-    parser.add_argument("--first-seed", type=int, default=1000)
-    parser.add_argument("--rollouts", type=int, help="episodes each policy plays")
+    parser.add_argument("--shares", nargs="+", type=at_least(1, 99), metavar="PERCENT", help="of bad demonstrations")
+    parser.add_argument("--draws", type=at_least(1))
+    parser.add_argument("--first-seed", type=at_least(0), default=1000)
+    parser.add_argument("--rollouts", type=at_least(1), help="episodes each policy plays")
     parser.add_argument("--peers", action="store_true", help="every method of peers.py as well")
-    parser.add_argument("--peer-draws", type=int, help="draws for the peers; default all")
-    parser.add_argument("--processes", type=int, default=cores())
+    parser.add_argument("--peer-draws", type=at_least(1), help="draws for the peers; default all")
+    parser.add_argument("--processes", type=at_least(1), default=cores())
     parser.add_argument("--quick", action="store_true", help="MountainCar, corrupted and shift, half bad, one draw")
     options = parser.parse_args(arguments)
     default = (
@@ -110,7 +111,7 @@ def main(arguments: list[str] | None = None) -> int:
     asked = {"configuration": configurations[OURS], "draws": options.draws, "first_seed": options.first_seed}
     asked["provenance"] = provenance(f"{options.first_seed} to {options.first_seed + options.draws - 1}")
     found = asked | summary(rows, len(wanted))
-    (options.output / "summary.json").write_text(json.dumps(found, indent=1) + "\n")
+    write_json(options.output / "summary.json", found)
     heat_map(found["cells"], options.output / "robustness.png")
     print(table(found))
     return 0 if found["reached"] else 1

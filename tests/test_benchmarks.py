@@ -60,6 +60,7 @@ def test_smallest_paper(tmp_path, capsys, monkeypatch):
         "RM-ENT": policy,
         "length": nothing,
     }
+    monkeypatch.syspath_prepend(BENCHMARKS)
     monkeypatch.setitem(sys.modules, "peers", SimpleNamespace(METHODS=known, Task=task))
     script = runpy.run_path(str(BENCHMARKS / "paper.py"))
     path, folder = tmp_path / "paper.json", tmp_path / "paper"
@@ -234,3 +235,38 @@ def test_what_is_cut_out_of_demonstrations(monkeypatch):
         assert (np.diff(observations[:, 0]) == 1).all()
         assert low <= observations[0, 0] <= observations[-1, 0] < high
         np.testing.assert_array_equal(actions, observations[:, 0] % 3)
+
+
+@pytest.mark.parametrize(
+    ("script", "arguments", "match"),
+    [
+        ("acceptance", ["--draws", "1"], "--draws: 1 is less than 2"),
+        ("paper", ["--draws", "1"], "--draws: 1 is less than 2"),
+        ("features", ["--draws", "1"], "--draws: 1 is less than 2"),
+        ("features", ["--draws", "few"], "--draws: 'few' is no whole number"),
+        ("labels", ["--labels", "0"], "--labels: 0 is less than 1"),
+        ("calibration", ["--shares", "100"], "--shares: 100 is more than 99"),
+        ("robustness", ["--shares", "100", "--output", "x"], "--shares: 100 is more than 99"),
+        ("demonstrators", [], "say where the NPZ files are: --data DIR"),
+        ("real", ["--json", "no/real.json"], "--json: no/real.json: there is no folder no; make it first"),
+    ],
+)
+def test_bad_options_are_one_sentence(script, arguments, match, capsys, monkeypatch, tmp_path):
+    monkeypatch.syspath_prepend(BENCHMARKS)
+    monkeypatch.chdir(tmp_path)
+    main = runpy.run_path(str(BENCHMARKS / f"{script}.py"))["main"]
+    with pytest.raises(SystemExit) as end:
+        main(arguments)
+    assert end.value.code == 2
+    assert match in capsys.readouterr().err
+
+
+def test_json_is_never_half_written(tmp_path, monkeypatch):
+    monkeypatch.syspath_prepend(BENCHMARKS)
+    write_json = runpy.run_path(str(BENCHMARKS / "options.py"))["write_json"]
+    path = tmp_path / "found.json"
+    write_json(path, {"rows": [1]})
+    with pytest.raises(TypeError):
+        write_json(path, {"rows": [1, object()]})
+    assert json.loads(path.read_text()) == {"rows": [1]}
+    assert [file.name for file in tmp_path.iterdir()] == ["found.json"]

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import asdict, dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -14,7 +14,9 @@ from rpil.belief import Belief
 from rpil.demonstrators import Company, Demonstrators
 from rpil.em import Posterior, Result
 from rpil.errors import DataError
+from rpil.formats.labels import match_given
 from rpil.problem import Problem
+from rpil.recalibration import FEWEST, Recalibration
 from rpil.suggestions import suggest
 
 SURE = 0.9
@@ -161,6 +163,48 @@ class Audit:
         groups = [np.array([index[name] for name in group if name not in self.labelled]) for group in self.competing]
         first = [index[name] for name in self.to_label if name not in self.labelled]
         return tuple(self.ids[m] for m in suggest(solutions, groups, first, self.lengths, k))
+
+    def calibrated(self, labels: Mapping[Any, str]) -> Audit:
+        """The same audit with P(expert) corrected by `labels`, id to "expert" or "adversary", that `fit` did not see.
+
+        A slope and an offset of the log-odds are fitted to them, see `rpil.recalibration`; verdicts and weights follow.
+        The ranking of whoever is not labelled stays.
+
+        Raises
+        ------
+        DataError
+            Where fewer than four are labelled that were not in the fit, where groups compete, or an id or a label is
+            unknown.
+        """
+        if not self.identifiable:
+            raise DataError("Groups compete for being the expert; fit with a label for each group before calibrating.")
+        expert = match_given(labels, self.ids)
+        index = np.array([m for m in expert if self.ids[m] not in self.labelled], dtype=int)
+        if len(index) < FEWEST:
+            raise DataError(
+                f"{len(index)} labels that the fit did not see are too few to calibrate with; give {FEWEST} at least, "
+                "to calibrated() alone and not to fit()."
+            )
+        given = np.zeros(len(self.ids), dtype=np.int64)
+        given[index] = [1 if expert[m] else -1 for m in index.tolist()]
+        before = np.array([name in self.labelled for name in self.ids])
+        found = Recalibration.fit(self.log_odds[index], given[index] > 0)
+        log_odds = _with_labels(np.where(before, self.log_odds, found.log_odds(self.log_odds)), given)
+        proba = expit(log_odds)
+        old = np.repeat(self.expert_proba, self.lengths)
+        within = np.divide(self.step_weight, old, out=np.ones(len(old)), where=old > 0)
+        return replace(
+            self,
+            log_odds=log_odds,
+            expert_proba=proba,
+            verdicts=tuple(_verdict(p, contested=False) for p in proba),
+            step_weight=np.repeat(proba, self.lengths) * np.minimum(within, 1.0),
+            labelled=(*self.labelled, *(self.ids[m] for m in index.tolist())),
+            assumptions=(
+                *self.assumptions,
+                f"Calibrated on {len(index)} labels: log-odds times {found.slope:.2f}, {found.offset:+.2f}.",
+            ),
+        )
 
     def worst_steps(self, index: int, k: int = 5) -> list[int]:
         """Up to `k` steps of demonstration `index` (counted from 0 within it) that speak most against an expert."""

@@ -18,7 +18,7 @@ from rpil.demonstrators import Company, Strangers, company
 from rpil.errors import DataError
 from rpil.features import FeatureMap
 from rpil.formats.dataset import Dataset
-from rpil.formats.labels import match_labels
+from rpil.formats.labels import match_given
 from rpil.formats.table import check_ids
 from rpil.passes import Array
 from rpil.priors import ByLength, Prior, Share
@@ -199,10 +199,7 @@ def coded_like(classes: Array, n_parts: int, demonstrations: Demonstrations) -> 
 def known_labels(labels: Mapping[Any, str] | None, demonstrations: Demonstrations | Dataset) -> Array:
     """1 for known experts, -1 for known adversaries, 0 for the rest, (M,)."""
     known = np.zeros(len(demonstrations), dtype=int)
-    for name, word in (labels or {}).items():
-        if word not in ("expert", "adversary"):
-            raise DataError(f"Demonstration {name!r}: the label {word!r} is unknown; use 'expert' or 'adversary'.")
-    for m, expert in match_labels({str(k): v for k, v in (labels or {}).items()}, demonstrations.ids).items():  # type: ignore[misc]
+    for m, expert in match_given(labels or {}, demonstrations.ids).items():
         known[m] = 1 if expert else -1
     if (known < 0).all():
         raise DataError(

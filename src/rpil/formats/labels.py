@@ -66,6 +66,20 @@ def match_labels(labels: Mapping[str, Label], ids: Sequence[Any], source: str = 
     return {index[name]: label == "expert" for name, label in labels.items()}
 
 
+def match_given(labels: Mapping[Any, str], ids: Sequence[Any]) -> dict[int, bool]:
+    """`match_labels` of what a caller wrote rather than a file.
+
+    Raises
+    ------
+    DataError
+        Where a label is neither "expert" nor "adversary", or for an unknown id.
+    """
+    for name, word in labels.items():
+        if word not in ("expert", "adversary"):
+            raise DataError(f"Demonstration {name!r}: the label {word!r} is unknown; use 'expert' or 'adversary'.")
+    return match_labels({str(k): v for k, v in labels.items()}, ids)  # type: ignore[misc]
+
+
 def _csv_pairs(text: str, source: str) -> Iterable[tuple[str, Any]]:
     rows = csv.DictReader(text.splitlines(), skipinitialspace=True, strict=True)
     header = rows.fieldnames or ()
