@@ -65,8 +65,17 @@ def results(found: dict[str, Result]) -> str:
             except KeyError as error:
                 said = f"The figures of {script(name)} have no {error}; run {script(name)} of this version."
                 raise DataError(said) from None
-            parts.append(line(found[name].get("provenance")))
+            parts.append(origin(found[name]))
     return "\n\n".join(parts) + "\n"
+
+
+def origin(result: Result) -> str:
+    """Where figures come from; those of an earlier `rpil reproduce` tell their commit and versions otherwise."""
+    if "provenance" in result or "versions" not in result:
+        return line(result.get("provenance"))
+    seeds = sorted({seed for of in result["tables"] for seed in of["seeds"]})
+    versions = ", ".join(f"{name} {number}" for name, number in result["versions"].items())
+    return f"*commit {result['commit'] or 'unknown'}, seeds {seeds[0]} to {seeds[-1]}; {versions}.*"
 
 
 def script(section: str) -> str:
