@@ -1,0 +1,126 @@
+"""What docs/policies.md shows runs as it stands, and its pictures say what it says of them."""
+
+from __future__ import annotations
+
+import re
+import runpy
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import rpil
+
+DOCS = Path(__file__).parents[1] / "docs"
+TEXT = (DOCS / "policies.md").read_text(encoding="utf-8")
+SNIPPETS = re.findall(r"^```python\n(.*?)^```", TEXT, re.MULTILINE | re.DOTALL)
+
+
+@pytest.fixture(scope="module")
+def pictures():
+    import matplotlib
+
+    backend = matplotlib.get_backend()
+    yield runpy.run_path(str(DOCS / "pictures.py"))
+    matplotlib.use(backend)
+
+
+def plain() -> list[str]:
+    return [code for code in SNIPPETS if "orch" not in code and "HistGradient" not in code and "reweight" not in code]
+
+
+def test_snippets_run(pictures):
+    """Those without torch, one after another, as a reader would type them."""
+    demonstrations, good = pictures["ring_demonstrations"]()
+    names = {"RPIL": rpil.RPIL, "demonstrations": demonstrations}
+    for code in plain():
+        exec(compile(code, "docs/policies.md", "exec"), names)
+    assert len(plain()) == 3
+    assert names["audit"].verdicts == tuple("expert" if expert else "adversary" for expert in good)
+
+
+@pytest.mark.filterwarnings("ignore::sklearn.exceptions.ConvergenceWarning")  # trees change by leaps
+def test_a_snippet_with_any_estimator_runs(pictures):
+    (code,) = [code for code in SNIPPETS if "HistGradient" in code]
+    demonstrations, _ = pictures["ring_demonstrations"]()
+    fast = code.replace("sklearn.ensemble", "sklearn.tree").replace("HistGradientBoosting", "DecisionTree")
+    names = {"RPIL": rpil.RPIL, "demonstrations": demonstrations}
+    exec(compile(fast, "docs/policies.md", "exec"), names)
+    assert names["model"].predict(demonstrations.observations[:3]).shape == (3,)
+
+
+@pytest.mark.filterwarnings("ignore::sklearn.exceptions.ConvergenceWarning")  # two epochs are few
+def test_snippets_with_torch_run(pictures):
+    torch = pytest.importorskip("torch", reason="torch is not installed: pip install 'rpil[torch]'")
+    neural, loop = [code for code in SNIPPETS if "orch" in code]
+    demonstrations, _ = pictures["ring_demonstrations"]()
+    demonstrations = demonstrations.select(np.arange(8, 16))
+    names = {"demonstrations": demonstrations, "observations": demonstrations.observations}
+    small = neural.replace("hidden=(64, 64)", "hidden=(4,), epochs=2, n_folds=2")
+    exec(compile(small, "docs/policies.md", "exec"), names)
+    assert names["model"].predict(demonstrations.observations[:3]).shape == (3,)
+
+    class Net(torch.nn.Linear):
+        def __init__(self):
+            super().__init__(2, 3)
+
+    step = """    x, a, w = (torch.as_tensor(part, dtype=kind) for part, kind in
+        zip((observations, actions, weights), (torch.float32, torch.int64, torch.float32)))
+    learner.optimizer.zero_grad()
+    loss = torch.nn.functional.cross_entropy(learner.net(x), a, reduction="none")
+    (w * loss).mean().backward()
+    learner.optimizer.step()
+"""
+    start = loop.index("    ...\n")
+    loop = loop[:start] + step + loop[loop.rindex("    ...\n") + 8 :]
+
+    def distribution(learner, observations):
+        with torch.no_grad():
+            logits = learner.net(torch.as_tensor(np.asarray(observations), dtype=torch.float32))
+        return Categorical(logits)
+
+    class Categorical(torch.distributions.Categorical):
+        def __init__(self, logits):
+            super().__init__(logits=logits)
+
+        def log_prob(self, actions):
+            return super().log_prob(torch.as_tensor(np.asarray(actions)))
+
+    names |= {"torch": torch, "make_network": Net}
+    loop = loop.replace("found = reweight(", "Learner.distribution = distribution\nfound = reweight(")
+    exec(compile(loop, "docs/policies.md", "exec"), names | {"distribution": distribution})
+
+
+def test_all_adversaries_agree_whom_to_trust(pictures):
+    found, sorts = pictures["opinions"]()
+    expert = np.array(sorts) == "expert"
+    for audit in found.values():
+        assert audit.log_odds[expert].min() > audit.log_odds[~expert].max()
+        assert (audit.log_odds[~expert] < 0).all()
+    careful = {name: np.abs(audit.log_odds).mean() for name, audit in found.items()}
+    assert min(careful, key=careful.__getitem__) == "normalised complement"
+    for audit in found.values():
+        doubtful = np.argsort(np.where(expert, -np.inf, audit.log_odds))[-1]
+        assert sorts[doubtful] == "mistakes a key"
+
+
+def test_a_straight_line_finds_nobody(pictures):
+    demonstrations, good = pictures["ring_demonstrations"]()
+    for name, right in (("a straight line", 0), ('features="auto"', 20)):
+        model = pictures["RIVALS"][name]().fit(demonstrations)
+        assert pictures["told"](model, good) == f"{right} of 20 verdicts right"
+
+
+def test_reliability_is_the_share_of_right_actions(pictures):
+    demonstrations, right = pictures["partly_bad"]()
+    audit = rpil.RPIL().fit(demonstrations).audit_
+    low, high = audit.reliability_interval.T
+    assert ((low <= right) & (right <= high))[9:].all()
+    assert audit.reliability[:9].min() > 0.95
+
+
+def test_pictures_are_there_and_small():
+    named = re.findall(r"\]\((\w+\.png)\)", TEXT)
+    assert named == ["policies.png", "adversaries.png", "reliability.png"]
+    for name in named:
+        assert (DOCS / name).stat().st_size < 150_000
