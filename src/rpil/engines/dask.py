@@ -6,10 +6,12 @@ remembers how. One that is in memory is sent, and sent again by the engine shoul
 
 from __future__ import annotations
 
+import ctypes
 import itertools
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import CancelledError
+from contextlib import suppress
 from dataclasses import dataclass, field, fields, is_dataclass, replace
 from functools import cache, partial, reduce
 from operator import itemgetter
@@ -33,6 +35,10 @@ _PARTS_PER_THREAD = 2
 _SUMS_BYTES = 1 << 24
 """Bytes of sums that may come back from a pass. Those of single pieces are added here in the order in which one process
 would, so that no bit differs, but where they are too many: then workers add some up before."""
+
+_TRIM_THRESHOLD, _MMAP_THRESHOLD = -1, -3
+_KEPT_BYTES = 1 << 25
+"""What `mallopt` of the GNU C library calls them, and the most that it takes for the second."""
 
 _TRIES = 5
 """How often a part is asked for before a cluster that loses it time and again is given up."""
@@ -232,13 +238,13 @@ def _read(part: Iterable[Any]) -> Kept:
 
 def _further(kept: Kept, function: Callable[[Any], Any]) -> Kept:
     """On a worker: something of each shard, to be kept."""
-    _one_blas_thread()
+    _at_work()
     return Kept.of((function(shard) for shard in kept.shards), besides=kept.shards)
 
 
 def _results(kept: Kept, pick: tuple[Any, ...], function: Callable[[Any], Any], n_bytes: int | None) -> list[Any]:
     """On a worker: something of each shard, to be sent; sums of as many as it takes to send `n_bytes`, if given."""
-    _one_blas_thread()
+    _at_work()
     found = [_Chain((*pick, function))(shard) for shard in kept.shards]
     if n_bytes is None:
         return found
@@ -248,9 +254,16 @@ def _results(kept: Kept, pick: tuple[Any, ...], function: Callable[[Any], Any], 
 
 
 @cache
-def _one_blas_thread() -> None:
-    """A worker's threads are busy with a part each."""
+def _at_work() -> None:
+    """A worker's threads are busy with a part each, so BLAS gets one; and memory that is free stays theirs.
+
+    Dask has it handed back to the system after every array, from where NumPy's temporaries come back page by page: that
+    made passes ten times slower.
+    """
     threadpool_limits(1, "blas")
+    with suppress(OSError, AttributeError):  # another C library has other ways
+        for which in (_TRIM_THRESHOLD, _MMAP_THRESHOLD):
+            ctypes.CDLL(None).mallopt(which, _KEPT_BYTES)
 
 
 def _awaited(client: Any, future: Any) -> Any:
