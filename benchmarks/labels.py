@@ -2,11 +2,11 @@
 
     python benchmarks/labels.py --data DIR --json labels.json
 
-DIR holds NPZ files as `real.py` reads them; two small simulated data sets in which most demonstrations have their
-actions flipped or shifted come beside them. A person who is asked says expert where the truth is good and adversary
+DIR holds NPZ files as `real.py` reads them. A person who is asked says expert where the truth is good and adversary
 where it is bad, and does not know what is in between: that question is lost. Then everything is fitted again with the
-answers, and the AUROC is over the good and bad demonstrations that nobody was asked about. Which these are differs from
-method to method, so the AUROC without labels *of the same ones* stands beside it.
+answers, and there are two AUROCs of good against bad. One is over all demonstrations, those that were answered for
+where the answers put them: what the user has in the end. The other is over those that nobody was asked about. Which
+these are differs from choice to choice, so the AUROC without labels *of the same ones* stands beside it.
 
 Suggestions are made once, without labels; random ones are drawn `--draws` times, the first k of one permutation for
 every k.
@@ -37,18 +37,15 @@ from tables import table
 Array = NDArray[Any]
 Row = dict[str, Any]
 SUGGESTED, RANDOM = "suggested", "random"
-SIMULATED = {
-    "mountaincar_flip": ("MountainCar-v0", "flip", 8, 12, 1),
-    "acrobot_shift": ("Acrobot-v1", "shift", 8, 12, 2),
-}
-"""Environment, kind, how many good and bad, seed."""
+QUICK = "mountaincar_flip", ("MountainCar-v0", "flip", 8, 12, 1)
+"""Name; environment, kind, how many good and bad, seed."""
 
 
 def main(arguments: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--data", type=Path, metavar="DIR", help="where the NPZ files are")
     parser.add_argument(
-        "--sets", action="append", metavar="NAME", help="may be repeated; default all with good and bad"
+        "--sets", action="append", metavar="NAME", help="may be repeated, in that order; default all with good and bad"
     )
     parser.add_argument("--labels", type=at_least(1), nargs="+", default=[1, 3, 5], metavar="K")
     parser.add_argument("--draws", type=at_least(1), default=10)
@@ -60,12 +57,11 @@ def main(arguments: list[str] | None = None) -> int:
     if not (options.data or options.quick):
         parser.error("say where the NPZ files are: --data DIR.")
     with tempfile.TemporaryDirectory() as made:
-        kinds = list(SIMULATED)[:1] if options.quick else list(SIMULATED)
-        for name in kinds:
-            simulated(Path(made) / f"{name}.npz", *SIMULATED[name])
+        name, what = QUICK
         try:
-            paths = [] if options.quick else files(options.data)
-            paths = [path for path in (*files(Path(made)), *paths) if path.stem in (options.sets or [path.stem])]
+            if options.quick:
+                simulated(Path(made) / f"{name}.npz", *what)
+            paths = files(Path(made) if options.quick else options.data, options.sets)
             ks, draws = ((1, 3), 2) if options.quick else (options.labels, options.draws)
             result: Row = {}
             for result in measure(paths, ks, draws, options.adversary, options.seed):
@@ -74,7 +70,7 @@ def main(arguments: list[str] | None = None) -> int:
         except DataError as error:
             parser.error(str(error))
     if not result:
-        parser.error("no data set with discrete actions and both good and bad demonstrations was found.")
+        parser.error("no data set with both good and bad demonstrations was found.")
     print(text(result))
     return 0
 
@@ -91,10 +87,11 @@ def measure(paths: Iterable[Path], ks: Iterable[int], draws: int, adversary: str
     for path in paths:
         demonstrations = formats.read(path)
         known = truth(path, demonstrations)
-        if not (known.good.any() and known.bad.any() and demonstrations.is_discrete):
+        if not (known.good.any() and known.bad.any()):
             continue
         begun = time.perf_counter()
-        alone = fitted(demonstrations, adversary, {})
+        fits = {frozenset(): fitted(demonstrations, adversary, {})}
+        alone = fits[frozenset()]
         orders = {(SUGGESTED, 0): [alone.index(name) for name in alone.suggest_labels(max(ks))]}
         rng = stream(seed, path.stem)
         orders |= {(RANDOM, draw): rng.permutation(len(demonstrations)).tolist() for draw in range(draws)}
@@ -104,8 +101,11 @@ def measure(paths: Iterable[Path], ks: Iterable[int], draws: int, adversary: str
         for (how, draw), order in orders.items():
             for k in ks:
                 asked = order[:k]
-                found = fitted(demonstrations, adversary, answers(demonstrations, known, asked))
-                score = scored(found, alone, known, asked)
+                told = answers(demonstrations, known, asked)
+                same = frozenset(told.items())
+                if same not in fits:
+                    fits[same] = fitted(demonstrations, adversary, told)
+                score = scored(fits[same], alone, known, asked)
                 rows.append({"set": path.stem, "how": how, "draw": draw, "k": k, "asked": asked, **score})
         print(f"{path.stem}: {time.perf_counter() - begun:.0f} s", file=sys.stderr)
         yield {
@@ -131,18 +131,21 @@ def answers(demonstrations: Demonstrations, known: Truth, asked: list[int]) -> d
 
 
 def scored(found: Audit, alone: Audit, known: Truth, asked: list[int]) -> Row:
-    """AUROC over who was not asked about, with labels and without; wrong verdicts among them."""
+    """AUROC over all, and over who was not asked about, with labels and without; wrong verdicts among these."""
     rest = ~np.isin(np.arange(len(known.good)), asked)
     good, bad = known.good & rest, known.bad & rest
     verdicts = np.array(found.verdicts)
     wrong = int((verdicts[good] == "adversary").sum() + (verdicts[bad] == "expert").sum())
     row: Row = {"answered": int((known.good | known.bad)[asked].sum()), "wrong": wrong, "auroc": None, "without": None}
+    answered = np.where(rest, found.log_odds, np.where(known.good, np.inf, -np.inf))
+    row["all"] = auroc(answered, known.good, known.bad)
     if good.any() and bad.any():
-        row |= {
-            name: float(wins(audit.log_odds[good], audit.log_odds[bad]).mean())
-            for name, audit in (("auroc", found), ("without", alone))
-        }
+        row |= {"auroc": auroc(found.log_odds, good, bad), "without": auroc(alone.log_odds, good, bad)}
     return row
+
+
+def auroc(log_odds: Array, good: Array, bad: Array) -> float:
+    return float(wins(log_odds[good], log_odds[bad]).mean())
 
 
 def mean_over_sets(rows: list[Row], how: str, k: int) -> Row:
@@ -155,29 +158,44 @@ def mean_over_sets(rows: list[Row], how: str, k: int) -> Row:
     def mean(value: str) -> float:
         return float(np.mean([np.mean([row[value] for row in of]) for of in by_set.values()]))
 
-    variances = [np.var([row["auroc"] for row in of], ddof=1) / len(of) for of in by_set.values() if len(of) > 1]
+    def error(value: str) -> float:
+        variances = [np.var([row[value] for row in of], ddof=1) / len(of) for of in by_set.values() if len(of) > 1]
+        return float(np.sqrt(np.sum(variances)) / len(by_set))
+
     return {
         "how": how,
         "k": k,
-        "auroc": mean("auroc"),
-        "without": mean("without"),
-        "wrong": mean("wrong"),
-        "se": float(np.sqrt(np.sum(variances)) / len(by_set)),
-        "auroc_by_set": {name: float(np.mean([row["auroc"] for row in of])) for name, of in by_set.items()},
+        **{value: mean(value) for value in ("all", "auroc", "without", "wrong")},
+        "se": {value: error(value) for value in ("all", "auroc")},
+        "by_set": {
+            value: {name: float(np.mean([row[value] for row in of])) for name, of in by_set.items()}
+            for value in ("all", "auroc", "without")
+        },
     }
+
+
+MEASURES = {"all": "all, answers counted", "auroc": "who was not asked about"}
 
 
 def text(result: Row) -> str:
     """The curve as a table, a column for each data set."""
+    names, body = curve(result)
+    return table(["labels", "which", *MEASURES.values(), "the same without labels", *names], body, 2)
+
+
+def curve(result: Row) -> tuple[list[str], list[list[str]]]:
+    """Names of the data sets, and the rows of the table: means with their standard errors, then each set's AUROC of
+    all."""
     names = list(dict.fromkeys(row["set"] for row in result["rows"]))
-    none = {row["set"]: row["auroc"] for row in result["rows"] if row["how"] == "none"}
+    none = {row["set"]: row["all"] for row in result["rows"] if row["how"] == "none"}
     mean = f"{np.mean(list(none.values())):.3f}"
-    body = [["0", "", mean, mean, *(f"{none[name]:.3f}" for name in names)]]
+    body = [["0", "", mean, mean, mean, *(f"{none[name]:.3f}" for name in names)]]
     for of in result["curve"]:
-        spread = f" ± {of['se']:.3f}" if of["how"] == RANDOM else ""
-        each = (number(of["auroc_by_set"].get(name)) for name in names)
-        body.append([str(of["k"]), of["how"], f"{of['auroc']:.3f}{spread}", f"{of['without']:.3f}", *each])
-    return table(["labels", "which", "AUROC of the rest", "the same without labels", *names], body, 2)
+        spread = {value: f" ± {of['se'][value]:.3f}" if of["how"] == RANDOM else "" for value in MEASURES}
+        means = [f"{of[value]:.3f}{spread[value]}" for value in MEASURES]
+        each = (number(of["by_set"]["all"].get(name)) for name in names)
+        body.append([str(of["k"]), of["how"], *means, f"{of['without']:.3f}", *each])
+    return names, body
 
 
 def number(auroc: float | None) -> str:
@@ -186,42 +204,37 @@ def number(auroc: float | None) -> str:
 
 def markdown(result: Row) -> str:
     """The section of docs/results.md: the curve, and each data set."""
-    names = list(dict.fromkeys(row["set"] for row in result["rows"]))
+    names, body = curve(result)
     at = {(of["how"], of["k"]): of for of in result["curve"]}
-    none = {row["set"]: row["auroc"] for row in result["rows"] if row["how"] == "none"}
-    rows = [["0", f"{np.mean(list(none.values())):.3f}", "", "", "", ""]]
     lines = []
     for k in sorted({of["k"] for of in result["curve"]}):
         ours, theirs = at[SUGGESTED, k], at[RANDOM, k]
-        spread = f" ± {theirs['se']:.3f}"
-        rows.append(
-            [str(k), f"{theirs['without']:.3f}", f"{ours['auroc']:.3f}", f"{theirs['auroc']:.3f}{spread}"]
-            + [f"{of['wrong']:.1f}" for of in (ours, theirs)]
-        )
-        word = "better than" if ours["auroc"] > theirs["auroc"] else "no better than"
-        lines.append(f"{k} suggested: {word} {k} at random ({ours['auroc'] - theirs['auroc']:+.3f}).")
+        for value, meaning in MEASURES.items():
+            by, se = ours[value] - theirs[value], theirs["se"][value]
+            word = "better than" if by > se else "worse than" if by < -se else "no different from"
+            lines.append(f"{k} suggested, AUROC of {meaning}: {word} {k} at random ({by:+.3f} ± {se:.3f}).")
         lines += [
-            f"Worse on {name.replace('_', ' ')} with {k}: {mean:.3f}, at random {theirs['auroc_by_set'][name]:.3f}."
-            for name, mean in ours["auroc_by_set"].items()
-            if mean < theirs["auroc_by_set"].get(name, 0.0) - 0.0005
+            f"Worse on {name.replace('_', ' ')} with {k}: {mean:.3f}, at random {theirs['by_set']['all'][name]:.3f}."
+            for name, mean in ours["by_set"]["all"].items()
+            if mean < theirs["by_set"]["all"].get(name, 0.0) - 0.0005
         ]
-    by_set = [
-        [str(of["k"]), of["how"], *(number(of["auroc_by_set"].get(name)) for name in names)] for of in result["curve"]
-    ]
-    without = ["0", "", *(number(none[name]) for name in names)]
+        lines.append(f"Wrong verdicts on the rest with {k}: {ours['wrong']:.1f}, at random {theirs['wrong']:.1f}.")
+    headings = ["labels", "which", *MEASURES.values(), "these without labels"]
+    shown = len(headings)
     return "\n\n".join(
         [
             "## Labels",
-            f"`benchmarks/labels.py`, adversary `{result['adversary']}`: AUROC over good and bad demonstrations that "
-            f"nobody was asked about, mean over {len(names)} data sets; which labels: the first k of "
-            f"`audit.suggest_labels`, or k at random ({result['draws']} draws, ± one standard error over these). A "
-            "question about a demonstration that is neither good nor bad stays unanswered.",
+            f"`benchmarks/labels.py`, adversary `{result['adversary']}`: AUROC of good against bad demonstrations, "
+            f"mean over {len(names)} data sets. The labels are the first k of `audit.suggest_labels`, or k at random "
+            f"({result['draws']} draws, ± one standard error over these). A question about a demonstration that is "
+            "neither good nor bad stays unanswered.",
+            table(headings, [row[:shown] for row in body], 2),
+            "All demonstrations of each data set, answers counted:",
             table(
-                ["labels", "none (random's rest)", "suggested", "random", "wrong verdicts, suggested", "random"],
-                rows,
-                0,
+                ["labels", "which", *(name.replace("_", " ") for name in names)],
+                [row[:2] + row[shown:] for row in body],
+                2,
             ),
-            table(["labels", "which", *(name.replace("_", " ") for name in names)], [without, *by_set], 2),
             "\n".join(f"- {line}" for line in lines),
         ]
     )

@@ -142,6 +142,7 @@ def test_quick_labels(tmp_path, capsys, monkeypatch):
     assert set(curve) == {(how, k) for how in ("suggested", "random") for k in (1, 3)}
     assert curve["suggested", 1]["auroc"] == pytest.approx(1.0)  # most are bad, and of one mind: a label settles it
     assert curve["suggested", 1]["without"] < 0.5
+    assert curve["suggested", 1]["all"] == pytest.approx(1.0)
     assert curve["random", 3]["without"] < 0.5
     for row in result["rows"]:
         assert len(set(row["asked"])) == row["k"]

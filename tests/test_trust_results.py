@@ -16,10 +16,11 @@ def on_path(monkeypatch):
 
 def labels_result(suggested: float, random: float) -> dict:
     def of(how: str, auroc: float) -> dict:
-        found = {"how": how, "k": 3, "auroc": auroc, "without": 0.7, "wrong": 1.0, "se": 0.01}
-        return found | {"auroc_by_set": {"ring": auroc}}
+        found = {"how": how, "k": 3, "all": auroc, "auroc": 0.75, "without": 0.7, "wrong": 1.0}
+        by_set = {"all": {"ring": auroc}, "auroc": {"ring": 0.75}, "without": {"ring": 0.7}}
+        return found | {"se": {"all": 0.01, "auroc": 0.02}, "by_set": by_set}
 
-    none = {"set": "ring", "how": "none", "auroc": 0.71}
+    none = {"set": "ring", "how": "none", "all": 0.71}
     curve = [of("suggested", suggested), of("random", random)]
     return {"adversary": "auto", "draws": 10, "rows": [none], "curve": curve}
 
@@ -28,11 +29,14 @@ def test_labels():
     from results import results
 
     page = results({"labels": labels_result(0.9, 0.8)})
-    assert "3 suggested: better than 3 at random (+0.100)." in page
+    assert "3 suggested, AUROC of all, answers counted: better than 3 at random (+0.100 ± 0.010)." in page
+    assert "3 suggested, AUROC of who was not asked about: no different from 3 at random (+0.000 ± 0.020)." in page
     assert "Worse on" not in page
-    assert "| 3 | 0.700 | 0.900 | 0.800 ± 0.010 |" in page
+    assert "| 0 |  | 0.710 | 0.710 | 0.710 |" in page
+    assert "| 3 | random | 0.800 ± 0.010 | 0.750 ± 0.020 | 0.700 |" in page
+    assert "| 3 | suggested | 0.900 |" in page
     page = results({"labels": labels_result(0.8, 0.9)})
-    assert "3 suggested: no better than 3 at random (-0.100)." in page
+    assert "all, answers counted: worse than 3 at random (-0.100 ± 0.010)." in page
     assert "Worse on ring with 3: 0.800, at random 0.900." in page
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -111,8 +111,6 @@ class Audit:
         The most trusted first; nobody where it is not known who gave what.
     labelled : tuple of ids
         Demonstrations whose label was given.
-    solutions : (H, M) array
-        P(expert) in this and in other solutions that the search found, each different; see `suggest_labels`.
     """
 
     ids: tuple[Any, ...]
@@ -133,7 +131,6 @@ class Audit:
     assumptions: tuple[str, ...]
     demonstrators: tuple[Demonstrator, ...] = ()
     labelled: tuple[Any, ...] = ()
-    solutions: NDArray[np.float64] = field(default_factory=lambda: np.empty((0, 0)))
 
     @property
     def lengths(self) -> NDArray[np.int64]:
@@ -147,8 +144,8 @@ class Audit:
     def suggest_labels(self, k: int = 3) -> tuple[Any, ...]:
         """Ids of the `k` demonstrations whose labels would tell most about the others, the most telling first.
 
-        Of groups that compete one of each comes first (`to_label`); then whoever the solutions that the search found
-        disagree about, see `rpil.suggestions`. Fewer where fewer are unlabelled.
+        Of groups that compete one of each comes first (`to_label`); then those in the middle of the ranking, see
+        `rpil.suggestions`. Fewer where fewer are unlabelled.
 
         Raises
         ------
@@ -158,11 +155,8 @@ class Audit:
         if k < 1:
             raise DataError(f"k={k!r} labels cannot be suggested; ask for one at least.")
         index = {name: m for m, name in enumerate(self.ids)}
-        solutions = np.vstack([self.expert_proba, *self.solutions[1:]])
-        solutions[:, [index[name] for name in self.labelled]] = np.nan
-        groups = [np.array([index[name] for name in group if name not in self.labelled]) for group in self.competing]
-        first = [index[name] for name in self.to_label if name not in self.labelled]
-        return tuple(self.ids[m] for m in suggest(solutions, groups, first, self.lengths, k))
+        first, labelled = ([index[name] for name in names] for names in (self.to_label, self.labelled))
+        return tuple(self.ids[m] for m in suggest(self.log_odds, first, labelled, k))
 
     def calibrated(self, labels: Mapping[Any, str]) -> Audit:
         """The same audit with P(expert) corrected by `labels`, id to "expert" or "adversary", that `fit` did not see.

@@ -44,7 +44,6 @@ from rpil.problem import Problem
 from rpil.refine import refine
 from rpil.reliability import PointMasses, Reliability, TwoBetas
 from rpil.search import Setting, fit, unseen
-from rpil.suggestions import opinions
 
 Array = NDArray[Any]
 
@@ -255,7 +254,6 @@ class RPIL(PolicyEstimator):
         groups_found = competing_groups(problem, setting, result, runs, rng)
         believed = believe(seen, result.state, outputs)
         self._keep(seen, result, *believed, demonstrations, groups_found)
-        self.audit_ = replace(self.audit_, solutions=opinions(self.expert_proba_, [r.posterior.expert for r in runs]))
         weight = self.audit_.step_weight
         if weight.sum() < 1.0:  # nobody is trusted: what little is the expert's, wherever it is
             weight = result.posterior.step

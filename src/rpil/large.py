@@ -344,8 +344,7 @@ def fit_large(model: Any, data: Source, labels: Array, company: Company, engine:
     lessons = ready.then(weigh)
     on_disk = not isinstance(engine, InMemory)
     log_ratio, step_weight, total = gathered(lessons.map(_of_steps), n_steps, on_disk)
-    mine = model.audit_.expert_proba[None]
-    model.audit_ = replace(model.audit_, step_log_ratio=log_ratio, step_weight=step_weight, solutions=mine)
+    model.audit_ = replace(model.audit_, step_log_ratio=log_ratio, step_weight=step_weight)
     final_ridge, more = ridge_of(read, model.C, total, space), total / weight.sum()
 
     def prime_policy(at: Any) -> Any:

@@ -78,7 +78,6 @@ KNOWN: dict[type, dict[str, str]] = {
         "step_log_ratio": "N",
         "step_weight": "N",
         "history": "iterations",
-        "solutions": "solutions M",
     },
 }
 BY_NAME = {known.__name__: known for known in KNOWN}

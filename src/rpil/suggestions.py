@@ -1,9 +1,15 @@
 """Which labels would tell most about the other demonstrations.
 
-The search finds several solutions: who is an expert, seen from different starts. Where they agree a label tells nothing
-new; where they do not, its answer says which of them to believe, and with it what to think of everybody else. So the
-labels asked for are those whose answers share most information with the question which solution is right (Lindley 1956;
-query by committee, Seung et al. 1992), given the answers to those already asked for (BatchBALD, Kirsch et al. 2019).
+A label settles every pair that its demonstration is one of: in the right order, or in the wrong one. So those labels
+are asked for that settle most of the pairs which may be wrong. The order of an audit deserves more trust than its
+probabilities, which may be too sure, and rest on a share of experts that nobody knows. Should the order mean anything,
+and the share be any, the demonstration of rank r (0 for the least trusted, 1 for the most) is an expert's with
+probability r. Then of all demonstrations the share
+
+    r * int_r^1 (1 - s) ds + (1 - r) * int_0^r s ds = r (1 - r) / 2
+
+makes a pair with it that is in the wrong order: those in the middle are asked about. They are not those of whom the
+audit is most uncertain: where it trusts too many these are at the bottom, where most are as bad as it says.
 """
 
 from __future__ import annotations
@@ -11,88 +17,30 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.special import entr
 
 from rpil.passes import Array
 
-_DOUBT = 0.03
-"""Probability with which a label surprises a solution that is certain: none of them is quite right."""
 
-_APART = 0.5
-"""Two solutions differ where they do so by this much on some demonstration."""
-
-_MOST = 8
-"""Solutions that are told apart, and labels that are chosen together: 2^8 answers."""
-
-_OWN = 0.05
-"""What the uncertainty of a verdict counts where the solutions agree, over what is learned about the solution."""
-
-_LENGTH = 0.25
-"""Power of its length with which a demonstration counts: the longer it is, the more there is to learn from."""
+def middle(log_odds: Array) -> Array:
+    """Indices (M,), those in the middle of the order first, its ends last."""
+    order = np.argsort(log_odds, kind="stable")
+    away = np.abs(2 * np.arange(len(order)) - (len(order) - 1))
+    found: Array = order[np.argsort(away, kind="stable")]
+    return found
 
 
-def opinions(proba: Array, others: Sequence[Array]) -> Array:
-    """Those of P(expert) of each demonstration (M,) that differ, `proba` first, (H, M)."""
-    found = [proba]
-    for other in others:
-        if len(found) < _MOST and all(np.abs(other - one).max() > _APART for one in found):
-            found.append(other)
-    return np.array(found)
-
-
-def suggest(solutions: Array, groups: Sequence[Array], first: Sequence[int], lengths: Array, k: int) -> list[int]:
+def suggest(log_odds: Array, first: Sequence[int], labelled: Sequence[int], k: int) -> list[int]:
     """Up to `k` demonstrations to label, the most telling first.
 
     Parameters
     ----------
-    solutions : (H, M) array
-        P(expert), as `opinions` returns it; NaN where a demonstration is labelled already.
-    groups : sequence of int arrays
-        That compete for being the expert.
+    log_odds : (M,) array
+        Of which the order counts.
     first : sequence of int
         To be asked for before all others.
-    lengths : (M,) array
+    labelled : sequence of int
+        Not to be asked for again.
     k : int
     """
-    free = ~np.isnan(solutions[0])
-    proba = np.where(free, np.clip(solutions, _DOUBT, 1 - _DOUBT), 0.5)
-    leading = _each_an_expert(proba[0], groups)
-    rest = proba[1:]
-    proba = np.concatenate([leading, rest])
-    weight = np.append(np.full(len(leading), 1 / len(leading)), np.full(len(rest), 1 / max(len(rest), 1)))
-    joint = (weight / weight.sum())[None]  # of the answers so far and the solutions, (A, H)
-    chosen: list[int] = []
-    for asked in range(min(k, int(free.sum()))):
-        if asked < len(first):
-            best = first[asked]
-        else:
-            score = (_information(joint, proba) + _OWN * _entropy(weight @ proba / weight.sum())) * lengths**_LENGTH
-            score[~free] = -np.inf
-            best = int(np.argmax(score))
-        chosen.append(best)
-        free[best] = False
-        if asked < _MOST:
-            joint = np.concatenate([joint * proba[:, best], joint * (1 - proba[:, best])])
-    return chosen
-
-
-def _each_an_expert(proba: Array, groups: Sequence[Array]) -> Array:
-    """`proba` if nobody competes, else once for each group, (G, M), with that group as the expert and no other."""
-    out = np.tile(proba, (max(len(groups), 1), 1))
-    for row, expert in zip(out, groups, strict=False):
-        for group in groups:
-            row[group] = 1 - _DOUBT if group is expert else _DOUBT
-    return out
-
-
-def _information(joint: Array, proba: Array) -> Array:
-    """I(answer; solution | answers so far) in nats for each demonstration, (M,)."""
-    of_answers = joint.sum(axis=1)
-    expected = joint @ proba / of_answers[:, None]
-    gain: Array = of_answers @ _entropy(expected) - joint.sum(axis=0) @ _entropy(proba)
-    return gain
-
-
-def _entropy(p: Array) -> Array:
-    out: Array = entr(p) + entr(1 - p)
-    return out
+    free = np.setdiff1d(np.arange(len(log_odds)), [*labelled, *first])
+    return [*(m for m in first if m not in labelled), *free[middle(log_odds[free])].tolist()][:k]
