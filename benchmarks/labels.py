@@ -3,10 +3,10 @@
     python benchmarks/labels.py --data DIR --json labels.json
 
 DIR holds NPZ files as `real.py` reads them. A person who is asked says expert where the truth is good and adversary
-where it is bad, and does not know what is in between: that question is lost. Then everything is fitted again with the
-answers, and there are two AUROCs of good against bad. One is over all demonstrations, those that were answered for
-where the answers put them: what the user has in the end. The other is over those that nobody was asked about. Which
-these are differs from choice to choice, so the AUROC without labels *of the same ones* stands beside it.
+where it is bad, and does not know what is in between: then the next one is asked about, until there are k labels. Then
+everything is fitted again with these, and there are two AUROCs of good against bad. One is over all demonstrations,
+those that are labelled where their labels put them: what the user has in the end. The other is over those that are not.
+Which these are differs from choice to choice, so the AUROC without labels *of the same ones* stands beside it.
 
 Suggestions are made once, without labels; random ones are drawn `--draws` times, the first k of one permutation for
 every k.
@@ -92,7 +92,7 @@ def measure(paths: Iterable[Path], ks: Iterable[int], draws: int, adversary: str
         begun = time.perf_counter()
         fits = {frozenset(): fitted(demonstrations, adversary, {})}
         alone = fits[frozenset()]
-        orders = {(SUGGESTED, 0): [alone.index(name) for name in alone.suggest_labels(max(ks))]}
+        orders = {(SUGGESTED, 0): [alone.index(name) for name in alone.suggest_labels(len(demonstrations))]}
         rng = stream(seed, path.stem)
         orders |= {(RANDOM, draw): rng.permutation(len(demonstrations)).tolist() for draw in range(draws)}
         rows.append(
@@ -100,7 +100,7 @@ def measure(paths: Iterable[Path], ks: Iterable[int], draws: int, adversary: str
         )
         for (how, draw), order in orders.items():
             for k in ks:
-                asked = order[:k]
+                asked = questions(order, known, k)
                 told = answers(demonstrations, known, asked)
                 same = frozenset(told.items())
                 if same not in fits:
@@ -123,6 +123,12 @@ def fitted(demonstrations: Demonstrations, adversary: str, labels: dict[Any, str
         return RPIL(adversary=adversary).fit(demonstrations, labels=labels or None).audit_
 
 
+def questions(order: list[int], known: Truth, k: int) -> list[int]:
+    """The demonstrations that are asked about in this `order` until `k` questions are answered."""
+    answered = np.cumsum((known.good | known.bad)[order])
+    return order[: int(np.searchsorted(answered, k)) + 1]
+
+
 def answers(demonstrations: Demonstrations, known: Truth, asked: list[int]) -> dict[Any, str]:
     """What a person says of the demonstrations `asked`; nothing of those in between."""
     ids = demonstrations.ids
@@ -131,12 +137,12 @@ def answers(demonstrations: Demonstrations, known: Truth, asked: list[int]) -> d
 
 
 def scored(found: Audit, alone: Audit, known: Truth, asked: list[int]) -> Row:
-    """AUROC over all, and over who was not asked about, with labels and without; wrong verdicts among these."""
+    """AUROC over all, and over who is not labelled, with labels and without; wrong verdicts among these."""
     rest = ~np.isin(np.arange(len(known.good)), asked)
     good, bad = known.good & rest, known.bad & rest
     verdicts = np.array(found.verdicts)
     wrong = int((verdicts[good] == "adversary").sum() + (verdicts[bad] == "expert").sum())
-    row: Row = {"answered": int((known.good | known.bad)[asked].sum()), "wrong": wrong, "auroc": None, "without": None}
+    row: Row = {"questions": len(asked), "wrong": wrong, "auroc": None, "without": None}
     answered = np.where(rest, found.log_odds, np.where(known.good, np.inf, -np.inf))
     row["all"] = auroc(answered, known.good, known.bad)
     if good.any() and bad.any():
@@ -165,7 +171,7 @@ def mean_over_sets(rows: list[Row], how: str, k: int) -> Row:
     return {
         "how": how,
         "k": k,
-        **{value: mean(value) for value in ("all", "auroc", "without", "wrong")},
+        **{value: mean(value) for value in ("all", "auroc", "without", "wrong", "questions")},
         "se": {value: error(value) for value in ("all", "auroc")},
         "by_set": {
             value: {name: float(np.mean([row[value] for row in of])) for name, of in by_set.items()}
@@ -174,7 +180,7 @@ def mean_over_sets(rows: list[Row], how: str, k: int) -> Row:
     }
 
 
-MEASURES = {"all": "all, answers counted", "auroc": "who was not asked about"}
+MEASURES = {"all": "all, labels counted", "auroc": "the rest"}
 
 
 def text(result: Row) -> str:
@@ -218,7 +224,10 @@ def markdown(result: Row) -> str:
             for name, mean in ours["by_set"]["all"].items()
             if mean < theirs["by_set"]["all"].get(name, 0.0) - 0.0005
         ]
-        lines.append(f"Wrong verdicts on the rest with {k}: {ours['wrong']:.1f}, at random {theirs['wrong']:.1f}.")
+        lines.append(
+            f"Wrong verdicts on the rest with {k}: {ours['wrong']:.1f}, at random {theirs['wrong']:.1f}; questions "
+            f"until so many were answered: {ours['questions']:.1f}, at random {theirs['questions']:.1f}."
+        )
     headings = ["labels", "which", *MEASURES.values(), "these without labels"]
     shown = len(headings)
     return "\n\n".join(
@@ -227,9 +236,9 @@ def markdown(result: Row) -> str:
             f"`benchmarks/labels.py`, adversary `{result['adversary']}`: AUROC of good against bad demonstrations, "
             f"mean over {len(names)} data sets. The labels are the first k of `audit.suggest_labels`, or k at random "
             f"({result['draws']} draws, ± one standard error over these). A question about a demonstration that is "
-            "neither good nor bad stays unanswered.",
+            "neither good nor bad stays unanswered, and the next one is asked.",
             table(headings, [row[:shown] for row in body], 2),
-            "All demonstrations of each data set, answers counted:",
+            "AUROC of all demonstrations of each data set, labels counted:",
             table(
                 ["labels", "which", *(name.replace("_", " ") for name in names)],
                 [row[:2] + row[shown:] for row in body],

@@ -145,7 +145,10 @@ def test_quick_labels(tmp_path, capsys, monkeypatch):
     assert curve["suggested", 1]["all"] == pytest.approx(1.0)
     assert curve["random", 3]["without"] < 0.5
     for row in result["rows"]:
-        assert len(set(row["asked"])) == row["k"]
+        assert len(set(row["asked"])) == row["k"] == row["questions"]
+    known = script["Truth"](np.array([True, False, False, True]), np.array([False, False, True, False]), np.zeros(4))
+    assert script["questions"]([1, 2, 0, 3], known, 2) == [1, 2, 0]  # nobody knows of 1
+    assert script["questions"]([3, 1, 0, 2], known, 9) == [3, 1, 0, 2]
     assert "mountaincar_flip" in capsys.readouterr().out
 
 

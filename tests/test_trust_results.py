@@ -16,7 +16,7 @@ def on_path(monkeypatch):
 
 def labels_result(suggested: float, random: float) -> dict:
     def of(how: str, auroc: float) -> dict:
-        found = {"how": how, "k": 3, "all": auroc, "auroc": 0.75, "without": 0.7, "wrong": 1.0}
+        found = {"how": how, "k": 3, "all": auroc, "auroc": 0.75, "without": 0.7, "wrong": 1.0, "questions": 4.0}
         by_set = {"all": {"ring": auroc}, "auroc": {"ring": 0.75}, "without": {"ring": 0.7}}
         return found | {"se": {"all": 0.01, "auroc": 0.02}, "by_set": by_set}
 
@@ -29,14 +29,14 @@ def test_labels():
     from results import results
 
     page = results({"labels": labels_result(0.9, 0.8)})
-    assert "3 suggested, AUROC of all, answers counted: better than 3 at random (+0.100 ± 0.010)." in page
-    assert "3 suggested, AUROC of who was not asked about: no different from 3 at random (+0.000 ± 0.020)." in page
+    assert "3 suggested, AUROC of all, labels counted: better than 3 at random (+0.100 ± 0.010)." in page
+    assert "3 suggested, AUROC of the rest: no different from 3 at random (+0.000 ± 0.020)." in page
     assert "Worse on" not in page
     assert "| 0 |  | 0.710 | 0.710 | 0.710 |" in page
     assert "| 3 | random | 0.800 ± 0.010 | 0.750 ± 0.020 | 0.700 |" in page
     assert "| 3 | suggested | 0.900 |" in page
     page = results({"labels": labels_result(0.8, 0.9)})
-    assert "all, answers counted: worse than 3 at random (-0.100 ± 0.010)." in page
+    assert "all, labels counted: worse than 3 at random (-0.100 ± 0.010)." in page
     assert "Worse on ring with 3: 0.800, at random 0.900." in page
 
 
