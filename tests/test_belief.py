@@ -88,6 +88,23 @@ def test_where_all_are_alike_nobody_is_accused_but_a_stranger_is():
     assert (belief.log_odds(by_node, stranger.lengths) < 0).mean() > 0.9
 
 
+def test_strict_evidence_says_whether_there_are_two_groups_and_not_who_is_in_which():
+    problem, result = fitted("random", 0)
+    outputs = result.posterior.outputs
+    belief, log_odds = believe(problem, result.state, outputs)
+    assert belief.alike < 1e-3
+    same, as_before = believe(problem, result.state, outputs, outputs)
+    assert same.alike == pytest.approx(belief.alike)
+    np.testing.assert_allclose(as_before, log_odds)
+    nothing = np.full_like(outputs, -np.log(outputs.shape[1]))  # of what nobody can tell
+    unsure, doubted = believe(problem, result.state, outputs, nothing)
+    assert unsure.alike > 0.3
+    np.testing.assert_array_equal(unsure.weight, belief.weight)
+    np.testing.assert_array_equal(np.argsort(doubted), np.argsort(log_odds))
+    assert (log_odds < -5).any()
+    assert (doubted > -3).all()  # nobody is called an adversary, nor hardly one
+
+
 @pytest.mark.parametrize("r", [0.0, 0.6])
 def test_power_is_the_effective_share_of_steps(r):
     """Of log-ratios made by a first-order autoregression, whatever the means of the demonstrations."""
