@@ -31,24 +31,24 @@ def brute_force(problem, result, belief: Belief) -> tuple[np.ndarray, np.ndarray
     by_node = belief.power * evidence(problem, result.state, result.posterior.outputs)
     alternatives = result.state.reliability.alternatives
     shift, log_share = belief.prior.alternatives(problem.lengths)
+    each = logsumexp(by_node[:, None] + alternatives.log_weight, axis=2)  # (M, T)
+    of_pair = np.stack([each[:, rows] for rows in alternatives.pairs.T])  # (2, M, Q)
     log_z, log_each = [], []
     for s, prior in zip(shift, log_share, strict=True):
         log_odds = belief.prior.log_odds(problem.lengths) + s
         log_p = np.stack([-np.logaddexp(0, -log_odds), -np.logaddexp(0, log_odds)])
-        for (e, a), pair_prior in zip(alternatives.pairs, alternatives.log_prior, strict=True):
-            weights = alternatives.log_weight[[e, a]]
-            joint = log_p + logsumexp(by_node[None] + weights[:, None], axis=2)
-            counted = joint.copy()
-            counted[1, problem.labels > 0] = counted[0, problem.labels < 0] = -np.inf
-            log_z.append(logsumexp(counted, axis=0).sum() + prior + pair_prior)
-            log_each.append(joint - logsumexp(joint, axis=0))
+        joint = log_p[:, :, None] + of_pair
+        counted = joint.copy()
+        counted[1, problem.labels > 0] = counted[0, problem.labels < 0] = -np.inf
+        log_z.append(logsumexp(counted, axis=0).sum(axis=0) + prior + alternatives.log_prior)
+        log_each.append(joint - logsumexp(joint, axis=0))
     weight = np.exp(np.array(log_z) - logsumexp(log_z))
-    two = np.einsum("q,qgm->gm", weight, np.exp(log_each))
+    two = np.einsum("pq,pgmq->gm", weight, np.exp(log_each))
     log_two = logsumexp(log_z) - logsumexp(log_share) - logsumexp(alternatives.log_prior)
-    each = [logsumexp(by_node + row, axis=1).sum() for row in alternatives.log_weight]
-    alike = expit(logsumexp(each) - np.log(len(each)) - log_two) if not (problem.labels < 0).any() else 0.0
+    one = each.sum(axis=0)
+    alike = expit(logsumexp(one) - np.log(len(one)) - log_two) if not (problem.labels < 0).any() else 0.0
     proba = alike * np.array([[1.0], [0.0]]) + (1 - alike) * two
-    return np.log(proba[0]) - np.log(proba[1]), weight.reshape(len(shift), -1).sum(axis=1), alike
+    return np.log(proba[0]) - np.log(proba[1]), weight.sum(axis=1), alike
 
 
 @pytest.mark.parametrize("labels", [None, [1, -1] + [0] * 10])
