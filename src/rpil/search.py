@@ -354,16 +354,18 @@ def unseen(problem: Problem, setting: Setting, result: Result) -> Array:
 def untold(problem: Problem, setting: Setting, result: Result) -> Array:
     """Outputs, (N, ...), of policies that know nothing of a demonstration, not even by hearsay.
 
-    What adversaries meant to do teaches the policy too, and that is guessed by one which has seen everybody. Where most
-    are adversaries these guesses outweigh what experts did, and `unseen` hardly forgets: so it finds that
-    demonstrations which are alike by chance predict each other. Here only whole demonstrations teach, as far as they
-    are trusted, and from the beginning.
+    What adversaries meant to do teaches the policy too, and so do those of their steps that might be the expert's; both
+    are guessed by a policy which has seen everybody. Where most are adversaries these guesses outweigh what experts
+    did, and `unseen` hardly forgets: so it finds that demonstrations which are alike by chance predict each other. Here
+    only the trusted teach, as far as they are trusted, and from the beginning.
     """
     outputs = np.array(result.posterior.outputs)
     for fold, steps in _dealt(problem):
         trust = result.posterior.expert.copy()
         trust[fold] = 0.0
-        outputs[steps] = _taught(problem, setting, trust)[1][steps]
+        teaches = problem.spread(trust) * result.posterior.step
+        _, learned = setting.policy.learn(problem, teaches, tol=1e-3, max_iter=20, max_cg=20)
+        outputs[steps] = learned[steps]
     return outputs
 
 
