@@ -84,7 +84,13 @@ ROWS = {
         {"steps": 50_000, "features": 8, "actions": 3},
         {"G": 1.5},
     ),
-    "H": Row("rollouts over the bare loop", speed_systems.rollouts, {"episodes": 100}, {"episodes": 2}, {"H": 0.6}),
+    "H": Row(
+        "rollouts over the bare loop",
+        speed_systems.rollouts,
+        {"episodes": 100, "environments": 3},
+        {"episodes": 2, "environments": 1},
+        {"H": 0.6},
+    ),
     "I": Row("RPIL() over the configuration of A", speed_fits.automatic, _LARGE, _SMALL, {"I": 4.0}),
     "J": Row(
         "import rpil over import numpy; rpil --help",

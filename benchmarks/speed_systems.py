@@ -133,7 +133,8 @@ def rollouts(size: dict[str, int], repeats: int) -> Measured:
 
     Every process plays both in turns, so that its core serves both alike. The worst policy and environment counts.
     """
-    names = [(env_id, features) for env_id in ENVIRONMENTS for features in ("raw", "spline")]
+    played = ENVIRONMENTS[: size["environments"]]
+    names = [(env_id, features) for env_id in played for features in ("raw", "spline")]
     jobs = [(*name, size["episodes"], repeats + 2, seed) for name in names for seed in range(PROCESSES)]
     found = list(in_processes(play_both_ways, jobs, PROCESSES))
     ratios, details = {}, {}

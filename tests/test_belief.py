@@ -31,24 +31,24 @@ def brute_force(problem, result, belief: Belief) -> tuple[np.ndarray, np.ndarray
     by_node = belief.power * evidence(problem, result.state, result.posterior.outputs)
     alternatives = result.state.reliability.alternatives
     shift, log_share = belief.prior.alternatives(problem.lengths)
+    each = logsumexp(by_node[:, None] + alternatives.log_weight, axis=2)  # (M, T)
+    of_pair = np.stack([each[:, rows] for rows in alternatives.pairs.T])  # (2, M, Q)
     log_z, log_each = [], []
     for s, prior in zip(shift, log_share, strict=True):
         log_odds = belief.prior.log_odds(problem.lengths) + s
         log_p = np.stack([-np.logaddexp(0, -log_odds), -np.logaddexp(0, log_odds)])
-        for (e, a), pair_prior in zip(alternatives.pairs, alternatives.log_prior, strict=True):
-            weights = alternatives.log_weight[[e, a]]
-            joint = log_p + logsumexp(by_node[None] + weights[:, None], axis=2)
-            counted = joint.copy()
-            counted[1, problem.labels > 0] = counted[0, problem.labels < 0] = -np.inf
-            log_z.append(logsumexp(counted, axis=0).sum() + prior + pair_prior)
-            log_each.append(joint - logsumexp(joint, axis=0))
+        joint = log_p[:, :, None] + of_pair
+        counted = joint.copy()
+        counted[1, problem.labels > 0] = counted[0, problem.labels < 0] = -np.inf
+        log_z.append(logsumexp(counted, axis=0).sum(axis=0) + prior + alternatives.log_prior)
+        log_each.append(joint - logsumexp(joint, axis=0))
     weight = np.exp(np.array(log_z) - logsumexp(log_z))
-    two = np.einsum("q,qgm->gm", weight, np.exp(log_each))
+    two = np.einsum("pq,pgmq->gm", weight, np.exp(log_each))
     log_two = logsumexp(log_z) - logsumexp(log_share) - logsumexp(alternatives.log_prior)
-    each = [logsumexp(by_node + row, axis=1).sum() for row in alternatives.log_weight]
-    alike = expit(logsumexp(each) - np.log(len(each)) - log_two) if not (problem.labels < 0).any() else 0.0
+    one = each.sum(axis=0)
+    alike = expit(logsumexp(one) - np.log(len(one)) - log_two) if not (problem.labels < 0).any() else 0.0
     proba = alike * np.array([[1.0], [0.0]]) + (1 - alike) * two
-    return np.log(proba[0]) - np.log(proba[1]), weight.reshape(len(shift), -1).sum(axis=1), alike
+    return np.log(proba[0]) - np.log(proba[1]), weight.sum(axis=1), alike
 
 
 @pytest.mark.parametrize("labels", [None, [1, -1] + [0] * 10])
@@ -86,6 +86,23 @@ def test_where_all_are_alike_nobody_is_accused_but_a_stranger_is():
     stranger = make("random", 5, n_good=2, n_bad=20).problem().select(np.arange(2, 22))
     by_node = evidence(stranger, result.state, result.state.policy.outputs(stranger.features))
     assert (belief.log_odds(by_node, stranger.lengths) < 0).mean() > 0.9
+
+
+def test_strict_evidence_says_whether_there_are_two_groups_and_not_who_is_in_which():
+    problem, result = fitted("random", 0)
+    outputs = result.posterior.outputs
+    belief, log_odds = believe(problem, result.state, outputs)
+    assert belief.alike < 1e-3
+    same, as_before = believe(problem, result.state, outputs, outputs)
+    assert same.alike == pytest.approx(belief.alike)
+    np.testing.assert_allclose(as_before, log_odds)
+    nothing = np.full_like(outputs, -np.log(outputs.shape[1]))  # of what nobody can tell
+    unsure, doubted = believe(problem, result.state, outputs, nothing)
+    assert unsure.alike > 0.3
+    np.testing.assert_array_equal(unsure.weight, belief.weight)
+    np.testing.assert_array_equal(np.argsort(doubted), np.argsort(log_odds))
+    assert (log_odds < -5).any()
+    assert (doubted > -3).all()  # nobody is called an adversary, nor hardly one
 
 
 @pytest.mark.parametrize("r", [0.0, 0.6])

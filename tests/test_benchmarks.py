@@ -108,6 +108,14 @@ def test_quick_calibration(tmp_path, capsys, monkeypatch):
     assert "Expected calibration error over" in capsys.readouterr().out
 
 
+@pytest.mark.parametrize(("env", "seed"), [("Acrobot-v1", 800), ("LunarLander-v3", 803)])
+def test_who_is_alike_by_chance_accuses_nobody(env, seed, monkeypatch):
+    """Of these demonstrations of random actions a few predict each other rather well, if asked by hearsay."""
+    monkeypatch.syspath_prepend(BENCHMARKS)
+    without_signal = runpy.run_path(str(BENCHMARKS / "calibration.py"))["without_signal"]
+    assert without_signal(env, "all random", seed)["accused"] == 0
+
+
 def test_expected_calibration_error(monkeypatch):
     """Right on average in every bin is calibrated; sure and wrong is not."""
     monkeypatch.syspath_prepend(BENCHMARKS)

@@ -338,7 +338,7 @@ def test_memory_does_not_grow_with_the_data(tmp_path):
     for n_steps in (250_000, 1_000_000):
         path = tmp_path / f"{n_steps}.parquet"
         rng = np.random.default_rng(0)
-        x = rng.normal(size=(n_steps, 40)).astype(np.float32)
+        x = rng.standard_normal((n_steps, 40), dtype=np.float32)
         episode = np.arange(n_steps) // 500
         best = (x @ rng.normal(size=(40, 3)).astype(np.float32)).argmax(axis=1)
         columns = {"episode_index": episode, "action": np.where(episode % 3 == 0, rng.integers(3, size=n_steps), best)}

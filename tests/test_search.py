@@ -15,7 +15,7 @@ from rpil.policies import SoftmaxPolicy
 from rpil.priors import Share
 from rpil.problem import Problem
 from rpil.reliability import PointMasses, TwoBetas
-from rpil.search import Setting, _folds, _temperatures, _with_adversary, fit, held_out, search, starts
+from rpil.search import Setting, _folds, _temperatures, _with_adversary, fit, held_out, search, starts, unseen, untold
 
 STEPS = (40, 60)
 
@@ -156,6 +156,44 @@ def test_held_out_likelihood_is_a_little_below_that_of_the_fit():
     score = held_out(problem, setting, result, _folds(problem, 3, np.random.default_rng(0)))
     fitted = result.posterior.log_evidence.sum()
     assert 2 * fitted < score < fitted - 10
+
+
+@pytest.mark.parametrize("which", ["confusion", "normalised complement"])
+def test_the_untold_know_nothing_of_a_held_out_demonstration(which):
+    """Of twenty of random actions two are called experts: neither tells what the other does, but hearsay does."""
+    gained: dict[str, list[float]] = {"unseen": [], "untold": []}
+    for seed in range(6):
+        problem = make("random", seed, n_good=0, n_bad=20, steps=(100, 100)).problem()
+        problem = replace(problem, labels=np.repeat([1, -1], [2, 18]))
+        setting = setting_for(problem)
+        start = pooled_state(problem, which, TwoBetas.start())
+        result = run(problem, start, max_iter=20)
+        pair = problem.spread(problem.labels) > 0
+        for learned in (unseen, untold):
+            outputs = learned(problem, setting, result)[pair]
+            log_pi = np.take_along_axis(outputs, problem.actions[pair, None], axis=1)
+            gained[learned.__name__].append(float(log_pi.sum()) + pair.sum() * np.log(3))
+    assert np.mean(gained["untold"]) < 0.0
+    assert np.mean(gained["unseen"]) > np.mean(gained["untold"]) + 2.0
+
+
+def test_the_untold_learn_from_the_trusted_alone():
+    """Whatever demonstrations do that nobody trusts, and whatever the policy was before."""
+    toy = make("random", 0)
+    problem = toy.problem()
+    setting = setting_for(problem)
+    result = search(problem, setting, "uniform", np.random.default_rng(0))[0]
+    trust = np.where(toy.is_good, 1.0, 0.0)
+    joint = np.zeros_like(result.posterior.joint)
+    joint[:, 0, -1], joint[:, 1, 0] = trust, 1.0 - trust
+    result = replace(result, posterior=replace(result.posterior, joint=joint))
+    found = untold(problem, setting, result)
+    bad = problem.spread(~toy.is_good)
+    other = replace(problem, actions=np.where(bad, (problem.actions + 1) % 3, problem.actions))
+    zero = replace(result.state, policy=setting.policy)
+    np.testing.assert_array_equal(untold(other, setting, replace(result, state=zero)), found)
+    changed = replace(problem, actions=np.where(bad, problem.actions, (problem.actions + 1) % 3))
+    assert np.abs(untold(changed, setting, result) - found).max() > 1.0
 
 
 def test_another_adversary_starts_from_what_the_last_one_found():

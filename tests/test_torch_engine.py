@@ -26,10 +26,15 @@ torch = pytest.importorskip("torch", reason="torch is not installed: pip install
 
 from rpil.tensors import Device  # noqa: E402
 
-NO_CUDA = pytest.mark.skipif(not torch.cuda.is_available(), reason="there is no CUDA device here")
-DEVICES = ["cpu", pytest.param("cuda", marks=NO_CUDA)]
+DEVICES = ["cpu", "cuda"] if torch.cuda.is_available() else ["cpu"]
 ADVERSARIES = ["constant", "uniform", "marginal", "complement", "normalised complement", "confusion"]
 ZOO = zoo()
+
+
+def test_on_a_gpu():
+    if not torch.cuda.is_available():
+        pytest.skip("there is no CUDA device here: every test of this file ran on the CPU alone")
+    assert "cuda" in DEVICES
 
 
 def problem_of(name, single=True):

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from scipy.special import expit, log_expit, logit
 
-from rpil.demonstrators import Demonstrators, intervals
+from rpil.demonstrators import STRANGERS, Demonstrators, intervals
 from rpil.em import State, evidence_by_reliability
 from rpil.passes import Array, logsumexp
 from rpil.priors import Prior
@@ -124,7 +124,7 @@ def resemblance(problem: Problem, log_ratio: Array) -> tuple[float, float]:
     return float(x[1:] @ (x[:-1] * together[1:])), float(x @ x)
 
 
-def believe(problem: Problem, state: State, outputs: Array) -> tuple[Belief, Array]:
+def believe(problem: Problem, state: State, outputs: Array, strict: Array | None = None) -> tuple[Belief, Array]:
     """The belief after a fit, and the log-odds (M,) under it, labels not counted.
 
     Parameters
@@ -133,15 +133,22 @@ def believe(problem: Problem, state: State, outputs: Array) -> tuple[Belief, Arr
         The data and where EM ended.
     outputs : (N, ...) array
         What policies that did not see a demonstration say of its steps.
+    strict : (N, ...) array, optional
+        The same of policies that know nothing of it by hearsay either, see `rpil.search.untold`: by these it is judged
+        whether there are two groups at all.
     """
     log_ratio = state.policy.log_prob(outputs, problem.actions)
     log_ratio = log_ratio - state.adversary.log_prob(problem.features, outputs, problem.actions)
     tempering = power(*resemblance(problem, log_ratio))
-    return sum_out(problem, state, evidence(problem, state, outputs), tempering)
+    against_one = None if strict is None else evidence(problem, state, strict)
+    return sum_out(problem, state, evidence(problem, state, outputs), tempering, against_one)
 
 
-def sum_out(problem: Problem, state: State, by_node: Array, tempering: float) -> tuple[Belief, Array]:
-    """`believe`, given the evidence of every demonstration at each reliability, (M, J), and its power.
+def sum_out(
+    problem: Problem, state: State, by_node: Array, tempering: float, strict: Array | None = None
+) -> tuple[Belief, Array]:
+    """`believe`, given the evidence of every demonstration at each reliability, (M, J), its power, and, should that be
+    another, the evidence (M, J) by which two groups are compared with one.
 
     How trust depends on the length is fitted once more, by EM with everything else summed out. Of `problem` only the
     demonstrations count, not their steps.
@@ -168,6 +175,9 @@ def sum_out(problem: Problem, state: State, by_node: Array, tempering: float) ->
         prior = prior.fit(np.where(labels == 0, proba, labels > 0), lengths)
         if np.ptp(prior.log_odds(lengths) - offset) < _STEADY:
             break
+    if strict is not None:
+        apart, _ = sum_out(replace(problem, company=STRANGERS), state, strict, tempering)
+        belief = replace(belief, alike=apart.alike)
     if isinstance(problem.company, Demonstrators):
         belief, log_expert, log_adversary = _in_company(problem.company, labels, ratio, offset, belief)
     else:

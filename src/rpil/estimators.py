@@ -43,7 +43,7 @@ from rpil.policies.estimator import estimator_policy
 from rpil.problem import Problem
 from rpil.refine import refine
 from rpil.reliability import PointMasses, Reliability, TwoBetas
-from rpil.search import Setting, fit, unseen
+from rpil.search import Setting, cross_fitted, fit
 
 Array = NDArray[Any]
 
@@ -242,17 +242,17 @@ class RPIL(PolicyEstimator):
         features, lengths = self._search_map(demonstrations), demonstrations.lengths
         problem, setting = self._pose(features, demonstrations, codes, known, lengths, company)
         result, runs = self._search(demonstrations, problem, setting, lengths, rng)
-        read: FeatureMap | Untouched = features
-        seen, outputs = problem, unseen(problem, setting, result)
-        if self.policy is not None:
-            read = Untouched()
+        read: FeatureMap | Untouched = features if self.policy is None else Untouched()
+        if self.policy is None:
+            seen, outputs = problem, cross_fitted(problem, setting, result)
+        else:
             seen = replace(problem, features=read.design(demonstrations.observations))
             start = estimator_policy(self.policy, self.space_, len(codes))
             result = refine(seen, setting, start, result, progress)
-            outputs = result.posterior.outputs
+            outputs = result.posterior.outputs, result.posterior.outputs  # cross-fitted, and nothing is told
         progress("competing groups")
         groups_found = competing_groups(problem, setting, result, runs, rng)
-        believed = believe(seen, result.state, outputs)
+        believed = believe(seen, result.state, *outputs)
         self._keep(seen, result, *believed, demonstrations, groups_found)
         weight = self.audit_.step_weight
         if weight.sum() < 1.0:  # nobody is trusted: what little is the expert's, wherever it is

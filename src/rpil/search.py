@@ -6,7 +6,7 @@ adversary is right is decided by the likelihood of demonstrations that were held
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -346,11 +346,43 @@ def unseen(problem: Problem, setting: Setting, result: Result) -> Array:
     Demonstrations are dealt out by length, so that folds are alike, and do not depend on their order.
     """
     outputs = np.array(result.posterior.outputs)
-    order = np.argsort(problem.lengths, kind="stable")
-    for fold in (np.sort(order[k::_N_FOLDS]) for k in range(min(_N_FOLDS, len(order)))):
-        steps = problem.spread(np.isin(np.arange(problem.n_demonstrations), fold))
+    for fold, steps in _dealt(problem):
         outputs[steps] = _without(problem, setting, result, fold).policy.outputs(problem.features[steps])
     return outputs
+
+
+def untold(problem: Problem, setting: Setting, result: Result) -> Array:
+    """Outputs, (N, ...), of policies that know nothing of a demonstration, not even by hearsay.
+
+    What adversaries meant to do teaches the policy too, and so do those of their steps that might be the expert's; both
+    are guessed by a policy which has seen everybody. Where most are adversaries these guesses outweigh what experts
+    did, and `unseen` hardly forgets: so it finds that demonstrations which are alike by chance predict each other. Here
+    only the trusted teach, as far as they are trusted, and from the beginning.
+    """
+    outputs = np.array(result.posterior.outputs)
+    for fold, steps in _dealt(problem):
+        trust = result.posterior.expert.copy()
+        trust[fold] = 0.0
+        teaches = problem.spread(trust) * result.posterior.step
+        _, learned = setting.policy.learn(problem, teaches, tol=1e-3, max_iter=20, max_cg=20)
+        outputs[steps] = learned[steps]
+    return outputs
+
+
+def cross_fitted(problem: Problem, setting: Setting, result: Result) -> tuple[Array, Array]:
+    """Outputs of the `unseen` and of the `untold`; where adversaries teach nothing there is nothing to be told."""
+    outputs = unseen(problem, setting, result)
+    lesson = result.state.adversary.intended(result.posterior.outputs[:1], problem.actions[:1])
+    teaches = setting.mode == "joint" and lesson is not None
+    return outputs, untold(problem, setting, result) if teaches else outputs
+
+
+def _dealt(problem: Problem) -> Iterator[tuple[Array, Array]]:
+    """Demonstrations to predict together, and which steps are theirs, (N,) bool."""
+    order = np.argsort(problem.lengths, kind="stable")
+    for k in range(min(_N_FOLDS, len(order))):
+        fold = np.sort(order[k::_N_FOLDS])
+        yield fold, problem.spread(np.isin(np.arange(problem.n_demonstrations), fold))
 
 
 def _without(problem: Problem, setting: Setting, result: Result, fold: Array) -> State:
