@@ -36,9 +36,6 @@ _ASKED = 30
 _JUDGED_STEPS = 10_000
 """Demonstrations that may become a start, and steps of others by which they are compared."""
 
-_COMPARED = 3
-"""Solutions of which the experts' agreement is compared."""
-
 _N_FOLDS = 5
 _SHORT = 6
 """EM iterations after which starts are compared."""
@@ -100,19 +97,20 @@ def fit(
         if not best.state.adversary.symmetric:
             return _continue(problem, setting, best), runs
         hinted = [_from(problem, setting, best.state.adversary, hint) for hint in hints]
-        return _who_agrees(problem, setting, [*runs[:_COMPARED], *hinted], rng), runs
+        return _who_agrees(problem, setting, [*runs, *hinted], rng), runs
     seeds = dict(zip(candidates, rng.spawn(len(candidates)), strict=True))
 
     def try_one(candidate: str | Adversary) -> Result:
         progress(f"adversary: {candidate}")
         new = adversary(candidate, problem.space, setting.policy)
         start = _with_adversary(problem, best, new)
-        found = _run(problem, setting, start, best.posterior.outputs, setting.max_iter)
+        limit = 3 * _SHORT if new.symmetric else setting.max_iter
+        found = _run(problem, setting, start, best.posterior.outputs, limit)
         if not new.symmetric:
             return found
         own = search(problem, setting, candidate, seeds[candidate])
         hinted = [_from(problem, setting, new, hint) for hint in hints]
-        return _who_agrees(problem, setting, [found, *own[: _COMPARED - 1], *hinted], seeds[candidate])
+        return _who_agrees(problem, setting, [found, *own, *hinted], seeds[candidate])
 
     results = in_parallel(try_one, candidates, problem.features)
     progress("comparing adversaries")
@@ -128,7 +126,7 @@ def _who_agrees(problem: Problem, setting: Setting, runs: Sequence[Result], rng:
     For an adversary with a policy of its own expert and adversary are alike, and any group that is easy to describe
     apart from the others makes a likely solution. Experts are those who agree with one another, on much.
     """
-    tried = [_continue(problem, setting, result) for result in runs]
+    tried = list({tuple(of.posterior.expert > 0.5): of for of in reversed(runs)}.values())
     tried += [_from(problem, setting, of.state.adversary, 1.0 - of.posterior.expert) for of in tried]
 
     def rank(result: Result) -> tuple[int, float]:
@@ -137,15 +135,15 @@ def _who_agrees(problem: Problem, setting: Setting, runs: Sequence[Result], rng:
         return -against, agreement(problem, setting.policy, experts, np.random.default_rng(seed))
 
     seed = int(rng.integers(2**32))  # the same folds for the same group
-    return max(tried, key=rank)
+    return _continue(problem, setting, max(tried, key=rank))
 
 
 def _from(problem: Problem, setting: Setting, like: Adversary, expert: Array) -> Result:
-    """EM from P(expert), (M,), with an adversary such as `like`, who has a policy of its own."""
+    """A few iterations of EM from P(expert), (M,), with an adversary such as `like`, who has a policy of its own."""
     policy, outputs = _taught(problem, setting, expert)
     other, _ = _taught(problem, setting, 1.0 - expert)
     anew = State(policy, like.with_policy(other), setting.prior, setting.reliability)
-    return _run(problem, setting, anew, outputs, setting.max_iter)
+    return _run(problem, setting, anew, outputs, 3 * _SHORT)
 
 
 def _in_runs(

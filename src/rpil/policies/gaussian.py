@@ -6,6 +6,11 @@ A density is unbounded, so that under a Gaussian one step far off would condemn 
 such steps happen. Student's distribution is a Gaussian whose precision is Gamma-distributed, so its M-step is weighted
 least squares, repeated (Lange, Little and Taylor 1989), in which nu is chosen by the likelihood itself (ECME, Liu and
 Rubin 1994). All of it needs X^T W X, X^T W A and A^T W A only.
+
+A box ends somewhere. Who pushes as hard as it allows may have meant more, so that a mean beyond the bound is as good as
+one on it: errors at a bound count on one side only, as in censored regression (Tobin 1958). The M-step puts what was
+meant, as far as the policy knows, in the place of what the box let through, which never lowers the likelihood of each
+part alone; should it, through what errors of different parts have in common, the policy stays as it was.
 """
 
 from __future__ import annotations
@@ -46,6 +51,8 @@ class StudentPolicy:
         Penalty on the squares of each feature's coefficients, in units of Sigma; 0 for the constant.
     least : (A,) array
         What is added to the sums of squares of each dimension, as its root.
+    low, high : (A,) arrays
+        Actions that are as far as the box allows, or further; infinite where the box does not matter.
     """
 
     weights: Array
@@ -53,15 +60,24 @@ class StudentPolicy:
     freedom: float
     ridge: Array
     least: Array
+    low: Array
+    high: Array
 
     @classmethod
     def zero(cls, box: Box, ridge: Array, n_steps: float) -> StudentPolicy:
         """The middle of the box, and very unsure of it; to be fitted to steps with a weight of `n_steps` together."""
         width = box.high - box.low
-        least = _LEAST_SPREAD * width * np.sqrt(n_steps)
+        edge = _LEAST_SPREAD * width
         weights = np.zeros((len(ridge), len(width)))
         weights[-1] = 0.5 * (box.low + box.high)
-        return cls(weights, np.diag(width / np.sqrt(12.0)), _START_FREEDOM, ridge, least)
+        spread = np.diag(width / np.sqrt(12.0))
+        return cls(weights, spread, _START_FREEDOM, ridge, edge * np.sqrt(n_steps), box.low + edge, box.high - edge)
+
+    @classmethod
+    def of_errors(cls, box: Box, n_steps: float) -> StudentPolicy:
+        """Of what somebody else's means leave over: from one constant feature, without bounds."""
+        nowhere = np.full(len(box.low), np.inf)
+        return replace(cls.zero(box, np.zeros(1), n_steps), low=-nowhere, high=nowhere)
 
     def outputs(self, features: Array) -> Array:
         """The means, (N, A)."""
@@ -69,7 +85,7 @@ class StudentPolicy:
 
     def log_prob(self, outputs: Array, actions: Array) -> Array:
         """log pi(a_n|s_n), a density, (N,)."""
-        return self._log_density(self._distance(actions - outputs), self.freedom)
+        return self._log_density(self._distance(self._errors(outputs, actions)), self.freedom)
 
     def learn(
         self,
@@ -89,9 +105,12 @@ class StudentPolicy:
             return policy, outputs
         objective = weight @ policy.log_prob(outputs, actions) - policy.penalty()
         for _ in range(max_iter):
-            policy, outputs = policy._improved(features, actions, outputs, weight)
-            before, objective = objective, weight @ policy.log_prob(outputs, actions) - policy.penalty()
-            if objective - before <= tol * total:
+            better, said = policy._improved(features, actions, outputs, weight)
+            gain = weight @ better.log_prob(said, actions) - better.penalty() - objective
+            if gain < 0.0:
+                break
+            policy, outputs, objective = better, said, objective + gain
+            if gain <= tol * total:
                 break
         return policy, outputs
 
@@ -125,7 +144,7 @@ class StudentPolicy:
 
     def statistics(self, problem: Problem, outputs: Array, weight: Array, lesson: Array | None = None) -> Sums:
         """X^T W X, X^T W R and R^T W R for the residuals R, the likelihood of every nu, and the sum of the weights."""
-        residual = problem.actions - outputs
+        residual = self._errors(outputs, problem.actions)
         distance = self._distance(residual)
         trust = weight * (self.freedom + residual.shape[1]) / (self.freedom + distance)
         likelihood = np.array([weight @ self._log_density(distance, freedom) for freedom in _FREEDOM])
@@ -170,16 +189,24 @@ class StudentPolicy:
 
     def _improved(self, features: Array, actions: Array, outputs: Array, weight: Array) -> tuple[StudentPolicy, Array]:
         dimension = actions.shape[1]
-        trust = weight * (self.freedom + dimension) / (self.freedom + self._distance(actions - outputs))
-        moments, cross = _moments(features, actions, trust)
+        errors = self._errors(outputs, actions)
+        trust = weight * (self.freedom + dimension) / (self.freedom + self._distance(errors))
+        moments, cross = _moments(features, outputs + errors, trust)
         weights = _solve(moments + np.diag(self.ridge), cross)
         outputs = linear(features, weights)
-        residual = actions - outputs
+        residual = self._errors(outputs, actions)
         scatter = (residual.T * trust) @ residual + (weights.T * self.ridge) @ weights + np.diag(self.least**2)
         policy = replace(self, weights=weights, cholesky=np.linalg.cholesky(scatter / weight.sum()))
         distance = policy._distance(residual)
         likelihood = [weight @ policy._log_density(distance, freedom) for freedom in _FREEDOM]
         return replace(policy, freedom=float(_FREEDOM[int(np.argmax(likelihood))])), outputs
+
+    def _errors(self, outputs: Array, actions: Array) -> Array:
+        """What means fall short of, (N, A): nothing beyond a bound that the action has reached."""
+        errors = actions - outputs
+        np.maximum(errors, 0.0, out=errors, where=actions >= self.high)
+        np.minimum(errors, 0.0, out=errors, where=actions <= self.low)
+        return errors
 
     def _distance(self, residual: Array) -> Array:
         """Squared Mahalanobis distances of rows, (N, A) -> (N,)."""
