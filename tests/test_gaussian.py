@@ -86,7 +86,9 @@ def test_it_integrates_to_one_in_two_dimensions():
     assert total == pytest.approx(1.0, abs=1e-3)
 
 
-@pytest.mark.parametrize(("action", "mean", "error"), [(1.0, 3.0, 0.0), (1.0, 0.4, 0.6), (-1.0, -7.0, 0.0), (0.2, 3, 2.8)])
+@pytest.mark.parametrize(
+    ("action", "mean", "error"), [(1.0, 3.0, 0.0), (1.0, 0.4, 0.6), (-1.0, -7.0, 0.0), (0.2, 3, 2.8)]
+)
 def test_a_mean_beyond_the_bound_is_as_good_as_one_on_it(action, mean, error):
     policy = StudentPolicy.zero(Box(np.array([-1.0]), np.array([1.0])), np.zeros(3), 1.0)
     free = replace(policy, low=np.array([-np.inf]), high=np.array([np.inf]))
