@@ -20,7 +20,7 @@ ORDER = [
     "errors", "_arrays", "files", "demonstrations", "formats",
     "passes", "spaces", "demonstrators", "problem", "parallel", "splines", "features", "solvers", "engines",
     "policies", "adversaries", "priors", "reliability",
-    "chains", "em", "agreement", "search", "refine", "belief", "identify", "suggestions",
+    "chains", "em", "agreement", "search", "crossfit", "refine", "belief", "identify", "suggestions",
     "recalibration", "audit",
     "polish", "inputs", "selection", "large", "tensors", "cloning", "assumptions", "estimators", "rment", "reweighting",
     "schema", "persistence", "checkpoints",

@@ -6,6 +6,7 @@ import json
 import re
 import warnings
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -74,6 +75,17 @@ def test_the_objective_never_falls_with_weights_chains_and_splines(which):
             state = replace(pooled_state(problem, which, LEVELS["both"]()), stickiness=stickiness)
             history = run(problem, state, max_iter=12, tol=0.0).history
             assert np.diff(history).min() >= -1e-9 * np.abs(history).max()
+
+
+def test_where_nobody_else_has_been_nobody_is_condemned():
+    """Two of twelve experts spend half of their time far away, each elsewhere, and do something else there: what the
+    other ones do says nothing of that."""
+    toy = make_continuous("random", 0, n_good=12, n_bad=24, steps=STEPS)
+    for where, (start, stop) in zip((8.0, -8.0), pairwise(toy.offsets[:3]), strict=True):
+        away = slice(start, (start + stop) // 2)
+        toy.observations[away] += where
+        toy.actions[away] = toy.space.low + 0.3 * (toy.space.high - toy.space.low)
+    assert right(RPIL().fit(toy.demonstrations), toy)
 
 
 def test_one_step_far_off_does_not_condemn_a_demonstration():

@@ -128,3 +128,30 @@ def test_single_precision_is_as_good_as_double(kind, far, order):
     np.testing.assert_allclose(single, double, rtol=1e-6, atol=1e-6)
     np.testing.assert_allclose(single[5000:5003], features.design(observations[5000:5003], single=True), atol=1e-6)
     assert single.flags.f_contiguous == (order == "F")
+
+
+def test_landmarks_stand_where_there_is_something_to_see():
+    """Nine steps in ten stand still; of landmarks that were drawn evenly, nine in ten would be there."""
+    rng = np.random.default_rng(0)
+    still, moving = 0.01 * rng.normal(size=(900, 2)), 3.0 * rng.normal(size=(100, 2))
+    fitted = FeatureMap.fit("nystroem", np.concatenate([still, moving]), n_landmarks=30)
+    z = fitted.landmarks[:, :2] * fitted.spread + fitted.location
+    assert len(z) == 30
+    assert (np.abs(z).max(axis=1) < 0.1).sum() <= 5
+
+
+def test_no_more_landmarks_than_tell_anything():
+    places = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 5.0]])
+    fitted = FeatureMap.fit("nystroem", np.repeat(places, 200, axis=0))
+    assert len(fitted.landmarks) == 3
+    assert np.abs(fitted.design(places)).max() < 10.0
+
+
+def test_features_of_landmarks_have_the_kernel_for_their_products():
+    observations = np.random.default_rng(0).normal(size=(40, 2))
+    fitted = FeatureMap.fit("nystroem", observations)
+    columns = fitted.design(observations)[:, 4:-1] * fitted.scale[4:] + fitted.center[4:]
+    z = (observations - fitted.location) / fitted.spread
+    folded = np.hstack([z, np.abs(z)])
+    kernel = np.exp(-0.1 / 4 * ((folded[:, None] - folded[None]) ** 2).sum(axis=2))
+    np.testing.assert_allclose(columns @ columns.T, kernel, atol=1e-4)

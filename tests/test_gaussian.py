@@ -24,9 +24,20 @@ def some_policy(n_parts: int, freedom: float = 3.0, seed: int = 0) -> StudentPol
     rng = np.random.default_rng(seed)
     scale = rng.normal(size=(n_parts, n_parts))
     cholesky = np.linalg.cholesky(scale @ scale.T + 0.3 * np.eye(n_parts))
+    weights, nowhere = rng.normal(size=(3, n_parts)), np.full(n_parts, np.inf)
     return StudentPolicy(
-        rng.normal(size=(3, n_parts)), cholesky, freedom, np.array([0.3, 0.2, 0.0]), np.full(n_parts, 0.1)
+        weights, cholesky, freedom, np.array([0.3, 0.2, 0.0]), np.full(n_parts, 0.1), -nowhere, nowhere
     )
+
+
+def saturated(n: int, noise: float, seed: int = 0) -> tuple[Problem, NDArray]:
+    """A linear controller who asks for more than the box allows in most steps, and what it would ask for."""
+    rng = np.random.default_rng(seed)
+    features, _ = some_steps(n, 2, seed)
+    wanted = features @ np.array([[2.0, 1.0], [-3.0, 0.5], [0.5, -0.3]])
+    errors = rng.normal(size=(n, 2)) @ np.array([[noise, 0.8 * noise], [0.0, 0.6 * noise]])
+    box = Box(-np.ones(2), np.ones(2))
+    return Problem.of_steps(features, box.bounded(wanted + errors), box), wanted
 
 
 def some_steps(n: int, n_parts: int, seed: int = 1) -> tuple[NDArray, NDArray]:
@@ -75,6 +86,16 @@ def test_it_integrates_to_one_in_two_dimensions():
     assert total == pytest.approx(1.0, abs=1e-3)
 
 
+@pytest.mark.parametrize(
+    ("action", "mean", "error"), [(1.0, 3.0, 0.2), (1.0, 0.4, 0.6), (-1.0, -7.0, 0.6), (0.2, 3, 2.8)]
+)
+def test_a_mean_beyond_the_bound_is_nearly_as_good_as_one_on_it(action, mean, error):
+    policy = StudentPolicy.zero(Box(np.array([-1.0]), np.array([1.0])), np.zeros(3), 1.0)
+    free = replace(policy, low=np.array([-np.inf]), high=np.array([np.inf]))
+    found = policy.log_prob(np.array([[mean]]), np.array([[action]]))
+    np.testing.assert_allclose(found, free.log_prob(np.array([[0.0]]), np.array([[error]])))
+
+
 def test_before_it_has_seen_data_it_is_in_the_middle_and_as_unsure_as_anything_in_the_box():
     box = Box(np.array([-1.0, 0.0]), np.array([3.0, 1.0]))
     policy = StudentPolicy.zero(box, np.zeros(3), 100)
@@ -100,6 +121,31 @@ def test_no_step_of_learning_lowers_the_objective(name):
         assert np.diff(history).min() >= -1e-9 * np.abs(history).max()
         assert history[-1] > history[0]
         assert policy.freedom in _FREEDOM
+
+
+@pytest.mark.parametrize("noise", [0.02, 0.3, 2.0])
+def test_no_step_lowers_the_objective_where_actions_are_at_the_bounds(noise):
+    problem, _ = saturated(400, noise)
+    weight = np.random.default_rng(0).random(400)
+    policy = zero(problem)
+    history = [objective(policy, problem, weight)]
+    for _ in range(40):
+        policy, _ = policy.learn(problem, weight, max_iter=1)
+        history.append(objective(policy, problem, weight))
+    assert np.diff(history).min() >= -1e-9 * np.abs(history).max()
+    assert np.diff(history).max() > 1.0
+
+
+def test_it_finds_a_controller_that_the_box_cuts_short():
+    problem, wanted = saturated(2000, 0.02)
+    assert (np.abs(problem.actions) == 1.0).mean() > 0.5
+    policy, outputs = zero(problem).learn(problem, np.ones(2000), tol=1e-9, max_iter=500)
+    within = np.abs(wanted) < 1.0
+    nowhere = np.full(2, np.inf)
+    _, said = replace(policy, low=-nowhere, high=nowhere).learn(problem, np.ones(2000), tol=1e-9, max_iter=500)
+    errors = [np.abs(problem.space.bounded(mean) - problem.actions)[within].mean() for mean in (outputs, said)]
+    assert errors[0] < 0.07
+    assert errors[1] > 3 * errors[0]
 
 
 def test_it_ends_where_no_direction_is_better():

@@ -10,12 +10,13 @@ import pytest
 from problems import Toy, make, pooled_state, ridge, zoo
 from rpil import parallel
 from rpil.adversaries import AUTO, Marginal, Uniform
+from rpil.crossfit import unseen, untold
 from rpil.em import MStep, e_step, run
 from rpil.policies import SoftmaxPolicy
 from rpil.priors import Share
 from rpil.problem import Problem
 from rpil.reliability import PointMasses, TwoBetas
-from rpil.search import Setting, _folds, _temperatures, _with_adversary, fit, held_out, search, starts, unseen, untold
+from rpil.search import Setting, _folds, _temperatures, _with_adversary, fit, held_out, search, starts
 
 STEPS = (40, 60)
 

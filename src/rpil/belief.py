@@ -134,8 +134,8 @@ def believe(problem: Problem, state: State, outputs: Array, strict: Array | None
     outputs : (N, ...) array
         What policies that did not see a demonstration say of its steps.
     strict : (N, ...) array, optional
-        The same of policies that know nothing of it by hearsay either, see `rpil.search.untold`: by these it is judged
-        whether there are two groups at all.
+        The same of policies that know nothing of it by hearsay either, see `rpil.crossfit.untold`: by these it is
+        judged whether there are two groups at all.
     """
     log_ratio = state.policy.log_prob(outputs, problem.actions)
     log_ratio = log_ratio - state.adversary.log_prob(problem.features, outputs, problem.actions)

@@ -18,6 +18,7 @@ from rpil.assumptions import assumptions
 from rpil.audit import Audit, summarise
 from rpil.belief import Belief, believe, evidence
 from rpil.cloning import PolicyEstimator
+from rpil.crossfit import cross_fitted
 from rpil.demonstrations import Demonstrations
 from rpil.demonstrators import STRANGERS, Company
 from rpil.em import Result, State
@@ -43,7 +44,7 @@ from rpil.policies.estimator import estimator_policy
 from rpil.problem import Problem
 from rpil.refine import refine
 from rpil.reliability import PointMasses, Reliability, TwoBetas
-from rpil.search import Setting, cross_fitted, fit
+from rpil.search import Setting, fit
 
 Array = NDArray[Any]
 

@@ -42,7 +42,7 @@ KNOWN: dict[type, dict[str, str]] = {
         "mixing": "R R",
     },
     SoftmaxPolicy: {"weights": "F+1 K", "ridge": "F+1"},
-    StudentPolicy: {"weights": "F+1 A", "cholesky": "A A", "ridge": "F+1", "least": "A"},
+    StudentPolicy: {"weights": "F+1 A", "cholesky": "A A", "ridge": "F+1", "least": "A", "low": "A", "high": "A"},
     Discrete: {},
     Box: {"low": "A", "high": "A"},
     State: {},

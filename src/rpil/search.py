@@ -6,7 +6,7 @@ adversary is right is decided by the likelihood of demonstrations that were held
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -36,10 +36,6 @@ _ASKED = 30
 _JUDGED_STEPS = 10_000
 """Demonstrations that may become a start, and steps of others by which they are compared."""
 
-_COMPARED = 3
-"""Solutions of which the experts' agreement is compared."""
-
-_N_FOLDS = 5
 _SHORT = 6
 """EM iterations after which starts are compared."""
 
@@ -100,19 +96,20 @@ def fit(
         if not best.state.adversary.symmetric:
             return _continue(problem, setting, best), runs
         hinted = [_from(problem, setting, best.state.adversary, hint) for hint in hints]
-        return _who_agrees(problem, setting, [*runs[:_COMPARED], *hinted], rng), runs
+        return _who_agrees(problem, setting, [*runs, *hinted], rng), runs
     seeds = dict(zip(candidates, rng.spawn(len(candidates)), strict=True))
 
     def try_one(candidate: str | Adversary) -> Result:
         progress(f"adversary: {candidate}")
         new = adversary(candidate, problem.space, setting.policy)
         start = _with_adversary(problem, best, new)
-        found = _run(problem, setting, start, best.posterior.outputs, setting.max_iter)
+        limit = 3 * _SHORT if new.symmetric else setting.max_iter
+        found = _run(problem, setting, start, best.posterior.outputs, limit)
         if not new.symmetric:
             return found
         own = search(problem, setting, candidate, seeds[candidate])
         hinted = [_from(problem, setting, new, hint) for hint in hints]
-        return _who_agrees(problem, setting, [found, *own[: _COMPARED - 1], *hinted], seeds[candidate])
+        return _who_agrees(problem, setting, [found, *own, *hinted], seeds[candidate])
 
     results = in_parallel(try_one, candidates, problem.features)
     progress("comparing adversaries")
@@ -128,7 +125,7 @@ def _who_agrees(problem: Problem, setting: Setting, runs: Sequence[Result], rng:
     For an adversary with a policy of its own expert and adversary are alike, and any group that is easy to describe
     apart from the others makes a likely solution. Experts are those who agree with one another, on much.
     """
-    tried = [_continue(problem, setting, result) for result in runs]
+    tried = list({tuple(of.posterior.expert > 0.5): of for of in reversed(runs)}.values())
     tried += [_from(problem, setting, of.state.adversary, 1.0 - of.posterior.expert) for of in tried]
 
     def rank(result: Result) -> tuple[int, float]:
@@ -137,15 +134,15 @@ def _who_agrees(problem: Problem, setting: Setting, runs: Sequence[Result], rng:
         return -against, agreement(problem, setting.policy, experts, np.random.default_rng(seed))
 
     seed = int(rng.integers(2**32))  # the same folds for the same group
-    return max(tried, key=rank)
+    return _continue(problem, setting, max(tried, key=rank))
 
 
 def _from(problem: Problem, setting: Setting, like: Adversary, expert: Array) -> Result:
-    """EM from P(expert), (M,), with an adversary such as `like`, who has a policy of its own."""
+    """A few iterations of EM from P(expert), (M,), with an adversary such as `like`, who has a policy of its own."""
     policy, outputs = _taught(problem, setting, expert)
     other, _ = _taught(problem, setting, 1.0 - expert)
     anew = State(policy, like.with_policy(other), setting.prior, setting.reliability)
-    return _run(problem, setting, anew, outputs, setting.max_iter)
+    return _run(problem, setting, anew, outputs, 3 * _SHORT)
 
 
 def _in_runs(
@@ -335,59 +332,18 @@ def held_out(problem: Problem, setting: Setting, result: Result, folds: Sequence
     total = 0.0
     for fold in folds:
         test = problem.select(fold, unlabelled=True)
-        state = _without(problem, setting, result, fold)
+        state = without(problem, setting, result, fold)
         total += float(e_step(test, state, state.policy.outputs(test.features)).log_evidence.sum())
     return total
 
 
-def unseen(problem: Problem, setting: Setting, result: Result) -> Array:
-    """Outputs, (N, ...), of policies that are fitted as `result`'s but to the other folds of demonstrations.
-
-    Demonstrations are dealt out by length, so that folds are alike, and do not depend on their order.
-    """
-    outputs = np.array(result.posterior.outputs)
-    for fold, steps in _dealt(problem):
-        outputs[steps] = _without(problem, setting, result, fold).policy.outputs(problem.features[steps])
-    return outputs
-
-
-def untold(problem: Problem, setting: Setting, result: Result) -> Array:
-    """Outputs, (N, ...), of policies that know nothing of a demonstration, not even by hearsay.
-
-    What adversaries meant to do teaches the policy too, and so do those of their steps that might be the expert's; both
-    are guessed by a policy which has seen everybody. Where most are adversaries these guesses outweigh what experts
-    did, and `unseen` hardly forgets: so it finds that demonstrations which are alike by chance predict each other. Here
-    only the trusted teach, as far as they are trusted, and from the beginning.
-    """
-    outputs = np.array(result.posterior.outputs)
-    for fold, steps in _dealt(problem):
-        trust = result.posterior.expert.copy()
-        trust[fold] = 0.0
-        teaches = problem.spread(trust) * result.posterior.step
-        _, learned = setting.policy.learn(problem, teaches, tol=1e-3, max_iter=20, max_cg=20)
-        outputs[steps] = learned[steps]
-    return outputs
-
-
-def cross_fitted(problem: Problem, setting: Setting, result: Result) -> tuple[Array, Array]:
-    """Outputs of the `unseen` and of the `untold`; where adversaries teach nothing there is nothing to be told."""
-    outputs = unseen(problem, setting, result)
-    lesson = result.state.adversary.intended(result.posterior.outputs[:1], problem.actions[:1])
-    teaches = setting.mode == "joint" and lesson is not None
-    return outputs, untold(problem, setting, result) if teaches else outputs
-
-
-def _dealt(problem: Problem) -> Iterator[tuple[Array, Array]]:
-    """Demonstrations to predict together, and which steps are theirs, (N,) bool."""
-    order = np.argsort(problem.lengths, kind="stable")
-    for k in range(min(_N_FOLDS, len(order))):
-        fold = np.sort(order[k::_N_FOLDS])
-        yield fold, problem.spread(np.isin(np.arange(problem.n_demonstrations), fold))
-
-
-def _without(problem: Problem, setting: Setting, result: Result, fold: Array) -> State:
+def without(problem: Problem, setting: Setting, result: Result, fold: Array) -> State:
     """The state of `result` once it has forgotten the demonstrations of `fold`."""
-    train = problem.select(np.setdiff1d(np.arange(problem.n_demonstrations), fold))
+    return taught_by(problem.select(np.setdiff1d(np.arange(problem.n_demonstrations), fold)), setting, result)
+
+
+def taught_by(train: Problem, setting: Setting, result: Result) -> State:
+    """The state of `result` once it knows what `train` holds, and no more."""
     state = result.state
     posterior = e_step(train, state, state.policy.outputs(train.features))
     state, outputs = m_step(train, state, posterior, setting.mode, max_iter=4, max_cg=20)

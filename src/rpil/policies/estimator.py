@@ -198,7 +198,7 @@ def estimator_policy(estimator: Any, space: Space, n_steps: int) -> Policy:
     if isinstance(space, Box):
         if len(space.low) > 1 and not get_tags(estimator).target_tags.multi_output:
             estimator = MultiOutputRegressor(estimator)
-        return RegressorPolicy(estimator, StudentPolicy.zero(space, np.zeros(1), n_steps))
+        return RegressorPolicy(estimator, StudentPolicy.of_errors(space, n_steps))
     if not hasattr(estimator, "predict_proba"):
         raise DataError(
             f"The policy {name} has no predict_proba; give one that has, or wrap it in scikit-learn's "

@@ -5,7 +5,12 @@
 A density is unbounded, so that under a Gaussian one step far off would condemn a demonstration: the tails say that
 such steps happen. Student's distribution is a Gaussian whose precision is Gamma-distributed, so its M-step is weighted
 least squares, repeated (Lange, Little and Taylor 1989), in which nu is chosen by the likelihood itself (ECME, Liu and
-Rubin 1994). All of it needs X^T W X, X^T W A and A^T W A only.
+Rubin 1994). All of it needs sums over steps only.
+
+A box ends somewhere. Who pushes as hard as it allows may have meant more, so that a mean beyond the bound is nearly as
+good as one on it: errors at a bound count on one side, as in censored regression (Tobin 1958), and on the other for a
+tenth. Steps beyond say next to nothing then, so that every part of an action has least squares of its own: a Newton
+step for a function with such kinks, shortened where it leads too far.
 """
 
 from __future__ import annotations
@@ -29,6 +34,12 @@ as at the bounds of the box, would else be infinitely likely, and nothing but th
 
 _START_FREEDOM = 5.0
 
+_BEYOND = 0.1
+"""What counts of an error beyond a bound, so that no mean runs away from what was done."""
+
+_HALVINGS = 12
+"""Times that a step is shortened before it is given up."""
+
 
 @dataclass(frozen=True, eq=False)
 class StudentPolicy:
@@ -46,6 +57,8 @@ class StudentPolicy:
         Penalty on the squares of each feature's coefficients, in units of Sigma; 0 for the constant.
     least : (A,) array
         What is added to the sums of squares of each dimension, as its root.
+    low, high : (A,) arrays
+        Actions that are as far as the box allows, or further; infinite where the box does not matter.
     """
 
     weights: Array
@@ -53,15 +66,24 @@ class StudentPolicy:
     freedom: float
     ridge: Array
     least: Array
+    low: Array
+    high: Array
 
     @classmethod
     def zero(cls, box: Box, ridge: Array, n_steps: float) -> StudentPolicy:
         """The middle of the box, and very unsure of it; to be fitted to steps with a weight of `n_steps` together."""
         width = box.high - box.low
-        least = _LEAST_SPREAD * width * np.sqrt(n_steps)
+        edge = _LEAST_SPREAD * width
         weights = np.zeros((len(ridge), len(width)))
         weights[-1] = 0.5 * (box.low + box.high)
-        return cls(weights, np.diag(width / np.sqrt(12.0)), _START_FREEDOM, ridge, least)
+        spread = np.diag(width / np.sqrt(12.0))
+        return cls(weights, spread, _START_FREEDOM, ridge, edge * np.sqrt(n_steps), box.low + edge, box.high - edge)
+
+    @classmethod
+    def of_errors(cls, box: Box, n_steps: float) -> StudentPolicy:
+        """Of what somebody else's means leave over: from one constant feature, without bounds."""
+        nowhere = np.full(len(box.low), np.inf)
+        return replace(cls.zero(box, np.zeros(1), n_steps), low=-nowhere, high=nowhere)
 
     def outputs(self, features: Array) -> Array:
         """The means, (N, A)."""
@@ -69,7 +91,7 @@ class StudentPolicy:
 
     def log_prob(self, outputs: Array, actions: Array) -> Array:
         """log pi(a_n|s_n), a density, (N,)."""
-        return self._log_density(self._distance(actions - outputs), self.freedom)
+        return self._log_density(self._distance(self._errors(outputs, actions)[0]), self.freedom)
 
     def learn(
         self,
@@ -124,13 +146,14 @@ class StudentPolicy:
         return replace(self, weights=other.weights, cholesky=other.cholesky, freedom=other.freedom)
 
     def statistics(self, problem: Problem, outputs: Array, weight: Array, lesson: Array | None = None) -> Sums:
-        """X^T W X, X^T W R and R^T W R for the residuals R, the likelihood of every nu, and the sum of the weights."""
-        residual = problem.actions - outputs
-        distance = self._distance(residual)
-        trust = weight * (self.freedom + residual.shape[1]) / (self.freedom + distance)
+        """X^T W X of every part and the slope, see `_least_squares`, R^T W R for the errors R, the likelihood of every
+        nu, the sum of the weights, and how many errors count for less."""
+        errors, counts = self._errors(outputs, problem.actions)
+        distance = self._distance(errors)
+        trust = self._trust(distance, weight)
         likelihood = np.array([weight @ self._log_density(distance, freedom) for freedom in _FREEDOM])
-        moments = _moments(problem.features, residual, trust)
-        return (*moments, (residual.T * trust) @ residual, likelihood, weight.sum())
+        sums = _least_squares(problem.features, errors, counts, trust, self._precision)
+        return (*sums, (errors.T * trust) @ errors, likelihood, weight.sum(), (counts < 1.0).sum())
 
     def unseen(self, problem: Problem, outputs: Array, weight: Array, lesson: Array | None = None) -> Array:
         """The outputs as they are: so few coefficients remember no demonstration among so many."""
@@ -142,26 +165,30 @@ class StudentPolicy:
         return self.log_prob(outputs, problem.actions), self.statistics(problem, outputs, weight)
 
     def improved(self, statistics: Sums, radius: float = np.inf) -> StudentPolicy:
-        """One step of weighted least squares; nu is the best for what was there before it, unless `radius` is finite:
-        the rest cannot go down."""
-        moments, cross, scatter, likelihood, total = statistics
+        """One step of weighted least squares, no entry longer than `radius`; nu is the best for what was there before,
+        unless `radius` is finite: the rest cannot go down while no action is at a bound."""
+        moments, slope, scatter, likelihood, total, beyond = statistics
         if not total > 0.0:
             return self
-        step = _solve(moments + np.diag(self.ridge), cross - self.ridge[:, None] * self.weights)
+        step = self._step(moments, slope, beyond > 0)
+        step *= min(1.0, radius / max(np.abs(step).max(), 1e-300))
         weights = self.weights + step
-        scatter = scatter - step.T @ cross - cross.T @ step + step.T @ moments @ step
-        scatter += (weights.T * self.ridge) @ weights + np.diag(self.least**2)
+        if not beyond:  # else the spread follows, a step later
+            cross = slope @ self.cholesky @ self.cholesky.T
+            scatter = scatter - step.T @ cross - cross.T @ step + step.T @ moments[0] @ step
+        scatter = scatter + (weights.T * self.ridge) @ weights + np.diag(self.least**2)
         freedom = float(_FREEDOM[int(np.argmax(likelihood))]) if radius == np.inf else self.freedom
         return replace(self, weights=weights, cholesky=np.linalg.cholesky(scatter / total), freedom=freedom)
 
     def slope(self, statistics: Sums) -> float:
         """Largest entry of the gradient of the penalised log-likelihood, in units of the spread; or what a better
         Sigma or nu would gain, in nats, where that is more."""
-        _, cross, scatter, likelihood, total = statistics
+        _, slope, scatter, likelihood, total, _ = statistics
         if not total > 0.0:
             return 0.0
         spread = np.sqrt((self.cholesky**2).sum(axis=1))
-        steepest = np.abs((cross - self.ridge[:, None] * self.weights) / spread).max()
+        covariance = self.cholesky @ self.cholesky.T
+        steepest = np.abs((slope @ covariance - self.ridge[:, None] * self.weights) / spread).max()
         scatter = scatter + (self.weights.T * self.ridge) @ self.weights + np.diag(self.least**2)
         half = solve_triangular(self.cholesky, scatter, lower=True)
         excess = solve_triangular(self.cholesky, half.T, lower=True) / total - np.eye(len(scatter))
@@ -169,17 +196,55 @@ class StudentPolicy:
         return float(max(steepest, 0.25 * total * (excess**2).sum(), surer))
 
     def _improved(self, features: Array, actions: Array, outputs: Array, weight: Array) -> tuple[StudentPolicy, Array]:
-        dimension = actions.shape[1]
-        trust = weight * (self.freedom + dimension) / (self.freedom + self._distance(actions - outputs))
-        moments, cross = _moments(features, actions, trust)
-        weights = _solve(moments + np.diag(self.ridge), cross)
-        outputs = linear(features, weights)
-        residual = actions - outputs
-        scatter = (residual.T * trust) @ residual + (weights.T * self.ridge) @ weights + np.diag(self.least**2)
+        errors, counts = self._errors(outputs, actions)
+        trust = self._trust(self._distance(errors), weight)
+        moments, slope = _least_squares(features, errors, counts, trust, self._precision)
+        step = self._step(moments, slope, kinked := bool((counts < 1.0).any()))
+        said = linear(features, step)
+        length = self._length(step, said, actions, outputs, weight) if kinked else 1.0
+        weights, outputs = self.weights + length * step, outputs + length * said
+        errors, _ = self._errors(outputs, actions)
+        scatter = (errors.T * trust) @ errors + (weights.T * self.ridge) @ weights + np.diag(self.least**2)
         policy = replace(self, weights=weights, cholesky=np.linalg.cholesky(scatter / weight.sum()))
-        distance = policy._distance(residual)
+        distance = policy._distance(errors)
         likelihood = [weight @ policy._log_density(distance, freedom) for freedom in _FREEDOM]
         return replace(policy, freedom=float(_FREEDOM[int(np.argmax(likelihood))])), outputs
+
+    def _step(self, moments: Array, slope: Array, kinked: bool) -> Array:
+        """Newton's, with the Hessian of every part alone where some errors count for less, and else of all together."""
+        ridge, precision = np.diag(self.ridge), self._precision
+        slope = slope - (self.ridge[:, None] * self.weights) @ precision
+        if not kinked:
+            return _solve(moments[0] + ridge, slope @ self.cholesky @ self.cholesky.T)
+        parts = zip(moments, slope.T, np.diag(precision), strict=True)
+        return np.column_stack([_solve(of + ridge, towards / sure) for of, towards, sure in parts])
+
+    def _length(self, step: Array, said: Array, actions: Array, outputs: Array, weight: Array) -> float:
+        """Of a step, which changes what is `said`, so that the objective does not fall: outputs move on a line."""
+
+        def value(length: float) -> float:
+            moved = replace(self, weights=self.weights + length * step)
+            return float(weight @ moved.log_prob(outputs + length * said, actions) - moved.penalty())
+
+        here = value(0.0)
+        lengths = 0.5 ** np.arange(_HALVINGS)
+        return next((float(length) for length in lengths if value(length) >= here), 0.0)
+
+    def _errors(self, outputs: Array, actions: Array) -> tuple[Array, Array]:
+        """What means are off by, (N, A), beyond a bound that the action has reached next to nothing; and how much of
+        it counts."""
+        beyond = ((actions >= self.high) & (outputs >= actions)) | ((actions <= self.low) & (outputs <= actions))
+        counts = np.where(beyond, _BEYOND, 1.0)
+        return counts * (actions - outputs), counts
+
+    def _trust(self, distance: Array, weight: Array) -> Array:
+        dimension = len(self.cholesky)
+        return weight * (self.freedom + dimension) / (self.freedom + distance)
+
+    @property
+    def _precision(self) -> Array:
+        inverse: Array = cho_solve((self.cholesky, True), np.eye(len(self.cholesky)))
+        return inverse
 
     def _distance(self, residual: Array) -> Array:
         """Squared Mahalanobis distances of rows, (N, A) -> (N,)."""
@@ -193,16 +258,27 @@ class StudentPolicy:
         return constant - 0.5 * (freedom + dimension) * np.log1p(distance / freedom)
 
 
-def _moments(features: Array, actions: Array, weight: Array) -> tuple[Array, Array]:
-    """X^T W X and X^T W A, in one reading of X."""
-    moments = np.zeros((features.shape[1], features.shape[1]))
-    cross = np.zeros((features.shape[1], actions.shape[1]))
+def _least_squares(
+    features: Array, errors: Array, counts: Array, weight: Array, precision: Array
+) -> tuple[Array, Array]:
+    """X^T W X for every part, as far as its errors count, (A, D, D), and X^T W R P, (D, A), in one reading of X."""
+    n_parts, width = errors.shape[1], features.shape[1]
+    moments, slope = np.zeros((n_parts, width, width)), np.zeros((width, n_parts))
+    towards = weight[:, None] * (errors @ precision) * counts
     for block in blocks(features):
-        rows = features[block]
-        weighted = (rows * weight[block, None]).astype(features.dtype, copy=False)
-        moments += weighted.T @ rows
-        cross += weighted.T @ actions[block].astype(features.dtype, copy=False)
-    return moments, cross
+        rows, some, every = features[block], counts[block], weight[block]
+        slope += rows.T @ towards[block].astype(features.dtype, copy=False)
+        whole: Array = np.all(some == 1.0, axis=0)
+        shared = _moments(rows, every) if whole.any() else None
+        for part in range(n_parts):
+            moments[part] += shared if whole[part] else _moments(rows, every * some[:, part] ** 2)
+    return moments, slope
+
+
+def _moments(rows: Array, weight: Array) -> Array:
+    """X^T W X."""
+    product: Array = (rows * weight[:, None]).astype(rows.dtype, copy=False).T @ rows
+    return product
 
 
 def _solve(matrix: Array, right: Array) -> Array:

@@ -99,7 +99,7 @@ class StudentHead:
     @classmethod
     def start(cls, box: Box, n_steps: float, scale: Array | None) -> StudentHead:
         """Very unsure, or with the standard deviations `scale` (A,)."""
-        noise = StudentPolicy.zero(box, np.ones(1), n_steps)
+        noise = StudentPolicy.of_errors(box, n_steps)
         if scale is not None:
             noise = replace(noise, cholesky=np.diag(np.broadcast_to(scale, box.low.shape).astype(float)))
         return cls(box, noise, scale is not None)
