@@ -77,6 +77,18 @@ def test_the_objective_never_falls_with_weights_chains_and_splines(which):
             assert np.diff(history).min() >= -1e-9 * np.abs(history).max()
 
 
+def test_experts_who_push_as_hard_as_the_box_allows_are_not_taken_for_noise():
+    """Most of their actions are at a bound: a straight line misses these, and random ones look more of one mind."""
+    rng, is_good, lengths = np.random.default_rng(0), np.arange(30) % 3 > 0, np.full(30, 100)
+    observations = rng.normal(size=(3000, 6))
+    wanted = observations @ rng.normal(scale=1.1, size=(6, 2)) + 0.1 * rng.normal(size=(3000, 2))
+    random = rng.uniform(-1.0, 1.0, size=(3000, 2))
+    actions = np.where(np.repeat(is_good, lengths)[:, None], np.clip(wanted, -1.0, 1.0), random)
+    offsets = np.concatenate([[0], np.cumsum(lengths)])
+    audit = RPIL().fit(Demonstrations.from_arrays(observations, actions, offsets)).audit_
+    assert audit.verdicts == tuple(np.where(is_good, "expert", "adversary"))
+
+
 def test_where_nobody_else_has_been_nobody_is_condemned():
     """Two of twelve experts spend half of their time far away, each elsewhere, and do something else there: what the
     other ones do says nothing of that."""

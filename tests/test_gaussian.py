@@ -87,7 +87,7 @@ def test_it_integrates_to_one_in_two_dimensions():
 
 
 @pytest.mark.parametrize(
-    ("action", "mean", "error"), [(1.0, 3.0, 0.2), (1.0, 0.4, 0.6), (-1.0, -7.0, 0.6), (0.2, 3, 2.8)]
+    ("action", "mean", "error"), [(1.0, 3.0, 0.06), (1.0, 0.4, 0.6), (-1.0, -7.0, 0.18), (0.2, 3, 2.8)]
 )
 def test_a_mean_beyond_the_bound_is_nearly_as_good_as_one_on_it(action, mean, error):
     policy = StudentPolicy.zero(Box(np.array([-1.0]), np.array([1.0])), np.zeros(3), 1.0)
@@ -144,8 +144,8 @@ def test_it_finds_a_controller_that_the_box_cuts_short():
     nowhere = np.full(2, np.inf)
     _, said = replace(policy, low=-nowhere, high=nowhere).learn(problem, np.ones(2000), tol=1e-9, max_iter=500)
     errors = [np.abs(problem.space.bounded(mean) - problem.actions)[within].mean() for mean in (outputs, said)]
-    assert errors[0] < 0.07
-    assert errors[1] > 3 * errors[0]
+    assert errors[0] < 0.03
+    assert errors[1] > 5 * errors[0]
 
 
 def test_it_ends_where_no_direction_is_better():

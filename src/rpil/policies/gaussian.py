@@ -8,8 +8,8 @@ least squares, repeated (Lange, Little and Taylor 1989), in which nu is chosen b
 Rubin 1994). All of it needs sums over steps only.
 
 A box ends somewhere. Who pushes as hard as it allows may have meant more, so that a mean beyond the bound is nearly as
-good as one on it: errors at a bound count on one side, as in censored regression (Tobin 1958), and on the other for a
-tenth. Steps beyond say next to nothing then, so that every part of an action has least squares of its own: a Newton
+good as one on it: errors at a bound count on one side, as in censored regression (Tobin 1958), and hardly on the
+other. Steps beyond say next to nothing then, so that every part of an action has least squares of its own: a Newton
 step for a function with such kinks, shortened where it leads too far.
 """
 
@@ -34,7 +34,7 @@ as at the bounds of the box, would else be infinitely likely, and nothing but th
 
 _START_FREEDOM = 5.0
 
-_BEYOND = 0.1
+_BEYOND = 0.03
 """What counts of an error beyond a bound, so that no mean runs away from what was done."""
 
 _HALVINGS = 12
