@@ -95,7 +95,7 @@ def continuous_lines(result: Row) -> list[str]:
     return lines
 
 
-def markdown(result: Row) -> str:
+def markdown(result: Row, title: str = "Real demonstrations") -> str:
     """The section of docs/results.md."""
     names = list(result["sets"])
     mixed = [name for name in names if result["sets"][name]["bad"]]
@@ -118,7 +118,7 @@ def markdown(result: Row) -> str:
         for method in result["mean_auroc"]
     }
     parts = [
-        "## Real demonstrations",
+        f"## {title}",
         f"`benchmarks/real.py`, features `{result['features']}` for all methods. Scores are taken as they are: higher "
         "is more trusted, nothing is turned round for a data set. RM-ENT alone is told how many are good. Intervals "
         "(95 %) and standard errors (±) are bootstrapped over demonstrations; the best of each column is bold.",

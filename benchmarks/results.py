@@ -2,7 +2,7 @@
 
     python benchmarks/results.py --acceptance acceptance.json --paper paper.json --features features.json \\
         --robustness robustness/summary.json --robustness-continuous continuous/summary.json \\
-        --calibration calibration.json --real real.json \\
+        --calibration calibration.json --real real.json --real-continuous real_continuous.json \\
         --demonstrators demonstrators.json --labels labels.json > docs/results.md
 
 Every file is optional; a section comes for each that is given. Nothing here is written by hand but the words around the
@@ -337,6 +337,7 @@ SECTIONS: dict[str, Callable[[Result], str]] = {
     "robustness_continuous": partial(robustness, title="Robustness, continuous actions"),
     "calibration": told_by("calibration"),
     "real": real_report.markdown,
+    "real_continuous": partial(real_report.markdown, title="Real demonstrations, continuous actions"),
     "demonstrators": told_by("demonstrators"),
     "labels": told_by("labels"),
 }
