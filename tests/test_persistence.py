@@ -229,8 +229,8 @@ def test_truncated_or_damaged_files(saved):
     ("field", "value", "match"),
     [
         ("schema", "other", "no policy that rpil saved"),
-        ("version", 1, r"version 1 of the format, but rpil .* reads version 2; use"),
-        ("version", 3, r"version 3 of the format, but rpil .* reads version 2; use"),
+        ("version", 1, r"version 1 of the format, but rpil .* reads version 3; use"),
+        ("version", 2, r"version 2 of the format, but rpil .* reads version 3; use"),
         ("version", None, "version None"),
         ("class", "GaussianPolicy", "holds a 'GaussianPolicy', which rpil .* does not know"),
     ],

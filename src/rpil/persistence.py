@@ -32,7 +32,7 @@ from rpil.rment import RMEnt
 from rpil.schema import BY_NAME, ESTIMATORS, FITTED, FITTED_ARRAYS, KNOWN
 
 SCHEMA = "rpil fitted estimator"
-VERSION = 2
+VERSION = 3
 
 _HEADER = "header.json"
 _STEPS = (np.float64, np.float32)  # the latter where there are very many
