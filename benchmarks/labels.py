@@ -155,18 +155,25 @@ def auroc(log_odds: Array, good: Array, bad: Array) -> float:
 
 
 def mean_over_sets(rows: list[Row], how: str, k: int) -> Row:
-    """Means over data sets of the mean over draws; the standard error is over draws, data sets being what they are."""
-    by_set: dict[str, list[Row]] = {}
-    for row in rows:
-        if row["how"] == how and row["k"] == k and row["auroc"] is not None:
-            by_set.setdefault(row["set"], []).append(row)
+    """Means over data sets of the mean over draws; the standard error is over draws, data sets being what they are.
 
-    def mean(value: str) -> float:
-        return float(np.mean([np.mean([row[value] for row in of]) for of in by_set.values()]))
+    A draw that left nobody good, or nobody bad, without a label has no AUROC of the rest, but all others.
+    """
+    mine = [row for row in rows if row["how"] == how and row["k"] == k]
 
-    def error(value: str) -> float:
-        variances = [np.var([row[value] for row in of], ddof=1) / len(of) for of in by_set.values() if len(of) > 1]
-        return float(np.sqrt(np.sum(variances)) / len(by_set))
+    def by_set(value: str) -> dict[str, list[float]]:
+        found: dict[str, list[float]] = {}
+        for row in mine:
+            if row[value] is not None:
+                found.setdefault(row["set"], []).append(row[value])
+        return found
+
+    def mean(value: str) -> float | None:
+        return float(np.mean([np.mean(of) for of in by_set(value).values()])) if by_set(value) else None
+
+    def error(value: str) -> float | None:
+        variances = [np.var(of, ddof=1) / len(of) for of in by_set(value).values() if len(of) > 1]
+        return float(np.sqrt(np.sum(variances)) / len(by_set(value))) if by_set(value) else None
 
     return {
         "how": how,
@@ -174,7 +181,7 @@ def mean_over_sets(rows: list[Row], how: str, k: int) -> Row:
         **{value: mean(value) for value in ("all", "auroc", "without", "wrong", "questions")},
         "se": {value: error(value) for value in ("all", "auroc")},
         "by_set": {
-            value: {name: float(np.mean([row[value] for row in of])) for name, of in by_set.items()}
+            value: {name: float(np.mean(of)) for name, of in by_set(value).items()}
             for value in ("all", "auroc", "without")
         },
     }
@@ -197,8 +204,8 @@ def curve(result: Row) -> tuple[list[str], list[list[str]]]:
     mean = f"{np.mean(list(none.values())):.3f}"
     body = [["0", "", mean, mean, mean, *(f"{none[name]:.3f}" for name in names)]]
     for of in result["curve"]:
-        spread = {value: f" ± {of['se'][value]:.3f}" if of["how"] == RANDOM else "" for value in MEASURES}
-        means = [f"{of[value]:.3f}{spread[value]}" for value in MEASURES]
+        spread = {value: f" ± {number(of['se'][value])}" if of["how"] == RANDOM else "" for value in MEASURES}
+        means = [f"{number(of[value])}{spread[value]}" for value in MEASURES]
         each = (number(of["by_set"]["all"].get(name)) for name in names)
         body.append([str(of["k"]), of["how"], *means, f"{of['without']:.3f}", *each])
     return names, body

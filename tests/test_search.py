@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+import rpil.search as search_module
 from problems import Toy, make, pooled_state, ridge, zoo
 from rpil import parallel
 from rpil.adversaries import AUTO, Marginal, Uniform
@@ -270,3 +272,17 @@ def test_the_papers_mixture_fails_where_half_the_actions_are_random_and_reliabil
     papers = replace(setting, reliability=PointMasses(), n_single=0)  # and its start, the pooled fit
     paper, _ = fit(problem, papers, ["uniform"], np.random.default_rng(0))
     assert (paper.posterior.log_odds[~toy.is_good] > 0).any()
+
+
+def test_where_nobody_agrees_the_first_solution_stands_and_the_likelier_of_two_that_trust_the_same(monkeypatch):
+    def solution(objective, *expert):
+        posterior = SimpleNamespace(expert=np.array(expert))
+        return SimpleNamespace(objective=objective, posterior=posterior, state=SimpleNamespace(adversary=None))
+
+    runs = [solution(3.0, 0.9, 0.1), solution(1.0, 0.2, 0.8), solution(4.0, 0.8, 0.3), solution(9.0, 0.9, 0.9)]
+    monkeypatch.setattr(search_module, "agreement", lambda *_: 0.0)
+    monkeypatch.setattr(search_module, "_contradicted", lambda *_: 0)
+    monkeypatch.setattr(search_module, "_from", lambda *_: solution(99.0, 0.1, 0.1))
+    monkeypatch.setattr(search_module, "_continue", lambda problem, setting, result: result)
+    setting = SimpleNamespace(policy=None)
+    assert search_module._who_agrees(None, setting, runs, np.random.default_rng(0)) is runs[2]

@@ -1,4 +1,4 @@
-"""What policies say of demonstrations that they did not see."""
+"""What policies say of demonstrations that they did not see, or hardly."""
 
 from __future__ import annotations
 
@@ -50,18 +50,18 @@ def untold(problem: Problem, setting: Setting, result: Result) -> Array:
     for fold, steps in _dealt(problem):
         trust = result.posterior.expert.copy()
         trust[fold] = 0.0
-        teaches = problem.spread(trust) * result.posterior.step
+        teaches = problem.spread(trust) * result.posterior.step * (1.0 if problem.weight is None else problem.weight)
         _, learned = setting.policy.learn(problem, teaches, tol=1e-3, max_iter=20, max_cg=20)
         outputs[steps] = learned[steps]
     return outputs
 
 
-def cross_fitted(problem: Problem, setting: Setting, result: Result) -> tuple[Array, Array]:
-    """Outputs of the `unseen` and of the `untold`; where adversaries teach nothing there is nothing to be told."""
+def cross_fitted(problem: Problem, setting: Setting, result: Result) -> tuple[Array, Array | None]:
+    """Outputs of the `unseen` and of the `untold`; no latter where adversaries teach nothing that could be told."""
     outputs = unseen(problem, setting, result)
     lesson = result.state.adversary.intended(result.posterior.outputs[:1], problem.actions[:1])
     teaches = setting.mode == "joint" and lesson is not None
-    return outputs, untold(problem, setting, result) if teaches else outputs
+    return outputs, untold(problem, setting, result) if teaches else None
 
 
 def _dealt(problem: Problem) -> Iterator[tuple[Array, Array]]:

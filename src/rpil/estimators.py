@@ -250,7 +250,7 @@ class RPIL(PolicyEstimator):
             seen = replace(problem, features=read.design(demonstrations.observations))
             start = estimator_policy(self.policy, self.space_, len(codes))
             result = refine(seen, setting, start, result, progress)
-            outputs = result.posterior.outputs, result.posterior.outputs  # cross-fitted, and nothing is told
+            outputs = result.posterior.outputs, None  # cross-fitted already, and nothing is told
         progress("competing groups")
         groups_found = competing_groups(problem, setting, result, runs, rng)
         believed = believe(seen, result.state, *outputs)

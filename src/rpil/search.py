@@ -125,7 +125,12 @@ def _who_agrees(problem: Problem, setting: Setting, runs: Sequence[Result], rng:
     For an adversary with a policy of its own expert and adversary are alike, and any group that is easy to describe
     apart from the others makes a likely solution. Experts are those who agree with one another, on much.
     """
-    tried = list({tuple(of.posterior.expert > 0.5): of for of in reversed(runs)}.values())
+    likeliest: dict[tuple[bool, ...], Result] = {}  # of those who trust the same, in the order they came
+    for of in runs:
+        group = tuple(of.posterior.expert > 0.5)
+        if group not in likeliest or of.objective > likeliest[group].objective:
+            likeliest[group] = of
+    tried = list(likeliest.values())
     tried += [_from(problem, setting, of.state.adversary, 1.0 - of.posterior.expert) for of in tried]
 
     def rank(result: Result) -> tuple[int, float]:

@@ -90,7 +90,7 @@ class StudentPolicy:
         return linear(features, self.weights)
 
     def log_prob(self, outputs: Array, actions: Array) -> Array:
-        """log pi(a_n|s_n), a density, (N,)."""
+        """log pi(a_n|s_n), (N,): a density within the bounds; at one, no more than the likelihood of `_errors`."""
         return self._log_density(self._distance(self._errors(outputs, actions)[0]), self.freedom)
 
     def learn(
@@ -165,13 +165,14 @@ class StudentPolicy:
         return self.log_prob(outputs, problem.actions), self.statistics(problem, outputs, weight)
 
     def improved(self, statistics: Sums, radius: float = np.inf) -> StudentPolicy:
-        """One step of weighted least squares, no entry longer than `radius`; nu is the best for what was there before,
-        unless `radius` is finite: the rest cannot go down while no action is at a bound."""
+        """One step of weighted least squares, no entry longer than `radius` spreads; nu is the best for what was there
+        before, unless `radius` is finite. No such step goes down while no action is at a bound."""
         moments, slope, scatter, likelihood, total, beyond = statistics
         if not total > 0.0:
             return self
         step = self._step(moments, slope, beyond > 0)
-        step *= min(1.0, radius / max(np.abs(step).max(), 1e-300))
+        spread = np.sqrt((self.cholesky**2).sum(axis=1))
+        step *= min(1.0, radius / max(np.abs(step / spread).max(), 1e-300))
         weights = self.weights + step
         if not beyond:  # else the spread follows, a step later
             cross = slope @ self.cholesky @ self.cholesky.T
@@ -204,6 +205,8 @@ class StudentPolicy:
         length = self._length(step, said, actions, outputs, weight) if kinked else 1.0
         weights, outputs = self.weights + length * step, outputs + length * said
         errors, _ = self._errors(outputs, actions)
+        if kinked:  # the step was measured by the likelihood itself, so what each error counts is that of now
+            trust = self._trust(self._distance(errors), weight)
         scatter = (errors.T * trust) @ errors + (weights.T * self.ridge) @ weights + np.diag(self.least**2)
         policy = replace(self, weights=weights, cholesky=np.linalg.cholesky(scatter / weight.sum()))
         distance = policy._distance(errors)
@@ -231,8 +234,8 @@ class StudentPolicy:
         return next((float(length) for length in lengths if value(length) >= here), 0.0)
 
     def _errors(self, outputs: Array, actions: Array) -> tuple[Array, Array]:
-        """What means are off by, (N, A), beyond a bound that the action has reached next to nothing; and how much of
-        it counts."""
+        """What means are off by, (N, A), as far as it counts, and how far that is, (N, A): all of it, or `_BEYOND`
+        where the action has reached a bound and the mean lies beyond."""
         beyond = ((actions >= self.high) & (outputs >= actions)) | ((actions <= self.low) & (outputs <= actions))
         counts = np.where(beyond, _BEYOND, 1.0)
         return counts * (actions - outputs), counts
