@@ -232,7 +232,7 @@ def robustness(result: Result, title: str = "Robustness") -> str:
     of = result["configuration"]
     parts = [
         f"## {title}",
-        f"`benchmarks/robustness.py`: {of['n_good']} good demonstrations, {result['draws']} draws from seed "
+        f"`benchmarks/robustness.py`: {of['n_good']} good demonstrations, draws {result['draws']}, from seed "
         f"{result['first_seed']}, {of['rollouts']} rollouts a policy, features `{of['features']}`, one configuration "
         "for all cells. Normalised return (0 plays like uniform actions, 1 like the clean oracle) / AUROC / wrong "
         "verdicts. A † marks a missed goal, a * cells that nobody can know without labels, scored with one of each "

@@ -145,13 +145,3 @@ def test_no_more_landmarks_than_tell_anything():
     fitted = FeatureMap.fit("nystroem", np.repeat(places, 200, axis=0))
     assert len(fitted.landmarks) == 3
     assert np.abs(fitted.design(places)).max() < 10.0
-
-
-def test_features_of_landmarks_have_the_kernel_for_their_products():
-    observations = np.random.default_rng(0).normal(size=(40, 2))
-    fitted = FeatureMap.fit("nystroem", observations)
-    columns = fitted.design(observations)[:, 4:-1] * fitted.scale[4:] + fitted.center[4:]
-    z = (observations - fitted.location) / fitted.spread
-    folded = np.hstack([z, np.abs(z)])
-    kernel = np.exp(-0.1 / 4 * ((folded[:, None] - folded[None]) ** 2).sum(axis=2))
-    np.testing.assert_allclose(columns @ columns.T, kernel, atol=1e-4)
