@@ -490,16 +490,6 @@ BAD_LABELS = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("name", BAD_LABELS)
-def test_bad_labels(name):
-    content, match = BAD_LABELS[name]
-    npz("data.npz")
-    if content is not None:
-        Path(name).write_text(content)
-    refused(match, "audit", "data.npz", "--labels", name, "--report", "r.html")
-    refused(match, "fit", "data.npz", "--labels", name, "-o", "policy")
-
-
 BAD_DEMONSTRATORS = {
     "who.csv": ("id,demonstrator\n0,Ann\n77,Ann\n", "who.csv: no demonstration is called '77'; .*; correct the"),
     "none.csv": ("id,demonstrator\n", "none.csv: it names no demonstrator; give"),
@@ -510,14 +500,17 @@ BAD_DEMONSTRATORS = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("name", BAD_DEMONSTRATORS)
-def test_bad_demonstrators(name):
-    content, match = BAD_DEMONSTRATORS[name]
+BESIDE = [("--labels", name, *bad) for name, bad in BAD_LABELS.items()]
+BESIDE += [("--demonstrators", name, *bad) for name, bad in BAD_DEMONSTRATORS.items()]
+
+
+@pytest.mark.parametrize(("option", "name", "content", "match"), BESIDE)
+def test_bad_labels_and_demonstrators(option, name, content, match):
     npz("data.npz")
     if content is not None:
         Path(name).write_text(content)
-    refused(match, "audit", "data.npz", "--demonstrators", name, "--report", "r.html")
-    refused(match, "fit", "data.npz", "--demonstrators", name, "-o", "policy")
+    refused(match, "audit", "data.npz", option, name, "--report", "r.html")
+    refused(match, "fit", "data.npz", option, name, "-o", "policy")
 
 
 def test_one_demonstration_alone():

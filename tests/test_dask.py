@@ -41,16 +41,6 @@ def cluster():
         yield client
 
 
-@pytest.fixture
-def small(monkeypatch):
-    """A world in which thousands of steps are many, and hundreds fill a piece."""
-    monkeypatch.setattr(large, "SAMPLE_STEPS", 600)
-    monkeypatch.setattr(large, "STEPS_PER_COEFFICIENT", 20)
-    monkeypatch.setattr(large, "SAMPLE_DEMONSTRATIONS", 20)
-    monkeypatch.setattr(large, "TIMES", 4)
-    monkeypatch.setattr("rpil.demonstrations.PIECE_STEPS", 700)
-
-
 def demonstrations(maker=make, kind="noisy"):
     toy = maker(kind, 0, n_good=80, n_bad=40, steps=(20, 60))
     return Demonstrations.from_arrays(toy.observations.astype(np.float32), toy.actions, toy.offsets)

@@ -15,20 +15,15 @@ import pytest
 from click.testing import CliRunner
 
 from problems import make, make_continuous
-from rpil import RPIL, DataError, Dataset, cli, commands, formats, large, open_dataset
+from rpil import RPIL, DataError, Dataset, cli, commands, formats, open_dataset
 from rpil.demonstrations import Demonstrations
 from rpil.engines import InMemory
 from rpil.formats import table as flat
 
 
 @pytest.fixture
-def small(monkeypatch):
-    """A world in which thousands of steps are many, and hundreds fill a piece or a batch."""
-    monkeypatch.setattr(large, "SAMPLE_STEPS", 600)
-    monkeypatch.setattr(large, "STEPS_PER_COEFFICIENT", 20)
-    monkeypatch.setattr(large, "SAMPLE_DEMONSTRATIONS", 20)
-    monkeypatch.setattr(large, "TIMES", 4)
-    monkeypatch.setattr("rpil.demonstrations.PIECE_STEPS", 700)
+def small(small, monkeypatch):
+    """The same, and hundreds fill a batch."""
     monkeypatch.setattr("rpil.formats.store._BATCH", 130)
 
 

@@ -18,16 +18,6 @@ from rpil.policies import SoftmaxPolicy
 ADVERSARIES = ["uniform", "marginal", "normalised complement", "confusion", "own policy"]
 
 
-@pytest.fixture
-def small(monkeypatch):
-    """A world in which thousands of steps are many, and hundreds fill a piece."""
-    monkeypatch.setattr(large, "SAMPLE_STEPS", 600)
-    monkeypatch.setattr(large, "STEPS_PER_COEFFICIENT", 20)
-    monkeypatch.setattr(large, "SAMPLE_DEMONSTRATIONS", 20)
-    monkeypatch.setattr(large, "TIMES", 4)
-    monkeypatch.setattr("rpil.demonstrations.PIECE_STEPS", 700)
-
-
 def demonstrations(kind="random", seed=0, n_good=80, n_bad=40, maker=make):
     toy = maker(kind, seed, n_good=n_good, n_bad=n_bad, steps=(20, 60))
     return toy, Demonstrations.from_arrays(toy.observations, toy.actions, toy.offsets, toy.ids)

@@ -169,16 +169,6 @@ def test_the_design_is_kept_while_its_problem_is(device):
     assert not device._held
 
 
-@pytest.fixture
-def small(monkeypatch):
-    """A world in which thousands of steps are many, and hundreds fill a piece."""
-    monkeypatch.setattr(large, "SAMPLE_STEPS", 600)
-    monkeypatch.setattr(large, "STEPS_PER_COEFFICIENT", 20)
-    monkeypatch.setattr(large, "SAMPLE_DEMONSTRATIONS", 20)
-    monkeypatch.setattr(large, "TIMES", 4)
-    monkeypatch.setattr("rpil.demonstrations.PIECE_STEPS", 700)
-
-
 def demonstrations(kind="noisy", seed=0, maker=make):
     toy = maker(kind, seed, n_good=80, n_bad=40, steps=(20, 60))
     return Demonstrations.from_arrays(toy.observations, toy.actions, toy.offsets, toy.ids)

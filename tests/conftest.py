@@ -1,0 +1,17 @@
+"""What several files of tests share."""
+
+from __future__ import annotations
+
+import pytest
+
+from rpil import large
+
+
+@pytest.fixture
+def small(monkeypatch):
+    """A world in which thousands of steps are many, and hundreds fill a piece."""
+    monkeypatch.setattr(large, "SAMPLE_STEPS", 600)
+    monkeypatch.setattr(large, "STEPS_PER_COEFFICIENT", 20)
+    monkeypatch.setattr(large, "SAMPLE_DEMONSTRATIONS", 20)
+    monkeypatch.setattr(large, "TIMES", 4)
+    monkeypatch.setattr("rpil.demonstrations.PIECE_STEPS", 700)
