@@ -14,8 +14,7 @@ from typing import Any
 import numpy as np
 
 from rpil.adversaries import Adversary, Constant, Marginal, MarginalBox, UniformBox
-from rpil.audit import Audit, summarise
-from rpil.belief import Belief, believe
+from rpil.audit import Audit, Interval, summarise
 from rpil.demonstrations import Demonstrations
 from rpil.em import Result, State, e_step, lower_bound, m_step
 from rpil.errors import DataError
@@ -276,13 +275,12 @@ def reweight(
     theirs, outputs, n_warm = _warm(
         _Theirs(members, fold, demonstrations, log_prob, train), problem, max_rounds, progress
     )
-    start = State(
-        theirs, _ADVERSARIES[space.kind][adversary](space), as_prior(prior, problem.lengths), _LEVELS[level]()
-    )
+    start = State(theirs, _ADVERSARIES[space.kind][adversary](space), as_prior(prior), _LEVELS[level]())
     result, n_rounds = _rounds(problem, start, outputs, max_rounds, tol, progress)
     n_rounds += n_warm
-    belief, log_odds = believe(problem, result.state, result.posterior.outputs)
-    audit = summarise(problem, result, belief, log_odds, demonstrations.ids, [])
+    posterior = result.posterior
+    share = Interval(*result.state.prior.interval(posterior.expert))
+    audit = summarise(problem, result, share, posterior.log_odds, demonstrations.ids, [])
     if n_folds == 1:
         policy = result.state.policy.members[0]  # type: ignore[attr-defined]
     else:
@@ -291,7 +289,7 @@ def reweight(
             progress(f"training the policy: {n + 1} of {n_rounds}")
             whole = replace(whole, members=(whole._train(whole.members[0], np.arange(len(fold)), audit.step_weight),))
         policy = whole.members[0]
-    return Reweighted(policy, replace(audit, assumptions=_assumptions(belief, n_folds)), n_rounds, result.converged)
+    return Reweighted(policy, replace(audit, assumptions=_assumptions(n_folds)), n_rounds, result.converged)
 
 
 def _warm(
@@ -349,11 +347,11 @@ def _rounds(
     return best, when
 
 
-def _assumptions(belief: Belief, n_folds: int) -> tuple[str, ...]:
+def _assumptions(n_folds: int) -> tuple[str, ...]:
     said = [
         "Experts agree with one another: in similar states they act alike.",
-        f"Steps that follow one another tell the same in part: {belief.power:.2f} of each counts.",
-        f"P(there are no adversaries at all, or nothing to tell them by) is {belief.alike:.2f}, and was one half.",
+        "Given the policy, the steps of a demonstration are independent.",
+        "There are two groups of demonstrations, experts and adversaries.",
         "The order of demonstrations and any reward were not used.",
         "Whether several groups of demonstrations each agree among themselves was not looked into.",
     ]
