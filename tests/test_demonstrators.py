@@ -159,10 +159,6 @@ def test_bad_input_is_one_sentence(demonstrators, match):
     assert ". " not in str(error.value)
 
 
-def test_the_objective_does_not_fall_with_demonstrators(fitted):
-    assert np.diff(fitted.audit_.history).min() > -1e-2
-
-
 # --- files ----------------------------------------------------------------------------------------------------------
 
 
