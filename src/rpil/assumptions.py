@@ -4,7 +4,11 @@ from __future__ import annotations
 
 from typing import Any
 
+from rpil.priors import ByLength
 from rpil.problem import Problem
+
+_TOLD = 0.05
+"""Nats, for a standard deviation of log length, from which it is said that length counts."""
 
 
 def assumptions(model: Any, problem: Problem) -> list[str]:
@@ -12,6 +16,8 @@ def assumptions(model: Any, problem: Problem) -> list[str]:
     labelled = int((problem.labels != 0).sum())
     said = [
         "Experts agree with one another: in similar states they act alike.",
+        f"Steps that follow one another tell the same in part: {model.belief_.power:.2f} of each counts.",
+        f"P(nobody is an adversary, or nothing tells who) is {model.belief_.alike:.2f}; beforehand it was one half.",
         f"The policy is linear in {model.features_.kind} features."
         if model.policy is None
         else f"The policy is a {type(model.policy).__name__}; each demonstration was judged by one fitted to others.",
@@ -21,6 +27,11 @@ def assumptions(model: Any, problem: Problem) -> list[str]:
         said.append("A demonstration is good or bad as a whole.")
     if isinstance(model.prior, float):
         said.append(f"The share of experts was given as {model.prior}.")
+    prior = model.belief_.prior
+    if isinstance(prior, ByLength) and abs(prior.slope) >= _TOLD:
+        more = "more" if prior.slope > 0 else "less"
+        nats = f"{abs(prior.slope):.1f} nats for each standard deviation of the logarithm of their length"
+        said.append(f"Longer demonstrations are trusted {more} than short ones, by {nats}: learned from the others.")
     if labelled:
         said.append(f"{labelled} labels were taken as certain.")
     if problem.company.said:

@@ -272,8 +272,8 @@ def reweight(
     for name, value, known in (("adversary", adversary, _ADVERSARIES[space.kind]), ("level", level, _LEVELS)):
         if value not in known:
             raise DataError(f"There is no {name} {value!r} here; choose {' or '.join(known)}.")
-    known = known_labels(labels, demonstrations)
-    problem = Problem(demonstrations.observations, codes, demonstrations.offsets, space, known)
+    given = known_labels(labels, demonstrations)
+    problem = Problem(demonstrations.observations, codes, demonstrations.offsets, space, given)
     order = np.random.default_rng(random_state).permutation(n_demonstrations)
     fold = problem.spread(np.argsort(order) % n_folds)
     members = (policy,) if n_folds == 1 else tuple(deepcopy(policy) for _ in range(n_folds))
