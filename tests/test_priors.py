@@ -24,11 +24,6 @@ def test_the_share_is_the_mode():
     assert found.log_prior() == pytest.approx(2 * np.log(found.p) + np.log1p(-found.p))
 
 
-def test_sums_over_parts_give_the_same_share():
-    parts = [Share().statistics(part) for part in np.split(EXPERT, [3, 4])]
-    assert Share().improved(tuple(map(sum, zip(*parts, strict=True)))) == Share().fit(EXPERT)
-
-
 def test_a_given_share_stays():
     fixed = Share(0.2, fixed=True)
     assert fixed.fit(np.ones(9)).p == 0.2

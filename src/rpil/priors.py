@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.special import betaincinv
 
-from rpil.passes import Array, Sums
+from rpil.passes import Array
 
 
 @dataclass(frozen=True)
@@ -31,18 +31,9 @@ class Share:
 
     def fit(self, expert: Array) -> Share:
         """The posterior mode, given the responsibilities `expert` (M,)."""
-        return self.improved(self.statistics(expert))
-
-    def statistics(self, expert: Array) -> Sums:
-        """Expected experts among some of the demonstrations, and the number of these demonstrations."""
-        return expert.sum(), len(expert)
-
-    def improved(self, statistics: Sums) -> Share:
-        """The posterior mode, given the statistics of all demonstrations."""
         if self.fixed:
             return self
-        experts, everybody = statistics
-        p = (experts + self.a - 1) / (everybody + self.a + self.b - 2)
+        p = (expert.sum() + self.a - 1) / (len(expert) + self.a + self.b - 2)
         return replace(self, p=float(np.clip(p, 1e-12, 1 - 1e-12)))
 
     def log_prior(self) -> float:

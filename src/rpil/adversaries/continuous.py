@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from rpil.adversaries.protocol import Fixed
-from rpil.passes import Array, Sums
+from rpil.passes import Array
 from rpil.problem import Problem
 from rpil.spaces import Box
 
@@ -51,12 +51,9 @@ class MarginalBox(Fixed):
     def log_prob(self, features: Array, outputs: Array, actions: Array) -> Array:
         return np.take_along_axis(self.log_density, self._bins(actions).T, axis=1).sum(axis=0)
 
-    def statistics(self, problem: Problem, outputs: Array, weight: Array) -> Sums:
+    def fit(self, problem: Problem, outputs: Array, weight: Array) -> MarginalBox:
         bins = self._bins(problem.actions)
-        return (np.stack([np.bincount(column, weight, minlength=_N_BINS) for column in bins.T]),)
-
-    def improved(self, statistics: Sums, radius: float = np.inf) -> MarginalBox:
-        counts = 1.0 + statistics[0]
+        counts = 1.0 + np.stack([np.bincount(column, weight, minlength=_N_BINS) for column in bins.T])
         share = counts / counts.sum(axis=1, keepdims=True)
         return replace(self, log_density=np.log(share) - np.log(self.width)[:, None])
 

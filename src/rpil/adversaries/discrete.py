@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from rpil.adversaries.protocol import Fixed
 from rpil.errors import DataError
-from rpil.passes import Array, Sums, logsumexp
+from rpil.passes import Array, logsumexp
 from rpil.problem import Problem
 
 
@@ -51,11 +51,8 @@ class Marginal(Fixed):
     def log_prob(self, features: Array, outputs: Array, actions: Array) -> Array:
         return self.log_frequency[actions]
 
-    def statistics(self, problem: Problem, outputs: Array, weight: Array) -> Sums:
-        return (np.bincount(problem.actions, weight, minlength=len(self.log_frequency)),)
-
-    def improved(self, statistics: Sums, radius: float = np.inf) -> Marginal:
-        counts = 1.0 + statistics[0]
+    def fit(self, problem: Problem, outputs: Array, weight: Array) -> Marginal:
+        counts = 1.0 + np.bincount(problem.actions, weight, minlength=len(self.log_frequency))
         return replace(self, log_frequency=np.log(counts / counts.sum()))
 
     def log_prior(self) -> float:
@@ -131,18 +128,16 @@ class Confusion(Fixed):
     def intended(self, outputs: Array, actions: Array) -> Array | None:
         joint = outputs + self.log_matrix.T[actions]
         total = logsumexp(joint, 1)[:, None]
-        return np.exp(joint - np.where(np.isfinite(total), total, 0.0))  # what cannot be pressed was meant by nobody
+        return np.exp(
+            joint - np.where(np.isfinite(total), total, 0.0)
+        )  # an action of probability 0 has no intended action
 
-    def statistics(self, problem: Problem, outputs: Array, weight: Array) -> Sums:
-        if not self.learned:
-            return ()
-        intended = weight[:, None] * self.intended(outputs, problem.actions)
-        return (np.stack([intended[problem.actions == k].sum(axis=0) for k in range(len(self.log_matrix))], axis=1),)
-
-    def improved(self, statistics: Sums, radius: float = np.inf) -> Confusion:
+    def fit(self, problem: Problem, outputs: Array, weight: Array) -> Confusion:
         if not self.learned:
             return self
-        counts = self.pseudo_count + statistics[0]
+        intended = weight[:, None] * self.intended(outputs, problem.actions)
+        expected = [intended[problem.actions == k].sum(axis=0) for k in range(len(self.log_matrix))]
+        counts = self.pseudo_count + np.stack(expected, axis=1)
         return replace(self, log_matrix=np.log(counts / counts.sum(axis=1, keepdims=True)))
 
     def log_prior(self) -> float:

@@ -5,10 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Any
 
-import numpy as np
-
 from rpil.adversaries.protocol import Fixed
-from rpil.passes import Array, Sums
+from rpil.passes import Array
 from rpil.problem import Problem
 
 
@@ -16,7 +14,7 @@ from rpil.problem import Problem
 class OwnPolicy(Fixed):
     """psi = another policy (option 2): softmax(phi(s)^T Psi)_k, or whatever the expert's is.
 
-    Symmetric with the expert: which of the two is which must come from labels, the prior or the start.
+    Expert and adversary are alike, so labels, the prior or the start must say which of the two is the expert.
     """
 
     policy: Any
@@ -28,18 +26,6 @@ class OwnPolicy(Fixed):
     def fit(self, problem: Problem, outputs: Array, weight: Array) -> OwnPolicy:
         policy, _ = self.policy.learn(problem, weight, max_iter=2, max_cg=20)
         return replace(self, policy=policy)
-
-    def primed(self, problem: Problem, weight: Array, ridge: Array, factor: float) -> OwnPolicy:
-        return replace(self, policy=self.policy.primed(problem, weight, ridge, factor))
-
-    def like(self, primed: OwnPolicy) -> OwnPolicy:
-        return replace(self, policy=self.policy.like(primed.policy))
-
-    def statistics(self, problem: Problem, outputs: Array, weight: Array) -> Sums:
-        return self.policy.statistics(problem, self.policy.outputs(problem.features), weight)
-
-    def improved(self, statistics: Sums, radius: float = np.inf) -> OwnPolicy:
-        return replace(self, policy=self.policy.improved(statistics, radius))
 
     def log_prior(self) -> float:
         return -self.policy.penalty()
