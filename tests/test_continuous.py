@@ -19,7 +19,7 @@ from sklearn.metrics import r2_score, roc_auc_score
 
 from problems import LEVELS, Toy, continuous_zoo, make, make_continuous, pooled_state
 from rpil import cli, formats, plots
-from rpil.adversaries import ADVERSARIES, AUTO, UniformBox
+from rpil.adversaries import ADVERSARIES, UniformBox
 from rpil.cloning import BehavioralCloning
 from rpil.demonstrations import Demonstrations
 from rpil.em import e_step, run
@@ -65,15 +65,13 @@ def test_the_objective_never_falls(which, level):
 
 
 @pytest.mark.parametrize("which", ADVERSARIES["continuous"])
-def test_the_objective_never_falls_with_weights_chains_and_splines(which):
+def test_the_objective_never_falls_with_weights_and_splines(which):
     for seed in range(3):
         toy = make_continuous("window", seed)
         weight = np.random.default_rng(seed).gamma(1.0, size=len(toy.actions))
         problem = replace(toy.problem("spline"), weight=weight)
-        for stickiness in (0.0, 0.8):
-            state = replace(pooled_state(problem, which, LEVELS["both"]()), stickiness=stickiness)
-            history = run(problem, state, max_iter=12, tol=0.0).history
-            assert np.diff(history).min() >= -1e-9 * np.abs(history).max()
+        history = run(problem, pooled_state(problem, which, LEVELS["both"]()), max_iter=12, tol=0.0).history
+        assert np.diff(history).min() >= -1e-9 * np.abs(history).max()
 
 
 def test_experts_who_push_as_hard_as_the_box_allows_are_not_taken_for_noise():
@@ -121,7 +119,6 @@ def test_finds_the_bad_and_learns_the_policy_of_the_good(kind, n_parts, seed):
     assert roc_auc_score(toy.is_good, model.log_odds_) == 1.0
     assert right(model, toy) or kind == "window"
     assert model.audit_.identifiable
-    assert model.audit_.adversary in AUTO["continuous"]
     np.testing.assert_array_equal(model.log_odds_, model.audit_.log_odds)
     truth = model.space_.act(means(toy))
     naive = BehavioralCloning().fit(toy.demonstrations)

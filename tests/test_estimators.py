@@ -170,7 +170,7 @@ def test_the_order_of_demonstrations_matters_little():
 
 def test_same_seed_same_bits():
     toy = make("noisy", 0)
-    first, again = (RPIL(random_state=3, annealing=2).fit(toy.demonstrations) for _ in range(2))
+    first, again = (RPIL(random_state=3).fit(toy.demonstrations) for _ in range(2))
     np.testing.assert_array_equal(first.log_odds_, again.log_odds_)
     np.testing.assert_array_equal(first.policy_.weights, again.policy_.weights)
     np.testing.assert_array_equal(first.audit_.history, again.audit_.history)

@@ -13,7 +13,6 @@ from rpil import RPIL, DataError, large, load, save
 from rpil.demonstrations import PIECE_STEPS, Demonstrations
 from rpil.engines import InMemory, Streamed
 from rpil.large import sample
-from rpil.policies import SoftmaxPolicy
 
 ADVERSARIES = ["uniform", "marginal", "normalised complement", "confusion", "own policy"]
 
@@ -198,25 +197,3 @@ def test_the_time_left_is_told(small):
     stages: list[str] = []
     RPIL(adversary="confusion", tol=1e-7, progress=stages.append).fit(data)
     assert any(re.search(r"^pass \d+ over everything, objective -[\d.e+]+, about \d+ s left$", s) for s in stages)
-
-
-@pytest.mark.parametrize("mode", ["joint", "expert_only"])
-def test_unseen_is_as_if_a_demonstration_had_not_been_there(mode):
-    """One Newton step back, against a fit to all the others."""
-    problem = make("noisy", 3, n_good=20, n_bad=5, steps=(30, 60)).problem()
-    ridge = np.full(problem.features.shape[1], 0.1)
-    weight = np.random.default_rng(0).uniform(0.2, 1.0, len(problem.actions))
-    lesson = (
-        0.3 * np.random.default_rng(1).dirichlet(np.ones(problem.space.n), len(weight)) if mode == "joint" else None
-    )
-    start = SoftmaxPolicy.zero(problem.space.n, ridge)
-    policy, outputs = start.learn(problem, weight, lesson, tol=1e-10)
-    total = weight if lesson is None else weight + lesson.sum(axis=1)
-    found = policy.primed(problem, total, ridge, 1.0).unseen(problem, outputs, weight, lesson)
-    for m in range(0, problem.n_demonstrations, 6):
-        mine = slice(*problem.offsets[m : m + 2])
-        others = np.where(problem.spread(np.arange(problem.n_demonstrations) == m), 0.0, 1.0)
-        left = None if lesson is None else lesson * others[:, None]
-        _, apart = start.learn(problem, weight * others, left, tol=1e-10)
-        moved = np.abs(apart[mine] - outputs[mine]).max()
-        assert np.abs(found[mine] - apart[mine]).max() < 0.2 * moved

@@ -145,7 +145,6 @@ def test_what_has_no_way_on_tensors_is_left_to_numpy(device):
     problem = problem_of("random")
     state = trained("random", "uniform", "both")
     assert device.faster(linear) is None
-    assert device.faster(partial(em_pass, state=replace(state, stickiness=0.5), mode="joint")) is None
     own = trained("random", "own policy", "both")
     assert device.faster(partial(em_pass, state=own, mode="joint")) is None
     continuous = make_continuous("random", 0).problem()

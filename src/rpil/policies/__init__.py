@@ -66,21 +66,12 @@ class AdditivePolicy(Policy, Protocol):
     def experienced(self) -> bool:
         """Whether its own path tells more of the Hessian than a sample would."""
 
-    def at(self, other: Self) -> Self:
-        """What `other` does, regularised as this one is."""
-
-    def statistics(self, problem: Problem, outputs: Array, weight: Array, lesson: Array | None = None) -> Sums:
-        """What some of the steps tell, as sums."""
-
-    def unseen(self, problem: Problem, outputs: Array, weight: Array, lesson: Array | None = None) -> Array:
-        """What the outputs would be, had no demonstration been learned from itself."""
-
     def study(self, problem: Problem, weight: Array) -> tuple[Array, Sums]:
-        """log pi of the actions taken, (N,), and the statistics of the steps by weight."""
+        """log pi of the actions taken, (N,), and the sums over weighted steps that `improved` needs."""
 
     def improved(self, statistics: Sums, radius: float = ...) -> Self:
-        """The policy after one improving step, given the statistics of all; a finite `radius` says that a step without
-        went down, and how far a coefficient may move."""
+        """The policy after one improving step, given the sums over all steps of the data; a finite `radius` says that a
+        step without it went down, and how far a coefficient may move."""
 
     def slope(self, statistics: Sums) -> float:
         """How far from the best it still is: the largest entry of the gradient, or nats where these say more."""

@@ -141,28 +141,17 @@ class StudentPolicy:
         """It learns nothing of Hessians."""
         return False
 
-    def at(self, other: StudentPolicy) -> StudentPolicy:
-        """What another one does, regularised as this one is."""
-        return replace(self, weights=other.weights, cholesky=other.cholesky, freedom=other.freedom)
-
-    def statistics(self, problem: Problem, outputs: Array, weight: Array, lesson: Array | None = None) -> Sums:
-        """X^T W X of every part and the slope, see `_least_squares`, R^T W R for the errors R, the likelihood of every
-        nu, the sum of the weights, and how many errors count for less."""
+    def study(self, problem: Problem, weight: Array) -> tuple[Array, Sums]:
+        """log pi of the actions taken, (N,), and sums: X^T W X of every part and the slope, see `_least_squares`,
+        R^T W R for the errors R, the likelihood of every nu, the weights, and how many errors count for less."""
+        outputs = self.outputs(problem.features)
         errors, counts = self._errors(outputs, problem.actions)
         distance = self._distance(errors)
         trust = self._trust(distance, weight)
         likelihood = np.array([weight @ self._log_density(distance, freedom) for freedom in _FREEDOM])
         sums = _least_squares(problem.features, errors, counts, trust, self._precision)
-        return (*sums, (errors.T * trust) @ errors, likelihood, weight.sum(), (counts < 1.0).sum())
-
-    def unseen(self, problem: Problem, outputs: Array, weight: Array, lesson: Array | None = None) -> Array:
-        """The outputs as they are: so few coefficients remember no demonstration among so many."""
-        return outputs
-
-    def study(self, problem: Problem, weight: Array) -> tuple[Array, Sums]:
-        """log pi of the actions taken, (N,), and the statistics."""
-        outputs = self.outputs(problem.features)
-        return self.log_prob(outputs, problem.actions), self.statistics(problem, outputs, weight)
+        spread = (errors.T * trust) @ errors, likelihood, weight.sum(), (counts < 1.0).sum()
+        return self.log_prob(outputs, problem.actions), (*sums, *spread)
 
     def improved(self, statistics: Sums, radius: float = np.inf) -> StudentPolicy:
         """One step of weighted least squares, no entry longer than `radius` spreads; nu is the best for what was there

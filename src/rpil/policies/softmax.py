@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import itertools
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from rpil.passes import Array, Sums, gradient, linear, log_softmax, softmax_pass
+from rpil.passes import Array, Sums, linear, log_softmax, softmax_pass
 from rpil.problem import Problem
 from rpil.solvers import Path, Preconditioner, fit_softmax
 
@@ -24,15 +23,6 @@ def one_hot(actions: Array, weight: Array, n_actions: int) -> Array:
     targets = np.zeros((n_actions, len(actions)))
     targets[actions, np.arange(len(actions))] = weight
     return targets.T
-
-
-def _residual(actions: Array, outputs: Array, weight: Array, lesson: Array | None) -> Array:
-    """Soft targets less what the policy, with these `outputs`, expects of steps of their weight, (N, K)."""
-    targets = one_hot(actions, weight, outputs.shape[1])
-    if lesson is not None:
-        targets += lesson
-        weight = targets.sum(axis=1)
-    return targets - weight[:, None] * np.exp(outputs)
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,29 +114,10 @@ class SoftmaxPolicy:
         """Whether its path so far tells more of the Hessian than a sample would."""
         return self._path is not None and len(self._path.pairs) > 1
 
-    def at(self, other: SoftmaxPolicy) -> SoftmaxPolicy:
-        """What another one does, regularised as this one is."""
-        return SoftmaxPolicy(other.weights, self.ridge)
-
-    def statistics(self, problem: Problem, outputs: Array, weight: Array, lesson: Array | None = None) -> Sums:
-        """The gradient of the log-likelihood, (D, K)."""
-        slope = gradient(problem.features, _residual(problem.actions, outputs, weight, lesson))
-        return (slope - slope.mean(axis=1, keepdims=True),)  # what all actions share is rounding
-
-    def unseen(self, problem: Problem, outputs: Array, weight: Array, lesson: Array | None = None) -> Array:
-        """The outputs (N, K) had no demonstration been learned from itself: one Newton step back for each of them."""
-        assert self._preconditioner is not None, "primed first"
-        residual = _residual(problem.actions, outputs, weight, lesson)
-        away = np.empty(outputs.shape[::-1]).T
-        for begin, end in itertools.pairwise(problem.offsets.tolist()):
-            rows = problem.features[begin:end]
-            away[begin:end] = rows @ self._preconditioner(rows.T @ residual[begin:end].astype(rows.dtype))
-        return log_softmax(outputs - away)
-
     def study(self, problem: Problem, weight: Array) -> tuple[Array, Sums]:
-        """log pi of the actions taken, (N,), and the statistics, in one reading."""
+        """log pi of the actions taken, (N,), and the gradient of the log-likelihood, (D, K), in one reading."""
         taken, slope = softmax_pass(problem.features, self.weights, problem.actions, weight)
-        return taken, (slope - slope.mean(axis=1, keepdims=True),)
+        return taken, (slope - slope.mean(axis=1, keepdims=True),)  # what all actions share is rounding
 
     def improved(self, statistics: Sums, radius: float = np.inf) -> SoftmaxPolicy:
         """One Newton step."""
