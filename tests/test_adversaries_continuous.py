@@ -12,16 +12,12 @@ from scipy.integrate import quad
 from problems import continuous_zoo, make_continuous, ridge
 from rpil.adversaries import (
     ADVERSARIES,
-    AUTO,
     Adversary,
-    Either,
     MarginalBox,
-    OwnPolicy,
     Uniform,
     UniformBox,
     adversary,
     marginal,
-    usual,
 )
 from rpil.errors import DataError
 from rpil.policies import Policy, linear_policy
@@ -29,7 +25,6 @@ from rpil.problem import Problem
 from rpil.spaces import Box, Discrete
 
 NAMES = tuple(ADVERSARIES["continuous"])
-SYMMETRIC = ("own policy", "own policy or marginal")
 TOY = make_continuous("noisy", 0)
 PROBLEM = TOY.problem()
 N = len(PROBLEM.actions)
@@ -56,12 +51,6 @@ def by_point(found: Adversary, points: NDArray) -> NDArray:
     return np.exp(found.log_prob(features, np.zeros_like(points), points))
 
 
-def test_auto_is_of_known_ones():
-    assert set(AUTO["continuous"]) <= set(NAMES)
-    assert usual(PROBLEM.space, labelled=False) == usual(PROBLEM.space, labelled=True) == "marginal"
-    assert usual(Discrete(3), labelled=True) == "confusion"
-
-
 @pytest.mark.parametrize("name", NAMES)
 def test_names_are_those_of_the_table(name):
     assert adversary(name, PROBLEM.space, fresh()).name == name
@@ -81,28 +70,17 @@ def test_the_density_integrates_to_one_over_the_box(name, n_parts):
     assert density.sum() * np.exp(box.log_volume) / len(points) == pytest.approx(1.0)  # a bin is five cells wide
 
 
-@pytest.mark.parametrize("name", SYMMETRIC)
-def test_an_own_policy_has_a_density_everywhere(name):
-    """Student's, over all numbers; the marginal's part is none beyond the box."""
+def test_an_own_policy_has_a_density_over_all_numbers():
+    """Student's."""
     problem = make_continuous("noisy", 1, n_parts=1).problem()
-    found, _ = fitted(name, problem)
-    low, high = problem.space.low[0], problem.space.high[0]
+    found, _ = fitted("own policy", problem)
 
     def density(a: float) -> float:
         return float(np.exp(found.log_prob(problem.features[:1], np.zeros((1, 1)), np.array([[a]]))[0]))
 
-    if name == "own policy":
-        mean = found.policy.outputs(problem.features[:1])[0, 0]
-        total = quad(density, -np.inf, mean)[0] + quad(density, mean, np.inf)[0]
-        assert total == pytest.approx(1.0, abs=1e-5)
-    else:
-        inside = quad(density, low, high, limit=500, points=np.linspace(low, high, 21)[1:-1])[0]
-        own = quad(lambda a: np.exp(own_log_prob(found, problem, a)), low, high)[0]
-        assert inside == pytest.approx(found.share * own + 1 - found.share, abs=1e-4)
-
-
-def own_log_prob(found: Either, problem: Problem, a: float) -> float:
-    return float(found.first.log_prob(problem.features[:1], np.zeros((1, 1)), np.array([[a]]))[0])
+    mean = found.policy.outputs(problem.features[:1])[0, 0]
+    total = quad(density, -np.inf, mean)[0] + quad(density, mean, np.inf)[0]
+    assert total == pytest.approx(1.0, abs=1e-5)
 
 
 def test_log_prob_is_the_definition():
@@ -120,12 +98,6 @@ def test_log_prob_is_the_definition():
     own, _ = fitted("own policy")
     np.testing.assert_array_equal(
         own.log_prob(*steps), own.policy.log_prob(own.policy.outputs(PROBLEM.features), PROBLEM.actions)
-    )
-
-    either, _ = fitted("own policy or marginal")
-    one, other = (np.exp(part.log_prob(*steps)) for part in (either.first, either.second))
-    np.testing.assert_allclose(
-        either.log_prob(*steps), np.log(either.share * one + (1 - either.share) * other), atol=1e-12
     )
 
 
@@ -191,36 +163,14 @@ def test_the_marginal_of_everybody():
     np.testing.assert_allclose(share, expected / expected.sum())
 
 
-def test_an_own_policy_learns_what_made_the_steps_and_the_rest_is_the_marginals():
-    """Three in ten steps are anything; a policy made the others."""
+def test_an_own_policy_learns_what_made_the_steps():
     toy = make_continuous("none", 5, n_good=30, n_bad=0, steps=(100, 100))
-    rng = np.random.default_rng(0)
-    anything = rng.random(len(toy.actions)) < 0.3
-    toy.actions[anything] = rng.uniform(toy.space.low, toy.space.high, size=(anything.sum(), 2))
     problem = toy.problem()
-    found = adversary("own policy or marginal", problem.space, fresh(problem))
-    for _ in range(50):
+    found = adversary("own policy", problem.space, fresh(problem))
+    for _ in range(10):
         found = found.fit(problem, toy.actions, np.ones(len(toy.actions)))
-    assert found.share == pytest.approx(0.7, abs=0.03)
     truth = toy.observations @ toy.weights[:-1] + toy.weights[-1]
-    assert np.abs(found.first.policy.outputs(problem.features) - truth).mean() < 0.03
-
-
-@pytest.mark.parametrize("name", NAMES)
-def test_only_those_with_a_policy_of_their_own_are_symmetric(name):
-    found, _ = fitted(name)
-    assert found.symmetric == (name in SYMMETRIC)
-    other, _ = fresh().learn(PROBLEM, np.random.default_rng(1).random(N))
-    changed = found.with_policy(other)
-    if not found.symmetric:
-        assert changed is found
-        return
-    own = changed.first if isinstance(changed, Either) else changed
-    assert isinstance(own, OwnPolicy)
-    assert own.policy is other
-    assert changed.name == name
-    if isinstance(changed, Either):
-        assert (changed.second, changed.share) == (found.second, found.share)
+    assert np.abs(found.policy.outputs(problem.features) - truth).mean() < 0.03
 
 
 def test_no_steps_at_all_leave_a_finite_density():

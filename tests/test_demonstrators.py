@@ -45,16 +45,6 @@ def test_against_brute_force(labels):
         assert lent.log_odds[m] == pytest.approx(odds[0] - odds[1], abs=1e-4)
 
 
-def test_conditioning_sums_to_the_evidence():
-    rng = np.random.default_rng(1)
-    found, log_odds, joint = company("aabbbc"), rng.normal(size=6), rng.normal(size=(6, 2, 4))
-    by_group = logsumexp(joint, axis=2)
-    base = np.stack([log_expit(log_odds), log_expit(-log_odds)], axis=1)
-    new, shared = found.condition(joint + base[:, :, None], log_odds, NOBODY)
-    lent = found.borrow(by_group[:, 0] - by_group[:, 1], log_odds, NOBODY)
-    assert (logsumexp(new, axis=(1, 2)) + shared).sum() == pytest.approx(lent.log_evidence + by_group[:, 1].sum())
-
-
 def test_the_population_keeps_its_share():
     log_odds = np.array([-20.0, -3.0, 0.0, 0.4, 8.0])
     mean = logsumexp(log_expit(shares(log_odds)) + _LOG_WEIGHT, axis=2)
@@ -167,10 +157,6 @@ def test_bad_input_is_one_sentence(demonstrators, match):
     with pytest.raises(DataError, match=match) as error:
         RPIL().fit(X, y, groups, demonstrators=demonstrators)
     assert ". " not in str(error.value)
-
-
-def test_the_objective_does_not_fall_with_demonstrators(fitted):
-    assert np.diff(fitted.audit_.history).min() > -1e-2
 
 
 # --- files ----------------------------------------------------------------------------------------------------------

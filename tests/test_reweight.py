@@ -163,7 +163,7 @@ def test_impossible_actions_are_no_accident():
 def test_progress():
     said = []
     reweight(Linear(), TOY.demonstrations, log_prob=log_prob, train=train, max_rounds=2, progress=said.append)
-    assert said[0] == "trusting everybody: 1"
+    assert said[0] == "trusting all: 1"
     assert any(words.startswith("round 1: ") for words in said)
     assert said[-1].startswith("training the policy: ")
 

@@ -52,10 +52,6 @@ class Strangers:
     def select(self, demonstrations: Array) -> Strangers:
         return self
 
-    def condition(self, log_joint: Array, log_odds: Array, labels: Array) -> tuple[Array, Array | float]:
-        """Nothing to add."""
-        return log_joint, 0.0
-
 
 STRANGERS = Strangers()
 
@@ -68,8 +64,6 @@ class Borrowed:
     ----------
     log_odds : (M,) array
         Of expert against adversary before a demonstration's own actions, but after those of its demonstrator's others.
-    shared : (M,) array
-        To add to the log-evidence of each demonstration, given all others, so that the sum is that of all together.
     log_evidence : float
         log p(D, labels) / p(D | all adversaries).
     share, weight : (U, T * G) arrays
@@ -77,7 +71,6 @@ class Borrowed:
     """
 
     log_odds: Array
-    shared: Array
     log_evidence: float
     share: Array
     weight: Array
@@ -113,14 +106,6 @@ class Demonstrators:
         """The same of some of the demonstrations."""
         return company([self.names[u] for u in self.of[demonstrations]])
 
-    def condition(self, log_joint: Array, log_odds: Array, labels: Array) -> tuple[Array, Array | float]:
-        """`log_joint` (M, 2, J) with P(expert | the others of the same demonstrator) in the place of P(expert), whose
-        `log_odds` are (M,); and what to add to its sums so that they are log p(D, labels) in all, (M,)."""
-        by_group = logsumexp(log_joint, 2)
-        found = self.borrow(by_group[:, 0] - by_group[:, 1] - log_odds, log_odds, labels)
-        log_prior, new = ([log_expit(z), log_expit(-z)] for z in (log_odds, found.log_odds))
-        return log_joint + np.subtract(new, log_prior).T[:, :, None], found.shared
-
     def borrow(self, log_ratio: Array, log_odds: Array, labels: Array) -> Borrowed:
         """What the demonstrations of each person say of one another.
 
@@ -147,14 +132,11 @@ class Demonstrators:
         log_expert, log_adversary = (logsumexp(others + part, (1, 2)) for part in (log_p, adversary))
         alone = self.counts[self.of] == 1  # whose others are strangers: the population's share, to the last bit
         lent = np.where(alone, log_odds, log_expert - log_adversary)
-        predicted = np.logaddexp(log_expit(lent) + ratio, log_expit(-lent))
-        predicted = np.where(labels > 0, log_expit(lent) + ratio, np.where(labels < 0, log_expit(-lent), predicted))
         everything = float(logsumexp(of_spread, 0)) - np.log(len(SPREADS))
-        shared = np.full(len(lent), (everything - predicted.sum()) / len(lent))
         weight = (of_spread - together)[:, :, None] + each
         weight = np.exp(weight - logsumexp(weight, (1, 2))[:, None, None])
         share = np.tensordot(self._given, np.exp(log_p), axes=1) / self.counts[:, None, None]
-        return Borrowed(lent, shared, everything, *(a.reshape(len(a), -1) for a in (share, weight)))
+        return Borrowed(lent, everything, *(a.reshape(len(a), -1) for a in (share, weight)))
 
 
 Company = Demonstrators | Strangers

@@ -5,8 +5,7 @@ group's Beta; each of its actions is the expert's with probability rho_m, else t
 
     p(D_m) = sum_z p(z) sum_j P(rho_j | z) prod_n [ rho_j pi(a_n|s_n) + (1 - rho_j) psi(a_n|s_n) ]
 
-The paper's mixture (eq. 7, 9, 11) is this with point masses at rho = 1 and 0. Everything is in logs. Where bad steps
-come in runs the product becomes a sum over Markov chains, see `rpil.chains`.
+The paper's mixture (eq. 7, 9, 11) is this with point masses at rho = 1 and 0. Everything is in logs.
 """
 
 from __future__ import annotations
@@ -16,11 +15,10 @@ from typing import Literal
 
 import numpy as np
 
-from rpil import chains
 from rpil.adversaries import Adversary
 from rpil.passes import Array, logsumexp
 from rpil.policies import Policy
-from rpil.priors import Prior
+from rpil.priors import Share
 from rpil.problem import Problem
 from rpil.reliability import ADVERSARY, EXPERT, Reliability
 
@@ -35,13 +33,12 @@ _STEADY = 1e-3
 
 @dataclass(frozen=True, eq=False)
 class State:
-    """The parameters: policy, adversary, P(expert), reliabilities; and how far steps go on as the step before."""
+    """The parameters: policy, adversary, P(expert), reliabilities."""
 
     policy: Policy
     adversary: Adversary
-    prior: Prior
+    prior: Share
     reliability: Reliability
-    stickiness: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,16 +88,8 @@ class Result:
         return float(self.history[-1])
 
 
-def evidence_by_reliability(
-    problem: Problem, log_pi: Array, log_psi: Array, nodes: Array, stickiness: float = 0.0
-) -> Array:
-    """log prod_n [rho pi + (1 - rho) psi] of every demonstration at every rho of the grid, (M, J).
-
-    With a stickiness it is the sum over chains instead, of likelihoods to the power of the weights.
-    """
-    if stickiness:
-        log_pi, log_psi = _weighted(problem, log_pi), _weighted(problem, log_psi)
-        return chains.log_evidence(log_pi, log_psi, problem.offsets, nodes, stickiness)
+def evidence_by_reliability(problem: Problem, log_pi: Array, log_psi: Array, nodes: Array) -> Array:
+    """log prod_n [rho pi + (1 - rho) psi] of every demonstration at every rho of the grid, (M, J)."""
     out = np.empty((problem.n_demonstrations, len(nodes)))
     # At the ends the mixture is one of the two, to the last bit and below the smallest number there is.
     out[:, nodes == 1.0] = problem.sum_steps(_weighted(problem, log_pi))[:, None]
@@ -124,10 +113,8 @@ def evidence_by_reliability(
     return out
 
 
-def expert_steps(problem: Problem, log_ratio: Array, by_node: Array, nodes: Array, stickiness: float = 0.0) -> Array:
+def expert_steps(problem: Problem, log_ratio: Array, by_node: Array, nodes: Array) -> Array:
     """P(the step is the expert's), (N,), with the posterior `by_node` (M, J) over the reliabilities of the grid."""
-    if stickiness:
-        return chains.expert_steps(_weighted(problem, log_ratio), problem.offsets, by_node, nodes, stickiness)
     inside = (nodes > 0.0) & (nodes < 1.0)  # at 0 no step is the expert's, at 1 every one is
     out = problem.spread(by_node[:, nodes == 1.0].sum(axis=1))
     if not inside.any():
@@ -151,29 +138,28 @@ def _weighted(problem: Problem, values: Array) -> Array:
     return values if problem.weight is None else values * problem.weight
 
 
-def e_step(problem: Problem, state: State, outputs: Array, beta: float = 1.0) -> Posterior:
-    """Posterior over groups, reliabilities and steps, with the likelihood to the power `beta`."""
+def e_step(problem: Problem, state: State, outputs: Array) -> Posterior:
+    """Posterior over groups, reliabilities and steps."""
     log_pi = state.policy.log_prob(outputs, problem.actions)
     log_psi = state.adversary.log_prob(problem.features, outputs, problem.actions)
-    nodes, lengths = state.reliability.nodes, problem.lengths
-    evidence = evidence_by_reliability(problem, log_pi, log_psi, nodes, state.stickiness)
-    log_joint = state.prior.log(lengths)[:, :, None] + state.reliability.log_weight + beta * evidence[:, None]
-    log_joint, shared = problem.company.condition(log_joint, state.prior.log_odds(lengths), problem.labels)
+    nodes = state.reliability.nodes
+    evidence = evidence_by_reliability(problem, log_pi, log_psi, nodes)
+    log_joint = state.prior.log[:, None] + state.reliability.log_weight + evidence[:, None]
     by_group = logsumexp(log_joint, 2)
     log_odds = by_group[:, EXPERT] - by_group[:, ADVERSARY]
     log_joint[problem.labels > 0, ADVERSARY] = -np.inf
     log_joint[problem.labels < 0, EXPERT] = -np.inf
     log_evidence = logsumexp(log_joint, (1, 2))
     joint = np.exp(log_joint - log_evidence[:, None, None])
-    step = expert_steps(problem, log_pi - log_psi, joint.sum(axis=1), nodes, state.stickiness)
-    return Posterior(log_odds, joint, step, log_evidence + shared, log_pi - log_psi, outputs)
+    step = expert_steps(problem, log_pi - log_psi, joint.sum(axis=1), nodes)
+    return Posterior(log_odds, joint, step, log_evidence, log_pi - log_psi, outputs)
 
 
-def lower_bound(state: State, posterior: Posterior, beta: float = 1.0) -> float:
+def lower_bound(state: State, posterior: Posterior) -> float:
     """The penalised observed-data log-likelihood at `state`, which the bound touches after an E-step."""
     prior = state.prior.log_prior() + state.reliability.log_prior()
     own = state.adversary.log_prior() - state.policy.penalty()
-    return float((posterior.log_evidence.sum() + prior) / beta + own)
+    return float(posterior.log_evidence.sum() + prior + own)
 
 
 def m_step(
@@ -194,9 +180,8 @@ def m_step(
     new = State(
         policy,
         state.adversary.fit(problem, posterior.outputs, adversary),
-        state.prior.fit(posterior.expert, problem.lengths),
+        state.prior.fit(posterior.expert),
         state.reliability.fit(counts),
-        state.stickiness,
     )
     return new, outputs
 
@@ -206,7 +191,6 @@ def run(
     state: State,
     *,
     mode: MStep = "joint",
-    beta: float = 1.0,
     max_iter: int = 100,
     tol: float = 1e-4,
     outputs: Array | None = None,
@@ -219,14 +203,14 @@ def run(
     responsibility and no reliability changes by `_STEADY`: then only the policy's confidence still grows.
     """
     outputs = state.policy.outputs(problem.features) if outputs is None else outputs
-    posterior = e_step(problem, state, outputs, beta)
-    history = [lower_bound(state, posterior, beta)]
+    posterior = e_step(problem, state, outputs)
+    history = [lower_bound(state, posterior)]
     converged = False
     for _ in range(max_iter):
         before = posterior
         state, outputs = m_step(problem, state, posterior, mode, m_iter, m_cg)
-        posterior = e_step(problem, state, outputs, beta)
-        history.append(lower_bound(state, posterior, beta))
+        posterior = e_step(problem, state, outputs)
+        history.append(lower_bound(state, posterior))
         gain = abs(history[-1] - history[-2]) / problem.n_demonstrations
         converged = gain <= tol or (gain <= 10 * tol and _moved(before, posterior, state.reliability.nodes) <= _STEADY)
         if converged:

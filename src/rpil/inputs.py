@@ -21,7 +21,7 @@ from rpil.formats.dataset import Dataset
 from rpil.formats.labels import match_given
 from rpil.formats.table import check_ids
 from rpil.passes import Array
-from rpil.priors import ByLength, Prior, Share
+from rpil.priors import Share
 from rpil.spaces import Box, Discrete, Space
 
 
@@ -238,9 +238,10 @@ def who_gave(
     return found
 
 
-def as_prior(prior: float | tuple[float, float] | None, lengths: Array) -> Prior:
+def as_prior(prior: float | tuple[float, float] | None) -> Share:
+    """P(expert): fixed, or estimated under Beta(a, b); None is Beta(2, 2)."""
     if prior is None:
-        return ByLength.start(lengths)
+        return Share()
     if np.ndim(prior) == 0:
         if not 0 < float(prior) < 1:  # type: ignore[arg-type]
             raise DataError(f"The prior {prior!r} is no probability between 0 and 1.")

@@ -37,28 +37,6 @@ class Reliability(Protocol):
     def log_prior(self) -> float:
         """What the prior on the two distributions adds to the objective."""
 
-    @property
-    def alternatives(self) -> Alternatives:
-        """Every pair of distributions that `fit` chooses from."""
-
-
-@dataclass(frozen=True, eq=False)
-class Alternatives:
-    """Pairs of distributions over the grid of rho.
-
-    Attributes
-    ----------
-    log_weight : (T, J) array
-        log P(rho_j) under each distribution.
-    pairs : (Q, 2) int array
-        Rows of `log_weight`: the experts' and the adversaries'.
-    log_prior : (Q,) array
-    """
-
-    log_weight: Array
-    pairs: Array
-    log_prior: Array
-
 
 @dataclass(frozen=True)
 class PointMasses:
@@ -72,10 +50,6 @@ class PointMasses:
 
     def log_prior(self) -> float:
         return 0.0
-
-    @property
-    def alternatives(self) -> Alternatives:
-        return Alternatives(self.log_weight, np.array([[0, 1]]), np.zeros(1))
 
 
 @dataclass(frozen=True)
@@ -145,7 +119,7 @@ class TwoBetas:
         table = beta_table()
         score = counts @ table.log_weight.T + table.log_prior
         pair = score[EXPERT][:, None] + score[ADVERSARY]
-        pair[~self._apart] = -np.inf
+        pair[table.mean[:, None] < table.mean + self.gap] = -np.inf
         best = int(np.argmax(pair))
         expert, adversary = divmod(best, len(table.mean))
         return replace(self, expert=expert, adversary=adversary)
@@ -153,19 +127,6 @@ class TwoBetas:
     def log_prior(self) -> float:
         prior = beta_table().log_prior
         return float(prior[EXPERT, self.expert] + prior[ADVERSARY, self.adversary])
-
-    @property
-    def alternatives(self) -> Alternatives:
-        table = beta_table()
-        log_prior = table.log_prior[EXPERT][:, None] + table.log_prior[ADVERSARY]
-        pairs = np.argwhere(self._apart & np.isfinite(log_prior))
-        return Alternatives(table.log_weight, pairs, log_prior[tuple(pairs.T)])
-
-    @property
-    def _apart(self) -> Array:
-        mean = beta_table().mean
-        apart: Array = mean[:, None] >= mean + self.gap
-        return apart
 
     @property
     def means(self) -> tuple[float, float]:

@@ -1,7 +1,7 @@
-"""EM around a policy that is trained by somebody else: two functions, and it may be anything.
+"""EM around a policy that the user trains: two functions describe it, and it may be anything.
 
-In a training loop of one's own every epoch trusts every step alike. Here each epoch is a round of EM: steps count as
-far as they are trusted, and are trusted as far as the policy and the other demonstrations explain them.
+An ordinary training loop gives every step the same weight. Here each epoch is a round of EM: a step has the weight of
+its trust, and its trust is how well the policy and the other demonstrations explain it.
 """
 
 from __future__ import annotations
@@ -14,8 +14,7 @@ from typing import Any
 import numpy as np
 
 from rpil.adversaries import Adversary, Constant, Marginal, MarginalBox, UniformBox
-from rpil.audit import Audit, summarise
-from rpil.belief import Belief, believe
+from rpil.audit import Audit, Interval
 from rpil.demonstrations import Demonstrations
 from rpil.em import Result, State, e_step, lower_bound, m_step
 from rpil.errors import DataError
@@ -23,6 +22,7 @@ from rpil.inputs import as_prior, coded_actions, known_labels
 from rpil.passes import Array
 from rpil.problem import Problem
 from rpil.reliability import PointMasses, Reliability, TwoBetas
+from rpil.verdicts import summarise
 
 _ADVERSARIES: dict[str, dict[str, Callable[[Any], Adversary]]] = {
     "discrete": {
@@ -35,21 +35,30 @@ _ADVERSARIES: dict[str, dict[str, Callable[[Any], Adversary]]] = {
         "uniform": lambda space: UniformBox(space.log_volume),
     },
 }
-"""Those that need not know what the policy would have done instead."""
+"""Adversaries that need no probabilities of the actions that were not taken."""
 
 _LEVELS: dict[str, Callable[[], Reliability]] = {"both": TwoBetas.start, "demonstration": PointMasses}
 
 _LEAST = -700.0
-"""Of a log-probability: e to the power of less is 0."""
+"""Least log-probability: its exponential is still a positive number."""
 
 _PATIENCE = 3
-"""Rounds without a gain after which there will be none."""
+"""Rounds without a gain after which training stops."""
 
 _GAIN = 1e-3
-"""Nats a step: what a round of training must gain on held-out steps, or else it gains nothing."""
+"""Nats a step that a round of training must gain on held-out steps to count as a gain."""
 
 _NEGLIGIBLE = 1e-6
-"""A weight below which nobody is trained."""
+"""Where no weight is larger, a policy is not trained."""
+
+_ASSUMED = (
+    "Experts agree with one another: in similar states they act alike.",
+    "Given the policy, the steps of a demonstration are independent.",
+    "There are two groups of demonstrations, experts and adversaries.",
+    "The order of demonstrations and any reward were not used.",
+    "Whether several groups of demonstrations each agree among themselves was not looked into.",
+)
+_IN_SAMPLE = "The policy was judged by what it was trained on: it cannot memorise actions."
 
 LogProb = Callable[[Any, Array, Array], Any]
 Train = Callable[[Any, Array, Array, Array], Any]
@@ -66,7 +75,7 @@ class Reweighted:
     audit : Audit
         Verdicts, log-odds, ``step_weight``: as `RPIL.audit_`.
     n_rounds : int
-        How often it was trained.
+        How often the policy was trained.
     converged : bool
         Whether trust had settled.
     """
@@ -84,10 +93,10 @@ class Reweighted:
 
 @dataclass(frozen=True, eq=False)
 class _Theirs:
-    """Their policy as EM wants it: a `Policy` whose outputs are the log-probabilities of the actions taken, (N,).
+    """The user's policy as a `Policy`, whose outputs are the log-probabilities of the actions taken, (N,).
 
-    With several members each has its own fold of the demonstrations, which it is asked about and never trained on.
-    They are copied before they are trained. A single member is asked about all, and trained where it is.
+    Each of several members judges its own fold of the demonstrations and is trained on the others; members are copied
+    before they are trained. A single member judges all demonstrations and is trained in place.
     """
 
     members: tuple[Any, ...]
@@ -97,7 +106,7 @@ class _Theirs:
     teach: Train
 
     def outputs(self, features: Array) -> Array:
-        """Of all steps, whatever the `features`: nothing else can be asked of such a policy."""
+        """Of all steps: the policy reads the observations of `data`, and not the `features`."""
         out = np.empty(len(self.fold))
         for member, rows in zip(self.members, self._asked, strict=True):
             out[rows] = self._ask(member, rows)
@@ -119,7 +128,7 @@ class _Theirs:
         """One more round of training."""
         alone = len(self.members) == 1
         taught = [
-            self._train(member if alone else deepcopy(member), np.sort(rows), weight)
+            self.train(member if alone else deepcopy(member), np.sort(rows), weight)
             for member, rows in zip(self.members, self._taught, strict=True)
         ]
         new = replace(self, members=tuple(taught))
@@ -131,17 +140,16 @@ class _Theirs:
     def penalty(self) -> float:
         return 0.0
 
-    def _train(self, member: Any, rows: Array, weight: Array) -> Any:
-        if weight[rows].max() < _NEGLIGIBLE:  # a weighted mean of nothing is not a number
+    def train(self, member: Any, rows: Array, weight: Array) -> Any:
+        """`member` after a round of training on `rows`."""
+        if weight[rows].max() < _NEGLIGIBLE:  # the weighted mean of no steps is not a number
             return member
         new = self.teach(member, self.data.observations[rows], self.data.actions[rows], weight[rows].copy())
         if new is None:
             return member
         if not isinstance(new, type(member)):
-            raise DataError(
-                f"train returned {type(new).__name__}; let it return nothing, or the new policy, of type "
-                f"{type(member).__name__}."
-            )
+            types = type(new).__name__, type(member).__name__
+            raise DataError("train returned {}; let it return nothing, or the new policy, of type {}.".format(*types))
         return new
 
     def _ask(self, member: Any, rows: Array) -> Array:
@@ -164,13 +172,11 @@ class _Theirs:
             m = self.data.ids[self.data.groups[step]]
             raise DataError(
                 f"{self.data.source}, demonstration {m!r}: log_prob returned {found[np.argmax(wrong)]} at step "
-                f"{step - self.data.offsets[self.data.groups[step]]}; look at the policy's loss, or lower its "
-                "learning rate."
+                f"{step - self.data.offsets[self.data.groups[step]]}; look at the loss, or lower the learning rate."
             )
         if self.data.is_discrete and found.max() > 1e-4:
-            raise DataError(
-                f"log_prob returned {found.max():.3g} for a discrete action, more than log 1; take logarithms."
-            )
+            above = f"{found.max():.3g} for a discrete action"
+            raise DataError(f"log_prob returned {above}, more than log 1; take logarithms.")
         return np.maximum(found, _LEAST)
 
     @property
@@ -200,10 +206,10 @@ def reweight(
     random_state: int = 0,
     progress: Callable[[str], None] | None = None,
 ) -> Reweighted:
-    """Train a policy of any kind on demonstrations as far as each can be trusted, and say how far that is.
+    """Train a policy of any kind on demonstrations weighted by their trust, and find that trust.
 
     All steps are trusted at first, until training gains nothing more; then training and judging take turns until trust
-    has settled. Nothing of the policy is known here but what the two functions do.
+    has settled. The policy is used through two functions only.
 
     Parameters
     ----------
@@ -216,11 +222,10 @@ def reweight(
         Trains with steps that count by their weights, from 0 to 1, for an epoch, say. Returns nothing, or the new
         policy, of the same type.
     n_folds : int
-        Copies of the policy by which demonstrations are judged, each trained without those that it judges; the policy
-        itself is trained at the end. Whatever `train` changes must be copied along with a policy, so an optimiser
-        belongs to it. With 1 there are no copies: the policy is judged by what it was trained on, which costs a third
-        of the time and is right only if it cannot memorise: a flexible policy explains bad actions as well as good
-        ones, and all are trusted.
+        Copies of the policy that judge demonstrations, each trained without those that it judges; the policy itself is
+        trained at the end. All that `train` changes must be copied along with a policy, so an optimiser belongs to it.
+        With 1 there are no copies: the policy judges what it was trained on, which costs a third of the time and is
+        right only if it cannot memorise: a flexible policy explains bad actions as well as good ones.
     adversary : {"marginal", "uniform", "constant"}
         What bad demonstrators do: their own favourite actions whatever the state, anything, or (discrete actions) what
         scores log psi = 0.
@@ -267,46 +272,41 @@ def reweight(
     for name, value, known in (("adversary", adversary, _ADVERSARIES[space.kind]), ("level", level, _LEVELS)):
         if value not in known:
             raise DataError(f"There is no {name} {value!r} here; choose {' or '.join(known)}.")
-    problem = Problem(
-        demonstrations.observations, codes, demonstrations.offsets, space, known_labels(labels, demonstrations)
-    )
+    given = known_labels(labels, demonstrations)
+    problem = Problem(demonstrations.observations, codes, demonstrations.offsets, space, given)
     order = np.random.default_rng(random_state).permutation(n_demonstrations)
     fold = problem.spread(np.argsort(order) % n_folds)
     members = (policy,) if n_folds == 1 else tuple(deepcopy(policy) for _ in range(n_folds))
-    theirs, outputs, n_warm = _warm(
-        _Theirs(members, fold, demonstrations, log_prob, train), problem, max_rounds, progress
-    )
-    start = State(
-        theirs, _ADVERSARIES[space.kind][adversary](space), as_prior(prior, problem.lengths), _LEVELS[level]()
-    )
+    theirs = _Theirs(members, fold, demonstrations, log_prob, train)
+    theirs, outputs, n_warm = _warm(theirs, problem, max_rounds, progress)
+    start = State(theirs, _ADVERSARIES[space.kind][adversary](space), as_prior(prior), _LEVELS[level]())
     result, n_rounds = _rounds(problem, start, outputs, max_rounds, tol, progress)
     n_rounds += n_warm
-    belief, log_odds = believe(problem, result.state, result.posterior.outputs)
-    audit = summarise(problem, result, belief, log_odds, demonstrations.ids, [])
+    share = Interval(*result.state.prior.interval(result.posterior.expert))
+    audit = summarise(problem, result, share, demonstrations.ids)
     if n_folds == 1:
         policy = result.state.policy.members[0]  # type: ignore[attr-defined]
     else:
-        whole = replace(theirs, members=(policy,), fold=np.zeros_like(fold))
         for n in range(n_rounds):
             progress(f"training the policy: {n + 1} of {n_rounds}")
-            whole = replace(whole, members=(whole._train(whole.members[0], np.arange(len(fold)), audit.step_weight),))
-        policy = whole.members[0]
-    return Reweighted(policy, replace(audit, assumptions=_assumptions(belief, n_folds)), n_rounds, result.converged)
+            policy = theirs.train(policy, np.arange(len(fold)), audit.step_weight)
+    said = (*_ASSUMED, _IN_SAMPLE) if n_folds == 1 else _ASSUMED
+    return Reweighted(policy, replace(audit, assumptions=said), n_rounds, result.converged)
 
 
 def _warm(
     theirs: _Theirs, problem: Problem, max_rounds: int, progress: Callable[[str], None]
 ) -> tuple[_Theirs, Array, int]:
-    """Training with uniform trust until it gains nothing more: the policy at its best, its outputs, and the rounds.
+    """Training with uniform trust until it gains nothing more: the best policy, its outputs, and the rounds.
 
-    An untrained policy explains nobody, and EM would take everybody for an adversary.
+    An untrained policy explains no demonstration, and EM would take them all for adversaries'.
     """
     weight = problem.spread((problem.labels >= 0).astype(float))
     alone = len(theirs.members) == 1
     outputs = theirs.outputs(problem.features)
     best, kept, when = -np.inf, (theirs, outputs), 0
     for n in range(1, max_rounds + 1):
-        progress(f"trusting everybody: {n}")
+        progress(f"trusting all: {n}")
         before = outputs
         theirs, outputs = theirs.learn(problem, weight)
         if n == 1 and not alone and np.array_equal(before, outputs):
@@ -326,10 +326,10 @@ def _warm(
 def _rounds(
     problem: Problem, state: State, outputs: Array, max_rounds: int, tol: float, progress: Callable[[str], None]
 ) -> tuple[Result, int]:
-    """EM until responsibilities are steady, or held-out likelihood no longer rises; and the rounds it took.
+    """EM until responsibilities are steady, or held-out likelihood no longer rises; and the number of rounds.
 
-    Copies that judge what they have not seen are best where the objective is; in-sample it only ever rises, and the
-    last policy is all there is.
+    With several copies the objective is one of held-out data, so the result is the best round. With one policy, which
+    judges what it was trained on, the objective only rises, so the result is the last round.
     """
     alone = len(state.policy.members) == 1  # type: ignore[attr-defined]
     posterior = e_step(problem, state, outputs)
@@ -347,16 +347,3 @@ def _rounds(
         if steady >= _PATIENCE or n - when >= _PATIENCE:
             return replace(best, converged=True), when
     return best, when
-
-
-def _assumptions(belief: Belief, n_folds: int) -> tuple[str, ...]:
-    said = [
-        "Experts agree with one another: in similar states they act alike.",
-        f"Steps that follow one another tell the same in part: {belief.power:.2f} of each counts.",
-        f"P(there are no adversaries at all, or nothing to tell them by) is {belief.alike:.2f}, and was one half.",
-        "The order of demonstrations and any reward were not used.",
-        "Whether several groups of demonstrations each agree among themselves was not looked into.",
-    ]
-    if n_folds == 1:
-        said.append("The policy was judged by what it was trained on: it cannot memorise actions.")
-    return tuple(said)

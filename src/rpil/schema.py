@@ -8,7 +8,6 @@ from rpil.adversaries import (
     Complement,
     Confusion,
     Constant,
-    Either,
     Marginal,
     MarginalBox,
     OwnPolicy,
@@ -16,13 +15,12 @@ from rpil.adversaries import (
     UniformBox,
 )
 from rpil.audit import Audit, Demonstrator, Interval
-from rpil.belief import Belief
 from rpil.cloning import BehavioralCloning
 from rpil.em import State
 from rpil.estimators import RPIL
 from rpil.features import FeatureMap
 from rpil.policies import SoftmaxPolicy, StudentPolicy
-from rpil.priors import ByLength, Share
+from rpil.priors import Share
 from rpil.reliability import PointMasses, TwoBetas
 from rpil.rment import RMEnt
 from rpil.spaces import Box, Discrete
@@ -46,16 +44,7 @@ KNOWN: dict[type, dict[str, str]] = {
     Discrete: {},
     Box: {"low": "A", "high": "A"},
     State: {},
-    Belief: {
-        "shift": "shares",
-        "expert": "pairs J",
-        "adversary": "pairs J",
-        "weight": "shares pairs",
-        "one": "J",
-        "people": "people 3",
-    },
     Share: {},
-    ByLength: {},
     Interval: {},
     Demonstrator: {},
     TwoBetas: {},
@@ -68,7 +57,6 @@ KNOWN: dict[type, dict[str, str]] = {
     UniformBox: {},
     MarginalBox: {"low": "A", "width": "A", "log_density": "A B"},
     OwnPolicy: {},
-    Either: {},
     Audit: {
         "offsets": "M+1",
         "log_odds": "M",
@@ -99,7 +87,6 @@ FITTED = {
         "features_",
         "policy_",
         "search_features_",
-        "belief_",
         "audit_",
         "n_iter_",
         "lower_bound_",

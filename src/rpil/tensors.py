@@ -246,7 +246,7 @@ def _knows_policy(policy: Any) -> bool:
 
 
 def _knows_state(state: State, mode: MStep = "joint") -> bool:
-    return _knows_policy(state.policy) and type(state.adversary) in _PSI and not state.stickiness
+    return _knows_policy(state.policy) and type(state.adversary) in _PSI
 
 
 _WAYS: dict[Any, tuple[Callable[..., Any], Callable[..., bool]]] = {

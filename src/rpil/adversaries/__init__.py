@@ -9,7 +9,6 @@ import numpy as np
 
 from rpil.adversaries.continuous import MarginalBox, UniformBox
 from rpil.adversaries.discrete import Complement, Confusion, Constant, Marginal, Uniform
-from rpil.adversaries.either import Either
 from rpil.adversaries.own import OwnPolicy
 from rpil.adversaries.protocol import Adversary
 from rpil.errors import DataError
@@ -19,12 +18,10 @@ from rpil.spaces import Discrete, Space
 
 __all__ = [
     "ADVERSARIES",
-    "AUTO",
     "Adversary",
     "Complement",
     "Confusion",
     "Constant",
-    "Either",
     "Marginal",
     "MarginalBox",
     "OwnPolicy",
@@ -32,7 +29,6 @@ __all__ = [
     "UniformBox",
     "adversary",
     "marginal",
-    "usual",
 ]
 
 ADVERSARIES: dict[str, dict[str, Callable[[Any, Policy], Adversary]]] = {
@@ -49,16 +45,9 @@ ADVERSARIES: dict[str, dict[str, Callable[[Any, Policy], Adversary]]] = {
         "uniform": lambda space, policy: UniformBox(space.log_volume),
         "marginal": lambda space, policy: MarginalBox.start(space),
         "own policy": lambda space, policy: OwnPolicy(policy),
-        "own policy or marginal": lambda space, policy: Either(OwnPolicy(policy), MarginalBox.start(space)),
     },
 }
 """Kind of actions -> name -> start of the adversary, given the space of actions and a policy that has seen no data."""
-
-AUTO = {
-    "discrete": ("uniform", "marginal", "normalised complement", "confusion"),
-    "continuous": ("uniform", "marginal", "own policy or marginal"),
-}
-"""The adversaries among which ``"auto"`` chooses: distributions, so that their held-out likelihoods compare."""
 
 
 def adversary(which: str | Adversary, space: Space, policy: Policy) -> Adversary:
@@ -82,15 +71,7 @@ def adversary(which: str | Adversary, space: Space, policy: Policy) -> Adversary
     return known[which](space, policy)
 
 
-def usual(space: Space, labelled: bool) -> str:
-    """The adversary to begin with when there are several candidates.
-
-    With labels the other group may be of one mind too, and larger: only a confusion can keep it from taking over.
-    """
-    return "confusion" if labelled and space.kind == "discrete" else "marginal"
-
-
 def marginal(problem: Problem, policy: Policy) -> Adversary:
-    """What is frequent in all demonstrations, whatever the state."""
+    """The marginal of the actions of all demonstrations."""
     start = adversary("marginal", problem.space, policy)
     return start.fit(problem, problem.features, np.ones(len(problem.actions)))  # it asks for no outputs

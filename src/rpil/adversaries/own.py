@@ -9,7 +9,6 @@ import numpy as np
 
 from rpil.adversaries.protocol import Fixed
 from rpil.passes import Array, Sums
-from rpil.policies import Policy
 from rpil.problem import Problem
 
 
@@ -22,14 +21,6 @@ class OwnPolicy(Fixed):
 
     policy: Any
     name: str = "own policy"
-
-    @property
-    def symmetric(self) -> bool:
-        return True
-
-    def with_policy(self, policy: Policy) -> OwnPolicy:
-        """The same with another policy."""
-        return replace(self, policy=policy)
 
     def log_prob(self, features: Array, outputs: Array, actions: Array) -> Array:
         return self.policy.log_prob(self.policy.outputs(features), actions)

@@ -12,7 +12,6 @@ from typing import Protocol, Self
 import numpy as np
 
 from rpil.passes import Array, Sums
-from rpil.policies import Policy
 from rpil.problem import Problem
 
 
@@ -22,13 +21,6 @@ class Adversary(Protocol):
     @property
     def name(self) -> str:
         """As in `ADVERSARIES`."""
-
-    @property
-    def symmetric(self) -> bool:
-        """Whether it has a policy of its own, so that expert and adversary could change places."""
-
-    def with_policy(self, policy: Policy) -> Self:
-        """The same with another policy, where it has one of its own."""
 
     def log_prob(self, features: Array, outputs: Array, actions: Array) -> Array:
         """log psi(a_n|s_n) of the actions taken, (N,), where the policy has these `outputs` (N, ...)."""
@@ -58,13 +50,6 @@ class Adversary(Protocol):
 @dataclass(frozen=True)
 class Fixed:
     """An adversary with nothing to learn, and nothing to teach; what learns overrides `statistics` and `improved`."""
-
-    @property
-    def symmetric(self) -> bool:
-        return False
-
-    def with_policy(self, policy: Policy) -> Self:
-        return self
 
     def intended(self, outputs: Array, actions: Array) -> Array | None:
         return None

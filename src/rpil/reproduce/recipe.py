@@ -72,7 +72,7 @@ class PaperRecipe(PolicyEstimator):
         """
         demonstrations = as_demonstrations(self, X, y, groups)
         self.classes_, codes = action_codes(demonstrations.actions, demonstrations.source)
-        prior = as_prior(self.prior, demonstrations.lengths)
+        prior = as_prior(self.prior)
         self.space_ = Discrete(len(self.classes_))
         with threadpool_limits(1, "blas"):
             self.features_ = FeatureMap.fit("raw", demonstrations.observations)
