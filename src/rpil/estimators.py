@@ -31,7 +31,6 @@ from rpil.inputs import (
     coded_like,
     known_labels,
     known_space,
-    ridge_of,
     who_gave,
 )
 from rpil.judge import Judgement, Settings, judge
@@ -39,11 +38,10 @@ from rpil.judge.fitted import SCALES, FittedJudge
 from rpil.judge.held_out import PolicyScorer, Scorer, scored, scorer
 from rpil.judge.judgement import MINORITY
 from rpil.large import REFIT_TOL, fit_large, is_large
-from rpil.policies import linear_policy
+from rpil.mixture import fit_mixture
 from rpil.policies.estimator import estimator_policy
 from rpil.problem import Problem
-from rpil.search import fit_mixture
-from rpil.verdicts import audit_of, summarise
+from rpil.verdicts import audit_of
 
 Array = NDArray[Any]
 
@@ -229,7 +227,10 @@ class RPIL(PolicyEstimator):
         company = who_gave(demonstrators, demonstrations)
         with threadpool_limits(1, "blas"):  # thin products gain nothing from threads, and can lose a lot
             if not self._judges:
-                self._fit_mixture(demonstrations, codes, known, company)
+                if isinstance(company, Demonstrators) or self.policy is not None:
+                    raise DataError("A named adversary knows neither demonstrators= nor policy=; leave out one.")
+                problem, weight = fit_mixture(self, demonstrations, codes, known)
+                self._finish(demonstrations, codes, problem, weight)
             elif self.policy is None and is_large(self, demonstrations):
                 fit_large(self, demonstrations, known, company, self.engine or InMemory())
             else:
@@ -268,35 +269,16 @@ class RPIL(PolicyEstimator):
         if weight.sum() < 1.0:  # no demonstration is trusted: learn from the steps that are most likely an expert's
             weight = judgement.steps.step
         progress("the policy")
-        self._learn_policy(demonstrations, codes, problem, weight)
-        self.warn(problem, demonstrations.source)
+        self._finish(demonstrations, codes, problem, weight)
 
-    def _fit_mixture(self, demonstrations: Demonstrations, codes: Array, known: Array, company: Company) -> None:
-        """EM with the adversary that was named, the paper's model and its variants."""
-        if isinstance(company, Demonstrators) or self.policy is not None:
-            raise DataError("A named adversary knows neither demonstrators= nor policy=; leave out one of the two.")
-        features = self.judge_map(demonstrations)
-        design = features.design(demonstrations.observations)
-        problem = Problem(design, codes, demonstrations.offsets, self.space_, known)
-        ridge = ridge_of(features, self.C, len(codes), self.space_)
-        result, share = fit_mixture(self, problem, linear_policy(self.space_, ridge, len(codes)))
-        self.audit_ = summarise(problem, result, share, demonstrations.ids)
-        self.state_, self.judge_, self.judge_features_ = result.state, None, features
-        self.n_iter_ = max(1, len(result.history) - 1)
-        self.lower_bound_, self.converged_ = result.objective, result.converged
-        weight = self.audit_.step_weight
-        weight = weight if weight.sum() >= 1.0 else result.posterior.step
-        self._learn_policy(demonstrations, codes, problem, weight)
-        self.warn(problem, demonstrations.source)
-
-    def _learn_policy(self, demonstrations: Demonstrations, codes: Array, problem: Problem, weight: Array) -> None:
-        """The final policy, from steps of `weight` (N,)."""
+    def _finish(self, demonstrations: Demonstrations, codes: Array, problem: Problem, weight: Array) -> None:
+        """The final policy, from steps of `weight` (N,), and what the user should know."""
         if self.policy is None:
             self._learn(demonstrations, codes, weight, weight > 0.5 * weight.max(), REFIT_TOL)
-            return
-        start: Any = estimator_policy(self.policy, self.space_, len(codes))
-        seen = replace(problem, features=Untouched().design(demonstrations.observations))
-        self.features_, self.policy_ = Untouched(), start.finished(seen, weight)
+        else:
+            start: Any = estimator_policy(self.policy, self.space_, len(codes))
+            self.features_, self.policy_ = self.judge_features_, start.finished(problem, weight)
+        self.warn(problem, demonstrations.source)
 
     @property
     def log_odds_(self) -> Array:
