@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
 from typing import Any, Literal
 
@@ -10,22 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import expit
 
-from rpil.belief import Belief
-from rpil.demonstrators import Company, Demonstrators
-from rpil.em import Posterior, Result
 from rpil.errors import DataError
 from rpil.formats.labels import match_given
-from rpil.problem import Problem
 from rpil.recalibration import FEWEST, Recalibration
 from rpil.suggestions import suggest
 
 SURE = 0.9
 """Probability from which a demonstration is called an expert's, or an adversary's."""
-
-WHOLE = 0.9
-"""Reliability, to that of a typical expert, from which every step of a demonstration is trained on: odd steps that
-experts have in common, or so few, are the policy's misfit and not the demonstrator's, and dropping them would bias the
-policy to where it fits."""
 
 _LABEL_LOG_ODDS = 20.0
 """What a label is worth at least: as good as certain, and finite."""
@@ -81,10 +72,17 @@ class Audit:
         Demonstration ids, in the order of the data (M of them).
     offsets : (M + 1,) int array
         Demonstration m owns the steps ``offsets[m]:offsets[m + 1]``.
+    finding : str
+        What the audit comes to: "told apart", "cannot be known", "nobody stands out" or "nothing could be learned"; see
+        `rpil.judge.FINDINGS`. Verdicts are given where demonstrations were told apart.
     log_odds : (M,) array
-        Log posterior odds of expert against adversary, in nats; the primary output.
+        Log-odds of expert against adversary, in nats; the primary output. The sum of `evidence`.
+    from_actions, from_demonstrator, from_label : (M,) arrays
+        The parts of `log_odds`: what the demonstration's own actions say, what the other demonstrations of its
+        demonstrator say, and what a label adds.
     expert_proba : (M,) array
-        ``sigmoid(log_odds)``; 0.5 for members of competing groups, whose log-odds only say which group they are in.
+        P(expert): ``sigmoid(log_odds)``, or 0.5 where it cannot be known which of two groups is the expert. It says how
+        surely a demonstration acts as the group does that agrees best; that this group is good is assumed.
     reliability : (M,) array
         Posterior mean share of the demonstration's steps that are the expert's.
     reliability_interval : (M, 2) array
@@ -115,7 +113,11 @@ class Audit:
 
     ids: tuple[Any, ...]
     offsets: NDArray[np.int64]
+    finding: str
     log_odds: NDArray[np.float64]
+    from_actions: NDArray[np.float64]
+    from_demonstrator: NDArray[np.float64]
+    from_label: NDArray[np.float64]
     expert_proba: NDArray[np.float64]
     reliability: NDArray[np.float64]
     reliability_interval: NDArray[np.float64]
@@ -131,6 +133,11 @@ class Audit:
     assumptions: tuple[str, ...]
     demonstrators: tuple[Demonstrator, ...] = ()
     labelled: tuple[Any, ...] = ()
+
+    @property
+    def evidence(self) -> dict[str, NDArray[np.float64]]:
+        """The parts that `log_odds` is the sum of, (M,) each, in nats."""
+        return {"actions": self.from_actions, "demonstrator": self.from_demonstrator, "label": self.from_label}
 
     @property
     def lengths(self) -> NDArray[np.int64]:
@@ -183,15 +190,18 @@ class Audit:
         given[index] = [1 if expert[m] else -1 for m in index.tolist()]
         before = np.array([name in self.labelled for name in self.ids])
         found = Recalibration.fit(self.log_odds[index], given[index] > 0)
-        log_odds = _with_labels(np.where(before, self.log_odds, found.log_odds(self.log_odds)), given)
+        corrected = np.where(before, self.log_odds, found.log_odds(self.log_odds))
+        log_odds = with_labels(corrected, given)
         proba = expit(log_odds)
         old = np.repeat(self.expert_proba, self.lengths)
         within = np.divide(self.step_weight, old, out=np.ones(len(old)), where=old > 0)
         return replace(
             self,
             log_odds=log_odds,
+            from_actions=self.from_actions + corrected - self.log_odds,
+            from_label=self.from_label + log_odds - corrected,
             expert_proba=proba,
-            verdicts=tuple(_verdict(p, contested=False) for p in proba),
+            verdicts=tuple(verdict(p, contested=False) for p in proba),
             step_weight=np.repeat(proba, self.lengths) * np.minimum(within, 1.0),
             labelled=(*self.labelled, *(self.ids[m] for m in index.tolist())),
             assumptions=(
@@ -227,6 +237,7 @@ class Audit:
         return {
             "n_demonstrations": len(self.ids),
             "n_steps": int(self.offsets[-1]),
+            "finding": self.finding,
             "adversary": self.adversary,
             "prior": {"mean": self.prior.mean, "low": self.prior.low, "high": self.prior.high},
             "identifiable": self.identifiable,
@@ -238,6 +249,7 @@ class Audit:
                     "id": self.ids[m],
                     "n_steps": int(self.lengths[m]),
                     "log_odds": float(self.log_odds[m]),
+                    "evidence": {name: float(part[m]) for name, part in self.evidence.items()},
                     "expert_proba": float(self.expert_proba[m]),
                     "reliability": float(self.reliability[m]),
                     "verdict": self.verdicts[m],
@@ -249,115 +261,14 @@ class Audit:
         }
 
 
-def summarise(
-    problem: Problem,
-    result: Result,
-    belief: Belief,
-    log_odds: NDArray[np.float64],
-    ids: Sequence[Any],
-    competing: Sequence[NDArray[np.int64]],
-) -> Audit:
-    """What a fit says about each demonstration.
-
-    Parameters
-    ----------
-    problem, result
-        The data and where EM ended.
-    belief, log_odds
-        As `rpil.belief.believe` returns them.
-    ids : sequence
-        Of the demonstrations.
-    competing : sequence of int arrays
-        Groups of demonstrations of which the data cannot say which is the expert; empty where they can.
-    """
-    posterior = result.posterior
-    log_odds = _with_labels(log_odds, problem.labels)
-    nodes, by_node = result.state.reliability.nodes, posterior.joint.sum(axis=1)
-    reliability = by_node @ nodes
-    contested = np.zeros(len(ids), dtype=bool)
-    for group in competing:
-        contested[group] = True
-    contested |= len(problem.labels) > 1 and alone(problem, posterior)
-    contested &= problem.labels == 0
-    proba = np.where(contested, 0.5, expit(log_odds))
-    verdicts = tuple(_verdict(p, unsure) for p, unsure in zip(proba, contested, strict=True))
-    return Audit(
-        ids=tuple(ids),
-        offsets=np.asarray(problem.offsets, dtype=np.int64),
-        log_odds=log_odds,
-        expert_proba=proba,
-        reliability=reliability,
-        reliability_interval=np.stack([_quantile(nodes, by_node, q) for q in (0.025, 0.975)], axis=1),
-        verdicts=verdicts,
-        step_log_ratio=posterior.log_ratio,
-        step_weight=step_weight(problem.lengths, proba, reliability, posterior.step)
-        if len(posterior.step)
-        else posterior.step,
-        prior=Interval(*belief.share(problem.lengths)),
-        identifiable=not competing,
-        competing=tuple(tuple(ids[m] for m in group) for group in competing),
-        # the longest of each group tells most
-        to_label=tuple(ids[group[np.argmax(problem.lengths[group])]] for group in competing),
-        adversary=result.state.adversary.name,
-        history=result.history,
-        assumptions=(),
-        demonstrators=_people(problem.company, belief, verdicts),
-        labelled=tuple(ids[m] for m in np.flatnonzero(problem.labels).tolist()),
-    )
-
-
-def step_weight(
-    lengths: NDArray[np.int64],
-    proba: NDArray[np.float64],
-    reliability: NDArray[np.float64],
-    step: NDArray[np.float64],
-    typical: float | None = None,
-) -> NDArray[np.float64]:
-    """What each step counts for training, (N,): the trust in its demonstration, times that in the step itself unless
-    the demonstration is as reliable as a `typical` expert's."""
-    typical = typical_reliability(reliability, proba) if typical is None else typical
-    whole = reliability >= WHOLE * typical
-    weight: NDArray[np.float64] = np.repeat(proba, lengths) * np.where(np.repeat(whole, lengths), 1.0, step)
-    return weight
-
-
-def typical_reliability(reliability: NDArray[np.float64], trust: NDArray[np.float64]) -> float:
-    """The median of the trusted, or 1 where nobody is."""
-    if trust.sum() < 1.0:
-        return 1.0
-    order = np.argsort(reliability)
-    return float(reliability[order][np.searchsorted(np.cumsum(trust[order]), 0.5 * trust.sum())])
-
-
-def alone(problem: Problem, posterior: Posterior) -> bool:
-    """Whether one demonstration at most is taken for an expert's, and no label says so: experts are known by their
-    agreement, and who is alone agrees with nobody."""
-    return not (problem.labels > 0).any() and int((posterior.expert > 0.5).sum()) < 2
-
-
-def _people(company: Company, belief: Belief, verdicts: Sequence[Verdict]) -> tuple[Demonstrator, ...]:
-    if not isinstance(company, Demonstrators):
-        return ()
-    found = []
-    for u, name in enumerate(company.names):
-        own = [verdicts[m] for m in np.flatnonzero(company.of == u).tolist()]
-        counts = [own.count(verdict) for verdict in ("expert", "adversary", "uncertain")]
-        if name is not None:
-            found.append(Demonstrator(name, Interval(*map(float, belief.people[u])), len(own), *counts))
-    return tuple(sorted(found, key=lambda who: -who.trust.mean))
-
-
-def _with_labels(log_odds: NDArray[np.float64], labels: NDArray[np.int64]) -> NDArray[np.float64]:
+def with_labels(log_odds: NDArray[np.float64], labels: NDArray[np.int64]) -> NDArray[np.float64]:
+    """Log-odds (M,) where `labels` (M,), 1 expert, -1 adversary, 0 unknown, are as good as certain."""
     log_odds = np.clip(log_odds, -_MOST_LOG_ODDS, _MOST_LOG_ODDS)
     return np.where(labels == 0, log_odds, labels * np.maximum(np.abs(log_odds), _LABEL_LOG_ODDS))
 
 
-def _verdict(proba: float, contested: bool) -> Verdict:
+def verdict(proba: float, contested: bool) -> Verdict:
+    """What to call a demonstration with this P(expert); "uncertain" where it is `contested`."""
     if contested or 1 - SURE < proba < SURE:
         return "uncertain"
     return "expert" if proba >= SURE else "adversary"
-
-
-def _quantile(nodes: NDArray[np.float64], weight: NDArray[np.float64], q: float) -> NDArray[np.float64]:
-    """Quantile of each row's distribution `weight` (M, J) over `nodes`, (M,)."""
-    return nodes[np.minimum((weight.cumsum(axis=1) < q).sum(axis=1), len(nodes) - 1)]

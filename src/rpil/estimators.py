@@ -1,4 +1,4 @@
-"""The scikit-learn face of the mixture: `RPIL`."""
+"""The scikit-learn face of the judge and of the paper's mixture: `RPIL`."""
 
 from __future__ import annotations
 
@@ -13,99 +13,99 @@ from sklearn.exceptions import ConvergenceWarning
 from sklearn.utils.validation import check_is_fitted
 from threadpoolctl import threadpool_limits
 
-from rpil.adversaries import AUTO, Adversary, adversary
+from rpil.adversaries import Adversary
 from rpil.assumptions import assumptions
-from rpil.audit import Audit, summarise
-from rpil.belief import Belief, believe, evidence
+from rpil.audit import Audit
 from rpil.cloning import PolicyEstimator
-from rpil.crossfit import cross_fitted
 from rpil.demonstrations import Demonstrations
-from rpil.demonstrators import STRANGERS, Company
-from rpil.em import Result, State
+from rpil.demonstrators import Company, Demonstrators
+from rpil.em import State, e_step
 from rpil.engines import Engine, InMemory, Streamed
 from rpil.errors import DataError
-from rpil.features import N_LANDMARKS, FeatureMap, Untouched
+from rpil.features import FeatureMap, Untouched
 from rpil.files import StrPath
 from rpil.formats.dataset import Dataset
-from rpil.identify import competing_groups
 from rpil.inputs import (
     as_demonstrations,
-    as_prior,
     coded_actions,
     coded_like,
     known_labels,
     known_space,
-    ridge_of,
     who_gave,
 )
-from rpil.large import REFIT_TOL, Source, fit_large, is_large
-from rpil.policies import linear_policy
+from rpil.judge import Judgement, Settings, judge
+from rpil.judge.fitted import SCALES, FittedJudge
+from rpil.judge.held_out import PolicyScorer, Scorer, scored, scorer
+from rpil.judge.judgement import MINORITY
+from rpil.large import REFIT_TOL, fit_large, is_large
+from rpil.mixture import fit_mixture
 from rpil.policies.estimator import estimator_policy
 from rpil.problem import Problem
-from rpil.refine import refine
-from rpil.reliability import PointMasses, Reliability, TwoBetas
-from rpil.search import Setting, fit
+from rpil.verdicts import audit_of
 
 Array = NDArray[Any]
 
-_SINGLE = {"discrete": 100_000, "continuous": 1_000_000}
-"""Entries of a design matrix from which a search is faster in single precision, by kind of actions. Trust needs no more
-digits, but least squares do."""
-
-_FEW = 32
-"""Observations up to which folding them costs little."""
-
-_LANDMARKS = (50, N_LANDMARKS)
-"""Of Nystroem's features where the search chose them itself, and where they were asked for."""
+SINGLE = 50_000
+"""Entries of the observations from which the judge reads discrete actions in single precision: trust needs no more
+digits."""
 
 
 class AmbiguousWarning(UserWarning):
-    """The data hold several groups that may each be the expert; `RPIL.audit_` says which to label."""
+    """The data hold two groups that may each be the expert; `RPIL.audit_` says which to label."""
 
 
 class RPIL(PolicyEstimator):
     """Robust probabilistic imitation learning: a policy from demonstrations of unknown quality, and how far to trust
     each of them.
 
+    By default each demonstration is scored by the mean held-out log-likelihood of its steps under a policy of those
+    that are explained best,
+
+        y_m = (1 / N_m) sum_n [ log pi(a_n | s_n) - log q(a_n) ],
+
+    and P(expert) says in which of two groups of scores it is, if there are two (`rpil.judge`). With a named `adversary`
+    it is the paper's mixture instead (eq. 7, 9, 11), for which ``level``, ``m_step``, ``prior``, ``n_single`` and
+    ``tol`` are:
+
+        p(D) = prod_m [ p prod_n pi(a_n | s_n) + (1 - p) prod_n psi(a_n | s_n) ].
+
     Parameters
     ----------
     features : {"raw", "folded", "spline", "poly", "nystroem", "auto"}
         What the policy sees of an observation, see `rpil.features`. "auto" chooses, with the ridge, once trust is
-        decided: by the likelihood of held-out demonstrations, each with as much say as it is trusted.
+        decided: by the likelihood of held-out demonstrations, each counted as far as it is trusted.
     policy : scikit-learn estimator, optional
         What an expert's policy is like: a classifier with `predict_proba` (a regressor where actions are continuous)
         that takes `sample_weight`, a pipeline or a search of such; or what `rpil.TorchPolicy` makes. It sees the
-        observations as they are. Its likelihoods are cross-fitted over demonstrations, so that it cannot memorise bad
-        ones. A linear one proposes what to trust, and it decides. By default the policy is linear in `features`.
+        observations as they are, and its held-out likelihoods decide. By default the policy is linear in `features`.
     adversary : str or Adversary
-        What bad demonstrators do. "auto" fits several and keeps the one under which held-out demonstrations are most
-        likely; or "constant", "uniform", "marginal", "complement" (the paper's), "normalised complement", "confusion",
-        "own policy", or an instance such as ``Confusion.given(matrix)``.
+        "auto" is the judge. Otherwise what bad demonstrators do in the paper's mixture, fitted in memory: "constant",
+        "uniform", "marginal", "complement" (the paper's), "normalised complement", "confusion", "own policy", or an
+        instance such as ``Confusion.given(matrix)``.
     prior : float or (float, float), optional
-        P(expert): fixed, or estimated under Beta(a, b). By default it is estimated under Beta(2, 2) and may depend on
-        the length of a demonstration, in the direction that the data show, see `rpil.priors`; (2, 2) keeps length out.
+        P(expert) of the mixture: fixed, or estimated under Beta(a, b); by default under Beta(2, 2).
     C : float, optional
-        Inverse ridge strength, as in `BehavioralCloning`.
+        Inverse ridge strength of the final policy, as in `BehavioralCloning`.
     level : {"both", "demonstration"}
-        "both": every demonstration has a reliability, the share of its steps that are the expert's, so that partly bad
-        demonstrations are understood. "demonstration": all or nothing, the paper's model.
+        Of the mixture. "both": every demonstration has a reliability, the share of its steps that are the expert's.
+        "demonstration": all or nothing, the paper's model.
     m_step : {"joint", "expert_only"}
-        "expert_only" drops the adversary's term from the policy's M-step, as the paper's code does.
+        Of the mixture: "expert_only" drops the adversary's term from the policy's M-step, as the paper's code does.
     labels : mapping of id to {"expert", "adversary"}, optional
-        What is known; fixes responsibilities, and the search starts from there. `fit` takes them too.
+        What is known. `fit` takes them too.
+    minority : {"ask", "trust", "distrust"}
+        What to think of demonstrations that act alike and otherwise than the rest, in the same states: say that it
+        cannot be known and ask for a label; take them for another good style; or take the larger group for the expert.
     search_features : str
-        What the policy sees while trust is decided: a kind of features, or "auto", which is `features`, but where that
-        is "raw" or "auto": then it is "folded" if there are few observations, since a straight line mistakes an expert
-        in a rare situation for an adversary, and "raw" if there are many. Few observations and continuous actions are
-        given to "nystroem", with fewer landmarks, and what "raw" finds is one more solution to compare.
+        What the policy sees while trust is decided: a kind of features, or "auto", which is `features`, or "folded"
+        where these are "raw" or "auto": a straight line mistakes an expert in a rare situation for an adversary.
     n_single : int
-        Starts from single demonstrations, beside the pooled one and the one where all demonstrations weigh the same.
-    annealing : int
-        Temperatures that each start passes through before EM proper; 0 is none.
+        Starts of the mixture from single demonstrations, beside the pooled one and the one where all demonstrations
+        weigh the same.
     max_iter : int
-        EM iterations.
+        EM iterations of the mixture, and passes over much data.
     tol : float
-        Gain of the objective, in nats a demonstration, at which EM stops.
+        Gain of the mixture's objective, in nats a demonstration, at which EM stops.
     random_state : int
         Same seed, same bits.
     action_box : (low, high), optional
@@ -113,11 +113,11 @@ class RPIL(PolicyEstimator):
     progress : callable, optional
         Called with a few words at every stage of a fit.
     engine : Engine, optional
-        Who runs passes over data that are many times larger than what a search needs to read, see `rpil.engines`: by
+        Runs passes over data that are many times larger than the sample that the judge reads, see `rpil.engines`: by
         default this process, on all its cores; from disk, where a `Dataset` is.
     checkpoint : path, optional
-        Where a fit to so much data keeps how far it is, after every pass. Where the file exists the fit goes on from
-        there, to the same bits; in the end it is removed.
+        Where a fit to so much data keeps how far the final policy is, after every pass. Where the file exists the fit
+        goes on from there; in the end it is removed.
 
     Attributes
     ----------
@@ -127,14 +127,18 @@ class RPIL(PolicyEstimator):
         In the order of ``audit_.ids``.
     classes_ : (K,) array
     coef_, intercept_ : arrays
+    judge_ : FittedJudge
+        What scores demonstrations that were not fitted.
+    state_ : State
+        Of the mixture, where an adversary was named.
     lower_bound_ : float
-        The EM objective.
+        The mixture's objective, or the mean held-out log-likelihood of a step of the demonstrations that taught.
     n_iter_ : int
     converged_ : bool
 
     References
     ----------
-    Crowe, "Robust Probabilistic Imitation Learning": eq. 3, 7, 9, 11; docs/model.md says what is repaired and added.
+    Crowe, "Robust Probabilistic Imitation Learning": eq. 2, 3, 7, 9, 11; docs/model.md says what is added.
 
     Examples
     --------
@@ -144,6 +148,8 @@ class RPIL(PolicyEstimator):
     """
 
     audit_: Audit
+    judge_: FittedJudge | None
+    state_: State | None
 
     def __init__(
         self,
@@ -155,9 +161,9 @@ class RPIL(PolicyEstimator):
         level: str = "both",
         m_step: str = "joint",
         labels: Mapping[Any, str] | None = None,
+        minority: str = "ask",
         search_features: str = "auto",
         n_single: int = 3,
-        annealing: int = 0,
         max_iter: int = 200,
         tol: float = 1e-3,
         random_state: int = 0,
@@ -174,9 +180,9 @@ class RPIL(PolicyEstimator):
         self.level = level
         self.m_step = m_step
         self.labels = labels
+        self.minority = minority
         self.search_features = search_features
         self.n_single = n_single
-        self.annealing = annealing
         self.max_iter = max_iter
         self.tol = tol
         self.random_state = random_state
@@ -197,8 +203,8 @@ class RPIL(PolicyEstimator):
 
         `Demonstrations`, or what `rpil.open_dataset` finds on disk, are accepted in the place of the three.
         `demonstrators` says who gave which demonstration, by id or one for each in order: then those of one person
-        speak for each other, as far as people are found to differ, see `rpil.demonstrators`. Whoever is left out by id,
-        or None, is somebody else every time.
+        speak for each other, as far as people are found to differ, see `rpil.demonstrators`. A demonstration that is
+        left out by id, or None, has a demonstrator of its own.
 
         Raises
         ------
@@ -206,6 +212,8 @@ class RPIL(PolicyEstimator):
             One sentence: constant actions, or one outside the declared box, a single demonstration, unknown label
             ids, unknown ids or a wrong number of `demonstrators`, none left that may be an expert's.
         """
+        if self.minority not in MINORITY:
+            raise DataError(f"There is no minority {self.minority!r}; choose {' or '.join(MINORITY)}.")
         if isinstance(X, Dataset):
             return self._fit_dataset(X, labels, demonstrators)
         demonstrations = as_demonstrations(self, X, y, groups)
@@ -218,52 +226,59 @@ class RPIL(PolicyEstimator):
         known = known_labels(labels if labels is not None else self.labels, demonstrations)
         company = who_gave(demonstrators, demonstrations)
         with threadpool_limits(1, "blas"):  # thin products gain nothing from threads, and can lose a lot
-            if self.policy is None and is_large(self, demonstrations):
+            if not self._judges:
+                if isinstance(company, Demonstrators) or self.policy is not None:
+                    raise DataError("A named adversary knows neither demonstrators= nor policy=; leave out one.")
+                problem, weight = fit_mixture(self, demonstrations, codes, known)
+                self._finish(demonstrations, codes, problem, weight)
+            elif self.policy is None and is_large(self, demonstrations):
                 fit_large(self, demonstrations, known, company, self.engine or InMemory())
             else:
-                self._fit_small(demonstrations, codes, known, company)
+                self._fit_judged(demonstrations, codes, known, company)
         return self
 
     def _fit_dataset(self, data: Dataset, labels: Mapping[Any, str] | None, demonstrators: Any) -> RPIL:
         """What is small is read, and fitted as anything else."""
         self.space_, self.classes_ = known_space(data, self.action_box)
         with threadpool_limits(1, "blas"):
-            if self.policy is not None or not is_large(self, data):
+            if self.policy is not None or not self._judges or not is_large(self, data):
                 return self.fit(data.select(slice(None)), labels=labels, demonstrators=demonstrators)
             self.n_features_in_, self.observation_names_ = data.n_observations, data.observation_names
             known = known_labels(labels if labels is not None else self.labels, data)
             fit_large(self, data, known, who_gave(demonstrators, data), self.engine or Streamed())
         return self
 
-    def _fit_small(self, demonstrations: Demonstrations, codes: Array, known: Array, company: Company) -> None:
-        """A search that reads everything."""
+    @property
+    def _judges(self) -> bool:
+        """Whether the judge decides, and not the mixture with a named adversary."""
+        return isinstance(self.adversary, str) and self.adversary == "auto"
+
+    def _fit_judged(self, demonstrations: Demonstrations, codes: Array, known: Array, company: Company) -> None:
+        """The judge reads everything."""
         progress = self.progress or (lambda _: None)
-        rng = np.random.default_rng(self.random_state)
         progress("features")
-        features, lengths = self._search_map(demonstrations), demonstrations.lengths
-        problem, setting = self._pose(features, demonstrations, codes, known, lengths, company)
-        result, runs = self._search(demonstrations, problem, setting, lengths, rng)
-        read: FeatureMap | Untouched = features if self.policy is None else Untouched()
-        if self.policy is None:
-            seen, outputs = problem, cross_fitted(problem, setting, result)
-        else:
-            seen = replace(problem, features=read.design(demonstrations.observations))
-            start = estimator_policy(self.policy, self.space_, len(codes))
-            result = refine(seen, setting, start, result, progress)
-            outputs = result.posterior.outputs, None  # cross-fitted already, and nothing is told
-        progress("competing groups")
-        groups_found = competing_groups(problem, setting, result, runs, rng)
-        believed = believe(seen, result.state, *outputs)
-        self._keep(seen, result, *believed, demonstrations, groups_found)
+        features = self.judge_map(demonstrations)
+        n_entries = demonstrations.n_steps * demonstrations.n_observations
+        single = self.space_.kind == "discrete" and n_entries > SINGLE
+        design = features.design(demonstrations.observations, single=single)
+        problem = Problem(design, codes, demonstrations.offsets, self.space_, known, company=company)
+        judgement, fitted = self.judge_problem(problem)
+        self.keep_judgement(judgement, fitted, problem, demonstrations.ids)
+        self.judge_features_ = features
         weight = self.audit_.step_weight
-        if weight.sum() < 1.0:  # nobody is trusted: what little is the expert's, wherever it is
-            weight = result.posterior.step
-        self.search_features_: FeatureMap | Untouched = read
+        if weight.sum() < 1.0:  # no demonstration is trusted: learn from the steps that are most likely an expert's
+            weight = judgement.steps.step
+        progress("the policy")
+        self._finish(demonstrations, codes, problem, weight)
+
+    def _finish(self, demonstrations: Demonstrations, codes: Array, problem: Problem, weight: Array) -> None:
+        """The final policy, from steps of `weight` (N,), and what the user should know."""
         if self.policy is None:
             self._learn(demonstrations, codes, weight, weight > 0.5 * weight.max(), REFIT_TOL)
         else:
-            self.features_, self.policy_ = read, result.state.policy.finished(seen, weight)  # type: ignore[attr-defined]
-        self._tell(seen, demonstrations.source)
+            start: Any = estimator_policy(self.policy, self.space_, len(codes))
+            self.features_, self.policy_ = self.judge_features_, start.finished(problem, weight)
+        self.warn(problem, demonstrations.source)
 
     @property
     def log_odds_(self) -> Array:
@@ -288,112 +303,66 @@ class RPIL(PolicyEstimator):
         check_is_fitted(self)
         demonstrations = as_demonstrations(self, X, y, groups, reset=False)
         codes = coded_like(self.classes_, self.space_.n_parts, demonstrations)
-        design = self.search_features_.design(demonstrations.observations)
+        design = self.judge_features_.design(demonstrations.observations)
         nobody = np.zeros(len(demonstrations), dtype=int)
         problem = Problem(design, codes, demonstrations.offsets, self.space_, nobody)
-        by_node = evidence(problem, self.state_, self.state_.policy.outputs(design))
-        return self.belief_.log_odds(by_node, problem.lengths)
+        if self.judge_ is None:
+            assert self.state_ is not None
+            found: Array = e_step(problem, self.state_, self.state_.policy.outputs(design)).log_odds
+            return found
+        measure = self._measure(demonstrations, design, codes)
+        return self.judge_.log_odds(measure, demonstrations.offsets)
 
-    def _search_kinds(self, demonstrations: Demonstrations | Dataset) -> tuple[str, str | None]:
-        """Features while trust is decided, and simpler ones that propose a solution to compare."""
-        if self.search_features != "auto":
-            return self.search_features, None
-        if self.features not in ("raw", "auto"):
-            return self.features, None
-        if demonstrations.n_observations > _FEW:
-            return "raw", None
-        return ("folded", None) if demonstrations.is_discrete else ("nystroem", "raw")
+    def _measure(self, demonstrations: Demonstrations, design: Array, codes: Array) -> Array:
+        """What each step counts for the score of its demonstration, (N,)."""
+        assert self.judge_ is not None
+        if self.judge_.scale is not None:
+            measure: Array = self.judge_.scale.measure(design, codes)[0]
+            return measure
+        outputs = self.policy_.outputs(self.features_.design(demonstrations.observations))
+        if self.space_.kind == "continuous":
+            return self.policy_.log_prob(outputs, codes)
+        q = np.full(len(self.classes_), 1 / len(self.classes_))
+        return scored(outputs, q, codes).log_prob - np.log(q)[codes]
 
-    def _pose(
-        self,
-        features: FeatureMap,
-        demonstrations: Demonstrations,
-        codes: Array,
-        known: Array,
-        lengths: Array,
-        company: Company = STRANGERS,
-    ) -> tuple[Problem, Setting]:
-        """What is searched, and how; `lengths` are of everybody, searched or not."""
-        single = demonstrations.n_steps * features.n_columns > _SINGLE[self.space_.kind]
-        design = features.design(demonstrations.observations, single=single)
-        problem = Problem(design, codes, demonstrations.offsets, self.space_, known, company=company)
-        return problem, self._setting(features, len(codes), lengths)
-
-    def _search(
-        self,
-        demonstrations: Demonstrations,
-        problem: Problem,
-        setting: Setting,
-        lengths: Array,
-        rng: np.random.Generator,
-    ) -> tuple[Result, list[Result]]:
-        """What was found, and every start's run; where there are simpler features, theirs is a solution to compare."""
-        progress = self.progress or (lambda _: None)
-        candidates = self._candidates()
-        _, simpler = self._search_kinds(demonstrations)
-        alike = [of for of in candidates if adversary(of, self.space_, setting.policy).symmetric]
-        hints = []
-        if simpler is not None and alike:
-            progress(f"{simpler} features")
-            plain = FeatureMap.fit(simpler, demonstrations.observations)
-            same = self._pose(plain, demonstrations, problem.actions, problem.labels, lengths, problem.company)
-            hints = [fit(*same, alike, rng, progress)[0].posterior.expert]
-        return fit(problem, setting, candidates, rng, progress, hints)
-
-    def _search_map(self, demonstrations: Demonstrations) -> FeatureMap:
+    def judge_map(self, demonstrations: Demonstrations) -> FeatureMap | Untouched:
         """What the policy sees while trust is decided."""
-        kind, simpler = self._search_kinds(demonstrations)
-        return FeatureMap.fit(kind, demonstrations.observations, n_landmarks=_LANDMARKS[simpler is None])
+        if self.policy is not None:
+            return Untouched()
+        kind = self.search_features
+        if kind == "auto":
+            kind = self.features if self.features not in ("raw", "auto") else "folded"
+        return FeatureMap.fit(kind, demonstrations.observations)
 
-    def _candidates(self) -> Sequence[str | Adversary]:
-        auto = isinstance(self.adversary, str) and self.adversary == "auto"
-        return AUTO[self.space_.kind] if auto else (self.adversary,)
+    def judge_problem(self, problem: Problem) -> tuple[Judgement, FittedJudge]:
+        """The judgement of a problem, and what is kept to judge others."""
+        settings = Settings(self.random_state, self.minority)
+        measure: Scorer
+        if self.policy is None:
+            measure = scorer(problem, self.random_state)
+        else:
+            measure = PolicyScorer(problem, estimator_policy(self.policy, self.space_, len(problem.actions)))
+        judgement = judge(problem, measure, settings, self.progress or (lambda _: None))
+        return judgement, judgement.keep(problem, SCALES[self.space_.kind] if self.policy is None else None)
 
-    def _setting(self, features: FeatureMap, n_steps: int, lengths: Array) -> Setting:
-        """Of a search through `n_steps`, where all demonstrations have such `lengths`."""
-        ridge = ridge_of(features, self.C, n_steps, self.space_)
-        levels: dict[str, Callable[[], Reliability]] = {"both": TwoBetas.start, "demonstration": PointMasses}
-        for name, value, known in (("level", self.level, levels), ("m_step", self.m_step, ("joint", "expert_only"))):
-            if value not in known:
-                raise DataError(f"There is no {name} {value!r}; choose {' or '.join(known)}.")
-        return Setting(
-            policy=linear_policy(self.space_, ridge, n_steps),
-            prior=as_prior(self.prior, lengths),
-            reliability=levels[self.level](),
-            mode=self.m_step,  # type: ignore[arg-type]
-            n_single=self.n_single,
-            annealing=self.annealing,
-            max_iter=self.max_iter,
-            tol=self.tol,
-        )
-
-    def _keep(
-        self,
-        problem: Problem,
-        result: Result,
-        belief: Belief,
-        log_odds: Array,
-        demonstrations: Source,
-        competing: list[Array],
-    ) -> None:
+    def keep_judgement(self, judgement: Judgement, fitted: FittedJudge, problem: Problem, ids: Sequence[Any]) -> None:
         """What was found about the demonstrations; their policy comes later."""
-        self.state_: State = result.state
-        self.belief_ = belief
-        self.n_iter_ = max(1, len(result.history) - 1)
-        self.lower_bound_ = result.objective
-        self.converged_ = result.converged
-        self.audit_ = summarise(problem, result, belief, log_odds, demonstrations.ids, competing)
+        self.state_, self.judge_ = None, fitted
+        self.n_iter_ = len(judgement.scores.history)
+        self.lower_bound_ = float(judgement.scores.history[-1])
+        self.converged_ = True
+        self.audit_ = audit_of(judgement, problem, ids)
 
-    def _tell(self, problem: Problem, source: str) -> None:
-        """What was taken for granted, and what the user should know before using it."""
+    def warn(self, problem: Problem, source: str) -> None:
+        """Say what was assumed, and what the user should know before using the result."""
         self.audit_ = replace(self.audit_, assumptions=tuple(assumptions(self, problem)))
         if not self.converged_:
             warnings.warn("EM stopped at max_iter; raise max_iter or tol.", ConvergenceWarning, stacklevel=4)
         if not self.audit_.identifiable:
-            which = ", ".join(repr(m) for m in self.audit_.to_label)
+            which = " or ".join(repr(m) for m in self.audit_.to_label)
             warnings.warn(
-                f"{source}: {len(self.audit_.competing)} groups of demonstrations each agree among themselves and "
-                f"nothing says which is the expert; label one of each, say {which}.",
+                f"{source}: two groups of demonstrations each act alike, differently, in the same states, and nothing "
+                f"says which is the expert; label one demonstration, say {which}.",
                 AmbiguousWarning,
                 stacklevel=4,
             )

@@ -1,23 +1,19 @@
-"""Fits to all demonstrations, wherever they lie, from what a sample of them found: every iteration is one pass.
+"""A policy fitted to all weighted steps, wherever they lie: every iteration is one pass.
 
-A pass is an E-step at some parameters and, with the responsibilities that it gives, the sums from which every part of
-the state improves; so the E-step costs no reading of its own. By Fisher's identity these are the gradients of the
-observed-data likelihood itself ("One optimisation instead of two loops" in docs/model.md). Policies take Newton steps
-with the Hessian of the sample, scaled up: a sample of fifty steps a coefficient gets most directions right, so that
-each pass takes most of the error away.
+Policies take Newton steps with the Hessian of a sample, scaled up: a sample of fifty steps a coefficient gets most
+directions right, so that each pass takes most of the error away.
 """
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import partial, reduce
 from typing import Any
 
 import numpy as np
 
-from rpil.em import MStep, Posterior, State, e_step
 from rpil.engines import Shards
 from rpil.passes import Array, Sums, add
 from rpil.problem import Problem
@@ -47,7 +43,7 @@ Progress = Callable[[str], None]
 
 @dataclass(frozen=True, eq=False)
 class Polished:
-    """Where passes over everything ended: a `State`, or a policy; how far a step may go from there; and where the
+    """Where passes over everything ended: a policy; how far a step may go from there; and where the
     Hessian was last made, if anywhere but at the start."""
 
     state: Any
@@ -55,85 +51,6 @@ class Polished:
     converged: bool = False
     radius: float = np.inf
     anchor: Any = None
-
-
-def primed(state: State, sample: Problem, posterior: Posterior, mode: MStep, ridge: Array, factor: float) -> State:
-    """`state`, found on a sample, ready for sums over `factor` times as many steps; `ridge` is for all of them."""
-    expert, adversary = posterior.step, 1 - posterior.step
-    teaches = mode == "joint" and state.adversary.intended(posterior.outputs[:1], sample.actions[:1]) is not None
-    policy: Any = state.policy
-    return replace(
-        state,
-        policy=policy.primed(sample, expert + adversary if teaches else expert, ridge, factor),
-        adversary=state.adversary.primed(sample, adversary, ridge, factor),
-    )
-
-
-def resumed(state: State, start: State) -> State:
-    """`state`, with the Hessians of `start`, ready for the same sums."""
-    policy: Any = state.policy
-    return replace(state, policy=policy.like(start.policy), adversary=state.adversary.like(start.adversary))
-
-
-def em_pass(problem: Problem, state: State, mode: MStep) -> Sums:
-    """Log-evidence and what every part of `state` must know to improve, summed over some demonstrations."""
-    policy: Any = state.policy
-    posterior = e_step(problem, state, policy.outputs(problem.features))
-    return (
-        posterior.log_evidence.sum(),
-        policy.statistics(problem, posterior.outputs, posterior.step, lesson_of(problem, state, posterior, mode)),
-        state.adversary.statistics(problem, posterior.outputs, 1 - posterior.step),
-        state.prior.statistics(posterior.expert, problem.lengths),
-        posterior.joint.sum(axis=0),
-    )
-
-
-def lesson_of(problem: Problem, state: State, posterior: Posterior, mode: MStep) -> Array | None:
-    """What the adversary's steps teach the policy, (N, K), see `rpil.policies.Policy.learn`."""
-    intended = state.adversary.intended(posterior.outputs, problem.actions) if mode == "joint" else None
-    return None if intended is None else (1 - posterior.step)[:, None] * intended
-
-
-def improved(state: State, sums: Sums, radius: float = np.inf) -> State:
-    """Every part one step better, given the sums over everything; no coefficient moves further than `radius`."""
-    _, policy, adversary, prior, counts = sums
-    mine: Any = state.policy
-    return replace(
-        state,
-        policy=mine.improved(policy, radius),
-        adversary=state.adversary.improved(adversary, radius),
-        prior=state.prior.improved(prior, radius),
-        reliability=state.reliability.fit(counts),
-    )
-
-
-def polish(
-    shards: Shards,
-    start: Polished,
-    prime: Callable[[State], State],
-    mode: MStep,
-    n_demonstrations: int,
-    tol: float,
-    max_iter: int,
-    progress: Progress = lambda _: None,
-    keep: Callable[[Polished], None] = lambda _: None,
-) -> Polished:
-    """EM on everything from a `primed` state, until the objective gains less than `tol` nats a demonstration.
-
-    `prime` makes it so once more, elsewhere.
-
-    `keep` is called after every pass with what there is; it is a `start` from which the same bits follow.
-    """
-
-    def measure(at: State) -> tuple[float, Sums]:
-        sums = total(shards, partial(em_pass, state=at, mode=mode))
-        own = at.prior.log_prior() + at.reliability.log_prior() + at.adversary.log_prior() - at.policy.penalty()
-        return float(sums[0]) + own, sums
-
-    def again(at: State) -> State:
-        return resumed(at, prime(at))
-
-    return _climb(start, measure, improved, again, tol * n_demonstrations, max_iter, progress, keep)
 
 
 def clone_pass(lesson: tuple[Problem, Array, Array], policy: Any) -> Sums:
@@ -145,13 +62,17 @@ def clone_pass(lesson: tuple[Problem, Array, Array], policy: Any) -> Sums:
 
 def clone(
     shards: Shards,
-    policy: Any,
+    start: Polished,
     prime: Callable[[Any], Any],
     tol: float,
     max_iter: int,
     progress: Progress = lambda _: None,
+    keep: Callable[[Polished], None] = lambda _: None,
 ) -> Polished:
-    """A policy that `prime` makes ready, fitted to weighted steps until the gradient is nowhere above `tol` a step."""
+    """A policy that `prime` makes ready, fitted to weighted steps until the gradient is nowhere above `tol` a step.
+
+    `keep` is called after every pass with what there is; it is a `start` from which the fit goes on.
+    """
 
     def measure(at: Any) -> tuple[float, Sums]:
         sums = total(shards, partial(clone_pass, policy=at))
@@ -173,7 +94,7 @@ def clone(
     def again(at: Any) -> Any:
         return at if at.experienced else at.like(prime(at))
 
-    return _climb(Polished(prime(policy)), measure, better, again, -np.inf, max_iter, progress, done=done)
+    return _climb(start, measure, better, again, -np.inf, max_iter, progress, keep, done)
 
 
 def total(shards: Shards, one_pass: Callable[[Any], Sums]) -> Sums:

@@ -1,0 +1,234 @@
+"""Log-probabilities of every step under policies that did not see its demonstration.
+
+Each scorer deals the demonstrations into folds, fits a policy to the weighted steps of the other folds, and is called
+again and again with other weights: it starts each fit where the last one ended.
+
+    softmax    log pi(a|s) = log[(1 - eps) softmax(x W)_a + eps q_a],   q the frequencies of the actions
+    ridge      a_j | s ~ Student's t with 4 degrees of freedom around x w_j, independent over the parts j
+    cross-fit  what a policy that cross-fits itself says (`rpil.policies.estimator`)
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any, Protocol
+
+import numpy as np
+from scipy.linalg import solve
+from scipy.special import gammaln
+
+from rpil.parallel import in_parallel
+from rpil.passes import Array, log_softmax
+from rpil.policies import Policy
+from rpil.policies.softmax import one_hot
+from rpil.problem import Problem
+from rpil.solvers import Preconditioner, fit_softmax
+
+N_FOLDS = 5
+LAPSE = 0.01
+"""Share of its steps in which an expert may do anything, after the frequencies of the actions: bounds what one step
+can cost, as Student's tails do for continuous actions."""
+
+FREEDOM = 4.0
+"""Degrees of freedom of the errors of continuous actions."""
+
+LEAST_SCALE = 0.03
+"""Standard deviations of an action that its error's scale is enlarged by: a policy that is exact has no density."""
+
+LEAST_WEIGHT = 1e-6
+"""Of a step that teaches nothing, so that a fold without teachers is no division by zero."""
+
+_LIMITS = {"tol": 1e-3, "max_iter": 15, "max_cg": 30}
+"""Of a fit that decides about trust; the policy that is returned is fitted further."""
+
+
+@dataclass(frozen=True, eq=False)
+class Scored:
+    """What held-out policies say of N steps.
+
+    Attributes
+    ----------
+    log_prob : (N,) array
+        log pi(a_n|s_n), nats.
+    residual : (N,) array
+        log pi(a_n|s_n) - E_pi log pi(.|s_n): expectation zero where the policy is right.
+    """
+
+    log_prob: Array
+    residual: Array
+
+
+class Scorer(Protocol):
+    """Held-out log-probabilities for any weights of the steps."""
+
+    @property
+    def ridges(self) -> tuple[float, ...]:
+        """Ridges a step to choose from, the strongest first; empty where there is nothing to choose."""
+
+    def held_out(self, weight: Array, ridge: float) -> Scored:
+        """Of every step, where the steps teach by `weight` (N,)."""
+
+
+RIDGES = (1e-1, 1e-2, 1e-3, 1e-4)
+
+
+def deal(problem: Problem, n_folds: int, seed: int) -> Array:
+    """The fold of each demonstration, (M,): drawn, but the same for a demonstration wherever it stands in the data."""
+    keys = problem.sum_steps(np.asarray(problem.features[:, :-1], dtype=float)).sum(axis=1)
+    actions = problem.sum_steps(np.asarray(problem.actions, dtype=float).reshape(len(problem.actions), -1)).sum(axis=1)
+    order = np.lexsort((keys, actions, problem.lengths))
+    fold = np.empty(len(order), dtype=int)
+    fold[order] = np.random.default_rng(seed).permutation(len(order)) % n_folds
+    return fold
+
+
+@dataclass(eq=False)
+class SoftmaxScorer:
+    """Softmax policies on the design matrix of a problem with discrete actions."""
+
+    problem: Problem
+    fold: Array
+    ridges: tuple[float, ...] = RIDGES
+    _starts: dict[int, tuple[Array, Preconditioner | None]] = field(default_factory=dict)
+
+    def held_out(self, weight: Array, ridge: float) -> Scored:
+        n_actions = self.problem.space.n  # type: ignore[attr-defined]
+        log_proba = np.empty((len(weight), n_actions))
+        of_step = self.problem.spread(self.fold)
+
+        def one(k: int) -> None:
+            start, preconditioner = self._starts.get(k, (None, None))
+            teach = (of_step != k) & (weight > 0)
+            fit = fit_weighted(self.problem, np.flatnonzero(teach), weight[teach], ridge, start, preconditioner)
+            self._starts[k] = fit
+            test = of_step == k
+            log_proba[test] = log_softmax(self.problem.features[test] @ fit[0])
+
+        in_parallel(one, range(int(self.fold.max()) + 1), self.problem.features)
+        return scored(log_proba, frequencies(self.problem), self.problem.actions)
+
+
+def fit_weighted(
+    problem: Problem,
+    rows: Array,
+    weight: Array,
+    ridge: float,
+    start: Array | None = None,
+    preconditioner: Preconditioner | None = None,
+    offset: Array | None = None,
+) -> tuple[Array, Preconditioner | None]:
+    """Weights (D, K) of a softmax policy fitted to the `rows` of a problem, and its preconditioner."""
+    n_actions = problem.space.n  # type: ignore[attr-defined]
+    features = problem.features[rows]
+    targets = one_hot(problem.actions[rows], weight, n_actions)
+    penalty = np.append(np.full(features.shape[1] - 1, ridge * max(float(weight.sum()), LEAST_WEIGHT)), 0.0)
+    fit = fit_softmax(features, targets, penalty, start=start, preconditioner=preconditioner, offset=offset, **_LIMITS)  # type: ignore[arg-type]
+    return fit.weights, fit.preconditioner
+
+
+def frequencies(problem: Problem) -> Array:
+    """How often each action is taken, (K,), with one step of each added."""
+    counts = np.bincount(problem.actions, minlength=problem.space.n) + 1.0  # type: ignore[attr-defined]
+    found: Array = counts / counts.sum()
+    return found
+
+
+def scored(log_proba: Array, frequency: Array, actions: Array) -> Scored:
+    """`Scored` of the actions taken, where policies say `log_proba` (N, K) but lapse now and then."""
+    mixed = np.logaddexp(np.log1p(-LAPSE) + log_proba, np.log(LAPSE * frequency))
+    taken = np.take_along_axis(mixed, actions[:, None], axis=1)[:, 0]
+    return Scored(taken, taken - np.einsum("nk,nk->n", np.exp(mixed), mixed))
+
+
+@dataclass(eq=False)
+class RidgeScorer:
+    """Ridge regression with Student's errors, for continuous actions; actions are measured in standard deviations."""
+
+    problem: Problem
+    fold: Array
+    ridges: tuple[float, ...] = RIDGES
+
+    def __post_init__(self) -> None:
+        self.actions = standardised(self.problem.actions)
+
+    def held_out(self, weight: Array, ridge: float) -> Scored:
+        errors = np.empty_like(self.actions)
+        of_step = self.problem.spread(self.fold)
+        for k in range(int(self.fold.max()) + 1):
+            test = of_step == k
+            teach = ~test & (weight > 0)
+            mean = fit_ridge(self.problem.features[teach], self.actions[teach], weight[teach], ridge)
+            errors[test] = self.actions[test] - self.problem.features[test] @ mean
+        log_prob = student(errors, error_scale(errors, weight))
+        return Scored(log_prob, log_prob - np.average(log_prob, weights=np.maximum(weight, LEAST_WEIGHT)))
+
+
+def standardised(actions: Array) -> Array:
+    """Actions (N, A) less their mean, in standard deviations; an action that never changes stays zero."""
+    spread = actions.std(axis=0)
+    result: Array = (actions - actions.mean(axis=0)) / np.where(spread > 0, spread, 1.0)
+    return result
+
+
+def fit_ridge(features: Array, actions: Array, weight: Array, ridge: float) -> Array:
+    """Coefficients (D, A) of weighted ridge regression, the constant (last column) without a penalty."""
+    total = max(float(weight.sum()), LEAST_WEIGHT)
+    weighted = features * weight[:, None]
+    gram = np.asarray(weighted.T @ features, dtype=float)
+    gram[np.diag_indices_from(gram)] += np.append(np.full(len(gram) - 1, ridge * total), 1e-9 * total)
+    found: Array = solve(gram, weighted.T @ actions, assume_a="pos")
+    return found
+
+
+def error_scale(errors: Array, weight: Array) -> Array:
+    """Robust scale of each part's errors (N, A), by weighted median, (A,)."""
+    order = np.argsort(np.abs(errors), axis=0)
+    total = np.cumsum(np.maximum(weight, LEAST_WEIGHT)[order], axis=0)
+    middle = (total < 0.5 * total[-1]).sum(axis=0)
+    parts = np.arange(errors.shape[1])
+    return 1.35 * np.abs(errors[order[middle, parts], parts]) + LEAST_SCALE
+
+
+def student(errors: Array, scale: Array) -> Array:
+    """Log-density of independent Student errors (N, A), summed over the parts, (N,), nats."""
+    constant = gammaln((FREEDOM + 1) / 2) - gammaln(FREEDOM / 2) - 0.5 * np.log(FREEDOM * np.pi)
+    each = constant - np.log(scale) - (FREEDOM + 1) / 2 * np.log1p((errors / scale) ** 2 / FREEDOM)
+    total: Array = each.sum(axis=1)
+    return total
+
+
+@dataclass(eq=False)
+class PolicyScorer:
+    """A policy that cross-fits itself over demonstrations, such as a scikit-learn estimator."""
+
+    problem: Problem
+    policy: Policy
+    ridges: tuple[float, ...] = ()
+
+    def held_out(self, weight: Array, ridge: float) -> Scored:
+        self.policy, outputs = self.policy.learn(self.problem, np.maximum(weight, LEAST_WEIGHT))
+        log_prob = self.policy.log_prob(outputs, self.problem.actions)
+        if self.problem.space.kind == "discrete":
+            return scored(outputs, frequencies(self.problem), self.problem.actions)
+        return Scored(log_prob, log_prob - np.average(log_prob, weights=np.maximum(weight, LEAST_WEIGHT)))
+
+
+_SCORERS: dict[str, Any] = {"discrete": SoftmaxScorer, "continuous": RidgeScorer}
+
+
+def scorer(problem: Problem, seed: int, n_folds: int = N_FOLDS) -> Scorer:
+    """The scorer for the actions of a problem."""
+    found: Scorer = _SCORERS[problem.space.kind](problem, deal(problem, min(n_folds, problem.n_demonstrations), seed))
+    return found
+
+
+def reference(problem: Problem, group: Array) -> Array:
+    """Log-probability of every step under what the demonstrations `group` (M,) bool do whatever the state, (N,):
+    frequencies of the actions, or one Student distribution."""
+    weight = problem.spread(group.astype(float))
+    if problem.space.kind == "discrete":
+        counts = np.bincount(problem.actions, weight, problem.space.n) + 1.0  # type: ignore[attr-defined]
+        return np.asarray(np.log(counts / counts.sum())[problem.actions])
+    actions = standardised(problem.actions)
+    errors = actions - np.median(actions[weight > 0], axis=0)
+    return student(errors, error_scale(errors, weight))

@@ -1,0 +1,258 @@
+"""The judge: held-out scores of concentrated policies, groups of scores, rivals, labels, demonstrators."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy.special import expit
+
+from rpil.demonstrators import Demonstrators, intervals
+from rpil.judge.concentrate import Taught, choose_ridge, concentrate, mean_steps
+from rpil.judge.effective import autocovariances, effective_steps
+from rpil.judge.fitted import FittedJudge, mean_variance
+from rpil.judge.groups import Groups, fit_groups, share_interval
+from rpil.judge.held_out import Scorer, reference
+from rpil.judge.rivals import Rival, find_rival
+from rpil.judge.steps import StepTrust, step_trust
+from rpil.passes import Array
+from rpil.problem import Problem
+
+FINDINGS = {
+    "told apart": "The scores fall into two groups; the upper one is taken for the experts'.",
+    "cannot be known": "Two groups of demonstrations each act alike, differently, in the same states: nothing says "
+    "which of them is the expert.",
+    "nobody stands out": "The scores are one group: demonstrations are ranked, none is accused.",
+    "nothing could be learned": "The state says nothing of the actions that carries over to other demonstrations.",
+}
+"""What a judgement may come to, in a sentence."""
+
+MINORITY = ("ask", "trust", "distrust")
+
+SIGNIFICANT = 2.0
+"""Standard errors by which looking at the state must predict held-out actions better than not looking."""
+
+SURE = 0.9
+"""P(two groups) from which they are told apart; below, no demonstration gets a verdict."""
+
+UNSURE = float(np.log(SURE / (1 - SURE)))
+"""Bound of the log-odds of demonstrations that were not told apart."""
+
+
+@dataclass(frozen=True)
+class Settings:
+    """What the judge is told.
+
+    Attributes
+    ----------
+    seed : int
+        Of the folds.
+    minority : {"ask", "trust", "distrust"}
+        What to think of a group that acts alike and otherwise than the rest, where no label says.
+    """
+
+    seed: int = 0
+    minority: str = "ask"
+
+
+@dataclass(frozen=True, eq=False)
+class Scores:
+    """What was measured of M demonstrations.
+
+    Attributes
+    ----------
+    score, variance : (M,) arrays
+        Mean held-out measure of a demonstration's steps, nats, and the variance of that mean.
+    effective : (M,) array
+        Independent steps that each demonstration is worth.
+    groups : Groups
+    pooled : float
+        Variance of a step's measure within a demonstration.
+    learned : bool
+        Whether looking at the state predicts held-out actions better than not looking.
+    ridge : float
+        A step, with which the policies were fitted.
+    history : (T,) array
+        Mean held-out log-likelihood of a step of the teachers, each round.
+    """
+
+    score: Array
+    variance: Array
+    effective: Array
+    groups: Groups
+    pooled: float
+    learned: bool
+    ridge: float
+    history: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Judgement:
+    """What is said of M demonstrations.
+
+    Attributes
+    ----------
+    finding : str
+        One of `FINDINGS`.
+    actions, demonstrator : (M,) arrays
+        Log-odds of expert against adversary, nats: what a demonstration's own actions say, and what the others of its
+        demonstrator add.
+    scores : Scores
+    log_ratio : (N,) array
+        Held-out log pi - log q of every step; empty where steps are not kept.
+    steps : StepTrust
+    share : (mean, low, high)
+        Of experts.
+    rival : Rival or None
+        The group that competes with the trusted one.
+    teachers : (M,) bool array
+        Who taught the last policies.
+    people : (U, 3) array
+        P(expert) of what each demonstrator gives: mean and 95 % interval.
+    """
+
+    finding: str
+    actions: Array
+    demonstrator: Array
+    scores: Scores
+    log_ratio: Array
+    steps: StepTrust
+    share: tuple[float, float, float]
+    rival: Rival | None
+    teachers: Array
+    people: Array
+
+    @property
+    def log_odds(self) -> Array:
+        """Of expert against adversary, (M,)."""
+        return self.actions + self.demonstrator
+
+    @property
+    def groups(self) -> Groups:
+        """One group of scores or two."""
+        return self.scores.groups
+
+    def keep(self, problem: Problem, scale: Any) -> FittedJudge:
+        """What is needed to judge other demonstrations, with `scale` the class of `rpil.judge.fitted.SCALES`, or None
+        where a policy of the user's measures."""
+        weight = problem.spread(self.teachers.astype(float))
+        measured = None if scale is None else scale.fit(problem, weight, self.scores.ridge)
+        independent = float(self.scores.effective.sum() / problem.lengths.sum())
+        return FittedJudge(measured, self.groups, self.scores.pooled, independent)
+
+
+def judge(
+    problem: Problem,
+    scorer: Scorer,
+    settings: Settings,
+    progress: Callable[[str], None] = lambda _: None,
+) -> Judgement:
+    """Judge the demonstrations of a problem by held-out policies of a `scorer`."""
+    possible = problem.labels >= 0
+    q = reference(problem, np.ones(problem.n_demonstrations, dtype=bool))
+    progress("ridge")
+    ridge = choose_ridge(problem, scorer, possible)
+    gain = mean_steps(problem, scorer.held_out(problem.spread(possible.astype(float)), ridge).log_prob - q)
+    learned = bool(gain.mean() > SIGNIFICANT * gain.std() / np.sqrt(len(gain)))
+    solutions: list[tuple[Scores, Taught]] = []
+    for name, teachers in _starts(problem, scorer, ridge).items():
+        progress(f"policies from {name}")
+        taught = concentrate(problem, scorer, teachers, ridge)
+        solutions.append((measured(problem, taught, q, learned), taught))
+    scores, taught = max(
+        solutions, key=lambda found: (-_contradictions(problem, found[0]), found[0].groups.log_bayes_factor)
+    )
+    progress("rivals")
+    apart = scores.groups.p_two >= SURE
+    upper = (scores.groups.log_odds(scores.score, scores.variance) > 0) & possible | (problem.labels > 0)
+    trusted = upper if apart else taught.teachers
+    rival = find_rival(problem, scorer, trusted, apart, ridge, settings.seed)
+    log_ratio = taught.scored.log_prob - q
+    steps = step_trust(problem, log_ratio, np.minimum(scores.effective / problem.lengths, 1.0))
+    return conclude(problem, scores, steps, log_ratio, taught.teachers, rival, settings.minority)
+
+
+def _starts(problem: Problem, scorer: Scorer, ridge: float) -> dict[str, Array]:
+    """Demonstrations that teach first, (M,) bool: all, those labelled expert, those least like labelled adversaries."""
+    labels = problem.labels
+    starts = {"all": labels >= 0}
+    if (labels > 0).any():
+        starts["labelled experts"] = labels > 0
+    if (labels < 0).any():
+        known = problem.spread((labels < 0).astype(float))
+        like = mean_steps(problem, scorer.held_out(known, ridge).log_prob)
+        starts["unlike labelled adversaries"] = (like <= np.median(like[labels >= 0])) & (labels >= 0)
+    return starts
+
+
+def measured(problem: Problem, taught: Taught, q: Array, learned: bool) -> Scores:
+    """Scores of all demonstrations under concentrated policies, their variances, and their groups.
+
+    A probability is compared with how often its action is taken, log q (N,); a density with the box of the actions,
+    which is the same for all of them.
+    """
+    worth = taught.scored.log_prob - (q if problem.space.kind == "discrete" else 0.0)
+    score = mean_steps(problem, worth)
+    squares = problem.sum_steps((worth - problem.spread(score)) ** 2)
+    pooled = float(squares.sum()) / max(len(worth) - problem.n_demonstrations, 1)
+    teach = problem.select(np.flatnonzero(taught.teachers))
+    residual = taught.scored.residual[problem.spread(taught.teachers)]
+    effective = effective_steps(autocovariances(residual - residual.mean(), teach.offsets), problem.lengths)
+    variance = mean_variance(squares, problem.lengths, pooled, effective)
+    groups = fit_groups(score, variance, problem.labels, effective, problem.lengths)
+    return Scores(score, variance, effective, groups, pooled, learned, taught.ridge, taught.history)
+
+
+def _contradictions(problem: Problem, scores: Scores) -> int:
+    """Labels that the scores speak against."""
+    log_odds = scores.groups.log_odds(scores.score, scores.variance)
+    return int((problem.labels * log_odds < 0).sum())
+
+
+def conclude(
+    problem: Problem,
+    scores: Scores,
+    steps: StepTrust,
+    log_ratio: Array,
+    teachers: Array,
+    rival: Rival | None,
+    minority: str,
+) -> Judgement:
+    """What `scores` and a `rival` group come to, where a `minority` that acts alike is asked about, or not."""
+    groups = scores.groups
+    actions = groups.log_odds(scores.score, scores.variance)
+    if rival is not None and (not rival.competes or _settled(problem, rival)):
+        rival = None
+    if rival is not None and minority == "trust":
+        actions[rival.rival] = np.maximum(actions[rival.rival], np.median(actions[rival.trusted]))
+    if groups.p_two < SURE:
+        actions = UNSURE * np.tanh(actions / UNSURE)
+    demonstrator, people = np.zeros(len(actions)), np.empty((0, 3))
+    if isinstance(problem.company, Demonstrators):
+        lent = problem.company.borrow(actions, np.zeros(len(actions)), problem.labels)
+        demonstrator, people = lent.log_odds, intervals(lent.share, lent.weight)
+    if rival is not None and minority == "ask":
+        finding = "cannot be known"
+    elif groups.p_two >= SURE:
+        finding = "told apart"
+    else:
+        finding = "nobody stands out" if scores.learned else "nothing could be learned"
+    return Judgement(
+        finding=finding,
+        actions=actions,
+        demonstrator=demonstrator,
+        scores=scores,
+        log_ratio=log_ratio,
+        steps=steps,
+        share=share_interval(expit(actions + demonstrator), groups.p_two),
+        rival=rival if finding == "cannot be known" else None,
+        teachers=teachers,
+        people=people,
+    )
+
+
+def _settled(problem: Problem, rival: Rival) -> bool:
+    """Whether a label says which of two groups is the expert."""
+    return bool(problem.labels[np.concatenate([rival.trusted, rival.rival])].any())

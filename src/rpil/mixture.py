@@ -1,0 +1,64 @@
+"""`RPIL` with a named adversary: the paper's mixture, fitted by EM to demonstrations in memory."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from rpil.audit import Interval
+from rpil.demonstrations import Demonstrations
+from rpil.errors import DataError
+from rpil.inputs import as_prior, ridge_of
+from rpil.passes import Array
+from rpil.policies import linear_policy
+from rpil.problem import Problem
+from rpil.reliability import PointMasses, Reliability, TwoBetas
+from rpil.search import Setting, fit
+from rpil.verdicts import summarise
+
+
+def fit_mixture(model: Any, demonstrations: Demonstrations, codes: Array, known: Array) -> tuple[Problem, Array]:
+    """Fit the mixture with the settings of `model`, an `RPIL`, which gets the attributes; the problem, and the weights
+    (N,) of the steps that the final policy learns from.
+
+    Parameters
+    ----------
+    model : RPIL
+    demonstrations : Demonstrations
+    codes : (N, ...) array
+        Of the actions.
+    known : (M,) int array
+        Labels: 1 expert, -1 adversary, 0 unknown.
+    """
+    features = model.judge_map(demonstrations)
+    problem = Problem(features.design(demonstrations.observations), codes, demonstrations.offsets, model.space_, known)
+    rng = np.random.default_rng(model.random_state)
+    result = fit(
+        problem, _setting(model, features, len(codes)), model.adversary, rng, model.progress or (lambda _: None)
+    )
+    share = Interval(*result.state.prior.interval(result.posterior.expert))
+    model.audit_ = summarise(problem, result, share, demonstrations.ids)
+    model.state_, model.judge_, model.judge_features_ = result.state, None, features
+    model.n_iter_ = max(1, len(result.history) - 1)
+    model.lower_bound_, model.converged_ = result.objective, result.converged
+    weight = model.audit_.step_weight
+    return problem, weight if weight.sum() >= 1.0 else result.posterior.step
+
+
+def _setting(model: Any, features: Any, n_steps: int) -> Setting:
+    ridge = ridge_of(features, model.C, n_steps, model.space_)
+    levels: dict[str, Callable[[], Reliability]] = {"both": TwoBetas.start, "demonstration": PointMasses}
+    for name, value, known in (("level", model.level, levels), ("m_step", model.m_step, ("joint", "expert_only"))):
+        if value not in known:
+            raise DataError(f"There is no {name} {value!r}; choose {' or '.join(known)}.")
+    return Setting(
+        policy=linear_policy(model.space_, ridge, n_steps),
+        prior=as_prior(model.prior),
+        reliability=levels[model.level](),
+        mode=model.m_step,
+        n_single=model.n_single,
+        max_iter=model.max_iter,
+        tol=model.tol,
+    )
