@@ -6,9 +6,11 @@ import zipfile
 import numpy as np
 import pytest
 
-from rpil import RPIL, BehavioralCloning, Confusion, Demonstrations, RMEnt, load, save
+from rpil import RPIL, BehavioralCloning, Confusion, Demonstrations, RMEnt, SoftmaxPolicy, load, save
 from rpil.adversaries import Uniform
+from rpil.checkpoints import Checkpoint
 from rpil.errors import DataError
+from rpil.polish import Polished
 from rpil.simulation import simulate
 
 
@@ -26,13 +28,25 @@ def data():
 
 @pytest.fixture(scope="module")
 def fitted(data):
-    return RPIL(n_single=1).fit(data)
+    return RPIL().fit(data)
+
+
+@pytest.fixture(scope="module")
+def mixture(data):
+    return RPIL(n_single=0, adversary="uniform").fit(data)
 
 
 @pytest.fixture
 def saved(fitted, tmp_path):
     path = tmp_path / "policy.rpil"
     save(fitted, path)
+    return path
+
+
+@pytest.fixture
+def saved_mixture(mixture, tmp_path):
+    path = tmp_path / "mixture.rpil"
+    save(mixture, path)
     return path
 
 
@@ -75,7 +89,9 @@ def refused(path, match):
 @pytest.mark.parametrize(
     "estimator",
     [
-        RPIL(n_single=1, prior=(3, 2), labels={"é0": "expert", "é7": "adversary"}, random_state=5),
+        RPIL(labels={"é0": "expert", "é7": "adversary"}, minority="trust", random_state=5),
+        RPIL(features="spline", search_features="poly"),
+        RPIL(n_single=1, prior=(3, 2), adversary="uniform"),
         RPIL(n_single=0, features="spline", adversary="own policy"),
         RPIL(n_single=0, features="poly", adversary="marginal", prior=0.5, m_step="expert_only"),
         RPIL(n_single=0, level="demonstration", adversary="normalised complement"),
@@ -112,19 +128,37 @@ def test_everything_comes_back_bit_for_bit(estimator, data, tmp_path):
     assert again.read_bytes() == path.read_bytes()
 
 
-def test_the_audit_and_the_scores_come_back(fitted, saved, data):
-    loaded = load(saved)
+@pytest.mark.parametrize("kind", ["fitted", "mixture"])
+def test_the_audit_and_the_scores_come_back(kind, data, tmp_path, request):
+    fitted = request.getfixturevalue(kind)
+    save(fitted, tmp_path / "p")
+    loaded = load(tmp_path / "p")
     assert loaded.audit_.to_dict() == fitted.audit_.to_dict()
-    for name in ("ids", "verdicts", "competing", "to_label", "assumptions", "prior"):
+    for name in ("ids", "finding", "verdicts", "competing", "to_label", "assumptions", "prior"):
         assert getattr(loaded.audit_, name) == getattr(fitted.audit_, name)
-    for name in ("offsets", "step_log_ratio", "step_weight", "reliability_interval", "history"):
+    for name in ("offsets", "step_log_ratio", "step_weight", "reliability_interval", "history", "from_actions"):
         np.testing.assert_array_equal(getattr(loaded.audit_, name), getattr(fitted.audit_, name))
     np.testing.assert_array_equal(loaded.score_demonstrations(data), fitted.score_demonstrations(data))
+    assert (loaded.judge_ is None) == (kind == "mixture") == (loaded.state_ is not None)
     assert (loaded.n_iter_, loaded.lower_bound_, loaded.converged_) == (
         fitted.n_iter_,
         fitted.lower_bound_,
         fitted.converged_,
     )
+
+
+def test_the_judge_of_continuous_actions_comes_back(tmp_path):
+    rng = np.random.default_rng(0)
+    X = rng.normal(size=(400, 3))
+    y = X[:, :2] + np.where(np.arange(400) < 240, 0.1, 2.0)[:, None] * rng.normal(size=(400, 2))
+    data = Demonstrations.from_arrays(X, y, np.arange(0, 401, 40))
+    model = RPIL().fit(data)
+    save(model, tmp_path / "p")
+    loaded = load(tmp_path / "p")
+    assert type(loaded.judge_.scale).__name__ == "StudentScale"
+    np.testing.assert_array_equal(loaded.score_demonstrations(data), model.score_demonstrations(data))
+    rewrite(tmp_path / "p", {"judge/scale/width.npy": npy(np.ones(3))})
+    refused(tmp_path / "p", LOST)
 
 
 def test_what_robust_maximum_entropy_trusts_comes_back(data, tmp_path):
@@ -229,8 +263,8 @@ def test_truncated_or_damaged_files(saved):
     ("field", "value", "match"),
     [
         ("schema", "other", "no policy that rpil saved"),
-        ("version", 1, r"version 1 of the format, but rpil .* reads version 3; use"),
-        ("version", 2, r"version 2 of the format, but rpil .* reads version 3; use"),
+        ("version", 1, r"version 1 of the format, but rpil .* reads version 4; use"),
+        ("version", 3, r"version 3 of the format, but rpil .* reads version 4; use"),
         ("version", None, "version None"),
         ("class", "GaussianPolicy", "holds a 'GaussianPolicy', which rpil .* does not know"),
     ],
@@ -249,7 +283,14 @@ LOST = "do not belong together"
     [
         (WEIGHTS, None),
         ("audit/log_odds.npy", None),
-        ("state/policy/weights.npy", None),
+        ("audit/from_label.npy", None),
+        ("audit/from_actions.npy", np.ones(7)),
+        ("judge/scale/weights.npy", None),
+        ("judge/scale/weights.npy", np.ones((3, 3))),
+        ("judge/scale/frequency.npy", np.ones(2)),
+        ("judge/groups/mean.npy", np.ones(3)),
+        ("judge/groups/quantiles.npy", np.ones((2, 2))),
+        ("judge/groups/spread.npy", np.array([-9.0, -9.0])),
         ("more.npy", np.ones(3)),
         (WEIGHTS, np.ones((3, 3), dtype=np.float32)),
         (WEIGHTS, np.ones((3, 3), dtype=np.int64)),
@@ -295,9 +336,12 @@ def set_in(tree, path, value):
         (("fitted", "features_", "fields", "kind"), "spline"),
         (("fitted", "audit_", "fields", "ids"), [1, 2]),
         (("fitted", "audit_"), 3),
-        (("state", "fields", "prior", "fields", "p"), "a"),
-        (("state", "fields", "reliability", "fields", "expert"), 10_000),
-        (("state",), None),
+        (("fitted", "audit_", "fields", "finding"), "all is well"),
+        (("fitted", "judge_"), None),
+        (("fitted", "judge_", "fields", "groups"), None),
+        (("fitted", "judge_", "fields", "scale"), None),
+        (("fitted", "judge_", "fields", "pooled"), "a"),
+        (("fitted", "judge_features_"), None),
         (("names", "observation_names_"), ["x"]),
         (("names", "predict"), ["x", "y"]),
         (("classes",), None),
@@ -307,6 +351,25 @@ def set_in(tree, path, value):
 def test_headers_that_make_no_sense(saved, path, value):
     rewrite(saved, header=lambda tree: set_in(tree, path, value))
     refused(saved, LOST)
+
+
+@pytest.mark.parametrize(
+    ("path", "value"),
+    [
+        (("state", "fields", "prior", "fields", "p"), "a"),
+        (("state", "fields", "reliability", "fields", "expert"), 10_000),
+        (("state",), None),
+        (("fitted", "audit_", "fields", "prior"), None),
+    ],
+)
+def test_headers_of_a_mixture_that_make_no_sense(saved_mixture, path, value):
+    rewrite(saved_mixture, header=lambda tree: set_in(tree, path, value))
+    refused(saved_mixture, LOST)
+
+
+def test_a_mixture_without_its_policy(saved_mixture):
+    rewrite(saved_mixture, {"state/policy/weights.npy": None})
+    refused(saved_mixture, LOST)
 
 
 def test_nothing_is_unpickled(saved, monkeypatch):
@@ -327,3 +390,34 @@ def test_bytes_after_an_array(saved):
 def test_numpy_reads_the_arrays_too(fitted, saved):
     with np.load(saved, allow_pickle=False) as stored:
         np.testing.assert_array_equal(stored["policy/weights"], fitted.policy_.weights)
+
+
+def test_a_checkpoint_keeps_the_final_policy_of_one_fit(fitted, data, tmp_path):
+    path, trust = tmp_path / "checkpoint", fitted.audit_.expert_proba
+    checkpoint = Checkpoint.of(path, fitted, data.offsets, data, trust)
+    assert checkpoint.read() is None
+    other = SoftmaxPolicy(fitted.policy_.weights + 1.0, fitted.policy_.ridge)
+    for anchor, radius in ((None, np.inf), (other, 2.0)):
+        checkpoint.keep(Polished(fitted.policy_, np.array([-3.0, -2.0]), True, radius, anchor))
+        found = checkpoint.read()
+        np.testing.assert_array_equal(found.state.weights, fitted.policy_.weights)
+        assert (found.history.tolist(), found.converged, found.radius) == ([-3.0, -2.0], True, radius)
+    np.testing.assert_array_equal(found.anchor.weights, other.weights)
+    settings = RPIL(C=2.0), RPIL(minority="trust")
+    others = [Checkpoint.of(path, model, data.offsets, data, trust) for model in settings]
+    others.append(Checkpoint.of(path, fitted, data.offsets, data, trust / 2))
+    for one in others:
+        with pytest.raises(DataError, match="of other data, or other settings; delete it to start anew"):
+            one.read()
+    rewrite(path, {"polished/state/weights.npy": None})
+    with pytest.raises(DataError, match="its parts do not belong together; delete it to start anew"):
+        checkpoint.read()
+    rewrite(path, header=lambda tree: tree.update(polished=3))
+    with pytest.raises(DataError, match="its parts do not belong together"):
+        checkpoint.read()
+    checkpoint.done()
+    checkpoint.done()  # nothing is there any more, which is as it should be
+    assert list(tmp_path.iterdir()) == []
+    save(fitted, path)
+    with pytest.raises(DataError, match="it is no checkpoint of rpil; choose another name"):
+        checkpoint.read()

@@ -28,11 +28,12 @@ from rpil.errors import DataError
 from rpil.estimators import RPIL
 from rpil.features import FeatureMap
 from rpil.files import StrPath, check_readable, replacing
+from rpil.judge import FINDINGS
 from rpil.rment import RMEnt
 from rpil.schema import BY_NAME, ESTIMATORS, FITTED, FITTED_ARRAYS, KNOWN
 
 SCHEMA = "rpil fitted estimator"
-VERSION = 3
+VERSION = 4
 
 _HEADER = "header.json"
 _STEPS = (np.float64, np.float32)  # the latter where there are very many
@@ -79,7 +80,7 @@ def save(estimator: RPIL | RMEnt | BehavioralCloning, path: StrPath) -> None:
         "fitted": {name: encode(getattr(estimator, name), name.strip("_"), arrays) for name in FITTED[kind]},
     }
     if isinstance(estimator, RPIL):
-        header |= _state(estimator, arrays)
+        header["state"], header["state_needs"] = _state(estimator.state_, arrays)
     write_archive(path, header, arrays)
 
 
@@ -150,24 +151,22 @@ def _params(estimator: Any, arrays: dict[str, NDArray[Any]]) -> dict[str, Any]:
     return params
 
 
-def _state(estimator: RPIL, arrays: dict[str, NDArray[Any]]) -> dict[str, Any]:
-    """The header's entry for the EM state, or the name of the class that keeps it from being saved."""
-    if isinstance(estimator.state_, _NotSaved):
-        return {"state": None, "state_needs": estimator.state_.needs}
+def _state(state: Any, arrays: dict[str, NDArray[Any]]) -> tuple[Any, str | None]:
+    """The header's entry for the state of the mixture, and the name of the class that keeps it from being saved."""
     own: dict[str, NDArray[Any]] = {}
     try:
-        entry = encode(estimator.state_, "state", own)
+        entry = encode(state, "state", own)
     except _UnknownClassError as error:
-        return {"state": None, "state_needs": error.name}
-    arrays |= own
-    return {"state": entry, "state_needs": None}
+        return None, error.name
+    arrays |= own  # only now, so that no array of half a state stays behind
+    return entry, None
 
 
 class _UnknownClassError(Exception):
     """Something of a class that a file cannot hold."""
 
     def __init__(self, value: Any) -> None:
-        self.name = type(value).__name__
+        self.name = value.needs if isinstance(value, _NotSaved) else type(value).__name__
         super().__init__(self.name)
 
 
@@ -275,39 +274,32 @@ def _try_out(estimator: Any) -> None:
     if isinstance(estimator, RMEnt):
         sound &= len(estimator.ids_) == len(estimator.weights_)
     if isinstance(estimator, RPIL):
-        audit = estimator.audit_
+        audit, state, judged = estimator.audit_, estimator.state_, estimator.judge_ is not None
         bounds = audit.offsets[[0, -1]].tolist() == [0, len(audit.step_weight)] and (audit.lengths > 0).all()
         sound &= bounds and len(audit.ids) == len(audit.verdicts) == len(audit.log_odds)
+        sound &= audit.finding in FINDINGS and judged == (state is None)
         json.dumps(audit.to_dict())
-        if not isinstance(estimator.state_, _NotSaved):
+        if not isinstance(state, _NotSaved):
             one_step = Demonstrations(observation, classes[action] if len(classes) else action, np.array([0, 1]))
             sound &= not np.isnan(estimator.score_demonstrations(one_step)).any()
-            sound &= np.isfinite(estimator.state_.prior.log_odds)
+            sound &= state is None or np.isfinite(state.prior.log_odds)
     if not sound:
         raise ValueError("values out of range")
 
 
 class _NotSaved:
-    """Takes the place of the EM state where the file could not hold it; says so as soon as it is needed."""
+    """Takes the place of the state of the mixture where the file could not hold it; says so when it is needed."""
 
     def __init__(self, needs: str) -> None:
         self.needs = needs
 
     @property
     def policy(self) -> Any:
-        """Never there.
-
-        Raises
-        ------
-        DataError
-            Always.
-        """
+        """Never there: a DataError says so."""
         raise DataError(
             f"This model was saved without its adversary, because {self.needs} is no class of rpil; it predicts, but "
             "to score demonstrations fit it again."
         )
-
-    adversary = prior = reliability = policy
 
 
 def read_archive(path: Path, schema: str, otherwise: str) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
@@ -323,7 +315,7 @@ def read_archive(path: Path, schema: str, otherwise: str) -> tuple[dict[str, Any
             header = json.loads(archive.read(_HEADER)) if _HEADER in names else None
             if not isinstance(header, dict) or header.get("schema") != schema:
                 raise DataError(foreign)
-            _check_known(path, header)
+            _check_version(path, header)
             arrays = {name.removesuffix(".npy"): _array(archive.read(name)) for name in names if name != _HEADER}
     except DataError:
         raise
@@ -339,8 +331,7 @@ def read_archive(path: Path, schema: str, otherwise: str) -> tuple[dict[str, Any
     return header, arrays
 
 
-def _check_known(path: Path, header: dict[str, Any]) -> None:
-    """Refuse what a later rpil may have written."""
+def _check_version(path: Path, header: dict[str, Any]) -> None:
     version, made_by = header.get("version"), header.get("rpil")
     if version != VERSION:
         raise DataError(

@@ -19,7 +19,10 @@ from rpil.cloning import BehavioralCloning
 from rpil.em import State
 from rpil.estimators import RPIL
 from rpil.features import FeatureMap
+from rpil.judge.fitted import FittedJudge, SoftmaxScale, StudentScale
+from rpil.judge.groups import Groups
 from rpil.policies import SoftmaxPolicy, StudentPolicy
+from rpil.polish import Polished
 from rpil.priors import Share
 from rpil.reliability import PointMasses, TwoBetas
 from rpil.rment import RMEnt
@@ -28,7 +31,8 @@ from rpil.spaces import Box, Discrete
 ESTIMATORS: dict[str, Any] = {"RPIL": RPIL, "RMEnt": RMEnt, "BehavioralCloning": BehavioralCloning}
 
 # The arrays of each class: every axis a number or a letter that means one size all through the file, perhaps plus one.
-# D observations, F features, K actions or A parts of one, B bins, M demonstrations, N steps, J reliabilities.
+# D observations, F features, K actions or A parts of one, B bins, M demonstrations, N steps, J reliabilities,
+# Q quantiles.
 KNOWN: dict[type, dict[str, str]] = {
     FeatureMap: {
         "knots": "knots D",
@@ -43,6 +47,18 @@ KNOWN: dict[type, dict[str, str]] = {
     StudentPolicy: {"weights": "F+1 A", "cholesky": "A A", "ridge": "F+1", "least": "A", "low": "A", "high": "A"},
     Discrete: {},
     Box: {"low": "A", "high": "A"},
+    SoftmaxScale: {"weights": "F+1 K", "frequency": "K"},
+    StudentScale: {
+        "weights": "F+1 A",
+        "location": "A",
+        "spread": "A",
+        "scale": "A",
+        "center": "A",
+        "width": "A",
+    },
+    Groups: {"mean": "2", "spread": "2", "quantiles": "Q"},
+    FittedJudge: {},
+    Polished: {"history": "iterations"},
     State: {},
     Share: {},
     Interval: {},
@@ -60,6 +76,9 @@ KNOWN: dict[type, dict[str, str]] = {
     Audit: {
         "offsets": "M+1",
         "log_odds": "M",
+        "from_actions": "M",
+        "from_demonstrator": "M",
+        "from_label": "M",
         "expert_proba": "M",
         "reliability": "M",
         "reliability_interval": "M 2",
@@ -86,7 +105,8 @@ FITTED = {
         "space_",
         "features_",
         "policy_",
-        "search_features_",
+        "judge_features_",
+        "judge_",
         "audit_",
         "n_iter_",
         "lower_bound_",
