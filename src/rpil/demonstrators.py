@@ -1,13 +1,13 @@
 """Who gave which demonstration: what the others of the same person say about one of them.
 
-Demonstrator u has a tendency b_u of her own, added to the log-odds of P(expert) of every demonstration she gives:
+Demonstrator u has a tendency b_u, added to the log-odds of P(expert) of every demonstration that u gave:
 
     logit P(expert | m, u) = o_m + b_u,     b_u ~ N(0, tau^2),     o_m such that  E P(expert | m, u) = P(expert | m)
 
-So the population's share, which may depend on the length, stays what it is (a marginally specified random intercept,
-Heagerty 1999): who gave one demonstration only is judged as if nobody were known. tau says how alike the demonstrations
-of one person are; it is the same for all, and summed out over a table that begins at 0, where it does not matter who
-gave what: demonstrators that mean nothing do next to no harm.
+So the population's share stays what it is (a marginally specified random intercept, Heagerty 1999): a person who gave
+one demonstration is judged as if the demonstrators were unknown. tau says how alike the demonstrations of one person
+are; it is the same for all persons, and summed out over a table that begins at 0, where it does not matter who gave
+what. So demonstrators that mean nothing do next to no harm.
 
 b is on a grid, so that everything is a finite sum, and a demonstration borrows from the *others* of its demonstrator:
 its own actions are left out exactly.
@@ -26,7 +26,7 @@ from scipy.special import log_expit
 from rpil.passes import Array, logsumexp
 
 SPREADS = np.array([0.0, 0.5, 1.0, 2.0, 4.0, 8.0])
-"""tau: from nobody differs to who is good once is always good; all equally likely beforehand."""
+"""tau: from 0, persons do not differ, to 8, all demonstrations of a person are alike; equally likely a priori."""
 
 _POINTS = np.linspace(-3.0, 3.0, 25)
 _LOG_WEIGHT = -0.5 * _POINTS**2 - np.log(np.exp(-0.5 * _POINTS**2).sum())
@@ -39,12 +39,12 @@ _CERTAIN = 1e5
 
 @dataclass(frozen=True)
 class Strangers:
-    """Nobody knows who gave what, or it tells nothing.
+    """It is not known who gave what, or it tells nothing.
 
     Attributes
     ----------
     said : str
-        Why, in one sentence, where somebody had hoped it would.
+        Why it tells nothing, in one sentence; empty where demonstrators were not given.
     """
 
     said: str = ""
@@ -85,7 +85,7 @@ class Demonstrators:
     of : (M,) int array
         Demonstrator of each demonstration, 0 .. U-1.
     names : tuple
-        Of the U demonstrators; None for somebody unknown, who gave one.
+        Of the U demonstrators; None for an unknown one, who gave one demonstration.
     """
 
     of: Array
@@ -143,7 +143,7 @@ Company = Demonstrators | Strangers
 
 
 def company(names: Sequence[Any]) -> Company:
-    """Who gave each of M demonstrations, None for somebody not known; `Strangers` where that tells nothing: one gave
+    """Who gave each of M demonstrations, None for an unknown person; `Strangers` where that tells nothing: one gave
     all, or each gave one."""
     people = [(name, m if name is None else -1) for m, name in enumerate(names)]
     distinct = {who: u for u, who in enumerate(dict.fromkeys(people))}
