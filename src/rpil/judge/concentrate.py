@@ -77,6 +77,14 @@ def concentrate(problem: Problem, scorer: Scorer, teachers: Array, ridge: float)
     return Taught(found, teachers, ridge, np.array(history))
 
 
+def taught_by(problem: Problem, scorer: Scorer, group: Array, ridge: float) -> Taught:
+    """What policies of the demonstrations `group` (indices) say, without concentration."""
+    teachers = np.zeros(problem.n_demonstrations, dtype=bool)
+    teachers[group] = True
+    found = scorer.held_out(problem.spread(teachers.astype(float)), ridge)
+    return Taught(found, teachers, ridge, np.array([mean_steps(problem, found.log_prob)[teachers].mean()]))
+
+
 def best(problem: Problem, score: Array, count: int) -> Array:
     """The `count` demonstrations with the best `score` (M,), labels before scores, (M,) bool."""
     ranked = np.where(problem.labels > 0, np.inf, np.where(problem.labels < 0, -np.inf, score))

@@ -150,7 +150,7 @@ def one_group(score: Array, variance: Array) -> float:
         for q in (0.3, 0.5, 0.7, 0.9)
         for skew in (0.0, 0.7)
     ]
-    options = {"maxiter": 400, "xatol": 1e-3, "fatol": 1e-3}
+    options = {"maxiter": 1000, "xatol": 1e-5, "fatol": 1e-6}
     scale = np.array([deviation, 1.0, 1.0])
     found = [
         minimize(lambda at: loss(at * scale), start / scale, method="Nelder-Mead", options=options).fun

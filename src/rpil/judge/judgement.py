@@ -10,7 +10,7 @@ import numpy as np
 from scipy.special import expit
 
 from rpil.demonstrators import Demonstrators, intervals
-from rpil.judge.concentrate import Taught, choose_ridge, concentrate, mean_steps
+from rpil.judge.concentrate import Taught, choose_ridge, concentrate, mean_steps, taught_by
 from rpil.judge.effective import autocovariances, effective_steps
 from rpil.judge.fitted import FittedJudge, mean_variance
 from rpil.judge.groups import Groups, fit_groups, share_interval
@@ -156,35 +156,22 @@ def judge(
     ridge = choose_ridge(problem, scorer, possible)
     gain = mean_steps(problem, scorer.held_out(problem.spread(possible.astype(float)), ridge).log_prob - q)
     learned = bool(gain.mean() > SIGNIFICANT * gain.std() / np.sqrt(len(gain)))
-    solutions: list[tuple[Scores, Taught]] = []
-    for name, teachers in _starts(problem, scorer, ridge).items():
-        progress(f"policies from {name}")
-        taught = concentrate(problem, scorer, teachers, ridge)
-        solutions.append((measured(problem, taught, q, learned), taught))
-    scores, taught = max(
-        solutions, key=lambda found: (-_contradictions(problem, found[0]), found[0].groups.log_bayes_factor)
-    )
+    progress("policies of the best explained")
+    taught = concentrate(problem, scorer, possible, ridge)
+    scores = measured(problem, taught, q, learned)
     progress("rivals")
     apart = scores.groups.p_two >= SURE
-    upper = (scores.groups.log_odds(scores.score, scores.variance) > 0) & possible | (problem.labels > 0)
-    trusted = upper if apart else taught.teachers
+    upper = scores.groups.log_odds(scores.score, scores.variance) > 0
+    trusted = upper & possible if apart else taught.teachers
     rival = find_rival(problem, scorer, trusted, apart, ridge, settings.seed)
+    if rival is not None and rival.competes and problem.labels.any():
+        other = taught_by(problem, scorer, rival.rival, ridge)
+        scores_other = measured(problem, other, q, learned)
+        if _contradictions(problem, scores_other) < _contradictions(problem, scores):
+            taught, scores = other, scores_other
     log_ratio = taught.scored.log_prob - q
     steps = step_trust(problem, log_ratio, np.minimum(scores.effective / problem.lengths, 1.0))
     return conclude(problem, scores, steps, log_ratio, taught.teachers, rival, settings.minority)
-
-
-def _starts(problem: Problem, scorer: Scorer, ridge: float) -> dict[str, Array]:
-    """Demonstrations that teach first, (M,) bool: all, those labelled expert, those least like labelled adversaries."""
-    labels = problem.labels
-    starts = {"all": labels >= 0}
-    if (labels > 0).any():
-        starts["labelled experts"] = labels > 0
-    if (labels < 0).any():
-        known = problem.spread((labels < 0).astype(float))
-        like = mean_steps(problem, scorer.held_out(known, ridge).log_prob)
-        starts["unlike labelled adversaries"] = (like <= np.median(like[labels >= 0])) & (labels >= 0)
-    return starts
 
 
 def measured(problem: Problem, taught: Taught, q: Array, learned: bool) -> Scores:
@@ -223,7 +210,7 @@ def conclude(
     """What `scores` and a `rival` group come to, where a `minority` that acts alike is asked about, or not."""
     groups = scores.groups
     actions = groups.log_odds(scores.score, scores.variance)
-    if rival is not None and (not rival.competes or _settled(problem, rival)):
+    if rival is not None and (not rival.competes or problem.labels.any()):  # a label says which group is the expert
         rival = None
     if rival is not None and minority == "trust":
         actions[rival.rival] = np.maximum(actions[rival.rival], np.median(actions[rival.trusted]))
@@ -251,8 +238,3 @@ def conclude(
         teachers=teachers,
         people=people,
     )
-
-
-def _settled(problem: Problem, rival: Rival) -> bool:
-    """Whether a label says which of two groups is the expert."""
-    return bool(problem.labels[np.concatenate([rival.trusted, rival.rival])].any())

@@ -40,19 +40,27 @@ class StepTrust:
 
 
 def step_trust(problem: Problem, log_ratio: Array, power: Array) -> StepTrust:
-    """Trust in steps with `log_ratio` log pi - log q (N,), where a step of demonstration m counts for `power` (M,)."""
+    """Trust in steps with `log_ratio` log pi - log q (N,).
+
+    A step of demonstration m is worth `power` (M,) independent steps, which widens the interval.
+    """
     log_odds = np.log(_NODES) - np.log1p(-_NODES)
     evidence = np.empty((problem.n_demonstrations, N_NODES))
     clipped = np.clip(log_ratio, -50.0, 50.0)
     for j, rho in enumerate(_NODES):
         mixture = np.logaddexp(np.log(rho) + clipped, np.log1p(-rho))
         evidence[:, j] = problem.sum_steps(mixture)
-    evidence *= power[:, None]
-    posterior = np.exp(evidence - evidence.max(axis=1, keepdims=True))
-    posterior /= posterior.sum(axis=1, keepdims=True)
-    cumulated = posterior.cumsum(axis=1)
+    posterior, tempered = (_normalised(log) for log in (evidence, power[:, None] * evidence))
+    cumulated = tempered.cumsum(axis=1)
     ends = [_NODES[np.minimum((cumulated < q).sum(axis=1), N_NODES - 1)] for q in (0.025, 0.975)]
     reliability = posterior @ _NODES
     at = problem.spread(np.interp(reliability, _NODES, log_odds))
     step = 1 / (1 + np.exp(-np.clip(at + clipped, -50.0, 50.0)))
     return StepTrust(reliability, np.stack(ends, axis=1), step)
+
+
+def _normalised(evidence: Array) -> Array:
+    """Probabilities, from their logarithms up to a constant in each row."""
+    proba = np.exp(evidence - evidence.max(axis=1, keepdims=True))
+    found: Array = proba / proba.sum(axis=1, keepdims=True)
+    return found
