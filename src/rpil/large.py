@@ -8,27 +8,28 @@ a few numbers for each demonstration leaves the place where the data lie.
 
 from __future__ import annotations
 
-import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, Protocol
 
 import numpy as np
 
+from rpil.audit import Audit
 from rpil.demonstrations import Demonstrations, Piece
 from rpil.demonstrators import Company
 from rpil.engines import Engine, InMemory
 from rpil.features import N_LANDMARKS, FeatureMap
 from rpil.inputs import known_actions, ridge_of
-from rpil.judge import Judgement
-from rpil.judge.fitted import FittedJudge, mean_variance
+from rpil.judge import Judgement, Settings, judge
+from rpil.judge.fitted import SCALES, FittedJudge, mean_variance
 from rpil.judge.groups import fit_groups
+from rpil.judge.held_out import scorer
 from rpil.judge.judgement import conclude
 from rpil.judge.steps import StepTrust, step_trust
 from rpil.passes import Array
 from rpil.policies import linear_policy
-from rpil.polish import Polished, clone
+from rpil.polish import Polished, clone, gathered, resumed
 from rpil.problem import Problem
 from rpil.selection import Choice
 from rpil.spaces import Space
@@ -165,7 +166,15 @@ class Weigh:
     trust: Any
     reliability: Any
     typical: float
-    final: Prepare | None
+    final: Prepare | None = None
+
+    @classmethod
+    def of(cls, audit: Audit, judge: FittedJudge) -> Weigh:
+        """As the demonstrations are trusted; where none is, the steps that are most likely an expert's count."""
+        trust, reliability = audit.expert_proba, audit.reliability
+        if trust @ audit.lengths < 1.0:
+            return cls(judge, np.ones(len(trust)), reliability, np.inf)
+        return cls(judge, trust, reliability, typical_reliability(reliability, trust))
 
     def only(self, those: slice) -> Weigh:
         """The same for `those` demonstrations."""
@@ -184,29 +193,6 @@ class Weigh:
         power = np.full(problem.n_demonstrations, min(self.judge.independent, 1.0))
         step = step_trust(problem, log_ratio, power).step
         return step_weight(problem.lengths, self.trust[those], self.reliability[those], step, self.typical), log_ratio
-
-
-def gathered(pieces: Iterator[tuple[Array, Array]], n_steps: int, on_disk: bool) -> tuple[Array, Array, float]:
-    """Log-ratios and weights of all steps, (N,) each, in a temporary file where memory should not hold them; and the
-    sum of the weights."""
-    total = 0.0
-    if not on_disk:
-        log_ratio, weight = np.empty((2, n_steps))
-        end = 0
-        for one, other in pieces:
-            begin, end = end, end + len(one)
-            log_ratio[begin:end], weight[begin:end] = one, other
-            total += float(other.sum())
-        return log_ratio, weight, total
-    with tempfile.TemporaryFile() as first, tempfile.TemporaryFile() as second:
-        for one, other in pieces:
-            total += float(other.sum())
-            first.write(one.astype(np.float32).tobytes())
-            second.write(other.astype(np.float32).tobytes())
-        first.flush()
-        second.flush()
-        one, other = (np.memmap(file, np.float32, "r", shape=(n_steps,)) for file in (first, second))
-    return one, other, total
 
 
 def is_large(model: Any, data: Source) -> bool:
@@ -248,6 +234,7 @@ def judge_all(sampled: Sampled, problem: Problem, measured: list[Measured], mino
     names = ("score", "squares", "reliability", "interval")
     score, squares, reliability, interval = (np.concatenate([getattr(m, name) for m in measured]) for name in names)
     judge, lengths = sampled.judge, problem.lengths
+    score[sampled.chosen] = sampled.judgement.scores.score  # held out, as the scores of all others are
     effective = judge.independent * lengths
     variance = mean_variance(squares, lengths, judge.pooled, effective)
     groups = fit_groups(score, variance, problem.labels, effective, lengths)
@@ -284,7 +271,12 @@ def fit_large(model: Any, data: Source, labels: Array, company: Company, engine:
     everybody = Problem(none, none, data.offsets, model.space_, labels, company=company)
     measured = list(ready.map(partial(measure, judge=sampled.judge)))
     judgement = judge_all(sampled, everybody, measured, model.minority)
-    model.keep_judgement(judgement, replace(sampled.judge, groups=judgement.groups), everybody, data.ids)
+    # Their steps are weighed in the next pass; until then the audit is of demonstrations without steps.
+    stepless = replace(everybody, offsets=np.zeros_like(data.offsets))
+    model.keep_judgement(judgement, replace(sampled.judge, groups=judgement.groups), stepless, data.ids)
+    model.audit_ = replace(model.audit_, offsets=np.asarray(data.offsets, dtype=np.int64))
+    if judgement.rival is not None:
+        model.audit_ = replace(model.audit_, to_label=_longest_of_groups(sampled))
     model.judge_features_ = prepare.features
     progress("the policy")
     _fit_policy(model, data, sampled, prepare, ready, isinstance(engine, InMemory), progress)
@@ -295,27 +287,31 @@ def _read_sample(model: Any, data: Source, labels: Array, progress: Callable[[st
     progress("a sample")
     rng = np.random.default_rng(model.random_state)
     chosen = sample(np.diff(data.offsets), labels, _budget(model, data), rng)
-    few = data.select(chosen)
+    few, space = data.select(chosen), model.space_
     codes = known_actions(model.classes_, few.actions, data.source)
     features = model.judge_map(few)
-    problem = Problem(features.design(few.observations, single=True), codes, few.offsets, model.space_, labels[chosen])
-    judgement, judge = model.judge_problem(problem)
-    return Sampled(few, problem, chosen, judge, judgement), Prepare(features, model.space_, model.classes_, labels)
+    problem = Problem(features.design(few.observations, single=True), codes, few.offsets, space, labels[chosen])
+    # A rival group is to be reported, whatever `model.minority`: what it means is decided for all demonstrations.
+    settings = Settings(model.random_state, minority="ask")
+    judgement = judge(problem, scorer(problem, model.random_state), settings, progress)
+    fitted = judgement.keep(problem, SCALES[space.kind])
+    return Sampled(few, problem, chosen, fitted, judgement), Prepare(features, space, model.classes_, labels)
+
+
+def _longest_of_groups(sampled: Sampled) -> tuple[Any, ...]:
+    """Ids of one demonstration of each group, of those that were compared: all others may be in either."""
+    rival = sampled.judgement.rival
+    assert rival is not None
+    longest = (group[np.argmax(sampled.problem.lengths[group])] for group in (rival.trusted, rival.rival))
+    return tuple(sampled.few.ids[m] for m in longest)
 
 
 def _fit_policy(
-    model: Any,
-    data: Source,
-    sampled: Sampled,
-    prepare: Prepare,
-    ready: Any,
-    in_memory: bool,
-    progress: Callable[[str], None],
+    model: Any, data: Source, sampled: Sampled, prepare: Prepare, ready: Any, in_memory: bool, progress: Any
 ) -> None:
     """Weigh all steps and fit the final policy to them."""
     space, few, some = model.space_, sampled.few, sampled.problem
-    trust, reliability = model.audit_.expert_proba, model.audit_.reliability
-    weigh = Weigh(sampled.judge, trust, reliability, typical_reliability(reliability, trust), None)
+    weigh = Weigh.of(model.audit_, sampled.judge)
     weight = weigh.weight(some, sampled.chosen)[0]
     choice, read = model._choice(few, some.actions, weight), prepare.features
     if choice != Choice(read.kind):
@@ -323,18 +319,19 @@ def _fit_policy(
         read = FeatureMap.fit(choice.kind, few.observations[trusted], weight[trusted], choice.ridge)
         weigh = replace(weigh, final=replace(prepare, features=read))
         some = replace(some, features=read.design(few.observations, single=True))
-    policy: Any = linear_policy(space, ridge_of(read, model.C, weight.sum(), space), weight.sum())
-    policy = policy.learn(some, weight)[0]
     lessons = ready.then(weigh)
     log_ratio, step_weights, total = gathered(lessons.map(_of_steps), int(data.offsets[-1]), not in_memory)
     model.audit_ = replace(model.audit_, step_log_ratio=log_ratio, step_weight=step_weights)
+    first: Any = linear_policy(space, ridge_of(read, model.C, weight.sum(), space), weight.sum())
+    first = first.learn(some, weight)[0]
     final_ridge, more = ridge_of(read, model.C, total, space), total / weight.sum()
 
     def prime(at: Any) -> Any:
         return at.primed(some, weight, final_ridge, more, remembers=True)
 
     checkpoint = _checkpoint(model, data, few)
-    start = (checkpoint.read() if checkpoint else None) or Polished(prime(policy))
+    begun = checkpoint.read() if checkpoint else None
+    start = resumed(begun, prime(begun.anchor or first)) if begun else Polished(prime(first))
     keep = checkpoint.keep if checkpoint else lambda _: None
     final = clone(lessons.summed(), start, prime, REFIT_TOL, model.max_iter, progress, keep)
     model.features_, model.policy_ = read, final.state.tempered(choice.temperature)

@@ -6,9 +6,10 @@ directions right, so that each pass takes most of the error away.
 
 from __future__ import annotations
 
+import tempfile
 import time
-from collections.abc import Callable
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field, replace
 from functools import partial, reduce
 from typing import Any
 
@@ -43,14 +44,43 @@ Progress = Callable[[str], None]
 
 @dataclass(frozen=True, eq=False)
 class Polished:
-    """Where passes over everything ended: a policy; how far a step may go from there; and where the
-    Hessian was last made, if anywhere but at the start."""
+    """Where passes over everything ended: a policy; how far a step may go from there; where the Hessian was last made,
+    if anywhere but at the start; and the path that the policy remembers, (T, D, K)."""
 
     state: Any
     history: Array = field(default_factory=lambda: np.empty(0))
     converged: bool = False
     radius: float = np.inf
     anchor: Any = None
+    path: Array = field(default_factory=lambda: np.empty((0, 0, 0)))
+
+
+def gathered(pieces: Iterator[tuple[Array, Array]], n_steps: int, on_disk: bool) -> tuple[Array, Array, float]:
+    """Log-ratios and weights of all steps, (N,) each, in a temporary file where memory should not hold them; and the
+    sum of the weights."""
+    total = 0.0
+    if not on_disk:
+        log_ratio, weight = np.empty((2, n_steps))
+        end = 0
+        for one, other in pieces:
+            begin, end = end, end + len(one)
+            log_ratio[begin:end], weight[begin:end] = one, other
+            total += float(other.sum())
+        return log_ratio, weight, total
+    with tempfile.TemporaryFile() as first, tempfile.TemporaryFile() as second:
+        for both in pieces:
+            total += float(both[1].sum())
+            for file, values in zip((first, second), both, strict=True):
+                file.write(values.astype(np.float32).tobytes())
+        first.flush()
+        second.flush()
+        one, other = (np.memmap(file, np.float32, "r", shape=(n_steps,)) for file in (first, second))
+    return one, other, total
+
+
+def resumed(begun: Polished, primed: Any) -> Polished:
+    """`begun`, as it was kept, with the Hessian of the policy `primed`."""
+    return replace(begun, state=begun.state.like(primed, begun.path))
 
 
 def clone_pass(lesson: tuple[Problem, Array, Array], policy: Any) -> Sums:
@@ -144,7 +174,7 @@ def _climb(
         small = bool((np.abs(np.diff(history[-1 - _SETTLED :])) <= goal).all()) and len(history) > _SETTLED
         converged = small or (radius >= _FREE and gain <= goal)
         radius = 2.0 * radius if radius < _FAR else np.inf
-        keep(Polished(here, history, converged, radius, anchor))
+        keep(Polished(here, history, converged, radius, anchor, here.path))
         if converged:
             return Polished(here, history, True)
     return Polished(here, history, start.converged)

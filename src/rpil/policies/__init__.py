@@ -59,8 +59,12 @@ class AdditivePolicy(Policy, Protocol):
         One that `remembers` may learn from the steps that it takes how to take better ones.
         """
 
-    def like(self, primed: Self) -> Self:
-        """Ready for the same sums as another one."""
+    def like(self, primed: Self, path: Array | None = None) -> Self:
+        """Ready for the same sums as another one; a `path` as it was kept takes the place of what it remembers."""
+
+    @property
+    def path(self) -> Array:
+        """What it remembers of the steps that it took, (T, D, K), empty where that is nothing."""
 
     @property
     def experienced(self) -> bool:

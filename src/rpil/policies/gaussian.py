@@ -132,9 +132,14 @@ class StudentPolicy:
         """The same for `factor` times as many steps."""
         return replace(self, ridge=ridge, least=self.least * np.sqrt(factor))
 
-    def like(self, primed: StudentPolicy) -> StudentPolicy:
+    def like(self, primed: StudentPolicy, path: Array | None = None) -> StudentPolicy:
         """The same."""
         return self
+
+    @property
+    def path(self) -> Array:
+        """None: each step starts anew."""
+        return np.empty((0, *self.weights.shape))
 
     @property
     def experienced(self) -> bool:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -105,9 +106,21 @@ class SoftmaxPolicy:
         )
         return SoftmaxPolicy(self.weights, ridge, hessian, _path=Path() if remembers else None)
 
-    def like(self, primed: SoftmaxPolicy) -> SoftmaxPolicy:
-        """The same with another one's Hessian."""
-        return replace(self, _preconditioner=primed._preconditioner)
+    def like(self, primed: SoftmaxPolicy, path: Array | None = None) -> SoftmaxPolicy:
+        """The same with another one's Hessian, and with a `path` as it was kept, if given."""
+        known = self._path if path is None else Path()
+        if path is not None and len(path):
+            known = Path(path[0], path[1], tuple(zip(path[2::2], path[3::2], strict=True)))
+        return replace(self, _preconditioner=primed._preconditioner, _path=known)
+
+    @property
+    def path(self) -> Array:
+        """What it remembers of its path, (T, D, K): the last place and the gradient there, then steps, each with how
+        far the gradient fell."""
+        known = self._path
+        if known is None or known.weights is None or known.slope is None:
+            return np.empty((0, *self.weights.shape))
+        return np.stack([known.weights, known.slope, *itertools.chain.from_iterable(known.pairs)])
 
     @property
     def experienced(self) -> bool:
@@ -122,8 +135,9 @@ class SoftmaxPolicy:
     def improved(self, statistics: Sums, radius: float = np.inf) -> SoftmaxPolicy:
         """One Newton step."""
         assert self._preconditioner is not None, "primed first"
-        slope = statistics[0] - self.ridge[:, None] * self.weights
-        path = None if self._path is None else self._path.at(self.weights, slope)
+        # Rows contiguous, as arrays are kept: the order in which an array is summed shows in the last bit.
+        weights, slope = map(np.ascontiguousarray, (self.weights, self.penalised(statistics)))
+        path = None if self._path is None else self._path.at(weights, slope)
         if path is None or not path.pairs:
             step = self._preconditioner.within(radius, slope)
         else:
@@ -133,7 +147,12 @@ class SoftmaxPolicy:
 
     def slope(self, statistics: Sums) -> float:
         """Largest entry of the gradient of the penalised log-likelihood."""
-        return float(np.abs(statistics[0] - self.ridge[:, None] * self.weights).max())
+        return float(np.abs(self.penalised(statistics)).max())
+
+    def penalised(self, statistics: Sums) -> Array:
+        """The gradient of the penalised log-likelihood, (D, K)."""
+        gradient: Array = statistics[0] - self.ridge[:, None] * self.weights
+        return gradient
 
     def tempered(self, temperature: float) -> SoftmaxPolicy:
         """The same order of preferences, surer above 1 and less sure below."""
