@@ -18,11 +18,15 @@ import pytest
 from click.testing import CliRunner
 
 import rpil
-from rpil import cli, formats, polish
+from rpil import cli, formats, terminal
 from rpil.adversaries import ADVERSARIES
 from rpil.corruptions import KINDS
 from rpil.features import FEATURES
+from rpil.judge import FINDINGS
+from rpil.judge.judgement import MINORITY
 from rpil.persistence import load
+from rpil.policies import SoftmaxPolicy
+from rpil.suggestions import NEXT, P_EXPERT
 
 ENV = "MountainCar-v0"
 RNG = np.random.default_rng(0)
@@ -42,8 +46,9 @@ def folder(tmp_path_factory):
 
 @pytest.fixture(autouse=True)
 def elsewhere(tmp_path, monkeypatch):
-    """Every test has a current folder of its own."""
+    """Every test has a current folder of its own, and time enough to say nothing about progress."""
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(terminal, "_FIRST", 1e3)
 
 
 def call(*arguments):
@@ -100,6 +105,7 @@ def test_the_choices_are_those_of_the_library():
         *ADVERSARIES["discrete"],
         *ADVERSARIES["continuous"],
     }
+    assert cli.MINORITY == MINORITY
 
 
 def test_simulate_writes_demonstrations_with_their_truth(folder):
@@ -132,16 +138,69 @@ def test_simulate_is_fixed_by_its_seed():
     assert a == b != c
 
 
-def test_audit_prints_a_ranking_and_a_headline(folder):
+def ranked(result):
+    """The rows of the ranking, and the titles of its columns."""
+    lines = result.stdout.splitlines()
+    start = next(k for k, line in enumerate(lines) if line.startswith("─"))
+    stop = next(k for k in range(start, len(lines)) if not lines[k].strip())
+    return re.split(r"\s{2,}", lines[start - 1].strip()), [line.split() for line in lines[start + 1 : stop]]
+
+
+def test_audit_says_the_finding_first_then_the_ranking_and_what_to_do(folder):
     result = ok("audit", folder / "good.parquet")
-    rows = [line.split() for line in result.stdout.splitlines()[2:14]]
+    titles, rows = ranked(result)
+    assert result.stdout.startswith(f"Told apart: {FINDINGS['told apart']}\n")
+    assert titles[:6] == ["id", "steps", "log-odds", "P(expert)", "reliability", "verdict"]  # actions are all there is
     assert [int(row[0]) < 6 for row in rows] == [True] * 6 + [False] * 6
     assert [row[5] for row in rows] == ["expert"] * 6 + ["adversary"] * 6
     odds = [float(row[2]) for row in rows]
     assert odds == sorted(odds, reverse=True)
-    assert "Of 12 demonstrations (1,160 steps), " in result.stdout
-    assert "6 can be trusted, 6 cannot, and 0 remain uncertain." in result.stdout
+    assert result.stdout.count(P_EXPERT) == 1
+    *_, headline, following = result.stdout.splitlines()
+    assert headline == "Of 12 demonstrations (1,160 steps), 6 can be trusted, 6 cannot, and 0 remain uncertain."
+    assert following == f"Next: {NEXT['told apart']}"
+    assert "Next" not in ok("audit", folder / "good.parquet", "--quiet").stdout
     assert result.stderr == ""
+
+
+def test_the_parts_of_the_log_odds_are_columns_that_add_up(folder):
+    Path("labels.csv").write_text("id,label\n3,good\n")
+    titles, rows = ranked(ok("audit", folder / "good.parquet", "--labels", "labels.csv"))
+    assert titles[2:6] == ["log-odds", "= actions", "+ label", "P(expert)"]
+    for row in rows:
+        total, actions, label = map(float, row[2:5])
+        assert total == pytest.approx(actions + label, abs=0.011)
+        assert (label != 0) == (row[0] == "3")
+    who = "".join(f"{m},{'abcd'[m // 3]}\n" for m in range(12))
+    Path("who.csv").write_text(f"id,demonstrator\n{who}")
+    result = ok("audit", folder / "good.parquet", "--demonstrators", "who.csv")
+    titles, rows = ranked(result)
+    assert titles[2:6] == ["log-odds", "= actions", "+ demonstrator", "P(expert)"]
+    for row in rows:
+        total, actions, lent = map(float, row[2:5])
+        assert total == pytest.approx(actions + lent, abs=0.011)
+        assert (lent > 0) == (int(row[0]) < 6)
+    assert re.search(r"^demonstrator +trust", result.stdout, re.MULTILINE)
+
+
+@pytest.mark.parametrize("spoil", ["actions", "nothing"])
+def test_where_nothing_is_told_apart_the_ranking_gives_no_verdicts(spoil):
+    rng = np.random.default_rng(1)
+    x = rng.normal(size=(400, 2))
+    y = rng.integers(0, 2, 400) if spoil == "actions" else (x[:, 0] + rng.logistic(size=400) > 0).astype(int)
+    npz("data.npz", observations=x, actions=y, episode_ids=np.repeat(np.arange(20), 20))
+    finding = {"actions": "nothing could be learned", "nothing": "nobody stands out"}[spoil]
+    result = ok("audit", "data.npz")
+    assert result.stdout.startswith(f"{finding.capitalize()}: {FINDINGS[finding]}\n")
+    assert "\n20 demonstrations (400 steps) are ranked; the ranking gives no verdicts.\n" in result.stdout
+    assert "trusted" not in result.stdout
+    assert result.stdout.endswith(f"Next: {NEXT[finding]}\n")
+    assert {row[5] for row in ranked(result)[1]} == {"uncertain"}
+    assert len({row[3] for row in ranked(result)[1]}) > 5  # P(expert) is graded
+    Path("l.csv").write_text("id,label\n3,bad\n")
+    labelled = ok("audit", "data.npz", "--labels", "l.csv", "--quiet").stdout
+    assert "the ranking gives no verdicts beyond the labels." in labelled
+    assert "Next" not in labelled
 
 
 def test_audit_as_json(folder):
@@ -150,24 +209,25 @@ def test_audit_as_json(folder):
     audit = json.loads(result.stdout, parse_constant=pytest.fail)
     # The issue's, and what is needed where the data do not settle it.
     assert list(audit) == [
-        "n_demonstrations", "n_steps", "adversary", "prior", "identifiable", "groups", "to_label", "assumptions",
-        "demonstrations",
-        "demonstrators",
+        "n_demonstrations", "n_steps", "finding", "adversary", "prior", "identifiable", "groups", "to_label",
+        "assumptions", "demonstrations", "demonstrators",
     ]  # fmt: skip
     assert audit["n_demonstrations"] == 12
     assert audit["n_steps"] == formats.read(folder / "good.parquet").n_steps
-    assert audit["adversary"] in ADVERSARIES["discrete"]
+    assert audit["finding"] == "told apart"
     assert audit["prior"].keys() == {"mean", "low", "high"}
     assert 0 < audit["prior"]["low"] < audit["prior"]["mean"] < audit["prior"]["high"] < 1
     assert audit["identifiable"] is True
     assert len(audit["demonstrations"]) == 12
     for entry in audit["demonstrations"]:
         kinds = {
-            "id": int, "n_steps": int, "log_odds": float, "expert_proba": float, "reliability": float,
+            "id": int, "n_steps": int, "log_odds": float, "evidence": dict, "expert_proba": float, "reliability": float,
             "verdict": str, "worst_steps": list,
         }  # fmt: skip
         assert {key: type(value) for key, value in entry.items()} == kinds
         assert entry["verdict"] == ("expert" if entry["id"] < 6 else "adversary")
+        assert list(entry["evidence"]) == ["actions", "demonstrator", "label"]
+        assert sum(entry["evidence"].values()) == pytest.approx(entry["log_odds"], abs=1e-9)
         assert all(0 <= step < entry["n_steps"] for step in entry["worst_steps"])
     assert ok("audit", folder / "good.parquet", "--json", "--quiet").stdout == result.stdout
     other = ok("audit", folder / "good.parquet", "--json", "--adversary", "normalised-complement")
@@ -191,48 +251,66 @@ def test_audit_writes_a_report_and_weights(folder):
     assert pa.csv.read_csv("w.csv").num_rows == demonstrations.n_steps
 
 
-def test_what_cannot_be_known_is_said_and_labels_settle_it(folder):
+def proposed(result):
+    """The labels file that the box shows."""
+    lines = [line.strip("│ ") for line in result.stdout.splitlines()]
+    return [line for line in lines if re.fullmatch(r"id,label|\d+,expert", line)]
+
+
+def test_what_cannot_be_known_is_said_and_one_label_settles_it(folder):
     file = folder / "shifted.parquet"
     result = ok("audit", file, "--seed", 2)
-    assert "Cannot be known" in result.stdout
-    assert "2 groups of demonstrations" in result.stdout
-    assert "0 can be trusted" in result.stdout
+    assert result.stdout.startswith(f"Cannot be known: {FINDINGS['cannot be known']}\n")
+    groups = re.findall(r"Group [AB], 6 demonstrations: ([\d, ]+)", result.stdout)
+    assert sorted(sorted(map(int, group.split(", "))) for group in groups) == [[*range(6)], [*range(6, 12)]]
+    assert re.search(r"say \d+ or \d+, and write its label to labels.csv", result.stdout)
+    assert "--minority" in result.stdout
+    assert "the ranking gives no verdicts." in result.stdout
     assert result.stderr == ""
     again = result.stdout.splitlines()[-1].removeprefix("Then run: ")
     assert shlex.split(again) == ["rpil", "audit", str(file), "--seed", "2", "--labels", "labels.csv"]
     # What the box proposes works as it stands.
-    proposed = [line.strip("│ ") for line in result.stdout.splitlines() if re.search(r"│ +(id,label|\d+,\w+) ", line)]
-    assert len(proposed) == 3
-    Path("labels.csv").write_text("\n".join(proposed))
+    header, label = proposed(result)
+    Path("labels.csv").write_text(f"{header}\n{label}\n")
     result = ok(*shlex.split(again)[1:], "--json")
     audit = json.loads(result.stdout)
-    labels = dict(line.split(",") for line in proposed[1:])
     assert audit["identifiable"] is True
+    assert audit["finding"] == "told apart"
     assert result.stderr == ""
+    trusted = int(label.split(",")[0]) < 6
     for entry in audit["demonstrations"]:
-        like = min(labels, key=lambda name: (int(name) < 6) != (entry["id"] < 6))
-        assert entry["verdict"] == labels[like]
+        assert entry["verdict"] == ("expert" if (entry["id"] < 6) == trusted else "adversary")
 
 
-def test_what_cannot_be_known_in_json(folder):
+def test_what_cannot_be_known_in_json_and_what_the_user_knows_of_a_minority(folder):
     result = ok("audit", folder / "shifted.parquet", "--json")
     audit = json.loads(result.stdout)
     assert audit["identifiable"] is False
+    assert audit["finding"] == "cannot be known"
     assert sorted(map(sorted, audit["groups"])) == [[*range(6)], [*range(6, 12)]]
     assert len(audit["to_label"]) == 2
-    assert re.fullmatch(r"note: shifted\.parquet: 2 groups .*\n", result.stderr)
+    assert re.fullmatch(r"note: shifted\.parquet: two groups .* label one demonstration, say .*\n", result.stderr)
+    trusted = set(audit["groups"][0])
+    for minority in ("trust", "distrust"):
+        told = json.loads(ok("audit", folder / "shifted.parquet", "--json", "--minority", minority).stdout)
+        assert told["identifiable"] is True
+        rival = [entry["log_odds"] for entry in told["demonstrations"] if entry["id"] not in trusted]
+        least = min(entry["log_odds"] for entry in told["demonstrations"] if entry["id"] in trusted)
+        assert (min(rival) >= least) == (minority == "trust")
+    ok("fit", folder / "shifted.parquet", "-o", "p", "--minority", "trust")
+    assert load("p").minority == "trust"
 
 
 def test_fit_says_when_the_policy_is_a_guess(folder):
     result = ok("fit", folder / "shifted.parquet", "-o", "p", "--quiet")
-    assert "Until then the policy in p learned from all of them alike." in result.stdout
+    assert "Until then the policy in p has learned from both groups." in result.stdout
     assert result.stdout.splitlines()[-1] == "Policy: p"
     assert result.stderr == ""
-    Path("l.json").write_text('{"0": "good", "11": "bad"}')
+    Path("l.json").write_text('{"0": "good"}')
     result = ok("fit", folder / "shifted.parquet", "-o", "p", "--labels", "l.json")
-    assert "Of 12 demonstrations" in result.stdout
+    assert result.stdout.startswith("Told apart: ")
     assert "6 can be trusted, 6 cannot" in result.stdout
-    assert "guess" not in result.stdout
+    assert "Until then" not in result.stdout
 
 
 def test_fit_and_evaluate(folder):
@@ -357,11 +435,7 @@ def test_an_interruption_is_quiet(monkeypatch):
     assert result.output.strip() == ""
 
 
-def test_progress_is_shown_in_a_terminal_only(folder, monkeypatch, capsys):
-    from rpil import terminal
-
-    with terminal.stages(quiet=False) as show:
-        show("never seen")
+def test_progress_in_a_terminal(monkeypatch, capsys):
     monkeypatch.setenv("TERM", "xterm")
     monkeypatch.setattr(sys.stderr, "isatty", lambda: True, raising=False)
     for quiet in (True, False):
@@ -370,9 +444,49 @@ def test_progress_is_shown_in_a_terminal_only(folder, monkeypatch, capsys):
         with terminal.counter("playing", quiet) as count:
             count(1, 2)
     err = capsys.readouterr().err
-    assert "never seen" not in err
     assert "stage [True]" not in err
     assert "stage [False]" in err
+
+
+def test_progress_elsewhere_is_a_line_now_and_then(monkeypatch, capsys):
+    monkeypatch.setattr(terminal, "_FIRST", 0.2)
+    monkeypatch.setattr(terminal, "_RARER", 1.0)
+    with terminal.stages(quiet=False) as show:
+        show("never seen")
+        show("reading")
+        time.sleep(0.3)
+        show("learning")
+        time.sleep(0.8)
+    with terminal.counter("playing", quiet=False) as count:
+        count(1, 2)
+        time.sleep(0.3)
+    with terminal.stages(quiet=True) as show:
+        show("not to be seen")
+        time.sleep(0.3)
+    with terminal.stages(quiet=False) as show:
+        show("over at once")
+    out, err = capsys.readouterr()
+    assert out == ""
+    # At 0.2 s, 0.4 s and 0.8 s: each time that went by doubles the wait.
+    lines = ["rpil: 0 s: reading", *2 * ["rpil: _ s: learning"], "rpil: 0 s: playing, 1 of 2"]
+    assert [re.sub(r"[01] s: learning", "_ s: learning", line) for line in err.splitlines()] == lines
+
+
+def test_a_command_that_takes_long_says_so_within_two_seconds():
+    script = (
+        "import sys, time, types\n"
+        "def run(progress, **_):\n"
+        "    progress('waiting')\n"
+        "    time.sleep(3)\n"
+        "    raise SystemExit(7)\n"
+        "sys.modules['rpil.demo'] = types.SimpleNamespace(run=run)\n"
+        "from rpil.cli import main\n"
+        "main(['demo', *sys.argv[1:]])\n"
+    )
+    for options, pattern in (([], r"rpil: 2 s: waiting\n(rpil: [34] s: waiting\n)?"), (["--quiet"], "")):
+        done = subprocess.run([sys.executable, "-c", script, *options], capture_output=True, text=True)
+        assert done.returncode == 7
+        assert re.fullmatch(pattern, done.stderr), done.stderr
 
 
 # --- bad input ------------------------------------------------------------------------------------------------------
@@ -540,6 +654,9 @@ SIMULATE = ["simulate", "--good", 1, "--bad", 1]
         ([*SIMULATE, "--env", ENV, "--kind", "odd", "-o", "d.csv"], "'corrupted', 'random'"),
         (["fit", "data.npz", "-o", "p", "--labels", "l.csv", "--method", "cloning"], "--labels means nothing .* leave"),
         (["fit", "data.npz", "-o", "p", "--method", "cloning", "--adversary", "auto"], "--adversary means nothing"),
+        (["fit", "data.npz", "-o", "p", "--method", "cloning", "--minority", "trust"], "--minority means nothing to"),
+        (["audit", "data.npz", "--minority", "trust", "--adversary", "uniform"], "--minority means nothing beside a"),
+        (["audit", "data.npz", "--minority", "hang"], "'hang' is not one of 'ask', 'trust', 'distrust'"),
         (["fit", "data.npz", "-o", "p", "--method", "rment"], "--method rment and --trusted N need each other"),
         (["fit", "data.npz", "-o", "p", "--trusted", "3"], "--method rment and --trusted N need each other"),
         (["audit"], "Missing argument 'FILE'; see rpil audit --help"),
@@ -568,18 +685,18 @@ def test_an_interrupted_run_goes_on(folder, monkeypatch):
         monkeypatch.setattr(f"rpil.large.{name}", small)
     shutil.copy(folder / "good.parquet", "good.parquet")
     whole = ok("audit", "good.parquet", "--json", "--features", "raw").stdout
-    climb, interrupted = polish.improved, []
+    climb, so_far = SoftmaxPolicy.improved, Path("good.parquet.rpil-checkpoint")
 
     def interrupt(*arguments):
-        interrupted.append(1)
-        if len(interrupted) == 2:
+        if so_far.exists():
             raise KeyboardInterrupt
         return climb(*arguments)
 
-    monkeypatch.setattr(polish, "improved", interrupt)
+    monkeypatch.setattr(SoftmaxPolicy, "improved", interrupt)
     stopped = call("audit", "good.parquet", "--json", "--features", "raw")
     assert stopped.exit_code == 130
     assert "good.parquet.rpil-checkpoint; the same command with --resume goes on" in stopped.stderr
+    monkeypatch.setattr(SoftmaxPolicy, "improved", climb)
     refused("a run was interrupted; delete it, or go on", "audit", "good.parquet", "--json", "--features", "raw")
     assert ok("audit", "good.parquet", "--json", "--features", "raw", "--resume").stdout == whole
     refused("nothing was interrupted here", "audit", "good.parquet", "--resume")

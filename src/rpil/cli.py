@@ -2,30 +2,26 @@
 
 from __future__ import annotations
 
-import io
 import shlex
-import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NoReturn
+from typing import TYPE_CHECKING, Any
 
 import click
 from click.core import ParameterSource
 
 from rpil import __version__
-from rpil.commands import cluster, fit_rpil, in_memory, is_streamed, read
-from rpil.errors import DataError, MissingExtraError
+from rpil.commands import Commands, Words, cluster, fit_rpil, in_memory, is_streamed, read
 from rpil.files import check_outputs, make_folder
 from rpil.terminal import (
+    advice,
     as_json,
     counter,
+    finding,
     headline,
-    notes,
-    one_line,
     show_ambiguity,
-    show_demonstrators,
-    show_ranking,
+    show_audit,
     stages,
     suggestion,
 )
@@ -37,60 +33,9 @@ if TYPE_CHECKING:
 FEATURES = ("auto", "raw", "folded", "spline", "poly", "nystroem")
 ADVERSARIES = (
     "auto", "constant", "uniform", "marginal", "complement", "normalised-complement", "confusion", "own-policy",
-    "own-policy-or-marginal",
 )  # fmt: skip
+MINORITY = ("ask", "trust", "distrust")
 KINDS = ("corrupted", "random", "flip", "shift", "noisy", "window", "sensor")
-
-
-class _Commands(click.Group):
-    """Ends whatever a user can cause with one sentence on stderr and exit code 2, and an interruption with 130."""
-
-    def invoke(self, ctx: click.Context) -> Any:
-        with notes():
-            return super().invoke(ctx)
-
-    def main(
-        self,
-        args: Sequence[str] | None = None,
-        prog_name: str | None = None,
-        complete_var: str | None = None,
-        standalone_mode: bool = True,
-        **extra: Any,
-    ) -> Any:
-        if not standalone_mode:
-            return super().main(args, prog_name, complete_var, False, **extra)
-        for stream in (sys.stdout, sys.stderr):
-            if isinstance(stream, io.TextIOWrapper):  # an id that the terminal cannot show is no reason to crash
-                stream.reconfigure(errors="backslashreplace")
-        try:
-            code = super().main(args, prog_name, complete_var, False, **extra)
-        except click.Abort:
-            sys.exit(130)
-        except click.UsageError as error:
-            command = error.ctx.command_path if error.ctx else "rpil"
-            said = error.format_message().rstrip(".?").replace(". Did", "; did").replace(". (Did", " (did")
-            _fail(f"{said}; see {command} --help.")
-        except click.ClickException as error:
-            _fail(error.format_message())
-        except (DataError, MissingExtraError) as error:
-            _fail(str(error))
-        except OSError as error:
-            if error.filename is None:
-                raise
-            _fail(f"{error.filename}: {error.strerror}; check the path.")
-        sys.exit(code)
-
-
-def _fail(sentence: str) -> NoReturn:
-    click.echo(f"rpil: {one_line(sentence)}", err=True)
-    sys.exit(2)
-
-
-class _Words(click.Choice[str]):
-    """A choice of names that the library writes with spaces, and a shell with hyphens; both will do."""
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> str:
-        return super().convert(value.replace(" ", "-"), param, ctx).replace("-", " ")
 
 
 _seed = click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Same seed, same result.")
@@ -107,7 +52,14 @@ _learning = (
         "--features", type=click.Choice(FEATURES), default="auto", show_default=True, help="What the policy sees."
     ),
     click.option(
-        "--adversary", type=_Words(ADVERSARIES), default="auto", show_default=True, help="What bad demonstrators do."
+        "--adversary", type=Words(ADVERSARIES), default="auto", show_default=True, help="What bad demonstrators do."
+    ),
+    click.option(
+        "--minority",
+        type=click.Choice(MINORITY),
+        default="ask",
+        show_default=True,
+        help="What to think of a second group that acts alike, and otherwise than the first.",
     ),
     click.option("--resume", is_flag=True, help="Go on where a long run was interrupted."),
     click.option("--stream/--no-stream", default=None, help="Leave data on disk, or read them; by default by size."),
@@ -125,7 +77,7 @@ def _learning_options(command: Callable[..., None]) -> Callable[..., None]:
 
 @click.group(
     name="rpil",
-    cls=_Commands,
+    cls=Commands,
     invoke_without_command=True,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
@@ -187,12 +139,10 @@ def audit(
     if json_wanted:
         click.echo(as_json(found.to_dict() | ({"suggested": found.suggest_labels(suggest)} if suggest else {})))
     else:
-        show_ranking(found)
-        show_demonstrators(found)
-        click.echo(f"\n{headline(found)}")
+        show_audit(found)
         if suggest:
             click.echo(suggestion(found, suggest))
-        _explain(ctx, found)
+        _explain(ctx, found, quiet)
     for what, path in (("Weights", weights), ("Report", report)):
         _say_where(what, path, json_wanted)
 
@@ -205,7 +155,7 @@ def audit(
     type=click.Choice(("rpil", "cloning", "rment")),
     default="rpil",
     show_default=True,
-    help="Trust what can be trusted, everything alike, or the N that one policy explains best.",
+    help="Trust what can be trusted, all alike, or the N that one policy explains best.",
 )
 @click.option("--trusted", metavar="N", type=click.IntRange(1), help="How many --method rment trusts.")
 @_learning_options
@@ -223,8 +173,8 @@ def fit(
 ) -> None:
     """Learn a policy from what can be trusted."""
     told = {what for what in ("labels", "demonstrators", "resume") if learning[what]}
-    if ctx.get_parameter_source("adversary") is ParameterSource.COMMANDLINE:
-        told.add("adversary")
+    chosen = {"adversary", "minority"}
+    told |= {what for what in chosen if ctx.get_parameter_source(what) is ParameterSource.COMMANDLINE}
     if method != "rpil" and told:
         said = f"--{min(told)} means nothing to --method {method}: leave it out, or use --method rpil"
         raise click.UsageError(said, ctx)
@@ -260,8 +210,8 @@ def fit(
     elif method == "rment":
         click.echo(f"Trusted were {trusted:,} of {size}, those that one policy explains best.")
     else:
-        click.echo(headline(model.audit_))
-        _explain(ctx, model.audit_, f"Until then the policy in {output} learned from all of them alike.")
+        click.echo(f"{finding(model.audit_)}\n{headline(model.audit_)}")
+        _explain(ctx, model.audit_, quiet, f"Until then the policy in {output} has learned from both groups.")
     play = shlex.join(["rpil", "evaluate", output, "--env"])
     click.echo(f"Policy: {output}" if quiet else f"Policy: {output}; to play it: {play} ID")
 
@@ -375,9 +325,11 @@ def reproduce(quick: bool, draws: int | None, output: str | None, json_wanted: b
     _say_where("Tables and figures", output, json_wanted)
 
 
-def _explain(ctx: click.Context, audit: Audit, warning: str = "") -> None:
-    """Say what cannot be known, if anything, and which command to run next."""
+def _explain(ctx: click.Context, audit: Audit, quiet: bool, warning: str = "") -> None:
+    """Say what to do next: if two groups compete, which demonstration to label, and the command to run then."""
     if audit.identifiable:
+        if not quiet:
+            click.echo(advice(audit))
         return
     labels = ctx.params["labels"] or "labels.csv"
     words = ["rpil", str(ctx.info_name)]

@@ -1,18 +1,20 @@
-"""What commands share: reading the data, and a fit with the options of the command line."""
+"""What commands share: how errors are said, reading the data, and a fit with the options of the command line."""
 
 from __future__ import annotations
 
+import io
 import os
+import sys
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, NoReturn
 
 import click
 
-from rpil.errors import DataError
-from rpil.terminal import Stages
+from rpil.errors import DataError, MissingExtraError
+from rpil.terminal import Stages, notes, one_line
 
 if TYPE_CHECKING:
     from rpil.demonstrations import Demonstrations
@@ -22,6 +24,57 @@ if TYPE_CHECKING:
 
 _SHARE = 0.25
 """Of the memory that is free: what a file may take there before it is read piece by piece instead."""
+
+
+class Commands(click.Group):
+    """Ends whatever a user can cause with one sentence on stderr and exit code 2, and an interruption with 130."""
+
+    def invoke(self, ctx: click.Context) -> Any:
+        with notes():
+            return super().invoke(ctx)
+
+    def main(
+        self,
+        args: Sequence[str] | None = None,
+        prog_name: str | None = None,
+        complete_var: str | None = None,
+        standalone_mode: bool = True,
+        **extra: Any,
+    ) -> Any:
+        if not standalone_mode:
+            return super().main(args, prog_name, complete_var, False, **extra)
+        for stream in (sys.stdout, sys.stderr):
+            if isinstance(stream, io.TextIOWrapper):  # an id that the terminal cannot show is no reason to crash
+                stream.reconfigure(errors="backslashreplace")
+        try:
+            code = super().main(args, prog_name, complete_var, False, **extra)
+        except click.Abort:
+            sys.exit(130)
+        except click.UsageError as error:
+            command = error.ctx.command_path if error.ctx else "rpil"
+            said = error.format_message().rstrip(".?").replace(". Did", "; did").replace(". (Did", " (did")
+            _fail(f"{said}; see {command} --help.")
+        except click.ClickException as error:
+            _fail(error.format_message())
+        except (DataError, MissingExtraError) as error:
+            _fail(str(error))
+        except OSError as error:
+            if error.filename is None:
+                raise
+            _fail(f"{error.filename}: {error.strerror}; check the path.")
+        sys.exit(code)
+
+
+def _fail(sentence: str) -> NoReturn:
+    click.echo(f"rpil: {one_line(sentence)}", err=True)
+    sys.exit(2)
+
+
+class Words(click.Choice[str]):
+    """A choice of names that the library writes with spaces, and a shell with hyphens; both will do."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> str:
+        return super().convert(value.replace(" ", "-"), param, ctx).replace("-", " ")
 
 
 def read(file: str, progress: Stages, stream: bool | None = False) -> Demonstrations | Dataset:
@@ -101,10 +154,13 @@ def fit_rpil(
     demonstrators: str | None,
     features: str,
     adversary: str,
+    minority: str,
     seed: int,
     resume: bool,
 ) -> RPIL:
     """RPIL with the options of the command; `boxed` where a box will say what cannot be known."""
+    if adversary != "auto" and minority != "ask":
+        raise click.UsageError("--minority means nothing beside a named --adversary: leave one out")
     from rpil import formats
     from rpil.formats.table import check_ids
 
@@ -125,6 +181,7 @@ def fit_rpil(
     model = RPIL(
         features=features,
         adversary=adversary,
+        minority=minority,
         labels=known or None,
         random_state=seed,
         progress=progress,

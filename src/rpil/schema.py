@@ -58,7 +58,7 @@ KNOWN: dict[type, dict[str, str]] = {
     },
     Groups: {"mean": "2", "spread": "2", "quantiles": "Q"},
     FittedJudge: {},
-    Polished: {"history": "iterations"},
+    Polished: {"history": "iterations", "path": "places rows columns"},
     State: {},
     Share: {},
     Interval: {},

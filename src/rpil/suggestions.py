@@ -1,4 +1,4 @@
-"""Which labels would tell most about the other demonstrations.
+"""What to do after an audit, and which labels would tell most about the other demonstrations.
 
 A label settles every pair that its demonstration is one of: in the right order, or in the wrong one. So those labels
 are asked for that settle most of the pairs which may be wrong. The order of an audit deserves more trust than its
@@ -8,7 +8,7 @@ probability r. Then of all demonstrations the share
 
     r * int_r^1 (1 - s) ds + (1 - r) * int_0^r s ds = r (1 - r) / 2
 
-makes a pair with it that is in the wrong order: those in the middle are asked about. They are not those of whom the
+makes a pair with it that is in the wrong order: those in the middle are asked about. They are not those of which the
 audit is most uncertain: where it trusts too many these are at the bottom, where most are as bad as it says.
 """
 
@@ -19,6 +19,20 @@ from collections.abc import Sequence
 import numpy as np
 
 from rpil.passes import Array
+
+NEXT = {
+    "told apart": "Look at the worst steps of a few adversaries, and label a demonstration whose verdict is wrong.",
+    "cannot be known": "Label one demonstration of either group, or choose minority=trust if both groups are good.",
+    "nobody stands out": "Look at the lowest ranked demonstrations, and label those that you can judge.",
+    "nothing could be learned": "Check that the observations hold what the actions depend on, or give more "
+    "demonstrations.",
+}
+"""What to do next, by finding."""
+
+P_EXPERT = (
+    "P(expert) says how surely a demonstration acts as the group does that agrees best; that this group is good is "
+    "assumed."
+)
 
 
 def middle(log_odds: Array) -> Array:

@@ -5,6 +5,8 @@ from __future__ import annotations
 import json
 import math
 import sys
+import threading
+import time
 import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -22,15 +24,20 @@ _COLOURS = {"expert": "green", "uncertain": "yellow", "adversary": "red"}
 _MOST_IDS = 20  # in one line
 _LETTERS = "ABCDEFGHIJ"  # of groups
 
+_FIRST = 1.5  # seconds until the first line about progress, where there is no terminal
+_RARER = 0.1  # of the time gone by, until the next one
+
 Stages = Callable[[str], None]
 Counter = Callable[[int, int], None]
 
 
 @contextmanager
 def stages(quiet: bool) -> Iterator[Stages]:
-    """A function that shows what is being done; it shows nothing if `quiet`, or where nobody is looking."""
+    """A function that shows what is being done, on stderr: in a terminal as it changes, elsewhere in a line now and
+    then, and not at all if `quiet`."""
     if quiet or not sys.stderr.isatty():
-        yield lambda stage: None
+        with _lines(quiet) as say:
+            yield say
         return
     from rich.progress import SpinnerColumn, TextColumn, TimeElapsedColumn
 
@@ -43,7 +50,9 @@ def stages(quiet: bool) -> Iterator[Stages]:
 def counter(what: str, quiet: bool) -> Iterator[Counter]:
     """A function that takes how many of how many are done, as `stages` otherwise."""
     if quiet or not sys.stderr.isatty():
-        yield lambda done, total: None
+        with _lines(quiet) as say:
+            say(what)
+            yield lambda done, total: say(f"{what}, {done} of {total}")
         return
     from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsedColumn
 
@@ -51,6 +60,28 @@ def counter(what: str, quiet: bool) -> Iterator[Counter]:
     with _progress(*columns) as bar:
         task = bar.add_task(what, total=None)
         yield lambda done, total: bar.update(task, completed=done, total=total)
+
+
+@contextmanager
+def _lines(quiet: bool) -> Iterator[Stages]:
+    """The stage as a line on stderr: within two seconds, then every two, then ever more seldom."""
+    begun, latest, over = time.monotonic(), ["starting"], threading.Event()
+
+    def speak() -> None:
+        elapsed = 0.0
+        while not over.wait(max(_FIRST, _RARER * elapsed)):
+            elapsed = time.monotonic() - begun
+            click.echo(f"rpil: {elapsed:.0f} s: {latest[0]}", err=True)
+
+    thread = threading.Thread(target=speak, daemon=True)
+    if not quiet:
+        thread.start()
+    try:
+        yield lambda stage: latest.__setitem__(0, stage)
+    finally:
+        over.set()
+        if not quiet:
+            thread.join()  # no line after this one: what comes next is the result
 
 
 def _progress(*columns: Any) -> Progress:
@@ -89,15 +120,39 @@ def _finite(value: Any) -> Any:
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
-def show_ranking(audit: Audit) -> None:
+def finding(audit: Audit) -> str:
+    """What the audit comes to, in a sentence."""
+    from rpil.judge import FINDINGS
+
+    return f"{audit.finding.capitalize()}: {FINDINGS[audit.finding]}"
+
+
+def show_audit(audit: Audit) -> None:
+    """All of an audit: the finding, the ranking, what P(expert) means, the demonstrators, how many can be trusted."""
+    from rpil.suggestions import P_EXPERT
+
+    click.echo(f"{finding(audit)}\n")
+    _show_ranking(audit)
+    click.echo(f"\n{P_EXPERT}\n")
+    if audit.demonstrators:
+        _show_demonstrators(audit)
+    click.echo(headline(audit))
+
+
+def _show_ranking(audit: Audit) -> None:
     """The demonstrations as a table, the most trusted first."""
     from rich import box
     from rich.table import Table
     from rich.text import Text
 
+    parts = {name: part for name, part in audit.evidence.items() if part.any()}
+    if len(parts) == 1:
+        parts = {}  # it is the log-odds
     table = Table(box=box.SIMPLE_HEAD, show_edge=False, pad_edge=False)
     table.add_column("id", overflow="fold")
-    for title in ("steps", "log-odds", "P(expert)", "reliability"):
+    for title in ("steps", "log-odds", *(f"{'+' if k else '='} {name}" for k, name in enumerate(parts))):
+        table.add_column(title, justify="right", no_wrap=True)
+    for title in ("P(expert)", "reliability"):
         table.add_column(title, justify="right", no_wrap=True)
     table.add_column("verdict", no_wrap=True)
     table.add_column("worst steps")
@@ -108,7 +163,7 @@ def show_ranking(audit: Audit) -> None:
         table.add_row(
             Text(_shown(audit.ids[m])),
             f"{audit.lengths[m]:,}",
-            f"{audit.log_odds[m]:+,.1f}",
+            *(f"{value[m]:+,.2f}" for value in (audit.log_odds, *parts.values())),
             f"{audit.expert_proba[m]:.3f}",
             f"{audit.reliability[m]:.2f}",
             Text(audit.verdicts[m], style=_COLOURS[audit.verdicts[m]]),
@@ -118,14 +173,12 @@ def show_ranking(audit: Audit) -> None:
     _console().print(table)
 
 
-def show_demonstrators(audit: Audit) -> None:
-    """The demonstrators as a table, the most trusted first; nothing where nobody is known."""
+def _show_demonstrators(audit: Audit) -> None:
+    """The demonstrators as a table, the most trusted first."""
     from rich import box
     from rich.table import Table
     from rich.text import Text
 
-    if not audit.demonstrators:
-        return
     table = Table(box=box.SIMPLE_HEAD, show_edge=False, pad_edge=False)
     table.add_column("demonstrator", overflow="fold")
     for title in ("trust", "95 %", "demonstrations", *_COLOURS):
@@ -135,19 +188,28 @@ def show_demonstrators(audit: Audit) -> None:
         trust = who.trust
         cells = f"{trust.mean:.2f}", f"{trust.low:.2f} to {trust.high:.2f}", *(f"{count:,}" for count in counts)
         table.add_row(Text(_shown(who.name)), *cells)
-    _console().print("")
     _console().print(table)
+    click.echo("")
 
 
 def headline(audit: Audit) -> str:
-    """The audit in one sentence."""
+    """How many demonstrations can be trusted, in a sentence."""
     n = {verdict: audit.verdicts.count(verdict) for verdict in _COLOURS}
     size = f"{len(audit.ids):,} demonstrations ({audit.offsets[-1]:,} steps)"
+    if audit.finding != "told apart":
+        return f"{size} are ranked; the ranking gives no verdicts{' beyond the labels' if audit.labelled else ''}."
     return f"Of {size}, {n['expert']} can be trusted, {n['adversary']} cannot, and {n['uncertain']} remain uncertain."
 
 
+def advice(audit: Audit) -> str:
+    """What to do next, in a sentence."""
+    from rpil.suggestions import NEXT
+
+    return f"Next: {NEXT[audit.finding]}"
+
+
 def suggestion(audit: Audit, k: int) -> str:
-    """Whom to look at, in one sentence."""
+    """Which `k` demonstrations to label, in a sentence."""
     asked = audit.suggest_labels(k)
     if not asked:
         return "Every demonstration is labelled already."
@@ -155,14 +217,14 @@ def suggestion(audit: Audit, k: int) -> str:
 
 
 def show_ambiguity(audit: Audit, labels_file: str, warning: str = "") -> None:
-    """What cannot be known, and what the user can do about it.
+    """Which two groups compete, and what the user can do about it.
 
     Parameters
     ----------
     audit : Audit
         With ``identifiable`` False.
     labels_file : str
-        Where to write the labels.
+        Where to write the label.
     warning : str
         What to bear in mind until then.
     """
@@ -170,18 +232,20 @@ def show_ambiguity(audit: Audit, labels_file: str, warning: str = "") -> None:
     from rich.text import Text
 
     lines = [
-        f"{len(audit.competing)} groups of demonstrations each agree among themselves, and nothing in the data says "
-        "which of them is the expert; their verdicts stay uncertain.",
+        "Two groups of demonstrations each act alike, differently, in the same states: nothing says which of them is "
+        "the expert, and all verdicts stay uncertain.",
         "",
         *(
             f"Group {_LETTERS[k]}, {len(members)} demonstrations: {_listed(members)}"
             for k, members in enumerate(audit.competing)
         ),
         "",
-        f"Look at one demonstration of each group, say {_listed(audit.to_label, ' and ')}, and write your judgement to "
-        f"{labels_file}; if the first is good and the others bad:",
+        f"Look at one demonstration, say {_listed(audit.to_label, ' or ')}, and write its label to {labels_file}, "
+        f"expert or adversary; if {_shown(audit.to_label[0])} is good:",
         "",
-        *(f"    {line}" for line in _label_lines(audit.to_label, labels_file)),
+        *(f"    {line}" for line in _label_lines(audit.to_label[0], labels_file)),
+        "",
+        "If both groups are good, use --minority trust; if group A is known to be the expert's, --minority distrust.",
     ]
     if warning:
         lines += ["", warning]
@@ -190,12 +254,11 @@ def show_ambiguity(audit: Audit, labels_file: str, warning: str = "") -> None:
     console.print(panel)
 
 
-def _label_lines(ids: Sequence[Any], labels_file: str) -> list[str]:
-    """The labels file if the first of `ids` is an expert's."""
-    labels = {_shown(name): "adversary" if k else "expert" for k, name in enumerate(ids)}
+def _label_lines(name: Any, labels_file: str) -> list[str]:
+    """The labels file if this demonstration is an expert's."""
     if labels_file.lower().endswith(".json"):
-        return [json.dumps(labels)]
-    return ["id,label", *(f"{name},{label}" for name, label in labels.items())]
+        return [json.dumps({_shown(name): "expert"})]
+    return ["id,label", f"{_shown(name)},expert"]
 
 
 def _listed(ids: Sequence[Any], between: str = ", ") -> str:
