@@ -37,6 +37,7 @@ def make_audit(
     fields: dict[str, Any] = {
         "ids": tuple(range(size)) if ids is None else tuple(ids),
         "offsets": offsets.astype(np.int64),
+        "finding": "told apart",
         "log_odds": log_odds,
         "expert_proba": 1 / (1 + np.exp(-log_odds)),
         "reliability": reliability,
@@ -49,7 +50,9 @@ def make_audit(
         "competing": (),
         "to_label": (),
         "adversary": "uniform",
-        "history": -2000 + 900 * (1 - np.exp(-np.arange(25) / 4)),
+        "history": -2 + 0.9 * (1 - np.exp(-np.arange(5.0))),
         "assumptions": ("Every expert follows one policy.", "An adversary acts uniformly at random."),
     }
-    return Audit(**(fields | changes))
+    fields |= changes
+    nothing = np.zeros(size)
+    return Audit(**({"from_actions": fields["log_odds"], "from_demonstrator": nothing, "from_label": nothing} | fields))

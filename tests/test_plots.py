@@ -163,10 +163,10 @@ def test_timeline_names_ids_where_there_is_no_such_demonstration() -> None:
         plots.TimelineDisplay.from_audit(make_audit(), demonstration="x")
 
 
-def test_history_shows_the_objective_of_every_iteration() -> None:
+def test_history_shows_the_objective_of_every_round() -> None:
     audit = make_audit()
     (line,) = plots.HistoryDisplay.from_audit(audit).ax_.lines
-    np.testing.assert_array_equal(line.get_xdata(), np.arange(1, 26))
+    np.testing.assert_array_equal(line.get_xdata(), np.arange(1, 6))
     np.testing.assert_array_equal(line.get_ydata(), audit.history)
 
 

@@ -61,6 +61,8 @@ def test_an_audit_calibrated():
     assert "Calibrated on 4 labels" in after.assumptions[-1]
     assert (after.step_weight <= np.repeat(after.expert_proba, after.lengths) + 1e-12).all()
     assert before.labelled == ()
+    np.testing.assert_allclose(sum(after.evidence.values()), after.log_odds, atol=1e-9)
+    assert (after.evidence["label"] != 0).sum() == 4
 
 
 @pytest.mark.parametrize(

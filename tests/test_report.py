@@ -18,8 +18,10 @@ from audits import make_audit
 from rpil import report
 from rpil.audit import Audit
 from rpil.errors import DataError
+from rpil.judge import FINDINGS
 from rpil.report import wording
 from rpil.report.pictures import POINTS, Timelines
+from rpil.suggestions import NEXT, P_EXPERT
 
 VOID = {"meta", "input", "br", "hr", "img", "link"}
 
@@ -80,6 +82,7 @@ def unknown() -> Audit:
     return make_audit(
         ("uncertain",) * 30,
         ids=ids,
+        finding="cannot be known",
         identifiable=False,
         competing=(tuple(ids[:4]), tuple(ids[4:])),
         to_label=("d0", "d9"),
@@ -87,10 +90,40 @@ def unknown() -> Audit:
 
 
 def test_the_answer_comes_first(page: Page) -> None:
+    assert f"An audit Told apart. {FINDINGS['told apart']} 10 demonstrations:" in page.text
     assert "10 demonstrations: 5 expert , 4 adversary , 1 uncertain ." in page.text
+    assert f"Next: {NEXT['told apart']}" in page.text
     assert "Share of experts 55 % 95 % interval 31 % to 77 %" in page.text
-    assert "Adversary model uniform" in page.text
+    assert "Compared with uniform" in page.text
     assert "Time 1.25 s" in page.text
+    assert page.text.count(P_EXPERT) == 2  # above the ranking, and where the page is explained
+
+
+@pytest.mark.parametrize("finding", ["nobody stands out", "nothing could be learned"])
+def test_where_nothing_is_told_apart_the_ranking_gives_no_verdicts(finding: str) -> None:
+    audit = make_audit(("uncertain",) * 10, finding=finding)
+    text = Page(render(audit)).text
+    assert f"{finding.capitalize()}. {FINDINGS[finding]} 10 demonstrations, ranked below; the ranking gives no" in text
+    assert "gives no verdicts. Next:" in text
+    assert NEXT[finding] in text
+    assert "0 adversary" not in text
+    labelled = Page(render(make_audit(("uncertain",) * 9 + ("expert",), finding=finding, labelled=(9,)))).text
+    assert "the ranking gives no verdicts beyond the labels." in labelled
+
+
+def test_the_parts_of_the_log_odds_are_columns_that_add_up(page: Page) -> None:
+    audit = make_audit()
+    label = np.where(np.arange(10) == 3, 12.0, 0.0)
+    text = render(make_audit(log_odds=audit.log_odds + label, from_actions=audit.log_odds, from_label=label))
+    parsed = Page(text)
+    assert "the sum of the parts beside them: actions, label." in parsed.text
+    values = [attributes["data-value"] for attributes in parsed.all("td") if "data-value" in attributes]
+    order = (-(audit.log_odds + label)).argsort(kind="stable")
+    actions, labels = (np.array(values[k::6], dtype=float) for k in (1, 2))
+    np.testing.assert_array_equal(actions, audit.log_odds[order])
+    np.testing.assert_array_equal(labels, label[order])
+    assert "Log-odds Actions Label P(expert)" in parsed.text
+    assert "Log-odds P(expert)" in page.text  # one part alone is the log-odds
 
 
 def test_the_page_needs_nothing_from_elsewhere(audit: Audit) -> None:
@@ -171,12 +204,14 @@ def test_a_demonstration_of_one_step_has_a_timeline() -> None:
 
 def test_the_box_of_what_cannot_be_known_shows_the_groups_and_what_to_label(unknown: Audit, page: Page) -> None:
     text = Page(render(unknown)).text
-    assert "The data hold 2 groups that each agree among themselves" in text
+    assert f"Cannot be known. {FINDINGS['cannot be known']} 30 demonstrations, ranked below" in text
+    assert "Which of two groups is the expert cannot be known Each group acts alike" in text
     assert "Group A 4 demonstrations: d0, d1, d2, d3 Group B 26 demonstrations: d4," in text
     assert "and 6 more" in text
-    assert "d0, d9 . Write the answers" in text
+    assert "Label one demonstration, say d0 or d9 : write its id" in text
     assert "rpil audit FILE --labels labels.csv" in text
-    assert "cannot tell" not in page.text
+    assert "Next:" not in text
+    assert "cannot be known" not in page.text
     assert "Group" not in page.text
 
 

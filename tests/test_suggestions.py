@@ -8,10 +8,16 @@ import pytest
 from audits import make_audit
 from problems import make
 from rpil import RPIL, AmbiguousWarning, DataError, load, save
-from rpil.suggestions import middle, suggest
+from rpil.judge import FINDINGS
+from rpil.suggestions import NEXT, middle, suggest
 
 
-def test_who_settles_most_pairs():
+def test_every_finding_has_something_to_do_next():
+    assert NEXT.keys() == FINDINGS.keys()
+    assert all(sentence.endswith(".") and sentence.count(". ") == 0 for sentence in NEXT.values())
+
+
+def test_which_label_settles_most_pairs():
     """Where rank r is an expert's with probability r, by counting pairs over random truths; the middle first."""
     size, draws = 11, 20_000
     rank = (np.arange(size) + 0.5) / size
@@ -43,7 +49,7 @@ def test_competing_groups_come_first_and_labels_are_not_asked_again():
     assert suggest(log_odds, [6, 0], [], 1) == [6]
     assert suggest(log_odds, [6, 0], [], 3) == [6, 0, 3]
     assert suggest(log_odds, [6, 0], [6, 3], 2) == [0, 2]
-    assert suggest(log_odds, [], [3, 4, 5, 6], 1) == [1]  # in the middle of who is left
+    assert suggest(log_odds, [], [3, 4, 5, 6], 1) == [1]  # in the middle of those that are left
     assert sorted(suggest(log_odds, [6], [3], 60)) == [0, 1, 2, 4, 5, 6]
 
 

@@ -176,16 +176,16 @@ def _index(audit: Audit, demonstration: Any) -> int:
 
 
 class HistoryDisplay(_AuditDisplay):
-    """The EM objective at each iteration."""
+    """What was maximised, each round: the log-likelihood of the teachers' steps, or the mixture's objective."""
 
     def plot(self, ax: Any = None) -> Self:
-        """Draw the objective against the iteration."""
+        """Draw the objective against the round."""
         from matplotlib.ticker import MaxNLocator
 
         ax, history = self._start(ax), self.audit.history
         ax.plot(np.arange(1, len(history) + 1), history, "-o", color=COLOURS["expert"], markersize=2.5)
         ax.xaxis.set_major_locator(MaxNLocator(integer=True))
-        ax.set(xlabel="EM iteration", ylabel="Objective (nats)")
+        ax.set(xlabel="Round", ylabel="Objective (nats)")
         return self
 
 

@@ -1,7 +1,7 @@
 """P(expert) corrected by demonstrations of known quality that the fit was not told about.
 
-The log-odds of an audit rest on a model of policy and adversary; where that is wrong they may rank well and be too
-sure, or too wary. Labels that were kept back tell: a slope and an offset of the log-odds are fitted to them (Platt
+The log-odds of an audit rest on the assumption that the group that agrees best is good, and on a model of its scores;
+where these are wrong they may rank well and be too sure, or not sure enough. Labels that were kept back tell: a slope and an offset of the log-odds are fitted to them (Platt
 1999), both under a prior that keeps them at 1 and 0, so that few labels change little.
 """
 
@@ -16,7 +16,7 @@ from scipy.special import log_expit
 from rpil.passes import Array
 
 FEWEST = 4
-"""Labels from which it is worth while."""
+"""Labels needed, at least."""
 
 _SURE = 20.0
 """Log-odds from which all are alike: as good as certain. Beyond, they keep their order and no more."""

@@ -13,9 +13,11 @@ from markupsafe import Markup
 
 from rpil.audit import Audit
 from rpil.files import replacing
+from rpil.judge import FINDINGS
 from rpil.plots import HistoryDisplay, LengthDisplay
 from rpil.report.pictures import Timelines, inline_svg, returns_figure, score_figure
 from rpil.report.wording import count, number, percent
+from rpil.suggestions import NEXT, P_EXPERT
 
 __all__ = ["Part", "render", "render_many", "returns_figure", "score_figure", "summarise", "write", "write_many"]
 
@@ -145,15 +147,20 @@ def _page(
         }
         for part, prefix in zip(parts, prefixes, strict=True)
     ]
-    return environment.get_template("template.html").render(title=title, headline=headline, lead=lead, parts=shown)
+    return environment.get_template("template.html").render(
+        title=title, headline=headline, lead=lead, parts=shown, p_expert=P_EXPERT
+    )
 
 
 def summarise(audit: Audit, prefix: str = "") -> dict[str, Any]:
     """All that the page shows of an audit, as plain values, texts and pictures; `prefix` starts every id."""
     order = audit.ranking()
     timelines = Timelines(audit)
-    # The group of a demonstration: A, B, ... in the order of `competing`.
-    groups = {name: _letter(g) for g, members in enumerate(audit.competing) for name in members}
+    # The group of a demonstration, A or B, in the order of `competing`.
+    groups = {name: "AB"[g] for g, members in enumerate(audit.competing) for name in members}
+    parts = {name: part for name, part in audit.evidence.items() if part.any()}
+    if len(parts) == 1:
+        parts = {}  # it is the log-odds
     rows = [
         {
             "rank": rank,
@@ -162,6 +169,7 @@ def summarise(audit: Audit, prefix: str = "") -> dict[str, Any]:
             "group": groups.get(audit.ids[m], ""),
             "verdict": audit.verdicts[m],
             "log_odds": float(audit.log_odds[m]),
+            "parts": [float(part[m]) for part in parts.values()],
             "expert_proba": float(audit.expert_proba[m]),
             "reliability": float(audit.reliability[m]),
             "low": float(audit.reliability_interval[m, 0]),
@@ -173,6 +181,12 @@ def summarise(audit: Audit, prefix: str = "") -> dict[str, Any]:
         for rank, m in enumerate(map(int, order), start=1)
     ]
     return {
+        "finding": audit.finding,
+        "finding_says": FINDINGS[audit.finding],
+        "next": NEXT[audit.finding],
+        "p_expert": P_EXPERT,
+        "labelled": audit.labelled,
+        "parts": list(parts),
         "rows": rows,
         "verdicts": {verdict: audit.verdicts.count(verdict) for verdict in ("expert", "uncertain", "adversary")},
         "steps": int(audit.offsets[-1]),
@@ -181,7 +195,7 @@ def summarise(audit: Audit, prefix: str = "") -> dict[str, Any]:
         "adversary": audit.adversary,
         "iterations": len(audit.history),
         "identifiable": audit.identifiable,
-        "groups": [{"letter": _letter(g), "ids": members} for g, members in enumerate(audit.competing)],
+        "groups": [{"letter": "AB"[g], "ids": members} for g, members in enumerate(audit.competing)],
         "to_label": audit.to_label,
         "demonstrators": audit.demonstrators,
         "scale": timelines,
@@ -194,12 +208,8 @@ def summarise(audit: Audit, prefix: str = "") -> dict[str, Any]:
         "history_picture": inline_svg(
             HistoryDisplay(audit).plot,
             size=(4.6, 3),
-            label="The EM objective at each iteration.",
+            label="The objective of each round.",
             salt=f"{prefix}history",
         ),
         "assumptions": audit.assumptions,
     }
-
-
-def _letter(group: int) -> str:
-    return chr(ord("A") + group) if group < 26 else str(group + 1)
