@@ -19,7 +19,8 @@ from rpil import RPIL, DaskEngine, DataError, cli, formats, large, open_dataset
 from rpil.demonstrations import Demonstrations, Piece
 from rpil.engines import InMemory
 from rpil.engines import dask as engine
-from rpil.polish import em_pass
+from rpil.polish import clone_pass
+from rpil.problem import Problem
 
 distributed = pytest.importorskip("distributed")
 
@@ -66,15 +67,6 @@ def test_a_cluster_says_what_one_process_says(small, cluster, tmp_path, maker, o
     assert_same(here, there)
 
 
-def test_the_adversary_s_own_policy_too(small, cluster):
-    data = demonstrations()
-    labels = {0: "expert", 1: "expert", 100: "adversary"}
-    here, there = (
-        RPIL(engine=e, adversary="own policy", labels=labels).fit(data) for e in (InMemory(), DaskEngine(cluster))
-    )
-    assert_same(here, there)
-
-
 @pytest.mark.parametrize("on_disk", [False, True])
 def test_a_worker_that_is_killed_costs_time_only(small, cluster, tmp_path, on_disk):
     data = demonstrations()
@@ -108,15 +100,22 @@ def test_each_worker_holds_a_share(small, cluster):
 
 def test_only_parameters_and_sums_travel(small, cluster, monkeypatch):
     data = demonstrations()
-    model = RPIL(engine=InMemory(), adversary="own policy", labels={0: "expert", 100: "adversary"}).fit(data)
-    state = model.state_
-    sizes = [size(engine._light(partial(em_pass, state=state, mode="joint")))]
-    whole = partial(em_pass, state=state, mode="joint")
-    assert state.policy._preconditioner is not None
-    assert sizes[0] < 0.6 * size(whole)
-    assert sizes[0] < 16 * state.policy.weights.nbytes + 4000
+    model = RPIL(engine=InMemory()).fit(data)
+    problem = Problem(
+        model.features_.design(data.observations), data.actions, data.offsets, model.space_, np.zeros(120, dtype=int)
+    )
+    weight = model.audit_.step_weight
+    policy = model.policy_.primed(problem, weight, model.policy_.ridge, 1.0, remembers=True)
+    for _ in range(3):
+        policy = policy.improved(policy.study(problem, weight)[1])
+    whole = partial(clone_pass, policy=policy)
+    assert policy.path.size
+    assert policy._preconditioner is not None
+    light = size(engine._light(whole))
+    assert light < 0.6 * size(whole)
+    assert light < 16 * policy.weights.nbytes + 4000
     # What a part is told of demonstrations is of its own.
-    weigh = large.Weigh(state, np.arange(120.0), np.ones(120), 1.0, None)
+    weigh = large.Weigh(model.judge_, np.arange(120.0), np.ones(120), 1.0)
     parts = data.parts(4)
     told = [engine._only(weigh, part) for part in parts]
     assert sum(len(one.trust.values) for one in told) == 120

@@ -39,11 +39,11 @@ class OnDevice(Held):
 
 @dataclass(frozen=True)
 class TorchEngine(InMemory):
-    """Passes over discrete actions on tensors, on a GPU above all.
+    """Passes that fit the final policy for discrete actions on tensors, on a GPU above all.
 
-    The design matrix is kept on the device, in single precision; parameters go there and sums come back. Where there is
-    no way of a pass on tensors (continuous actions, an adversary with a policy of its own, steps that go on as the one
-    before) it is as without an engine. Like every engine it is for data many times larger than what a search reads.
+    The design matrix is kept on the device, in single precision; parameters go there and sums come back. All else is as
+    without an engine: continuous actions, and the two passes that measure demonstrations and weigh their steps. Like
+    every engine it is for data many times larger than the sample that the judge reads.
 
     Parameters
     ----------
