@@ -52,7 +52,7 @@ NO_WEIGHT = "The policy KNeighborsClassifier takes no sample_weight, so that tru
     ],
 )  # fmt: skip
 def test_what_cannot_be_a_policy_is_refused_before_any_work(policy, match, monkeypatch):
-    monkeypatch.setattr("rpil.estimators.fit", lambda *_: pytest.fail("too late"))
+    monkeypatch.setattr("rpil.estimators.judge", lambda *_: pytest.fail("too late"))
     refused(RPIL(policy=policy), demonstrations(), match)
 
 
@@ -70,7 +70,7 @@ def test_regressors_without_weights_are_refused():
     ],
 )  # fmt: skip
 def test_what_goes_wrong_in_an_estimator_is_told(policy, match):
-    refused(RPIL(policy=policy, adversary="uniform"), demonstrations(), match)
+    refused(RPIL(policy=policy), demonstrations(), match)
 
 
 def refused(model: RPIL, data: Demonstrations, match: str) -> None:

@@ -36,9 +36,8 @@ from rpil.inputs import (
 from rpil.judge import Judgement, Settings, judge
 from rpil.judge.fitted import SCALES, FittedJudge
 from rpil.judge.held_out import PolicyScorer, Scorer, scored, scorer
-from rpil.judge.judgement import MINORITY
 from rpil.large import REFIT_TOL, fit_large, is_large
-from rpil.mixture import fit_mixture
+from rpil.mixture import check_options, fit_mixture
 from rpil.policies.estimator import estimator_policy
 from rpil.problem import Problem
 from rpil.verdicts import audit_of
@@ -212,8 +211,7 @@ class RPIL(PolicyEstimator):
             One sentence: constant actions, or one outside the declared box, a single demonstration, unknown label
             ids, unknown ids or a wrong number of `demonstrators`, none left that may be an expert's.
         """
-        if self.minority not in MINORITY:
-            raise DataError(f"There is no minority {self.minority!r}; choose {' or '.join(MINORITY)}.")
+        check_options(self)
         if isinstance(X, Dataset):
             return self._fit_dataset(X, labels, demonstrators)
         demonstrations = as_demonstrations(self, X, y, groups)

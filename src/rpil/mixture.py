@@ -11,6 +11,7 @@ from rpil.audit import Interval
 from rpil.demonstrations import Demonstrations
 from rpil.errors import DataError
 from rpil.inputs import as_prior, ridge_of
+from rpil.judge.judgement import MINORITY
 from rpil.passes import Array
 from rpil.policies import linear_policy
 from rpil.problem import Problem
@@ -47,16 +48,24 @@ def fit_mixture(model: Any, demonstrations: Demonstrations, codes: Array, known:
     return problem, weight if weight.sum() >= 1.0 else result.posterior.step
 
 
-def _setting(model: Any, features: Any, n_steps: int) -> Setting:
-    ridge = ridge_of(features, model.C, n_steps, model.space_)
-    levels: dict[str, Callable[[], Reliability]] = {"both": TwoBetas.start, "demonstration": PointMasses}
-    for name, value, known in (("level", model.level, levels), ("m_step", model.m_step, ("joint", "expert_only"))):
+LEVELS: dict[str, Callable[[], Reliability]] = {"both": TwoBetas.start, "demonstration": PointMasses}
+
+
+def check_options(model: Any) -> None:
+    """Refuse an unknown option of `RPIL` before any work."""
+    for name, known in (("level", LEVELS), ("m_step", ("joint", "expert_only")), ("minority", MINORITY)):
+        value = getattr(model, name)
         if value not in known:
             raise DataError(f"There is no {name} {value!r}; choose {' or '.join(known)}.")
+    as_prior(model.prior)
+
+
+def _setting(model: Any, features: Any, n_steps: int) -> Setting:
+    ridge = ridge_of(features, model.C, n_steps, model.space_)
     return Setting(
         policy=linear_policy(model.space_, ridge, n_steps),
         prior=as_prior(model.prior),
-        reliability=levels[model.level](),
+        reliability=LEVELS[model.level](),
         mode=model.m_step,
         n_single=model.n_single,
         max_iter=model.max_iter,

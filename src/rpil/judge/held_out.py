@@ -75,7 +75,8 @@ RIDGES = (1e-1, 1e-2, 1e-3, 1e-4)
 def deal(problem: Problem, n_folds: int, seed: int) -> Array:
     """The fold of each demonstration, (M,): drawn, but the same for a demonstration wherever it stands in the data."""
     keys = problem.sum_steps(np.asarray(problem.features[:, :-1], dtype=float)).sum(axis=1)
-    actions = problem.sum_steps(np.asarray(problem.actions, dtype=float).reshape(len(problem.actions), -1)).sum(axis=1)
+    columns = standardised(np.asarray(problem.actions, dtype=float).reshape(len(problem.actions), -1))
+    actions = problem.sum_steps(columns).sum(axis=1)
     order = np.lexsort((keys, actions, problem.lengths))
     fold = np.empty(len(order), dtype=int)
     fold[order] = np.random.default_rng(seed).permutation(len(order)) % n_folds

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -39,6 +39,10 @@ SURE = 0.9
 
 UNSURE = float(np.log(SURE / (1 - SURE)))
 """Bound of the log-odds of demonstrations that were not told apart."""
+
+
+CERTAIN = 20.0
+"""Log Bayes factor of two groups that are known to be there."""
 
 
 @dataclass(frozen=True)
@@ -209,8 +213,12 @@ def conclude(
 ) -> Judgement:
     """What `scores` and a `rival` group come to, where a `minority` that acts alike is asked about, or not."""
     groups = scores.groups
+    if rival is not None and rival.competes and problem.labels.any():
+        # That there are two groups is known, and a label says which is the expert.
+        groups = replace(groups, log_bayes_factor=max(groups.log_bayes_factor, CERTAIN))
+        scores, rival = replace(scores, groups=groups), None
     actions = groups.log_odds(scores.score, scores.variance)
-    if rival is not None and (not rival.competes or problem.labels.any()):  # a label says which group is the expert
+    if rival is not None and not rival.competes:
         rival = None
     if rival is not None and minority == "trust":
         actions[rival.rival] = np.maximum(actions[rival.rival], np.median(actions[rival.trusted]))
@@ -222,7 +230,7 @@ def conclude(
         demonstrator, people = lent.log_odds, intervals(lent.share, lent.weight)
     if rival is not None and minority == "ask":
         finding = "cannot be known"
-    elif groups.p_two >= SURE:
+    elif groups.p_two >= SURE or (np.abs(actions + demonstrator) >= UNSURE).any():  # the latter by demonstrators
         finding = "told apart"
     else:
         finding = "nobody stands out" if scores.learned else "nothing could be learned"
