@@ -449,8 +449,8 @@ def test_progress_in_a_terminal(monkeypatch, capsys):
 
 
 def test_progress_elsewhere_is_a_line_now_and_then(monkeypatch, capsys):
-    monkeypatch.setattr(terminal, "_FIRST", 0.2)
-    monkeypatch.setattr(terminal, "_RARER", 1.0)
+    for name, seconds in (("_FIRST", 0.2), ("_BETWEEN", 0.1), ("_RARER", 1.0)):
+        monkeypatch.setattr(terminal, name, seconds)
     with terminal.stages(quiet=False) as show:
         show("never seen")
         show("reading")
@@ -483,7 +483,7 @@ def test_a_command_that_takes_long_says_so_within_two_seconds():
         "from rpil.cli import main\n"
         "main(['demo', *sys.argv[1:]])\n"
     )
-    for options, pattern in (([], r"rpil: 2 s: waiting\n(rpil: [34] s: waiting\n)?"), (["--quiet"], "")):
+    for options, pattern in (([], r"rpil: 2 s: waiting\n"), (["--quiet"], "")):
         done = subprocess.run([sys.executable, "-c", script, *options], capture_output=True, text=True)
         assert done.returncode == 7
         assert re.fullmatch(pattern, done.stderr), done.stderr

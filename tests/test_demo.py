@@ -13,6 +13,7 @@ import pytest
 
 from rpil import demo
 from rpil.errors import DataError, MissingExtraError
+from rpil.judge import FINDINGS
 from test_report import Page
 
 POLICIES = {"trust_all", "rpil", "oracle", "expert"}
@@ -85,8 +86,8 @@ def test_truth_is_out_of_reach_of_what_is_fitted(name: str) -> None:
 def test_the_figures_have_the_promised_shape(found: demo.Demo) -> None:
     figures = json.loads(json.dumps(found.to_dict(), allow_nan=False))
     assert set(figures) == {"overcooked", "lunarlander"}
-    assert set(figures["overcooked"]) == {"auroc", "spearman"}
-    assert set(figures["lunarlander"]) == POLICIES | {"wrong_verdicts"}
+    assert set(figures["overcooked"]) == {"finding", "auroc", "spearman"}
+    assert set(figures["lunarlander"]) == POLICIES | {"finding", "wrong_verdicts"}
     for name in POLICIES:
         assert set(figures["lunarlander"][name]) == {"mean", "ci95"}
         low, high = figures["lunarlander"][name]["ci95"]
@@ -95,6 +96,7 @@ def test_the_figures_have_the_promised_shape(found: demo.Demo) -> None:
 
 def test_trust_agrees_with_truth(found: demo.Demo) -> None:
     figures = found.to_dict()
+    assert figures["lunarlander"]["finding"] == "told apart"
     assert figures["lunarlander"]["wrong_verdicts"] == 0
     assert figures["lunarlander"]["rpil"]["mean"] > figures["lunarlander"]["trust_all"]["mean"] + 100
     assert figures["overcooked"]["auroc"] > 0.8
@@ -119,6 +121,8 @@ def test_scores_are_those_of_independent_code(found: demo.Demo) -> None:
 def test_the_terminal_is_told_the_figures(found: demo.Demo, told: list[str]) -> None:
     text = " ".join(found.lines())
     assert f"{found.overcooked.auroc:.2f}" in text
+    assert f"32 real people: {found.overcooked.audit.finding}. The ranking" in text
+    assert "corrupted demonstrations: told apart. 0 of 20" in text
     assert f"R-PIL {found.lunarlander.returns['rpil'].mean:.0f}" in text
     assert "0 of 20 verdicts wrong" in text
     text.encode("ascii")  # a terminal may know no more
@@ -127,12 +131,17 @@ def test_the_terminal_is_told_the_figures(found: demo.Demo, told: list[str]) -> 
     assert "LunarLander: R-PIL lands, 5 of 5" in told
 
 
-def test_the_report_holds_both_parts_and_needs_no_network(page: str) -> None:
+def test_the_report_holds_both_parts_and_needs_no_network(found: demo.Demo, page: str) -> None:
     assert not re.search(r"https?:|//[a-z]|@import|url\((?!#)|srcset", page.replace("// ", ""), re.IGNORECASE)
     parsed = Page(page)
-    for words in ("Overcooked: real people", "32 demonstrations:", "20 demonstrations:", "LunarLander-v3", "Spearman"):
+    for words in ("Overcooked: real people", "32 demonstrations", "20 demonstrations:", "LunarLander-v3", "Spearman"):
         assert words in parsed.text
     assert "95 % bootstrap interval" in parsed.text.replace("\u00a0", " ")
+    for audit in (found.overcooked.audit, found.lunarlander.audit):
+        assert FINDINGS[audit.finding] in parsed.text
+    told_apart = found.overcooked.audit.finding == "told apart"
+    assert ("plays unlike that" in parsed.text) == told_apart
+    assert ("no player gets a verdict" in parsed.text) == (not told_apart)
     assert len(parsed.all("table", **{"class": "ranking"})) == 2
     assert len(parsed.all("details")) == 32 + 20
     # A scatter of the score, two pictures of each audit, the returns.

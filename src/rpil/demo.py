@@ -29,8 +29,9 @@ OVERCOOKED = "overcooked_cramped_room.npz"
 LUNARLANDER = "lunarlander_corrupted.npz"
 LANDER = "LunarLander-v3"
 
-# One setting for every policy of the lander: what differs between them is the demonstrations alone.
-_LANDER_FEATURES = "auto"
+# One setting for every policy of the lander: what differs between them is the demonstrations alone. "auto" finds the
+# same verdicts and as good policies, and takes five times as long.
+_LANDER_FEATURES = "folded"
 _N_RESAMPLES = 2000
 
 Progress = Callable[[str], None]
@@ -99,12 +100,11 @@ class Demo:
 
     def to_dict(self) -> dict[str, Any]:
         """The figures, as ``rpil demo --json`` prints them."""
-        returns = {
-            name: {"mean": found.mean, "ci95": list(found.ci95)} for name, found in self.lunarlander.returns.items()
-        }
+        people, lander = self.overcooked, self.lunarlander
+        returns = {name: {"mean": found.mean, "ci95": list(found.ci95)} for name, found in lander.returns.items()}
         return {
-            "overcooked": {"auroc": self.overcooked.auroc, "spearman": self.overcooked.spearman},
-            "lunarlander": returns | {"wrong_verdicts": self.lunarlander.wrong_verdicts},
+            "overcooked": {"finding": people.audit.finding, "auroc": people.auroc, "spearman": people.spearman},
+            "lunarlander": {"finding": lander.audit.finding, **returns, "wrong_verdicts": lander.wrong_verdicts},
         }
 
     def lines(self) -> list[str]:
@@ -118,11 +118,11 @@ class Demo:
         )
         episodes = len(lander.returns["rpil"].returns)
         return [
-            f"Overcooked, {len(people.quality)} real people: trust against the score it never saw: AUROC "
-            f"{people.auroc:.2f} (95 % interval {low:.2f} to {high:.2f}, the best third against the worst), Spearman "
-            f"{people.spearman:.2f}.",
-            f"LunarLander, 10 expert and 10 corrupted demonstrations: {lander.wrong_verdicts} of "
-            f"{len(lander.audit.ids)} verdicts wrong.",
+            f"Overcooked, {len(people.quality)} real people: {people.audit.finding}. The ranking against a score it "
+            f"never saw: AUROC {people.auroc:.2f} (95 % interval {low:.2f} to {high:.2f}, the best third against the "
+            f"worst), Spearman {people.spearman:.2f}.",
+            f"LunarLander, 10 expert and 10 corrupted demonstrations: {lander.audit.finding}. "
+            f"{lander.wrong_verdicts} of {len(lander.audit.ids)} verdicts wrong.",
             f"Mean return over {episodes} landings (95 % interval): {', '.join(returns)}.",
         ]
 
@@ -134,7 +134,7 @@ class Demo:
             title="rpil demo",
             headline="Which demonstrations can be trusted?",
             lead="Two sets of demonstrations of unknown quality. R-PIL sees observations and actions, nothing else: no "
-            "rewards, no scores, no labels. Afterwards its verdicts are compared with truth that was kept from it.",
+            "rewards, no scores, no labels. Afterwards its ranking and its verdicts are compared with the truth.",
         )
 
 
@@ -160,7 +160,7 @@ def run(*, episodes: int = 100, seed: int = 0, progress: Progress | None = None)
     if episodes < 2:
         raise DataError(f"The demo needs two landings or more for an interval, not {episodes}: raise episodes.")
     told = progress or (lambda _: None)
-    # The lander first: a missing Gymnasium shows before anybody has waited.
+    # The lander first: a missing Gymnasium shows at once.
     lunarlander = _lunarlander(episodes, seed, told)
     return Demo(_overcooked(seed, told), lunarlander)
 
@@ -251,39 +251,44 @@ def _beside(text: Markup, figure: Markup) -> Markup:
     return Markup('<div class="pair"><div>{}</div>{}</div>').format(text, figure)
 
 
+# What to make of the verdicts on people: where they were not told apart, and where they were.
+_VERDICTS = (
+    "Where the scores are one group no player gets a verdict.",
+    "“Adversary” means no more than: plays unlike that.",
+)
+
+
 def _overcooked_part(found: Overcooked) -> Part:
     low, high = found.auroc_ci95
     what = _paragraphs(
         f"{len(found.quality)} people played the kitchen game Overcooked in pairs, each steering one cook: fetch "
         "onions, fill the pot, serve the soup. A demonstration is what one player saw and pressed, without the moments "
         "in which nothing was pressed. The games come with Overcooked-AI (overcooked-ai 1.1.0, MIT licence).",
-        "Nobody planted bad demonstrations here; some people simply played better than others. R-PIL finds the way of "
-        "playing that people agree on, and who follows it. “Adversary” means no more than: plays unlike that.",
+        "No bad demonstrations were planted here; some people played better than others. R-PIL ranks them by how well "
+        "a policy of those who agree best predicts what they press. " + _VERDICTS[found.audit.finding == "told apart"],
     )
+    close = abs(found.auroc - found.auroc_of_length) < 2 * found.auroc_error
     agreement = _paragraphs(
         "The score is what a player got done: a point for each onion put into a pot, three for each soup fetched and "
         "three for each soup served.",
-        "Take a player of the best third and one of the worst: the better one is trusted more in "
+        "Take a player of the best third and one of the worst: the better one is ranked higher in "
         f"{percent(found.auroc)} of such pairs (AUROC {found.auroc:.2f}). These are {found.n_scored} people only: "
         f"standard error {found.auroc_error:.2f}, 95\u00a0% bootstrap interval {low:.2f} to {high:.2f}.",
         f"Over all {len(found.quality)} players the rank correlation (Spearman) is {found.spearman:.2f}.",
-    )
-    within = "within" if abs(found.auroc - found.auroc_of_length) < 2 * found.auroc_error else "beyond"
-    agreement += _paragraphs(
-        f"A baseline to know: the mere number of steps has AUROC {found.auroc_of_length:.2f} here, because whoever "
-        f"presses more keys gets more done. The difference is {within} two standard errors: this data set shows that "
-        "trust follows skill, not by how much it beats counting."
+        f"For comparison: the number of steps alone has AUROC {found.auroc_of_length:.2f} here, because players who "
+        f"press more keys get more done. The difference is {'less' if close else 'more'} than two standard errors"
+        f"{': these data do not show which of the two ranks better' if close else ''}.",
     )
     return Part(
         title="Overcooked: real people",
         audit=found.audit,
         source="cramped_room",
-        summary=f"Trust ranks good players above bad ones: AUROC {found.auroc:.2f} (95\u00a0% interval {low:.2f} to "
-        f"{high:.2f}), by a score it never saw.",
+        summary=f"{found.audit.finding.capitalize()}; the ranking against a score it never saw: AUROC "
+        f"{found.auroc:.2f} (95\u00a0% interval {low:.2f} to {high:.2f}).",
         sections=[
             ("What this is", what),
             (
-                "Does trust agree with the score it never saw?",
+                "Does the ranking agree with a score it never saw?",
                 _beside(agreement, score_figure(found.audit, found.quality, "Score of the player")),
             ),
         ],
@@ -304,17 +309,15 @@ def _lunarlander_part(found: LunarLander) -> Part:
     size, wrong, episodes = len(found.audit.ids), found.wrong_verdicts, len(found.returns["rpil"].returns)
     all_, ours = found.returns["trust_all"].mean, found.returns["rpil"].mean
     verdicts = f"{wrong} of {size} verdicts are wrong (“uncertain” would count as wrong)"
+    same = "; so R-PIL learns from the same ten demonstrations as the oracle" if wrong == 0 else ""
     what = _paragraphs(
         "A closed-form pilot flies the lunar lander 20 times. In ten of these demonstrations every recorded action is "
-        "then replaced by one drawn at random: the flight is the pilot's, the actions are nobody's. R-PIL is told "
-        "neither which they are nor how many.",
+        "then replaced by one drawn at random. R-PIL is told neither which they are nor how many.",
     )
     worth = _paragraphs(
         f"Four policies fly from the same {episodes} starts, which are in none of the demonstrations; a return of 200 "
-        "counts as solved. All that learn have the same choice of features: they differ in whom they trust.",
-        f"{verdicts}; so R-PIL learns from the same ten demonstrations as the oracle."
-        if wrong == 0
-        else f"{verdicts}.",
+        "counts as solved. All that learn have the same features: they differ in the demonstrations that they trust.",
+        f"{verdicts}{same}.",
     )
     rows = [(*_POLICIES[key], returns.mean, *returns.ci95) for key, returns in found.returns.items()]
     figure = returns_figure([(name, mean, low, high) for name, _, mean, low, high in rows])
@@ -322,8 +325,8 @@ def _lunarlander_part(found: LunarLander) -> Part:
         title="LunarLander: half of the demonstrations corrupted",
         audit=found.audit,
         source=LANDER,
-        summary=f"{wrong} of {size} verdicts wrong. Mean return {number(ours)}, against {number(all_)} when all are "
-        "trusted.",
+        summary=f"{found.audit.finding.capitalize()}; {wrong} of {size} verdicts wrong. Mean return {number(ours)}, "
+        f"against {number(all_)} when all are trusted.",
         sections=[("What this is", what), ("What trust is worth", _beside(worth, figure) + _returns_table(rows))],
         seconds=found.seconds,
     )

@@ -1,8 +1,9 @@
 """P(expert) corrected by demonstrations of known quality that the fit was not told about.
 
 The log-odds of an audit rest on the assumption that the group that agrees best is good, and on a model of its scores;
-where these are wrong they may rank well and be too sure, or not sure enough. Labels that were kept back tell: a slope and an offset of the log-odds are fitted to them (Platt
-1999), both under a prior that keeps them at 1 and 0, so that few labels change little.
+where these are wrong they may rank well and be too sure, or not sure enough. Labels that were kept back tell: a slope
+and an offset of the log-odds are fitted to them (Platt 1999), both under a prior that keeps them at 1 and 0, so that
+few labels change little.
 """
 
 from __future__ import annotations

@@ -25,6 +25,7 @@ _MOST_IDS = 20  # in one line
 _LETTERS = "ABCDEFGHIJ"  # of groups
 
 _FIRST = 1.5  # seconds until the first line about progress, where there is no terminal
+_BETWEEN = 3.0  # until the next one, at least
 _RARER = 0.1  # of the time gone by, until the next one
 
 Stages = Callable[[str], None]
@@ -64,13 +65,14 @@ def counter(what: str, quiet: bool) -> Iterator[Counter]:
 
 @contextmanager
 def _lines(quiet: bool) -> Iterator[Stages]:
-    """The stage as a line on stderr: within two seconds, then every two, then ever more seldom."""
+    """The stage as a line on stderr: within two seconds, then every few, then ever more seldom."""
     begun, latest, over = time.monotonic(), ["starting"], threading.Event()
 
     def speak() -> None:
-        elapsed = 0.0
-        while not over.wait(max(_FIRST, _RARER * elapsed)):
+        wait = _FIRST
+        while not over.wait(wait):
             elapsed = time.monotonic() - begun
+            wait = max(_BETWEEN, _RARER * elapsed)
             click.echo(f"rpil: {elapsed:.0f} s: {latest[0]}", err=True)
 
     thread = threading.Thread(target=speak, daemon=True)
