@@ -18,6 +18,7 @@ import pytest
 from click.testing import CliRunner
 
 import rpil
+from audits import make_audit
 from rpil import cli, formats, terminal
 from rpil.adversaries import ADVERSARIES
 from rpil.corruptions import KINDS
@@ -183,24 +184,29 @@ def test_the_parts_of_the_log_odds_are_columns_that_add_up(folder):
     assert re.search(r"^demonstrator +trust", result.stdout, re.MULTILINE)
 
 
-@pytest.mark.parametrize("spoil", ["actions", "nothing"])
-def test_where_nothing_is_told_apart_the_ranking_gives_no_verdicts(spoil):
+def test_where_nothing_is_told_apart_the_ranking_gives_no_verdicts():
     rng = np.random.default_rng(1)
-    x = rng.normal(size=(400, 2))
-    y = rng.integers(0, 2, 400) if spoil == "actions" else (x[:, 0] + rng.logistic(size=400) > 0).astype(int)
-    npz("data.npz", observations=x, actions=y, episode_ids=np.repeat(np.arange(20), 20))
-    finding = {"actions": "nothing could be learned", "nothing": "nobody stands out"}[spoil]
+    x = rng.normal(size=(1200, 2))
+    y = (x[:, 0] + rng.logistic(size=1200) > 0).astype(int)  # all act by one policy
+    npz("data.npz", observations=x, actions=y, episode_ids=np.repeat(np.arange(20), 60))
     result = ok("audit", "data.npz")
-    assert result.stdout.startswith(f"{finding.capitalize()}: {FINDINGS[finding]}\n")
-    assert "\n20 demonstrations (400 steps) are ranked; the ranking gives no verdicts.\n" in result.stdout
+    assert result.stdout.startswith(f"Nobody stands out: {FINDINGS['nobody stands out']}\n")
+    assert "\n20 demonstrations (1,200 steps) are ranked; the ranking gives no verdicts.\n" in result.stdout
     assert "trusted" not in result.stdout
-    assert result.stdout.endswith(f"Next: {NEXT[finding]}\n")
+    assert result.stdout.endswith(f"Next: {NEXT['nobody stands out']}\n")
     assert {row[5] for row in ranked(result)[1]} == {"uncertain"}
     assert len({row[3] for row in ranked(result)[1]}) > 5  # P(expert) is graded
-    Path("l.csv").write_text("id,label\n3,bad\n")
-    labelled = ok("audit", "data.npz", "--labels", "l.csv", "--quiet").stdout
-    assert "the ranking gives no verdicts beyond the labels." in labelled
-    assert "Next" not in labelled
+
+
+@pytest.mark.parametrize("finding", ["nobody stands out", "nothing could be learned"])
+def test_every_finding_has_its_sentence_and_what_to_do(finding, capsys):
+    verdicts = ("uncertain",) * 9 + ("expert",)
+    terminal.show_audit(make_audit(verdicts, finding=finding, labelled=(9,), lengths=[10] * 10))
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[0] == f"{finding.capitalize()}: {FINDINGS[finding]}"
+    said = "10 demonstrations (100 steps) are ranked; the ranking gives no verdicts beyond the labels."
+    assert lines[-1] == said
+    assert terminal.advice(make_audit(finding=finding)) == f"Next: {NEXT[finding]}"
 
 
 def test_audit_as_json(folder):
