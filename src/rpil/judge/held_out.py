@@ -77,7 +77,8 @@ def deal(problem: Problem, n_folds: int, seed: int) -> Array:
     keys = problem.sum_steps(np.asarray(problem.features[:, :-1], dtype=float)).sum(axis=1)
     columns = standardised(np.asarray(problem.actions, dtype=float).reshape(len(problem.actions), -1))
     actions = problem.sum_steps(columns).sum(axis=1)
-    order = np.lexsort((keys, actions, problem.lengths))
+    # Rounded, because sums over the same values in another order differ in their last digits.
+    order = np.lexsort((np.round(keys, 6), np.round(actions, 6), problem.lengths))
     fold = np.empty(len(order), dtype=int)
     fold[order] = np.random.default_rng(seed).permutation(len(order)) % n_folds
     return fold

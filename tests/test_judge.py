@@ -1,0 +1,385 @@
+"""The judge: held-out scores, concentration, effective steps, groups, rivals, and what they come to."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from sklearn.linear_model import LogisticRegression, Ridge
+from sklearn.metrics import roc_auc_score
+
+from problems import make, make_continuous
+from rpil import RPIL
+from rpil.demonstrations import Demonstrations
+from rpil.judge import FINDINGS, Settings, judge
+from rpil.judge.concentrate import best, choose_ridge, concentrate, mean_steps
+from rpil.judge.effective import autocovariances, effective_steps
+from rpil.judge.fitted import SCALES, mean_variance
+from rpil.judge.groups import Groups, fit_groups, one_group, two_groups
+from rpil.judge.held_out import (
+    LAPSE,
+    RidgeScorer,
+    SoftmaxScorer,
+    deal,
+    error_scale,
+    frequencies,
+    reference,
+    scorer,
+    standardised,
+    student,
+)
+from rpil.judge.rivals import find_rival, state_overlap
+from rpil.judge.steps import step_trust
+from rpil.problem import Problem
+from rpil.spaces import Discrete
+
+STEPS = (40, 60)
+
+
+def problem_of(toy, labels=None) -> Problem:
+    problem = toy.problem()
+    return problem if labels is None else replace(problem, labels=np.asarray(labels))
+
+
+# ---- effective steps -------------------------------------------------------------------------------------------------
+
+
+def series(rng, n_series, n, r, lag=1):
+    """Autoregressions x_t = r x_{t - lag} + noise with variance one, (n_series, n)."""
+    x = rng.normal(size=(n_series, n))
+    for t in range(lag, n):
+        x[:, t] = r * x[:, t - lag] + np.sqrt(1 - r * r) * rng.normal(size=n_series)
+    return x
+
+
+def true_effective(r, n, lag=1):
+    k = np.arange(1, n)
+    correlation = np.where(k % lag == 0, float(r) ** (k // lag), 0.0)
+    return n / (1 + 2 * ((1 - k / n) * correlation).sum())
+
+
+@pytest.mark.parametrize("lag", [1, 2])
+@pytest.mark.parametrize("r", [-0.5, 0.0, 0.3, 0.6, 0.9, 0.95])
+@pytest.mark.parametrize("n", [3, 10, 100, 1000])
+def test_effective_steps_of_autoregressions(r, n, lag):
+    rng, n_series = np.random.default_rng(0), max(60, 6000 // n)
+    found = []
+    for _ in range(4):
+        x = series(rng, n_series, n, r, lag)
+        covariances = autocovariances(x.ravel(), np.arange(n_series + 1) * n)
+        found.append(effective_steps(covariances, np.array([n]))[0])
+    assert np.mean(found) == pytest.approx(true_effective(r, n, lag), rel=0.25)
+
+
+def test_steps_of_a_right_policy_are_independent_however_slowly_states_move():
+    rng = np.random.default_rng(0)
+    state = series(rng, 40, 200, 0.99).ravel()
+    proba = 1 / (1 + np.exp(-3 * state))
+    action = rng.random(len(state)) < proba
+    log_prob = np.log(np.where(action, proba, 1 - proba))
+    expected = proba * np.log(proba) + (1 - proba) * np.log(1 - proba)
+    offsets = np.arange(41) * 200
+    assert effective_steps(autocovariances(log_prob - expected, offsets), np.array([200]))[0] >= 0.95 * 200
+    assert effective_steps(autocovariances(log_prob - log_prob.mean(), offsets), np.array([200]))[0] < 0.8 * 200
+
+
+# ---- held-out log-probabilities --------------------------------------------------------------------------------------
+
+
+def test_softmax_scores_are_those_of_scikit_learn_on_the_other_folds():
+    problem = problem_of(make("noisy", 0, steps=STEPS))
+    weight = np.random.default_rng(0).random(len(problem.actions))
+    found = SoftmaxScorer(problem, deal(problem, 3, 0))
+    scored = found.held_out(weight, 1e-2)
+    fold, q = problem.spread(found.fold), frequencies(problem)
+    for k in range(3):
+        train, test = fold != k, fold == k
+        C = 1 / (1e-2 * weight[train].sum())
+        model = LogisticRegression(C=C, tol=1e-8, max_iter=5000)
+        model.fit(problem.features[train][:, :-1], problem.actions[train], sample_weight=weight[train])
+        proba = (1 - LAPSE) * model.predict_proba(problem.features[test][:, :-1]) + LAPSE * q
+        taken = np.log(proba[np.arange(test.sum()), problem.actions[test]])
+        np.testing.assert_allclose(scored.log_prob[test], taken, atol=0.03)
+        entropy = (proba * np.log(proba)).sum(axis=1)
+        np.testing.assert_allclose(scored.residual[test], taken - entropy, atol=0.05)
+
+
+def test_ridge_scores_are_those_of_scikit_learn_on_the_other_folds():
+    problem = problem_of(make_continuous("noisy", 0, steps=STEPS))
+    weight = np.random.default_rng(0).random(len(problem.actions))
+    found = RidgeScorer(problem, deal(problem, 3, 0))
+    scored = found.held_out(weight, 1e-2)
+    fold, actions = problem.spread(found.fold), standardised(problem.actions)
+    errors = np.empty_like(actions)
+    for k in range(3):
+        train, test = fold != k, fold == k
+        model = Ridge(1e-2 * weight[train].sum())
+        model.fit(problem.features[train][:, :-1], actions[train], sample_weight=weight[train])
+        errors[test] = actions[test] - model.predict(problem.features[test][:, :-1]).reshape(-1, actions.shape[1])
+    np.testing.assert_allclose(scored.log_prob, student(errors, error_scale(errors, weight)), atol=1e-6)
+
+
+def test_a_demonstration_never_teaches_the_policy_that_scores_it():
+    problem = problem_of(make("random", 0, steps=STEPS))
+    other = replace(problem, actions=problem.actions.copy())
+    fold = deal(problem, 3, 0)
+    changed = problem.spread(fold) == 1
+    other.actions[changed] = (other.actions[changed] + 1) % problem.space.n
+    weight = np.ones(len(problem.actions))
+    one, two = (SoftmaxScorer(p, fold).held_out(weight, 1e-2) for p in (problem, other))
+    q_one, q_two = frequencies(problem), frequencies(other)
+    # The other steps of that fold are scored by the same policies; only the frequencies of the lapses differ.
+    same = changed & (problem.actions == other.actions)
+    assert not same.any()
+    np.testing.assert_allclose(np.exp(one.log_prob[~changed]).mean(), np.exp(one.log_prob[~changed]).mean())
+    assert not np.allclose(one.log_prob[~changed], two.log_prob[~changed], atol=1e-3)
+    proba = (np.exp(one.log_prob[changed]) - LAPSE * q_one[problem.actions[changed]]) / (1 - LAPSE)
+    shifted = (np.exp(two.log_prob[changed]) - LAPSE * q_two[other.actions[changed]]) / (1 - LAPSE)
+    assert (proba + shifted <= 1 + 1e-9).all()  # two actions of one distribution
+
+
+def test_folds_follow_a_demonstration_wherever_it_stands():
+    problem = problem_of(make("noisy", 1, steps=(30, 30)))
+    order = np.random.default_rng(0).permutation(problem.n_demonstrations)
+    np.testing.assert_array_equal(deal(problem, 5, 0)[order], deal(problem.select(order), 5, 0))
+
+
+@pytest.mark.parametrize("toy", [make("noisy", 0, steps=(30, 30)), make_continuous("noisy", 0, steps=(30, 30))])
+def test_the_order_of_demonstrations_does_not_matter(toy):
+    order = np.random.default_rng(1).permutation(len(toy.ids))
+    rows = np.concatenate([np.arange(toy.offsets[m], toy.offsets[m + 1]) for m in order])
+    lengths = np.diff(toy.offsets)[order]
+    shuffled = Demonstrations.from_arrays(
+        toy.observations[rows], toy.actions[rows], np.concatenate([[0], np.cumsum(lengths)])
+    )
+    one, two = RPIL().fit(toy.demonstrations), RPIL().fit(shuffled)
+    np.testing.assert_allclose(two.log_odds_, one.log_odds_[order], atol=0.05)
+    assert two.audit_.verdicts == tuple(one.audit_.verdicts[m] for m in order)
+
+
+# ---- concentration ---------------------------------------------------------------------------------------------------
+
+
+def test_concentration_teaches_by_the_best_explained():
+    toy = make("random", 0, n_good=10, n_bad=10, steps=STEPS)
+    problem = problem_of(toy)
+    taught = concentrate(problem, scorer(problem, 0), np.ones(20, dtype=bool), 1e-2)
+    score = mean_steps(problem, taught.scored.log_prob)
+    assert roc_auc_score(toy.is_good, score) == 1.0
+    assert taught.teachers.sum() == 12
+    assert taught.teachers[toy.is_good].all()
+    assert taught.history[-1] > taught.history[0]
+
+
+def test_labelled_experts_teach_and_labelled_adversaries_do_not():
+    problem = problem_of(make("random", 0), labels=[1, -1, *[0] * 10])
+    chosen = best(problem, np.array([-9.0, 9.0, *range(10)]), 4)
+    assert chosen[0]
+    assert not chosen[1]
+    assert chosen.sum() == 4
+
+
+def test_a_strong_ridge_is_chosen_where_there_is_nothing_to_learn():
+    rng = np.random.default_rng(0)
+    features = np.column_stack([rng.normal(size=(400, 100)), np.ones(400)])
+    noise = Problem(features, rng.integers(4, size=400), np.arange(21) * 20, Discrete(4), np.zeros(20, dtype=int))
+    assert choose_ridge(noise, scorer(noise, 0), np.ones(20, dtype=bool)) == 1e-1
+    clear = replace(noise, actions=(features[:, 0] > 0).astype(int))
+    assert choose_ridge(clear, scorer(clear, 0), np.ones(20, dtype=bool)) < 1e-1
+
+
+# ---- groups of scores ------------------------------------------------------------------------------------------------
+
+
+def fitted(score, variance=None, labels=None) -> Groups:
+    m = len(score)
+    variance = np.full(m, 1e-4) if variance is None else variance
+    labels = np.zeros(m, dtype=int) if labels is None else labels
+    return fit_groups(score, variance, labels, np.full(m, 100.0), np.full(m, 100))
+
+
+def test_two_clear_groups_are_found_with_their_share_and_means():
+    rng = np.random.default_rng(0)
+    score = np.concatenate([rng.normal(0.0, 0.1, 14), rng.normal(1.0, 0.1, 6)])
+    groups = fitted(score)
+    assert groups.p_two > 0.99
+    np.testing.assert_allclose(groups.mean, [0.0, 1.0], atol=0.1)
+    assert groups.share == pytest.approx(0.3, abs=0.1)
+    log_odds = groups.log_odds(score, np.full(20, 1e-4))
+    assert (log_odds[:14] < -2.2).all()
+    assert (log_odds[14:] > 2.2).all()
+
+
+@pytest.mark.parametrize("draw", ["normal", "skewed"])
+def test_one_group_is_rarely_taken_for_two(draw):
+    rng, found = np.random.default_rng(0), []
+    for _ in range(40):
+        score = rng.normal(size=30) if draw == "normal" else -rng.gamma(4.0, size=30)
+        found.append(fitted(score).p_two >= 0.9)
+    assert np.mean(found) <= 0.1
+
+
+def test_log_odds_rise_with_the_score():
+    rng = np.random.default_rng(0)
+    for spread in (0.1, 1.0):
+        groups = fitted(np.concatenate([rng.normal(0.0, spread, 10), rng.normal(2.0, 0.1, 10)]))
+        at = np.linspace(-6, 6, 101)
+        assert (np.diff(groups.log_odds(at, np.full(101, 1e-4))) > 0).all()
+
+
+def test_graded_scores_are_ranked_and_none_is_sure():
+    score = np.linspace(0, 1, 40)
+    groups = fitted(score, np.full(40, 1e-6))
+    assert groups.p_two < 0.5
+    proba = 1 / (1 + np.exp(-groups.log_odds(score, np.full(40, 1e-6))))
+    assert (np.diff(proba) > 0).all()
+    assert proba[0] > 0.1
+    assert proba[-1] < 0.9
+    alike = fitted(score, np.full(40, 10.0))  # nothing but error
+    assert alike.graded == 0.0
+    assert np.abs(alike.log_odds(score, np.full(40, 10.0))).max() < 0.3
+
+
+def test_one_centre_with_tails_is_one_group():
+    rng = np.random.default_rng(0)
+    score = np.concatenate([rng.normal(0.0, 1.0, 20), rng.normal(0.0, 0.05, 80)])
+    found = two_groups(score, np.full(100, 1e-6), np.zeros(100, dtype=int), 1.0)
+    assert found is None or found[1].mean[1] - found[1].mean[0] >= np.sqrt(found[1].spread.mean())
+
+
+def test_labels_fix_the_group():
+    rng = np.random.default_rng(0)
+    score = np.concatenate([rng.normal(0.0, 0.3, 10), rng.normal(1.0, 0.3, 10)])
+    labels = np.zeros(20, dtype=int)
+    labels[10 + np.argsort(score[10:])[:4]] = -1
+    plain, told = (two_groups(score, np.full(20, 1e-4), given, 1.0) for given in (np.zeros(20, dtype=int), labels))
+    assert plain is not None
+    assert told is not None
+    assert told[1].mean[0] > plain[1].mean[0] + 0.1
+    assert told[0] < plain[0]
+
+
+def test_one_group_is_a_maximum_over_the_three_parameters():
+    score = np.random.default_rng(0).normal(size=50)
+    normal = -0.5 * (np.log(2 * np.pi * score.var()) + 1) * 50
+    assert normal <= one_group(score, np.full(50, 1e-9)) < normal + 5
+
+
+# ---- rivals ----------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("n_bad", [4, 6, 18])
+def test_a_coherent_group_in_the_same_states_is_a_rival(n_bad):
+    toy = make("shifted", 1, n_bad=n_bad, steps=STEPS)
+    judgement = judge(problem_of(toy), scorer(problem_of(toy), 0), Settings())
+    assert judgement.finding == "cannot be known"
+    assert judgement.rival is not None
+    groups = {frozenset(judgement.rival.trusted.tolist()), frozenset(judgement.rival.rival.tolist())}
+    assert groups == {frozenset(range(6)), frozenset(range(6, 6 + n_bad))}
+
+
+@pytest.mark.parametrize("kind", ["random", "noisy", "window"])
+def test_noise_is_no_rival(kind):
+    toy = make(kind, 0, n_good=10, n_bad=10, steps=STEPS)
+    problem = problem_of(toy)
+    rival = find_rival(problem, scorer(problem, 0), toy.is_good, True, 1e-2, 0)
+    assert rival is None or not rival.competes
+
+
+def test_a_policy_in_other_states_is_no_rival():
+    toy = make("shifted", 1, steps=STEPS)
+    problem = problem_of(toy)
+    away = problem.features.copy()
+    away[problem.spread(~toy.is_good), 0] += 20.0
+    moved = replace(problem, features=away)
+    first, second = np.flatnonzero(toy.is_good), np.flatnonzero(~toy.is_good)
+    assert state_overlap(problem, first, second, 0) > 0.8
+    assert state_overlap(moved, first, second, 0) < 0.1
+
+
+@pytest.mark.parametrize(("minority", "finding"), [("ask", "cannot be known"), ("distrust", "told apart")])
+def test_what_to_think_of_a_minority_is_the_users_choice(minority, finding):
+    toy = make("shifted", 1, n_good=8, n_bad=4, steps=STEPS)
+    audit = RPIL(minority=minority).fit(toy.demonstrations).audit_ if minority != "ask" else None
+    if audit is None:
+        with pytest.warns(UserWarning, match="two groups of demonstrations each act alike"):
+            audit = RPIL().fit(toy.demonstrations).audit_
+        assert set(audit.verdicts) == {"uncertain"}
+        assert (audit.expert_proba == 0.5).all()
+    else:
+        assert audit.verdicts == ("expert",) * 8 + ("adversary",) * 4
+    assert audit.finding == finding
+    trusting = RPIL(minority="trust").fit(toy.demonstrations).audit_
+    assert "adversary" not in trusting.verdicts
+
+
+# ---- what it comes to ------------------------------------------------------------------------------------------------
+
+
+def test_nothing_could_be_learned_from_random_observations():
+    rng = np.random.default_rng(0)
+    for seed in range(3):
+        toy = make("noisy", seed, n_good=10, n_bad=10, steps=STEPS)
+        noise = Demonstrations.from_arrays(rng.normal(size=toy.observations.shape), toy.actions, toy.offsets)
+        audit = RPIL().fit(noise).audit_
+        assert audit.finding == "nothing could be learned"
+        assert set(audit.verdicts) == {"uncertain"}
+
+
+def test_log_odds_are_the_sum_of_their_parts():
+    toy = make("random", 0, steps=STEPS)
+    who = ["Ann"] * 3 + ["Bob"] * 3 + ["Cid"] * 6
+    audit = RPIL(labels={"d0": "expert"}).fit(toy.demonstrations, demonstrators=who).audit_
+    np.testing.assert_allclose(sum(audit.evidence.values()), audit.log_odds)
+    assert audit.from_label[0] > 0
+    assert not audit.from_label[1:].any()
+    assert audit.from_demonstrator.any()
+    assert audit.finding in FINDINGS
+
+
+def test_what_is_kept_scores_as_the_judge_did():
+    for toy in (make("random", 0, n_good=10, n_bad=10, steps=STEPS), make_continuous("random", 0, steps=STEPS)):
+        problem = problem_of(toy)
+        judgement = judge(problem, scorer(problem, 0), Settings())
+        kept = judgement.keep(problem, SCALES[problem.space.kind])
+        measure, _ = kept.scale.measure(problem.features, problem.actions)
+        score = problem.sum_steps(measure) / problem.lengths
+        np.testing.assert_allclose(score, judgement.scores.score, atol=0.3 * np.ptp(judgement.scores.score))
+        again = kept.log_odds(measure, problem.offsets)
+        np.testing.assert_array_equal(again > 0, judgement.log_odds > 0)
+
+
+def test_the_variance_of_a_mean():
+    rng = np.random.default_rng(0)
+    values = rng.normal(size=(4000, 25))
+    squares = ((values - values.mean(axis=1, keepdims=True)) ** 2).sum(axis=1)
+    variance = mean_variance(squares, np.full(4000, 25), 1.0, np.full(4000, 25.0))
+    assert variance.mean() == pytest.approx(values.mean(axis=1).var(), rel=0.1)
+
+
+def test_reliability_is_the_share_of_steps_that_follow_the_policy():
+    rng = np.random.default_rng(0)
+    n_steps, share = 2000, np.array([0.1, 0.5, 0.9])
+    follows = rng.random((3, n_steps)) < share[:, None]
+    log_ratio = np.where(follows, np.log(0.9 / 0.25), np.log(0.1 / 3 / 0.25)).ravel()
+    problem = Problem(np.ones((3 * n_steps, 1)), np.zeros(3 * n_steps, dtype=int), np.arange(4) * n_steps, Discrete(4), np.zeros(3, dtype=int))  # fmt: skip
+    # An expert's step has the likelihood ratio of its action, and so has another step that happens to agree.
+    trust = step_trust(problem, log_ratio, np.ones(3))
+    assert (np.diff(trust.reliability) > 0.2).all()
+    assert (trust.interval[:, 0] <= trust.reliability + 1e-9).all()
+    assert (trust.interval[:, 1] >= trust.reliability - 1e-9).all()
+    assert trust.step[follows.ravel()].mean() > trust.step[~follows.ravel()].mean() + 0.3
+    wide = step_trust(problem, log_ratio, np.full(3, 0.01)).interval
+    assert (np.ptp(wide, axis=1) > np.ptp(trust.interval, axis=1)).all()
+
+
+def test_the_reference_does_not_look_at_the_state():
+    problem = problem_of(make("random", 0))
+    everyone = np.ones(problem.n_demonstrations, dtype=bool)
+    shuffled = replace(problem, features=problem.features[::-1])
+    np.testing.assert_array_equal(reference(problem, everyone), reference(shuffled, everyone))
+    log_q = reference(problem, everyone)
+    for action in range(problem.space.n):
+        share = (problem.actions == action).mean()
+        assert np.exp(log_q[problem.actions == action]).mean() == pytest.approx(share, abs=0.01)
