@@ -10,15 +10,16 @@ from scipy.special import logit
 
 from audits import make_audit
 from problems import Toy, make, pooled_state
-from rpil.audit import SURE, WHOLE, Audit, Interval, summarise
-from rpil.belief import Belief, believe
+from rpil import RPIL
+from rpil.audit import SURE, Audit, Interval
 from rpil.em import Posterior, Result, run
 from rpil.errors import DataError
-from rpil.priors import Share
 from rpil.problem import Problem
 from rpil.reliability import TwoBetas, beta_table
 from rpil.spaces import Discrete
+from rpil.verdicts import WHOLE, summarise
 
+SHARE = Interval(0.3, 0.2, 0.4)
 IDS = ("a", "b", "c", "d", "e")
 LENGTHS = np.array([3, 1, 4, 2, 5])
 
@@ -27,7 +28,6 @@ def told(
     log_odds: tuple[float, ...],
     *,
     labels: tuple[int, ...] = (0,) * 5,
-    competing: tuple[tuple[int, ...], ...] = (),
     node: tuple[int, ...] = (31, 31, 3, 3, 3),
     log_ratio: np.ndarray | None = None,
 ) -> Audit:
@@ -41,8 +41,7 @@ def told(
     ratio = np.linspace(-1, 1, n) if log_ratio is None else log_ratio
     posterior = Posterior(np.array(log_odds), joint, np.linspace(0, 1, n), np.zeros(5), ratio, np.zeros((n, 3)))
     result = Result(state, posterior, np.array([-2.0, -1.0]), True)
-    belief = Belief(Share(0.3), np.zeros(1), joint[:1, 0], joint[:1, 0], np.ones((1, 1)), 0.0, joint[0, 0], 1.0)
-    return summarise(problem, result, belief, np.array(log_odds), IDS, [np.array(group) for group in competing])
+    return summarise(problem, result, SHARE, IDS)
 
 
 def test_verdict_thresholds():
@@ -66,18 +65,19 @@ def test_log_odds_are_finite():
     json.dumps(found.to_dict(), allow_nan=False)
 
 
-def test_contested_demonstrations_are_uncertain_whatever_their_odds():
-    found = told((30.0, 30.0, -30.0, -30.0, -30.0), competing=((0, 1), (2, 4)))
-    assert found.verdicts == ("uncertain", "uncertain", "uncertain", "adversary", "uncertain")
+def test_where_two_groups_compete_all_are_uncertain_and_one_of_each_is_asked_about():
+    toy = make("shifted", 1, steps=(40, 60))
+    with pytest.warns(UserWarning, match="act alike"):
+        found = RPIL().fit(toy.demonstrations).audit_
+    assert set(found.verdicts) == {"uncertain"}
+    assert (found.expert_proba == 0.5).all()
     assert not found.identifiable
-    assert found.competing == (("a", "b"), ("c", "e"))
-    assert found.to_label == ("a", "e")  # the longest of each group
+    assert {frozenset(group) for group in found.competing} == {frozenset(toy.ids[:6]), frozenset(toy.ids[6:])}
+    lengths = dict(zip(toy.ids, np.diff(toy.offsets).tolist(), strict=True))
+    assert [lengths[name] for name in found.to_label] == [
+        max(lengths[name] for name in group) for group in found.competing
+    ]
     assert told((1.0,) * 5).identifiable
-
-
-def test_a_label_is_not_contested():
-    found = told((30.0, 30.0, -30.0, -30.0, -30.0), competing=((0, 1), (2, 4)), labels=(0, 0, -1, 0, 0))
-    assert found.verdicts[2] == "adversary"
 
 
 def test_worst_steps_are_the_most_negative_first_and_no_positive_ones():
@@ -102,7 +102,7 @@ def test_reliability_is_the_posterior_mean_with_its_interval():
 def audit_of(toy: Toy) -> Audit:
     problem = toy.problem()
     result = run(problem, pooled_state(problem, "uniform", TwoBetas.start()), max_iter=50)
-    return summarise(problem, result, *believe(problem, result.state, result.posterior.outputs), toy.ids, [])
+    return summarise(problem, result, SHARE, toy.ids)
 
 
 def test_weights_of_steps():
@@ -129,18 +129,18 @@ def test_what_all_experts_fail_in_is_the_policys_misfit():
     np.testing.assert_allclose(found.step_weight[found.steps(4)], 0.0, atol=1e-12)
 
 
-def test_the_prior_is_the_beliefs():
-    assert told((1.0,) * 5).prior == Interval(*[pytest.approx(0.3)] * 3)
+def test_the_share_is_the_one_given():
+    assert told((1.0,) * 5).prior == SHARE
 
 
 def test_to_dict_has_the_promised_keys_and_is_json():
-    found = told((1.0, 2.0, -30.0, 0.0, -1.0), competing=((0, 1), (2, 4)))
+    found = told((1.0, 2.0, -30.0, 0.0, -1.0))
     told_again = json.loads(json.dumps(found.to_dict(), allow_nan=False))
-    promised = {"n_demonstrations", "n_steps", "adversary", "prior", "identifiable", "demonstrations"}
+    promised = {"n_demonstrations", "n_steps", "finding", "adversary", "prior", "identifiable", "demonstrations"}
     assert set(told_again) == promised | {"groups", "to_label", "assumptions", "demonstrators"}
     assert set(told_again["prior"]) == {"mean", "low", "high"}
     for entry in told_again["demonstrations"]:
-        each = {"id", "n_steps", "log_odds", "expert_proba", "reliability", "verdict", "worst_steps"}
+        each = {"id", "n_steps", "log_odds", "evidence", "expert_proba", "reliability", "verdict", "worst_steps"}
         assert set(entry) == each
     assert [entry["id"] for entry in told_again["demonstrations"]] == [
         "b",
@@ -149,7 +149,7 @@ def test_to_dict_has_the_promised_keys_and_is_json():
         "e",
         "c",
     ]  # the most trusted first
-    assert told_again["groups"] == [["a", "b"], ["c", "e"]]
+    assert told_again["groups"] == []
     assert (told_again["n_demonstrations"], told_again["n_steps"]) == (5, 15)
     assert [entry["n_steps"] for entry in told_again["demonstrations"]] == [1, 3, 2, 5, 4]
 
@@ -159,8 +159,7 @@ def test_to_dict_of_numpy_ids_is_json():
     ids = tuple(np.arange(12).tolist())
     problem = toy.problem()
     result = run(problem, pooled_state(problem, "uniform", TwoBetas.start()), max_iter=5)
-    belief, log_odds = believe(problem, result.state, result.posterior.outputs)
-    found = summarise(problem, result, belief, log_odds, ids, [np.array([0, 1]), np.array([2])])
+    found = summarise(problem, result, SHARE, ids)
     json.dumps(found.to_dict(), allow_nan=False)
     assert found.adversary == "uniform"
     np.testing.assert_array_equal(found.history, result.history)

@@ -363,7 +363,8 @@ def test_reliability_is_the_share_of_steps_that_follow_the_policy():
     n_steps, share = 2000, np.array([0.1, 0.5, 0.9])
     follows = rng.random((3, n_steps)) < share[:, None]
     log_ratio = np.where(follows, np.log(0.9 / 0.25), np.log(0.1 / 3 / 0.25)).ravel()
-    problem = Problem(np.ones((3 * n_steps, 1)), np.zeros(3 * n_steps, dtype=int), np.arange(4) * n_steps, Discrete(4), np.zeros(3, dtype=int))  # fmt: skip
+    ones, zeros = np.ones((3 * n_steps, 1)), np.zeros(3 * n_steps, dtype=int)
+    problem = Problem(ones, zeros, np.arange(4) * n_steps, Discrete(4), np.zeros(3, dtype=int))
     # An expert's step has the likelihood ratio of its action, and so has another step that happens to agree.
     trust = step_trust(problem, log_ratio, np.ones(3))
     assert (np.diff(trust.reliability) > 0.2).all()
