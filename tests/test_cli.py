@@ -342,7 +342,7 @@ def test_one_episode_has_no_interval(folder):
     assert "in one episode" in ok("evaluate", folder / "policy", "--env", ENV, "--episodes", 1).stdout
 
 
-def test_cloning_trusts_everybody(folder):
+def test_cloning_trusts_all_alike(folder):
     result = ok("fit", folder / "good.parquet", "-o", "p", "--method", "cloning", "--features", "spline")
     assert "were trusted alike" in result.stdout
     model = load("p")

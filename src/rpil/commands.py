@@ -172,7 +172,9 @@ def fit_rpil(
     progress("starting")
     from rpil.estimators import RPIL, AmbiguousWarning
 
-    so_far = Path(f"{Path(file).name}.rpil-checkpoint")  # where the command runs: the data may lie where nobody writes
+    so_far = Path(
+        f"{Path(file).name}.rpil-checkpoint"
+    )  # where the command runs: the data's own folder may be read-only
     if so_far.exists() != resume:
         said = (
             "nothing was interrupted here; leave out" if resume else "a run was interrupted; delete it, or go on with"

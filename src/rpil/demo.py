@@ -184,7 +184,7 @@ def _audit(data: Demonstrations, features: str, seed: int, told: Progress, where
 
 
 def _overcooked(seed: int, told: Progress) -> Overcooked:
-    model, seconds = _audit(load(OVERCOOKED), "raw", seed, told, "Overcooked")  # nobody plays what was learned
+    model, seconds = _audit(load(OVERCOOKED), "raw", seed, told, "Overcooked")  # its policy is not used
     audit = model.audit_
     quality, is_good = _truth(OVERCOOKED, "episode_quality"), _truth(OVERCOOKED, "is_good")
     resamples = _resampled_auroc(audit.log_odds, is_good, seed)

@@ -2,7 +2,7 @@
 
 A label settles every pair that its demonstration is one of: in the right order, or in the wrong one. So those labels
 are asked for that settle most of the pairs which may be wrong. The order of an audit deserves more trust than its
-probabilities, which may be too sure, and rest on a share of experts that nobody knows. Should the order mean anything,
+probabilities, which may be too sure, and rest on a share of experts that is not known. Should the order mean anything,
 and the share be any, the demonstration of rank r (0 for the least trusted, 1 for the most) is an expert's with
 probability r. Then of all demonstrations the share
 

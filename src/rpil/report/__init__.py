@@ -147,9 +147,7 @@ def _page(
         }
         for part, prefix in zip(parts, prefixes, strict=True)
     ]
-    return environment.get_template("template.html").render(
-        title=title, headline=headline, lead=lead, parts=shown, p_expert=P_EXPERT
-    )
+    return environment.get_template("template.html").render(title=title, headline=headline, lead=lead, parts=shown)
 
 
 def summarise(audit: Audit, prefix: str = "") -> dict[str, Any]:
