@@ -2,10 +2,12 @@
 
     python benchmarks/speed.py --json speed.json
     python benchmarks/speed.py --rows A,D --repeats 1
+    python benchmarks/speed.py --rows K,L,M,N --data ../shared/data
     python benchmarks/speed.py --quick                   # small sizes: checks the harness, not the time
 
-Every row is one function of `speed_fits` or `speed_systems`, which says what it measures. Rows A to D, F and I have
-one core and one thread, whoever runs; E, G and H have all cores. The seconds are medians over runs that take turns.
+Every row is one function of `speed_fits`, `speed_systems` or `speed_real`, which says what it measures. Rows A to D, F
+and I have one core and one thread, also for scikit-learn; E, G and H have all cores. The seconds are medians over runs
+that take turns; those of rows K to N are CPU seconds.
 """
 
 from __future__ import annotations
@@ -26,6 +28,7 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 os.environ.setdefault("MKL_NUM_THREADS", "1")
 
 import speed_fits
+import speed_real
 import speed_systems
 from rpil.reproduce.provenance import provenance
 from speed_timing import Measured, Skipped, peak_gib, threads
@@ -41,9 +44,26 @@ class Row:
     measure: Callable[[dict[str, int], int], Measured | Skipped]
     full: dict[str, int]
     quick: dict[str, int]
-    goals: dict[str, float]
+    goals: dict[str, float | None]
 
 
+def recorded(letter: str, what: str, file: str, seconds: float) -> Row:
+    """A row on recorded data, of which there is one size; `ROWS` get the folder as `DATA`."""
+
+    def measure(_: dict[str, int], repeats: int) -> Measured | Skipped:
+        return speed_real.default_fit(letter, None if DATA.folder is None else DATA.folder / file, repeats)
+
+    return Row(what, measure, {}, {}, {letter: seconds, f"{letter}_ratio": None})
+
+
+@dataclass
+class Data:
+    """Where recorded data are, if anywhere."""
+
+    folder: Path | None = None
+
+
+DATA = Data()
 _LARGE = {"steps": 1_000_000, "features": 64, "actions": 6}
 _SMALL = {"steps": 6_000, "features": 8, "actions": 3}
 ROWS = {
@@ -99,6 +119,10 @@ ROWS = {
         {"starts": 1},
         {"J": 1.3, "J_help_s": 0.3},
     ),
+    "K": recorded("K", "RPIL() on LeRobot, 50 files: CPU s, over a cross-fit", "formats/lerobot_v3_50files", 10.0),
+    "L": recorded("L", "RPIL() on MetaWorld push", "metaworld_push.npz", 3.0),
+    "M": recorded("M", "RPIL() on Ant, mixed agents", "rilco_ant_mix.npz", 10.0),
+    "N": recorded("N", "RPIL() on Overcooked, coordination ring", "overcooked_coordination_ring.npz", 5.0),
 }
 AT_LEAST = ("H",)
 """What should be large; all else should be small."""
@@ -109,6 +133,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--rows", default=",".join(ROWS), help="letters, with commas; all by default")
     parser.add_argument("--repeats", type=int, default=3, help="runs of each, of which the median counts")
     parser.add_argument("--quick", action="store_true", help="small sizes, once: checks the harness, not the time")
+    parser.add_argument("--data", type=Path, help="a folder of recorded data, for rows K to N")
     parser.add_argument("--json", type=Path, help="where to write all figures")
     options = parser.parse_args(arguments)
     letters = options.rows.upper().split(",")
@@ -116,6 +141,7 @@ def main(arguments: list[str] | None = None) -> int:
     if unknown:
         parser.error(f"there is no row {', '.join(unknown)}: choose from {', '.join(ROWS)}")
 
+    DATA.folder = options.data
     repeats = 1 if options.quick else options.repeats
     result: dict[str, Any] = {"quick": options.quick, "repeats": repeats, "threads": threads()}
     print(f"threads of every pool: {result['threads']}")
@@ -146,18 +172,20 @@ def measured(letter: str, quick: bool, repeats: int, details: dict[str, Any]) ->
 
 def table(result: dict[str, Any], letters: list[str]) -> str:
     """Every number beside its goal, for a terminal."""
-    lines = [f"{'row':12}{'what':46}{'found':>9}{'goal':>10}"]
+    lines = [f"{'row':12}{'what':54}{'found':>9}{'goal':>10}"]
     for letter in letters:
         for key, goal in ROWS[letter].goals.items():
             sign = ">=" if key in AT_LEAST else "<="
-            aim = f"{sign} {goal:.3g}"
-            if key in result:
+            aim = "" if goal is None else f"{sign} {goal:.3g}"
+            if goal is None and key in result:
+                lines.append(f"{key:12}{ROWS[letter].what:54}{result[key]:9.3g}")
+            elif key in result:
                 reached = result[key] >= goal if key in AT_LEAST else result[key] <= goal
                 verdict = "reached" if reached else "missed"
-                lines.append(f"{key:12}{ROWS[letter].what:46}{result[key]:9.3g}{aim:>10}  {verdict}")
+                lines.append(f"{key:12}{ROWS[letter].what:54}{result[key]:9.3g}{aim:>10}  {verdict}")
             else:
                 why = result["details"][letter]["skipped"]
-                lines.append(f"{key:12}{ROWS[letter].what:46}{'':9}{aim:>10}  skipped: {why}")
+                lines.append(f"{key:12}{ROWS[letter].what:54}{'':9}{aim:>10}  skipped: {why}")
     memory = "below" if result["peak_gib"] < MOST_GIB else "above"
     if result["quick"]:
         lines.append("Small sizes: these numbers say that everything runs, and nothing about its speed.")
