@@ -172,9 +172,7 @@ def fit_rpil(
     progress("starting")
     from rpil.estimators import RPIL, AmbiguousWarning
 
-    so_far = Path(
-        f"{Path(file).name}.rpil-checkpoint"
-    )  # where the command runs: the data's own folder may be read-only
+    so_far = Path(f"{Path(file).name}.rpil-checkpoint")  # the data's folder may be read-only
     if so_far.exists() != resume:
         said = (
             "nothing was interrupted here; leave out" if resume else "a run was interrupted; delete it, or go on with"
