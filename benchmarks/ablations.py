@@ -1,0 +1,185 @@
+"""What each mechanism of the judge is worth: the judge without it, on every family of data.
+
+    python benchmarks/ablations.py --data DIR --json FILE --processes 2    # what is finished is not done again
+    python benchmarks/ablations.py --quick
+
+DIR holds NPZ files as for trust.py. Printed are, for every variant and family, the mean AUROC, wrong among
+the verdicts given, and the share of demonstrations with a verdict. At the end every family is left out once: which
+variant is the best on the other families (1 - AUROC plus the share of wrong verdicts), and what it reaches on the family
+that was left out.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import json
+import os
+import sys
+import warnings
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before NumPy; worker processes inherit it
+
+import numpy as np
+
+from options import at_least, output
+from real import wins
+from rpil.estimators import RPIL
+from rpil.files import replacing
+from rpil.judge import concentrate, groups, held_out, judgement
+from rpil.parallel import in_processes
+from rpil.reproduce.provenance import provenance
+from tables import table
+from trust_data import data_cells
+from trust_worlds import Cell, cells
+
+Array = Any
+Row = dict[str, Any]
+DEFAULT = "the default"
+DIFFERENCE = 0.03
+"""Of loss, below which two variants are alike."""
+
+
+def _normal(score: Array, variance: Array) -> float:
+    """One group as a normal distribution, without skew."""
+    total = max(float(score.var()), 1e-300)
+    spread = np.maximum(total - variance, 1e-3 * total) + variance
+    return float((-0.5 * np.log(2 * np.pi * spread) - 0.5 * (score - score.mean()) ** 2 / spread).sum())
+
+
+VARIANTS: dict[str, tuple[dict[str, Any], list[tuple[Any, str, Any]]]] = {
+    DEFAULT: ({}, []),
+    "all demonstrations teach": ({}, [(concentrate, "SHARE", 1.0)]),
+    "30 % teach": ({}, [(concentrate, "SHARE", 0.3)]),
+    "80 % teach": ({}, [(concentrate, "SHARE", 0.8)]),
+    "one ridge, 1e-4": ({}, [(kind, "ridges", (1e-4,)) for kind in (held_out.SoftmaxScorer, held_out.RidgeScorer)]),
+    "raw features": ({"search_features": "raw"}, []),
+    "steps are independent": ({}, [(judgement, "effective_steps", lambda covariances, lengths: lengths.astype(float))]),
+    "error bars as they are (c = 1)": ({}, [(groups, "NOISE", (1.0,))]),
+    "one group is normal": ({}, [(groups, "one_group", _normal)]),
+    "no prior on the spread of a group": ({}, [(groups, "PRIOR_SPREAD", 1e-6)]),
+    "two groups may have one centre": ({}, [(groups, "LEAST_APART", 0.0)]),
+    "no rivals": ({}, [(judgement, "find_rival", lambda *_: None)]),
+    "ranks are worth nothing": ({}, [(groups, "RANK_WORTH", 0.0)]),
+    "ten folds": ({}, [(held_out.scorer, "__defaults__", (10,))]),
+}
+"""Name -> parameters of `RPIL`, and the parts of the judge that are replaced: module, name, value."""
+
+
+@contextlib.contextmanager
+def replaced(parts: list[tuple[Any, str, Any]]) -> Iterator[None]:
+    """The judge with other parts for a while."""
+    before = [(module, name, getattr(module, name)) for module, name, _ in parts]
+    for module, name, value in parts:
+        setattr(module, name, value)
+    try:
+        yield
+    finally:
+        for module, name, value in before:
+            setattr(module, name, value)
+
+
+def measure(variant: str, cell: Cell) -> Row:
+    """AUROC and verdicts of a variant on one set."""
+    world = cell.make()
+    parameters, parts = VARIANTS[variant]
+    with replaced(parts), warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        audit = RPIL(**parameters).fit(world.demonstrations).audit_
+    good, verdicts = np.asarray(world.is_good), np.array(audit.verdicts)
+    wrong = int(((good == 1) & (verdicts == "adversary")).sum() + ((good == 0) & (verdicts == "expert")).sum())
+    known = good >= 0
+    both = len(np.unique(good[known])) == 2
+    return {
+        "family": world.family,
+        "auroc": float(wins(audit.log_odds[good == 1], audit.log_odds[good == 0]).mean()) if both else None,
+        "wrong": wrong,
+        "given": int((verdicts[known] != "uncertain").sum()),
+        "of": int(known.sum()),
+        "finding": audit.finding,
+    }
+
+
+def chosen_cells(data: Path | None, quick: bool) -> dict[str, Cell]:
+    """Every data set and the first draw of every generated world."""
+    if quick:
+        names = ("simulated MountainCar-v0 noisy 50 % 1000", "simulated MountainCar-v0 flip 75 % 1000")
+        everything = cells()
+        return {name: everything[name] for name in names}
+    generated = {name: cell for name, cell in cells().items() if name.split()[-1] in ("0", "1000")}
+    return (data_cells(data)[0] if data else {}) | generated
+
+
+def summary(rows: dict[str, Row]) -> Row:
+    """Means over the sets of one variant."""
+    aurocs = [row["auroc"] for row in rows.values() if row["auroc"] is not None]
+    wrong, given, of = (sum(row[name] for row in rows.values()) for name in ("wrong", "given", "of"))
+    shares = [row["wrong"] / max(row["given"], 1) for row in rows.values()]
+    auroc = float(np.mean(aurocs)) if aurocs else None
+    return {
+        "auroc": auroc,
+        "wrong": wrong,
+        "given": given,
+        "of": of,
+        "loss": (0.0 if auroc is None else 1 - auroc) + (float(np.mean(shares)) if shares else 0.0),
+    }
+
+
+def markdown(results: dict[str, dict[str, Row]]) -> str:
+    """Tables of all variants, and of what is chosen where a family is left out."""
+    families = sorted({row["family"] for rows in results.values() for row in rows.values()})
+
+    def of(variant: str, keep: Callable[[str], bool]) -> Row:
+        return summary({name: row for name, row in results[variant].items() if keep(row["family"])})
+
+    head = ["variant", *families]
+    body = []
+    for variant in results:
+        found = [of(variant, lambda family, f=f: family == f) for f in families]
+        body.append([variant, *(_cell(row) for row in found)])
+    text = "AUROC; wrong of the verdicts given; share with a verdict.\n\n" + table(head, body)
+    left_out = []
+    for family in families:
+        losses = {variant: of(variant, lambda f, family=family: f != family)["loss"] for variant in results}
+        best = min(losses, key=losses.__getitem__)
+        if losses[DEFAULT] - losses[best] < DIFFERENCE:
+            best = DEFAULT
+        here, default = (of(variant, lambda f, family=family: f == family) for variant in (best, DEFAULT))
+        left_out.append([family, best, f"{here['loss']:.3f}", f"{default['loss']:.3f}"])
+    text += "\n\nChosen on the other families (loss: 1 - AUROC + share of wrong verdicts; differences below "
+    text += f"{DIFFERENCE} are noise and the default stays).\n\n"
+    return text + table(["left out", "chosen", "its loss there", "loss of the default there"], left_out) + "\n"
+
+
+def _cell(row: Row) -> str:
+    auroc = "-" if row["auroc"] is None else f"{row['auroc']:.3f}"
+    return f"{auroc}; {row['wrong']}/{row['given']}; {row['given'] / max(row['of'], 1):.2f}"
+
+
+def main(arguments: list[str] | None = None) -> int:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--data", type=Path, metavar="DIR", help="where NPZ files are; default: generated worlds alone")
+    parser.add_argument("--json", type=output, metavar="FILE", help="where every answer is kept")
+    parser.add_argument("--processes", type=at_least(1), default=1)
+    parser.add_argument("--quick", action="store_true", help="two small worlds")
+    options = parser.parse_args(arguments)
+    found = chosen_cells(options.data, options.quick)
+    results: dict[str, dict[str, Row]] = {variant: {} for variant in VARIANTS}
+    if options.json and Path(options.json).exists():
+        results |= json.loads(Path(options.json).read_text())["results"]
+    jobs = [(v, cell) for v in VARIANTS for name, cell in found.items() if name not in results[v]]
+    names = [(v, name) for v in VARIANTS for name in found if name not in results[v]]
+    for (variant, name), row in zip(names, in_processes(measure, jobs, options.processes), strict=True):
+        results[variant][name] = row
+        if options.json:
+            with replacing(options.json) as temporary:
+                Path(temporary).write_text(json.dumps({"provenance": provenance(0), "results": results}))
+    print(markdown(results))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
