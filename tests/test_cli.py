@@ -240,6 +240,17 @@ def test_audit_as_json(folder):
     assert json.loads(other.stdout)["adversary"] == "normalised complement"
 
 
+def test_audit_chooses_no_features_for_a_policy_that_is_not_kept(folder, monkeypatch):
+    def never(*_):
+        pytest.fail("features were chosen")
+
+    folded = ok("audit", folder / "good.parquet", "--json", "--features", "folded").stdout
+    chosen = rpil.RPIL("auto").fit(formats.read(folder / "good.parquet")).audit_.to_dict()
+    monkeypatch.setattr("rpil.cloning.choose", never)
+    assert ok("audit", folder / "good.parquet", "--json").stdout == folded
+    assert json.loads(folded)["demonstrations"] == chosen["demonstrations"]
+
+
 def test_audit_writes_a_report_and_weights(folder):
     result = ok("audit", folder / "good.parquet", "--json", "--report", "r.html", "--weights", "w.parquet")
     json.loads(result.stdout)

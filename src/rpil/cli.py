@@ -117,6 +117,7 @@ def audit(
     start = time.perf_counter()
     check_outputs((file, learning["labels"], learning["demonstrators"]), report, weights)
     stream = is_streamed(stream, scheduler)
+    learning["features"] = learning["features"].replace("auto", "folded")  # as in judging: no other policy is kept
     with stages(quiet) as progress:
         if weights:
             from rpil.formats.weights import check_weights
