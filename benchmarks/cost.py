@@ -14,6 +14,7 @@ import statistics
 import tempfile
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -26,8 +27,9 @@ from threadpoolctl import threadpool_limits
 from rpil import RPIL, Dataset, open_dataset
 from rpil.engines import dask as cluster
 from rpil.engines.streamed import Streamed
-from rpil.large import Prepare, judge
-from rpil.polish import em_pass
+from rpil.large import Prepare, Weigh
+from rpil.large import measure as score
+from rpil.polish import clone_pass
 from rpil.reproduce.provenance import line, provenance
 
 SEED = 0
@@ -65,30 +67,39 @@ def seconds(function: Callable[[], Any], repetitions: int) -> float:
 def measure(data: Dataset, path: Path, repetitions: int) -> dict[str, Any]:
     """Costs for each step, of each part of a pass."""
     stages: list[str] = []
-    model = RPIL(adversary="uniform", engine=Streamed(), progress=stages.append, random_state=SEED).fit(data)
-    state, n = model.state_, data.n_steps
-    prepare = Prepare(model.search_features_, model.space_, model.classes_, np.zeros(len(data), dtype=int))
+    model = RPIL(engine=Streamed(), progress=stages.append, random_state=SEED).fit(data)
+    n, labels = data.n_steps, np.zeros(len(data), dtype=int)
+    prepare, final = (
+        Prepare(features, model.space_, model.classes_, labels) for features in (model.judge_features_, model.features_)
+    )
     pieces = [piece for part in data.parts() for piece in part]
     ready = [prepare(piece) for piece in pieces]
-    one_pass = partial(em_pass, state=state, mode="joint")
-    design, weights = ready[0][1].features, state.policy.weights.astype(np.float32)
+    scoring = partial(score, judge=model.judge_)
+    weigh = replace(Weigh.of(model.audit_, model.judge_), final=final)
+    lessons = [weigh(one) for one in ready]
+    one_pass = partial(clone_pass, policy=model.policy_)
+    seen, design, weights = ready[0][1].features, lessons[0][0].features, model.policy_.weights.astype(np.float32)
     with threadpool_limits(1, "blas"):
-        bare = seconds(lambda: [p.features @ weights for _, p in ready], repetitions)
-        sums = [one_pass(problem) for _, problem in ready]
+
+        def each(function: Callable[[Any], Any], shards: list[Any]) -> float:
+            return 1e9 * seconds(lambda: [function(shard) and None for shard in shards], repetitions) / n
+
         return {
             "read_ns": 1e9 * seconds(lambda: [None for part in data.parts() for _ in part], repetitions) / n,
-            "prepare_ns": 1e9 * seconds(lambda: [prepare(piece) and None for piece in pieces], repetitions) / n,
-            "pass_ns": 1e9 * seconds(lambda: [one_pass(problem) for _, problem in ready], repetitions) / n,
-            "product_ns": 1e9 * bare / n,
+            "prepare_ns": each(prepare, pieces),
+            "score_ns": each(scoring, ready),
+            "weigh_ns": each(weigh, ready),
+            "pass_ns": each(one_pass, lessons),
+            "product_ns": each(lambda lesson: (lesson[0].features @ weights).size, lessons),
+            "judge_columns": seen.shape[1],
             "n_columns": design.shape[1],
             "product_flops": 2 * 2 * design.shape[1] * len(data.classes),
             "read_bytes": _column_bytes(path, data) / n,
-            "kept_bytes": (ready[0][0].observations[0].nbytes + 8 + design[0].nbytes + 16),
+            "kept_bytes": ready[0][0].observations[0].nbytes + 8 + seen[0].nbytes + design[0].nbytes + 16,
             "parameter_bytes": on_the_wire(cluster._light(one_pass)),
-            "sum_bytes": on_the_wire(sums[0]),
-            "verdict_bytes": on_the_wire(judge(ready[0][1], state, "joint")) / ready[0][1].n_demonstrations,
+            "sum_bytes": on_the_wire(one_pass(lessons[0])),
+            "verdict_bytes": on_the_wire(scoring(ready[0])) / ready[0][1].n_demonstrations,
             "passes": sum(stage.startswith("pass ") for stage in stages),
-            "n_sums": len(sums),
         }
 
 
@@ -128,7 +139,7 @@ def predict(cost: dict[str, Any], n_steps: float, n_workers: int) -> dict[str, f
     n_parts = 2 * n_workers
     n_sums = max(n_parts, min(n_steps / 65_536, cluster._SUMS_BYTES / cost["sum_bytes"]))
     sent = n_parts * cost["parameter_bytes"] + n_sums * cost["sum_bytes"]
-    place = own * max(cost["read_bytes"] / DISK, 1e-9 * cost["read_ns"]) + own * 1e-9 * cost["prepare_ns"]
+    place = own * max(cost["read_bytes"] / DISK, 1e-9 * cost["read_ns"]) + own * 1e-9 * _once(cost)
     one_pass = own * 1e-9 * cost["pass_ns"] + n_parts * cost["dispatch_s"] + sent / NETWORK
     weights = 16 * n_steps / NETWORK
     return {
@@ -138,8 +149,13 @@ def predict(cost: dict[str, Any], n_steps: float, n_workers: int) -> dict[str, f
         "weights_s": weights,
         "fit_s": place + cost["passes"] * one_pass + weights,
         "memory_bytes": own * cost["kept_bytes"],
-        "streamed_pass_s": n_steps * 1e-9 * (cost["read_ns"] + cost["prepare_ns"] + cost["pass_ns"]) / 2,
+        "streamed_pass_s": n_steps * 1e-9 * (cost["read_ns"] + _once(cost) - cost["score_ns"] + cost["pass_ns"]) / 2,
     }
+
+
+def _once(cost: dict[str, Any]) -> float:
+    """Nanoseconds for each step of what is done once where a worker keeps it."""
+    return float(cost["prepare_ns"] + cost["score_ns"] + cost["weigh_ns"])
 
 
 def render(found: dict[str, Any]) -> str:
@@ -147,13 +163,16 @@ def render(found: dict[str, Any]) -> str:
     cost, shape = found["cost"], found["shape"]
     lines = [
         f"{shape['n_steps']:,} steps x {shape['n_observations']} observations (float32), {shape['n_actions']} actions, "
-        f"demonstrations of {LENGTH} steps, {cost['n_columns']} columns in the design matrix, one core:",
+        f"demonstrations of {LENGTH} steps, {cost['judge_columns']} columns in the judge's design matrix and "
+        f"{cost['n_columns']} in that of the final policy, one core:",
         "",
         "| what | for each step |",
         "|---|---|",
         f"| read from Parquet, page checksums verified | {cost['read_bytes']:.0f} bytes, {cost['read_ns']:.0f} ns |",
-        f"| design matrix | {cost['prepare_ns']:.0f} ns |",
-        f"| the rest of a pass, in memory | {cost['pass_ns']:.0f} ns |",
+        f"| design matrix of the judge, once | {cost['prepare_ns']:.0f} ns |",
+        f"| scores of the demonstrations, once | {cost['score_ns']:.0f} ns |",
+        f"| weights of the steps and the final design matrix, once | {cost['weigh_ns']:.0f} ns |",
+        f"| a pass that fits the final policy, in memory | {cost['pass_ns']:.0f} ns |",
         f"| of which the two products with the design matrix, at the least | {cost['product_flops']:,} flops, "
         f"{2 * cost['product_ns']:.0f} ns |",
         f"| kept by a worker | {cost['kept_bytes']:,} bytes |",
@@ -164,11 +183,11 @@ def render(found: dict[str, Any]) -> str:
         f"| a function with its parameters, for each part and pass | {cost['parameter_bytes']:,} |",
         f"| sums that come back, for each piece of 65,536 steps (or more, beyond "
         f"{cluster._SUMS_BYTES >> 20} MiB a pass) | {cost['sum_bytes']:,} |",
-        f"| verdicts, for each demonstration, once | {cost['verdict_bytes']:.0f} |",
+        f"| scores, for each demonstration, once | {cost['verdict_bytes']:.0f} |",
         "",
         f"This fit took {cost['passes']} passes; Dask takes {1e3 * cost['dispatch_s']:.1f} ms for a task.",
         "",
-        "| steps | workers (one core) | placing | a pass | sent in a pass | weights | whole fit | memory a worker |",
+        "| steps | workers of one core | placing, scores | a pass | sent in a pass | weights | whole fit | memory |",
         "|---|---|---|---|---|---|---|---|",
     ]
     for row in found["predictions"]:

@@ -69,10 +69,8 @@ def _timed(data: Any, engine: Engine) -> dict[str, float]:
     begun, said = time.perf_counter(), []
     _given(engine=engine, progress=lambda stage: said.append((time.perf_counter(), stage))).fit(data)
     end = time.perf_counter()
-    passes = [now for now, stage in said if stage.startswith("pass")]
-    verdicts = next((now for now, stage in said if stage == "verdicts"), end)
-    passes = [now for now in passes if now < verdicts] or [begun]
-    return {"seconds": end - begun, "pass": (verdicts - passes[0]) / len(passes), "gib": peak_gib()}
+    passes = [now for now, stage in said if stage.startswith("pass ")] or [begun]
+    return {"seconds": end - begun, "pass": (end - passes[0]) / len(passes), "gib": peak_gib()}
 
 
 def cluster(size: dict[str, int], repeats: int) -> Measured | Skipped:
@@ -97,7 +95,7 @@ def cluster(size: dict[str, int], repeats: int) -> Measured | Skipped:
 
 
 def _given(**told: Any) -> RPIL:
-    return RPIL(features="raw", search_features="raw", adversary="uniform", **told)
+    return RPIL(features="raw", search_features="raw", **told)
 
 
 def write_shards(path: Path, n_steps: int, n_features: int, n_actions: int) -> Path:

@@ -20,11 +20,13 @@ def test_it_measures_and_predicts(monkeypatch):
     found = cost.run(20_000, 3, 3, repetitions=1, with_dask=False)
     measured = found["cost"]
     assert measured["passes"] > 1
-    assert measured["n_columns"] == 7  # three observations, folded, and the constant
-    assert measured["product_flops"] == 4 * 7 * 3
-    assert measured["kept_bytes"] == 3 * 4 + 8 + 7 * 4 + 16
+    assert measured["judge_columns"] == 7  # three observations, folded, and the constant
+    assert measured["n_columns"] == 4
+    assert measured["product_flops"] == 4 * 4 * 3
+    assert measured["kept_bytes"] == 3 * 4 + 8 + 7 * 4 + 4 * 4 + 16
     assert 3 * 4 <= measured["read_bytes"] < 3 * 4 + 8
-    assert min(measured[name] for name in ("read_ns", "prepare_ns", "pass_ns", "product_ns", "sum_bytes")) > 0
+    names = ("read_ns", "prepare_ns", "score_ns", "weigh_ns", "pass_ns", "product_ns", "sum_bytes")
+    assert min(measured[name] for name in names) > 0
     few, many = (cost.predict(measured, 1e9, workers) for workers in (10, 100))
     assert few["memory_bytes"] == pytest.approx(10 * many["memory_bytes"])
     assert few["place_s"] == pytest.approx(10 * many["place_s"])

@@ -14,7 +14,6 @@ from concurrent.futures import CancelledError
 from contextlib import suppress
 from dataclasses import dataclass, field, fields, is_dataclass, replace
 from functools import cache, partial, reduce
-from operator import itemgetter
 from typing import Any, TypeVar
 
 import numpy as np
@@ -178,21 +177,18 @@ class Placed:
     Attributes
     ----------
     stage : _Stage
-    pick : tuple of callable
-        What is to be taken of each shard: too little work to keep what comes of it.
     added : bool
         Whether only sums over shards are wanted.
     """
 
     stage: _Stage
-    pick: tuple[Callable[[Any], Any], ...] = ()
     added: bool = False
 
     def map(self, function: Callable[[Any], R]) -> Iterator[R]:
         """All parts are worked on, and come back in order."""
-        wanted: tuple[Any, ...] = self.pick, function, None
+        wanted: tuple[Any, ...] = function, None
         if self.added:
-            wanted = self.pick, _light(function), _SUMS_BYTES // len(self.stage.parts)
+            wanted = _light(function), _SUMS_BYTES // len(self.stage.parts)
         tasks = {k: self.stage.submit(k, _results, *wanted) for k in range(len(self.stage.parts))}
         for k in list(tasks):
             for _ in range(_TRIES):
@@ -208,21 +204,11 @@ class Placed:
             yield from found
 
     def then(self, function: Callable[[Any], Any]) -> Placed:
-        if isinstance(function, itemgetter):
-            return replace(self, pick=(*self.pick, function))
         at = self.stage
-        return Placed(_Stage(at.client, at.parts, at.workers, at, _Chain((*self.pick, function))))
+        return Placed(_Stage(at.client, at.parts, at.workers, at, function))
 
     def summed(self) -> Placed:
         return replace(self, added=True)
-
-
-@dataclass(frozen=True)
-class _Chain:
-    functions: tuple[Callable[[Any], Any], ...]
-
-    def __call__(self, shard: Any) -> Any:
-        return reduce(lambda value, function: function(value), self.functions, shard)
 
 
 def _read(part: Iterable[Any]) -> Kept:
@@ -242,10 +228,10 @@ def _further(kept: Kept, function: Callable[[Any], Any]) -> Kept:
     return Kept.of((function(shard) for shard in kept.shards), besides=kept.shards)
 
 
-def _results(kept: Kept, pick: tuple[Any, ...], function: Callable[[Any], Any], n_bytes: int | None) -> list[Any]:
+def _results(kept: Kept, function: Callable[[Any], Any], n_bytes: int | None) -> list[Any]:
     """On a worker: something of each shard, to be sent; sums of as many as it takes to send `n_bytes`, if given."""
     _at_work()
-    found = [_Chain((*pick, function))(shard) for shard in kept.shards]
+    found = [function(shard) for shard in kept.shards]
     if n_bytes is None:
         return found
     one = sum(array.nbytes for array in _arrays(found[0]).values())
@@ -291,8 +277,6 @@ def _no_workers() -> DataError:
 
 def _only(function: Any, part: Any) -> Any:
     """`function` with what it needs to know of the demonstrations of `part`, and of no others."""
-    if isinstance(function, _Chain):
-        return _Chain(tuple(_only(one, part) for one in function.functions))
     if not hasattr(function, "only"):
         return function
     those = part.demonstrations if not isinstance(part, list) else _between(part[0], part[-1])
