@@ -135,26 +135,23 @@ def block_steps(request, monkeypatch):
     return request.param
 
 
-def blocked_problem(weighted: bool = False) -> Problem:
+def blocked_problem() -> Problem:
     lengths = np.array([1, 250, 3, 7, 7, 2, 1, 30])
     n = lengths.sum()
     rng = np.random.default_rng(0)
-    weight = rng.random(n) if weighted else None
     offsets = np.concatenate([[0], np.cumsum(lengths)])
-    return Problem(np.ones((n, 1)), rng.integers(3, size=n), offsets, Discrete(3), np.zeros(8, dtype=int), weight)
+    return Problem(np.ones((n, 1)), rng.integers(3, size=n), offsets, Discrete(3), np.zeros(8, dtype=int))
 
 
-@pytest.mark.parametrize("weighted", [False, True])
-def test_evidence_by_reliability(block_steps, weighted):
-    problem = blocked_problem(weighted)
+def test_evidence_by_reliability(block_steps):
+    problem = blocked_problem()
     rng = np.random.default_rng(1)
     log_pi, log_psi = -rng.gamma(2.0, size=(2, len(problem.actions)))
     log_pi[5], log_psi[6] = -900.0, -900.0  # below the smallest number there is
     nodes = np.array([0.0, 0.01, 0.5, 0.97, 1.0])
     found = evidence_by_reliability(problem, log_pi, log_psi, nodes)
-    weight = np.ones(len(problem.actions)) if problem.weight is None else problem.weight
     with np.errstate(divide="ignore"):
-        logs = np.logaddexp(np.log(nodes) + log_pi[:, None], np.log1p(-nodes) + log_psi[:, None]) * weight[:, None]
+        logs = np.logaddexp(np.log(nodes) + log_pi[:, None], np.log1p(-nodes) + log_psi[:, None])
     for m in range(8):
         expected = logs[problem.offsets[m] : problem.offsets[m + 1]].sum(axis=0)
         np.testing.assert_allclose(found[m], expected, rtol=1e-10)
@@ -198,12 +195,9 @@ def test_the_objective_never_falls(which, level):
 
 @pytest.mark.parametrize("level", LEVELS)
 @pytest.mark.parametrize("which", ["complement", "confusion"])
-def test_the_objective_never_falls_with_weights_and_splines(which, level):
+def test_the_objective_never_falls_with_splines(which, level):
     for seed in range(3):
-        toy = make("noisy", seed)
-        problem = toy.problem("spline")
-        weight = np.random.default_rng(seed).gamma(1.0, size=len(toy.actions))
-        problem = replace(problem, weight=weight)
+        problem = make("noisy", seed).problem("spline")
         history = run(problem, pooled_state(problem, which, LEVELS[level]()), max_iter=12, tol=0.0).history
         assert np.diff(history).min() >= -1e-10 * np.abs(history).max()
 
@@ -299,19 +293,6 @@ def test_select_is_the_same_data():
     np.testing.assert_array_equal(part.lengths, problem.lengths[[13, 2]])
     np.testing.assert_array_equal(part.labels, [-1, 0])
     np.testing.assert_array_equal(problem.select(np.array([13, 2]), unlabelled=True).labels, 0)
-
-
-def test_a_weight_of_two_is_a_step_taken_twice():
-    toy = tiny()
-    problem = toy.problem()
-    twice = np.repeat(np.arange(len(toy.actions)), 2)
-    doubled = replace(
-        problem, features=problem.features[twice], actions=problem.actions[twice], offsets=2 * problem.offsets
-    )
-    weighted = replace(problem, weight=np.full(len(toy.actions), 2.0))
-    state = tiny_state(problem, "uniform", TwoBetas.start())
-    results = [run(p, state, max_iter=5, tol=0.0) for p in (doubled, weighted)]
-    np.testing.assert_allclose(results[0].history, results[1].history, rtol=1e-9)
 
 
 def test_recovers_the_truth():

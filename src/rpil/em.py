@@ -92,8 +92,8 @@ def evidence_by_reliability(problem: Problem, log_pi: Array, log_psi: Array, nod
     """log prod_n [rho pi + (1 - rho) psi] of every demonstration at every rho of the grid, (M, J)."""
     out = np.empty((problem.n_demonstrations, len(nodes)))
     # At the ends the mixture is one of the two, to the last bit and below the smallest number there is.
-    out[:, nodes == 1.0] = problem.sum_steps(_weighted(problem, log_pi))[:, None]
-    out[:, nodes == 0.0] = problem.sum_steps(_weighted(problem, log_psi))[:, None]
+    out[:, nodes == 1.0] = problem.sum_steps(log_pi)[:, None]
+    out[:, nodes == 0.0] = problem.sum_steps(log_psi)[:, None]
     inside = (nodes > 0.0) & (nodes < 1.0)
     if not inside.any():
         return out
@@ -106,10 +106,8 @@ def evidence_by_reliability(problem: Problem, log_pi: Array, log_psi: Array, nod
         mixture = rho * mine[steps]
         mixture += against * other[steps]
         np.log(mixture, out=mixture)
-        if problem.weight is not None:
-            mixture *= problem.weight[steps]
         total[:, demonstrations] += np.add.reduceat(mixture, begins, axis=1, dtype=float)
-    out[:, inside] = total.T + problem.sum_steps(_weighted(problem, top))[:, None]
+    out[:, inside] = total.T + problem.sum_steps(top)[:, None]
     return out
 
 
@@ -132,10 +130,6 @@ def expert_steps(problem: Problem, log_ratio: Array, by_node: Array, nodes: Arra
         np.divide(np.repeat(weight[:, demonstrations], lengths, axis=1), share, out=share)
         out[steps] += share.sum(axis=0)
     return np.clip(out, 0.0, 1.0)
-
-
-def _weighted(problem: Problem, values: Array) -> Array:
-    return values if problem.weight is None else values * problem.weight
 
 
 def e_step(problem: Problem, state: State, outputs: Array) -> Posterior:
@@ -169,9 +163,7 @@ def m_step(
 
     ``mode="expert_only"`` drops the adversary's term from the policy's problem, as the paper's own code does.
     """
-    expert = posterior.step if problem.weight is None else posterior.step * problem.weight
-    adversary = (1 - posterior.step) if problem.weight is None else (1 - posterior.step) * problem.weight
-    lesson = None
+    expert, adversary, lesson = posterior.step, 1 - posterior.step, None
     if mode == "joint":
         intended = state.adversary.intended(posterior.outputs, problem.actions)
         lesson = None if intended is None else adversary[:, None] * intended
