@@ -19,7 +19,6 @@ from rpil.policies.networks import untrained
 from rpil.policies.torch import _learn_and_judge, _units
 from rpil.priors import Share
 from rpil.problem import Problem
-from rpil.reliability import PointMasses, TwoBetas
 from rpil.spaces import Box, Discrete
 
 torch = pytest.importorskip("torch", reason="torch is not installed: pip install 'rpil[torch]'")
@@ -54,11 +53,10 @@ def wave(x: np.ndarray) -> np.ndarray:
     return np.stack([np.sin(2 * x[:, 0]), np.abs(x[:, 1]) - 1], axis=1)
 
 
-def robust(problem: Problem, policy: TorchPolicy, level: type | None = None, max_iter: int = 25) -> Result:
+def robust(problem: Problem, policy: TorchPolicy, max_iter: int = 25) -> Result:
     """EM from trusting everybody."""
     policy, outputs = policy.learn(problem, np.ones(len(problem.actions)))
-    reliability = TwoBetas.start() if level is None else level()
-    state = State(policy, adversary("uniform", problem.space, policy), Share(), reliability)
+    state = State(policy, adversary("uniform", problem.space, policy), Share())
     return run(problem, state, outputs=outputs, mode="expert_only", max_iter=max_iter, tol=1e-3)
 
 
@@ -200,7 +198,7 @@ def test_a_nonlinear_expert_among_many_who_act_at_random(seed):
     assert result.converged
     # cross-fitted outputs are never worse than before, so that EM's promise holds for a network too
     assert np.diff(result.history).min() >= -1e-4 * np.abs(result.history).max()
-    weight = problem.spread(result.posterior.expert) * result.posterior.step
+    weight = problem.spread(result.posterior.expert)
     clean = accuracy(TorchPolicy(seed=seed).finished(problem, problem.spread(good.astype(float))))
     assert accuracy(result.state.policy.finished(problem, weight)) > clean - 0.02
     assert clean > 0.9
@@ -210,8 +208,8 @@ def test_a_large_network_memorises_bad_data_only_in_sample():
     """Eighteen useless observations are enough to remember every single step by."""
     problem, good = nonlinear(0, n_idle=18)
     large = {"hidden": (256,), "epochs": 60, "patience": None}
-    in_sample = robust(problem, TorchPolicy(n_folds=1, **large), level=PointMasses, max_iter=8)
-    crossed = robust(problem, TorchPolicy(hidden=(256,)), level=PointMasses, max_iter=8)
+    in_sample = robust(problem, TorchPolicy(n_folds=1, **large), max_iter=8)
+    crossed = robust(problem, TorchPolicy(hidden=(256,)), max_iter=8)
     assert in_sample.posterior.expert[~good].mean() > 0.9
     assert crossed.posterior.expert[~good].mean() < 0.1
     assert roc_auc_score(good, crossed.posterior.log_odds) > 0.95
@@ -224,7 +222,7 @@ def test_continuous_actions():
     policy = result.state.policy
     noise = policy.trained.head.noise
     assert np.sqrt(np.diag(noise.cholesky @ noise.cholesky.T)) == pytest.approx([0.1, 0.1], abs=0.08)
-    final = policy.finished(problem, problem.spread(result.posterior.expert) * result.posterior.step)
+    final = policy.finished(problem, problem.spread(result.posterior.expert))
     x = np.random.default_rng(9).uniform(-1.5, 1.5, size=(2000, 2))
     assert np.abs(final.outputs(x) - wave(x)).mean() < 0.1
     np.testing.assert_array_equal(final.tempered(3.0).outputs(x), final.outputs(x))
@@ -356,7 +354,7 @@ def test_the_m_step_needs_no_branch():
     """The joint M-step with an adversary that teaches: soft targets reach the network."""
     problem, _ = nonlinear(0, n=8, n_bad=2)
     policy, outputs = TorchPolicy(hidden=(16,), epochs=5).learn(problem, np.ones(len(problem.actions)))
-    state = State(policy, adversary("confusion", problem.space, policy), Share(), TwoBetas.start())
+    state = State(policy, adversary("confusion", problem.space, policy), Share())
     first = run(problem, state, outputs=outputs, max_iter=0)
     new, after = m_step(problem, first.state, first.posterior)
     assert after.shape == outputs.shape
