@@ -9,7 +9,7 @@ import pytest
 from scipy.special import logit
 
 from audits import make_audit
-from problems import Toy, make, pooled_state
+from problems import make, pooled_state
 from rpil import RPIL
 from rpil.audit import SURE, Audit, Interval
 from rpil.em import Posterior, Result, run

@@ -6,7 +6,6 @@ import json
 import re
 import warnings
 from dataclasses import replace
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
 

@@ -127,8 +127,7 @@ def test_single_precision_costs_precision_and_nothing_else(which):
         double = toy.problem("spline")
         single = replace(double, features=double.features.astype(np.float32))
         histories = [
-            run(problem, pooled_state(double, which), max_iter=8, tol=0.0).history
-            for problem in (double, single)
+            run(problem, pooled_state(double, which), max_iter=8, tol=0.0).history for problem in (double, single)
         ]
         scale = np.abs(histories[0]).max()
         assert np.diff(histories[1]).min() >= -1e-6 * scale, name

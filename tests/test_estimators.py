@@ -196,9 +196,7 @@ def test_clone_and_parameters():
     model = RPIL("spline", adversary="uniform", prior=(3, 2), labels={"d0": "expert"}, n_single=1)
     assert clone(model).get_params() == model.get_params()
     assert model.set_params(C=2.0).C == 2.0
-    assert {"features", "adversary", "prior", "C", "m_step", "labels", "random_state"} <= set(
-        RPIL().get_params()
-    )
+    assert {"features", "adversary", "prior", "C", "m_step", "labels", "random_state"} <= set(RPIL().get_params())
     toy = make("random", 0)
     assert not hasattr(clone(model.fit(toy.demonstrations)), "audit_")
     np.testing.assert_array_equal(pickle.loads(pickle.dumps(model)).log_odds_, model.log_odds_)  # noqa: S301

@@ -111,9 +111,7 @@ def test_who_is_judged_was_not_trained_on():
 def test_labels_are_taken_as_certain():
     toy = make("flipped", 1, n_good=5, n_bad=7, steps=(30, 40))
     labels = {f"d{m}": "adversary" for m in range(5, 9)} | {"d0": "expert"}
-    found = reweight(
-        Linear(), toy.demonstrations, log_prob=log_prob, train=train, labels=labels
-    )
+    found = reweight(Linear(), toy.demonstrations, log_prob=log_prob, train=train, labels=labels)
     assert (found.audit.log_odds[5:9] < -10).all()
     assert found.audit.log_odds[0] > 10
     assert found.step_weight[toy.groups == 6].max() < 0.01

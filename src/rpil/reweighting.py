@@ -232,9 +232,7 @@ def reweight(
     with threadpool_limits(1, "blas"):
         states = FeatureMap.fit("folded", demonstrations.observations).design(demonstrations.observations)
     problem = Problem(states, codes, demonstrations.offsets, space, given)
-    theirs = _Theirs(
-        policy, problem, demonstrations, log_prob, train, n_folds, max_rounds, progress, seed=random_state
-    )
+    theirs = _Theirs(policy, problem, demonstrations, log_prob, train, n_folds, max_rounds, progress, seed=random_state)
     judgement = judge(problem, theirs, Settings(random_state, minority), progress)
     audit = audit_of(judgement, problem, demonstrations.ids)
     n_rounds = theirs.found[problem.spread(judgement.teachers.astype(float)).tobytes()][1]
