@@ -80,6 +80,16 @@ def test_three_quarters_that_act_alike_are_not_taken_for_the_expert(small, monke
 
 
 @pytest.mark.parametrize("maker", MAKERS)
+@pytest.mark.parametrize("labels", [{"d0": "expert"}, {"d100": "adversary"}])
+def test_one_label_says_which_group_is_the_expert(small, monkeypatch, maker, labels):
+    toy, data = demonstrations("flipped", 1, n_good=30, n_bad=90, maker=maker)
+    model, other = both(data, monkeypatch, labels=labels)
+    assert_alike(model, other)
+    assert model.audit_.identifiable
+    assert roc_auc_score(toy.is_good, model.log_odds_) > 0.99
+
+
+@pytest.mark.parametrize("maker", MAKERS)
 def test_what_a_minority_is_thought_to_be(small, monkeypatch, maker):
     toy, data = demonstrations("flipped", 1, n_good=90, n_bad=30, maker=maker)
     distrusted, other = both(data, monkeypatch, minority="distrust")

@@ -322,12 +322,11 @@ def _fit_policy(
     lessons = ready.then(weigh)
     log_ratio, step_weights, total = gathered(lessons.map(_of_steps), int(data.offsets[-1]), not in_memory)
     model.audit_ = replace(model.audit_, step_log_ratio=log_ratio, step_weight=step_weights)
-    first: Any = linear_policy(space, ridge_of(read, model.C, weight.sum(), space), weight.sum())
-    first = first.learn(some, weight)[0]
-    final_ridge, more = ridge_of(read, model.C, total, space), total / weight.sum()
+    ridge, final_ridge = (ridge_of(read, model.C, steps, space) for steps in (weight.sum(), total))
+    first: Any = linear_policy(space, ridge, weight.sum()).learn(some, weight)[0]
 
     def prime(at: Any) -> Any:
-        return at.primed(some, weight, final_ridge, more, remembers=True)
+        return at.primed(some, weight, final_ridge, total / weight.sum(), remembers=True)
 
     checkpoint = _checkpoint(model, data, few)
     begun = checkpoint.read() if checkpoint else None

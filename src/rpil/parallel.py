@@ -1,6 +1,6 @@
 """Independent work on the machine's cores.
 
-EM runs share threads: NumPy lets go of the interpreter in its loops. What Python itself has to do, environments above
+Fits share threads: NumPy lets go of the interpreter in its loops. What Python itself has to do, environments above
 all, needs processes.
 """
 

@@ -1,7 +1,7 @@
-"""Who runs a pass: this process on data in memory, or on data that it reads anew for every pass; or a cluster.
+"""What runs a pass: this process on data in memory, or on data that it reads anew for every pass; or a cluster.
 
 An engine is given parts of the data and keeps a *shard* of each, wherever it likes. A pass is a function of one shard;
-its results come back in the order of the parts, so that sums do not depend on who was first.
+its results come back in the order of the parts, so that sums do not depend on which was first.
 """
 
 from __future__ import annotations

@@ -43,7 +43,7 @@ _TRIES = 5
 """How often a part is asked for before a cluster that loses it time and again is given up."""
 
 _PATIENCE = 60.0
-"""Seconds without any worker after which nobody is expected to come back."""
+"""Seconds without any worker after which none is expected to come back."""
 
 
 def connect(address: str, timeout: float | None = None) -> Any:
@@ -52,7 +52,7 @@ def connect(address: str, timeout: float | None = None) -> Any:
     Raises
     ------
     DataError
-        Where nothing answers within `timeout` seconds (`TIMEOUT`, if not given), or nobody works there.
+        Where nothing answers within `timeout` seconds (`TIMEOUT`, if not given), or it has no workers.
     MissingExtraError
     """
     distributed = _distributed()
@@ -133,7 +133,7 @@ class _Stage:
     client : distributed.Client
     parts : list
     workers : list of str
-        Who is to hold each part, as long as it lives.
+        Address of the worker that is to hold each part, as long as it lives.
     before : _Stage, optional
         What this one is made from, by
     function : callable, optional

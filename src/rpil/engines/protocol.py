@@ -15,7 +15,7 @@ class Shards(Protocol):
         """The result for each shard, brought here, in order.
 
         An engine may know a faster way of a pass, by the function or, in a `functools.partial`, by its `func`: one that
-        says the same of a shard but for rounding. Whoever asks for the pass does not notice.
+        says the same of a shard but for rounding. The caller sees no difference.
         """
 
     def then(self, function: Callable[[Any], Any]) -> Shards:

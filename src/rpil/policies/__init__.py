@@ -15,10 +15,10 @@ __all__ = ["AdditivePolicy", "Policy", "SoftmaxPolicy", "StudentPolicy", "linear
 
 
 class Policy(Protocol):
-    """What EM needs of a policy; instances are immutable.
+    """What a fit needs of a policy; instances are immutable.
 
     A policy's *outputs* are what it says of each step before the action is looked at: the log-probabilities of all
-    actions (N, K), or the means of the actions' distribution (N, A). Whoever fits a policy gets them with it.
+    actions (N, K), or the means of the actions' distribution (N, A). A fit returns them with the policy.
     """
 
     def outputs(self, features: Array) -> Array:

@@ -7,7 +7,7 @@ such steps happen. Student's distribution is a Gaussian whose precision is Gamma
 least squares, repeated (Lange, Little and Taylor 1989), in which nu is chosen by the likelihood itself (ECME, Liu and
 Rubin 1994). All of it needs sums over steps only.
 
-A box ends somewhere. Who pushes as hard as it allows may have meant more, so that a mean beyond the bound is nearly as
+A box ends somewhere. A demonstrator at a bound may have meant more, so that a mean beyond the bound is nearly as
 good as one on it: errors at a bound count on one side, as in censored regression (Tobin 1958), and hardly on the
 other. Steps beyond say next to nothing then, so that every part of an action has least squares of its own: a Newton
 step for a function with such kinks, shortened where it leads too far.
@@ -29,8 +29,8 @@ _FREEDOM = np.array([1.0, 2.0, 3.0, 5.0, 8.0, 15.0, 30.0, 100.0])
 """Degrees of freedom to choose from: Cauchy's distribution to all but a Gaussian."""
 
 _LEAST_SPREAD = 0.01
-"""Of a dimension's box: a standard deviation that no policy goes much below. Who does exactly the same time and again,
-as at the bounds of the box, would else be infinitely likely, and nothing but those steps would count."""
+"""Of a dimension's box: a standard deviation that no policy goes much below. Actions that are exactly
+the same time and again, as at the bounds of the box, would else be infinitely likely, and no other step would count."""
 
 _START_FREEDOM = 5.0
 

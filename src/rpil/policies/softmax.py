@@ -12,7 +12,7 @@ from rpil.problem import Problem
 from rpil.solvers import Path, Preconditioner, fit_softmax
 
 _PRECONDITIONER_FITS = 10
-"""Warm-started fits that one preconditioner serves: EM moves little in so many iterations."""
+"""Warm-started fits that one preconditioner serves: the steps of EM are small."""
 
 
 _UNSEEN = 0.25
