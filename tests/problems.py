@@ -16,12 +16,9 @@ from rpil.features import FeatureMap
 from rpil.policies import linear_policy
 from rpil.priors import Share
 from rpil.problem import Problem
-from rpil.reliability import PointMasses, Reliability, TwoBetas
 from rpil.spaces import Box, Discrete, Space
 
 Array = NDArray[Any]
-
-LEVELS = {"demonstration": PointMasses, "both": TwoBetas.start}
 
 
 @dataclass(frozen=True, eq=False)
@@ -232,8 +229,8 @@ def ridge(problem: Problem) -> Array:
     return penalty
 
 
-def pooled_state(problem: Problem, which: str, reliability: Reliability) -> State:
+def pooled_state(problem: Problem, which: str) -> State:
     """Where EM starts by default: the policy that trusts everybody."""
     zero = linear_policy(problem.space, ridge(problem), len(problem.actions))
     policy, _ = zero.learn(problem, np.ones(len(problem.actions)))
-    return State(policy, adversary(which, problem.space, zero), Share(), reliability)
+    return State(policy, adversary(which, problem.space, zero), Share())

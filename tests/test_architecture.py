@@ -19,7 +19,7 @@ FILES = sorted(path for path in ROOT.rglob("*.py") if path != ROOT / "__init__.p
 ORDER = [
     "errors", "_arrays", "files", "demonstrations", "formats",
     "passes", "spaces", "demonstrators", "problem", "parallel", "splines", "features", "solvers", "engines",
-    "policies", "adversaries", "priors", "reliability",
+    "policies", "adversaries", "priors",
     "em", "search", "judge", "suggestions", "recalibration", "audit", "verdicts",
     "polish", "inputs", "mixture", "selection", "large", "tensors", "cloning", "assumptions", "estimators", "rment",
     "reweighting",

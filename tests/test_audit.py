@@ -9,15 +9,14 @@ import pytest
 from scipy.special import logit
 
 from audits import make_audit
-from problems import Toy, make, pooled_state
+from problems import make, pooled_state
 from rpil import RPIL
 from rpil.audit import SURE, Audit, Interval
 from rpil.em import Posterior, Result, run
 from rpil.errors import DataError
 from rpil.problem import Problem
-from rpil.reliability import TwoBetas, beta_table
 from rpil.spaces import Discrete
-from rpil.verdicts import WHOLE, summarise
+from rpil.verdicts import WHOLE, step_weight, summarise
 
 SHARE = Interval(0.3, 0.2, 0.4)
 IDS = ("a", "b", "c", "d", "e")
@@ -28,18 +27,15 @@ def told(
     log_odds: tuple[float, ...],
     *,
     labels: tuple[int, ...] = (0,) * 5,
-    node: tuple[int, ...] = (31, 31, 3, 3, 3),
     log_ratio: np.ndarray | None = None,
 ) -> Audit:
-    """The audit of five demonstrations whose reliabilities are known: those of the grid's nodes `node`."""
+    """The audit of five demonstrations."""
     offsets = np.concatenate([[0], np.cumsum(LENGTHS)])
     n = int(offsets[-1])
     problem = Problem(np.ones((n, 1)), np.zeros(n, dtype=int), offsets, Discrete(3), np.array(labels))
-    state = pooled_state(problem, "uniform", TwoBetas.start())
-    joint = np.zeros((5, 2, len(beta_table().nodes)))
-    joint[np.arange(5), 0, node] = 1.0
+    state = pooled_state(problem, "uniform")
     ratio = np.linspace(-1, 1, n) if log_ratio is None else log_ratio
-    posterior = Posterior(np.array(log_odds), joint, np.linspace(0, 1, n), np.zeros(5), ratio, np.zeros((n, 3)))
+    posterior = Posterior(np.array(log_odds), np.zeros(5), np.zeros(5), ratio, np.zeros((n, 3)))
     result = Result(state, posterior, np.array([-2.0, -1.0]), True)
     return summarise(problem, result, SHARE, IDS)
 
@@ -88,45 +84,37 @@ def test_worst_steps_are_the_most_negative_first_and_no_positive_ones():
     np.testing.assert_array_equal(found.step_log_ratio[found.steps(2)], [-1.0, -3.0, 2.0, -1.0])
 
 
-def test_reliability_is_the_posterior_mean_with_its_interval():
-    nodes = beta_table().nodes
-    found = told((0.0,) * 5, node=(31, 20, 10, 3, 0))
-    np.testing.assert_allclose(found.reliability, nodes[[31, 20, 10, 3, 0]])
-    np.testing.assert_allclose(found.reliability_interval, nodes[[31, 20, 10, 3, 0]][:, None] * [1, 1])
-    toy = make("noisy", 0)
-    real = audit_of(toy)
-    low, high = real.reliability_interval.T
-    assert ((low <= real.reliability) & (real.reliability <= high)).all()
+def test_all_steps_of_a_demonstration_are_trusted_alike():
+    found = told((50.0, -50.0, 0.0, 2.0, -2.0))
+    np.testing.assert_array_equal(found.reliability, found.expert_proba)
+    np.testing.assert_array_equal(found.reliability_interval, found.expert_proba[:, None] * [1, 1])
+    np.testing.assert_array_equal(found.step_weight, np.repeat(found.expert_proba, LENGTHS))
 
 
-def audit_of(toy: Toy) -> Audit:
-    problem = toy.problem()
-    result = run(problem, pooled_state(problem, "uniform", TwoBetas.start()), max_iter=50)
-    return summarise(problem, result, SHARE, toy.ids)
+def weighed(proba: list[float], reliability: list[float]) -> tuple[list[np.ndarray], list[np.ndarray]]:
+    """Weights of the steps of each demonstration, and P(the step is an expert's) of each."""
+    step, ends = np.linspace(0, 1, 15), np.cumsum(LENGTHS)[:-1]
+    weight = step_weight(LENGTHS, np.array(proba), np.array(reliability), step)
+    return np.split(weight, ends), np.split(step, ends)
 
 
 def test_weights_of_steps():
     """Every step of a wholly reliable expert counts in full; others as far as they are the expert's."""
-    nodes = beta_table().nodes
-    whole, partly = int(np.argmax(nodes >= WHOLE)), int(np.argmax(nodes >= 0.5))
-    found = told((50.0, -50.0, 50.0, -50.0, 0.0), node=(whole, whole, partly, partly, whole))
-    step = np.linspace(0, 1, 15)
-    np.testing.assert_allclose(found.step_weight[found.steps(0)], 1.0)
-    np.testing.assert_allclose(found.step_weight[found.steps(1)], 0.0, atol=1e-12)
-    np.testing.assert_allclose(found.step_weight[found.steps(2)], step[4:8])
-    np.testing.assert_allclose(found.step_weight[found.steps(3)], 0.0, atol=1e-12)
-    np.testing.assert_allclose(found.step_weight[found.steps(4)], 0.5)
+    found, step = weighed([1.0, 0.0, 1.0, 0.0, 0.5], [1.0, 1.0, 0.5, 0.5, WHOLE])
+    np.testing.assert_allclose(found[0], 1.0)
+    np.testing.assert_allclose(found[1], 0.0, atol=1e-12)
+    np.testing.assert_allclose(found[2], step[2])
+    np.testing.assert_allclose(found[3], 0.0, atol=1e-12)
+    np.testing.assert_allclose(found[4], 0.5)
 
 
 def test_what_all_experts_fail_in_is_the_policys_misfit():
     """Where the typical expert is only half reliable, so is the policy: all of their steps are trained on."""
-    partly, hardly = (int(np.argmax(beta_table().nodes >= rho)) for rho in (0.5, 0.1))
-    found = told((50.0, 50.0, 50.0, 50.0, -50.0), node=(partly, partly, partly, hardly, partly))
-    step = np.linspace(0, 1, 15)
+    found, step = weighed([1.0, 1.0, 1.0, 1.0, 0.0], [0.5, 0.5, 0.5, 0.1, 0.5])
     for m in range(3):
-        np.testing.assert_allclose(found.step_weight[found.steps(m)], 1.0)
-    np.testing.assert_allclose(found.step_weight[found.steps(3)], step[found.steps(3)])
-    np.testing.assert_allclose(found.step_weight[found.steps(4)], 0.0, atol=1e-12)
+        np.testing.assert_allclose(found[m], 1.0)
+    np.testing.assert_allclose(found[3], step[3])
+    np.testing.assert_allclose(found[4], 0.0, atol=1e-12)
 
 
 def test_the_share_is_the_one_given():
@@ -158,7 +146,7 @@ def test_to_dict_of_numpy_ids_is_json():
     toy = make("random", 0)
     ids = tuple(np.arange(12).tolist())
     problem = toy.problem()
-    result = run(problem, pooled_state(problem, "uniform", TwoBetas.start()), max_iter=5)
+    result = run(problem, pooled_state(problem, "uniform"), max_iter=5)
     found = summarise(problem, result, SHARE, ids)
     json.dumps(found.to_dict(), allow_nan=False)
     assert found.adversary == "uniform"

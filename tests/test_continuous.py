@@ -16,7 +16,7 @@ from sklearn.base import clone
 from sklearn.linear_model import LinearRegression, LogisticRegression
 from sklearn.metrics import r2_score, roc_auc_score
 
-from problems import LEVELS, Toy, continuous_zoo, make, make_continuous, pooled_state
+from problems import Toy, continuous_zoo, make, make_continuous, pooled_state
 from rpil import cli, formats, plots
 from rpil.adversaries import ADVERSARIES, UniformBox
 from rpil.cloning import BehavioralCloning
@@ -52,24 +52,21 @@ def one_sentence(error: Any) -> bool:
 # ---- EM --------------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("level", LEVELS)
 @pytest.mark.parametrize("which", ADVERSARIES["continuous"])
-def test_the_objective_never_falls(which, level):
+def test_the_objective_never_falls(which):
     for name, toy in ZOO.items():
         problem = toy.problem()
-        state = pooled_state(problem, which, LEVELS[level]())
+        state = pooled_state(problem, which)
         history = run(problem, state, max_iter=12, tol=0.0).history
         assert np.isfinite(history).all(), name
         assert np.diff(history).min() >= -1e-9 * np.abs(history).max(), name
 
 
 @pytest.mark.parametrize("which", ADVERSARIES["continuous"])
-def test_the_objective_never_falls_with_weights_and_splines(which):
+def test_the_objective_never_falls_with_splines(which):
     for seed in range(3):
-        toy = make_continuous("window", seed)
-        weight = np.random.default_rng(seed).gamma(1.0, size=len(toy.actions))
-        problem = replace(toy.problem("spline"), weight=weight)
-        history = run(problem, pooled_state(problem, which, LEVELS["both"]()), max_iter=12, tol=0.0).history
+        problem = make_continuous("window", seed).problem("spline")
+        history = run(problem, pooled_state(problem, which), max_iter=12, tol=0.0).history
         assert np.diff(history).min() >= -1e-9 * np.abs(history).max()
 
 
@@ -195,10 +192,10 @@ def test_every_adversary(which, kind):
         assert roc_auc_score(toy.is_good, model.log_odds_) == 1.0
 
 
-def test_an_instance_and_the_papers_level_and_prior():
+def test_an_instance_and_the_given_prior():
     toy = make_continuous("random", 0, **MANY)
     box = Box.around(toy.actions)
-    model = RPIL(adversary=UniformBox(box.log_volume), level="demonstration", prior=0.5).fit(toy.demonstrations)
+    model = RPIL(adversary=UniformBox(box.log_volume), prior=0.5).fit(toy.demonstrations)
     assert right(model, toy)
     assert model.audit_.prior.mean == 0.5
 
@@ -458,8 +455,7 @@ def test_an_adversary_for_other_actions_is_refused():
 def test_the_audit_of_an_e_step_is_finite_for_long_demonstrations():
     toy = make_continuous("random", 0, n_good=2, n_bad=2, steps=(3000, 3000))
     problem = toy.problem()
-    for level in LEVELS:
-        state = pooled_state(problem, "uniform", LEVELS[level]())
-        posterior = e_step(problem, state, state.policy.outputs(problem.features))
-        assert np.isfinite(posterior.log_odds).all()
-        assert np.isfinite(posterior.step).all()
+    state = pooled_state(problem, "uniform")
+    posterior = e_step(problem, state, state.policy.outputs(problem.features))
+    assert np.isfinite(posterior.log_odds).all()
+    assert np.isfinite(posterior.expert).all()

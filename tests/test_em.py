@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 from dataclasses import replace
 
 import numpy as np
@@ -10,14 +9,12 @@ import pytest
 from numpy.typing import NDArray
 from scipy.special import expit, log_softmax, logit
 
-from problems import LEVELS, Toy, make, pooled_state, ridge, zoo
-from rpil import problem as problem_module
+from problems import Toy, make, pooled_state, ridge, zoo
 from rpil.adversaries import ADVERSARIES, Complement, Uniform, adversary
-from rpil.em import State, e_step, evidence_by_reliability, expert_steps, lower_bound, m_step, run
+from rpil.em import State, e_step, lower_bound, m_step, run
 from rpil.policies import SoftmaxPolicy
 from rpil.priors import Share
 from rpil.problem import Problem
-from rpil.reliability import ADVERSARY, EXPERT, PointMasses, TwoBetas
 from rpil.spaces import Discrete
 
 ZOO = zoo(0)
@@ -28,11 +25,11 @@ def tiny(seed: int = 0, labels: tuple[int, ...] = (0, 0, 0, 0), n_actions: int =
     return toy.labelled(dict(enumerate(labels)))
 
 
-def tiny_state(problem: Problem, which: str, reliability, seed: int = 0) -> State:
+def tiny_state(problem: Problem, which: str, seed: int = 0) -> State:
     """Parameters at no special place."""
     rng = np.random.default_rng(seed)
     policy = SoftmaxPolicy(rng.normal(size=(problem.features.shape[1], problem.space.n)), ridge(problem))
-    return State(policy, adversary(which, problem.space, policy), Share(0.3), reliability)
+    return State(policy, adversary(which, problem.space, policy), Share(0.3))
 
 
 def likelihoods(problem: Problem, state: State) -> tuple[NDArray, NDArray]:
@@ -43,65 +40,43 @@ def likelihoods(problem: Problem, state: State) -> tuple[NDArray, NDArray]:
 
 
 @pytest.mark.parametrize("labels", [(0, 0, 0, 0), (1, -1, 0, 0)])
-@pytest.mark.parametrize("level", LEVELS)
 @pytest.mark.parametrize("which", ["uniform", "complement", "confusion"])
-def test_e_step_is_enumeration(which, level, labels):
-    """Sum over groups, reliabilities and over who took each step."""
+def test_e_step_is_enumeration(which, labels):
     problem = tiny(labels=labels).problem()
-    state = tiny_state(problem, which, LEVELS[level]())
+    state = tiny_state(problem, which)
     pi, psi = likelihoods(problem, state)
-    nodes, share = state.reliability.nodes, np.exp(state.reliability.log_weight)
-    group_prior = {EXPERT: 0.3, ADVERSARY: 0.7}
     posterior = e_step(problem, state, state.policy.log_proba(problem.features))
     for m in range(problem.n_demonstrations):
-        steps = np.arange(problem.offsets[m], problem.offsets[m + 1])
-        joint = np.zeros((2, len(nodes)))
-        by_step = np.zeros(len(steps))
-        for z, j in itertools.product((EXPERT, ADVERSARY), range(len(nodes))):
-            total, mine = 0.0, np.zeros(len(steps))
-            for who in itertools.product((0, 1), repeat=len(steps)):  # 1: the expert took the step
-                who = np.array(who)
-                path = np.prod(np.where(who, nodes[j] * pi[steps], (1 - nodes[j]) * psi[steps]))
-                total += path
-                mine += path * who
-            joint[z, j] = group_prior[z] * share[z, j] * total
-            by_step += joint[z, j] * mine / total * allowed(labels[m], z) if total > 0 else 0.0
-        odds = joint[EXPERT].sum() / joint[ADVERSARY].sum()
-        assert posterior.log_odds[m] == pytest.approx(np.log(odds), abs=1e-9)
-        joint *= [[allowed(labels[m], EXPERT)], [allowed(labels[m], ADVERSARY)]]
-        assert posterior.log_evidence[m] == pytest.approx(np.log(joint.sum()), abs=1e-9)
-        np.testing.assert_allclose(posterior.joint[m], joint / joint.sum(), atol=1e-12)
-        np.testing.assert_allclose(posterior.step[steps], by_step / joint.sum(), atol=1e-9)
+        steps = slice(problem.offsets[m], problem.offsets[m + 1])
+        expert, bad = 0.3 * np.prod(pi[steps]), 0.7 * np.prod(psi[steps])
+        assert posterior.log_odds[m] == pytest.approx(np.log(expert / bad), abs=1e-9)
+        expert, bad = expert * (labels[m] >= 0), bad * (labels[m] <= 0)
+        assert posterior.log_evidence[m] == pytest.approx(np.log(expert + bad), abs=1e-9)
+        assert posterior.expert[m] == pytest.approx(expert / (expert + bad), abs=1e-12)
     np.testing.assert_allclose(posterior.log_ratio, np.log(pi / psi), atol=1e-9)
-    np.testing.assert_allclose(posterior.expert, posterior.joint[:, EXPERT].sum(axis=1))
-
-
-def allowed(label: int, group: int) -> float:
-    return float(label == 0 or (label > 0) == (group == EXPERT))
 
 
 def test_lower_bound_is_likelihood_and_priors():
     problem = tiny().problem()
-    state = tiny_state(problem, "confusion", TwoBetas.start())
+    state = tiny_state(problem, "confusion")
     posterior = e_step(problem, state, state.policy.log_proba(problem.features))
     prior = np.log(0.3) + np.log(0.7)  # Beta(2, 2)
     own = state.adversary.log_prior() - 0.5 * (state.policy.ridge[:, None] * state.policy.weights**2).sum()
-    expected = posterior.log_evidence.sum() + prior + state.reliability.log_prior() + own
+    expected = posterior.log_evidence.sum() + prior + own
     assert lower_bound(state, posterior) == pytest.approx(expected)
 
 
 @pytest.mark.parametrize("n_actions", [2, 4])
 @pytest.mark.parametrize("which", ["uniform", "complement", "normalised complement"])
 def test_the_papers_model_is_its_equation_11(which, n_actions):
-    """delta_m = logit p + sum_n log pi - log psi, exactly, and responsibilities of steps are the demonstration's."""
+    """delta_m = logit p + sum_n log pi - log psi, exactly."""
     problem = make("random", 1, n_actions=n_actions).problem()
-    state = tiny_state(problem, which, PointMasses())
+    state = tiny_state(problem, which)
     posterior = e_step(problem, state, state.policy.log_proba(problem.features))
     ratio = np.log(likelihoods(problem, state)[0]) - np.log(likelihoods(problem, state)[1])
     delta = logit(0.3) + np.add.reduceat(ratio, problem.offsets[:-1])
     np.testing.assert_allclose(posterior.log_odds, delta, rtol=1e-12)
     np.testing.assert_allclose(posterior.expert, expit(delta), rtol=1e-9)
-    np.testing.assert_allclose(posterior.step, problem.spread(expit(delta)), rtol=1e-9)
 
 
 def long_demonstrations(n_steps: int) -> tuple[Problem, NDArray]:
@@ -115,90 +90,34 @@ def long_demonstrations(n_steps: int) -> tuple[Problem, NDArray]:
     ), log_proba
 
 
-@pytest.mark.parametrize("level", LEVELS)
 @pytest.mark.parametrize("which", ADVERSARIES["discrete"])
-def test_log_odds_of_long_demonstrations_are_finite(which, level):
+def test_log_odds_of_long_demonstrations_are_finite(which):
     problem, log_proba = long_demonstrations(2000)
-    state = tiny_state(problem, which, LEVELS[level]())
+    state = tiny_state(problem, which)
     posterior = e_step(problem, state, log_proba)
-    for values in (posterior.log_odds, posterior.log_evidence, posterior.step, posterior.joint):
+    for values in (posterior.log_odds, posterior.log_evidence, posterior.expert):
         assert np.isfinite(values).all()
     if which == "uniform":
-        assert posterior.log_odds[0] > (2 if level == "both" else 2000)
-        assert posterior.log_odds[1] < (-2 if level == "both" else -2000)
+        assert posterior.log_odds[0] > 2000
+        assert posterior.log_odds[1] < -2000
 
 
-@pytest.fixture(params=[7, 100, 2048])
-def block_steps(request, monkeypatch):
-    """Blocks smaller than a demonstration, and larger than several."""
-    monkeypatch.setattr(problem_module, "_BLOCK_STEPS", request.param)
-    return request.param
-
-
-def blocked_problem() -> Problem:
-    lengths = np.array([1, 250, 3, 7, 7, 2, 1, 30])
-    n = lengths.sum()
-    rng = np.random.default_rng(0)
-    offsets = np.concatenate([[0], np.cumsum(lengths)])
-    return Problem(np.ones((n, 1)), rng.integers(3, size=n), offsets, Discrete(3), np.zeros(8, dtype=int))
-
-
-def test_evidence_by_reliability(block_steps):
-    problem = blocked_problem()
-    rng = np.random.default_rng(1)
-    log_pi, log_psi = -rng.gamma(2.0, size=(2, len(problem.actions)))
-    log_pi[5], log_psi[6] = -900.0, -900.0  # below the smallest number there is
-    nodes = np.array([0.0, 0.01, 0.5, 0.97, 1.0])
-    found = evidence_by_reliability(problem, log_pi, log_psi, nodes)
-    with np.errstate(divide="ignore"):
-        logs = np.logaddexp(np.log(nodes) + log_pi[:, None], np.log1p(-nodes) + log_psi[:, None])
-    for m in range(8):
-        expected = logs[problem.offsets[m] : problem.offsets[m + 1]].sum(axis=0)
-        np.testing.assert_allclose(found[m], expected, rtol=1e-10)
-
-
-def test_expert_steps(block_steps):
-    problem = blocked_problem()
-    rng = np.random.default_rng(1)
-    log_ratio = rng.normal(size=len(problem.actions)) * 5
-    log_ratio[[3, 4]] = -1e4, 1e4
-    nodes = np.array([0.0, 0.01, 0.5, 0.97, 1.0])
-    by_node = rng.dirichlet(np.ones(5), size=8)
-    found = expert_steps(problem, log_ratio, by_node, nodes)
-    with np.errstate(divide="ignore", over="ignore"):
-        given = expit(np.log(nodes) - np.log1p(-nodes) + log_ratio[:, None])
-    given[:, 0], given[:, -1] = 0.0, 1.0
-    np.testing.assert_allclose(found, (given * problem.spread(by_node)).sum(axis=1), atol=1e-12)
-
-
-def test_blocks_do_not_change_a_fit(monkeypatch):
-    problem = ZOO["unequal lengths"].problem()
-    histories = []
-    for size in (10**6, 13):
-        monkeypatch.setattr(problem_module, "_BLOCK_STEPS", size)
-        fresh = ZOO["unequal lengths"].problem()
-        histories.append(run(fresh, pooled_state(problem, "uniform", TwoBetas.start()), max_iter=5).history)
-    np.testing.assert_allclose(*histories, rtol=1e-10)
-
-
-@pytest.mark.parametrize("level", LEVELS)
 @pytest.mark.parametrize("which", ADVERSARIES["discrete"])
-def test_the_objective_never_falls(which, level):
+def test_the_objective_never_falls(which):
     """Over the whole zoo; hmmlearn's own test lets it fall so long as it rises once."""
     for name, toy in ZOO.items():
         problem = toy.problem()
-        state = pooled_state(problem, which, LEVELS[level]())
+        state = pooled_state(problem, which)
         history = run(problem, state, max_iter=12, tol=0.0).history
         assert np.isfinite(history).all(), name
         assert np.diff(history).min() >= -1e-10 * np.abs(history).max(), name
 
 
-@pytest.mark.parametrize("level", LEVELS)
 @pytest.mark.parametrize("which", ["complement", "confusion"])
-def test_the_objective_never_falls_with_splines(which, level):
+def test_the_objective_never_falls_with_splines(which):
     for seed in range(3):
         problem = make("noisy", seed).problem("spline")
-        history = run(problem, pooled_state(problem, which, LEVELS[level]()), max_iter=12, tol=0.0).history
+        history = run(problem, pooled_state(problem, which), max_iter=12, tol=0.0).history
         assert np.diff(history).min() >= -1e-10 * np.abs(history).max()
 
 
@@ -208,8 +127,7 @@ def test_single_precision_costs_precision_and_nothing_else(which):
         double = toy.problem("spline")
         single = replace(double, features=double.features.astype(np.float32))
         histories = [
-            run(problem, pooled_state(double, which, TwoBetas.start()), max_iter=8, tol=0.0).history
-            for problem in (double, single)
+            run(problem, pooled_state(double, which), max_iter=8, tol=0.0).history for problem in (double, single)
         ]
         scale = np.abs(histories[0]).max()
         assert np.diff(histories[1]).min() >= -1e-6 * scale, name
@@ -220,12 +138,12 @@ def test_single_precision_costs_precision_and_nothing_else(which):
 def test_run_ends_at_a_stationary_point(which):
     """By Fisher's identity the likelihood itself is flat in the policy where EM has converged."""
     problem = ZOO["random"].problem()
-    result = run(problem, pooled_state(problem, which, TwoBetas.start()), max_iter=2000, tol=1e-10, m_cg=100)
+    result = run(problem, pooled_state(problem, which), max_iter=2000, tol=1e-10, m_cg=100)
     assert result.converged
     state, rng = result.state, np.random.default_rng(0)
 
     def objective(weights):
-        moved = State(SoftmaxPolicy(weights, state.policy.ridge), state.adversary, state.prior, state.reliability)
+        moved = State(SoftmaxPolicy(weights, state.policy.ridge), state.adversary, state.prior)
         return lower_bound(moved, e_step(problem, moved, moved.policy.log_proba(problem.features)))
 
     for _ in range(5):
@@ -240,11 +158,11 @@ def test_the_trap_of_starting_at_zero():
     toy = make("flipped", 0, n_actions=2, n_bad=3)
     problem = toy.problem()
     zero = SoftmaxPolicy.zero(2, ridge(problem))
-    trapped = State(zero, Complement(), Share(), PointMasses())
+    trapped = State(zero, Complement(), Share())
     result = run(problem, trapped, max_iter=20, tol=0.0)
     np.testing.assert_allclose(result.state.policy.weights, 0.0, atol=1e-9)
     np.testing.assert_allclose(result.posterior.expert, 0.5)
-    free = run(problem, pooled_state(problem, "complement", PointMasses()), max_iter=50)
+    free = run(problem, pooled_state(problem, "complement"), max_iter=50)
     assert free.objective > result.objective + 50
     assert ((free.posterior.log_odds > 0) == toy.is_good).all()
 
@@ -253,7 +171,7 @@ def test_the_trap_of_starting_at_zero_with_more_actions():
     """model.md: 1 - 1/K beats 1/K at every step, so everything turns adversary."""
     problem = ZOO["random"].problem()
     zero = SoftmaxPolicy.zero(3, ridge(problem))
-    trapped = State(zero, Complement(), Share(), PointMasses())
+    trapped = State(zero, Complement(), Share())
     posterior = e_step(problem, trapped, zero.log_proba(problem.features))
     np.testing.assert_allclose(posterior.log_odds, -problem.lengths * np.log(2))
 
@@ -261,9 +179,9 @@ def test_the_trap_of_starting_at_zero_with_more_actions():
 def test_m_step_uses_soft_targets_or_the_experts_term_alone():
     """The joint M-step maximises its surrogate; "expert_only" ignores what the adversary intended."""
     problem = tiny().problem()
-    state = tiny_state(problem, "complement", PointMasses())
+    state = tiny_state(problem, "complement")
     posterior = e_step(problem, state, state.policy.log_proba(problem.features))
-    r, taken = posterior.step, np.eye(3)[problem.actions]
+    r, taken = problem.spread(posterior.expert), np.eye(3)[problem.actions]
     q = state.adversary.intended(posterior.outputs, problem.actions)
     for mode, targets in (
         ("joint", r[:, None] * taken + (1 - r)[:, None] * q),
@@ -279,7 +197,7 @@ def test_m_step_uses_soft_targets_or_the_experts_term_alone():
 def test_labels_hold_against_the_data():
     toy = make("random", 0)
     problem = toy.labelled({0: -1, 11: 1}).problem()
-    posterior = run(problem, pooled_state(problem, "uniform", TwoBetas.start()), max_iter=30).posterior
+    posterior = run(problem, pooled_state(problem, "uniform"), max_iter=30).posterior
     np.testing.assert_allclose(posterior.expert[[0, 11]], [0.0, 1.0], atol=1e-12)
     assert posterior.log_odds[0] > 0 > posterior.log_odds[11]  # what the data say, labels not counted
 
@@ -296,17 +214,13 @@ def test_select_is_the_same_data():
 
 
 def test_recovers_the_truth():
-    """Enough data from the model itself: the policy, the prior and the reliabilities come back."""
-    toy = make("noisy", 0, n_good=60, n_bad=20, steps=(100, 100), sharpness=2.0)
+    """Enough data from the model itself: the policy and the prior come back."""
+    toy = make("random", 0, n_good=60, n_bad=20, steps=(100, 100), sharpness=2.0)
     problem = toy.problem()
-    state = pooled_state(problem, "uniform", TwoBetas.start())
-    result = run(problem, state, max_iter=200)
+    result = run(problem, pooled_state(problem, "uniform"), max_iter=200)
     truth = log_softmax(toy.observations @ toy.weights[:-1] + toy.weights[-1], axis=1)
     found = result.posterior.outputs
     assert (np.exp(truth) * (truth - found)).sum(axis=1).mean() < 0.01  # Kullback-Leibler, nats
     assert result.state.prior.p == pytest.approx(0.75, abs=0.05)
     assert isinstance(result.state.adversary, Uniform)
-    expert, bad = result.state.reliability.means
-    assert expert > 0.9
-    assert bad == pytest.approx(0.5, abs=0.1)
     assert ((result.posterior.log_odds > 0) == toy.is_good).all()

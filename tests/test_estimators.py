@@ -27,7 +27,7 @@ from rpil.estimators import RPIL, AmbiguousWarning
 from rpil.rment import RMEnt
 
 STEPS = (40, 60)
-PAPER = {"level": "demonstration", "adversary": "complement", "m_step": "expert_only", "prior": 0.5}
+PAPER = {"adversary": "complement", "m_step": "expert_only", "prior": 0.5}
 
 
 @parametrize_with_checks([BehavioralCloning(), RMEnt(), RPIL()])
@@ -196,9 +196,7 @@ def test_clone_and_parameters():
     model = RPIL("spline", adversary="uniform", prior=(3, 2), labels={"d0": "expert"}, n_single=1)
     assert clone(model).get_params() == model.get_params()
     assert model.set_params(C=2.0).C == 2.0
-    assert {"features", "adversary", "prior", "C", "level", "m_step", "labels", "random_state"} <= set(
-        RPIL().get_params()
-    )
+    assert {"features", "adversary", "prior", "C", "m_step", "labels", "random_state"} <= set(RPIL().get_params())
     toy = make("random", 0)
     assert not hasattr(clone(model.fit(toy.demonstrations)), "audit_")
     np.testing.assert_array_equal(pickle.loads(pickle.dumps(model)).log_odds_, model.log_odds_)  # noqa: S301
@@ -324,7 +322,6 @@ CONTINUOUS = Demonstrations.from_arrays(TOY.observations, TOY.observations, TOY.
             "no adversary called 'evil' for discrete actions; choose auto, constant",
         ),
         (RPIL(adversary=Confusion.given(np.eye(2))), TOY.demonstrations, "2 x 2 was given for 3 actions"),
-        (RPIL(level="step"), TOY.demonstrations, "no level 'step'; choose both or demonstration"),
         (RPIL(m_step="none"), TOY.demonstrations, "no m_step 'none'; choose joint or expert_only"),
         (RPIL(prior=1.5), TOY.demonstrations, "prior 1.5 is no probability"),
         (RPIL(prior=(0.5, 2)), TOY.demonstrations, r"Beta prior \(0.5, 2.0\) has no single mode"),

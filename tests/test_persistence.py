@@ -94,7 +94,7 @@ def refused(path, match):
         RPIL(n_single=1, prior=(3, 2), adversary="uniform"),
         RPIL(n_single=0, features="spline", adversary="own policy"),
         RPIL(n_single=0, features="poly", adversary="marginal", prior=0.5, m_step="expert_only"),
-        RPIL(n_single=0, level="demonstration", adversary="normalised complement"),
+        RPIL(n_single=0, adversary="normalised complement"),
         RPIL(n_single=0, adversary=Confusion.given(np.full((3, 3), 1 / 3)), progress=print),
         RMEnt(n_trusted=5, n_starts=2),
         BehavioralCloning(features="poly", C=3.0),
@@ -357,7 +357,6 @@ def test_headers_that_make_no_sense(saved, path, value):
     ("path", "value"),
     [
         (("state", "fields", "prior", "fields", "p"), "a"),
-        (("state", "fields", "reliability", "fields", "expert"), 10_000),
         (("state",), None),
         (("fitted", "audit_", "fields", "prior"), None),
     ],

@@ -14,7 +14,6 @@ from rpil.em import MStep, e_step, run
 from rpil.policies import SoftmaxPolicy
 from rpil.priors import Share
 from rpil.problem import Problem
-from rpil.reliability import PointMasses, TwoBetas
 from rpil.search import Setting, fit, starts
 
 STEPS = (40, 60)
@@ -22,7 +21,7 @@ STEPS = (40, 60)
 
 def setting_for(problem: Problem, mode: MStep = "joint", n_single: int = 3) -> Setting:
     policy = SoftmaxPolicy.zero(problem.space.n, ridge(problem) / 100)
-    return Setting(policy, Share(), TwoBetas.start(), mode=mode, n_single=n_single)
+    return Setting(policy, Share(), mode=mode, n_single=n_single)
 
 
 def fitted(problem: Problem, which="uniform", seed: int = 0):
@@ -80,7 +79,7 @@ def test_a_fit_is_no_worse_than_em_from_the_pooled_start():
         problem = toy.problem()
         if toy.labels.any():
             continue  # a label may prefer a lower objective
-        pooled = pooled_state(problem, "uniform", TwoBetas.start())
+        pooled = pooled_state(problem, "uniform")
         policy = SoftmaxPolicy(pooled.policy.weights, setting_for(problem).policy.ridge)
         alone = run(problem, replace(pooled, policy=policy), max_iter=6)
         assert fitted(problem).objective >= alone.objective - 1.0, name  # the pooled policy here is fitted to the end
@@ -152,13 +151,3 @@ def test_every_start_is_announced():
 
 def test_an_adversary_may_be_an_instance():
     assert isinstance(fitted(make("random", 0).problem(), Uniform()).state.adversary, Uniform)
-
-
-def test_the_papers_mixture_fails_where_half_the_actions_are_random_and_reliabilities_do_not():
-    """model.md: "partly bad demonstrations"; the reason for the two-level model."""
-    toy = make("noisy", 1, n_actions=4, steps=STEPS)
-    problem = toy.problem()
-    assert right(toy, fitted(problem).posterior.log_odds)
-    papers = replace(setting_for(problem), reliability=PointMasses(), n_single=0)  # and its start, the pooled fit
-    paper = fit(problem, papers, "uniform", np.random.default_rng(0))
-    assert (paper.posterior.log_odds[~toy.is_good] > 0).any()

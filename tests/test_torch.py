@@ -3,23 +3,21 @@
 from __future__ import annotations
 
 import sys
-import warnings
 from dataclasses import FrozenInstanceError, replace
 
 import numpy as np
 import pytest
+from scipy.special import expit
 from sklearn.metrics import roc_auc_score
 
 from problems import make
 from rpil import RPIL, Demonstrations, TorchPolicy, save
-from rpil.adversaries import adversary
-from rpil.em import Result, State, m_step, run
 from rpil.errors import DataError, MissingExtraError
+from rpil.judge import Settings, judge
+from rpil.judge.held_out import PolicyScorer
 from rpil.policies.networks import untrained
 from rpil.policies.torch import _learn_and_judge, _units
-from rpil.priors import Share
 from rpil.problem import Problem
-from rpil.reliability import PointMasses, TwoBetas
 from rpil.spaces import Box, Discrete
 
 torch = pytest.importorskip("torch", reason="torch is not installed: pip install 'rpil[torch]'")
@@ -54,12 +52,11 @@ def wave(x: np.ndarray) -> np.ndarray:
     return np.stack([np.sin(2 * x[:, 0]), np.abs(x[:, 1]) - 1], axis=1)
 
 
-def robust(problem: Problem, policy: TorchPolicy, level: type | None = None, max_iter: int = 25) -> Result:
-    """EM from trusting everybody."""
-    policy, outputs = policy.learn(problem, np.ones(len(problem.actions)))
-    reliability = TwoBetas.start() if level is None else level()
-    state = State(policy, adversary("uniform", problem.space, policy), Share(), reliability)
-    return run(problem, state, outputs=outputs, mode="expert_only", max_iter=max_iter, tol=1e-3)
+def judged(problem: Problem, policy: TorchPolicy) -> tuple[np.ndarray, TorchPolicy]:
+    """Log-odds of the demonstrations, and the policy of those that are trusted."""
+    policy = policy.for_space(problem.space)
+    log_odds = judge(problem, PolicyScorer(problem, policy), Settings()).log_odds
+    return log_odds, policy.learn(problem, problem.spread(expit(log_odds)))[0]
 
 
 def accuracy(policy: TorchPolicy, n_idle: int = 0) -> float:
@@ -76,14 +73,14 @@ def test_same_seed_same_bits_and_no_other_random_state_is_touched():
     threads = torch.get_num_threads()
     states = torch.get_rng_state(), np.random.get_state()[1].copy()  # noqa: NPY002
     policy, outputs = quick.learn(problem, weight)
-    _, more = policy.learn(problem, weight, max_iter=1)
+    _, more = policy.learn(problem, weight)
     assert torch.get_num_threads() == threads
     assert torch.equal(torch.get_rng_state(), states[0])
     np.testing.assert_array_equal(np.random.get_state()[1], states[1])  # noqa: NPY002
     torch.manual_seed(5)
     again, same = quick.learn(problem, weight)
     np.testing.assert_array_equal(outputs, same)
-    np.testing.assert_array_equal(more, again.learn(problem, weight, max_iter=1)[1])
+    np.testing.assert_array_equal(more, again.learn(problem, weight)[1])
     np.testing.assert_array_equal(
         policy.finished(problem, weight).outputs(problem.features),
         again.finished(problem, weight).outputs(problem.features),
@@ -177,7 +174,7 @@ def test_recovers_a_linear_softmax_expert():
 
 
 def test_steps_count_by_their_weight():
-    """Two demonstrators who contradict each other: the weights say whom to believe, and a lesson counts as well."""
+    """Two demonstrators who contradict each other: the weights say whom to believe."""
     problem, _ = nonlinear(0, n=20, n_bad=0)
     opposed = replace(
         problem, actions=np.where(problem.spread(np.arange(20) % 2), problem.actions, 2 - problem.actions)
@@ -185,24 +182,17 @@ def test_steps_count_by_their_weight():
     quick = TorchPolicy(hidden=(32,))
     trust = opposed.spread((np.arange(20) % 2).astype(float))
     assert accuracy(quick.finished(opposed, trust)) > 0.85
-    lesson = np.eye(3)[problem.actions] * (1 - trust)[:, None]
-    taught, outputs = quick.learn(opposed, trust, lesson)
-    assert (outputs.argmax(axis=1) == rule(problem.features)).mean() > 0.85
-    assert accuracy(taught) > 0.85
 
 
 @pytest.mark.parametrize("seed", range(2))
 def test_a_nonlinear_expert_among_many_who_act_at_random(seed):
     problem, good = nonlinear(seed)
-    result = robust(problem, TorchPolicy(seed=seed, n_folds=3))
-    assert roc_auc_score(good, result.posterior.log_odds) > 0.99
-    assert ((result.posterior.expert > 0.5) == good).mean() > 0.95
-    assert result.converged
-    # cross-fitted outputs are never worse than before, so that EM's promise holds for a network too
-    assert np.diff(result.history).min() >= -1e-4 * np.abs(result.history).max()
-    weight = problem.spread(result.posterior.expert) * result.posterior.step
+    log_odds, policy = judged(problem, TorchPolicy(seed=seed, n_folds=3))
+    assert roc_auc_score(good, log_odds) > 0.99
+    assert ((log_odds > 0) == good).mean() > 0.95
+    weight = problem.spread(expit(log_odds))
     clean = accuracy(TorchPolicy(seed=seed).finished(problem, problem.spread(good.astype(float))))
-    assert accuracy(result.state.policy.finished(problem, weight)) > clean - 0.02
+    assert accuracy(policy.finished(problem, weight)) > clean - 0.02
     assert clean > 0.9
 
 
@@ -210,24 +200,22 @@ def test_a_large_network_memorises_bad_data_only_in_sample():
     """Eighteen useless observations are enough to remember every single step by."""
     problem, good = nonlinear(0, n_idle=18)
     large = {"hidden": (256,), "epochs": 60, "patience": None}
-    in_sample = robust(problem, TorchPolicy(n_folds=1, **large), level=PointMasses, max_iter=8)
-    crossed = robust(problem, TorchPolicy(hidden=(256,)), level=PointMasses, max_iter=8)
-    assert in_sample.posterior.expert[~good].mean() > 0.9
-    assert crossed.posterior.expert[~good].mean() < 0.1
-    assert roc_auc_score(good, crossed.posterior.log_odds) > 0.95
+    in_sample, _ = judged(problem, TorchPolicy(n_folds=1, **large))
+    crossed, _ = judged(problem, TorchPolicy(hidden=(256,)))
+    assert expit(in_sample[~good]).mean() > 0.05
+    assert expit(crossed[~good]).mean() < 0.01
+    assert roc_auc_score(good, crossed) > 0.99 > roc_auc_score(good, in_sample)
 
 
 def test_continuous_actions():
     problem, good = continuous(0)
-    result = robust(problem, TorchPolicy(hidden=(32, 32), n_folds=3), max_iter=6)
-    assert roc_auc_score(good, result.posterior.log_odds) == 1.0
-    policy = result.state.policy
+    log_odds, policy = judged(problem, TorchPolicy(hidden=(32, 32), n_folds=3))
+    assert roc_auc_score(good, log_odds) == 1.0
     noise = policy.trained.head.noise
     assert np.sqrt(np.diag(noise.cholesky @ noise.cholesky.T)) == pytest.approx([0.1, 0.1], abs=0.08)
-    final = policy.finished(problem, problem.spread(result.posterior.expert) * result.posterior.step)
+    final = policy.finished(problem, problem.spread(expit(log_odds)))
     x = np.random.default_rng(9).uniform(-1.5, 1.5, size=(2000, 2))
     assert np.abs(final.outputs(x) - wave(x)).mean() < 0.1
-    np.testing.assert_array_equal(final.tempered(3.0).outputs(x), final.outputs(x))
 
 
 def test_a_given_scale_stays():
@@ -246,18 +234,8 @@ def test_untrained_it_says_nothing():
     np.testing.assert_allclose(policy.log_prob(policy.outputs(x), np.array([0, 1, 2, 0])), -np.log(3))
     box = Box(np.array([0.0]), np.array([4.0]))
     np.testing.assert_allclose(TorchPolicy(space=box).outputs(x), 2.0)
-    assert policy.penalty() == 0.0
-    assert policy.tempered(2.0) is policy
     networks = untrained((2, 5, 3), 4, np.random.default_rng(0))
     assert [layer.shape for layer in networks] == [(4, 2, 5), (4, 1, 5), (4, 5, 3), (4, 1, 3)]
-
-
-def test_tempering_makes_surer():
-    problem, _ = nonlinear(0, n=6, n_bad=0)
-    policy, _ = TorchPolicy(hidden=(8,), epochs=3, n_folds=1).learn(problem, np.ones(len(problem.actions)))
-    logits = policy.outputs(problem.features)
-    expected = 2 * logits - np.log(np.exp(2 * logits).sum(axis=1, keepdims=True))
-    np.testing.assert_allclose(policy.tempered(2.0).outputs(problem.features), expected, atol=1e-5)
 
 
 @pytest.mark.parametrize("n", [1, 2])
@@ -282,7 +260,7 @@ def test_rpil_with_a_network():
     problem, good = nonlinear(0, n=20, n_bad=8)
     words = np.array(["left", "none", "right"])
     data = Demonstrations(problem.features, words[problem.actions], problem.offsets)
-    model = RPIL(policy=TorchPolicy(hidden=(32,)), adversary="marginal").fit(data)
+    model = RPIL(policy=TorchPolicy(hidden=(32,))).fit(data)
     assert roc_auc_score(good, model.audit_.log_odds) > 0.99
     x = np.random.default_rng(99).normal(size=(2000, 2))
     assert (model.predict(x) == words[rule(x)]).mean() > 0.85
@@ -338,8 +316,8 @@ def test_what_is_not_finite_is_said_in_one_sentence():
 @pytest.mark.skipif(not torch.cuda.is_available(), reason="no CUDA device")
 def test_cuda_agrees_with_the_cpu():
     problem, good = nonlinear(0)
-    result = robust(problem, TorchPolicy(device="cuda"))
-    assert roc_auc_score(good, result.posterior.log_odds) > 0.99
+    log_odds, _ = judged(problem, TorchPolicy(device="cuda"))
+    assert roc_auc_score(good, log_odds) > 0.99
 
 
 def test_without_torch_the_extra_is_named(monkeypatch):
@@ -350,17 +328,3 @@ def test_without_torch_the_extra_is_named(monkeypatch):
     assert one_sentence(told.value)
     untouched = TorchPolicy(space=Discrete(3)).outputs(problem.features)
     assert untouched.shape == (240, 3)
-
-
-def test_the_m_step_needs_no_branch():
-    """The joint M-step with an adversary that teaches: soft targets reach the network."""
-    problem, _ = nonlinear(0, n=8, n_bad=2)
-    policy, outputs = TorchPolicy(hidden=(16,), epochs=5).learn(problem, np.ones(len(problem.actions)))
-    state = State(policy, adversary("confusion", problem.space, policy), Share(), TwoBetas.start())
-    first = run(problem, state, outputs=outputs, max_iter=0)
-    new, after = m_step(problem, first.state, first.posterior)
-    assert after.shape == outputs.shape
-    assert isinstance(new.policy, TorchPolicy)
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        run(problem, new, outputs=after, max_iter=2)

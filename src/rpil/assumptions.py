@@ -24,7 +24,7 @@ def assumptions(model: Any, problem: Problem) -> list[str]:
         else f"The policy is a {type(model.policy).__name__}; each demonstration was judged by one fitted to others."
     )
     said.append("The order of demonstrations, their lengths and any reward were not used.")
-    if model.state_ is not None and model.level == "demonstration":
+    if model.state_ is not None:
         said.append("A demonstration is good or bad as a whole.")
     if isinstance(model.prior, float):
         said.append(f"The share of experts was given as {model.prior}.")

@@ -63,8 +63,7 @@ class RPIL(PolicyEstimator):
         y_m = (1 / N_m) sum_n [ log pi(a_n | s_n) - log q(a_n) ],
 
     and P(expert) says in which of two groups of scores it is, if there are two (`rpil.judge`). With a named `adversary`
-    it is the paper's mixture instead (eq. 7, 9, 11), for which ``level``, ``m_step``, ``prior``, ``n_single`` and
-    ``tol`` are:
+    it is the paper's mixture instead (eq. 7, 9, 11), for which ``m_step``, ``prior``, ``n_single`` and ``tol`` are:
 
         p(D) = prod_m [ p prod_n pi(a_n | s_n) + (1 - p) prod_n psi(a_n | s_n) ].
 
@@ -85,9 +84,6 @@ class RPIL(PolicyEstimator):
         P(expert) of the mixture: fixed, or estimated under Beta(a, b); by default under Beta(2, 2).
     C : float, optional
         Inverse ridge strength of the final policy, as in `BehavioralCloning`.
-    level : {"both", "demonstration"}
-        Of the mixture. "both": every demonstration has a reliability, the share of its steps that are the expert's.
-        "demonstration": all or nothing, the paper's model.
     m_step : {"joint", "expert_only"}
         Of the mixture: "expert_only" drops the adversary's term from the policy's M-step, as the paper's code does.
     labels : mapping of id to {"expert", "adversary"}, optional
@@ -157,7 +153,6 @@ class RPIL(PolicyEstimator):
         adversary: str | Adversary = "auto",
         prior: float | tuple[float, float] | None = None,
         C: float | None = None,
-        level: str = "both",
         m_step: str = "joint",
         labels: Mapping[Any, str] | None = None,
         minority: str = "ask",
@@ -176,7 +171,6 @@ class RPIL(PolicyEstimator):
         self.adversary = adversary
         self.prior = prior
         self.C = C
-        self.level = level
         self.m_step = m_step
         self.labels = labels
         self.minority = minority

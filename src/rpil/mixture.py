@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -15,7 +14,6 @@ from rpil.judge.judgement import MINORITY
 from rpil.passes import Array
 from rpil.policies import linear_policy
 from rpil.problem import Problem
-from rpil.reliability import PointMasses, Reliability, TwoBetas
 from rpil.search import Setting, fit
 from rpil.verdicts import summarise
 
@@ -44,16 +42,12 @@ def fit_mixture(model: Any, demonstrations: Demonstrations, codes: Array, known:
     model.state_, model.judge_, model.judge_features_ = result.state, None, features
     model.n_iter_ = max(1, len(result.history) - 1)
     model.lower_bound_, model.converged_ = result.objective, result.converged
-    weight = model.audit_.step_weight
-    return problem, weight if weight.sum() >= 1.0 else result.posterior.step
-
-
-LEVELS: dict[str, Callable[[], Reliability]] = {"both": TwoBetas.start, "demonstration": PointMasses}
+    return problem, model.audit_.step_weight
 
 
 def check_options(model: Any) -> None:
     """Refuse an unknown option of `RPIL` before any work."""
-    for name, known in (("level", LEVELS), ("m_step", ("joint", "expert_only")), ("minority", MINORITY)):
+    for name, known in (("m_step", ("joint", "expert_only")), ("minority", MINORITY)):
         value = getattr(model, name)
         if value not in known:
             raise DataError(f"There is no {name} {value!r}; choose {' or '.join(known)}.")
@@ -65,7 +59,6 @@ def _setting(model: Any, features: Any, n_steps: int) -> Setting:
     return Setting(
         policy=linear_policy(model.space_, ridge, n_steps),
         prior=as_prior(model.prior),
-        reliability=LEVELS[model.level](),
         mode=model.m_step,
         n_single=model.n_single,
         max_iter=model.max_iter,

@@ -1,46 +1,26 @@
-"""EM around a policy that the user trains: two functions describe it, and it may be anything.
-
-An ordinary training loop gives every step the same weight. Here each epoch is a round of EM: a step has the weight of
-its trust, and its trust is how well the policy and the other demonstrations explain it.
-"""
+"""The judge around a policy that the user trains: two functions describe it, and it may be anything."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from copy import deepcopy
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 
-from rpil.adversaries import Adversary, Constant, Marginal, MarginalBox, UniformBox
-from rpil.audit import Audit, Interval
+from rpil.audit import Audit
 from rpil.demonstrations import Demonstrations
-from rpil.em import Result, State, e_step, lower_bound, m_step
 from rpil.errors import DataError
-from rpil.inputs import as_prior, coded_actions, known_labels
+from rpil.features import FeatureMap
+from rpil.inputs import coded_actions, known_labels
+from rpil.judge import FINDINGS, Settings, judge
+from rpil.judge.held_out import LAPSE, Scored, deal, reference
+from rpil.judge.judgement import MINORITY
 from rpil.passes import Array
 from rpil.problem import Problem
-from rpil.reliability import PointMasses, Reliability, TwoBetas
-from rpil.verdicts import summarise
-
-_ADVERSARIES: dict[str, dict[str, Callable[[Any], Adversary]]] = {
-    "discrete": {
-        "marginal": lambda space: Marginal.start(space.n),
-        "uniform": lambda space: UniformBox(float(np.log(space.n))),  # K actions are a volume of K
-        "constant": lambda space: Constant(),
-    },
-    "continuous": {
-        "marginal": MarginalBox.start,
-        "uniform": lambda space: UniformBox(space.log_volume),
-    },
-}
-"""Adversaries that need no probabilities of the actions that were not taken."""
-
-_LEVELS: dict[str, Callable[[], Reliability]] = {"both": TwoBetas.start, "demonstration": PointMasses}
-
-_LEAST = -700.0
-"""Least log-probability: its exponential is still a positive number."""
+from rpil.verdicts import audit_of
 
 _PATIENCE = 3
 """Rounds without a gain after which training stops."""
@@ -51,13 +31,6 @@ _GAIN = 1e-3
 _NEGLIGIBLE = 1e-6
 """Where no weight is larger, a policy is not trained."""
 
-_ASSUMED = (
-    "Experts agree with one another: in similar states they act alike.",
-    "Given the policy, the steps of a demonstration are independent.",
-    "There are two groups of demonstrations, experts and adversaries.",
-    "The order of demonstrations and any reward were not used.",
-    "Whether several groups of demonstrations each agree among themselves was not looked into.",
-)
 _IN_SAMPLE = "The policy was judged by what it was trained on: it cannot memorise actions."
 
 LogProb = Callable[[Any, Array, Array], Any]
@@ -77,7 +50,7 @@ class Reweighted:
     n_rounds : int
         How often the policy was trained.
     converged : bool
-        Whether trust had settled.
+        Whether its training had stopped to gain before `max_rounds`.
     """
 
     policy: Any
@@ -91,70 +64,79 @@ class Reweighted:
         return self.audit.step_weight
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False)
 class _Theirs:
-    """The user's policy as a `Policy`, whose outputs are the log-probabilities of the actions taken, (N,).
+    """Held-out log-probabilities of the user's policy: copies of `policy` judge a fold each, trained on the others."""
 
-    Each of several members judges its own fold of the demonstrations and is trained on the others; members are copied
-    before they are trained. A single member judges all demonstrations and is trained in place.
-    """
-
-    members: tuple[Any, ...]
-    fold: Array
+    policy: Any
+    problem: Problem
     data: Demonstrations
-    ask: LogProb
-    teach: Train
+    log_prob: LogProb
+    train: Train
+    n_folds: int
+    max_rounds: int
+    progress: Callable[[str], None]
+    seed: int
+    ridges: tuple[float, ...] = ()
+    found: dict[bytes, tuple[Scored, int]] = field(default_factory=dict)
+    """By the weights of the steps: what copies said, and after how many rounds they were the best."""
 
-    def outputs(self, features: Array) -> Array:
-        """Of all steps: the policy reads the observations of `data`, and not the `features`."""
-        out = np.empty(len(self.fold))
-        for member, rows in zip(self.members, self._asked, strict=True):
-            out[rows] = self._ask(member, rows)
-        return out
+    def held_out(self, weight: Array, ridge: float) -> Scored:
+        """Of every step, by copies that were trained until it gains nothing more on the steps that teach."""
+        key = weight.tobytes()
+        if key not in self.found:
+            self.found[key] = self._rounds(weight)
+        return self.found[key][0]
 
-    def log_prob(self, outputs: Array, actions: Array) -> Array:
-        return outputs
+    def _rounds(self, weight: Array) -> tuple[Scored, int]:
+        problem, everybody = self.problem, np.ones(self.problem.n_demonstrations, dtype=bool)
+        fold = problem.spread(deal(problem, self.n_folds, self.seed))
+        copies = [deepcopy(self.policy) for _ in range(self.n_folds)]
+        judged = [np.flatnonzero(fold == k) for k in range(self.n_folds)]
+        taught = [np.flatnonzero((fold != k) | (self.n_folds == 1)) for k in range(self.n_folds)]
+        before = self._ask_all(copies, judged) if not self.found else None
+        most, best, when = -np.inf, np.empty(len(fold)), 0
+        for n in range(1, self.max_rounds + 1):
+            self.progress(f"round {n}")
+            copies = [self.teach(copy, rows, weight) for copy, rows in zip(copies, taught, strict=True)]
+            said = self._ask_all(copies, judged)
+            if n == 1 and before is not None and np.array_equal(before, said):
+                raise DataError(
+                    "train changed nothing in copies of the policy; keep the optimiser with the policy, so that both "
+                    "are copied, or make it within train."
+                )
+            gained = float(weight @ said / weight.sum())
+            if gained > most + _GAIN:
+                most, best, when = gained, said, n
+            elif n - when >= _PATIENCE:
+                break
+        if problem.space.kind == "continuous":  # densities of actions in standard deviations, as the reference has them
+            spread = np.asarray(problem.actions, dtype=float).std(axis=0)
+            best = best + np.log(np.where(spread > 0, spread, 1.0)).sum()
+        q = reference(problem, everybody)
+        log_prob = np.logaddexp(np.log1p(-LAPSE) + best, np.log(LAPSE) + q)  # an expert, too, may do anything at times
+        return Scored(log_prob, log_prob - np.average(log_prob, weights=weight)), when
 
-    def learn(
-        self,
-        problem: Problem,
-        weight: Array,
-        lesson: Array | None = None,
-        *,
-        tol: float = 0.0,
-        max_iter: int = 1,
-        max_cg: int = 0,
-    ) -> tuple[_Theirs, Array]:
-        """One more round of training."""
-        alone = len(self.members) == 1
-        taught = [
-            self.train(member if alone else deepcopy(member), np.sort(rows), weight)
-            for member, rows in zip(self.members, self._taught, strict=True)
-        ]
-        new = replace(self, members=tuple(taught))
-        return new, new.outputs(problem.features)
-
-    def tempered(self, temperature: float) -> _Theirs:
-        return self
-
-    def penalty(self) -> float:
-        return 0.0
-
-    def train(self, member: Any, rows: Array, weight: Array) -> Any:
-        """`member` after a round of training on `rows`."""
+    def teach(self, policy: Any, rows: Array, weight: Array) -> Any:
+        """`policy` after a round of training on `rows`."""
         if weight[rows].max() < _NEGLIGIBLE:  # the weighted mean of no steps is not a number
-            return member
-        new = self.teach(member, self.data.observations[rows], self.data.actions[rows], weight[rows].copy())
+            return policy
+        new = self.train(policy, self.data.observations[rows], self.data.actions[rows], weight[rows].copy())
         if new is None:
-            return member
-        if not isinstance(new, type(member)):
-            types = type(new).__name__, type(member).__name__
+            return policy
+        if not isinstance(new, type(policy)):
+            types = type(new).__name__, type(policy).__name__
             raise DataError("train returned {}; let it return nothing, or the new policy, of type {}.".format(*types))
         return new
 
-    def _ask(self, member: Any, rows: Array) -> Array:
-        observations, actions = self.data.observations[rows], self.data.actions[rows]
-        said = self.ask(member, observations, actions)
+    def _ask_all(self, copies: list[Any], judged: list[Array]) -> Array:
+        out = np.empty(self.data.n_steps)
+        for copy, rows in zip(copies, judged, strict=True):
+            out[rows] = self._ask(copy, rows)
+        return out
+
+    def _ask(self, policy: Any, rows: Array) -> Array:
+        said = self.log_prob(policy, self.data.observations[rows], self.data.actions[rows])
         for method in ("detach", "cpu"):  # a tensor becomes an array without torch being known here
             said = getattr(said, method)() if hasattr(said, method) else said
         try:
@@ -177,16 +159,7 @@ class _Theirs:
         if self.data.is_discrete and found.max() > 1e-4:
             above = f"{found.max():.3g} for a discrete action"
             raise DataError(f"log_prob returned {above}, more than log 1; take logarithms.")
-        return np.maximum(found, _LEAST)
-
-    @property
-    def _asked(self) -> list[Array]:
-        return [np.flatnonzero(self.fold == k) for k in range(len(self.members))]
-
-    @property
-    def _taught(self) -> list[Array]:
-        n = len(self.members)
-        return [np.arange(len(self.fold)) if n == 1 else np.flatnonzero(self.fold != k) for k in range(n)]
+        return np.maximum(found, -700.0)  # whose exponential is still a positive number
 
 
 def reweight(
@@ -196,20 +169,17 @@ def reweight(
     log_prob: LogProb,
     train: Train,
     n_folds: int = 3,
-    adversary: str = "marginal",
-    prior: float | tuple[float, float] | None = None,
-    level: str = "both",
     labels: Mapping[Any, str] | None = None,
+    minority: str = "ask",
     max_rounds: int = 50,
-    tol: float = 0.01,
     action_box: tuple[Any, Any] | None = None,
     random_state: int = 0,
     progress: Callable[[str], None] | None = None,
 ) -> Reweighted:
     """Train a policy of any kind on demonstrations weighted by their trust, and find that trust.
 
-    All steps are trusted at first, until training gains nothing more; then training and judging take turns until trust
-    has settled. The policy is used through two functions only.
+    The judge of `RPIL` decides, by the held-out log-likelihoods of copies of the policy: some eight times `n_folds`
+    copies are trained. Then the policy is trained with the weights that were found.
 
     Parameters
     ----------
@@ -220,32 +190,20 @@ def reweight(
         log pi(a|s) of each action taken, (N,): an array or a tensor; -inf is taken as -700.
     train : function of (policy, observations, actions, weights (N,))
         Trains with steps that count by their weights, from 0 to 1, for an epoch, say. Returns nothing, or the new
-        policy, of the same type.
+        policy, of the same type. All that it changes must be copied with a policy, so an optimiser belongs to it.
     n_folds : int
-        Copies of the policy that judge demonstrations, each trained without those that it judges; the policy itself is
-        trained at the end. All that `train` changes must be copied along with a policy, so an optimiser belongs to it.
-        With 1 there are no copies: the policy judges what it was trained on, which costs a third of the time and is
-        right only if it cannot memorise: a flexible policy explains bad actions as well as good ones.
-    adversary : {"marginal", "uniform", "constant"}
-        What bad demonstrators do: their own favourite actions whatever the state, anything, or (discrete actions) what
-        scores log psi = 0.
-    prior, level, labels
+        Copies of the policy, each trained without the demonstrations that it judges. With 1 a copy judges what it was
+        trained on: a policy that can memorise explains bad actions as well as good ones.
+    labels, minority
         As `RPIL`'s. Known adversaries are not trained on.
     max_rounds : int
-        How often a copy is trained at most.
-    tol : float
-        Trust has settled when no probability changes by more in a round.
+        How often a policy is trained at most; it stops before, where training gains nothing more on held-out steps.
     action_box : (low, high), optional
         Bounds of continuous actions; by default what the demonstrations span.
     random_state : int
         For the folds.
     progress : callable, optional
         Called with a few words at every round.
-
-    Returns
-    -------
-    Reweighted
-        The trained policy, the audit with its ``step_weight``, and how many rounds it took.
 
     Raises
     ------
@@ -261,89 +219,31 @@ def reweight(
     if not isinstance(demonstrations, Demonstrations):
         raise DataError(f"reweight needs Demonstrations, not {type(demonstrations).__name__}; see rpil.read.")
     progress = progress or (lambda _: None)
-    source, n_demonstrations = demonstrations.source, len(demonstrations)
-    if n_demonstrations < 2:
-        raise DataError(f"{source}: one demonstration alone cannot be compared; give at least two.")
-    if not 1 <= n_folds <= n_demonstrations:
-        raise DataError(f"n_folds={n_folds!r} must be from 1 to the number of demonstrations, {n_demonstrations}.")
+    if len(demonstrations) < 2:
+        raise DataError(f"{demonstrations.source}: one demonstration alone cannot be compared; give at least two.")
+    if not 1 <= n_folds <= len(demonstrations):
+        raise DataError(f"n_folds={n_folds!r} must be from 1 to the number of demonstrations, {len(demonstrations)}.")
     if max_rounds < 1:
         raise DataError(f"max_rounds={max_rounds!r} must be 1 or more.")
+    if minority not in MINORITY:
+        raise DataError(f"There is no minority {minority!r}; choose {' or '.join(MINORITY)}.")
     space, _, codes = coded_actions(demonstrations, action_box)
-    for name, value, known in (("adversary", adversary, _ADVERSARIES[space.kind]), ("level", level, _LEVELS)):
-        if value not in known:
-            raise DataError(f"There is no {name} {value!r} here; choose {' or '.join(known)}.")
     given = known_labels(labels, demonstrations)
-    problem = Problem(demonstrations.observations, codes, demonstrations.offsets, space, given)
-    order = np.random.default_rng(random_state).permutation(n_demonstrations)
-    fold = problem.spread(np.argsort(order) % n_folds)
-    members = (policy,) if n_folds == 1 else tuple(deepcopy(policy) for _ in range(n_folds))
-    theirs = _Theirs(members, fold, demonstrations, log_prob, train)
-    theirs, outputs, n_warm = _warm(theirs, problem, max_rounds, progress)
-    start = State(theirs, _ADVERSARIES[space.kind][adversary](space), as_prior(prior), _LEVELS[level]())
-    result, n_rounds = _rounds(problem, start, outputs, max_rounds, tol, progress)
-    n_rounds += n_warm
-    share = Interval(*result.state.prior.interval(result.posterior.expert))
-    audit = summarise(problem, result, share, demonstrations.ids)
-    if n_folds == 1:
-        policy = result.state.policy.members[0]  # type: ignore[attr-defined]
-    else:
-        for n in range(n_rounds):
-            progress(f"training the policy: {n + 1} of {n_rounds}")
-            policy = theirs.train(policy, np.arange(len(fold)), audit.step_weight)
-    said = (*_ASSUMED, _IN_SAMPLE) if n_folds == 1 else _ASSUMED
-    return Reweighted(policy, replace(audit, assumptions=said), n_rounds, result.converged)
-
-
-def _warm(
-    theirs: _Theirs, problem: Problem, max_rounds: int, progress: Callable[[str], None]
-) -> tuple[_Theirs, Array, int]:
-    """Training with uniform trust until it gains nothing more: the best policy, its outputs, and the rounds.
-
-    An untrained policy explains no demonstration, and EM would take them all for adversaries'.
-    """
-    weight = problem.spread((problem.labels >= 0).astype(float))
-    alone = len(theirs.members) == 1
-    outputs = theirs.outputs(problem.features)
-    best, kept, when = -np.inf, (theirs, outputs), 0
-    for n in range(1, max_rounds + 1):
-        progress(f"trusting all: {n}")
-        before = outputs
-        theirs, outputs = theirs.learn(problem, weight)
-        if n == 1 and not alone and np.array_equal(before, outputs):
-            raise DataError(
-                "train changed nothing in copies of the policy; keep the optimiser with the policy, so that both are "
-                "copied, or make it within train, or give n_folds=1."
-            )
-        score = float(weight @ outputs / weight.sum())
-        if score > best + _GAIN:
-            best, when = score, n
-            kept = theirs, outputs
-        elif n - when >= _PATIENCE:
-            break
-    return (theirs, outputs, n) if alone else (*kept, when)
-
-
-def _rounds(
-    problem: Problem, state: State, outputs: Array, max_rounds: int, tol: float, progress: Callable[[str], None]
-) -> tuple[Result, int]:
-    """EM until responsibilities are steady, or held-out likelihood no longer rises; and the number of rounds.
-
-    With several copies the objective is one of held-out data, so the result is the best round. With one policy, which
-    judges what it was trained on, the objective only rises, so the result is the last round.
-    """
-    alone = len(state.policy.members) == 1  # type: ignore[attr-defined]
-    posterior = e_step(problem, state, outputs)
-    history = [lower_bound(state, posterior)]
-    best, when, steady = Result(state, posterior, np.array(history), False), 0, 0
-    for n in range(1, max_rounds + 1):
-        progress(f"round {n}: {posterior.expert.sum():.1f} of {problem.n_demonstrations} trusted")
-        before = posterior.expert
-        state, outputs = m_step(problem, state, posterior, "expert_only")
-        posterior = e_step(problem, state, outputs)
-        history.append(lower_bound(state, posterior))
-        steady = steady + 1 if np.abs(posterior.expert - before).max() <= tol else 0
-        if alone or history[-1] > best.objective:
-            best, when = Result(state, posterior, np.array(history), False), n
-        if steady >= _PATIENCE or n - when >= _PATIENCE:
-            return replace(best, converged=True), when
-    return best, when
+    with threadpool_limits(1, "blas"):
+        states = FeatureMap.fit("folded", demonstrations.observations).design(demonstrations.observations)
+    problem = Problem(states, codes, demonstrations.offsets, space, given)
+    theirs = _Theirs(policy, problem, demonstrations, log_prob, train, n_folds, max_rounds, progress, seed=random_state)
+    judgement = judge(problem, theirs, Settings(random_state, minority), progress)
+    audit = audit_of(judgement, problem, demonstrations.ids)
+    n_rounds = theirs.found[problem.spread(judgement.teachers.astype(float)).tobytes()][1]
+    for n in range(n_rounds):
+        progress(f"training the policy: {n + 1} of {n_rounds}")
+        policy = theirs.teach(policy, np.arange(len(codes)), audit.step_weight)
+    said = (
+        FINDINGS[judgement.finding],
+        "P(expert) says how surely a demonstration acts as the group does that agrees best; that this group is good is "
+        "assumed.",
+        "The order of demonstrations, their lengths and any reward were not used.",
+        *((_IN_SAMPLE,) if n_folds == 1 else ()),
+    )
+    return Reweighted(policy, replace(audit, assumptions=said), n_rounds, n_rounds < max_rounds)

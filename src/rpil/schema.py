@@ -24,14 +24,13 @@ from rpil.judge.groups import Groups
 from rpil.policies import SoftmaxPolicy, StudentPolicy
 from rpil.polish import Polished
 from rpil.priors import Share
-from rpil.reliability import PointMasses, TwoBetas
 from rpil.rment import RMEnt
 from rpil.spaces import Box, Discrete
 
 ESTIMATORS: dict[str, Any] = {"RPIL": RPIL, "RMEnt": RMEnt, "BehavioralCloning": BehavioralCloning}
 
 # The arrays of each class: every axis a number or a letter that means one size all through the file, perhaps plus one.
-# D observations, F features, K actions or A parts of one, B bins, M demonstrations, N steps, J reliabilities,
+# D observations, F features, K actions or A parts of one, B bins, M demonstrations, N steps,
 # Q quantiles.
 KNOWN: dict[type, dict[str, str]] = {
     FeatureMap: {
@@ -63,8 +62,6 @@ KNOWN: dict[type, dict[str, str]] = {
     Share: {},
     Interval: {},
     Demonstrator: {},
-    TwoBetas: {},
-    PointMasses: {"nodes": "J", "log_weight": "2 J"},
     Constant: {},
     Uniform: {},
     Marginal: {"log_frequency": "K"},

@@ -18,7 +18,6 @@ from rpil.passes import Array
 from rpil.policies import Policy
 from rpil.priors import Share
 from rpil.problem import Problem
-from rpil.reliability import Reliability
 
 _LIKE_EXPERTS = "like known experts"
 
@@ -41,7 +40,6 @@ class Setting:
     policy : Policy
         The policy before it has seen data.
     prior : Share
-    reliability : Reliability
     mode : {"joint", "expert_only"}
     n_single : int
         Starts from single demonstrations.
@@ -52,7 +50,6 @@ class Setting:
 
     policy: Policy
     prior: Share
-    reliability: Reliability
     mode: MStep = "joint"
     n_single: int = 3
     max_iter: int = 200
@@ -136,7 +133,7 @@ def _promising(problem: Problem, setting: Setting, rng: np.random.Generator) -> 
 
     def explained(m: int) -> float:
         policy, _ = _taught(problem.select(np.array([m])), setting, np.ones(1))
-        state = State(policy, frequent, setting.prior, setting.reliability)
+        state = State(policy, frequent, setting.prior)
         return float(e_step(jury, state, policy.outputs(jury.features)).log_evidence.sum())
 
     return sorted(asked.tolist(), key=explained, reverse=True)[: setting.n_single]
@@ -149,7 +146,7 @@ def _begin(problem: Problem, setting: Setting, which: str | Adversary, weight: A
     """
     policy, outputs = _taught(problem, setting, weight)
     first = adversary(which, problem.space, setting.policy)
-    state = State(policy, first, setting.prior, setting.reliability)
+    state = State(policy, first, setting.prior)
     if grow:
         agreeing = np.maximum(weight, e_step(problem, state, outputs).expert)
         policy, outputs = _taught(problem, setting, agreeing)

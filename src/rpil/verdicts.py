@@ -72,8 +72,6 @@ def summarise(problem: Problem, result: Result, share: Interval, ids: Sequence[A
     posterior = result.posterior
     own = np.nan_to_num(posterior.log_odds, posinf=1e9, neginf=-1e9)
     log_odds = with_labels(own, problem.labels)
-    nodes, by_node = result.state.reliability.nodes, posterior.joint.sum(axis=1)
-    reliability = by_node @ nodes
     proba = expit(log_odds)
     return Audit(
         ids=tuple(ids),
@@ -84,11 +82,11 @@ def summarise(problem: Problem, result: Result, share: Interval, ids: Sequence[A
         from_demonstrator=np.zeros(len(own)),
         from_label=log_odds - own,
         expert_proba=proba,
-        reliability=reliability,
-        reliability_interval=np.stack([_quantile(nodes, by_node, q) for q in (0.025, 0.975)], axis=1),
+        reliability=proba,  # all steps of a demonstration are the expert's, or none
+        reliability_interval=np.stack([proba, proba], axis=1),
         verdicts=tuple(verdict(p, contested=False) for p in proba),
         step_log_ratio=posterior.log_ratio,
-        step_weight=step_weight(problem.lengths, proba, reliability, posterior.step),
+        step_weight=problem.spread(proba),
         prior=share,
         identifiable=True,
         competing=(),
@@ -132,9 +130,3 @@ def people(company: Company, trust: Array, verdicts: Sequence[Verdict]) -> tuple
         if name is not None:
             found.append(Demonstrator(name, Interval(*map(float, trust[u])), len(own), *counts))
     return tuple(sorted(found, key=lambda who: -who.trust.mean))
-
-
-def _quantile(nodes: Array, weight: Array, q: float) -> Array:
-    """Quantile of each row's distribution `weight` (M, J) over `nodes`, (M,)."""
-    found: Array = nodes[np.minimum((weight.cumsum(axis=1) < q).sum(axis=1), len(nodes) - 1)]
-    return found

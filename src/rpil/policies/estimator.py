@@ -18,7 +18,7 @@ from sklearn.utils.validation import has_fit_parameter
 
 from rpil.errors import DataError
 from rpil.passes import Array, log_softmax
-from rpil.policies import Policy, StudentPolicy
+from rpil.policies import StudentPolicy
 from rpil.problem import Problem
 from rpil.spaces import Box, Space
 
@@ -66,13 +66,8 @@ class ClassifierPolicy:
         """log pi(a_n|s_n) of the actions taken, (N,)."""
         return np.take_along_axis(outputs, actions[:, None], axis=1)[:, 0]
 
-    def learn(
-        self, problem: Problem, weight: Array, lesson: Array | None = None, **limits: Any
-    ) -> tuple[ClassifierPolicy, Array]:
-        """Models for folds of demonstrations, and what each says of the demonstrations that it did not see.
-
-        What the adversary's steps teach is left out: classifiers take weights, no soft targets.
-        """
+    def learn(self, problem: Problem, weight: Array) -> tuple[ClassifierPolicy, Array]:
+        """Models for folds of demonstrations, and what each says of the demonstrations that it did not see."""
         models, proba = [], np.empty((len(problem.actions), self.n_actions))
         for held in _folds(problem):
             model = _fitted(self.estimator, problem.features[~held], problem.actions[~held], weight[~held])
@@ -84,14 +79,6 @@ class ClassifierPolicy:
     def finished(self, problem: Problem, weight: Array) -> ClassifierPolicy:
         """One model fitted to all steps by weight: what a user takes home."""
         return replace(self, models=(_fitted(self.estimator, problem.features, problem.actions, weight),))
-
-    def tempered(self, temperature: float) -> ClassifierPolicy:
-        """The same: how sure it may be was found out when it learned."""
-        return self
-
-    def penalty(self) -> float:
-        """Nothing: what is held out cannot be fitted too well."""
-        return 0.0
 
     def _proba(self, model: Any, features: Array) -> Array:
         """Of all K actions, also of those that a model has not seen."""
@@ -145,9 +132,7 @@ class RegressorPolicy:
         """log pi(a_n|s_n), a density, (N,)."""
         return self.noise.log_prob(np.zeros((1, outputs.shape[1])), actions - outputs)
 
-    def learn(
-        self, problem: Problem, weight: Array, lesson: Array | None = None, **limits: Any
-    ) -> tuple[RegressorPolicy, Array]:
+    def learn(self, problem: Problem, weight: Array) -> tuple[RegressorPolicy, Array]:
         """Models for folds of demonstrations, and what each says of the demonstrations that it did not see."""
         models, mean = [], np.zeros_like(problem.actions)
         for held in _folds(problem):
@@ -165,16 +150,8 @@ class RegressorPolicy:
         """One model fitted to all steps by weight."""
         return replace(self, models=(_fitted(self.estimator, problem.features, problem.actions, weight),))
 
-    def tempered(self, temperature: float) -> RegressorPolicy:
-        """The same: the spread was found out when it learned."""
-        return self
 
-    def penalty(self) -> float:
-        """Of the spread of the errors."""
-        return self.noise.penalty()
-
-
-def estimator_policy(estimator: Any, space: Space, n_steps: int) -> Policy:
+def estimator_policy(estimator: Any, space: Space, n_steps: int) -> Any:
     """The policy that `estimator` makes before it has seen data; `TorchPolicy` is one, and only told of the actions.
 
     Raises

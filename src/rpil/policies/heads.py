@@ -13,7 +13,7 @@ import numpy as np
 
 from rpil.passes import Array, log_softmax, logsumexp
 from rpil.policies.gaussian import StudentPolicy
-from rpil.policies.networks import Loss, Networks, needs_torch, on_device
+from rpil.policies.networks import Loss, needs_torch, on_device
 from rpil.policies.softmax import one_hot
 from rpil.problem import Problem
 from rpil.spaces import Box
@@ -39,14 +39,11 @@ class Head(Protocol):
     def log_prob(self, outputs: Array, actions: Array) -> Array:
         """Of the actions taken, (N,)."""
 
-    def loss(self, problem: Problem, weight: Array, lesson: Array | None, device: str) -> Loss:
+    def loss(self, problem: Problem, weight: Array, device: str) -> Loss:
         """What to train with."""
 
     def fit(self, problem: Problem, weight: Array, outputs: Array) -> Self:
         """The head that suits outputs (N, O) which were not trained on these steps."""
-
-    def tempered(self, networks: Networks, temperature: float) -> Networks:
-        """Networks that are surer above 1 and less sure below."""
 
 
 @dataclass(frozen=True)
@@ -65,17 +62,13 @@ class SoftmaxHead:
     def log_prob(self, outputs: Array, actions: Array) -> Array:
         return np.take_along_axis(outputs, actions[:, None], axis=1)[:, 0]
 
-    def loss(self, problem: Problem, weight: Array, lesson: Array | None, device: str) -> Loss:
+    def loss(self, problem: Problem, weight: Array, device: str) -> Loss:
         torch = needs_torch()
-        wanted = one_hot(problem.actions, weight, self.width)
-        targets = on_device(wanted if lesson is None else wanted + lesson, device)
+        targets = on_device(one_hot(problem.actions, weight, self.width), device)
         return lambda raw, rows: -(targets[rows] * torch.log_softmax(raw, dim=-1)).sum(dim=-1)
 
     def fit(self, problem: Problem, weight: Array, outputs: Array) -> SoftmaxHead:
         return self
-
-    def tempered(self, networks: Networks, temperature: float) -> Networks:
-        return (*networks[:-2], *(np.float32(temperature) * last for last in networks[-2:]))
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,7 +116,7 @@ class StudentHead:
     def log_prob(self, outputs: Array, actions: Array) -> Array:
         return self.noise.log_prob(outputs, actions)
 
-    def loss(self, problem: Problem, weight: Array, lesson: Array | None, device: str) -> Loss:
+    def loss(self, problem: Problem, weight: Array, device: str) -> Loss:
         torch = needs_torch()
         middle, half = self._units
         inverse, freedom = np.linalg.inv(self.noise.cholesky), self.noise.freedom
@@ -143,9 +136,6 @@ class StudentHead:
         # Features of zero: nothing of what is left over can be predicted, there is only its distribution.
         left = replace(problem, features=np.zeros((len(outputs), 1)), actions=problem.actions - outputs)
         return replace(self, noise=self.noise.learn(left, weight)[0])
-
-    def tempered(self, networks: Networks, temperature: float) -> Networks:
-        return networks
 
     @property
     def _units(self) -> tuple[Array, Array]:

@@ -2,7 +2,7 @@
 
 A flexible policy explains whatever it was trained on, the actions of adversaries too, and its in-sample likelihood says
 nothing of who is to be trusted. So there are k networks, each trained without the demonstrations of one fold, and what
-EM learns of a step is what the network without its demonstration says (cross-fitting, as cleanlab does by row).
+the judge learns of a step is what the network without its demonstration says (cross-fitting, as cleanlab does by row).
 """
 
 from __future__ import annotations
@@ -20,9 +20,6 @@ from rpil.policies.heads import HEADS, Head
 from rpil.policies.networks import Networks, Plan, raw_outputs, train, untrained
 from rpil.problem import Problem
 from rpil.spaces import Space
-
-_STEP_EPOCHS = 3
-"""Epochs in one improving step of EM; the networks go on from where they are."""
 
 _N_PIECES = 20
 """Pieces that steps are cut into where no whole demonstration can be held out."""
@@ -73,7 +70,7 @@ class TorchPolicy:
         Units of the hidden layers.
     n_folds : int
         Networks, each without the demonstrations of one fold; 1 is a single network that has seen everything, for
-        those who only predict: under EM it would trust what it has memorised.
+        those who only predict: the judge would trust what it has memorised.
     epochs : int
         Most readings of the data in one training.
     patience : int or None
@@ -153,32 +150,12 @@ class TorchPolicy:
         head = self.trained.head if self.trained else HEADS[self._known_space.kind](self._known_space, 1.0, self.scale)
         return head.log_prob(outputs, actions)
 
-    def learn(
-        self,
-        problem: Problem,
-        weight: Array,
-        lesson: Array | None = None,
-        *,
-        tol: float = 1e-6,
-        max_iter: int = 100,
-        max_cg: int = 0,
-    ) -> tuple[TorchPolicy, Array]:
+    def learn(self, problem: Problem, weight: Array) -> tuple[TorchPolicy, Array]:
         """A policy for steps with `weight` (N,), and its outputs (N, ...), each from a network that did not see it.
 
         Networks go on from where they are unless they know demonstrations that the problem holds not: whoever leaves
         some out wants a policy that has not seen them. Fewer than three demonstrations are cut into pieces, each
         counting as one.
-
-        Parameters
-        ----------
-        problem : Problem
-        weight : (N,) array
-        lesson : (N, K) array, optional
-            Soft targets besides, where actions are discrete.
-        tol, max_cg
-            Of no use here: held-out steps say when to stop.
-        max_iter : int
-            Readings of the data, in threes, of networks that go on; new ones are trained until they are done.
 
         Raises
         ------
@@ -190,10 +167,9 @@ class TorchPolicy:
         units, keys = _units(problem)
         old = self.trained if self.trained is not None and self.trained.known.keys() <= set(keys) else None
         now = self._untrained(problem, keys) if old is None else replace(old, known=self._numbered(old.known, keys))
-        epochs = self.epochs if old is None else min(self.epochs, _STEP_EPOCHS * max_iter)
         number = np.repeat([now.known[key] for key in keys], np.diff(units))
-        for phase in range(now.head.phases if max_iter > 1 else 1):
-            now, _ = self._taught(now, problem, number, weight, lesson, epochs, phase)
+        for phase in range(now.head.phases):
+            now, _ = self._taught(now, problem, number, weight, self.epochs, phase)
             raw = raw_outputs(now.networks, _standard(now, problem.features), self.device)
             outputs = now.head.read(raw[number % len(raw), np.arange(len(number))])
             now = replace(now, head=now.head.fit(problem, weight, outputs))
@@ -213,22 +189,11 @@ class TorchPolicy:
         number = np.repeat([start.known[key] for key in keys], np.diff(units))
         epochs = self.epochs
         if self.patience is not None:
-            epochs = max(self._taught(start, problem, number, weight, None, epochs)[1], 1)
+            epochs = max(self._taught(start, problem, number, weight, epochs)[1], 1)
         single = replace(self, n_folds=1, space=problem.space, patience=None)
         start = replace(single._untrained(problem, keys), head=start.head)
-        final, _ = single._taught(start, problem, number, weight, None, epochs)
+        final, _ = single._taught(start, problem, number, weight, epochs)
         return replace(self, n_folds=1, space=problem.space, trained=final)
-
-    def tempered(self, temperature: float) -> TorchPolicy:
-        """The same order of preferences, surer above 1 and less sure below; the same where actions are continuous."""
-        if self.trained is None:
-            return self
-        networks = self.trained.head.tempered(self.trained.networks, temperature)
-        return replace(self, trained=replace(self.trained, networks=networks))
-
-    def penalty(self) -> float:
-        """None: networks are kept from overfitting by stopping early."""
-        return 0.0
 
     @property
     def _known_space(self) -> Space:
@@ -254,27 +219,19 @@ class TorchPolicy:
         return known | {new[k]: len(known) + place for place, k in enumerate(order)}
 
     def _taught(
-        self,
-        now: _Trained,
-        problem: Problem,
-        number: Array,
-        weight: Array,
-        lesson: Array | None,
-        epochs: int,
-        phase: int = 0,
+        self, now: _Trained, problem: Problem, number: Array, weight: Array, epochs: int, phase: int = 0
     ) -> tuple[_Trained, int]:
         """Networks after up to so many `epochs`, and how many were best; `number` (N,) is that of each step's unit."""
-        mass = weight if lesson is None else weight + lesson.sum(axis=1)
         n_folds = len(now.networks[0])
-        learn, judge = _learn_and_judge(number, n_folds, mass)
+        learn, judge = _learn_and_judge(number, n_folds, weight)
         if self.patience is None:  # nothing but the fold itself is to be held out
             unseen = np.arange(n_folds)[:, None] == number % n_folds
             learn = ~unseen if n_folds > 1 else np.ones_like(learn)
         networks, when = train(
             now.networks,
             _standard(now, problem.features),
-            now.head.loss(problem, weight, lesson, self.device),
-            mass,
+            now.head.loss(problem, weight, self.device),
+            weight,
             learn,
             judge,
             Plan(epochs, self.patience, self.batch_size, self.learning_rate, self.device),

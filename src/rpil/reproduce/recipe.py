@@ -15,7 +15,6 @@ from rpil.features import FeatureMap
 from rpil.inputs import action_codes, as_demonstrations, as_prior, ridge_of
 from rpil.policies import SoftmaxPolicy
 from rpil.problem import Problem
-from rpil.reliability import PointMasses
 from rpil.spaces import Discrete
 
 NO_PENALTY = 1e6
@@ -83,7 +82,7 @@ class PaperRecipe(PolicyEstimator):
             pooled, outputs = SoftmaxPolicy.zero(self.space_.n, ridge).learn(problem, np.ones(len(codes)))
             result = run(
                 problem,
-                State(pooled, Complement(), prior, PointMasses()),
+                State(pooled, Complement(), prior),
                 mode="expert_only",
                 outputs=outputs,
                 max_iter=self.max_iter,
