@@ -5,8 +5,8 @@
 
 DIR holds NPZ files as for trust.py. Printed are, for every variant and family, the mean AUROC, wrong among
 the verdicts given, and the share of demonstrations with a verdict. At the end every family is left out once: which
-variant is the best on the other families (1 - AUROC plus the share of wrong verdicts), and what it reaches on the family
-that was left out.
+variant is the best on the other families (1 - AUROC plus the share of wrong verdicts), and what it reaches on the
+family that was left out.
 """
 
 from __future__ import annotations
@@ -64,7 +64,8 @@ VARIANTS: dict[str, tuple[dict[str, Any], list[tuple[Any, str, Any]]]] = {
     "two groups may have one centre": ({}, [(groups, "LEAST_APART", 0.0)]),
     "no rivals": ({}, [(judgement, "find_rival", lambda *_: None)]),
     "ranks are worth nothing": ({}, [(groups, "RANK_WORTH", 0.0)]),
-    "ten folds": ({}, [(held_out.scorer, "__defaults__", (10,))]),
+    "ten folds": ({}, [(held_out, "N_FOLDS", {"discrete": 10, "continuous": 10})]),
+    "five folds": ({}, [(held_out, "N_FOLDS", {"discrete": 5, "continuous": 5})]),
 }
 """Name -> parameters of `RPIL`, and the parts of the judge that are replaced: module, name, value."""
 

@@ -6,6 +6,7 @@ from typing import Any
 
 from rpil.judge import FINDINGS
 from rpil.problem import Problem
+from rpil.suggestions import P_EXPERT
 
 
 def assumptions(model: Any, problem: Problem) -> list[str]:
@@ -13,14 +14,10 @@ def assumptions(model: Any, problem: Problem) -> list[str]:
     labelled = int((problem.labels != 0).sum())
     said = [
         FINDINGS[model.audit_.finding],
-        "P(expert) says how surely a demonstration acts as the group does that agrees best; that this group is good "
-        "is assumed.",
+        P_EXPERT,
     ]
     if model.judge_ is not None:
-        said += [
-            f"P(two groups of scores) is {model.judge_.groups.p_two:.2f}.",
-            f"Consecutive steps are not independent: one counts for {model.judge_.independent:.2f} of a step.",
-        ]
+        said.append(f"P(two groups of scores) is {model.judge_.groups.p_two:.2f}.")
     said.append(
         f"The policy is linear in {model.features_.kind} features."
         if model.policy is None

@@ -106,7 +106,7 @@ class Audit:
     assumptions : tuple of str
         What the audit took for granted, one sentence each.
     demonstrators : tuple of Demonstrator
-        The most trusted first; nobody where it is not known who gave what.
+        The most trusted first; empty where demonstrators were not given.
     labelled : tuple of ids
         Demonstrations whose label was given.
     """
@@ -169,7 +169,7 @@ class Audit:
         """The same audit with P(expert) corrected by `labels`, id to "expert" or "adversary", that `fit` did not see.
 
         A slope and an offset of the log-odds are fitted to them, see `rpil.recalibration`; verdicts and weights follow.
-        The ranking of whoever is not labelled stays.
+        The ranking of demonstrations without a label stays.
 
         Raises
         ------
@@ -178,7 +178,7 @@ class Audit:
             unknown.
         """
         if not self.identifiable:
-            raise DataError("Groups compete for being the expert; fit with a label for each group before calibrating.")
+            raise DataError("Two groups compete for being the expert; fit with one label before calibrating.")
         expert = match_given(labels, self.ids)
         index = np.array([m for m in expert if self.ids[m] not in self.labelled], dtype=int)
         if len(index) < FEWEST:
@@ -198,6 +198,7 @@ class Audit:
         return replace(
             self,
             log_odds=log_odds,
+            finding="told apart",
             from_actions=self.from_actions + corrected - self.log_odds,
             from_label=self.from_label + log_odds - corrected,
             expert_proba=proba,

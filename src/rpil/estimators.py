@@ -349,12 +349,12 @@ class RPIL(PolicyEstimator):
         """Say what was assumed, and what the user should know before using the result."""
         self.audit_ = replace(self.audit_, assumptions=tuple(assumptions(self, problem)))
         if not self.converged_:
-            warnings.warn("EM stopped at max_iter; raise max_iter or tol.", ConvergenceWarning, stacklevel=4)
+            warnings.warn("EM stopped at max_iter; raise max_iter or tol.", ConvergenceWarning, stacklevel=5)
         if not self.audit_.identifiable:
             which = " or ".join(repr(m) for m in self.audit_.to_label)
             warnings.warn(
                 f"{source}: two groups of demonstrations each act alike, differently, in the same states, and nothing "
                 f"says which is the expert; label one demonstration, say {which}.",
                 AmbiguousWarning,
-                stacklevel=4,
+                stacklevel=5,
             )

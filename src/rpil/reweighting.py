@@ -81,6 +81,9 @@ class _Theirs:
     found: dict[bytes, tuple[Scored, int]] = field(default_factory=dict)
     """By the weights of the steps: what copies said, and after how many rounds they were the best."""
 
+    def anew(self) -> _Theirs:
+        return self
+
     def held_out(self, weight: Array, ridge: float) -> Scored:
         """Of every step, by copies that were trained until it gains nothing more on the steps that teach."""
         key = weight.tobytes()

@@ -49,7 +49,7 @@ def audit_of(judgement: Judgement, problem: Problem, ids: Sequence[Any]) -> Audi
         identifiable=not groups,
         competing=tuple(tuple(ids[m] for m in group) for group in groups),
         to_label=tuple(ids[group[np.argmax(problem.lengths[group])]] for group in groups),
-        adversary="frequent actions",
+        adversary="frequent actions" if problem.space.kind == "discrete" else "any action",
         history=judgement.scores.history,
         assumptions=(),
         demonstrators=people(problem.company, judgement.people, verdicts),
@@ -103,6 +103,8 @@ def step_weight(
 ) -> NDArray[np.float64]:
     """Weight of each step for training, (N,): P(expert) of its demonstration, times P(the step is an expert's) unless
     the demonstration is as reliable as a `typical` expert's."""
+    if not len(step):  # steps are not kept
+        return step
     typical = typical_reliability(reliability, proba) if typical is None else typical
     whole = reliability >= WHOLE * typical
     weight: NDArray[np.float64] = np.repeat(proba, lengths) * np.where(np.repeat(whole, lengths), 1.0, step)

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from rpil.judge.groups import Groups
-from rpil.judge.held_out import error_scale, fit_ridge, fit_weighted, frequencies, scored, student
+from rpil.judge.held_out import error_scale, fit_weighted, frequencies, moments, scored, solve_ridge, student
 from rpil.passes import Array, linear, log_softmax
 from rpil.problem import Problem
 
@@ -72,7 +72,7 @@ class StudentScale:
         location, spread = raw.mean(axis=0), raw.std(axis=0)
         spread = np.where(spread > 0, spread, 1.0)
         actions, rows = (raw - location) / spread, weight > 0
-        weights = fit_ridge(problem.features[rows], actions[rows], weight[rows], ridge)
+        weights = solve_ridge(*moments(problem.features[rows], actions[rows], weight[rows]), ridge)
         errors = actions - linear(problem.features, weights)
         center = np.median(actions, axis=0)
         width = error_scale(actions - center, np.ones(len(actions)))

@@ -117,7 +117,7 @@ def fit_groups(score: Array, variance: Array, labels: Array, effective: Array, l
     """
     quantiles = np.quantile(score, np.linspace(0, 1, min(len(score), 201)))
     total = max(float(score.var()), np.finfo(float).tiny)
-    graded = max(0.0, 1 - float(np.mean(variance * np.minimum(1.0, lengths / effective))) / total)
+    graded = max(0.0, 1 - float(np.mean(variance)) / total)
     alike = Groups(-np.inf, np.full(2, score.mean()), np.full(2, total), 0.5, 1.0, graded, quantiles)
     if len(score) < 4 or float(np.median(lengths)) < FEWEST_STEPS or float(np.ptp(score)) == 0.0:
         return alike

@@ -21,7 +21,7 @@ from rpil.passes import Array
 from rpil.problem import Problem
 
 FINDINGS = {
-    "told apart": "The scores fall into two groups; the upper one is taken for the experts'.",
+    "told apart": "The demonstrations fall into two groups; the one that agrees best is taken for the experts'.",
     "cannot be known": "Two groups of demonstrations each act alike, differently, in the same states: nothing says "
     "which of them is the expert.",
     "nobody stands out": "The scores are one group: demonstrations are ranked, none is accused.",
@@ -43,6 +43,10 @@ UNSURE = float(np.log(SURE / (1 - SURE)))
 
 CERTAIN = 20.0
 """Log Bayes factor of two groups that are known to be there."""
+
+
+LARGER = 3
+"""Times that a trusted group may be larger than its rival for one labelled adversary in it to speak against it."""
 
 
 @dataclass(frozen=True)
@@ -168,14 +172,17 @@ def judge(
     upper = scores.groups.log_odds(scores.score, scores.variance) > 0
     trusted = upper & possible if apart else taught.teachers
     rival = find_rival(problem, scorer, trusted, apart, ridge, settings.seed)
-    if rival is not None and rival.competes and problem.labels.any():
+    settled = False
+    if rival is not None and rival.competes and (problem.labels.any() or settings.minority == "distrust"):
         other = taught_by(problem, scorer, rival.rival, ridge)
         scores_other = measured(problem, other, q, learned)
-        if _contradictions(problem, scores_other) < _contradictions(problem, scores):
+        choice = _choose(problem, scores, scores_other, rival)
+        settled = choice != 0
+        if choice < 0:
             taught, scores = other, scores_other
     log_ratio = taught.scored.log_prob - q
     steps = step_trust(problem, log_ratio, np.minimum(scores.effective / problem.lengths, 1.0))
-    return conclude(problem, scores, steps, log_ratio, taught.teachers, rival, settings.minority)
+    return conclude(problem, scores, steps, log_ratio, taught.teachers, rival, settings.minority, settled)
 
 
 def measured(problem: Problem, taught: Taught, q: Array, learned: bool) -> Scores:
@@ -196,10 +203,20 @@ def measured(problem: Problem, taught: Taught, q: Array, learned: bool) -> Score
     return Scores(score, variance, effective, groups, pooled, learned, taught.ridge, taught.history)
 
 
-def _contradictions(problem: Problem, scores: Scores) -> int:
-    """Labels that the scores speak against."""
-    log_odds = scores.groups.log_odds(scores.score, scores.variance)
-    return int((problem.labels * log_odds < 0).sum())
+def _choose(problem: Problem, scores: Scores, scores_other: Scores, rival: Rival) -> int:
+    """Which of two groups is the expert: 1 the trusted, -1 the rival, 0 if nothing says; by labels, else by size.
+
+    A labelled expert decides. A labelled adversary among many trusted demonstrations may be one that was not noticed.
+    """
+    if not problem.labels.any():
+        return 1 if len(rival.trusted) >= len(rival.rival) else -1
+    against, against_other = (
+        int((problem.labels * of.groups.log_odds(of.score, of.variance) < 0).sum()) for of in (scores, scores_other)
+    )
+    if against < against_other:
+        return 1
+    comparable = LARGER * len(rival.rival) >= len(rival.trusted)
+    return -1 if against_other < against and ((problem.labels > 0).any() or comparable) else 0
 
 
 def conclude(
@@ -210,11 +227,13 @@ def conclude(
     teachers: Array,
     rival: Rival | None,
     minority: str,
+    settled: bool = False,
 ) -> Judgement:
-    """What `scores` and a `rival` group come to, where a `minority` that acts alike is asked about, or not."""
+    """What `scores` and a `rival` group come to, where a `minority` that acts alike is asked about, or not; `settled`
+    where a label says which of the two is the expert."""
     groups = scores.groups
-    if rival is not None and rival.competes and problem.labels.any():
-        # That there are two groups is known, and a label says which is the expert.
+    if rival is not None and rival.competes and (settled or minority == "distrust"):
+        # That there are two groups is known, and a label or the user says which is the expert.
         groups = replace(groups, log_bayes_factor=max(groups.log_bayes_factor, CERTAIN))
         scores, rival = replace(scores, groups=groups), None
     actions = groups.log_odds(scores.score, scores.variance)

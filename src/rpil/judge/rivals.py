@@ -6,6 +6,7 @@ demonstrations about as well as the trusted explain theirs, and it acts where th
 
     gain_A = median over A of  mean_n [log pi_A - log q_A],     gain_B the same of B,    gain_B >= GAIN gain_A
     median over A of  mean_n [log pi_B - log q_A] <= OTHERWISE gain_A
+    median over A of  sum_n [log pi_A - log pi_B] >= DISTINCT,      and the same of B
     overlap = mean over the steps of B of  min(1, p(s | A) / p(s | B)) >= OVERLAP
 
 A and B are the trusted demonstrations and the others, pi_A and pi_B policies that are taught by one of them, held out;
@@ -36,6 +37,10 @@ same policy explains them nearly as well as their own."""
 OVERLAP = 0.6
 """Of a rival group's steps that are where the trusted are at home: 0.8 and more where both were recorded in the same
 states, 0.5 at most for robot arms that fail."""
+
+DISTINCT = 5.0
+"""Nats, for the median demonstration of either group, by which its own group's policy explains it better than the other
+group's: by chance two groups divide demonstrations of one policy by one or two."""
 
 FEWEST = 2
 """Demonstrations of a group."""
@@ -85,13 +90,13 @@ def find_rival(
     if trusted.sum() < FEWEST or (~trusted).sum() < FEWEST:
         return None
 
-    def explained(group: Array) -> Array:
-        return mean_steps(problem, scorer.held_out(problem.spread(group.astype(float)), ridge).log_prob)
+    def explained(by: Scorer, group: Array) -> Array:
+        return mean_steps(problem, by.held_out(problem.spread(group.astype(float)), ridge).log_prob)
 
-    own = explained(trusted)
+    second, own = scorer.anew(), explained(scorer, trusted)
     rival = ~trusted & (own <= np.median(own[~trusted]))  # those least like the trusted
     for _ in range(ROUNDS):
-        other = explained(rival)
+        other = explained(second, rival)
         closer = (other > own) & ~(trusted & settled)
         if closer.sum() < FEWEST or (~closer).sum() < FEWEST:
             return None
@@ -100,11 +105,14 @@ def find_rival(
         rival = closer
         if not settled:
             trusted = ~rival
-            own = explained(trusted)
+            own = explained(scorer, trusted)
     blind, blind_rival = (mean_steps(problem, reference(problem, group)) for group in (trusted, rival))
     gain, on_trusted = (float(np.median((of - blind)[trusted])) for of in (own, other))
     gain_rival = float(np.median((other - blind_rival)[rival]))
     if not gain > 0 or gain_rival < GAIN * gain or on_trusted > OTHERWISE * gain:
+        return None
+    nats = problem.lengths * (own - other)
+    if np.median(nats[trusted]) < DISTINCT or np.median(-nats[rival]) < DISTINCT:
         return None
     found = np.flatnonzero(trusted), np.flatnonzero(rival)
     return Rival(*found, gain_rival / gain, state_overlap(problem, *found, seed))
