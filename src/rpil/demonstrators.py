@@ -2,12 +2,12 @@
 
 Demonstrator u has a tendency b_u, added to the log-odds of P(expert) of every demonstration that u gave:
 
-    logit P(expert | m, u) = o_m + b_u,     b_u ~ N(0, tau^2),     o_m such that  E P(expert | m, u) = P(expert | m)
+    logit P(expert | m, u) = o_m + b_u,     b_u ~ N(0, tau^2)
 
-So the population's share stays what it is (a marginally specified random intercept, Heagerty 1999): a person who gave
-one demonstration is judged as if the demonstrators were unknown. tau says how alike the demonstrations of one person
-are; it is the same for all persons, and summed out over a table that begins at 0, where it does not matter who gave
-what. So demonstrators that mean nothing do next to no harm.
+At o_m = 0, one half, the population's share is what it was without tendencies; a person who gave one demonstration is
+judged as if the demonstrators were unknown. tau says how alike the demonstrations of one person are; it is the same for
+all persons, and summed out over a table that begins at 0, where it does not matter who gave what. So demonstrators that
+mean nothing do next to no harm.
 
 b is on a grid, so that everything is a finite sum, and a demonstration borrows from the *others* of its demonstrator:
 its own actions are left out exactly.
@@ -17,7 +17,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cache, cached_property
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -30,9 +30,6 @@ SPREADS = np.array([0.0, 0.5, 1.0, 2.0, 4.0, 8.0])
 
 _POINTS = np.linspace(-3.0, 3.0, 25)
 _LOG_WEIGHT = -0.5 * _POINTS**2 - np.log(np.exp(-0.5 * _POINTS**2).sum())
-_FARTHEST = 30.0
-"""Log-odds beyond which a share is 0 or 1."""
-
 _CERTAIN = 1e5
 """Log-ratios beyond this are no different."""
 
@@ -49,12 +46,6 @@ class Strangers:
 
     said: str = ""
 
-    def select(self, demonstrations: Array) -> Strangers:
-        return self
-
-
-STRANGERS = Strangers()
-
 
 @dataclass(frozen=True, eq=False)
 class Borrowed:
@@ -64,14 +55,11 @@ class Borrowed:
     ----------
     log_odds : (M,) array
         Of expert against adversary before a demonstration's own actions, but after those of its demonstrator's others.
-    log_evidence : float
-        log p(D, labels) / p(D | all adversaries).
     share, weight : (U, T * G) arrays
         P(expert), averaged over what each demonstrator gave, for every tau and tendency; and their posterior.
     """
 
     log_odds: Array
-    log_evidence: float
     share: Array
     weight: Array
 
@@ -102,10 +90,6 @@ class Demonstrators:
         """Demonstrations of each, (U,)."""
         return np.bincount(self.of, minlength=len(self.names))
 
-    def select(self, demonstrations: Array) -> Company:
-        """The same of some of the demonstrations."""
-        return company([self.names[u] for u in self.of[demonstrations]])
-
     def borrow(self, log_ratio: Array, log_odds: Array, labels: Array) -> Borrowed:
         """What the demonstrations of each person say of one another.
 
@@ -119,7 +103,7 @@ class Demonstrators:
             1 known expert, -1 known adversary, 0 unknown.
         """
         ratio = np.clip(log_ratio, -_CERTAIN, _CERTAIN)
-        z = shares(log_odds)  # (M, T, G)
+        z = log_odds[:, None, None] + SPREADS[:, None] * _POINTS  # (M, T, G)
         log_p = log_expit(z)
         expert, adversary = log_p + ratio[:, None, None], log_p - z
         own = np.logaddexp(expert, adversary)
@@ -132,11 +116,10 @@ class Demonstrators:
         log_expert, log_adversary = (logsumexp(others + part, (1, 2)) for part in (log_p, adversary))
         alone = self.counts[self.of] == 1  # whose others are strangers: the population's share, to the last bit
         lent = np.where(alone, log_odds, log_expert - log_adversary)
-        everything = float(logsumexp(of_spread, 0)) - np.log(len(SPREADS))
         weight = (of_spread - together)[:, :, None] + each
         weight = np.exp(weight - logsumexp(weight, (1, 2))[:, None, None])
         share = np.tensordot(self._given, np.exp(log_p), axes=1) / self.counts[:, None, None]
-        return Borrowed(lent, everything, *(a.reshape(len(a), -1) for a in (share, weight)))
+        return Borrowed(lent, *(a.reshape(len(a), -1) for a in (share, weight)))
 
 
 Company = Demonstrators | Strangers
@@ -152,32 +135,6 @@ def company(names: Sequence[Any]) -> Company:
     if len(distinct) == len(people):
         return Strangers("No demonstrator gave two demonstrations, so who gave them tells nothing.")
     return Demonstrators(np.array([distinct[who] for who in people]), tuple(name for name, _ in distinct))
-
-
-def shares(log_odds: Array) -> Array:
-    """logit P(expert | b) at every tau and b of the grid, for demonstrations whose P(expert) has `log_odds` (M,),
-    (M, T, G)."""
-    grid, center = _centers()
-    at = np.clip(log_odds, -_FARTHEST, _FARTHEST)
-    o = np.stack([np.interp(at, grid, column) for column in center], axis=1)
-    return o[:, :, None] + SPREADS[:, None] * _POINTS
-
-
-@cache
-def _centers() -> tuple[Array, Array]:
-    """Log-odds of a share (L,), and o for each tau, (T, L): the mean of expit(o + b) is that share."""
-    grid = np.linspace(-_FARTHEST, 0.0, 301)
-    low = grid - SPREADS[:, None] * _POINTS[-1]
-    high = grid + SPREADS[:, None] * _POINTS[-1]
-    for _ in range(60):
-        middle = 0.5 * (low + high)
-        # In logs: far out the shares are tiny, and o still matters.
-        mean = logsumexp(log_expit(middle[:, :, None] + SPREADS[:, None, None] * _POINTS) + _LOG_WEIGHT, 2)
-        below = mean < log_expit(grid)
-        low, high = np.where(below, middle, low), np.where(below, high, middle)
-    center = 0.5 * (low + high)
-    center[:, -1] = 0.0
-    return np.concatenate([grid, -grid[-2::-1]]), np.concatenate([center, -center[:, -2::-1]], axis=1)
 
 
 def intervals(value: Array, weight: Array) -> Array:

@@ -69,5 +69,5 @@ class Problem:
             actions=self.actions[steps],
             offsets=offsets,
             labels=np.zeros(len(demonstrations), dtype=int) if unlabelled else self.labels[demonstrations],
-            company=self.company.select(demonstrations),
+            company=Strangers(),
         )

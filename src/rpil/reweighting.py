@@ -8,7 +8,6 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
-from threadpoolctl import threadpool_limits
 
 from rpil.audit import Audit
 from rpil.demonstrations import Demonstrations
@@ -73,10 +72,9 @@ class _Theirs:
     data: Demonstrations
     log_prob: LogProb
     train: Train
-    n_folds: int
+    fold: Array
     max_rounds: int
     progress: Callable[[str], None]
-    seed: int
     ridges: tuple[float, ...] = ()
     found: dict[bytes, tuple[Scored, int]] = field(default_factory=dict)
     """By the weights of the steps: what copies said, and after how many rounds they were the best."""
@@ -92,31 +90,29 @@ class _Theirs:
         return self.found[key][0]
 
     def _rounds(self, weight: Array) -> tuple[Scored, int]:
-        problem, everybody = self.problem, np.ones(self.problem.n_demonstrations, dtype=bool)
-        fold = problem.spread(deal(problem, self.n_folds, self.seed))
-        copies = [deepcopy(self.policy) for _ in range(self.n_folds)]
-        judged = [np.flatnonzero(fold == k) for k in range(self.n_folds)]
-        taught = [np.flatnonzero((fold != k) | (self.n_folds == 1)) for k in range(self.n_folds)]
-        before = self._ask_all(copies, judged) if not self.found else None
-        most, best, when = -np.inf, np.empty(len(fold)), 0
+        n_folds = int(self.fold.max()) + 1
+        copies = [deepcopy(self.policy) for _ in range(n_folds)]
+        taught = [np.flatnonzero((self.fold != k) | (n_folds == 1)) for k in range(n_folds)]
+        before = None if self.found else self._ask_all(copies)
+        most, best, when = -np.inf, np.empty(len(weight)), 0
         for n in range(1, self.max_rounds + 1):
             self.progress(f"round {n}")
             copies = [self.teach(copy, rows, weight) for copy, rows in zip(copies, taught, strict=True)]
-            said = self._ask_all(copies, judged)
+            said = self._ask_all(copies)
             if n == 1 and before is not None and np.array_equal(before, said):
                 raise DataError(
                     "train changed nothing in copies of the policy; keep the optimiser with the policy, so that both "
                     "are copied, or make it within train."
                 )
-            gained = float(weight @ said / weight.sum())
-            if gained > most + _GAIN:
-                most, best, when = gained, said, n
+            explained = float(weight @ said / weight.sum())
+            if explained > most + _GAIN:
+                most, best, when = explained, said, n
             elif n - when >= _PATIENCE:
                 break
-        if problem.space.kind == "continuous":  # densities of actions in standard deviations, as the reference has them
-            spread = np.asarray(problem.actions, dtype=float).std(axis=0)
+        if not self.data.is_discrete:  # densities of actions in standard deviations, as the reference has them
+            spread = self.data.actions.std(axis=0)
             best = best + np.log(np.where(spread > 0, spread, 1.0)).sum()
-        q = reference(problem, everybody)
+        q = reference(self.problem, np.ones(len(self.data), dtype=bool))
         log_prob = np.logaddexp(np.log1p(-LAPSE) + best, np.log(LAPSE) + q)  # an expert, too, may do anything at times
         return Scored(log_prob, log_prob - np.average(log_prob, weights=weight)), when
 
@@ -132,10 +128,10 @@ class _Theirs:
             raise DataError("train returned {}; let it return nothing, or the new policy, of type {}.".format(*types))
         return new
 
-    def _ask_all(self, copies: list[Any], judged: list[Array]) -> Array:
-        out = np.empty(self.data.n_steps)
-        for copy, rows in zip(copies, judged, strict=True):
-            out[rows] = self._ask(copy, rows)
+    def _ask_all(self, copies: list[Any]) -> Array:
+        out = np.empty(len(self.fold))
+        for k, copy in enumerate(copies):
+            out[self.fold == k] = self._ask(copy, np.flatnonzero(self.fold == k))
         return out
 
     def _ask(self, policy: Any, rows: Array) -> Array:
@@ -151,13 +147,12 @@ class _Theirs:
                 f"log_prob returned the shape {found.shape} for {len(rows)} steps; let it return ({len(rows)},), the "
                 "log-probability of each action taken."
             )
-        wrong = np.isnan(found) | (found == np.inf)
-        if wrong.any():
-            step = int(rows[np.argmax(wrong)])
-            m = self.data.ids[self.data.groups[step]]
+        wrong = np.flatnonzero(np.isnan(found) | (found == np.inf))
+        if len(wrong):
+            step, m = rows[wrong[0]], self.data.groups[rows[wrong[0]]]
             raise DataError(
-                f"{self.data.source}, demonstration {m!r}: log_prob returned {found[np.argmax(wrong)]} at step "
-                f"{step - self.data.offsets[self.data.groups[step]]}; look at the loss, or lower the learning rate."
+                f"{self.data.source}, demonstration {self.data.ids[m]!r}: log_prob returned {found[wrong[0]]} at step "
+                f"{step - self.data.offsets[m]}; look at the loss, or lower the learning rate."
             )
         if self.data.is_discrete and found.max() > 1e-4:
             above = f"{found.max():.3g} for a discrete action"
@@ -231,11 +226,10 @@ def reweight(
     if minority not in MINORITY:
         raise DataError(f"There is no minority {minority!r}; choose {' or '.join(MINORITY)}.")
     space, _, codes = coded_actions(demonstrations, action_box)
-    given = known_labels(labels, demonstrations)
-    with threadpool_limits(1, "blas"):
-        states = FeatureMap.fit("folded", demonstrations.observations).design(demonstrations.observations)
-    problem = Problem(states, codes, demonstrations.offsets, space, given)
-    theirs = _Theirs(policy, problem, demonstrations, log_prob, train, n_folds, max_rounds, progress, seed=random_state)
+    states = FeatureMap.fit("folded", demonstrations.observations).design(demonstrations.observations)
+    problem = Problem(states, codes, demonstrations.offsets, space, known_labels(labels, demonstrations))
+    fold = problem.spread(deal(problem, n_folds, random_state))
+    theirs = _Theirs(policy, problem, demonstrations, log_prob, train, fold, max_rounds, progress)
     judgement = judge(problem, theirs, Settings(random_state, minority), progress)
     audit = audit_of(judgement, problem, demonstrations.ids)
     n_rounds = theirs.found[problem.spread(judgement.teachers.astype(float)).tobytes()][1]

@@ -33,7 +33,7 @@ _LEAST = 0.01
 
 @dataclass(frozen=True, eq=False)
 class _Trained:
-    """Networks, and whom they know.
+    """Networks, and how to read them.
 
     Attributes
     ----------
@@ -41,20 +41,12 @@ class _Trained:
     center, spread : (D,) arrays
         What inputs are standardised with.
     head : Head
-    known : dict of bytes to int
-        Number of each demonstration, by its contents. Numbers decide who is held out of which network, so they must
-        not change while networks go on learning. That the contents are the key keeps them wherever a demonstration
-        turns up, and puts copies of one into the same fold.
-    age : int
-        How often they have learned.
     """
 
     networks: Networks
     center: Array
     spread: Array
     head: Head
-    known: dict[bytes, int]
-    age: int = 0
 
 
 @dataclass(frozen=True, eq=False)
@@ -153,9 +145,7 @@ class TorchPolicy:
     def learn(self, problem: Problem, weight: Array) -> tuple[TorchPolicy, Array]:
         """A policy for steps with `weight` (N,), and its outputs (N, ...), each from a network that did not see it.
 
-        Networks go on from where they are unless they know demonstrations that the problem holds not: whoever leaves
-        some out wants a policy that has not seen them. Fewer than three demonstrations are cut into pieces, each
-        counting as one.
+        The networks are new ones. Fewer than three demonstrations are cut into pieces, each counting as one.
 
         Raises
         ------
@@ -164,34 +154,31 @@ class TorchPolicy:
         MissingExtraError
             Where torch is not installed.
         """
-        units, keys = _units(problem)
-        old = self.trained if self.trained is not None and self.trained.known.keys() <= set(keys) else None
-        now = self._untrained(problem, keys) if old is None else replace(old, known=self._numbered(old.known, keys))
-        number = np.repeat([now.known[key] for key in keys], np.diff(units))
+        number = self._numbers(problem)
+        now = self._untrained(problem, number)
         for phase in range(now.head.phases):
             now, _ = self._taught(now, problem, number, weight, self.epochs, phase)
             raw = raw_outputs(now.networks, _standard(now, problem.features), self.device)
             outputs = now.head.read(raw[number % len(raw), np.arange(len(number))])
             now = replace(now, head=now.head.fit(problem, weight, outputs))
-        return replace(self, space=problem.space, trained=replace(now, age=now.age + 1)), outputs
+        return replace(self, space=problem.space, trained=now), outputs
 
     def finished(self, problem: Problem, weight: Array) -> TorchPolicy:
         """The policy of one new network that all steps by their `weight` (N,) have trained, for predicting.
 
         It is trained for as long as is best for new networks that are cross-fitted.
         """
-        units, keys = _units(problem)
-        start = self._untrained(problem, keys)
+        number = self._numbers(problem)
+        start = self._untrained(problem, number)
         if self.trained is not None:
             start = replace(start, head=self.trained.head)  # it knows how far held-out actions are off
         elif start.head.phases > 1:
             start = replace(start, head=self.learn(problem, weight)[0].trained.head)  # type: ignore[union-attr]
-        number = np.repeat([start.known[key] for key in keys], np.diff(units))
         epochs = self.epochs
         if self.patience is not None:
             epochs = max(self._taught(start, problem, number, weight, epochs)[1], 1)
         single = replace(self, n_folds=1, space=problem.space, patience=None)
-        start = replace(single._untrained(problem, keys), head=start.head)
+        start = replace(single._untrained(problem, number), head=start.head)
         final, _ = single._taught(start, problem, number, weight, epochs)
         return replace(self, n_folds=1, space=problem.space, trained=final)
 
@@ -201,22 +188,25 @@ class TorchPolicy:
             raise DataError("TorchPolicy: it has not learned yet, and does not know the actions; call learn first.")
         return self.space
 
-    def _untrained(self, problem: Problem, keys: list[bytes]) -> _Trained:
+    def _untrained(self, problem: Problem, number: Array) -> _Trained:
         features = np.asarray(problem.features, dtype=float)
         center, spread = features.mean(axis=0), features.std(axis=0)
         spread = np.where(spread > 1e-9 * np.maximum(np.abs(center), 1.0), spread, 1.0)
         head = HEADS[problem.space.kind](problem.space, len(problem.actions), self.scale)
-        known = self._numbered({}, keys)
-        n_networks = min(self.n_folds, len(known))
+        n_networks = min(self.n_folds, int(number.max()) + 1)
         sizes = (features.shape[1], *self.hidden, head.width)
         networks = untrained(sizes, n_networks, np.random.default_rng([self.seed, 0]))
-        return _Trained(networks, center, spread, head, known)
+        return _Trained(networks, center, spread, head)
 
-    def _numbered(self, known: dict[bytes, int], keys: list[bytes]) -> dict[bytes, int]:
-        """`known` with numbers for those that it lacks, in an order that does not depend on the data's."""
-        new = sorted(set(keys) - known.keys())
-        order = np.random.default_rng([self.seed, 1]).permutation(len(new))
-        return known | {new[k]: len(known) + place for place, k in enumerate(order)}
+    def _numbers(self, problem: Problem) -> Array:
+        """The number of the unit of each step, (N,), which says who is held out of which network.
+
+        It comes from what the unit holds, so that it does not depend on the order and copies share a fold.
+        """
+        units, keys = _units(problem)
+        distinct, at = np.unique(keys, return_inverse=True)
+        place = np.random.default_rng([self.seed, 1]).permutation(len(distinct))
+        return np.repeat(place[at], np.diff(units))
 
     def _taught(
         self, now: _Trained, problem: Problem, number: Array, weight: Array, epochs: int, phase: int = 0
@@ -235,7 +225,7 @@ class TorchPolicy:
             learn,
             judge,
             Plan(epochs, self.patience, self.batch_size, self.learning_rate, self.device),
-            np.random.default_rng([self.seed, 2, now.age, phase]),
+            np.random.default_rng([self.seed, 2, phase]),
         )
         return replace(now, networks=networks), when
 
@@ -244,7 +234,7 @@ def _standard(trained: _Trained, features: Array) -> Array:
     return (features - trained.center) / trained.spread
 
 
-def _units(problem: Problem) -> tuple[Array, list[bytes]]:
+def _units(problem: Problem) -> tuple[Array, list[int]]:
     """Where the units begin that are held out as a whole, and the end, (U + 1,); and a key to the contents of each."""
     offsets = problem.offsets
     if len(offsets) < 4:
@@ -252,10 +242,10 @@ def _units(problem: Problem) -> tuple[Array, list[bytes]]:
     columns = np.ascontiguousarray(problem.features), np.ascontiguousarray(problem.actions)
     keys = []
     for start, stop in pairwise(offsets):
-        digest = blake2b(digest_size=16)
+        digest = blake2b(digest_size=8)
         for column in columns:
             digest.update(column[start:stop].tobytes())
-        keys.append(digest.digest())
+        keys.append(int.from_bytes(digest.digest()))
     return offsets, keys
 
 
