@@ -41,6 +41,9 @@ LEAST_SPREAD = 1e-3
 LEAST_APART = 1.0
 """Distance of the two means in their root mean square spread: two groups with one centre are one group with tails."""
 
+TAIL = 0.05
+"""Share of experts whose scores are as spread as those of the wider group: a good demonstration may be odd."""
+
 FEWEST_STEPS = 8
 """Steps of the median demonstration from which their mean is about normal."""
 
@@ -90,8 +93,11 @@ class Groups:
     def log_odds(self, score: Array, variance: Array) -> Array:
         """Log-odds of expert against adversary of demonstrations with `score` and its `variance`, (M,) each."""
         at = np.clip(score, *self.mean)  # beyond a group's mean it is no less in that group
-        each = _log_normal(at[:, None], self.mean, self.spread + self.noise * variance[:, None])
-        upper = expit(logit(self.share) + each[:, 1] - each[:, 0])
+        widths = self.spread + self.noise * variance[:, None]
+        lower, upper = _log_normal(at[:, None], self.mean, widths).T
+        tail = _log_normal(at, self.mean[1], widths.max(axis=1))
+        upper = np.logaddexp(np.log1p(-TAIL) + upper, np.log(TAIL) + tail)
+        upper = expit(logit(self.share) + upper - lower)
         rank = np.interp(score, self.quantiles, np.linspace(0, 1, len(self.quantiles)))
         rank = np.where(np.ptp(self.quantiles) > 0, rank, 0.5)
         graded = 0.5 + RANK_WORTH * self.graded * (betainc(2, 2, rank) - 0.5)
