@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 # Thin products gain nothing from BLAS threads, and lose a lot on a busy machine.
 export OPENBLAS_NUM_THREADS ?= 1
 
-.PHONY: demo test lint clean
+.PHONY: demo test lint results clean
 
 $(VENV)/.made: pyproject.toml
 	$(PYTHON) -m venv $(VENV)
@@ -22,6 +22,19 @@ lint: $(VENV)/.made
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
+
+# docs/results.md from one commit: an hour on 2 cores; what is finished is not done again. DATA holds NPZ files.
+DATA ?= ../shared/data
+FIGURES := build/figures
+
+results: $(VENV)/.made
+	mkdir -p $(FIGURES)
+	-$(BIN)/python benchmarks/trust.py --data $(DATA) --json $(FIGURES)/trust.json --processes 2
+	$(BIN)/python benchmarks/ablations.py --data $(DATA) --json $(FIGURES)/ablations.json --processes 2
+	test -e $(FIGURES)/paper.json || $(BIN)/python benchmarks/paper.py --json $(FIGURES)/paper.json
+	$(BIN)/python benchmarks/results.py --trust $(FIGURES)/trust.json --ablations $(FIGURES)/ablations.json \
+	    --paper $(FIGURES)/paper.json > $(FIGURES)/results.md
+	mv $(FIGURES)/results.md docs/results.md
 
 clean:
 	rm -rf $(VENV) .pytest_cache .ruff_cache .mypy_cache build dist rpil-demo.html

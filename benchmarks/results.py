@@ -330,6 +330,8 @@ def told_by(script: str) -> Callable[[Result], str]:
 
 
 SECTIONS: dict[str, Callable[[Result], str]] = {
+    "trust": told_by("trust_report"),
+    "ablations": told_by("ablations"),
     "acceptance": acceptance,
     "paper": paper,
     "features": told_by("features"),

@@ -180,6 +180,9 @@ def judge(
         settled = choice != 0
         if choice < 0:
             taught, scores = other, scores_other
+    if not settled and _contradicted(problem, scores):
+        upper = scores.groups.log_odds(scores.score, scores.variance) > 0
+        rival = Rival(np.flatnonzero(upper), np.flatnonzero(~upper), np.inf, 1.0)
     log_ratio = taught.scored.log_prob - q
     steps = step_trust(problem, log_ratio, np.minimum(scores.effective / problem.lengths, 1.0))
     return conclude(problem, scores, steps, log_ratio, taught.teachers, rival, settings.minority, settled)
@@ -217,6 +220,15 @@ def _choose(problem: Problem, scores: Scores, scores_other: Scores, rival: Rival
         return 1
     comparable = LARGER * len(rival.rival) >= len(rival.trusted)
     return -1 if against_other < against and ((problem.labels > 0).any() or comparable) else 0
+
+
+def _contradicted(problem: Problem, scores: Scores) -> bool:
+    """Whether at least half of the labels, one of an expert or two, speak against the scores: then the groups may have
+    changed places."""
+    log_odds = scores.groups.log_odds(scores.score, scores.variance)
+    against = problem.labels * log_odds < 0
+    expert = bool((against & (problem.labels > 0)).any())
+    return 2 * against.sum() >= (problem.labels != 0).sum() and (expert or against.sum() >= 2)
 
 
 def conclude(
