@@ -121,11 +121,6 @@ class FeatureMap:
         return cls(kind, knots, location, spread, center, scale, landmarks, mixing, ridge)
 
     @property
-    def n_features_in(self) -> int:
-        """Columns of an observation."""
-        return len(self.location)
-
-    @property
     def n_columns(self) -> int:
         """Columns of the design matrix, F + 1."""
         return len(self.center) + 1
