@@ -62,6 +62,7 @@ VARIANTS: dict[str, tuple[dict[str, Any], list[tuple[Any, str, Any]]]] = {
     "one group is normal": ({}, [(groups, "one_group", _normal)]),
     "no prior on the spread of a group": ({}, [(groups, "PRIOR_SPREAD", 1e-6)]),
     "two groups may have one centre": ({}, [(groups, "LEAST_APART", 0.0)]),
+    "no odd experts": ({}, [(groups, "TAIL", 1e-12)]),
     "no rivals": ({}, [(judgement, "find_rival", lambda *_: None)]),
     "ranks are worth nothing": ({}, [(groups, "RANK_WORTH", 0.0)]),
     "ten folds": ({}, [(held_out, "N_FOLDS", {"discrete": 10, "continuous": 10})]),

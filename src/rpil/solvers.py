@@ -69,9 +69,8 @@ def fit_softmax(
     max_iter: int = 100,
     max_cg: int = 200,
     preconditioner: Preconditioner | None = None,
-    offset: Array | None = None,
 ) -> SoftmaxFit:
-    """Minimise -sum_nk T_nk log softmax(x_n W + offset_n)_k + 1/2 sum_dk penalty_d W_dk^2.
+    """Minimise -sum_nk T_nk log softmax(x_n W)_k + 1/2 sum_dk penalty_d W_dk^2.
 
     Parameters
     ----------
@@ -89,8 +88,6 @@ def fit_softmax(
         Most Newton steps, and most Hessian products in each. ``max_iter=1`` is one improving step.
     preconditioner : Preconditioner, optional
         Of a problem nearby, for the first Newton steps.
-    offset : (N, K) array, optional
-        Added to the logits: what is known of each step before the fit; zero by default.
 
     Returns
     -------
@@ -102,8 +99,6 @@ def fit_softmax(
     scale = max(float(weight.sum()), np.finfo(float).tiny)
     weights = np.zeros((features.shape[1], targets.shape[1])) if start is None else np.array(start, dtype=float)
     logits = linear(features, weights)
-    if offset is not None:
-        logits = logits + offset
     log_proba = log_softmax(logits)
     objective = _objective(log_proba, targets, weights, ridge)
 

@@ -125,14 +125,13 @@ def fit_weighted(
     ridge: float,
     start: Array | None = None,
     preconditioner: Preconditioner | None = None,
-    offset: Array | None = None,
 ) -> tuple[Array, Preconditioner | None]:
     """Weights (D, K) of a softmax policy fitted to the `rows` of a problem, and its preconditioner."""
     n_actions = problem.space.n  # type: ignore[attr-defined]
     features = problem.features[rows]
     targets = one_hot(problem.actions[rows], weight, n_actions)
     penalty = np.append(np.full(features.shape[1] - 1, ridge * max(float(weight.sum()), LEAST_WEIGHT)), 0.0)
-    fit = fit_softmax(features, targets, penalty, start=start, preconditioner=preconditioner, offset=offset, **_LIMITS)  # type: ignore[arg-type]
+    fit = fit_softmax(features, targets, penalty, start=start, preconditioner=preconditioner, **_LIMITS)  # type: ignore[arg-type]
     return fit.weights, fit.preconditioner
 
 
@@ -179,9 +178,14 @@ class RidgeScorer:
 
 def standardised(actions: Array) -> Array:
     """Actions (N, A) less their mean, in standard deviations; an action that never changes stays zero."""
-    spread = actions.std(axis=0)
-    result: Array = (actions - actions.mean(axis=0)) / np.where(spread > 0, spread, 1.0)
+    result: Array = (actions - actions.mean(axis=0)) / units(actions)
     return result
+
+
+def units(actions: Array) -> Array:
+    """Standard deviation of each part of actions (N, A), 1 where it never changes, (A,)."""
+    spread = actions.std(axis=0)
+    return np.where(spread > 0, spread, 1.0)
 
 
 def moments(features: Array, actions: Array, weight: Array) -> tuple[Array, Array, float]:
@@ -230,6 +234,8 @@ class PolicyScorer:
     def held_out(self, weight: Array, ridge: float) -> Scored:
         self.policy, outputs = self.policy.learn(self.problem, np.maximum(weight, LEAST_WEIGHT))
         log_prob = self.policy.log_prob(outputs, self.problem.actions)
+        if self.problem.space.kind == "continuous":  # in standard deviations of the actions, as everything else
+            log_prob = log_prob + np.log(units(self.problem.actions)).sum()
         if self.problem.space.kind == "discrete":
             return scored(outputs, frequencies(self.problem), self.problem.actions)
         return Scored(log_prob, log_prob - np.average(log_prob, weights=np.maximum(weight, LEAST_WEIGHT)))

@@ -21,7 +21,7 @@ import numpy as np
 from scipy.special import expit
 
 from rpil.judge.concentrate import mean_steps
-from rpil.judge.held_out import Scorer, deal, fit_weighted, reference
+from rpil.judge.held_out import Scorer, deal, fit_weighted, reference, standardised
 from rpil.passes import Array
 from rpil.problem import Problem
 from rpil.spaces import Discrete
@@ -122,7 +122,8 @@ def state_overlap(problem: Problem, first: Array, second: Array, seed: int) -> f
     """Mean over the steps of the demonstrations `second` of min(1, p(s | first) / p(s | second)), held out."""
     both = problem.select(np.sort(np.concatenate([first, second])), unlabelled=True)
     is_first = both.spread(np.isin(np.sort(np.concatenate([first, second])), first))
-    states = Problem(both.features, is_first.astype(int), both.offsets, Discrete(2), both.labels)
+    columns = np.column_stack([standardised(np.asarray(both.features, dtype=float)), np.ones(len(is_first))])
+    states = Problem(columns, is_first.astype(int), both.offsets, Discrete(2), both.labels)
     fold = both.spread(deal(states, min(5, states.n_demonstrations), seed))
     ratio = np.ones(len(is_first))
     balance = np.where(is_first, 0.5 / is_first.sum(), 0.5 / (~is_first).sum()) * len(is_first)
@@ -131,7 +132,7 @@ def state_overlap(problem: Problem, first: Array, second: Array, seed: int) -> f
         if len(np.unique(is_first[rows])) < 2:
             continue
         weights, _ = fit_weighted(states, rows, balance[rows], 1e-3)
-        logits = both.features[fold == k] @ weights
+        logits = columns[fold == k] @ weights
         proba = expit(logits[:, 1] - logits[:, 0])
         ratio[fold == k] = np.minimum(1.0, proba / np.maximum(1 - proba, 1e-12))
     return float(ratio[~is_first].mean())

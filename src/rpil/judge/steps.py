@@ -14,8 +14,6 @@ from rpil.passes import Array
 from rpil.problem import Problem
 
 N_NODES = 21
-BLOCK = 16_384
-"""Steps whose mixtures are in memory at a time, for all nodes."""
 
 _NODES = (np.arange(N_NODES) + 0.5) / N_NODES
 
