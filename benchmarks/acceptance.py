@@ -23,7 +23,8 @@ from options import at_least, output, write_json
 from rpil.audit import Audit
 from rpil.cloning import BehavioralCloning
 from rpil.demonstrations import Demonstrations
-from rpil.estimators import RPIL, AmbiguousWarning
+from rpil.errors import AmbiguousWarning
+from rpil.estimators import RPIL
 from rpil.parallel import in_processes
 from rpil.reproduce.provenance import provenance
 from rpil.rollouts import rollout

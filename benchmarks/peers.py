@@ -23,7 +23,8 @@ from threadpoolctl import threadpool_limits
 
 from rpil.cloning import BehavioralCloning
 from rpil.demonstrations import Demonstrations
-from rpil.estimators import RPIL, AmbiguousWarning
+from rpil.errors import AmbiguousWarning
+from rpil.estimators import RPIL
 from rpil.features import FeatureMap
 from rpil.inputs import action_codes, ridge_of
 from rpil.passes import log_softmax, logsumexp

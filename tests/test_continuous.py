@@ -22,8 +22,8 @@ from rpil.adversaries import ADVERSARIES, UniformBox
 from rpil.cloning import BehavioralCloning
 from rpil.demonstrations import Demonstrations
 from rpil.em import e_step, run
-from rpil.errors import DataError
-from rpil.estimators import RPIL, AmbiguousWarning
+from rpil.errors import AmbiguousWarning, DataError
+from rpil.estimators import RPIL
 from rpil.persistence import load, save
 from rpil.rment import RMEnt
 from rpil.simulation import simulate

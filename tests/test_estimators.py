@@ -22,8 +22,8 @@ from problems import Toy, make
 from rpil.adversaries import Confusion
 from rpil.cloning import BehavioralCloning
 from rpil.demonstrations import Demonstrations
-from rpil.errors import DataError
-from rpil.estimators import RPIL, AmbiguousWarning
+from rpil.errors import AmbiguousWarning, DataError
+from rpil.estimators import RPIL
 from rpil.rment import RMEnt
 
 STEPS = (40, 60)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 __version__ = "0.1.0"
 
 _HOME = {
-    "AmbiguousWarning": "rpil.estimators",
+    "AmbiguousWarning": "rpil.errors",
     "Audit": "rpil.audit",
     "BehavioralCloning": "rpil.cloning",
     "Confusion": "rpil.adversaries",
@@ -62,8 +62,8 @@ if TYPE_CHECKING:
     from rpil.cloning import BehavioralCloning
     from rpil.demonstrations import Demonstrations
     from rpil.engines import DaskEngine, TorchEngine
-    from rpil.errors import DataError
-    from rpil.estimators import RPIL, AmbiguousWarning
+    from rpil.errors import AmbiguousWarning, DataError
+    from rpil.estimators import RPIL
     from rpil.formats import read, write
     from rpil.formats.dataset import Dataset, open_dataset
     from rpil.persistence import load, save

@@ -2,8 +2,13 @@
 
 from __future__ import annotations
 
+import warnings
+from dataclasses import replace
 from typing import Any
 
+from sklearn.exceptions import ConvergenceWarning
+
+from rpil.errors import AmbiguousWarning
 from rpil.judge import FINDINGS
 from rpil.problem import Problem
 from rpil.suggestions import P_EXPERT
@@ -33,3 +38,18 @@ def assumptions(model: Any, problem: Problem) -> list[str]:
     if problem.company.said:
         said.append(problem.company.said)
     return said
+
+
+def tell(model: Any, problem: Problem, source: str) -> None:
+    """Put the assumptions into the audit of `model`, and warn of what the user should know before using it."""
+    model.audit_ = replace(model.audit_, assumptions=tuple(assumptions(model, problem)))
+    if not model.converged_:
+        warnings.warn("EM stopped at max_iter; raise max_iter or tol.", ConvergenceWarning, stacklevel=5)
+    if not model.audit_.identifiable:
+        which = " or ".join(repr(m) for m in model.audit_.to_label)
+        warnings.warn(
+            f"{source}: two groups of demonstrations each act alike, differently, in the same states, and nothing "
+            f"says which is the expert; label one demonstration, say {which}.",
+            AmbiguousWarning,
+            stacklevel=5,
+        )

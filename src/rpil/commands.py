@@ -170,7 +170,8 @@ def fit_rpil(
     who = formats.read_demonstrators(demonstrators, file) if demonstrators else None
     check_ids(who or (), demonstrations.ids, str(demonstrators), "the demonstrators")
     progress("starting")
-    from rpil.estimators import RPIL, AmbiguousWarning
+    from rpil.errors import AmbiguousWarning
+    from rpil.estimators import RPIL
 
     so_far = Path(f"{Path(file).name}.rpil-checkpoint")  # the data's folder may be read-only
     if so_far.exists() != resume:

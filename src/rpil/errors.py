@@ -16,3 +16,7 @@ class MissingExtraError(ImportError):
 
     def __reduce__(self) -> tuple[type[MissingExtraError], tuple[str, str]]:
         return type(self), self._told  # by default it would not survive the way back from another process
+
+
+class AmbiguousWarning(UserWarning):
+    """The data hold two groups that may each be the expert; `RPIL.audit_` says which to label."""

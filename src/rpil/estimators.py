@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from sklearn.exceptions import ConvergenceWarning
 from sklearn.utils.validation import check_is_fitted
 from threadpoolctl import threadpool_limits
 
 from rpil.adversaries import Adversary
-from rpil.assumptions import assumptions
+from rpil.assumptions import tell
 from rpil.audit import Audit
 from rpil.cloning import PolicyEstimator
 from rpil.demonstrations import Demonstrations
@@ -47,10 +44,6 @@ Array = NDArray[Any]
 SINGLE = 50_000
 """Entries of the observations from which the judge reads discrete actions in single precision: trust needs no more
 digits."""
-
-
-class AmbiguousWarning(UserWarning):
-    """The data hold two groups that may each be the expert; `RPIL.audit_` says which to label."""
 
 
 class RPIL(PolicyEstimator):
@@ -270,7 +263,7 @@ class RPIL(PolicyEstimator):
         else:
             start: Any = estimator_policy(self.policy, self.space_, len(codes))
             self.features_, self.policy_ = self.judge_features_, start.finished(problem, weight)
-        self.warn(problem, demonstrations.source)
+        tell(self, problem, demonstrations.source)
 
     @property
     def log_odds_(self) -> Array:
@@ -344,17 +337,3 @@ class RPIL(PolicyEstimator):
         self.lower_bound_ = float(judgement.scores.history[-1])
         self.converged_ = True
         self.audit_ = audit_of(judgement, problem, ids)
-
-    def warn(self, problem: Problem, source: str) -> None:
-        """Say what was assumed, and what the user should know before using the result."""
-        self.audit_ = replace(self.audit_, assumptions=tuple(assumptions(self, problem)))
-        if not self.converged_:
-            warnings.warn("EM stopped at max_iter; raise max_iter or tol.", ConvergenceWarning, stacklevel=5)
-        if not self.audit_.identifiable:
-            which = " or ".join(repr(m) for m in self.audit_.to_label)
-            warnings.warn(
-                f"{source}: two groups of demonstrations each act alike, differently, in the same states, and nothing "
-                f"says which is the expert; label one demonstration, say {which}.",
-                AmbiguousWarning,
-                stacklevel=5,
-            )

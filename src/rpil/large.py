@@ -1,9 +1,8 @@
 """A fit to more data than must be held in memory: a sample teaches the judge, passes over all data do the rest.
 
-A few hundred demonstrations say what experts do as well as a million. So the judge reads a sample of them; one
-pass measures every demonstration by the policy that it found; the groups are fitted to the scores of all; a second pass
-weighs the steps; and the final policy is fitted to all weighted steps by `rpil.polish`. Only parameters, sums and
-a few numbers for each demonstration leaves the place where the data lie.
+A few hundred demonstrations say what experts do as well as a million. So the judge reads a sample; one pass measures
+every demonstration by the policy that it found; groups are fitted to the scores of all; a second pass weighs the steps;
+and `rpil.polish` fits the final policy to them. Parameters, sums and a few numbers for each demonstration move.
 """
 
 from __future__ import annotations
@@ -15,6 +14,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from rpil.assumptions import tell
 from rpil.audit import Audit
 from rpil.demonstrations import Demonstrations, Piece
 from rpil.demonstrators import Company
@@ -280,7 +280,7 @@ def fit_large(model: Any, data: Source, labels: Array, company: Company, engine:
     model.judge_features_ = prepare.features
     progress("the policy")
     _fit_policy(model, data, sampled, prepare, ready, isinstance(engine, InMemory), progress)
-    model.warn(everybody, data.source)
+    tell(model, everybody, data.source)
 
 
 def _read_sample(model: Any, data: Source, labels: Array, progress: Callable[[str], None]) -> tuple[Sampled, Prepare]:

@@ -13,8 +13,7 @@ from sklearn.exceptions import ConvergenceWarning
 from threadpoolctl import threadpool_limits
 
 from rpil.demonstrations import Demonstrations
-from rpil.errors import DataError
-from rpil.estimators import AmbiguousWarning
+from rpil.errors import AmbiguousWarning, DataError
 from rpil.experts import expert
 from rpil.files import make_folder, replacing
 from rpil.parallel import in_processes
