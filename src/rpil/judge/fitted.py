@@ -113,7 +113,8 @@ class FittedJudge:
         lengths = np.diff(offsets)
         score = np.add.reduceat(measure, offsets[:-1]) / lengths
         squares = np.add.reduceat((measure - np.repeat(score, lengths)) ** 2, offsets[:-1])
-        return self.groups.log_odds(score, mean_variance(squares, lengths, self.pooled, self.independent * lengths))
+        variance = mean_variance(squares, lengths, self.pooled, self.independent * lengths)
+        return self.groups.bounded(self.groups.log_odds(score, variance))
 
 
 def mean_variance(squares: Array, lengths: Array, pooled: float, effective: Array) -> Array:

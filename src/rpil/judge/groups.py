@@ -23,6 +23,12 @@ from scipy.special import logsumexp as log_sum_exp
 
 from rpil.passes import Array
 
+SURE = 0.9
+"""P(two groups) from which they are told apart; below, no demonstration gets a verdict."""
+
+UNSURE = float(logit(SURE))
+"""Bound of the log-odds of demonstrations that were not told apart."""
+
 NOISE = (1.0, 0.3, 0.1, 0.03, 0.01)
 """Shares c to choose from, by the likelihood, as far as the effective steps allow: see `LEAST_NOISE`."""
 
@@ -89,6 +95,10 @@ class Groups:
     def p_two(self) -> float:
         """P(two groups)."""
         return float(expit(self.log_bayes_factor))
+
+    def bounded(self, log_odds: Array) -> Array:
+        """Log-odds (M,) as they are where groups were told apart, else within `UNSURE`."""
+        return log_odds if self.p_two >= SURE else UNSURE * np.tanh(log_odds / UNSURE)
 
     def log_odds(self, score: Array, variance: Array) -> Array:
         """Log-odds of expert against adversary of demonstrations with `score` and its `variance`, (M,) each."""

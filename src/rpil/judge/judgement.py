@@ -13,7 +13,7 @@ from rpil.demonstrators import Demonstrators, intervals
 from rpil.judge.concentrate import Taught, choose_ridge, concentrate, mean_steps, taught_by
 from rpil.judge.effective import autocovariances, effective_steps
 from rpil.judge.fitted import FittedJudge, mean_variance
-from rpil.judge.groups import Groups, fit_groups, share_interval
+from rpil.judge.groups import SURE, UNSURE, Groups, fit_groups, share_interval
 from rpil.judge.held_out import Scorer, reference
 from rpil.judge.rivals import Rival, find_rival
 from rpil.judge.steps import StepTrust, step_trust
@@ -33,13 +33,6 @@ MINORITY = ("ask", "trust", "distrust")
 
 SIGNIFICANT = 2.0
 """Standard errors by which looking at the state must predict held-out actions better than not looking."""
-
-SURE = 0.9
-"""P(two groups) from which they are told apart; below, no demonstration gets a verdict."""
-
-UNSURE = float(np.log(SURE / (1 - SURE)))
-"""Bound of the log-odds of demonstrations that were not told apart."""
-
 
 CERTAIN = 20.0
 """Log Bayes factor of two groups that are known to be there."""
@@ -253,8 +246,7 @@ def conclude(
         rival = None
     if rival is not None and minority == "trust":
         actions[rival.rival] = np.maximum(actions[rival.rival], np.median(actions[rival.trusted]))
-    if groups.p_two < SURE:
-        actions = UNSURE * np.tanh(actions / UNSURE)
+    actions = groups.bounded(actions)
     demonstrator, people = np.zeros(len(actions)), np.empty((0, 3))
     if isinstance(problem.company, Demonstrators):
         lent = problem.company.borrow(actions, np.zeros(len(actions)), problem.labels)
