@@ -265,7 +265,8 @@ def _overcooked_part(found: Overcooked) -> Part:
         "onions, fill the pot, serve the soup. A demonstration is what one player saw and pressed, without the moments "
         "in which nothing was pressed. The games come with Overcooked-AI (overcooked-ai 1.1.0, MIT licence).",
         "No bad demonstrations were planted here; some people played better than others. R-PIL ranks them by how well "
-        "a policy of those who agree best predicts what they press. " + _VERDICTS[found.audit.finding == "told apart"],
+        "a policy of the players that agree best predicts what they press. "
+        + _VERDICTS[found.audit.finding == "told apart"],
     )
     close = abs(found.auroc - found.auroc_of_length) < 2 * found.auroc_error
     agreement = _paragraphs(
