@@ -27,16 +27,16 @@ from rpil.problem import Problem
 from rpil.spaces import Discrete
 
 GAIN = 0.45
-"""Of the trusted demonstrations' gain that a rival group reaches: between what noise reached and what flipped and shifted
-actions did in simulated worlds."""
+"""Of the trusted demonstrations' gain that a rival group reaches: between what noise and what flipped or shifted actions
+reached in simulated worlds."""
 
 OTHERWISE = 0.5
 """Of the trusted demonstrations' gain, at most what the rival group's policy reaches on them: a noisy version of the
 same policy explains them nearly as well as their own."""
 
 OVERLAP = 0.6
-"""Of a rival group's steps that are where the trusted are at home: between flipped actions, recorded in the same states,
-and robot arms that fail."""
+"""Of a rival group's steps that are where the trusted are at home: between flipped actions, recorded in the same
+states, and robot arms that fail."""
 
 DISTINCT = 5.0
 """Nats, for the median demonstration of either group, by which its own group's policy explains it better than the other
