@@ -27,8 +27,8 @@ from rpil.problem import Problem
 from rpil.spaces import Discrete
 
 GAIN = 0.45
-"""Of the trusted demonstrations' gain that a rival group reaches: between what noise and what flipped or shifted actions
-reached in simulated worlds."""
+"""Of the trusted demonstrations' gain that a rival group reaches: between what noise and what flipped or shifted
+actions reached in simulated worlds."""
 
 OTHERWISE = 0.5
 """Of the trusted demonstrations' gain, at most what the rival group's policy reaches on them: a noisy version of the
