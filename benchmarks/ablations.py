@@ -55,7 +55,7 @@ VARIANTS: dict[str, tuple[dict[str, Any], list[tuple[Any, str, Any]]]] = {
     "all demonstrations teach": ({}, [(concentrate, "SHARE", 1.0)]),
     "30 % teach": ({}, [(concentrate, "SHARE", 0.3)]),
     "80 % teach": ({}, [(concentrate, "SHARE", 0.8)]),
-    "one ridge, 1e-4": ({}, [(kind, "ridges", (1e-4,)) for kind in (held_out.SoftmaxScorer, held_out.RidgeScorer)]),
+    "one ridge, 1e-4": ({}, [(judgement, "choose_ridge", lambda *_: 1e-4)]),
     "raw features": ({"search_features": "raw"}, []),
     "steps are independent": ({}, [(judgement, "effective_steps", lambda covariances, lengths: lengths.astype(float))]),
     "error bars as they are (c = 1)": ({}, [(groups, "NOISE", (1.0,))]),
