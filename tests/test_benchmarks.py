@@ -31,7 +31,8 @@ def test_quick_acceptance(tmp_path, capsys, monkeypatch):
     assert len(found["draws"]) == 2 * len(cells)
     for kind in ("corrupted", "random"):
         assert cells[kind]["auroc"] == pytest.approx(1.0)
-        assert cells[kind]["wrong"] <= 1  # one expert takes another way in rare states: "uncertain"
+        # With random drivers one expert takes another way in rare states and is "uncertain", which counts as wrong.
+        assert cells[kind]["wrong"] == (1 if kind == "random" else 0)
         assert cells[kind]["rpil"]["mean"] > cells[kind]["trust_all"]["mean"]
         assert cells[kind]["oracle"] == cells["random"]["oracle"]  # the good demonstrations do not depend on the kind
     assert cells["noisy"]["auroc"] == pytest.approx(1.0)

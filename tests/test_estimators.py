@@ -264,7 +264,8 @@ def test_score_demonstrations_of_new_data():
     # those that were fitted are known to the policy that judges them here, which a fit takes care to avoid
     again = model.score_demonstrations(toy.demonstrations.select(slice(0, 20, 2)))
     np.testing.assert_array_equal(again > 0, model.log_odds_ > 0)
-    np.testing.assert_allclose(again, model.log_odds_, atol=1.0)
+    np.testing.assert_allclose(again, model.log_odds_, atol=0.7)
+    assert np.corrcoef(again, model.log_odds_)[0, 1] > 0.95
     arrays = model.score_demonstrations(fresh.observations, fresh.actions, groups=fresh.groups)
     np.testing.assert_array_equal(arrays, found)
 

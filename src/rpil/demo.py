@@ -301,7 +301,7 @@ def _overcooked_part(found: Overcooked) -> Part:
 _POLICIES = {
     "trust_all": ("Trust all", "all 20 demonstrations, as behavioural cloning does"),
     "rpil": ("R-PIL", "all 20, each weighted by its trust"),
-    "oracle": ("Oracle", "the 10 good ones alone, told by the truth"),
+    "oracle": ("Oracle", "the 10 good demonstrations alone, known from the truth"),
     "expert": ("Expert", "nothing: the closed-form pilot itself"),
 }
 

@@ -26,7 +26,7 @@ class Simulation:
     is_good : array of int (M,)
         1 for the expert's own demonstrations, 0 for the bad ones.
     returns : array (M,)
-        Undiscounted return of whoever *drove*: unless the kind is "random" a bad demonstration has an expert's return.
+        Undiscounted return of the policy that drove: but for "random" a bad demonstration has an expert's return.
     """
 
     env_id: str
