@@ -164,7 +164,7 @@ def test_the_order_of_demonstrations_does_not_matter(toy):
 def test_concentration_teaches_by_the_best_explained():
     toy = make("random", 0, n_good=10, n_bad=10, steps=STEPS)
     problem = problem_of(toy)
-    taught = concentrate(problem, scorer(problem, 0), np.ones(20, dtype=bool), 1e-2)
+    taught = concentrate(problem, scorer(problem, 0), np.ones(20, dtype=bool), 1e-2, 0.6)
     score = mean_steps(problem, taught.scored.log_prob)
     assert roc_auc_score(toy.is_good, score) == 1.0
     assert taught.teachers.sum() == 12
@@ -283,7 +283,7 @@ def test_a_coherent_group_in_the_same_states_is_a_rival(n_bad):
 def test_noise_is_no_rival(kind):
     toy = make(kind, 0, n_good=10, n_bad=10, steps=STEPS)
     problem = problem_of(toy)
-    rival = find_rival(problem, scorer(problem, 0), toy.is_good, True, 1e-2, 0)
+    rival = find_rival(problem, scorer(problem, 0), toy.is_good, 1e-2, 0)
     assert rival is None or not rival.competes
 
 

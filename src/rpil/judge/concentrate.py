@@ -4,7 +4,9 @@ A policy of all demonstrations follows the crowd. So the demonstrations are rank
 of a step, the best of them teach the next policy, and so on: the trimmed likelihood of robust statistics, which is the
 paper's robust maximum entropy (eq. 2), with likelihoods of demonstrations that were held out.
 
-    T <- the SHARE of the demonstrations with the largest  (1 / N_m) sum_n log pi_T(a_n | s_n)
+    T <- the share h of the demonstrations with the largest  (1 / N_m) sum_n log pi_T(a_n | s_n)
+
+Nobody knows the share of experts. So h starts at `SHARE` and is halved (`shares`) until the scores show two groups.
 """
 
 from __future__ import annotations
@@ -18,7 +20,13 @@ from rpil.passes import Array
 from rpil.problem import Problem
 
 SHARE = 0.6
-"""Of the demonstrations that teach; benchmarks/ablations.py has .3, .8 and 1 beside it."""
+"""Of the demonstrations that teach at first; benchmarks/ablations.py has others beside it."""
+
+HALVINGS = 3
+"""Times that the share is halved: experts may be as few as one demonstration in ten."""
+
+FEWEST_TEACHERS = 5
+"""Demonstrations that teach, so that a policy that leaves some out still has others to learn from."""
 
 ROUNDS = 4
 
@@ -63,9 +71,18 @@ def choose_ridge(problem: Problem, scorer: Scorer, possible: Array) -> float:
     return max(scorer.ridges, key=explained, default=0.0)
 
 
-def concentrate(problem: Problem, scorer: Scorer, teachers: Array, ridge: float) -> Taught:
-    """Concentrate from `teachers` (M,) bool on; labelled experts always teach, labelled adversaries never do."""
-    n_taught, history = max(2, round(SHARE * problem.n_demonstrations)), []
+def shares(n_demonstrations: int) -> list[float]:
+    """Shares of `n_demonstrations` that may teach, from the largest to the smallest."""
+    halved = [SHARE / 2**k for k in range(HALVINGS + 1)]
+    return halved[:1] + [share for share in halved[1:] if round(share * n_demonstrations) >= FEWEST_TEACHERS]
+
+
+def concentrate(problem: Problem, scorer: Scorer, teachers: Array, ridge: float, share: float) -> Taught:
+    """Concentrate on a `share` of the demonstrations, from `teachers` (M,) bool on.
+
+    Labelled experts always teach, labelled adversaries never do.
+    """
+    n_taught, history = max(2, round(share * problem.n_demonstrations)), []
     for rounds_left in range(ROUNDS, -1, -1):
         found = scorer.held_out(problem.spread(teachers.astype(float)), ridge)
         score = mean_steps(problem, found.log_prob)

@@ -10,12 +10,12 @@ import numpy as np
 from scipy.special import expit
 
 from rpil.demonstrators import Demonstrators, intervals
-from rpil.judge.concentrate import Taught, choose_ridge, concentrate, mean_steps, taught_by
+from rpil.judge.concentrate import Taught, choose_ridge, concentrate, mean_steps, shares, taught_by
 from rpil.judge.effective import autocovariances, effective_steps
 from rpil.judge.fitted import FittedJudge, mean_variance
 from rpil.judge.groups import SURE, UNSURE, Groups, fit_groups, share_interval
 from rpil.judge.held_out import Scorer, reference
-from rpil.judge.rivals import Rival, find_rival
+from rpil.judge.rivals import Rival, find_rival, find_style
 from rpil.judge.steps import StepTrust, step_trust
 from rpil.passes import Array
 from rpil.problem import Problem
@@ -158,27 +158,48 @@ def judge(
     gain = mean_steps(problem, scorer.held_out(problem.spread(possible.astype(float)), ridge).log_prob - q)
     learned = bool(gain.mean() > SIGNIFICANT * gain.std() / np.sqrt(len(gain)))
     progress("policies of the best explained")
-    taught = concentrate(problem, scorer, possible, ridge)
-    scores = measured(problem, taught, q, learned)
+    taught, scores = _tell_apart(problem, scorer, possible, ridge, q, learned)
     progress("rivals")
-    apart = scores.groups.p_two >= SURE
-    upper = scores.groups.log_odds(scores.score, scores.variance) > 0
-    trusted = upper & possible if apart else taught.teachers
-    rival = find_rival(problem, scorer, trusted, apart, ridge, settings.seed)
-    settled = False
+    apart, upper = scores.groups.p_two >= SURE, scores.groups.log_odds(scores.score, scores.variance) > 0
+    if apart:
+        rival = find_rival(problem, scorer, upper & possible, ridge, settings.seed)
+    else:
+        rival = find_style(problem, scorer, ridge, settings.seed)
+    choice = 0
     if rival is not None and rival.competes and (problem.labels.any() or settings.minority == "distrust"):
-        other = taught_by(problem, scorer, rival.rival, ridge)
-        scores_other = measured(problem, other, q, learned)
-        choice = _choose(problem, scores, scores_other, rival)
-        settled = choice != 0
-        if choice < 0:
+        if apart:
+            other = taught_by(problem, scorer, rival.rival, ridge)
+            scores_other = measured(problem, other, q, learned)
+            choice = _choose(problem, scores, scores_other, rival)
+        else:
+            choice, other, scores_other = _between_styles(problem, scorer, rival, ridge, learned)
+        if choice < 0 or (choice > 0 and not apart):
             taught, scores = other, scores_other
-    if not settled and _contradicted(problem, scores):
-        upper = scores.groups.log_odds(scores.score, scores.variance) > 0
-        rival = Rival(np.flatnonzero(upper), np.flatnonzero(~upper), np.inf, 1.0)
+    if not choice and _contradicted(problem, scores):
+        rival = Rival(np.flatnonzero(upper), np.flatnonzero(~upper), np.empty(0), competes=True)
     log_ratio = taught.scored.log_prob - q
     steps = step_trust(problem, log_ratio, np.minimum(scores.effective / problem.lengths, 1.0))
-    return conclude(problem, scores, steps, log_ratio, taught.teachers, rival, settings.minority, settled)
+    return conclude(problem, scores, steps, log_ratio, taught.teachers, rival, settings.minority, choice != 0)
+
+
+def _tell_apart(
+    problem: Problem, scorer: Scorer, possible: Array, ridge: float, q: Array, learned: bool
+) -> tuple[Taught, Scores]:
+    """Concentrate on ever fewer demonstrations until the scores show two groups; if they never do, the first scores.
+
+    A smaller share helps only where adversaries were among those that taught before. So an upper group that is larger
+    than that is no expert's: it is the crowd, with a few demonstrations below it.
+    """
+    found, teachers = [], possible
+    for share in shares(problem.n_demonstrations):
+        taught = concentrate(problem, scorer, teachers, ridge, share)
+        scores = measured(problem, taught, q, learned)
+        upper = scores.groups.log_odds(scores.score, scores.variance) > 0
+        if scores.groups.p_two >= SURE and upper.sum() <= teachers.sum():
+            return taught, scores
+        found.append((taught, scores))
+        teachers = taught.teachers
+    return found[0]
 
 
 def measured(problem: Problem, taught: Taught, q: Array, learned: bool) -> Scores:
@@ -213,6 +234,19 @@ def _choose(problem: Problem, scores: Scores, scores_other: Scores, rival: Rival
         return 1
     comparable = LARGER * len(rival.rival) >= len(rival.trusted)
     return -1 if against_other < against and ((problem.labels > 0).any() or comparable) else 0
+
+
+def _between_styles(
+    problem: Problem, scorer: Scorer, rival: Rival, ridge: float, learned: bool
+) -> tuple[int, Taught, Scores]:
+    """Which of two styles is the expert's, as in `_choose`, its policy, and how much better than the other's that
+    policy explains each demonstration; undecided where that does not show two groups."""
+    nats = problem.labels @ problem.sum_steps(rival.log_ratio) if problem.labels.any() else 1.0
+    sign = int(np.sign(nats))
+    taught = taught_by(problem, scorer, rival.trusted if sign >= 0 else rival.rival, ridge)
+    contrast = replace(taught.scored, log_prob=sign * rival.log_ratio)
+    scores = measured(problem, replace(taught, scored=contrast), np.zeros(len(rival.log_ratio)), learned)
+    return sign if scores.groups.p_two >= SURE else 0, taught, scores
 
 
 def _contradicted(problem: Problem, scores: Scores) -> bool:

@@ -1,16 +1,26 @@
-"""Whether the demonstrations that are not trusted act alike, otherwise than the trusted, in the same states.
+"""Whether a second group of demonstrations acts alike, otherwise than the first, in the same states.
 
-Noise of any kind has no policy: what it teaches explains little. Demonstrations that are simply bad often have one, but
-in states of their own: they fall, give up, or never arrive. A second way of acting has a policy that explains its
-demonstrations about as well as the trusted explain theirs, and it acts where the trusted are at home, too:
+Where the scores tell two groups A and B apart, B is a rival if it has a policy of its own. Noise of any kind has none:
+what it teaches explains little. Demonstrations that are simply bad often have one, but in states of their own: they
+fall, give up, or never arrive. A second way of acting has a policy that explains its demonstrations about as well as
+that of A explains A, and it acts where A is at home, too:
 
     gain_A = median over A of  mean_n [log pi_A - log q_A],     gain_B the same of B,    gain_B >= GAIN gain_A
     median over A of  mean_n [log pi_B - log q_A] <= OTHERWISE gain_A
     median over A of  sum_n [log pi_A - log pi_B] >= DISTINCT,      and the same of B
     overlap = mean over the steps of B of  min(1, p(s | A) / p(s | B)) >= OVERLAP
 
-A and B are the trusted demonstrations and the others, pi_A and pi_B policies that are taught by one of them, held out;
-q_A and q_B do not look at the state. Then nothing tells which of the two is the expert.
+pi_A and pi_B are policies that are taught by one of the groups, held out; q_A and q_B do not look at the state. Then
+nothing tells which of the two is the expert.
+
+Where the scores are one group, two styles may be in it. The two sides of the direction in which the demonstrations
+differ most divide them at first:
+
+    g_m = sum_n  L^-1 x_n (y_n - f(s_n))^T / sqrt(N_m),      L L^T = X^T X / N,      the first principal component of g
+
+y are the actions (standardised, or one column a class), f is their ridge regression on all steps. Then every
+demonstration goes to the policy that explains it better, in turn with the policies, which learn from the other group,
+too, with weight SHARED. Only DISTINCT and OVERLAP are asked for: where scores accuse nobody, nobody is acquitted either.
 """
 
 from __future__ import annotations
@@ -18,11 +28,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.linalg import cholesky, solve_triangular
 from scipy.special import expit
 
 from rpil.judge.concentrate import mean_steps
-from rpil.judge.held_out import Scorer, deal, fit_weighted, reference, standardised
-from rpil.passes import Array
+from rpil.judge.held_out import Scorer, deal, fit_weighted, moments, reference, solve_ridge, standardised
+from rpil.passes import Array, linear
+from rpil.policies.softmax import one_hot
 from rpil.problem import Problem
 from rpil.spaces import Discrete
 
@@ -42,6 +54,9 @@ DISTINCT = 5.0
 """Nats, for the median demonstration of either group, by which its own group's policy explains it better than the other
 group's: by chance two groups divide demonstrations of one policy by one or two."""
 
+SHARED = 0.25
+"""Weight of a step of the other group for the policy of a style: two styles act alike in most states."""
+
 FEWEST = 2
 """Demonstrations of a group."""
 
@@ -56,66 +71,100 @@ class Rival:
     ----------
     trusted, rival : int arrays
         Indices of the demonstrations.
-    gain : float
-        Of the rival group by a policy of its own, relative to that of the trusted.
-    overlap : float
-        Share of its steps in states of the trusted.
+    log_ratio : (N,) array
+        Of every step, held out: the policy of the trusted against that of the rival group.
+    competes : bool
+        Whether nothing tells which of the two groups is the expert.
     """
 
     trusted: Array
     rival: Array
-    gain: float
-    overlap: float
-
-    @property
-    def competes(self) -> bool:
-        """Whether nothing tells which of the two groups is the expert."""
-        return self.gain >= GAIN and self.overlap >= OVERLAP
+    log_ratio: Array
+    competes: bool
 
 
-def find_rival(
-    problem: Problem, scorer: Scorer, trusted: Array, settled: bool, ridge: float, seed: int
-) -> Rival | None:
-    """The group of demonstrations that acts alike, otherwise than the `trusted` (M,) bool, if any.
+def find_rival(problem: Problem, scorer: Scorer, trusted: Array, ridge: float, seed: int) -> Rival | None:
+    """The group that acts alike, otherwise than the `trusted` (M,) bool, which scores told apart; None without one.
 
     Parameters
     ----------
     trusted : (M,) bool array
-        The demonstrations to compare with.
-    settled : bool
-        Whether who is trusted is decided; otherwise both groups take the demonstrations that they explain better.
     ridge, seed
         Of the policies and the folds.
     """
     if trusted.sum() < FEWEST or (~trusted).sum() < FEWEST:
         return None
-
-    def explained(by: Scorer, group: Array) -> Array:
-        return mean_steps(problem, by.held_out(problem.spread(group.astype(float)), ridge).log_prob)
-
-    second, own = scorer.anew(), explained(scorer, trusted)
+    explained = scorer.held_out(problem.spread(trusted.astype(float)), ridge).log_prob
+    second, own = scorer.anew(), mean_steps(problem, explained)
     rival = ~trusted & (own <= np.median(own[~trusted]))  # those least like the trusted
     for _ in range(ROUNDS):
-        other = explained(second, rival)
-        closer = (other > own) & ~(trusted & settled)
-        if closer.sum() < FEWEST or (~closer).sum() < FEWEST:
+        explained_rival = second.held_out(problem.spread(rival.astype(float)), ridge).log_prob
+        other = mean_steps(problem, explained_rival)
+        closer = (other > own) & ~trusted
+        if closer.sum() < FEWEST:
             return None
         if (closer == rival).all():
             break
         rival = closer
-        if not settled:
-            trusted = ~rival
-            own = explained(scorer, trusted)
     blind, blind_rival = (mean_steps(problem, reference(problem, group)) for group in (trusted, rival))
     gain, on_trusted = (float(np.median((of - blind)[trusted])) for of in (own, other))
     gain_rival = float(np.median((other - blind_rival)[rival]))
     if not gain > 0 or gain_rival < GAIN * gain or on_trusted > OTHERWISE * gain:
         return None
-    nats = problem.lengths * (own - other)
+    return _compared(problem, trusted, rival, explained - explained_rival, seed)
+
+
+def find_style(problem: Problem, scorer: Scorer, ridge: float, seed: int) -> Rival | None:
+    """The smaller of two groups that act differently where scores tell nobody apart; None without one."""
+    second = sides(problem, ridge)
+    scorers = scorer.anew(), scorer.anew()
+    for _ in range(ROUNDS):
+        if second.sum() < FEWEST or (~second).sum() < FEWEST:
+            return None
+        first_log_prob, second_log_prob = (
+            by.held_out(problem.spread(np.where(group, 1.0, SHARED)), ridge).log_prob
+            for by, group in zip(scorers, (~second, second), strict=True)
+        )
+        log_ratio = first_log_prob - second_log_prob
+        closer = problem.sum_steps(log_ratio) < 0
+        if (closer == second).all():
+            break
+        second = closer
+    if 2 * second.sum() > len(second):
+        second, log_ratio = ~second, -log_ratio
+    return _compared(problem, ~second, second, log_ratio, seed)
+
+
+def sides(problem: Problem, ridge: float) -> Array:
+    """On which side of their first principal component the demonstrations' gradients are, (M,) bool."""
+    features, n_steps = np.asarray(problem.features, dtype=float), len(problem.features)
+    discrete, weight = problem.space.kind == "discrete", np.ones(n_steps)
+    n_classes = getattr(problem.space, "n", 0)
+    actions = one_hot(problem.actions, weight, n_classes) if discrete else standardised(problem.actions)
+    gram, product, total = moments(features, actions, weight)
+    errors = actions - linear(features, solve_ridge(gram, product, total, ridge))
+    if not discrete:  # as Student's errors count
+        errors = errors / (1 + (errors / (errors.std(axis=0) + 1e-12)) ** 2)
+    gram[np.diag_indices_from(gram)] += ridge * total
+    pieces = zip(problem.offsets[:-1], problem.offsets[1:], strict=True)
+    gradients = np.stack([features[a:b].T @ errors[a:b] for a, b in pieces], axis=1) / np.sqrt(problem.lengths)[:, None]
+    white = solve_triangular(cholesky(gram, lower=True), gradients.reshape(len(gram), -1), lower=True)
+    white = white.reshape(gradients.shape).transpose(1, 0, 2).reshape(problem.n_demonstrations, -1)
+    component = np.linalg.svd(white - white.mean(axis=0), full_matrices=False)[0][:, 0]
+    order = np.sort(component)
+    within = [order[:k].var() * k + order[k:].var() * (len(order) - k) for k in range(1, len(order))]
+    return component > order[int(np.argmin(within))]
+
+
+def _compared(problem: Problem, trusted: Array, rival: Array, log_ratio: Array, seed: int) -> Rival | None:
+    """Two groups (M,) bool as trusted and rival, if either is explained better by its own policy."""
+    nats = problem.sum_steps(log_ratio)
+    if min(len(nats[trusted]), len(nats[rival])) < FEWEST:
+        return None
     if np.median(nats[trusted]) < DISTINCT or np.median(-nats[rival]) < DISTINCT:
         return None
     found = np.flatnonzero(trusted), np.flatnonzero(rival)
-    return Rival(*found, gain_rival / gain, state_overlap(problem, *found, seed))
+    return Rival(*found, log_ratio, state_overlap(problem, *found, seed) >= OVERLAP)
 
 
 def state_overlap(problem: Problem, first: Array, second: Array, seed: int) -> float:
