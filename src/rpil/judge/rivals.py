@@ -20,7 +20,7 @@ differ most divide them at first:
 
 y are the actions (standardised, or one column a class), f is their ridge regression on all steps. Then every
 demonstration goes to the policy that explains it better, in turn with the policies, which learn from the other group,
-too, with weight SHARED. Only DISTINCT and OVERLAP are asked for: where scores accuse nobody, nobody is acquitted either.
+too, with weight SHARED. Only DISTINCT and OVERLAP are asked for: where scores accuse nobody, nobody is acquitted.
 """
 
 from __future__ import annotations
