@@ -12,11 +12,7 @@ class Shards(Protocol):
     """Something of every piece of the data, kept where the engine wants it."""
 
     def map(self, function: Callable[[Any], Result]) -> Iterator[Result]:
-        """The result for each shard, brought here, in order.
-
-        An engine may know a faster way of a pass, by the function or, in a `functools.partial`, by its `func`: one that
-        says the same of a shard but for rounding. The caller sees no difference.
-        """
+        """The result for each shard, brought here, in order."""
 
     def then(self, function: Callable[[Any], Any]) -> Shards:
         """The result for each shard, left where the shard is.
