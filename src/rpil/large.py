@@ -29,7 +29,7 @@ from rpil.judge.judgement import conclude
 from rpil.judge.steps import StepTrust, step_trust
 from rpil.passes import Array
 from rpil.policies import linear_policy
-from rpil.polish import Polished, clone, gathered, resumed
+from rpil.polish import Polished, clone, gathered
 from rpil.problem import Problem
 from rpil.selection import Choice
 from rpil.spaces import Space
@@ -325,15 +325,12 @@ def _fit_policy(
     ridge, final_ridge = (ridge_of(read, model.C, steps, space) for steps in (weight.sum(), total))
     first: Any = linear_policy(space, ridge, weight.sum()).learn(some, weight)[0]
 
-    def prime(at: Any) -> Any:
-        return at.primed(some, weight, final_ridge, total / weight.sum(), remembers=True)
-
+    primed, hessian = first.primed(some, weight, final_ridge, total / weight.sum())
     checkpoint = _checkpoint(model, data, few)
-    begun = checkpoint.read() if checkpoint else None
-    start = resumed(begun, prime(begun.anchor or first)) if begun else Polished(prime(first))
+    start = (checkpoint.read() if checkpoint else None) or Polished(primed)
     keep = checkpoint.keep if checkpoint else lambda _: None
-    final = clone(lessons.summed(), start, prime, REFIT_TOL, model.max_iter, progress, keep)
-    model.features_, model.policy_ = read, final.state.tempered(choice.temperature)
+    policy = clone(lessons, start, hessian, REFIT_TOL, model.max_iter, progress, keep)
+    model.features_, model.policy_ = read, policy.tempered(choice.temperature)
     if checkpoint:
         checkpoint.done()
 

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Any, Protocol, TypeVar
 
+from rpil.passes import Sums
+
 Result = TypeVar("Result")
 
 
@@ -21,9 +23,8 @@ class Shards(Protocol):
         the demonstrations of a part, which is what is sent to where the part is.
         """
 
-    def summed(self) -> Shards:
-        """The same shards, of whose results only the `rpil.passes.Sums` are wanted: they may be added up where they
-        are."""
+    def total(self, function: Callable[[Any], Sums]) -> Sums:
+        """The sum of the results for all shards, always added up in the same order."""
 
 
 class Engine(Protocol):
