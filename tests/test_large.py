@@ -15,6 +15,7 @@ from rpil import RPIL, DataError, large, load, save
 from rpil.demonstrations import PIECE_STEPS, Demonstrations
 from rpil.engines import InMemory, Streamed
 from rpil.large import Weigh, sample
+from rpil.polish import _time_left
 from rpil.problem import Problem
 
 MAKERS = [make, make_continuous]

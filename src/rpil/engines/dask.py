@@ -92,8 +92,13 @@ class DaskEngine:
 
     def place(self, parts: Sequence[Iterable[Any]]) -> Placed:
         _wait_for_workers(self.client)
-        workers = list(self.client.nthreads())
-        return Placed(self.client, [(part, workers[k % len(workers)]) for k, part in enumerate(parts)])
+
+        def made(k: int) -> Any:
+            if isinstance(parts[k], list):  # data themselves
+                return self.client.scatter(Kept.of(parts[k]), hash=False)
+            return self.client.submit(_read, parts[k], pure=False)
+
+        return Placed(self.client, parts, made)
 
 
 class Placed:
@@ -102,22 +107,18 @@ class Placed:
     Parameters
     ----------
     client : distributed.Client
-    parts : list
-        Each with the address of the worker that is to hold it, as long as that one lives.
+    parts : sequence
+    made : callable
+        Gives the future of the shards of a part, by its number.
     before : Placed, optional
-        The shards that these are made from, by
-    function : callable, optional
+        The shards that these are made from.
     """
 
     def __init__(
-        self,
-        client: Any,
-        parts: list[tuple[Any, str]],
-        before: Placed | None = None,
-        function: Callable[[Any], Any] | None = None,
+        self, client: Any, parts: Sequence[Any], made: Callable[[int], Any], before: Placed | None = None
     ) -> None:
-        self.client, self.parts, self._before, self._function = client, parts, before, function
-        self.futures = [self._made(k) for k in range(len(parts))]
+        self.client, self.parts, self._made, self._before = client, parts, made, before
+        self.futures = [made(k) for k in range(len(parts))]
 
     def map(self, function: Callable[[Any], R]) -> Iterator[R]:
         """All parts are worked on, and come back in order."""
@@ -129,28 +130,26 @@ class Placed:
         return reduce(add, self._each(_sums, function))
 
     def then(self, function: Callable[[Any], Any]) -> Placed:
-        return Placed(self.client, self.parts, self, function)
+        def made(k: int) -> Any:
+            return self.client.submit(_further, self.futures[k], _only(function, self.parts[k]), pure=False)
 
-    def _each(self, task: Callable[..., Any], function: Callable[[Any], Any]) -> Iterator[Any]:
+        return Placed(self.client, self.parts, made, self)
+
+    def _each(self, task: Callable[..., R], function: Callable[[Any], Any]) -> Iterator[R]:
         killed = _distributed().scheduler.KilledWorker
-        tasks = {k: self._submit(k, task, function) for k in range(len(self.parts))}
-        for k in list(tasks):
+        tasks = self.client.map(task, self.futures, function=function, pure=False)
+        for k in range(len(tasks)):
             for _ in range(_TRIES):
                 try:
                     found = self._result(tasks[k])
                     break
                 except (CancelledError, killed):
                     self._make_again(k)
-                    tasks[k] = self._submit(k, task, function)
+                    tasks[k] = self.client.submit(task, self.futures[k], function, pure=False)
             else:
                 raise DataError(f"The cluster lost part {k} of the data {_TRIES} times; give its workers more memory.")
-            del tasks[k]
+            tasks[k] = None  # so that workers forget it
             yield found
-
-    def _submit(self, k: int, task: Callable[..., Any], *arguments: Any) -> Any:
-        return self.client.submit(
-            task, self.futures[k], *arguments, workers=[self.parts[k][1]], allow_other_workers=True, pure=False
-        )
 
     def _result(self, future: Any) -> Any:
         while True:
@@ -158,16 +157,6 @@ class Placed:
                 return future.result(timeout=_PATIENCE)
             except TimeoutError:
                 _wait_for_workers(self.client)
-
-    def _made(self, k: int) -> Any:
-        part, worker = self.parts[k]
-        if self._before:
-            return self._before._submit(k, _further, _only(self._function, part))
-        if not isinstance(part, list):
-            return self.client.submit(_read, part, workers=[worker], allow_other_workers=True, pure=False)
-        # Data themselves; where that worker is gone, another one takes them.
-        alive = [worker] if worker in self.client.nthreads() else None
-        return self.client.scatter(Kept.of(part), workers=alive, hash=False)
 
     def _make_again(self, k: int) -> None:
         """Part `k` is lost: make it again, from the beginning."""
