@@ -67,10 +67,8 @@ def measure(data: Dataset, path: Path, repetitions: int) -> dict[str, Any]:
     """Costs for each step, of each part of a pass."""
     stages: list[str] = []
     model = RPIL(engine=Streamed(), progress=stages.append, random_state=SEED).fit(data)
-    n, labels = data.n_steps, np.zeros(len(data), dtype=int)
-    prepare, final = (
-        Prepare(features, model.space_, model.classes_, labels) for features in (model.judge_features_, model.features_)
-    )
+    n, maps = data.n_steps, (model.judge_features_, model.features_)
+    prepare, final = (Prepare(features, model.space_, model.classes_) for features in maps)
     pieces = [piece for part in data.parts() for piece in part]
     ready = [prepare(piece) for piece in pieces]
     scoring = partial(score, judge=model.judge_)

@@ -109,13 +109,16 @@ def test_only_parameters_and_sums_travel(small, cluster):
     policy, _ = policy.improved(policy.study(problem, weight)[1], np.inf, hessian, np.empty((0, 2, 0, 0)))
     assert size(partial(clone_pass, policy=policy)) < 2 * policy.weights.nbytes + 4000
     # What a part is told of demonstrations is of its own.
-    weigh = large.Weigh(model.judge_, np.arange(120.0), np.ones(120), 1.0)
+    weigh = large.Weigh(model.judge_, np.arange(120.0), 1.0)
     parts = data.parts(4)
     told = [engine._only(weigh, part) for part in parts]
-    assert sum(len(one.trust.values) for one in told) == 120
+    assert sum(len(one.trust) for one in told) == 120
     for part, one in zip(parts, told, strict=True):
         for piece in part:
-            np.testing.assert_array_equal(one.trust[piece.demonstrations], weigh.trust[piece.demonstrations])
+            at = piece.first - one.first
+            np.testing.assert_array_equal(
+                one.trust[at : at + len(piece.offsets) - 1], weigh.trust[piece.demonstrations]
+            )
     # And sums over the pieces of a part are added up where they are.
     placed = DaskEngine(cluster, n_parts=2).place(parts[:2])
     steps = [float(len(p.actions)) for part in parts[:2] for p in part]

@@ -182,7 +182,7 @@ def test_where_no_demonstration_is_trusted_the_likeliest_steps_count(small):
     problem = Problem(
         model.judge_features_.design(data.observations), data.actions, data.offsets, model.space_, np.zeros(120, int)
     )
-    weight, log_ratio = weigh.weight(problem, slice(0, 120))
+    weight, log_ratio = weigh.weight(problem, weigh.trust)
     assert weight.sum() > 1.0
     for m in range(120):  # no demonstration is taken whole: its likelier steps always count for more
         mine = slice(*data.offsets[m : m + 2])
