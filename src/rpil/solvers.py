@@ -8,7 +8,7 @@ preconditioner from the exact class blocks of the Hessian on a subsample of step
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -27,8 +27,7 @@ _LARGEST = 1_500
 """Coefficients up to which the whole Hessian is inverted where it serves many passes over much data."""
 
 
-@dataclass(frozen=True, eq=False)
-class SoftmaxFit:
+class SoftmaxFit(NamedTuple):
     """Where the solver stopped.
 
     Attributes
@@ -38,10 +37,6 @@ class SoftmaxFit:
         Log-probabilities of all actions at `weights`.
     objective : float
         Penalised negative log-likelihood at `weights`.
-    gradient_norm : float
-        Largest absolute entry of the gradient, divided by the total weight of the steps.
-    n_iter : int
-        Newton steps taken.
     converged : bool
     preconditioner : Preconditioner or None
         The last one made: good enough for a problem nearby.
@@ -50,8 +45,6 @@ class SoftmaxFit:
     weights: Array
     log_proba: Array
     objective: float
-    gradient_norm: float
-    n_iter: int
     converged: bool
     preconditioner: Preconditioner | None
 
@@ -80,7 +73,7 @@ def fit_softmax(
     start : (D, K) array, optional
         Where to start; zero by default.
     tol : float
-        Stop when `SoftmaxFit.gradient_norm` is at most this.
+        Stop when no entry of the gradient is larger, divided by the total weight of the steps.
     max_iter, max_cg : int
         Most Newton steps, and most Hessian products in each. ``max_iter=1`` is one improving step.
     preconditioner : Preconditioner, optional
@@ -104,7 +97,7 @@ def fit_softmax(
         slope = gradient(features, weight[:, None] * proba - targets) + ridge * weights
         norm = float(np.abs(slope).max()) / scale
         if norm <= tol or n_iter == max_iter:
-            return SoftmaxFit(weights, log_proba, objective, norm, n_iter, norm <= tol, preconditioner)
+            return SoftmaxFit(weights, log_proba, objective, norm <= tol, preconditioner)
         if preconditioner is None or (n_iter and n_iter % _PRECONDITIONER_STEPS == 0):
             preconditioner = Preconditioner(features, proba, weight, penalty)
         step = _newton_direction(features, proba, weight, ridge, slope, preconditioner, max_cg)
@@ -121,7 +114,7 @@ def fit_softmax(
                 break
             length *= 0.5
             if length < 1e-10:  # rounding is all that is left to gain
-                return SoftmaxFit(weights, log_proba, objective, norm, n_iter, norm <= 100 * tol, preconditioner)
+                return SoftmaxFit(weights, log_proba, objective, norm <= 100 * tol, preconditioner)
         weights, log_proba, objective = trial, trial_log_proba, trial_objective
         logits = logits + length * step_logits
     raise AssertionError("unreachable")

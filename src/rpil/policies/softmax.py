@@ -15,7 +15,6 @@ from rpil.solvers import REMEMBERED, Preconditioner, fit_softmax, newton_step
 _PRECONDITIONER_FITS = 10
 """Warm-started fits that one preconditioner serves: the steps of EM are small."""
 
-
 _UNSEEN = 0.25
 """Largest curvature, for a step, of a direction that a sample has not seen: that of one step on a scaled column."""
 
@@ -69,19 +68,14 @@ class SoftmaxPolicy:
         max_iter: int = 100,
         max_cg: int = 200,
     ) -> tuple[SoftmaxPolicy, Array]:
-        """The policy for actions taken with `weight` (N,), and for soft targets `lesson` (N, K) besides."""
+        """The policy for actions taken with `weight` (N,), and for soft targets `lesson` (N, K) besides; and its
+        log-probabilities (N, K)."""
         targets = one_hot(problem.actions, weight, self.weights.shape[1])
         if lesson is not None:
             targets += lesson
-        return self.fit(problem.features, targets, tol=tol, max_iter=max_iter, max_cg=max_cg)
-
-    def fit(
-        self, features: Array, targets: Array, *, tol: float = 1e-6, max_iter: int = 100, max_cg: int = 200
-    ) -> tuple[SoftmaxPolicy, Array]:
-        """The policy that explains soft `targets` (N, K) best, from here on, and its log-probabilities (N, K)."""
         reuse = self._preconditioner if self._age < _PRECONDITIONER_FITS else None
         fit = fit_softmax(
-            features,
+            problem.features,
             targets,
             self.ridge,
             start=self.weights,
