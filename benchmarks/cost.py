@@ -25,7 +25,6 @@ import pyarrow.parquet as pq
 from threadpoolctl import threadpool_limits
 
 from rpil import RPIL, Dataset, open_dataset
-from rpil.engines import dask as cluster
 from rpil.engines.streamed import Streamed
 from rpil.large import Prepare, Weigh
 from rpil.large import measure as score
@@ -68,10 +67,8 @@ def measure(data: Dataset, path: Path, repetitions: int) -> dict[str, Any]:
     """Costs for each step, of each part of a pass."""
     stages: list[str] = []
     model = RPIL(engine=Streamed(), progress=stages.append, random_state=SEED).fit(data)
-    n, labels = data.n_steps, np.zeros(len(data), dtype=int)
-    prepare, final = (
-        Prepare(features, model.space_, model.classes_, labels) for features in (model.judge_features_, model.features_)
-    )
+    n, maps = data.n_steps, (model.judge_features_, model.features_)
+    prepare, final = (Prepare(features, model.space_, model.classes_) for features in maps)
     pieces = [piece for part in data.parts() for piece in part]
     ready = [prepare(piece) for piece in pieces]
     scoring = partial(score, judge=model.judge_)
@@ -96,7 +93,7 @@ def measure(data: Dataset, path: Path, repetitions: int) -> dict[str, Any]:
             "product_flops": 2 * 2 * design.shape[1] * len(data.classes),
             "read_bytes": _column_bytes(path, data) / n,
             "kept_bytes": ready[0][0].observations[0].nbytes + 8 + seen[0].nbytes + design[0].nbytes + 16,
-            "parameter_bytes": on_the_wire(cluster._light(one_pass)),
+            "parameter_bytes": on_the_wire(one_pass),
             "sum_bytes": on_the_wire(one_pass(lessons[0])),
             "verdict_bytes": on_the_wire(scoring(ready[0])) / ready[0][1].n_demonstrations,
             "passes": sum(stage.startswith("pass ") for stage in stages),
@@ -137,8 +134,7 @@ def predict(cost: dict[str, Any], n_steps: float, n_workers: int) -> dict[str, f
     """Seconds and bytes of a fit on workers with one core each."""
     own = n_steps / n_workers
     n_parts = 2 * n_workers
-    n_sums = max(n_parts, min(n_steps / 65_536, cluster._SUMS_BYTES / cost["sum_bytes"]))
-    sent = n_parts * cost["parameter_bytes"] + n_sums * cost["sum_bytes"]
+    sent = n_parts * (cost["parameter_bytes"] + cost["sum_bytes"])
     place = own * max(cost["read_bytes"] / DISK, 1e-9 * cost["read_ns"]) + own * 1e-9 * _once(cost)
     one_pass = own * 1e-9 * cost["pass_ns"] + n_parts * cost["dispatch_s"] + sent / NETWORK
     weights = 16 * n_steps / NETWORK
@@ -181,8 +177,7 @@ def render(found: dict[str, Any]) -> str:
         "| what | bytes |",
         "|---|---|",
         f"| a function with its parameters, for each part and pass | {cost['parameter_bytes']:,} |",
-        f"| sums that come back, for each piece of 65,536 steps (or more, beyond "
-        f"{cluster._SUMS_BYTES >> 20} MiB a pass) | {cost['sum_bytes']:,} |",
+        f"| sums that come back, for each part and pass | {cost['sum_bytes']:,} |",
         f"| scores, for each demonstration, once | {cost['verdict_bytes']:.0f} |",
         "",
         f"This fit took {cost['passes']} passes; Dask takes {1e3 * cost['dispatch_s']:.1f} ms for a task.",

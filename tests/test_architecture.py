@@ -21,7 +21,7 @@ ORDER = [
     "passes", "spaces", "demonstrators", "problem", "parallel", "splines", "features", "solvers", "engines",
     "policies", "adversaries", "priors",
     "em", "search", "judge", "suggestions", "recalibration", "audit", "verdicts",
-    "polish", "inputs", "mixture", "selection", "assumptions", "large", "tensors", "cloning", "estimators", "rment",
+    "polish", "inputs", "mixture", "selection", "assumptions", "large", "cloning", "estimators", "rment",
     "reweighting",
     "schema", "persistence", "checkpoints",
     "actions", "experts", "corruptions", "environments", "rollouts", "simulation",

@@ -91,53 +91,44 @@ def test_a_worker_that_is_killed_costs_time_only(small, cluster, tmp_path, on_di
 def test_each_worker_holds_a_share(small, cluster):
     cluster.wait_for_workers(2, timeout=30)
     placed = DaskEngine(cluster, n_parts=4).place(demonstrations().parts(4))
-    keys = [future.key for future in placed.stage.futures]
-    where = cluster.who_has(placed.stage.futures)
+    keys = [future.key for future in placed.futures]
+    where = cluster.who_has(placed.futures)
     assert [len([k for k in keys if w in where[k]]) for w in cluster.nthreads()] == [2, 2]
     held = sum(piece.observations.nbytes + piece.actions.nbytes for part in demonstrations().parts() for piece in part)
     assert sum(cluster.nbytes(keys, summary=False).values()) == pytest.approx(held, rel=0.05)
 
 
-def test_only_parameters_and_sums_travel(small, cluster, monkeypatch):
+def test_only_parameters_and_sums_travel(small, cluster):
     data = demonstrations()
     model = RPIL(engine=InMemory()).fit(data)
     problem = Problem(
         model.features_.design(data.observations), data.actions, data.offsets, model.space_, np.zeros(120, dtype=int)
     )
     weight = model.audit_.step_weight
-    policy = model.policy_.primed(problem, weight, model.policy_.ridge, 1.0, remembers=True)
-    for _ in range(3):
-        policy = policy.improved(policy.study(problem, weight)[1])
-    whole = partial(clone_pass, policy=policy)
-    assert policy.path.size
-    assert policy._preconditioner is not None
-    light = size(engine._light(whole))
-    assert light < 0.6 * size(whole)
-    assert light < 16 * policy.weights.nbytes + 4000
+    policy, hessian = model.policy_.primed(problem, weight, model.policy_.ridge, 1.0)
+    policy, _ = policy.improved(policy.study(problem, weight)[1], np.inf, hessian, np.empty((0, 2, 0, 0)))
+    assert size(partial(clone_pass, policy=policy)) < 2 * policy.weights.nbytes + 4000
     # What a part is told of demonstrations is of its own.
-    weigh = large.Weigh(model.judge_, np.arange(120.0), np.ones(120), 1.0)
+    weigh = large.Weigh(model.judge_, np.arange(120.0), 1.0)
     parts = data.parts(4)
     told = [engine._only(weigh, part) for part in parts]
-    assert sum(len(one.trust.values) for one in told) == 120
+    assert sum(len(one.trust) for one in told) == 120
     for part, one in zip(parts, told, strict=True):
         for piece in part:
-            np.testing.assert_array_equal(one.trust[piece.demonstrations], weigh.trust[piece.demonstrations])
-    # And what passes over pieces find is added up where it would be too much.
+            at = piece.first - one.first
+            np.testing.assert_array_equal(
+                one.trust[at : at + len(piece.offsets) - 1], weigh.trust[piece.demonstrations]
+            )
+    # And sums over the pieces of a part are added up where they are.
     placed = DaskEngine(cluster, n_parts=2).place(parts[:2])
     steps = [float(len(p.actions)) for part in parts[:2] for p in part]
     assert list(placed.map(_steps)) == steps
-    assert list(placed.summed().map(_steps)) == steps
-    monkeypatch.setattr(engine, "_SUMS_BYTES", 16)
-    assert len(list(placed.summed().map(_count))) == 2
-    assert sum(placed.summed().map(_count))[0] == sum(steps)
+    assert placed.total(_steps) == sum(steps)
+    assert len(list(placed._each(engine._sums, _steps))) == 2
 
 
 def _steps(piece: Piece) -> float:
     return float(len(piece.actions))
-
-
-def _count(piece: Piece) -> np.ndarray:
-    return np.full(4, float(len(piece.actions)))
 
 
 def size(value):

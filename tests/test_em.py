@@ -188,7 +188,7 @@ def test_m_step_uses_soft_targets_or_the_experts_term_alone():
         ("expert_only", r[:, None] * taken),
     ):
         new, log_proba = m_step(problem, state, posterior, mode, max_iter=100, max_cg=100)
-        best, _ = SoftmaxPolicy.zero(3, ridge(problem)).fit(problem.features, targets, tol=1e-10)
+        best, _ = SoftmaxPolicy.zero(3, ridge(problem)).learn(problem, np.zeros(len(taken)), targets, tol=1e-10)
         np.testing.assert_allclose(log_proba, best.log_proba(problem.features), atol=1e-3)
         np.testing.assert_allclose(log_proba, new.policy.log_proba(problem.features), atol=1e-9)
         assert new.prior.p == pytest.approx((posterior.expert.sum() + 1) / (4 + 2))

@@ -15,7 +15,7 @@ from rpil import RPIL, DataError, large, load, save
 from rpil.demonstrations import PIECE_STEPS, Demonstrations
 from rpil.engines import InMemory, Streamed
 from rpil.large import Weigh, sample
-from rpil.policies import SoftmaxPolicy
+from rpil.polish import _time_left
 from rpil.problem import Problem
 
 MAKERS = [make, make_continuous]
@@ -182,7 +182,7 @@ def test_where_no_demonstration_is_trusted_the_likeliest_steps_count(small):
     problem = Problem(
         model.judge_features_.design(data.observations), data.actions, data.offsets, model.space_, np.zeros(120, int)
     )
-    weight, log_ratio = weigh.weight(problem, slice(0, 120))
+    weight, log_ratio = weigh.weight(problem, weigh.trust)
     assert weight.sum() > 1.0
     for m in range(120):  # no demonstration is taken whole: its likelier steps always count for more
         mine = slice(*data.offsets[m : m + 2])
@@ -252,7 +252,7 @@ def test_an_interrupted_fit_goes_on_to_the_same_bits(small, tmp_path, monkeypatc
     assert not path.exists()
 
     def numbers(said):
-        return [stage for stage in said if stage.startswith("pass ")]
+        return [stage.partition(", about")[0] for stage in said if stage.startswith("pass ")]
 
     assert numbers(stages) == numbers(passes)[2:]  # no pass twice, and the same objective at each
     assert len(numbers(stages)) > 1
@@ -273,19 +273,7 @@ def test_a_checkpoint_of_another_fit_is_refused(small, tmp_path):
     assert path.read_bytes() == b"something else"
 
 
-def test_a_path_is_kept_whole():
-    """What a policy remembers comes back from the array that is kept of it, so that the next step has the same bits."""
-    problem = make("noisy", 3, n_good=20, n_bad=5, steps=(30, 60)).problem()
-    ridge, weight = np.full(problem.features.shape[1], 0.1), np.ones(len(problem.actions))
-    start = SoftmaxPolicy.zero(problem.space.n, ridge)
-    primed = start.primed(problem, weight, ridge, 1.0, remembers=True)
-    assert primed.path.shape == (0, *start.weights.shape)
-    policy = primed
-    for _ in range(3):
-        policy = policy.improved(policy.study(problem, weight)[1])
-    assert policy.path.shape == (2 + 2 * 2, *start.weights.shape)
-    read = SoftmaxPolicy(policy.weights, policy.ridge).like(primed, policy.path.copy())
-    sums = policy.study(problem, weight)[1]
-    np.testing.assert_array_equal(read.improved(sums).weights, policy.improved(sums).weights)
-    forgetful = SoftmaxPolicy(policy.weights, policy.ridge).like(primed, policy.path[:0])
-    assert (forgetful.improved(sums).weights != policy.improved(sums).weights).any()
+def test_the_time_left_follows_the_gradient():
+    assert _time_left(np.array([8.0, 4.0]), 0.5, 10.0) == ", about 30 s left"  # three halvings, ten seconds each
+    assert _time_left(np.array([8.0]), 0.5, 10.0) == ""
+    assert _time_left(np.array([4.0, 8.0]), 0.5, 10.0) == ""

@@ -6,7 +6,7 @@ import zipfile
 import numpy as np
 import pytest
 
-from rpil import RPIL, BehavioralCloning, Confusion, Demonstrations, RMEnt, SoftmaxPolicy, load, save
+from rpil import RPIL, BehavioralCloning, Confusion, Demonstrations, RMEnt, load, save
 from rpil.adversaries import Uniform
 from rpil.checkpoints import Checkpoint
 from rpil.errors import DataError
@@ -395,13 +395,14 @@ def test_a_checkpoint_keeps_the_final_policy_of_one_fit(fitted, data, tmp_path):
     path, trust = tmp_path / "checkpoint", fitted.audit_.expert_proba
     checkpoint = Checkpoint.of(path, fitted, data.offsets, data, trust)
     assert checkpoint.read() is None
-    other = SoftmaxPolicy(fitted.policy_.weights + 1.0, fitted.policy_.ridge)
-    for anchor, radius in ((None, np.inf), (other, 2.0)):
-        checkpoint.keep(Polished(fitted.policy_, np.array([-3.0, -2.0]), True, radius, anchor))
+    passes = np.array([[-3.0, 0.5], [-2.0, 0.1]])
+    for radius, n_places in ((np.inf, 0), (2.0, 3)):
+        places = np.random.default_rng(0).random((n_places, 2, *fitted.policy_.weights.shape))
+        checkpoint.keep(Polished(fitted.policy_, passes, radius, places))
         found = checkpoint.read()
         np.testing.assert_array_equal(found.state.weights, fitted.policy_.weights)
-        assert (found.history.tolist(), found.converged, found.radius) == ([-3.0, -2.0], True, radius)
-    np.testing.assert_array_equal(found.anchor.weights, other.weights)
+        np.testing.assert_array_equal(found.path, places)
+        assert (found.history.tolist(), found.radius) == (passes.tolist(), radius)
     settings = RPIL(C=2.0), RPIL(minority="trust")
     others = [Checkpoint.of(path, model, data.offsets, data, trust) for model in settings]
     others.append(Checkpoint.of(path, fitted, data.offsets, data, trust / 2))

@@ -19,7 +19,6 @@ _HOME = {
     "RMEnt": "rpil.rment",
     "RPIL": "rpil.estimators",
     "SoftmaxPolicy": "rpil.policies",
-    "TorchEngine": "rpil.engines",
     "TorchPolicy": "rpil.policies.torch",
     "load": "rpil.persistence",
     "open_dataset": "rpil.formats.dataset",
@@ -43,7 +42,6 @@ __all__ = [
     "Demonstrations",
     "RMEnt",
     "SoftmaxPolicy",
-    "TorchEngine",
     "TorchPolicy",
     "__version__",
     "load",
@@ -61,7 +59,7 @@ if TYPE_CHECKING:
     from rpil.audit import Audit
     from rpil.cloning import BehavioralCloning
     from rpil.demonstrations import Demonstrations
-    from rpil.engines import DaskEngine, TorchEngine
+    from rpil.engines import DaskEngine
     from rpil.errors import AmbiguousWarning, DataError
     from rpil.estimators import RPIL
     from rpil.formats import read, write

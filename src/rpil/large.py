@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
@@ -29,7 +29,7 @@ from rpil.judge.judgement import conclude
 from rpil.judge.steps import StepTrust, step_trust
 from rpil.passes import Array
 from rpil.policies import linear_policy
-from rpil.polish import Polished, clone, gathered, resumed
+from rpil.polish import Polished, clone, gathered
 from rpil.problem import Problem
 from rpil.selection import Choice
 from rpil.spaces import Space
@@ -87,46 +87,27 @@ def sample(lengths: Array, labels: Array, n_steps: int, rng: np.random.Generator
 
 
 @dataclass(frozen=True, eq=False)
-class Slice:
-    """Values of demonstrations from number `first` on, indexed by their numbers among all."""
-
-    values: Array
-    first: int
-
-    def __getitem__(self, those: slice) -> Array:
-        return self.values[those.start - self.first : those.stop - self.first]
-
-
-@dataclass(frozen=True, eq=False)
 class Prepare:
-    """A piece of demonstrations as the data of a fit, in single precision.
+    """A piece of demonstrations as the data of a fit, in single precision; nothing here needs their labels.
 
     Attributes
     ----------
     features : FeatureMap
     space : Space
     classes : (K,) array
-    labels : (M,) array
-        Of all demonstrations.
     """
 
     features: FeatureMap
     space: Space
     classes: Array
-    labels: Any
-
-    def only(self, those: slice) -> Prepare:
-        """The same for `those` demonstrations."""
-        return replace(self, labels=Slice(self.labels[those], those.start))
 
     def __call__(self, piece: Piece) -> tuple[Piece, Problem]:
         codes = known_actions(self.classes, piece.actions, "the demonstrations")
         design = self.features.design(piece.observations, single=True)
-        return piece, Problem(design, codes, piece.offsets, self.space, self.labels[piece.demonstrations])
+        return piece, Problem(design, codes, piece.offsets, self.space, np.zeros(len(piece.offsets) - 1, dtype=int))
 
 
-@dataclass(frozen=True, eq=False)
-class Measured:
+class Measured(NamedTuple):
     """What one pass says of some demonstrations: mean and sum of squares of their steps' measure, and the trust in
     their steps without the steps themselves; (M,) arrays."""
 
@@ -139,12 +120,17 @@ class Measured:
 def measure(ready: tuple[Piece, Problem], judge: FittedJudge) -> Measured:
     """The scores of demonstrations under the policy of a sample."""
     problem = ready[1]
-    worth, log_ratio = judge.scale.measure(problem.features, problem.actions)
+    worth, _, trust = _in_steps(problem, judge)
     score = problem.sum_steps(worth) / problem.lengths
     squares = problem.sum_steps((worth - problem.spread(score)) ** 2)
-    power = np.full(problem.n_demonstrations, min(judge.independent, 1.0))
-    trust = step_trust(problem, log_ratio, power)
     return Measured(score, squares, trust.reliability, trust.interval)
+
+
+def _in_steps(problem: Problem, judge: FittedJudge) -> tuple[Array, Array, StepTrust]:
+    """The measure of each step, its log-ratio, and the trust in it."""
+    worth, log_ratio = judge.scale.measure(problem.features, problem.actions)
+    power = np.full(problem.n_demonstrations, min(judge.independent, 1.0))
+    return worth, log_ratio, step_trust(problem, log_ratio, power)
 
 
 @dataclass(frozen=True, eq=False)
@@ -154,45 +140,43 @@ class Weigh:
     Attributes
     ----------
     judge : FittedJudge
-    trust, reliability : (M,) arrays
-        Of all demonstrations.
+    trust : (M,) array
+        Of demonstrations from number `first` on.
     typical : float
         Reliability of an expert.
     final : Prepare or None
         With the features of the final policy, where they are others than the judge's.
+    first : int
     """
 
     judge: FittedJudge
-    trust: Any
-    reliability: Any
+    trust: Array
     typical: float
     final: Prepare | None = None
+    first: int = 0
 
     @classmethod
     def of(cls, audit: Audit, judge: FittedJudge) -> Weigh:
         """As the demonstrations are trusted; where none is, the steps that are most likely an expert's count."""
-        trust, reliability = audit.expert_proba, audit.reliability
+        trust = audit.expert_proba
         if trust @ audit.lengths < 1.0:
-            return cls(judge, np.ones(len(trust)), reliability, np.inf)
-        return cls(judge, trust, reliability, typical_reliability(reliability, trust))
+            return cls(judge, np.ones(len(trust)), np.inf)
+        return cls(judge, trust, typical_reliability(audit.reliability, trust))
 
     def only(self, those: slice) -> Weigh:
         """The same for `those` demonstrations."""
-        trust, reliability = (Slice(values[those], those.start) for values in (self.trust, self.reliability))
-        final = self.final.only(those) if self.final else None
-        return replace(self, trust=trust, reliability=reliability, final=final)
+        return replace(self, trust=self.trust[those], first=those.start)
 
     def __call__(self, ready: tuple[Piece, Problem]) -> tuple[Problem, Array, Array]:
         piece, problem = ready
-        weight, log_ratio = self.weight(problem, piece.demonstrations)
+        begin = piece.first - self.first
+        weight, log_ratio = self.weight(problem, self.trust[begin : begin + problem.n_demonstrations])
         return (self.final(piece)[1] if self.final else problem), weight, log_ratio
 
-    def weight(self, problem: Problem, those: Any) -> tuple[Array, Array]:
-        """Weights of the steps of `those` demonstrations, and their log-ratios."""
-        log_ratio = self.judge.scale.measure(problem.features, problem.actions)[1]
-        power = np.full(problem.n_demonstrations, min(self.judge.independent, 1.0))
-        step = step_trust(problem, log_ratio, power).step
-        return step_weight(problem.lengths, self.trust[those], self.reliability[those], step, self.typical), log_ratio
+    def weight(self, problem: Problem, trust: Array) -> tuple[Array, Array]:
+        """Weights of the steps of demonstrations with such `trust` (M,), and their log-ratios."""
+        _, log_ratio, steps = _in_steps(problem, self.judge)
+        return step_weight(problem.lengths, trust, steps.reliability, steps.step, self.typical), log_ratio
 
 
 def is_large(model: Any, data: Source) -> bool:
@@ -231,8 +215,7 @@ class Sampled:
 
 def judge_all(sampled: Sampled, problem: Problem, measured: list[Measured], minority: str) -> Judgement:
     """The judgement of all demonstrations, `problem` without their steps, from what was `measured` of them."""
-    names = ("score", "squares", "reliability", "interval")
-    score, squares, reliability, interval = (np.concatenate([getattr(m, name) for m in measured]) for name in names)
+    score, squares, reliability, interval = map(np.concatenate, zip(*measured, strict=True))
     judge, lengths = sampled.judge, problem.lengths
     score[sampled.chosen] = sampled.judgement.scores.score  # held out, as the scores of all others are
     effective = judge.independent * lengths
@@ -295,7 +278,7 @@ def _read_sample(model: Any, data: Source, labels: Array, progress: Callable[[st
     settings = Settings(model.random_state, minority="ask")
     judgement = judge(problem, scorer(problem, model.random_state), settings, progress)
     fitted = judgement.keep(problem, SCALES[space.kind])
-    return Sampled(few, problem, chosen, fitted, judgement), Prepare(features, space, model.classes_, labels)
+    return Sampled(few, problem, chosen, fitted, judgement), Prepare(features, space, model.classes_)
 
 
 def _longest_of_groups(sampled: Sampled) -> tuple[Any, ...]:
@@ -312,7 +295,7 @@ def _fit_policy(
     """Weigh all steps and fit the final policy to them."""
     space, few, some = model.space_, sampled.few, sampled.problem
     weigh = Weigh.of(model.audit_, sampled.judge)
-    weight = weigh.weight(some, sampled.chosen)[0]
+    weight = weigh.weight(some, weigh.trust[sampled.chosen])[0]
     choice, read = model._choice(few, some.actions, weight), prepare.features
     if choice != Choice(read.kind):
         trusted = weight > 0.5 * weight.max()
@@ -325,15 +308,12 @@ def _fit_policy(
     ridge, final_ridge = (ridge_of(read, model.C, steps, space) for steps in (weight.sum(), total))
     first: Any = linear_policy(space, ridge, weight.sum()).learn(some, weight)[0]
 
-    def prime(at: Any) -> Any:
-        return at.primed(some, weight, final_ridge, total / weight.sum(), remembers=True)
-
+    primed, hessian = first.primed(some, weight, final_ridge, total / weight.sum())
     checkpoint = _checkpoint(model, data, few)
-    begun = checkpoint.read() if checkpoint else None
-    start = resumed(begun, prime(begun.anchor or first)) if begun else Polished(prime(first))
+    start = (checkpoint.read() if checkpoint else None) or Polished(primed)
     keep = checkpoint.keep if checkpoint else lambda _: None
-    final = clone(lessons.summed(), start, prime, REFIT_TOL, model.max_iter, progress, keep)
-    model.features_, model.policy_ = read, final.state.tempered(choice.temperature)
+    policy = clone(lessons, start, hessian, REFIT_TOL, model.max_iter, progress, keep)
+    model.features_, model.policy_ = read, policy.tempered(choice.temperature)
     if checkpoint:
         checkpoint.done()
 

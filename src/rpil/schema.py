@@ -57,7 +57,7 @@ KNOWN: dict[type, dict[str, str]] = {
     },
     Groups: {"mean": "2", "spread": "2", "quantiles": "Q"},
     FittedJudge: {},
-    Polished: {"history": "iterations", "path": "places rows columns"},
+    Polished: {"history": "iterations 2", "path": "places 2 rows columns"},
     State: {},
     Share: {},
     Interval: {},

@@ -7,8 +7,8 @@ preconditioner from the exact class blocks of the Hessian on a subsample of step
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from functools import cached_property
+from collections.abc import Callable
+from typing import NamedTuple
 
 import numpy as np
 
@@ -20,18 +20,14 @@ _PRECONDITIONER_ROWS = 8192
 _PRECONDITIONER_STEPS = 4
 """Newton steps that one preconditioner serves."""
 
-_REMEMBERED = 10
+REMEMBERED = 30
 """Steps of a path that a Newton step takes into account."""
-
-_BISECTIONS = 10
-"""With which steps are shortened to a radius."""
 
 _LARGEST = 1_500
 """Coefficients up to which the whole Hessian is inverted where it serves many passes over much data."""
 
 
-@dataclass(frozen=True, eq=False)
-class SoftmaxFit:
+class SoftmaxFit(NamedTuple):
     """Where the solver stopped.
 
     Attributes
@@ -41,10 +37,6 @@ class SoftmaxFit:
         Log-probabilities of all actions at `weights`.
     objective : float
         Penalised negative log-likelihood at `weights`.
-    gradient_norm : float
-        Largest absolute entry of the gradient, divided by the total weight of the steps.
-    n_iter : int
-        Newton steps taken.
     converged : bool
     preconditioner : Preconditioner or None
         The last one made: good enough for a problem nearby.
@@ -53,8 +45,6 @@ class SoftmaxFit:
     weights: Array
     log_proba: Array
     objective: float
-    gradient_norm: float
-    n_iter: int
     converged: bool
     preconditioner: Preconditioner | None
 
@@ -83,7 +73,7 @@ def fit_softmax(
     start : (D, K) array, optional
         Where to start; zero by default.
     tol : float
-        Stop when `SoftmaxFit.gradient_norm` is at most this.
+        Stop when no entry of the gradient is larger, divided by the total weight of the steps.
     max_iter, max_cg : int
         Most Newton steps, and most Hessian products in each. ``max_iter=1`` is one improving step.
     preconditioner : Preconditioner, optional
@@ -107,7 +97,7 @@ def fit_softmax(
         slope = gradient(features, weight[:, None] * proba - targets) + ridge * weights
         norm = float(np.abs(slope).max()) / scale
         if norm <= tol or n_iter == max_iter:
-            return SoftmaxFit(weights, log_proba, objective, norm, n_iter, norm <= tol, preconditioner)
+            return SoftmaxFit(weights, log_proba, objective, norm <= tol, preconditioner)
         if preconditioner is None or (n_iter and n_iter % _PRECONDITIONER_STEPS == 0):
             preconditioner = Preconditioner(features, proba, weight, penalty)
         step = _newton_direction(features, proba, weight, ridge, slope, preconditioner, max_cg)
@@ -124,7 +114,7 @@ def fit_softmax(
                 break
             length *= 0.5
             if length < 1e-10:  # rounding is all that is left to gain
-                return SoftmaxFit(weights, log_proba, objective, norm, n_iter, norm <= 100 * tol, preconditioner)
+                return SoftmaxFit(weights, log_proba, objective, norm <= 100 * tol, preconditioner)
         weights, log_proba, objective = trial, trial_log_proba, trial_objective
         logits = logits + length * step_logits
     raise AssertionError("unreachable")
@@ -162,43 +152,20 @@ def _newton_direction(
     return step if step.any() else -slope
 
 
-@dataclass(frozen=True, eq=False)
-class Path:
-    """Where an ascent was: what gradients along the way tell of the Hessian, beside a preconditioner (L-BFGS, Nocedal
-    1980).
-
-    Attributes
-    ----------
-    weights, slope : (D, K) arrays or None
-        The last place, and the gradient there.
-    pairs : tuple of pairs of (D, K) arrays
-        Steps, and by how much the gradient fell along each.
-    """
-
-    weights: Array | None = None
-    slope: Array | None = None
-    pairs: tuple[tuple[Array, Array], ...] = ()
-
-    def at(self, weights: Array, slope: Array) -> Path:
-        """The path up to here."""
-        pairs = self.pairs
-        if self.weights is not None and self.slope is not None:
-            step, fall = weights - self.weights, self.slope - slope
-            if float((step * fall).sum()) > 0.0:
-                pairs = (*pairs, (step, fall))[-_REMEMBERED:]
-        return Path(weights, slope, pairs)
-
-    def newton_step(self, precondition: Preconditioner) -> Array:
-        """Uphill from here, (D, K)."""
-        assert self.slope is not None
-        rest, shares = self.slope, []
-        for step, fall in reversed(self.pairs):
-            shares.append(float((step * rest).sum() / (step * fall).sum()))
-            rest = rest - shares[-1] * fall
-        found = precondition(rest)
-        for (step, fall), share in zip(self.pairs, reversed(shares), strict=True):
-            found = found + (share - float((fall * found).sum() / (step * fall).sum())) * step
-        return found
+def newton_step(path: Array, precondition: Callable[[Array], Array]) -> Array:
+    """Uphill from the end of a path, (D, K): gradients along the way tell of the Hessian, beside a preconditioner
+    (L-BFGS, Nocedal 1980). `path` (T, 2, D, K) holds places, and the gradient of the objective at each."""
+    moves = np.diff(path, axis=0)
+    pairs = [(step, -change, -float((step * change).sum())) for step, change in moves]
+    pairs = [pair for pair in pairs if pair[2] > 0.0]
+    rest, shares = path[-1, 1], []
+    for step, fall, curvature in reversed(pairs):
+        shares.append(float((step * rest).sum()) / curvature)
+        rest = rest - shares[-1] * fall
+    found = precondition(rest)
+    for (step, fall, curvature), share in zip(pairs, reversed(shares), strict=True):
+        found = found + (share - float((fall * found).sum()) / curvature) * step
+    return found
 
 
 class Preconditioner:
@@ -211,29 +178,20 @@ class Preconditioner:
         The policy's.
     weight : (N,) array
     penalty : (D,) array
-    rows : int, optional
-        Steps in the subsample at least.
-    coupled : bool
-        The whole Hessian instead, in double precision, where it is no larger than `_LARGEST` either way.
-    doubt : float
-        Curvature that may be anywhere without these steps knowing, see `within`.
+    doubt : float, optional
+        Curvature that may be anywhere without these steps knowing. Where it is given the steps are few
+        and the matrix serves many passes: all are read, and the whole Hessian is inverted where it has no more than
+        `_LARGEST` rows.
     """
 
     def __init__(
-        self,
-        features: Array,
-        proba: Array,
-        weight: Array,
-        penalty: Array,
-        rows: int = _PRECONDITIONER_ROWS,
-        coupled: bool = False,
-        doubt: float = 1e-9,
+        self, features: Array, proba: Array, weight: Array, penalty: Array, doubt: float | None = None
     ) -> None:
         self.doubt = doubt
         n_steps, n_features = features.shape
-        stride = max(1, n_steps // max(rows, 4 * n_features))
+        stride = 1 if doubt else max(1, n_steps // max(_PRECONDITIONER_ROWS, 4 * n_features))
         x, p, s = features[::stride], proba[::stride], stride * weight[::stride]
-        if coupled and n_features * p.shape[1] <= _LARGEST:
+        if doubt and n_features * p.shape[1] <= _LARGEST:
             hessian = _coupled(x.astype(float, copy=False), p, s)[None]
             penalty = np.tile(penalty, p.shape[1])
         else:
@@ -243,43 +201,30 @@ class Preconditioner:
         diagonal = np.einsum("kdd->kd", hessian)
         # The floor keeps a class that the subsample hardly sees invertible, and is above the product's rounding.
         diagonal += penalty + floor * (1e-8 + diagonal.max(axis=1, keepdims=True))
-        self.inverse = np.linalg.inv(hessian)
-        if coupled and len(hessian) > 1:
+        if doubt and len(hessian) > 1:
             # Class blocks underestimate the curvature between two actions by up to a half: steps of 2/3 of their length
             # are never far too long nor far too short.
-            self.inverse *= 2.0 / 3.0
+            hessian *= 1.5
+        self.inverse = np.linalg.inv(hessian)
+        self.hessian = hessian if doubt else None
 
-    def __call__(self, residual: Array) -> Array:
+    def __call__(self, residual: Array, radius: float = np.inf) -> Array:
+        """The step H^-1 residual; with a finite radius (H + c I)^-1 residual, where c is `doubt` / `radius` at least
+        and makes no entry larger than `radius`."""
         n_features, n_actions = residual.shape
         parts = residual.T.reshape(len(self.inverse), -1, 1)
-        return (self.inverse @ parts).reshape(n_actions, n_features).T
 
-    def within(self, radius: float, residual: Array) -> Array:
-        """The step (H + c I)^-1 residual, where c is `doubt` / `radius` at least and makes no entry larger than
-        `radius`; H^-1 residual where that is infinite."""
+        def step(inverse: Array) -> Array:
+            return (inverse @ parts).reshape(n_actions, n_features).T
+
         if radius == np.inf:
-            return self(residual)
-        n_features, n_actions = residual.shape
-        curvature, axes = self._axes
-        along = np.einsum("kdi,kd->ki", axes, residual.T.reshape(len(axes), -1))
-
-        def cautious(c: float) -> Array:
-            parts = np.einsum("kdi,ki->kd", axes, along / (curvature + c))
-            return parts.reshape(n_actions, n_features).T
-
-        low, high = self.doubt / radius, float(np.linalg.norm(residual)) / radius
-        if high <= low or np.abs(cautious(low)).max() <= radius:
-            return cautious(low)
-        for _ in range(_BISECTIONS):  # of orders of magnitude
-            middle = np.sqrt(low * high)
-            low, high = (middle, high) if np.abs(cautious(middle)).max() > radius else (low, middle)
-        return cautious(high)
-
-    @cached_property
-    def _axes(self) -> tuple[Array, Array]:
-        """Eigenvalues and eigenvectors of the Hessian."""
-        inverse, axes = np.linalg.eigh(0.5 * (self.inverse + self.inverse.transpose(0, 2, 1)))
-        return 1.0 / np.maximum(inverse, np.finfo(float).tiny), axes
+            return step(self.inverse)
+        assert self.hessian is not None
+        assert self.doubt is not None
+        axes, c = np.eye(parts.shape[1]), self.doubt / radius
+        while np.abs(found := step(np.linalg.inv(self.hessian + c * axes))).max() > radius:
+            c *= 4.0
+        return found
 
 
 def _coupled(features: Array, proba: Array, weight: Array) -> Array:

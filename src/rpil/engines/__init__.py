@@ -7,9 +7,8 @@ its results come back in the order of the parts, so that sums do not depend on w
 from __future__ import annotations
 
 from rpil.engines.dask import DaskEngine
-from rpil.engines.device import TorchEngine
 from rpil.engines.memory import InMemory
 from rpil.engines.protocol import Engine, Shards
 from rpil.engines.streamed import Streamed
 
-__all__ = ["DaskEngine", "Engine", "InMemory", "Shards", "Streamed", "TorchEngine"]
+__all__ = ["DaskEngine", "Engine", "InMemory", "Shards", "Streamed"]

@@ -5,10 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import reduce
 from itertools import chain
 from typing import Any, TypeVar
 
 from rpil.parallel import cores
+from rpil.passes import Sums, add
 
 R = TypeVar("R")
 
@@ -29,8 +31,8 @@ class Held:
     def then(self, function: Callable[[Any], Any]) -> Held:
         return Held(list(self.map(function)))
 
-    def summed(self) -> Held:
-        return self
+    def total(self, function: Callable[[Any], Sums]) -> Sums:
+        return reduce(add, self.map(function))
 
 
 @dataclass(frozen=True)

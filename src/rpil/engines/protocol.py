@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Any, Protocol, TypeVar
 
+from rpil.passes import Sums
+
 Result = TypeVar("Result")
 
 
@@ -12,11 +14,7 @@ class Shards(Protocol):
     """Something of every piece of the data, kept where the engine wants it."""
 
     def map(self, function: Callable[[Any], Result]) -> Iterator[Result]:
-        """The result for each shard, brought here, in order.
-
-        An engine may know a faster way of a pass, by the function or, in a `functools.partial`, by its `func`: one that
-        says the same of a shard but for rounding. The caller sees no difference.
-        """
+        """The result for each shard, brought here, in order."""
 
     def then(self, function: Callable[[Any], Any]) -> Shards:
         """The result for each shard, left where the shard is.
@@ -25,9 +23,8 @@ class Shards(Protocol):
         the demonstrations of a part, which is what is sent to where the part is.
         """
 
-    def summed(self) -> Shards:
-        """The same shards, of whose results only the `rpil.passes.Sums` are wanted: they may be added up where they
-        are."""
+    def total(self, function: Callable[[Any], Sums]) -> Sums:
+        """The sum of the results for all shards, always added up in the same order."""
 
 
 class Engine(Protocol):

@@ -6,10 +6,12 @@ from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import reduce
 from itertools import chain
 from typing import Any, TypeVar
 
 from rpil.parallel import cores
+from rpil.passes import Sums, add
 
 R = TypeVar("R")
 
@@ -41,8 +43,8 @@ class Stream:
         prepare = self.prepare
         return Stream(self.parts, lambda piece: function(prepare(piece)))
 
-    def summed(self) -> Stream:
-        return self
+    def total(self, function: Callable[[Any], Sums]) -> Sums:
+        return reduce(add, self.map(function))
 
 
 @dataclass(frozen=True)

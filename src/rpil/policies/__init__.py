@@ -53,29 +53,17 @@ class Policy(Protocol):
 class AdditivePolicy(Policy, Protocol):
     """A policy that can also learn from sums over parts of the data, which may lie in many places."""
 
-    def primed(self, problem: Problem, weight: Array, ridge: Array, factor: float, remembers: bool = False) -> Self:
-        """Ready for sums over `factor` times as many steps as these, weighted; `ridge` (D,) is for all of them.
-
-        One that `remembers` may learn from the steps that it takes how to take better ones.
-        """
-
-    def like(self, primed: Self, path: Array | None = None) -> Self:
-        """Ready for the same sums as another one; a `path` as it was kept takes the place of what it remembers."""
-
-    @property
-    def path(self) -> Array:
-        """What it remembers of the steps that it took, (T, D, K), empty where that is nothing."""
-
-    @property
-    def experienced(self) -> bool:
-        """Whether its own path tells more of the Hessian than a sample would."""
+    def primed(self, problem: Problem, weight: Array, ridge: Array, factor: float) -> tuple[Self, Any]:
+        """Ready for sums over `factor` times as many steps as these, weighted, with `ridge` (D,) for all of them; and a
+        Hessian, or whatever else helps to improve."""
 
     def study(self, problem: Problem, weight: Array) -> tuple[Array, Sums]:
         """log pi of the actions taken, (N,), and the sums over weighted steps that `improved` needs."""
 
-    def improved(self, statistics: Sums, radius: float = ...) -> Self:
-        """The policy after one improving step, given the sums over all steps of the data; a finite `radius` says that a
-        step without it went down, and how far a coefficient may move."""
+    def improved(self, statistics: Sums, radius: float, hessian: Any, path: Array) -> tuple[Self, Array]:
+        """The policy after one improving step, given the sums over all steps of the data, and what it remembers of the
+        way to here, see `rpil.solvers.newton_step`; a finite `radius` says that a step without it went down, and how
+        far a coefficient may move."""
 
     def slope(self, statistics: Sums) -> float:
         """How far from the best it still is: the largest entry of the gradient, or nats where these say more."""

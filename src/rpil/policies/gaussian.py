@@ -126,25 +126,9 @@ class StudentPolicy:
         root = np.vstack([np.sqrt(self.ridge)[:, None] * self.weights, np.diag(self.least)])
         return float(0.5 * self._distance(root).sum())
 
-    def primed(
-        self, problem: Problem, weight: Array, ridge: Array, factor: float, remembers: bool = False
-    ) -> StudentPolicy:
-        """The same for `factor` times as many steps."""
-        return replace(self, ridge=ridge, least=self.least * np.sqrt(factor))
-
-    def like(self, primed: StudentPolicy, path: Array | None = None) -> StudentPolicy:
-        """The same."""
-        return self
-
-    @property
-    def path(self) -> Array:
-        """None: each step starts anew."""
-        return np.empty((0, *self.weights.shape))
-
-    @property
-    def experienced(self) -> bool:
-        """It learns nothing of Hessians."""
-        return False
+    def primed(self, problem: Problem, weight: Array, ridge: Array, factor: float) -> tuple[StudentPolicy, None]:
+        """The same for `factor` times as many steps; what it needs of a Hessian is in the sums."""
+        return replace(self, ridge=ridge, least=self.least * np.sqrt(factor)), None
 
     def study(self, problem: Problem, weight: Array) -> tuple[Array, Sums]:
         """log pi of the actions taken, (N,), and sums: X^T W X of every part and the slope, see `_least_squares`,
@@ -158,12 +142,12 @@ class StudentPolicy:
         spread = (errors.T * trust) @ errors, likelihood, weight.sum(), (counts < 1.0).sum()
         return self.log_prob(outputs, problem.actions), (*sums, *spread)
 
-    def improved(self, statistics: Sums, radius: float = np.inf) -> StudentPolicy:
+    def improved(self, statistics: Sums, radius: float, hessian: None, path: Array) -> tuple[StudentPolicy, Array]:
         """One step of weighted least squares, no entry longer than `radius` spreads; nu is the best for what was there
         before, unless `radius` is finite. No such step goes down while no action is at a bound."""
         moments, slope, scatter, likelihood, total, beyond = statistics
         if not total > 0.0:
-            return self
+            return self, path
         step = self._step(moments, slope, beyond > 0)
         spread = np.sqrt((self.cholesky**2).sum(axis=1))
         step *= min(1.0, radius / max(np.abs(step / spread).max(), 1e-300))
@@ -173,7 +157,7 @@ class StudentPolicy:
             scatter = scatter - step.T @ cross - cross.T @ step + step.T @ moments[0] @ step
         scatter = scatter + (weights.T * self.ridge) @ weights + np.diag(self.least**2)
         freedom = float(_FREEDOM[int(np.argmax(likelihood))]) if radius == np.inf else self.freedom
-        return replace(self, weights=weights, cholesky=np.linalg.cholesky(scatter / total), freedom=freedom)
+        return replace(self, weights=weights, cholesky=np.linalg.cholesky(scatter / total), freedom=freedom), path
 
     def slope(self, statistics: Sums) -> float:
         """Largest entry of the gradient of the penalised log-likelihood, in units of the spread; or what a better

@@ -46,7 +46,7 @@ class Plan:
     device: str
 
 
-def needs_torch(feature: str = "A neural policy") -> Any:
+def needs_torch() -> Any:
     """The module torch.
 
     Raises
@@ -57,7 +57,7 @@ def needs_torch(feature: str = "A neural policy") -> Any:
     try:
         import torch  # lazily: it takes seconds, and most users have no need of it
     except ImportError as error:
-        raise MissingExtraError(feature, "torch") from error
+        raise MissingExtraError("A neural policy", "torch") from error
     return torch
 
 

@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-import itertools
-from dataclasses import dataclass, replace
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
 from rpil.passes import Array, Sums, linear, log_softmax, softmax_pass
 from rpil.problem import Problem
-from rpil.solvers import Path, Preconditioner, fit_softmax
+from rpil.solvers import REMEMBERED, Preconditioner, fit_softmax, newton_step
 
 _PRECONDITIONER_FITS = 10
 """Warm-started fits that one preconditioner serves: the steps of EM are small."""
-
 
 _UNSEEN = 0.25
 """Largest curvature, for a step, of a direction that a sample has not seen: that of one step on a scaled column."""
@@ -42,7 +42,6 @@ class SoftmaxPolicy:
     ridge: Array
     _preconditioner: Preconditioner | None = None
     _age: int = 0
-    _path: Path | None = None
 
     @classmethod
     def zero(cls, n_actions: int, ridge: Array) -> SoftmaxPolicy:
@@ -69,19 +68,14 @@ class SoftmaxPolicy:
         max_iter: int = 100,
         max_cg: int = 200,
     ) -> tuple[SoftmaxPolicy, Array]:
-        """The policy for actions taken with `weight` (N,), and for soft targets `lesson` (N, K) besides."""
+        """The policy for actions taken with `weight` (N,), and for soft targets `lesson` (N, K) besides; and its
+        log-probabilities (N, K)."""
         targets = one_hot(problem.actions, weight, self.weights.shape[1])
         if lesson is not None:
             targets += lesson
-        return self.fit(problem.features, targets, tol=tol, max_iter=max_iter, max_cg=max_cg)
-
-    def fit(
-        self, features: Array, targets: Array, *, tol: float = 1e-6, max_iter: int = 100, max_cg: int = 200
-    ) -> tuple[SoftmaxPolicy, Array]:
-        """The policy that explains soft `targets` (N, K) best, from here on, and its log-probabilities (N, K)."""
         reuse = self._preconditioner if self._age < _PRECONDITIONER_FITS else None
         fit = fit_softmax(
-            features,
+            problem.features,
             targets,
             self.ridge,
             start=self.weights,
@@ -94,56 +88,28 @@ class SoftmaxPolicy:
         return SoftmaxPolicy(fit.weights, self.ridge, fit.preconditioner, age), fit.log_proba
 
     def primed(
-        self, problem: Problem, weight: Array, ridge: Array, factor: float, remembers: bool = False
-    ) -> SoftmaxPolicy:
-        """Ready for sums over `factor` times as many steps, with the Hessian of these; `ridge` is for all.
-
-        One that `remembers` learns from its steps what the sample does not know of the Hessian.
-        """
+        self, problem: Problem, weight: Array, ridge: Array, factor: float
+    ) -> tuple[SoftmaxPolicy, Preconditioner]:
+        """The same for sums over `factor` times as many steps, and their Hessian as these have it; `ridge` is for all
+        of them."""
         proba = np.exp(self.log_proba(problem.features))
-        hessian = Preconditioner(
-            problem.features, proba, factor * weight, ridge, len(weight), coupled=True, doubt=_UNSEEN * factor
-        )
-        return SoftmaxPolicy(self.weights, ridge, hessian, _path=Path() if remembers else None)
-
-    def like(self, primed: SoftmaxPolicy, path: Array | None = None) -> SoftmaxPolicy:
-        """The same with another one's Hessian, and with a `path` as it was kept, if given."""
-        known = self._path if path is None else Path()
-        if path is not None and len(path):
-            known = Path(path[0], path[1], tuple(zip(path[2::2], path[3::2], strict=True)))
-        return replace(self, _preconditioner=primed._preconditioner, _path=known)
-
-    @property
-    def path(self) -> Array:
-        """What it remembers of its path, (T, D, K): the last place and the gradient there, then steps, each with how
-        far the gradient fell."""
-        known = self._path
-        if known is None or known.weights is None or known.slope is None:
-            return np.empty((0, *self.weights.shape))
-        return np.stack([known.weights, known.slope, *itertools.chain.from_iterable(known.pairs)])
-
-    @property
-    def experienced(self) -> bool:
-        """Whether its path so far tells more of the Hessian than a sample would."""
-        return self._path is not None and len(self._path.pairs) > 1
+        hessian = Preconditioner(problem.features, proba, factor * weight, ridge, _UNSEEN * factor)
+        return SoftmaxPolicy(self.weights, ridge), hessian
 
     def study(self, problem: Problem, weight: Array) -> tuple[Array, Sums]:
         """log pi of the actions taken, (N,), and the gradient of the log-likelihood, (D, K), in one reading."""
         taken, slope = softmax_pass(problem.features, self.weights, problem.actions, weight)
         return taken, (slope - slope.mean(axis=1, keepdims=True),)  # what all actions share is rounding
 
-    def improved(self, statistics: Sums, radius: float = np.inf) -> SoftmaxPolicy:
-        """One Newton step."""
-        assert self._preconditioner is not None, "primed first"
+    def improved(
+        self, statistics: Sums, radius: float, hessian: Callable[..., Array], path: Array
+    ) -> tuple[SoftmaxPolicy, Array]:
+        """One Newton step, and the path with this place."""
         # Rows contiguous, as arrays are kept: the order in which an array is summed shows in the last bit.
-        weights, slope = map(np.ascontiguousarray, (self.weights, self.penalised(statistics)))
-        path = None if self._path is None else self._path.at(weights, slope)
-        if path is None or not path.pairs:
-            step = self._preconditioner.within(radius, slope)
-        else:
-            step = path.newton_step(self._preconditioner)
-            step *= min(1.0, radius / float(np.abs(step).max()))
-        return replace(self, weights=self.weights + step, _path=path)
+        path = np.array([*path[-REMEMBERED:], (self.weights, self.penalised(statistics))])
+        step = newton_step(path, hessian if len(path) > 1 else partial(hessian, radius=radius))
+        step *= min(1.0, radius / max(float(np.abs(step).max()), 1e-300))
+        return SoftmaxPolicy(self.weights + step, self.ridge), path
 
     def slope(self, statistics: Sums) -> float:
         """Largest entry of the gradient of the penalised log-likelihood."""
