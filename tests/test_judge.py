@@ -13,7 +13,7 @@ from problems import make, make_continuous
 from rpil import RPIL
 from rpil.demonstrations import Demonstrations
 from rpil.judge import FINDINGS, Settings, judge
-from rpil.judge.concentrate import best, choose_ridge, concentrate, mean_steps
+from rpil.judge.concentrate import best, choose_ridge, concentrate, mean_steps, shares
 from rpil.judge.effective import autocovariances, effective_steps
 from rpil.judge.fitted import SCALES, mean_variance
 from rpil.judge.groups import Groups, fit_groups, one_group, two_groups
@@ -29,7 +29,7 @@ from rpil.judge.held_out import (
     standardised,
     student,
 )
-from rpil.judge.rivals import find_rival, state_overlap
+from rpil.judge.rivals import find_rival, find_style, sides, state_overlap
 from rpil.judge.steps import step_trust
 from rpil.problem import Problem
 from rpil.spaces import Discrete
@@ -266,6 +266,22 @@ def test_one_group_is_a_maximum_over_the_three_parameters():
     assert normal <= one_group(score, np.full(50, 1e-9)) < normal + 5
 
 
+@pytest.mark.parametrize(("kind", "seed", "n_good", "n_bad"), [("noisy", 0, 10, 30), ("window", 1, 8, 56)])
+def test_few_experts_are_found_by_fewer_teachers(kind, seed, n_good, n_bad, monkeypatch):
+    toy = make(kind, seed, n_good=n_good, n_bad=n_bad, steps=STEPS)
+    verdicts = np.array(RPIL().fit(toy.demonstrations).audit_.verdicts)
+    assert (verdicts[toy.is_good] == "expert").all()
+    assert (verdicts[~toy.is_good] == "adversary").mean() > 0.95
+    monkeypatch.setattr("rpil.judge.concentrate.HALVINGS", 0)
+    assert RPIL().fit(toy.demonstrations).audit_.finding == "nobody stands out"
+
+
+def test_shares_are_halved_while_enough_demonstrations_teach():
+    assert shares(100) == [0.6, 0.3, 0.15, 0.075]
+    assert shares(20) == [0.6, 0.3]
+    assert shares(4) == [0.6]
+
+
 # ---- rivals ----------------------------------------------------------------------------------------------------------
 
 
@@ -283,8 +299,7 @@ def test_a_coherent_group_in_the_same_states_is_a_rival(n_bad):
 def test_noise_is_no_rival(kind):
     toy = make(kind, 0, n_good=10, n_bad=10, steps=STEPS)
     problem = problem_of(toy)
-    rival = find_rival(problem, scorer(problem, 0), toy.is_good, 1e-2, 0)
-    assert rival is None or not rival.competes
+    assert find_rival(problem, scorer(problem, 0), toy.is_good, 1e-2, 0) is None
 
 
 def test_a_policy_in_other_states_is_no_rival():
@@ -296,6 +311,51 @@ def test_a_policy_in_other_states_is_no_rival():
     first, second = np.flatnonzero(toy.is_good), np.flatnonzero(~toy.is_good)
     assert state_overlap(problem, first, second, 0) > 0.8
     assert state_overlap(moved, first, second, 0) < 0.1
+
+
+def styles(seed, n_first=7, n_second=5, steps=200):
+    """Everybody is good; the second style takes the third action where both observations are large."""
+    rng = np.random.default_rng(seed)
+    observations = rng.normal(size=((n_first + n_second) * steps, 2))
+    offsets = np.arange(0, len(observations) + 1, steps)
+    actions = (observations[:, 0] + 0.3 * rng.normal(size=len(observations)) > 0).astype(int)
+    other = (observations > 0.3).all(axis=1) & (np.arange(len(observations)) >= n_first * steps)
+    actions[other] = 2
+    actions[:5] = 2
+    return Demonstrations.from_arrays(observations, actions, offsets), np.arange(n_first + n_second) >= n_first
+
+
+@pytest.mark.parametrize("seed", [0, 2, 3])
+def test_two_styles_are_listed_and_a_label_chooses(seed):
+    data, second = styles(seed)
+    with pytest.warns(UserWarning, match="two groups of demonstrations each act alike"):
+        audit = RPIL().fit(data).audit_
+    assert audit.finding == "cannot be known"
+    assert set(audit.verdicts) == {"uncertain"}
+    assert {frozenset(group) for group in audit.competing} == {
+        frozenset(np.flatnonzero(side).tolist()) for side in (second, ~second)
+    }
+    for style in (second, ~second):
+        told = int(np.flatnonzero(style)[0])
+        assert roc_auc_score(style, RPIL().fit(data, labels={told: "expert"}).audit_.log_odds) == 1.0
+
+
+def test_one_style_has_no_second():
+    data, _ = styles(0, n_first=12, n_second=0)
+    problem = Problem(
+        np.column_stack([data.observations, np.ones(len(data.actions))]),
+        data.actions,
+        data.offsets,
+        Discrete(3),
+        np.zeros(12, dtype=int),
+    )
+    assert find_style(problem, scorer(problem, 0), 1e-3, 0) is None
+
+
+def test_sides_part_continuous_actions_too():
+    toy = make_continuous("flipped", 0, n_good=6, n_bad=6, steps=(100, 120))
+    side = sides(toy.problem("raw"), 1e-3)
+    assert (side == toy.is_good).all() or (side == ~toy.is_good).all()
 
 
 @pytest.mark.parametrize(("minority", "finding"), [("ask", "cannot be known"), ("distrust", "told apart")])

@@ -23,9 +23,9 @@ from rpil.features import N_LANDMARKS, FeatureMap
 from rpil.inputs import known_actions, ridge_of
 from rpil.judge import Judgement, Settings, judge
 from rpil.judge.fitted import SCALES, FittedJudge, mean_variance
-from rpil.judge.groups import fit_groups
+from rpil.judge.groups import SURE, fit_groups
 from rpil.judge.held_out import scorer
-from rpil.judge.judgement import conclude
+from rpil.judge.judgement import certain, conclude
 from rpil.judge.steps import StepTrust, step_trust
 from rpil.passes import Array
 from rpil.policies import linear_policy
@@ -222,14 +222,17 @@ def judge_all(sampled: Sampled, problem: Problem, measured: list[Measured], mino
     variance = mean_variance(squares, lengths, judge.pooled, effective)
     groups = fit_groups(score, variance, problem.labels, effective, lengths)
     rival = sampled.judgement.rival
-    if rival is not None:  # of the others nothing says more than on which side of the boundary they are
+    if rival is not None and sampled.judgement.groups.p_two < SURE:  # nothing says which style the others have
+        rival = replace(rival, trusted=sampled.chosen[rival.trusted], rival=sampled.chosen[rival.rival])
+    elif rival is not None:  # of the others nothing says more than on which side of the boundary they are
         upper = groups.log_odds(score, variance) > 0
         upper[sampled.chosen[rival.trusted]], upper[sampled.chosen[rival.rival]] = True, False
         rival = replace(rival, trusted=np.flatnonzero(upper), rival=np.flatnonzero(~upper))
     none = np.empty(0)
     scores = replace(sampled.judgement.scores, score=score, variance=variance, groups=groups, effective=effective)
     teachers = np.zeros(len(score), dtype=bool)
-    return conclude(problem, scores, StepTrust(reliability, interval, none), none, teachers, rival, minority)
+    decided = certain(scores) if rival is not None and minority == "distrust" else None
+    return conclude(problem, scores, StepTrust(reliability, interval, none), none, teachers, rival, minority, decided)
 
 
 def fit_large(model: Any, data: Source, labels: Array, company: Company, engine: Engine) -> None:

@@ -165,21 +165,22 @@ def judge(
         rival = find_rival(problem, scorer, upper & possible, ridge, settings.seed)
     else:
         rival = find_style(problem, scorer, ridge, settings.seed)
-    choice = 0
-    if rival is not None and rival.competes and (problem.labels.any() or settings.minority == "distrust"):
+    decided = None
+    if rival is not None and (problem.labels.any() or settings.minority == "distrust"):
         if apart:
             other = taught_by(problem, scorer, rival.rival, ridge)
             scores_other = measured(problem, other, q, learned)
             choice = _choose(problem, scores, scores_other, rival)
+            taught, scores = (other, scores_other) if choice < 0 else (taught, scores)
+            decided = certain(scores) if choice else None
         else:
-            choice, other, scores_other = _between_styles(problem, scorer, rival, ridge, learned)
-        if choice < 0 or (choice > 0 and not apart):
-            taught, scores = other, scores_other
-    if not choice and _contradicted(problem, scores):
-        rival = Rival(np.flatnonzero(upper), np.flatnonzero(~upper), np.empty(0), competes=True)
+            decided = _between_styles(problem, taught, rival, learned)
+            rival = None if decided is None else rival  # a label was given: it is not asked for again
+    if decided is None and _contradicted(problem, scores):
+        rival = Rival(np.flatnonzero(upper), np.flatnonzero(~upper), np.empty(0))
     log_ratio = taught.scored.log_prob - q
     steps = step_trust(problem, log_ratio, np.minimum(scores.effective / problem.lengths, 1.0))
-    return conclude(problem, scores, steps, log_ratio, taught.teachers, rival, settings.minority, choice != 0)
+    return conclude(problem, scores, steps, log_ratio, taught.teachers, rival, settings.minority, decided)
 
 
 def _tell_apart(
@@ -236,17 +237,19 @@ def _choose(problem: Problem, scores: Scores, scores_other: Scores, rival: Rival
     return -1 if against_other < against and ((problem.labels > 0).any() or comparable) else 0
 
 
-def _between_styles(
-    problem: Problem, scorer: Scorer, rival: Rival, ridge: float, learned: bool
-) -> tuple[int, Taught, Scores]:
-    """Which of two styles is the expert's, as in `_choose`, its policy, and how much better than the other's that
-    policy explains each demonstration; undecided where that does not show two groups."""
-    nats = problem.labels @ problem.sum_steps(rival.log_ratio) if problem.labels.any() else 1.0
-    sign = int(np.sign(nats))
-    taught = taught_by(problem, scorer, rival.trusted if sign >= 0 else rival.rival, ridge)
-    contrast = replace(taught.scored, log_prob=sign * rival.log_ratio)
-    scores = measured(problem, replace(taught, scored=contrast), np.zeros(len(rival.log_ratio)), learned)
-    return sign if scores.groups.p_two >= SURE else 0, taught, scores
+def _between_styles(problem: Problem, taught: Taught, rival: Rival, learned: bool) -> Array | None:
+    """Log-odds of demonstrations, (M,), where labels, or else the size, say which of two styles is the expert's: from
+    how much better its policy explains them than the other's. None where labels do not say, or the two do not part."""
+    said = problem.labels @ problem.sum_steps(rival.log_ratio) if problem.labels.any() else 1.0
+    contrast = replace(taught, scored=replace(taught.scored, log_prob=np.sign(said) * rival.log_ratio))
+    scores = measured(problem, contrast, np.zeros(len(rival.log_ratio)), learned)
+    parted = said != 0 and (scores.groups.p_two >= SURE or not problem.labels.any())
+    return certain(scores) if parted else None
+
+
+def certain(scores: Scores) -> Array:
+    """Log-odds (M,) by `scores` where it is known that there are two groups."""
+    return replace(scores.groups, log_bayes_factor=CERTAIN).log_odds(scores.score, scores.variance)
 
 
 def _contradicted(problem: Problem, scores: Scores) -> bool:
@@ -266,28 +269,26 @@ def conclude(
     teachers: Array,
     rival: Rival | None,
     minority: str,
-    settled: bool = False,
+    decided: Array | None = None,
 ) -> Judgement:
-    """What `scores` and a `rival` group come to, where a `minority` that acts alike is asked about, or not; `settled`
-    where a label says which of the two is the expert."""
+    """What `scores` and a `rival` group come to, where a `minority` that acts alike is asked about, or not; `decided`
+    (M,) are the log-odds where a label, or the user, says which of the two is the expert."""
     groups = scores.groups
-    if rival is not None and rival.competes and (settled or minority == "distrust"):
-        # That there are two groups is known, and a label or the user says which is the expert.
-        groups = replace(groups, log_bayes_factor=max(groups.log_bayes_factor, CERTAIN))
-        scores, rival = replace(scores, groups=groups), None
-    actions = groups.log_odds(scores.score, scores.variance)
-    if rival is not None and not rival.competes:
-        rival = None
-    if rival is not None and minority == "trust":
-        actions[rival.rival] = np.maximum(actions[rival.rival], np.median(actions[rival.trusted]))
-    actions = groups.bounded(actions)
+    if decided is not None:
+        actions, rival = decided, None
+    else:
+        actions = groups.log_odds(scores.score, scores.variance)
+        if rival is not None and minority == "trust":
+            actions[rival.rival] = np.maximum(actions[rival.rival], np.median(actions[rival.trusted]))
+        actions = groups.bounded(actions)
+    apart = decided is not None or groups.p_two >= SURE
     demonstrator, people = np.zeros(len(actions)), np.empty((0, 3))
     if isinstance(problem.company, Demonstrators):
         lent = problem.company.borrow(actions, np.zeros(len(actions)), problem.labels)
         demonstrator, people = lent.log_odds, intervals(lent.share, lent.weight)
     if rival is not None and minority == "ask":
         finding = "cannot be known"
-    elif groups.p_two >= SURE or (np.abs(actions + demonstrator) >= UNSURE).any():  # the latter by demonstrators
+    elif apart or (np.abs(actions + demonstrator) >= UNSURE).any():  # the latter by demonstrators
         finding = "told apart"
     else:
         finding = "nobody stands out" if scores.learned else "nothing could be learned"
@@ -298,7 +299,7 @@ def conclude(
         scores=scores,
         log_ratio=log_ratio,
         steps=steps,
-        share=share_interval(expit(actions + demonstrator), groups.p_two),
+        share=share_interval(expit(actions + demonstrator), 1.0 if apart else groups.p_two),
         rival=rival if finding == "cannot be known" else None,
         teachers=teachers,
         people=people,

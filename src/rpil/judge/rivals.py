@@ -73,14 +73,11 @@ class Rival:
         Indices of the demonstrations.
     log_ratio : (N,) array
         Of every step, held out: the policy of the trusted against that of the rival group.
-    competes : bool
-        Whether nothing tells which of the two groups is the expert.
     """
 
     trusted: Array
     rival: Array
     log_ratio: Array
-    competes: bool
 
 
 def find_rival(problem: Problem, scorer: Scorer, trusted: Array, ridge: float, seed: int) -> Rival | None:
@@ -157,14 +154,14 @@ def sides(problem: Problem, ridge: float) -> Array:
 
 
 def _compared(problem: Problem, trusted: Array, rival: Array, log_ratio: Array, seed: int) -> Rival | None:
-    """Two groups (M,) bool as trusted and rival, if either is explained better by its own policy."""
+    """Two groups (M,) bool as trusted and rival, if each is explained better by its own policy, in the same states."""
     nats = problem.sum_steps(log_ratio)
     if min(len(nats[trusted]), len(nats[rival])) < FEWEST:
         return None
     if np.median(nats[trusted]) < DISTINCT or np.median(-nats[rival]) < DISTINCT:
         return None
     found = np.flatnonzero(trusted), np.flatnonzero(rival)
-    return Rival(*found, log_ratio, state_overlap(problem, *found, seed) >= OVERLAP)
+    return Rival(*found, log_ratio) if state_overlap(problem, *found, seed) >= OVERLAP else None
 
 
 def state_overlap(problem: Problem, first: Array, second: Array, seed: int) -> float:
