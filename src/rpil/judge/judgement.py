@@ -160,7 +160,7 @@ def judge(
     progress("policies of the best explained")
     taught, scores = _tell_apart(problem, scorer, possible, ridge, q, learned)
     progress("rivals")
-    apart, upper = scores.groups.p_two >= SURE, scores.groups.log_odds(scores.score, scores.variance) > 0
+    apart, upper = scores.groups.p_two >= SURE, _upper(scores)
     if apart:
         rival = find_rival(problem, scorer, upper & possible, ridge, settings.seed)
     else:
@@ -189,18 +189,29 @@ def _tell_apart(
     """Concentrate on ever fewer demonstrations until the scores show two groups; if they never do, the first scores.
 
     A smaller share helps only where adversaries were among those that taught before. So an upper group that is larger
-    than that is no expert's: it is the crowd, with a few demonstrations below it.
+    than that is no expert's: it is the crowd, with a few demonstrations below it. An upper group that is smaller than
+    what teaches takes its place once, as in reweighted least squares (Rousseeuw and Leroy 1987).
     """
-    found, teachers = [], possible
+    found, before = [], possible
     for share in shares(problem.n_demonstrations):
-        taught = concentrate(problem, scorer, teachers, ridge, share)
+        taught = concentrate(problem, scorer, before, ridge, share)
         scores = measured(problem, taught, q, learned)
-        upper = scores.groups.log_odds(scores.score, scores.variance) > 0
-        if scores.groups.p_two >= SURE and upper.sum() <= teachers.sum():
+        upper = (_upper(scores) & possible) | (problem.labels > 0)
+        if scores.groups.p_two >= SURE and upper.sum() <= before.sum():
+            if 2 <= upper.sum() < taught.teachers.sum():
+                pure = taught_by(problem, scorer, np.flatnonzero(upper), ridge)
+                rescored = measured(problem, pure, q, learned)
+                if rescored.groups.p_two >= SURE:
+                    return pure, rescored
             return taught, scores
         found.append((taught, scores))
-        teachers = taught.teachers
+        before = taught.teachers
     return found[0]
+
+
+def _upper(scores: Scores) -> Array:
+    """Which demonstrations are rather in the upper group, (M,) bool."""
+    return np.asarray(scores.groups.log_odds(scores.score, scores.variance) > 0)
 
 
 def measured(problem: Problem, taught: Taught, q: Array, learned: bool) -> Scores:
