@@ -52,14 +52,13 @@ def test_a_snippet_with_any_estimator_runs(pictures):
 @pytest.mark.filterwarnings("ignore::sklearn.exceptions.ConvergenceWarning")  # two epochs are few
 def test_snippets_with_torch_run(pictures):
     torch = pytest.importorskip("torch", reason="torch is not installed: pip install 'rpil[torch]'")
-    neural, device, loop = [code for code in SNIPPETS if "orch" in code]
+    neural, loop = [code for code in SNIPPETS if "orch" in code]
     demonstrations, _ = pictures["ring_demonstrations"]()
     demonstrations = demonstrations.select(np.arange(8, 16))
     names = {"demonstrations": demonstrations, "observations": demonstrations.observations}
     small = neural.replace("hidden=(64, 64)", "hidden=(4,), epochs=2, n_folds=2")
     exec(compile(small, "docs/policies.md", "exec"), names)
     assert names["model"].predict(demonstrations.observations[:3]).shape == (3,)
-    exec(compile(device.replace("cuda", "cpu"), "docs/policies.md", "exec"), names)
 
     class Net(torch.nn.Linear):
         def __init__(self):

@@ -28,7 +28,7 @@ def audit_of(judgement: Judgement, problem: Problem, ids: Sequence[Any]) -> Audi
     groups = () if rival is None else (rival.trusted, rival.rival)
     log_odds = with_labels(judgement.log_odds, problem.labels)
     contested = (judgement.finding != "told apart") & (problem.labels == 0)
-    unknown = (judgement.finding == "cannot be known") & (problem.labels == 0)
+    unknown = np.isin(judgement.finding, ("cannot be known", "nothing could be learned")) & (problem.labels == 0)
     proba = np.where(unknown, 0.5, expit(log_odds))
     verdicts = tuple(verdict(p, unsure) for p, unsure in zip(proba, contested, strict=True))
     return Audit(
