@@ -21,7 +21,7 @@ from rpil.demonstrations import Demonstrations
 from rpil.errors import DataError
 from rpil.estimators import RPIL
 from rpil.experts import expert
-from rpil.report import Part, returns_figure, score_figure, write_many
+from rpil.report import Part, returns_figure, score_figure, write
 from rpil.report.wording import number, percent
 from rpil.rollouts import Returns, rollout
 
@@ -50,9 +50,8 @@ class Overcooked:
         The score.
     n_scored : int
         Recordings that are clearly good or clearly bad: what the AUROC is made of.
-    auroc, auroc_error : float
-        Good against bad by log-odds, and its bootstrap standard error.
-    auroc_ci95 : tuple of float
+    auroc, auroc_ci95 : float, tuple of float
+        Good against bad by log-odds, and its bootstrap interval.
     spearman : float
         Rank correlation of log-odds and score over all recordings.
     auroc_of_length : float
@@ -64,7 +63,6 @@ class Overcooked:
     quality: NDArray[np.float64]
     n_scored: int
     auroc: float
-    auroc_error: float
     auroc_ci95: tuple[float, float]
     spearman: float
     auroc_of_length: float
@@ -128,7 +126,7 @@ class Demo:
 
     def write_report(self, path: str | os.PathLike[str]) -> None:
         """Write both audits and their scores to `path` as one self-contained HTML file."""
-        write_many(
+        write(
             path,
             [_overcooked_part(self.overcooked), _lunarlander_part(self.lunarlander)],
             title="rpil demo",
@@ -187,15 +185,13 @@ def _overcooked(seed: int, told: Progress) -> Overcooked:
     model, seconds = _audit(load(OVERCOOKED), "raw", seed, told, "Overcooked")  # its policy is not used
     audit = model.audit_
     quality, is_good = _truth(OVERCOOKED, "episode_quality"), _truth(OVERCOOKED, "is_good")
-    resamples = _resampled_auroc(audit.log_odds, is_good, seed)
-    low, high = np.quantile(resamples, [0.025, 0.975])
+    low, high = np.quantile(_resampled_auroc(audit.log_odds, is_good, seed), [0.025, 0.975])
     return Overcooked(
         audit=audit,
         seconds=seconds,
         quality=quality,
         n_scored=int((is_good >= 0).sum()),
         auroc=float(_wins(audit.log_odds, is_good).mean()),
-        auroc_error=float(resamples.std(ddof=1)),
         auroc_ci95=(float(low), float(high)),
         spearman=float(spearmanr(audit.log_odds, quality).statistic),
         auroc_of_length=float(_wins(audit.lengths, is_good).mean()),
@@ -268,17 +264,16 @@ def _overcooked_part(found: Overcooked) -> Part:
         "a policy of the players that agree best predicts what they press. "
         + _VERDICTS[found.audit.finding == "told apart"],
     )
-    close = abs(found.auroc - found.auroc_of_length) < 2 * found.auroc_error
+    close = low <= found.auroc_of_length <= high
     agreement = _paragraphs(
         "The score is what a player got done: a point for each onion put into a pot, three for each soup fetched and "
         "three for each soup served.",
         "Take a player of the best third and one of the worst: the better one is ranked higher in "
         f"{percent(found.auroc)} of such pairs (AUROC {found.auroc:.2f}). These are {found.n_scored} people only: "
-        f"standard error {found.auroc_error:.2f}, 95\u00a0% bootstrap interval {low:.2f} to {high:.2f}.",
+        f"95\u00a0% bootstrap interval {low:.2f} to {high:.2f}.",
         f"Over all {len(found.quality)} players the rank correlation (Spearman) is {found.spearman:.2f}.",
         f"For comparison: the number of steps alone has AUROC {found.auroc_of_length:.2f} here, because players who "
-        f"press more keys get more done. The difference is {'less' if close else 'more'} than two standard errors"
-        f"{': these data do not show which of the two ranks better' if close else ''}.",
+        f"press more keys get more done{': these data do not show which of the two ranks better' if close else ''}.",
     )
     return Part(
         title="Overcooked: real people",

@@ -152,7 +152,7 @@ class Timelines:
 
     def one(self, index: int) -> dict[str, Any]:
         """The curves and marks of one demonstration."""
-        ratio = self.audit.step_log_ratio[self.audit.offsets[index] : self.audit.offsets[index + 1]]
+        ratio = self.audit.step_log_ratio[self.audit.steps(index)]
         size = len(ratio)
         starts = _blocks(size, POINTS)
         edges = np.append(starts, size)
