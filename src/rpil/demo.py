@@ -39,23 +39,10 @@ Progress = Callable[[str], None]
 
 @dataclass(frozen=True, eq=False)
 class Overcooked:
-    """How the audit of real people agrees with the score it never saw.
+    """How the audit of real people, which took `seconds`, agrees with the score `quality` (M,) it never saw.
 
-    Attributes
-    ----------
-    audit : Audit
-    seconds : float
-        How long the audit took.
-    quality : array (M,)
-        The score.
-    n_scored : int
-        Recordings that are clearly good or clearly bad: what the AUROC is made of.
-    auroc, auroc_ci95 : float, tuple of float
-        Good against bad by log-odds, and its bootstrap interval.
-    spearman : float
-        Rank correlation of log-odds and score over all recordings.
-    auroc_of_length : float
-        The same for a baseline that learns nothing: the number of steps.
+    The AUROC by log-odds, with its bootstrap interval, and that by length, which learns nothing, are of the `n_scored`
+    recordings that are clearly good or clearly bad; Spearman's rank correlation is over all.
     """
 
     audit: Audit
@@ -70,18 +57,8 @@ class Overcooked:
 
 @dataclass(frozen=True, eq=False)
 class LunarLander:
-    """What the verdicts are worth to a policy.
-
-    Attributes
-    ----------
-    audit : Audit
-    seconds : float
-        How long the audit took.
-    returns : dict of str to Returns
-        Of "trust_all", "rpil", "oracle" and "expert", on the same starts.
-    wrong_verdicts : int
-        Out of all; "uncertain" is wrong too.
-    """
+    """What the verdicts are worth: returns of "trust_all", "rpil", "oracle" and "expert" on the same starts, and how
+    many verdicts are wrong; "uncertain" is wrong too."""
 
     audit: Audit
     seconds: float
@@ -137,16 +114,7 @@ class Demo:
 
 
 def run(*, episodes: int = 100, seed: int = 0, progress: Progress | None = None) -> Demo:
-    """Audit both bundled data sets, learn from them, and score what was found.
-
-    Parameters
-    ----------
-    episodes : int
-        Landings for every policy, 2 or more.
-    seed : int
-        Of the fits, the landings and the bootstrap; the data are fixed.
-    progress : callable, optional
-        Called with a few words at every stage.
+    """Audit both bundled data sets, learn from them, and score what was found in `episodes` landings of every policy.
 
     Raises
     ------

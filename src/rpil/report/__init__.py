@@ -95,6 +95,10 @@ def summarise(audit: Audit, prefix: str = "") -> dict[str, Any]:
     parts = {name: part for name, part in audit.evidence.items() if part.any()}
     if len(parts) == 1:
         parts = {}  # it is the log-odds
+
+    def picture(display: Any, name: str, label: str) -> Markup:
+        return inline_svg(display(audit).plot, size=(4.6, 3), label=label, salt=f"{prefix}{name}")
+
     rows = [
         {
             "rank": rank,
@@ -127,16 +131,10 @@ def summarise(audit: Audit, prefix: str = "") -> dict[str, Any]:
         "iterations": len(audit.history),
         "groups": [{"letter": "AB"[g], "ids": members} for g, members in enumerate(audit.competing)],
         "scale": timelines,
-        "length_picture": inline_svg(
-            LengthDisplay(audit).plot,
-            size=(4.6, 3),
-            label="Reliability of each demonstration against its number of steps, coloured by verdict.",
-            salt=f"{prefix}length",
+        "length_picture": picture(
+            LengthDisplay,
+            "length",
+            "Reliability of each demonstration against its number of steps, coloured by verdict.",
         ),
-        "history_picture": inline_svg(
-            HistoryDisplay(audit).plot,
-            size=(4.6, 3),
-            label="The objective of each round.",
-            salt=f"{prefix}history",
-        ),
+        "history_picture": picture(HistoryDisplay, "history", "The objective of each round."),
     }

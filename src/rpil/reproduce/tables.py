@@ -43,17 +43,8 @@ Row = dict[str, Any]
 
 @dataclass(frozen=True, eq=False)
 class Reproduction:
-    """What `run` found.
-
-    Attributes
-    ----------
-    draws : list of dict
-        One for each table and draw of the data, in that order: returns of each policy, wrong verdicts, log-odds.
-    tables : list of dict
-        One for each table: what its draws amount to.
-    rollouts : int
-        Episodes that each policy played.
-    """
+    """What `run` found: for each table and draw of the data, in that order, returns of each policy, wrong verdicts and
+    log-odds; what the draws of each table amount to; how many episodes each policy played."""
 
     draws: list[Row]
     tables: list[Row]
