@@ -65,7 +65,7 @@ class Page(HTMLParser):
 
 def render(audit: Audit, **options: object) -> str:
     part = report.Part(**({"title": "An audit", "audit": audit, "source": "demos.parquet"} | options))
-    return report.render([part], title=part.title)
+    return report.render([part])
 
 
 @pytest.fixture(scope="module")
@@ -271,17 +271,17 @@ def test_beyond_two_hundred_demonstrations_timelines_are_those_of_the_least_trus
 def test_write_replaces_a_file_only_when_the_report_is_complete(tmp_path: Path, audit: Audit, monkeypatch) -> None:
     path = tmp_path / "report.html"
     part = report.Part("Été", audit, "demos.parquet")
-    report.write(path, [part], title="Été")
+    report.write(path, [part])
     assert path.read_text(encoding="utf-8") == render(audit, title="Été")
     with pytest.raises(TypeError):
-        report.write(path, [replace(part, sections=[None])], title="Broken")
+        report.write(path, [replace(part, sections=[None])])
     assert path.read_text(encoding="utf-8") == render(audit, title="Été")
     assert list(tmp_path.iterdir()) == [path]
 
 
 def test_write_says_where_there_is_no_such_folder(tmp_path: Path, audit: Audit) -> None:
     with pytest.raises(DataError, match="nowhere"):
-        report.write(tmp_path / "nowhere" / "report.html", [report.Part("", audit, "")], title="")
+        report.write(tmp_path / "nowhere" / "report.html", [report.Part("", audit, "")])
 
 
 @pytest.mark.parametrize(

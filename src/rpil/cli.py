@@ -136,8 +136,7 @@ def audit(
             progress("writing the report")
             from rpil.report import Part, write
 
-            part = Part(f"Audit of {Path(file).name}", found, file, seconds=seconds)
-            write(report, [part], title=part.title)
+            write(report, [Part(f"Audit of {Path(file).name}", found, file, seconds=seconds)])
     if json_wanted:
         click.echo(as_json(found.to_dict() | ({"suggested": found.suggest_labels(suggest)} if suggest else {})))
     else:

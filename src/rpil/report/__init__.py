@@ -51,7 +51,7 @@ class Part:
     seconds: float | None = None
 
 
-def render(parts: Sequence[Part], *, title: str, headline: str = "", lead: str = "") -> str:
+def render(parts: Sequence[Part], *, title: str = "", headline: str = "", lead: str = "") -> str:
     """Audits as one self-contained HTML page.
 
     Parameters
@@ -59,7 +59,8 @@ def render(parts: Sequence[Part], *, title: str, headline: str = "", lead: str =
     parts : sequence of Part
         In the order of the page.
     title, headline, lead : str
-        What the page is; of several parts, what they say in a sentence, and a paragraph below it.
+        What the page is, if not the title of its first part; of several parts, what they say in a sentence, and a
+        paragraph below it.
     """
     environment = Environment(
         loader=PackageLoader("rpil", "report"),
@@ -76,7 +77,8 @@ def render(parts: Sequence[Part], *, title: str, headline: str = "", lead: str =
         level, prefix = (1, "") if len(parts) == 1 else (2, f"part-{k}-")
         html = article.render(summarise(part.audit, prefix), part=part, prefix=prefix, level=level)
         shown.append({"title": part.title, "summary": part.summary, "html": Markup(html)})
-    return environment.get_template("template.html").render(title=title, headline=headline, lead=lead, parts=shown)
+    page = environment.get_template("template.html")
+    return page.render(title=title or parts[0].title, headline=headline, lead=lead, parts=shown)
 
 
 def write(path: str | os.PathLike[str], parts: Sequence[Part], **words: str) -> None:
@@ -100,20 +102,11 @@ def summarise(audit: Audit, prefix: str = "") -> dict[str, Any]:
         return inline_svg(display(audit).plot, size=(4.6, 3), label=label, salt=f"{prefix}{name}")
 
     rows = [
-        {
+        _row(audit, m, f"{prefix}demonstration-{m}")
+        | {
             "rank": rank,
-            "anchor": f"{prefix}demonstration-{m}",
-            "id": audit.ids[m],
             "group": groups.get(audit.ids[m], ""),
-            "verdict": audit.verdicts[m],
-            "log_odds": float(audit.log_odds[m]),
             "parts": [float(part[m]) for part in parts.values()],
-            "expert_proba": float(audit.expert_proba[m]),
-            "reliability": float(audit.reliability[m]),
-            "low": float(audit.reliability_interval[m, 0]),
-            "high": float(audit.reliability_interval[m, 1]),
-            "steps": int(audit.lengths[m]),
-            "worst": audit.worst_steps(m),
             "timeline": timelines.one(m) if rank > len(order) - MOST_TIMELINES else None,
         }
         for rank, m in enumerate(map(int, order), start=1)
@@ -137,4 +130,20 @@ def summarise(audit: Audit, prefix: str = "") -> dict[str, Any]:
             "Reliability of each demonstration against its number of steps, coloured by verdict.",
         ),
         "history_picture": picture(HistoryDisplay, "history", "The objective of each round."),
+    }
+
+
+def _row(audit: Audit, m: int, anchor: str) -> dict[str, Any]:
+    """What the audit says of demonstration `m`."""
+    return {
+        "anchor": anchor,
+        "id": audit.ids[m],
+        "verdict": audit.verdicts[m],
+        "log_odds": float(audit.log_odds[m]),
+        "expert_proba": float(audit.expert_proba[m]),
+        "reliability": float(audit.reliability[m]),
+        "low": float(audit.reliability_interval[m, 0]),
+        "high": float(audit.reliability_interval[m, 1]),
+        "steps": int(audit.lengths[m]),
+        "worst": audit.worst_steps(m),
     }
