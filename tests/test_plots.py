@@ -159,7 +159,7 @@ def test_timeline_shows_the_least_trusted_demonstration_unless_told_otherwise() 
 
 
 def test_timeline_names_ids_where_there_is_no_such_demonstration() -> None:
-    with pytest.raises(DataError, match=r"no demonstration 'x': choose one of the ids 0, 1, 2, 3, 4, \.\.\."):
+    with pytest.raises(DataError, match=r"No demonstration is called 'x'; choose one of the ids 0, 1, 2, 3, 4, \.\.\."):
         plots.TimelineDisplay.from_audit(make_audit(), demonstration="x")
 
 

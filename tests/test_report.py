@@ -6,6 +6,7 @@ import json
 import re
 import shutil
 import subprocess
+from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
 
@@ -63,7 +64,8 @@ class Page(HTMLParser):
 
 
 def render(audit: Audit, **options: object) -> str:
-    return report.render(audit, **({"title": "An audit", "source": "demos.parquet"} | options))
+    part = report.Part(**({"title": "An audit", "audit": audit, "source": "demos.parquet"} | options))
+    return report.render([part])
 
 
 @pytest.fixture(scope="module")
@@ -268,17 +270,18 @@ def test_beyond_two_hundred_demonstrations_timelines_are_those_of_the_least_trus
 
 def test_write_replaces_a_file_only_when_the_report_is_complete(tmp_path: Path, audit: Audit, monkeypatch) -> None:
     path = tmp_path / "report.html"
-    report.write(path, audit, title="Été", source="demos.parquet")
+    part = report.Part("Été", audit, "demos.parquet")
+    report.write(path, [part])
     assert path.read_text(encoding="utf-8") == render(audit, title="Été")
     with pytest.raises(TypeError):
-        report.write(path, audit, title="Broken", source="demos.parquet", sections=[None])
+        report.write(path, [replace(part, sections=[None])])
     assert path.read_text(encoding="utf-8") == render(audit, title="Été")
     assert list(tmp_path.iterdir()) == [path]
 
 
 def test_write_says_where_there_is_no_such_folder(tmp_path: Path, audit: Audit) -> None:
     with pytest.raises(DataError, match="nowhere"):
-        report.write(tmp_path / "nowhere" / "report.html", audit, title="", source="")
+        report.write(tmp_path / "nowhere" / "report.html", [report.Part("", audit, "")])
 
 
 @pytest.mark.parametrize(

@@ -49,9 +49,7 @@ def test_starts_with_labels_begin_from_the_known_experts_and_trust_no_known_adve
     problem = make("shifted", 0).labelled({2: 1, 8: -1}).problem()
     found = starts(problem, setting_for(problem), np.random.default_rng(0))
     np.testing.assert_array_equal(np.flatnonzero(found["known experts"]), [2])
-    like = found["like known experts"]
-    assert like[2] == 1.0
-    assert like[:6].sum() > like[6:].sum()  # the others of the expert's mind, more than those of the adversary's
+    assert {"unlike known adversaries", "most unlike"} <= set(found)
     assert all(weight[8] == 0.0 for weight in found.values())
     assert not any(name.startswith("single") for name in found)
 

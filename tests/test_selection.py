@@ -9,7 +9,7 @@ from rpil.cloning import BehavioralCloning
 from rpil.demonstrations import Demonstrations
 from rpil.estimators import RPIL
 from rpil.features import RIDGE_PER_STEP, FeatureMap
-from rpil.selection import RIDGES, Choice, _median, choose
+from rpil.selection import RIDGES, Choice, _least_squares, _median, choose
 from rpil.spaces import Discrete
 
 
@@ -74,6 +74,18 @@ def test_a_demonstration_like_no_other_does_not_choose():
 def test_few_demonstrations_are_enough(n_demonstrations):
     observations, codes, offsets = told(curved, n_demonstrations, 300)
     assert choose(observations, codes, offsets, np.ones(len(codes)), Discrete(2)).kind == "poly"
+
+
+def test_steps_far_off_do_not_teach_which_numbers_are_due():
+    """Coefficients of the clean steps, where a tenth of the actions is many times too large."""
+    rng = np.random.default_rng(0)
+    design = np.column_stack([rng.normal(size=(500, 2)), np.ones(500)])
+    right = np.array([[1.0, 0.0], [-2.0, 1.0], [0.5, 3.0]])
+    actions = design @ right + 0.1 * rng.normal(size=(500, 2))
+    actions[::10] += 20.0 * np.abs(design[::10, :1])
+    (robust,) = _least_squares(design, actions, np.ones(500), [np.full(3, 1e-6)])
+    plain = np.linalg.lstsq(design, actions)[0]
+    assert np.abs(robust - right).max() < 0.3 * np.abs(plain - right).max()
 
 
 def test_few_steps_are_enough():

@@ -57,10 +57,6 @@ class Demonstrator:
     adversaries: int
     uncertain: int
 
-    def to_dict(self) -> dict[str, Any]:
-        """As plain numbers and text."""
-        return asdict(self)
-
 
 @dataclass(frozen=True, eq=False)
 class Audit:
@@ -125,12 +121,12 @@ class Audit:
     step_log_ratio: NDArray[np.float64]
     step_weight: NDArray[np.float64]
     prior: Interval
-    identifiable: bool
-    competing: tuple[tuple[Any, ...], ...]
-    to_label: tuple[Any, ...]
     adversary: str
     history: NDArray[np.float64]
-    assumptions: tuple[str, ...]
+    identifiable: bool = True
+    competing: tuple[tuple[Any, ...], ...] = ()
+    to_label: tuple[Any, ...] = ()
+    assumptions: tuple[str, ...] = ()
     demonstrators: tuple[Demonstrator, ...] = ()
     labelled: tuple[Any, ...] = ()
 
@@ -226,7 +222,8 @@ class Audit:
             If there is none.
         """
         if demonstration not in self.ids:
-            raise DataError(f"No demonstration is called {demonstration!r}; the ids are in audit.ids.")
+            known = ", ".join(map(repr, self.ids[:5])) + ", ..." * (len(self.ids) > 5)
+            raise DataError(f"No demonstration is called {demonstration!r}; choose one of the ids {known}.")
         return self.ids.index(demonstration)
 
     def steps(self, index: int) -> slice:
@@ -240,7 +237,7 @@ class Audit:
             "n_steps": int(self.offsets[-1]),
             "finding": self.finding,
             "adversary": self.adversary,
-            "prior": {"mean": self.prior.mean, "low": self.prior.low, "high": self.prior.high},
+            "prior": asdict(self.prior),
             "identifiable": self.identifiable,
             "groups": [list(group) for group in self.competing],
             "to_label": list(self.to_label),
@@ -258,7 +255,7 @@ class Audit:
                 }
                 for m in self.ranking().tolist()
             ],
-            "demonstrators": [who.to_dict() for who in self.demonstrators],
+            "demonstrators": [asdict(who) for who in self.demonstrators],
         }
 
 

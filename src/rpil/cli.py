@@ -134,9 +134,9 @@ def audit(
             write_weights(weights, found.ids, found.offsets, found.step_weight, found.expert_proba, found.log_odds)
         if report:
             progress("writing the report")
-            from rpil.report import write
+            from rpil.report import Part, write
 
-            write(report, found, title=f"Audit of {Path(file).name}", source=file, seconds=seconds)
+            write(report, [Part(f"Audit of {Path(file).name}", found, file, seconds=seconds)])
     if json_wanted:
         click.echo(as_json(found.to_dict() | ({"suggested": found.suggest_labels(suggest)} if suggest else {})))
     else:
@@ -144,8 +144,8 @@ def audit(
         if suggest:
             click.echo(suggestion(found, suggest))
         _explain(ctx, found, quiet)
-    for what, path in (("Weights", weights), ("Report", report)):
-        _say_where(what, path, json_wanted)
+    _say_where("Weights", weights, json_wanted)
+    _say_where("Report", report, json_wanted)
 
 
 @main.command()

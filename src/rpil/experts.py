@@ -44,17 +44,7 @@ class Expert:
         return self.actions.classes_
 
     def predict(self, observations: ArrayLike) -> NDArray[Any]:
-        """Choose an action for every observation.
-
-        Parameters
-        ----------
-        observations : array-like (n, D)
-            Observations as the environment gives them, unscaled.
-
-        Returns
-        -------
-        array of int64 (n,), or of float32 (n, A) within the box
-        """
+        """Actions (n,), or (n, A) float32 within the box, for observations (n, D) as the environment gives them."""
         rows = np.asarray(observations)
         if rows.ndim != 2 or rows.shape[1] != self.n_features_in_:
             raise DataError(
@@ -72,16 +62,7 @@ class Expert:
 
 
 def expert(env_id: str) -> Expert:
-    """Look up the closed-form expert of an environment.
-
-    Parameters
-    ----------
-    env_id : str
-        An id with its version, such as "MountainCar-v0".
-
-    Returns
-    -------
-    Expert
+    """The closed-form expert of an environment, whose id has a version, such as "MountainCar-v0".
 
     Raises
     ------

@@ -20,23 +20,15 @@ from rpil.verdicts import summarise
 
 def fit_mixture(model: Any, demonstrations: Demonstrations, codes: Array, known: Array) -> tuple[Problem, Array]:
     """Fit the mixture with the settings of `model`, an `RPIL`, which gets the attributes; the problem, and the weights
-    (N,) of the steps that the final policy learns from.
-
-    Parameters
-    ----------
-    model : RPIL
-    demonstrations : Demonstrations
-    codes : (N, ...) array
-        Of the actions.
-    known : (M,) int array
-        Labels: 1 expert, -1 adversary, 0 unknown.
+    (N,) of the steps that the final policy learns from. `codes` (N, ...) are of actions, and `known` (M,) are labels:
+    1 expert, -1 adversary, 0 unknown.
     """
     features = model.judge_map(demonstrations)
     problem = Problem(features.design(demonstrations.observations), codes, demonstrations.offsets, model.space_, known)
+    policy = linear_policy(model.space_, ridge_of(features, model.C, len(codes), model.space_), len(codes))
+    setting = Setting(policy, as_prior(model.prior), model.m_step, model.n_single, model.max_iter, model.tol)
     rng = np.random.default_rng(model.random_state)
-    result = fit(
-        problem, _setting(model, features, len(codes)), model.adversary, rng, model.progress or (lambda _: None)
-    )
+    result = fit(problem, setting, model.adversary, rng, model.progress or (lambda _: None))
     share = Interval(*result.state.prior.interval(result.posterior.expert))
     model.audit_ = summarise(problem, result, share, demonstrations.ids)
     model.state_, model.judge_, model.judge_features_ = result.state, None, features
@@ -52,15 +44,3 @@ def check_options(model: Any) -> None:
         if value not in known:
             raise DataError(f"There is no {name} {value!r}; choose {' or '.join(known)}.")
     as_prior(model.prior)
-
-
-def _setting(model: Any, features: Any, n_steps: int) -> Setting:
-    ridge = ridge_of(features, model.C, n_steps, model.space_)
-    return Setting(
-        policy=linear_policy(model.space_, ridge, n_steps),
-        prior=as_prior(model.prior),
-        mode=model.m_step,
-        n_single=model.n_single,
-        max_iter=model.max_iter,
-        tol=model.tol,
-    )

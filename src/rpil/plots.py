@@ -147,8 +147,8 @@ class TimelineDisplay(_AuditDisplay):
             By default a twentieth of the steps.
         """
         ax = self._start(ax, (9.0, 2.8))
-        index = int(self.audit.ranking()[-1]) if demonstration is None else _index(self.audit, demonstration)
-        ratio = self.audit.step_log_ratio[self.audit.offsets[index] : self.audit.offsets[index + 1]]
+        index = int(self.audit.ranking()[-1]) if demonstration is None else self.audit.index(demonstration)
+        ratio = self.audit.step_log_ratio[self.audit.steps(index)]
         steps, mean, marks = np.arange(len(ratio)), running_mean(ratio, window), self.audit.worst_steps(index, worst)
         ax.plot(steps, ratio, ".", color=COLOURS["uncertain"], markersize=3, alpha=0.6)
         ax.axhline(0, color=COLOURS["uncertain"], linewidth=0.8)
@@ -166,13 +166,6 @@ class TimelineDisplay(_AuditDisplay):
         ax.margins(x=0.01, y=0.12)
         ax.set(xlabel="Step", ylabel="Log-ratio (nats)", title=f"Demonstration {self.audit.ids[index]}")
         return self
-
-
-def _index(audit: Audit, demonstration: Any) -> int:
-    if demonstration in audit.ids:
-        return audit.ids.index(demonstration)
-    known = ", ".join(map(repr, audit.ids[:5])) + ", ..." * (len(audit.ids) > 5)
-    raise DataError(f"There is no demonstration {demonstration!r}: choose one of the ids {known}.")
 
 
 class HistoryDisplay(_AuditDisplay):

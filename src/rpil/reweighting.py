@@ -15,10 +15,11 @@ from rpil.errors import DataError
 from rpil.features import FeatureMap
 from rpil.inputs import coded_actions, known_labels
 from rpil.judge import FINDINGS, Settings, judge
-from rpil.judge.held_out import LAPSE, Scored, deal, reference
+from rpil.judge.held_out import LAPSE, Scored, deal, reference, units
 from rpil.judge.judgement import MINORITY
 from rpil.passes import Array
 from rpil.problem import Problem
+from rpil.suggestions import P_EXPERT
 from rpil.verdicts import audit_of
 
 _PATIENCE = 3
@@ -110,8 +111,7 @@ class _Theirs:
             elif n - when >= _PATIENCE:
                 break
         if not self.data.is_discrete:  # densities of actions in standard deviations, as the reference has them
-            spread = self.data.actions.std(axis=0)
-            best = best + np.log(np.where(spread > 0, spread, 1.0)).sum()
+            best = best + np.log(units(self.data.actions)).sum()
         q = reference(self.problem, np.ones(len(self.data), dtype=bool))
         log_prob = np.logaddexp(np.log1p(-LAPSE) + best, np.log(LAPSE) + q)  # an expert, too, may do anything at times
         return Scored(log_prob, log_prob - np.average(log_prob, weights=weight)), when
@@ -238,8 +238,7 @@ def reweight(
         policy = theirs.teach(policy, np.arange(len(codes)), audit.step_weight)
     said = (
         FINDINGS[judgement.finding],
-        "P(expert) says how surely a demonstration acts as the group does that agrees best; that this group is good is "
-        "assumed.",
+        P_EXPERT,
         "The order of demonstrations, their lengths and any reward were not used.",
         *((_IN_SAMPLE,) if n_folds == 1 else ()),
     )

@@ -30,8 +30,7 @@ from rpil.spaces import Box, Discrete
 ESTIMATORS: dict[str, Any] = {"RPIL": RPIL, "RMEnt": RMEnt, "BehavioralCloning": BehavioralCloning}
 
 # The arrays of each class: every axis a number or a letter that means one size all through the file, perhaps plus one.
-# D observations, F features, K actions or A parts of one, B bins, M demonstrations, N steps,
-# Q quantiles.
+# D observations, F features, K actions or A parts of one, B bins, M demonstrations, N steps, Q quantiles.
 KNOWN: dict[type, dict[str, str]] = {
     FeatureMap: {
         "knots": "knots D",
@@ -47,14 +46,7 @@ KNOWN: dict[type, dict[str, str]] = {
     Discrete: {},
     Box: {"low": "A", "high": "A"},
     SoftmaxScale: {"weights": "F+1 K", "frequency": "K"},
-    StudentScale: {
-        "weights": "F+1 A",
-        "location": "A",
-        "spread": "A",
-        "scale": "A",
-        "center": "A",
-        "width": "A",
-    },
+    StudentScale: {"weights": "F+1 A"} | dict.fromkeys(("location", "spread", "scale", "center", "width"), "A"),
     Groups: {"mean": "2", "spread": "2", "quantiles": "Q"},
     FittedJudge: {},
     Polished: {"history": "iterations 2", "path": "places 2 rows columns"},
@@ -72,42 +64,19 @@ KNOWN: dict[type, dict[str, str]] = {
     OwnPolicy: {},
     Audit: {
         "offsets": "M+1",
-        "log_odds": "M",
-        "from_actions": "M",
-        "from_demonstrator": "M",
-        "from_label": "M",
-        "expert_proba": "M",
-        "reliability": "M",
+        **dict.fromkeys(("log_odds", "from_actions", "from_demonstrator", "from_label"), "M"),
+        **dict.fromkeys(("expert_proba", "reliability"), "M"),
         "reliability_interval": "M 2",
-        "step_log_ratio": "N",
-        "step_weight": "N",
+        **dict.fromkeys(("step_log_ratio", "step_weight"), "N"),
         "history": "iterations",
     },
 }
 BY_NAME = {known.__name__: known for known in KNOWN}
+_POLICY = ("space_", "features_", "policy_")
+_FIT = ("n_iter_", "converged_")
 FITTED = {
-    "BehavioralCloning": ("space_", "features_", "policy_"),
-    "RMEnt": (
-        "space_",
-        "features_",
-        "policy_",
-        "ids_",
-        "weights_",
-        "log_likelihood_",
-        "objective_",
-        "n_iter_",
-        "converged_",
-    ),
-    "RPIL": (
-        "space_",
-        "features_",
-        "policy_",
-        "judge_features_",
-        "judge_",
-        "audit_",
-        "n_iter_",
-        "lower_bound_",
-        "converged_",
-    ),
+    "BehavioralCloning": _POLICY,
+    "RMEnt": (*_POLICY, "ids_", "weights_", "log_likelihood_", "objective_", *_FIT),
+    "RPIL": (*_POLICY, "judge_features_", "judge_", "audit_", "lower_bound_", *_FIT),
 }
 FITTED_ARRAYS = {"weights_": "M", "log_likelihood_": "M"}

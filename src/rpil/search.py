@@ -19,8 +19,6 @@ from rpil.policies import Policy
 from rpil.priors import Share
 from rpil.problem import Problem
 
-_LIKE_EXPERTS = "like known experts"
-
 _ASKED = 30
 """Demonstrations that are tried as a start."""
 
@@ -75,7 +73,7 @@ def fit(
     def begin(named: tuple[str, Array]) -> Result:
         start, weight = named
         progress(f"start: {start}")
-        return _begin(problem, setting, which, weight, grow=start != _LIKE_EXPERTS and (weight > 0).mean() < 0.5)
+        return _begin(problem, setting, which, weight, grow=(weight > 0).mean() < 0.5)
 
     def rank(result: Result) -> tuple[int, float]:
         return _contradicted(problem, setting, result), -result.objective
@@ -96,23 +94,17 @@ def starts(problem: Problem, setting: Setting, rng: np.random.Generator) -> dict
     if (labels < 0).any():
         found |= _unlike(problem, setting, labels < 0)
     if (labels > 0).any():
-        found = {"known experts": (labels > 0).astype(float), **found}
-        return found if not (labels < 0).any() else {_LIKE_EXPERTS: _like_experts(problem, setting), **found}
+        return {"known experts": (labels > 0).astype(float), **found}
     for m in _promising(problem, setting, rng):
         found[f"single {m}"] = (np.arange(problem.n_demonstrations) == m).astype(float)
     return found
 
 
-def _like_experts(problem: Problem, setting: Setting) -> Array:
-    """Weight 1 for each demonstration that the known experts' policy explains better than the known adversaries'."""
-    expert, adversary = (_explained(problem, setting, problem.labels == sign) for sign in (1, -1))
-    return (problem.sum_steps(expert - adversary) > 0).astype(float)
-
-
 def _unlike(problem: Problem, setting: Setting, adversaries: Array) -> dict[str, Array]:
     """Weight 1 for the demonstrations that the policy of the known `adversaries` (M,) explains worst: half of the
     others, and, because experts may be few, only one."""
-    explained = problem.sum_steps(_explained(problem, setting, adversaries)) / problem.lengths
+    policy, outputs = _taught(problem, setting, adversaries.astype(float))
+    explained = problem.sum_steps(policy.log_prob(outputs, problem.actions)) / problem.lengths
     explained[adversaries] = np.inf
     half = explained <= np.median(explained[~adversaries])
     return {"unlike known adversaries": half.astype(float), "most unlike": (explained == explained.min()).astype(float)}
@@ -162,12 +154,6 @@ def _contradicted(problem: Problem, setting: Setting, result: Result) -> int:
     policy, outputs = _taught(problem, setting, others)
     log_odds = e_step(problem, replace(result.state, policy=policy), outputs).log_odds
     return int((problem.labels * np.sign(log_odds) < 0).sum())
-
-
-def _explained(problem: Problem, setting: Setting, teachers: Array) -> Array:
-    """Log-probability of every step, (N,), under the policy of the demonstrations `teachers` (M,) bool."""
-    policy, outputs = _taught(problem, setting, teachers.astype(float))
-    return policy.log_prob(outputs, problem.actions)
 
 
 def _taught(problem: Problem, setting: Setting, weight: Array) -> tuple[Policy, Array]:

@@ -5,27 +5,34 @@ do not choose. The kind is chosen by likelihood: the median's over demonstration
 where no other did decides every mean; and at the best temperature, because a policy acts by its most likely action,
 which being too sure does not change. The ridge is chosen by that action: the weakest one that hits as many held-out
 actions as the best, up to a standard error. A strong ridge makes likelihoods safe and decisions flat.
+
+Continuous actions are predicted by robust ridge regression, and its squared error chooses both.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import solve
 from scipy.optimize import minimize_scalar
 
 from rpil.features import KINDS, RIDGE_PER_STEP, FeatureMap
 from rpil.inputs import ridge_of
-from rpil.passes import Array, log_softmax
-from rpil.policies import linear_policy
-from rpil.problem import Problem
-from rpil.spaces import Space
+from rpil.judge.held_out import FREEDOM, LEAST_SCALE, moments, units
+from rpil.passes import Array, linear, log_softmax
+from rpil.policies.softmax import one_hot
+from rpil.solvers import fit_softmax
+from rpil.spaces import Discrete, Space
 
 RIDGES = (1e-2, 1e-3, 1e-4, 1e-5)
 """Penalties a step, from strong to weak: each fit starts from the one before."""
+
+_ROUNDS = 2
+"""Least squares after which steps that are far off count for less: one that was wrongly kept must not choose."""
 
 _N_FOLDS = 5
 _MOST_STEPS = 6_000
@@ -35,27 +42,21 @@ _TEMPERATURES = (np.log(0.03), np.log(5.0))
 
 @dataclass(frozen=True)
 class Choice:
-    """Features, and what goes with them.
-
-    Attributes
-    ----------
-    kind : str
-        One of `rpil.features.KINDS`.
-    ridge : float
-        Penalty a step.
-    temperature : float
-        What logits are multiplied by to be as sure as held-out demonstrations allow.
-    """
+    """A kind of features, the penalty a step, and what logits are multiplied by to be as sure as demonstrations allow
+    that were held out."""
 
     kind: str
     ridge: float = RIDGE_PER_STEP
     temperature: float = 1.0
 
 
-@dataclass(frozen=True, eq=False)
-class _Held:
-    """What demonstrations that are held out say of a choice: its `value` as a kind of features, and how accurate it is
-    on each of them, (M,)."""
+Average = Callable[[Array], Array]
+"""Of the steps (N,) of each demonstration, (M,)."""
+
+
+class _Held(NamedTuple):
+    """What held-out demonstrations say of a choice: its `value` as a kind of features, and how accurate it is on each
+    of them, (M,)."""
 
     choice: Choice
     value: float
@@ -81,27 +82,41 @@ def choose(
     C : float, optional
         Inverse ridge strength of scikit-learn, where it is given and not to be chosen.
     """
-    ridges = RIDGES if C is None else (RIDGE_PER_STEP,)
-    steps, demonstration, fold = _sample(offsets, weight)
+    steps, demonstration = _sample(offsets, weight)
     observations, codes, weight = observations[steps], codes[steps], weight[steps]
-    trust = np.bincount(demonstration, weight) / np.bincount(demonstration)
+    targets = one_hot(codes, np.ones(len(codes)), space.n) if isinstance(space, Discrete) else codes
+    learn, judge = _METHODS[space.kind]
+    total = np.bincount(demonstration, weight)
+    trust = total / np.bincount(demonstration)
+
+    def average(values: Array) -> Array:
+        averages: Array = np.bincount(demonstration, weight * values) / total
+        return averages
+
+    fold = demonstration % _N_FOLDS
     found: list[_Held] = []
     for kind in KINDS:
         if kind != "raw" and _n_columns(kind, observations.shape[1]) > _MOST_COLUMNS:
             continue
-        outputs = _held_out(kind, observations, codes, weight, fold, space, ridges, C)
-        found += [
-            _JUDGES[space.kind](Choice(kind, ridge), space.bounded(said), codes, weight, demonstration)
-            for ridge, said in zip(ridges, outputs, strict=True)
-        ]
+        features = FeatureMap.fit(kind, observations, weight)
+        maps = [replace(features, ridge_per_step=ridge) for ridge in (RIDGES if C is None else (RIDGE_PER_STEP,))]
+        design = features.design(observations, single=space.kind == "discrete")
+        outputs = np.empty((len(maps), *targets.shape))
+        for test in (fold == k for k in np.unique(fold)):
+            train = ~test
+            penalties = [ridge_of(of, C, weight[train].sum(), space) for of in maps]
+            for r, coefficients in enumerate(learn(design[train], targets[train], weight[train], penalties)):
+                outputs[r, test] = space.bounded(linear(design[test], coefficients))
+        choices = [Choice(kind, of.ridge_per_step) for of in maps]
+        found += [judge(of, said, targets, average, trust) for of, said in zip(choices, outputs, strict=True)]
     kind = max(found, key=lambda held: held.value).choice.kind
     alike = [held for held in found if held.choice.kind == kind]
     best = max(alike, key=lambda held: float(np.average(held.accuracy, weights=trust)))
     return min((held.choice for held in alike if _as_good(held, best, trust)), key=lambda choice: choice.ridge)
 
 
-def _sample(offsets: Array, weight: Array) -> tuple[Array, Array, Array]:
-    """Steps to choose by, the demonstration of each, 0, 1 .., and its fold: whole demonstrations of some weight."""
+def _sample(offsets: Array, weight: Array) -> tuple[Array, Array]:
+    """Steps to choose by, and the demonstration of each, 0, 1 ..: whole demonstrations of some weight."""
     rng = np.random.default_rng(0)
     lengths = np.diff(offsets)
     trust = np.add.reduceat(weight, offsets[:-1]) / lengths
@@ -109,80 +124,56 @@ def _sample(offsets: Array, weight: Array) -> tuple[Array, Array, Array]:
     enough = int(np.searchsorted(np.cumsum(lengths[order]), _MOST_STEPS)) + 1
     kept = order[: max(enough, 2)]
     steps = np.concatenate([np.arange(offsets[m], offsets[m + 1]) for m in kept])
-    demonstration = np.repeat(np.arange(len(kept)), lengths[kept])
-    if len(kept) == 1:  # parts of the only demonstration stand for demonstrations
-        steps = steps[weight[steps] > 0.0]
-        demonstration = np.arange(len(steps)) * min(_N_FOLDS, len(steps)) // len(steps)
-    return steps, demonstration, demonstration % _N_FOLDS
+    if len(kept) > 1:
+        return steps, np.repeat(np.arange(len(kept)), lengths[kept])
+    steps = steps[weight[steps] > 0.0]  # parts of the only demonstration stand for demonstrations
+    return steps, np.arange(len(steps)) * min(_N_FOLDS, len(steps)) // len(steps)
 
 
 def _n_columns(kind: str, n_observations: int) -> int:
     """About how many columns a kind has."""
-    return {
-        "raw": n_observations,
-        "folded": 2 * n_observations,
-        "spline": 10 * n_observations,
-        "poly": n_observations * (n_observations + 3) // 2,
-        "nystroem": 2 * n_observations + 200,
-    }[kind]
+    n = n_observations
+    return {"raw": n, "folded": 2 * n, "spline": 10 * n, "poly": n * (n + 3) // 2, "nystroem": 2 * n + 200}[kind]
 
 
-def _held_out(
-    kind: str,
-    observations: Array,
-    codes: Array,
-    weight: Array,
-    fold: Array,
-    space: Space,
-    ridges: Sequence[float],
-    C: float | None,
-) -> Array:
-    """Outputs for each ridge, by policies that did not see the fold of the step, (R, N, ...)."""
-    features = FeatureMap.fit(kind, observations, weight)
-    design = features.design(observations, single=True)
-    out: list[list[Array]] = [[] for _ in ridges]
-    order = np.argsort(fold, kind="stable")
-    for held in np.unique(fold):
-        test, train = fold == held, fold != held
-        taught, asked, trust = Problem.of_steps(design[train], codes[train], space), design[test], weight[train]
-        policy: Any = None
-        for r, ridge in enumerate(ridges):
-            penalty = ridge_of(replace(features, ridge_per_step=ridge), C, trust.sum(), space)
-            zero: Any = linear_policy(space, penalty, trust.sum())
-            start = zero if policy is None else replace(zero, weights=policy.weights)
-            policy, _ = start.learn(taught, trust, tol=1e-3, max_iter=20, max_cg=30)
-            out[r].append(policy.outputs(asked))
-    return np.stack([np.concatenate(parts)[np.argsort(order, kind="stable")] for parts in out])
+def _softmax(design: Array, targets: Array, weight: Array, penalties: list[Array]) -> Iterator[Array]:
+    """Coefficients (D, K) for each penalty."""
+    start: Array | None = None
+    for penalty in penalties:
+        fit = fit_softmax(design, targets * weight[:, None], penalty, start=start, tol=1e-3, max_iter=20, max_cg=30)
+        start = fit.weights
+        yield start
 
 
-def _judge(choice: Choice, log_proba: Array, codes: Array, weight: Array, demonstration: Array) -> _Held:
-    total = np.bincount(demonstration, weight)
-    share, trust = weight / total[demonstration], total / np.bincount(demonstration)
+def _least_squares(design: Array, actions: Array, weight: Array, penalties: list[Array]) -> Iterator[Array]:
+    """Coefficients (D, A) for each penalty; steps that are far off count for less, as under Student's errors."""
+    trust, least = weight, (LEAST_SCALE * units(actions)) ** 2
+    for _ in range(_ROUNDS):
+        gram, product, _ = moments(design, actions, trust)
+        squares = (actions - design @ solve(gram + np.diag(penalties[-1]), product, assume_a="pos")) ** 2
+        distance = squares / ((trust @ squares) / weight.sum() + least)
+        trust = weight * (FREEDOM + actions.shape[1]) / (FREEDOM + distance.sum(axis=1))
+    gram, product, _ = moments(design, actions, trust)
+    for penalty in penalties:
+        yield solve(gram + np.diag(penalty), product, assume_a="pos")
 
-    def likelihood(log_temperature: float) -> Array:
-        log_pi = log_softmax(np.exp(log_temperature) * log_proba)
-        return np.bincount(demonstration, share * np.take_along_axis(log_pi, codes[:, None], axis=1)[:, 0])
 
-    found = minimize_scalar(
-        lambda t: -_median(likelihood(t), trust), bounds=_TEMPERATURES, method="bounded", options={"xatol": 0.02}
-    )
-    hit = np.bincount(demonstration, share * (log_proba.argmax(axis=1) == codes))
+def _judge_logits(choice: Choice, logits: Array, targets: Array, average: Average, trust: Array) -> _Held:
+    def loss(log_temperature: float) -> float:
+        return -_median(average((targets * log_softmax(np.exp(log_temperature) * logits)).sum(axis=1)), trust)
+
+    found = minimize_scalar(loss, bounds=_TEMPERATURES, method="bounded", options={"xatol": 0.02})
+    hit = average(logits.argmax(axis=1) == targets.argmax(axis=1))
     return _Held(replace(choice, temperature=float(np.exp(found.x))), -float(found.fun), hit)
 
 
-def _judge_numbers(choice: Choice, mean: Array, actions: Array, weight: Array, demonstration: Array) -> _Held:
-    """Both by the squared error within the box, of each part in units of its variance: no single demonstration can
-    make that infinite, so the mean decides; the likelihood of a heavy-tailed policy would forgive too much."""
-    total = np.bincount(demonstration, weight)
-    trust = total / np.bincount(demonstration)
-    center = np.average(actions, axis=0, weights=weight)
-    variance = np.average((actions - center) ** 2, axis=0, weights=weight)
-    error = ((actions - mean) ** 2 / np.where(variance > 0, variance, 1.0)).mean(axis=1)
-    loss = np.bincount(demonstration, weight * error) / total
+def _judge_numbers(choice: Choice, mean: Array, actions: Array, average: Average, trust: Array) -> _Held:
+    """Within the box no single demonstration can make squared errors infinite, so that their mean decides."""
+    loss = average((((actions - mean) / units(actions)) ** 2).mean(axis=1))
     return _Held(choice, -float(np.average(loss, weights=trust)), -loss)
 
 
-_JUDGES = {"discrete": _judge, "continuous": _judge_numbers}
+_METHODS = {"discrete": (_softmax, _judge_logits), "continuous": (_least_squares, _judge_numbers)}
 
 
 def _median(values: Array, weight: Array) -> float:

@@ -17,6 +17,7 @@ import click
 if TYPE_CHECKING:
     from rich.console import Console
     from rich.progress import Progress
+    from rich.table import Table
 
     from rpil.audit import Audit
 
@@ -143,19 +144,13 @@ def show_audit(audit: Audit) -> None:
 
 def _show_ranking(audit: Audit) -> None:
     """The demonstrations as a table, the most trusted first."""
-    from rich import box
-    from rich.table import Table
     from rich.text import Text
 
     parts = {name: part for name, part in audit.evidence.items() if part.any()}
     if len(parts) == 1:
         parts = {}  # it is the log-odds
-    table = Table(box=box.SIMPLE_HEAD, show_edge=False, pad_edge=False)
-    table.add_column("id", overflow="fold")
-    for title in ("steps", "log-odds", *(f"{'+' if k else '='} {name}" for k, name in enumerate(parts))):
-        table.add_column(title, justify="right", no_wrap=True)
-    for title in ("P(expert)", "reliability"):
-        table.add_column(title, justify="right", no_wrap=True)
+    sums = (f"{'+' if k else '='} {name}" for k, name in enumerate(parts))
+    table = _table("id", "steps", "log-odds", *sums, "P(expert)", "reliability")
     table.add_column("verdict", no_wrap=True)
     table.add_column("worst steps")
     groups = {name: _LETTERS[k] for k, members in enumerate(audit.competing) for name in members}
@@ -177,14 +172,9 @@ def _show_ranking(audit: Audit) -> None:
 
 def _show_demonstrators(audit: Audit) -> None:
     """The demonstrators as a table, the most trusted first."""
-    from rich import box
-    from rich.table import Table
     from rich.text import Text
 
-    table = Table(box=box.SIMPLE_HEAD, show_edge=False, pad_edge=False)
-    table.add_column("demonstrator", overflow="fold")
-    for title in ("trust", "95 %", "demonstrations", *_COLOURS):
-        table.add_column(title, justify="right", no_wrap=True)
+    table = _table("demonstrator", "trust", "95 %", "demonstrations", *_COLOURS)
     for who in audit.demonstrators:
         counts = who.n_demonstrations, who.experts, who.uncertain, who.adversaries
         trust = who.trust
@@ -192,6 +182,18 @@ def _show_demonstrators(audit: Audit) -> None:
         table.add_row(Text(_shown(who.name)), *cells)
     _console().print(table)
     click.echo("")
+
+
+def _table(name: str, *numbers: str) -> Table:
+    """A table without rows: a column of names, and columns of numbers."""
+    from rich import box
+    from rich.table import Table
+
+    table = Table(box=box.SIMPLE_HEAD, show_edge=False, pad_edge=False)
+    table.add_column(name, overflow="fold")
+    for title in numbers:
+        table.add_column(title, justify="right", no_wrap=True)
+    return table
 
 
 def headline(audit: Audit) -> str:
@@ -219,17 +221,7 @@ def suggestion(audit: Audit, k: int) -> str:
 
 
 def show_ambiguity(audit: Audit, labels_file: str, warning: str = "") -> None:
-    """Which two groups compete, and what the user can do about it.
-
-    Parameters
-    ----------
-    audit : Audit
-        With ``identifiable`` False.
-    labels_file : str
-        Where to write the label.
-    warning : str
-        What to bear in mind until then.
-    """
+    """Which two groups compete, which label to write to `labels_file`, and a `warning` for as long as there is none."""
     from rich.panel import Panel
     from rich.text import Text
 

@@ -51,24 +51,13 @@ def audit_of(judgement: Judgement, problem: Problem, ids: Sequence[Any]) -> Audi
         to_label=tuple(ids[group[np.argmax(problem.lengths[group])]] for group in groups),
         adversary="frequent actions" if problem.space.kind == "discrete" else "any action",
         history=judgement.scores.history,
-        assumptions=(),
         demonstrators=people(problem.company, judgement.people, verdicts),
         labelled=tuple(ids[m] for m in np.flatnonzero(problem.labels).tolist()),
     )
 
 
 def summarise(problem: Problem, result: Result, share: Interval, ids: Sequence[Any]) -> Audit:
-    """What EM with a named adversary says of each demonstration.
-
-    Parameters
-    ----------
-    problem, result
-        The data and where EM ended.
-    share : Interval
-        Of experts.
-    ids : sequence
-        Of the demonstrations.
-    """
+    """What EM with a named adversary says of each demonstration; `share` is that of experts."""
     posterior = result.posterior
     own = np.nan_to_num(posterior.log_odds, posinf=1e9, neginf=-1e9)
     log_odds = with_labels(own, problem.labels)
@@ -88,12 +77,8 @@ def summarise(problem: Problem, result: Result, share: Interval, ids: Sequence[A
         step_log_ratio=posterior.log_ratio,
         step_weight=problem.spread(proba),
         prior=share,
-        identifiable=True,
-        competing=(),
-        to_label=(),
         adversary=result.state.adversary.name,
         history=result.history,
-        assumptions=(),
         labelled=tuple(ids[m] for m in np.flatnonzero(problem.labels).tolist()),
     )
 

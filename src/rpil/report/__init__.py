@@ -19,7 +19,7 @@ from rpil.report.pictures import Timelines, inline_svg, returns_figure, score_fi
 from rpil.report.wording import count, number, percent
 from rpil.suggestions import NEXT, P_EXPERT
 
-__all__ = ["Part", "render", "render_many", "returns_figure", "score_figure", "summarise", "write", "write_many"]
+__all__ = ["Part", "render", "returns_figure", "score_figure", "summarise", "write"]
 
 # A page with more timelines than this is slow to open; the least trusted demonstrations are the ones to look at.
 MOST_TIMELINES = 200
@@ -27,17 +27,18 @@ MOST_TIMELINES = 200
 
 @dataclass(frozen=True, eq=False)
 class Part:
-    """One audit on a page that holds several.
+    """One audit on a page.
 
     Attributes
     ----------
-    title, source : str
-        As `render` takes them.
+    title : str
     audit : Audit
+    source : str
+        Where the demonstrations came from: a file name or another name for the data.
     summary : str
-        One sentence for the head of the page, which leads to this part.
+        One sentence for the head of a page of several parts, which leads to this one.
     sections : sequence of (heading, body)
-        As `render` takes them.
+        Blocks to show before the ranking; a body that is `Markup` is taken as HTML, any other text is escaped.
     seconds : float, optional
         How long the audit took.
     """
@@ -50,76 +51,17 @@ class Part:
     seconds: float | None = None
 
 
-def render(
-    audit: Audit,
-    *,
-    title: str,
-    source: str,
-    seconds: float | None = None,
-    sections: Sequence[tuple[str, str | Markup]] = (),
-) -> str:
-    """The report as one self-contained HTML page.
-
-    Parameters
-    ----------
-    audit : Audit
-    title : str
-    source : str
-        Where the demonstrations came from: a file name or another name for the data.
-    seconds : float, optional
-        How long the audit took.
-    sections : sequence of (heading, body)
-        Blocks to show before the ranking; a body that is `Markup` is taken as HTML, any other text is escaped.
-    """
-    part = Part(title, audit, source, sections=sections, seconds=seconds)
-    return _page([part], [""], title=title, level=1)
-
-
-def render_many(parts: Sequence[Part], *, title: str, headline: str, lead: str = "") -> str:
-    """Several audits as one self-contained HTML page.
+def render(parts: Sequence[Part], *, title: str = "", headline: str = "", lead: str = "") -> str:
+    """Audits as one self-contained HTML page.
 
     Parameters
     ----------
     parts : sequence of Part
         In the order of the page.
-    title, headline : str
-        What the page is, and what it says in a sentence.
-    lead : str
-        A paragraph below the headline.
+    title, headline, lead : str
+        What the page is, if not the title of its first part; of several parts, what they say in a sentence, and a
+        paragraph below it.
     """
-    prefixes = [f"part-{k}-" for k in range(1, len(parts) + 1)]
-    return _page(parts, prefixes, title=title, level=2, headline=headline, lead=lead)
-
-
-def write(
-    path: str | os.PathLike[str],
-    audit: Audit,
-    *,
-    title: str,
-    source: str,
-    seconds: float | None = None,
-    sections: Sequence[tuple[str, str | Markup]] = (),
-) -> None:
-    """Write what `render` returns to `path`, which is replaced only once the new report is complete."""
-    _save(path, render(audit, title=title, source=source, seconds=seconds, sections=sections))
-
-
-def write_many(
-    path: str | os.PathLike[str], parts: Sequence[Part], *, title: str, headline: str, lead: str = ""
-) -> None:
-    """Write what `render_many` returns to `path`, which is replaced only once the new report is complete."""
-    _save(path, render_many(parts, title=title, headline=headline, lead=lead))
-
-
-def _save(path: str | os.PathLike[str], page: str) -> None:
-    with replacing(path) as temporary, open(temporary, "w", encoding="utf-8") as stream:
-        stream.write(page)
-
-
-def _page(
-    parts: Sequence[Part], prefixes: Sequence[str], *, title: str, level: int, headline: str = "", lead: str = ""
-) -> str:
-    """Each part under headings that start at `level`, its ids prefixed so that no two on the page are the same."""
     environment = Environment(
         loader=PackageLoader("rpil", "report"),
         autoescape=True,
@@ -129,25 +71,21 @@ def _page(
     )
     environment.filters |= {"number": number, "percent": percent, "count": count}
     article = environment.get_template("audit.html")
-    shown = [
-        {
-            "title": part.title,
-            "summary": part.summary,
-            "html": Markup(
-                article.render(
-                    summarise(part.audit, prefix),
-                    title=part.title,
-                    source=part.source,
-                    seconds=part.seconds,
-                    sections=part.sections,
-                    prefix=prefix,
-                    level=level,
-                )
-            ),
-        }
-        for part, prefix in zip(parts, prefixes, strict=True)
-    ]
-    return environment.get_template("template.html").render(title=title, headline=headline, lead=lead, parts=shown)
+    shown = []
+    for k, part in enumerate(parts, start=1):
+        # No two ids on a page are the same.
+        level, prefix = (1, "") if len(parts) == 1 else (2, f"part-{k}-")
+        html = article.render(summarise(part.audit, prefix), part=part, prefix=prefix, level=level)
+        shown.append({"title": part.title, "summary": part.summary, "html": Markup(html)})
+    page = environment.get_template("template.html")
+    return page.render(title=title or parts[0].title, headline=headline, lead=lead, parts=shown)
+
+
+def write(path: str | os.PathLike[str], parts: Sequence[Part], **words: str) -> None:
+    """Write what `render` returns to `path`, which is replaced only once the new report is complete."""
+    page = render(parts, **words)
+    with replacing(path) as temporary, open(temporary, "w", encoding="utf-8") as stream:
+        stream.write(page)
 
 
 def summarise(audit: Audit, prefix: str = "") -> dict[str, Any]:
@@ -159,55 +97,53 @@ def summarise(audit: Audit, prefix: str = "") -> dict[str, Any]:
     parts = {name: part for name, part in audit.evidence.items() if part.any()}
     if len(parts) == 1:
         parts = {}  # it is the log-odds
+
+    def picture(display: Any, name: str, label: str) -> Markup:
+        return inline_svg(display(audit).plot, size=(4.6, 3), label=label, salt=f"{prefix}{name}")
+
     rows = [
-        {
+        _row(audit, m, f"{prefix}demonstration-{m}")
+        | {
             "rank": rank,
-            "anchor": f"{prefix}demonstration-{m}",
-            "id": audit.ids[m],
             "group": groups.get(audit.ids[m], ""),
-            "verdict": audit.verdicts[m],
-            "log_odds": float(audit.log_odds[m]),
             "parts": [float(part[m]) for part in parts.values()],
-            "expert_proba": float(audit.expert_proba[m]),
-            "reliability": float(audit.reliability[m]),
-            "low": float(audit.reliability_interval[m, 0]),
-            "high": float(audit.reliability_interval[m, 1]),
-            "steps": int(audit.lengths[m]),
-            "worst": audit.worst_steps(m),
             "timeline": timelines.one(m) if rank > len(order) - MOST_TIMELINES else None,
         }
         for rank, m in enumerate(map(int, order), start=1)
     ]
     return {
-        "finding": audit.finding,
+        "audit": audit,
         "finding_says": FINDINGS[audit.finding],
         "next": NEXT[audit.finding],
         "p_expert": P_EXPERT,
-        "labelled": audit.labelled,
         "parts": list(parts),
         "rows": rows,
         "verdicts": {verdict: audit.verdicts.count(verdict) for verdict in ("expert", "uncertain", "adversary")},
         "steps": int(audit.offsets[-1]),
         "weight": float(np.mean(audit.step_weight)),
-        "prior": audit.prior,
-        "adversary": audit.adversary,
         "iterations": len(audit.history),
-        "identifiable": audit.identifiable,
         "groups": [{"letter": "AB"[g], "ids": members} for g, members in enumerate(audit.competing)],
-        "to_label": audit.to_label,
-        "demonstrators": audit.demonstrators,
         "scale": timelines,
-        "length_picture": inline_svg(
-            LengthDisplay(audit).plot,
-            size=(4.6, 3),
-            label="Reliability of each demonstration against its number of steps, coloured by verdict.",
-            salt=f"{prefix}length",
+        "length_picture": picture(
+            LengthDisplay,
+            "length",
+            "Reliability of each demonstration against its number of steps, coloured by verdict.",
         ),
-        "history_picture": inline_svg(
-            HistoryDisplay(audit).plot,
-            size=(4.6, 3),
-            label="The objective of each round.",
-            salt=f"{prefix}history",
-        ),
-        "assumptions": audit.assumptions,
+        "history_picture": picture(HistoryDisplay, "history", "The objective of each round."),
+    }
+
+
+def _row(audit: Audit, m: int, anchor: str) -> dict[str, Any]:
+    """What the audit says of demonstration `m`."""
+    return {
+        "anchor": anchor,
+        "id": audit.ids[m],
+        "verdict": audit.verdicts[m],
+        "log_odds": float(audit.log_odds[m]),
+        "expert_proba": float(audit.expert_proba[m]),
+        "reliability": float(audit.reliability[m]),
+        "low": float(audit.reliability_interval[m, 0]),
+        "high": float(audit.reliability_interval[m, 1]),
+        "steps": int(audit.lengths[m]),
+        "worst": audit.worst_steps(m),
     }

@@ -22,16 +22,9 @@ INK = "#1c2024"
 
 
 def inline_svg(draw: Callable[[Any], Any], *, size: tuple[float, float], label: str, salt: str) -> Markup:
-    """What `draw` puts on the Matplotlib axes it is given, as SVG markup that follows the page's colours.
+    """What `draw` puts on the Matplotlib axes it is given, `size` inches large, as SVG that follows the page's colours.
 
-    Parameters
-    ----------
-    draw : callable of one Axes
-    size : (width, height) in inches
-    label : str
-        What a reader who cannot see the picture is told.
-    salt : str
-        Distinguishes the ids of this picture from those of the others on the page.
+    A reader who cannot see the picture is told the `label`; the `salt` makes ids differ from those of other pictures.
     """
     from matplotlib import rc_context
     from matplotlib.figure import Figure
@@ -63,11 +56,7 @@ def returns_figure(rows: Sequence[tuple[str, float, float, float]]) -> Markup:
     """Mean returns with their intervals, one row for each policy, the first at the top.
 
     A dot and its interval rather than a bar: returns are often negative, and a bar that is longer where the policy is
-    worse misleads.
-
-    Parameters
-    ----------
-    rows : sequence of (name, mean, low, high)
+    worse misleads. Rows are (name, mean, low, high).
     """
 
     def draw(ax: Any) -> None:
@@ -89,16 +78,7 @@ def returns_figure(rows: Sequence[tuple[str, float, float, float]]) -> Markup:
 
 
 def score_figure(audit: Audit, score: NDArray[Any], name: str) -> Markup:
-    """Log-odds of each demonstration against a score (M,) that the audit never saw.
-
-    Parameters
-    ----------
-    audit : Audit
-    score : array (M,)
-        Higher is better.
-    name : str
-        What the score is, for its axis.
-    """
+    """Log-odds of each demonstration against a score (M,) that the audit never saw, called `name` on its axis."""
 
     def draw(ax: Any) -> None:
         verdicts = np.array(audit.verdicts)
@@ -152,7 +132,7 @@ class Timelines:
 
     def one(self, index: int) -> dict[str, Any]:
         """The curves and marks of one demonstration."""
-        ratio = self.audit.step_log_ratio[self.audit.offsets[index] : self.audit.offsets[index + 1]]
+        ratio = self.audit.step_log_ratio[self.audit.steps(index)]
         size = len(ratio)
         starts = _blocks(size, POINTS)
         edges = np.append(starts, size)
@@ -160,24 +140,11 @@ class Timelines:
         mean = self.height(np.add.reduceat(running_mean(ratio), starts) / counts)
         # The curve and the band reach both sides of the box, so that even a single step leaves a line.
         x = np.concatenate([[0], centres, [1000]])
-        top, bottom, middle = (
-            np.pad(y, 1, mode="edge")
-            for y in (
-                self.height(np.maximum.reduceat(ratio, starts)),
-                self.height(np.minimum.reduceat(ratio, starts)),
-                mean,
-            )
-        )
+        ends = (self.height(most.reduceat(ratio, starts)) for most in (np.maximum, np.minimum))
+        top, bottom, middle = (np.pad(y, 1, mode="edge") for y in (*ends, mean))
         worst = self.audit.worst_steps(index)
-        marks = [
-            {
-                "step": n,
-                "value": float(ratio[n]),
-                "left": 100 * (n + 0.5) / size,
-                "top": float(self.height(ratio[[n]])[0]) / 10,
-            }
-            for n in worst
-        ]
+        places = [(n, float(ratio[n]), 100 * (n + 0.5) / size, float(self.height(ratio[[n]])[0]) / 10) for n in worst]
+        marks = [dict(zip(("step", "value", "left", "top"), place, strict=True)) for place in places]
         return {
             "band": _points(np.concatenate([x, x[::-1]]), np.concatenate([top, bottom[::-1]])),
             "mean": _points(x, middle),

@@ -6,13 +6,12 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-from rpil import features
 from rpil.cloning import BehavioralCloning
 from rpil.demonstrations import Demonstrations
 from rpil.estimators import RPIL
 from rpil.reproduce.recipe import NO_PENALTY, PaperRecipe
 
-OUR_FEATURES = "auto" if "auto" in features.FEATURES else "spline"
+OUR_FEATURES = "auto"
 N_GOOD = N_BAD = 10
 EXPERT, RECIPE, OURS = "expert", "paper's recipe", "rpil"
 TRUST_ALL, RAW_TRUST_ALL, ORACLE, RAW_ORACLE = "trust all", "raw trust all", "oracle", "raw oracle"

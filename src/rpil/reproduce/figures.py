@@ -49,22 +49,10 @@ def draw(
     seed: int = 0,
     progress: Callable[[str], None] = lambda _: None,
 ) -> list[Path]:
-    """Write Figures 1-7, and the weights, as PNG to a folder, which is made where it is missing.
+    """Write Figures 1-7 as PNG to a folder, which is made where it is missing, and return the files.
 
-    Parameters
-    ----------
-    folder : path
-    draws : sequence of dict
-        `Reproduction.draws`, for the picture of the weights; without them there is none.
-    seed : int
-        Of the demonstrations: the first seed of the tables shows their first draw.
-    progress : callable, optional
-        Called with a few words at every figure.
-
-    Returns
-    -------
-    list of Path
-        The files.
+    `draws` are `Reproduction.draws`, for a picture of the weights, and `seed` is that of the demonstrations: the first
+    one of the tables shows their first draw. `progress` is called with a few words at every figure.
 
     Raises
     ------

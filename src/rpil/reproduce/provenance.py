@@ -16,19 +16,8 @@ _ROOT = Path(__file__).parents[3]
 
 
 def provenance(seeds: Any) -> dict[str, Any]:
-    """Commit, date, seeds and machine, as plain numbers and text; neither a host name nor a path is among them.
-
-    Parameters
-    ----------
-    seeds : int, list of int or str
-        Whatever says which seeds were used; kept as it is.
-
-    Returns
-    -------
-    dict
-        "commit" (None outside its checkout), "dirty" (whether tracked files differ from it), "date" (UTC), "seeds",
-        "python", "packages" (name to version, of those installed), "cores" (that this process may use), "system".
-    """
+    """Commit (None outside its checkout), whether tracked files differ from it, date, seeds as they are given, and
+    machine; neither a host name nor a path is among them."""
     return {
         "commit": _git("rev-parse", "--short=12", "HEAD"),
         "dirty": bool(_git("status", "--porcelain", "--untracked-files=no")),

@@ -43,17 +43,8 @@ Row = dict[str, Any]
 
 @dataclass(frozen=True, eq=False)
 class Reproduction:
-    """What `run` found.
-
-    Attributes
-    ----------
-    draws : list of dict
-        One for each table and draw of the data, in that order: returns of each policy, wrong verdicts, log-odds.
-    tables : list of dict
-        One for each table: what its draws amount to.
-    rollouts : int
-        Episodes that each policy played.
-    """
+    """What `run` found: for each table and draw of the data, in that order, returns of each policy, wrong verdicts and
+    log-odds; what the draws of each table amount to; how many episodes each policy played."""
 
     draws: list[Row]
     tables: list[Row]
@@ -68,21 +59,18 @@ class Reproduction:
 
     def text(self) -> str:
         """The tables for a terminal."""
-        sizes = (30, 9, 17, 17, 9, 9)
-        blocks = []
-        for table in self.tables:
-            lines = [_title(table, self.rollouts)]
-            for name, *rest in [HEAD, *_lines(table)]:
-                lines.append(f"{name:{sizes[0]}}" + "".join(f"{t:>{n}}" for t, n in zip(rest, sizes[1:], strict=True)))
-            blocks.append("\n".join(lines))
-        return "\n\n".join(blocks)
+        form = "{:30}{:>9}{:>17}{:>17}{:>9}{:>9}"
+        blocks = [
+            [_title(table, self.rollouts), *(form.format(*line) for line in _lines(table))] for table in self.tables
+        ]
+        return "\n\n".join(map("\n".join, blocks))
 
     def markdown(self) -> str:
         """The tables as Markdown, with what their columns mean."""
         parts = [f"# The paper's tables\n\n{LEGEND}\n"]
         for table in self.tables:
             rule = "|---|" + "---:|" * (len(HEAD) - 1)
-            head, *body = ["| " + " | ".join(line) + " |" for line in [HEAD, *_lines(table)]]
+            head, *body = ["| " + " | ".join(line) + " |" for line in _lines(table)]
             parts.append(f"## {_title(table, self.rollouts)}\n\n" + "\n".join([head, rule, *body]) + "\n")
         return "\n".join(parts)
 
@@ -147,11 +135,8 @@ def run(
         if progress is not None:
             progress(len(done), len(jobs))
     found = sorted((row for rows in done for row in rows), key=lambda row: (row["table"], row["seed"]))
-    tables = [
-        summary(experiment, [row for row in found if row["table"] == experiment.table])
-        for experiment in EXPERIMENTS
-        if experiment.env_id in environments
-    ]
+    asked = (experiment for experiment in EXPERIMENTS if experiment.env_id in environments)
+    tables = [summary(one, [row for row in found if row["table"] == one.table]) for one in asked]
     return Reproduction(found, tables, rollouts)
 
 
@@ -249,12 +234,12 @@ def _title(table: Row, rollouts: int) -> str:
 
 
 def _lines(table: Row) -> list[tuple[str, ...]]:
-    """The cells of a table, as text."""
+    """The cells of a table, as text, its head first."""
 
     def pair(value: Row) -> str:
         return f"{value['mean']:.1f} ± {value['half_width']:.1f}"
 
-    return [
+    body = (
         (
             NAMES.get(name, name),
             f"{found['printed']:.2f}" if "printed" in found else "",
@@ -264,4 +249,5 @@ def _lines(table: Row) -> list[tuple[str, ...]]:
             f"{found['wrong']}/{table['verdicts']}" if "wrong" in found else "",
         )
         for name, found in table["policies"].items()
-    ]
+    )
+    return [HEAD, *body]
