@@ -60,7 +60,7 @@ QUICK = (
     "nothing shuffled actions discrete 0",
     "well-specified 20 x 10 uniform 0",
 )
-PEER_PARTS = ("cloning", "em", "features", "inputs", "passes", "policies", "reproduce", "rment", "solvers", "splines")
+PEER_PARTS = ("cloning", "em", "features", "inputs", "passes", "policies", "reproduce", "rment", "solvers")
 """Modules and packages of the library that peers are made of; a change elsewhere does not concern them."""
 
 WORLD_PARTS = ("simulation", "corruptions", "experts", "rollouts", "actions")

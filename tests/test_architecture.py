@@ -18,7 +18,7 @@ FILES = sorted(path for path in ROOT.rglob("*.py") if path != ROOT / "__init__.p
 # fmt: off
 ORDER = [
     "errors", "_arrays", "files", "demonstrations", "formats",
-    "passes", "spaces", "demonstrators", "problem", "parallel", "splines", "features", "solvers", "engines",
+    "passes", "spaces", "demonstrators", "problem", "parallel", "features", "solvers", "engines",
     "policies", "adversaries", "priors",
     "em", "search", "judge", "suggestions", "recalibration", "audit", "verdicts",
     "polish", "inputs", "mixture", "selection", "assumptions", "large", "cloning", "estimators", "rment",

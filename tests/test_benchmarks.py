@@ -31,14 +31,13 @@ def test_quick_acceptance(tmp_path, capsys, monkeypatch):
     assert len(found["draws"]) == 2 * len(cells)
     for kind in ("corrupted", "random"):
         assert cells[kind]["auroc"] == pytest.approx(1.0)
-        # With random drivers one expert takes another way in rare states and is "uncertain", which counts as wrong.
-        assert cells[kind]["wrong"] == (1 if kind == "random" else 0)
+        assert cells[kind]["wrong"] == 0
         assert cells[kind]["rpil"]["mean"] > cells[kind]["trust_all"]["mean"]
         assert cells[kind]["oracle"] == cells["random"]["oracle"]  # the good demonstrations do not depend on the kind
     assert cells["noisy"]["auroc"] == pytest.approx(1.0)
     assert cells["window"]["auroc"] == pytest.approx(1.0)
     assert cells["shift"]["ambiguous"] == 2
-    assert cells["shift"]["wrong_labelled"] <= 1
+    assert cells["shift"]["wrong_labelled"] == 0
 
 
 def test_smallest_paper(tmp_path, capsys, monkeypatch):

@@ -145,3 +145,9 @@ def test_no_more_landmarks_than_tell_anything():
     fitted = FeatureMap.fit("nystroem", np.repeat(places, 200, axis=0))
     assert len(fitted.landmarks) == 3
     assert np.abs(fitted.design(places)).max() < 10.0
+
+
+def test_knots_that_the_precision_cannot_tell_apart():
+    """Between 2^53 and 2^53 + 2 there is no number."""
+    observations = np.array([[2.0**53], [2.0**53 + 2]])
+    assert np.isfinite(FeatureMap.fit("spline", observations).design(observations)).all()

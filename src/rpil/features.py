@@ -12,10 +12,10 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from sklearn.preprocessing import SplineTransformer
 
 from rpil.errors import DataError
 from rpil.passes import Array
-from rpil.splines import CubicSplines
 
 KINDS = ("raw", "folded", "spline", "poly", "nystroem")
 """The kinds of maps."""
@@ -109,6 +109,8 @@ class FeatureMap:
             low, high = observations.min(axis=0), observations.max(axis=0)
             high = np.where(high > low, high, low + 1.0)  # a constant column still needs an interval
             knots = np.linspace(low, high, _N_KNOTS)
+            for k in range(1, _N_KNOTS):  # distinct, where the interval is too narrow for the precision
+                knots[k] = np.maximum(knots[k], np.nextafter(knots[k - 1], np.inf))
         landmarks, mixing = np.empty((0, 2 * n_columns)), np.empty((0, 0))
         if kind == "nystroem":
             landmarks, mixing = _nystroem(_fold((observations - location) / spread), n_landmarks)
@@ -174,7 +176,7 @@ class FeatureMap:
         if self.kind == "raw":
             return observations
         if self.kind == "spline":
-            return self._splines.design(observations)
+            return self._splines.transform(observations)
         z = (observations - self.location) / self.spread
         if self.kind == "folded":
             return np.hstack([observations, np.abs(z)])
@@ -185,8 +187,8 @@ class FeatureMap:
         return np.hstack([z, z[:, i] * z[:, j]])
 
     @cached_property
-    def _splines(self) -> CubicSplines:
-        return CubicSplines(self.knots)
+    def _splines(self) -> SplineTransformer:
+        return SplineTransformer(degree=3, knots=self.knots, extrapolation="linear").fit(self.knots)
 
 
 @dataclass(frozen=True)

@@ -244,18 +244,28 @@ def _choose(problem: Problem, scores: Scores, scores_other: Scores, rival: Rival
     )
     if against < against_other:
         return 1
-    comparable = LARGER * len(rival.rival) >= len(rival.trusted)
-    return -1 if against_other < against and ((problem.labels > 0).any() or comparable) else 0
+    return -1 if against_other < against and _may_change(problem, rival) else 0
+
+
+def _may_change(problem: Problem, rival: Rival) -> bool:
+    """Whether labels may speak for the rival group: one of an expert, or the groups are of comparable size."""
+    return bool((problem.labels > 0).any()) or LARGER * len(rival.rival) >= len(rival.trusted)
 
 
 def _between_styles(problem: Problem, taught: Taught, rival: Rival, learned: bool) -> Array | None:
     """Log-odds of demonstrations, (M,), where labels, or else the size, say which of two styles is the expert's: from
-    how much better its policy explains them than the other's. None where labels do not say, or the two do not part."""
-    said = problem.labels @ problem.sum_steps(rival.log_ratio) if problem.labels.any() else 1.0
+    how much better its policy explains them than the other's. None where labels do not say, or the two do not part.
+
+    Labels of one sort rank the styles and accuse nobody: the other style may be as good, or as bad.
+    """
+    labels = problem.labels
+    said = labels @ problem.sum_steps(rival.log_ratio) if labels.any() else 1.0
     contrast = replace(taught, scored=replace(taught.scored, log_prob=np.sign(said) * rival.log_ratio))
     scores = measured(problem, contrast, np.zeros(len(rival.log_ratio)), learned)
-    parted = said != 0 and (scores.groups.p_two >= SURE or not problem.labels.any())
-    return certain(scores) if parted else None
+    if labels.any() and (scores.groups.p_two < SURE or said == 0 or (said < 0 and not _may_change(problem, rival))):
+        return None
+    both = not labels.any() or labels.min() < 0 < labels.max()
+    return certain(scores) if both else UNSURE * np.tanh(certain(scores) / UNSURE)
 
 
 def certain(scores: Scores) -> Array:
@@ -292,7 +302,7 @@ def conclude(
         if rival is not None and minority == "trust":
             actions[rival.rival] = np.maximum(actions[rival.rival], np.median(actions[rival.trusted]))
         actions = groups.bounded(actions)
-    apart = decided is not None or groups.p_two >= SURE
+    apart = groups.p_two >= SURE or bool((np.abs(actions) >= UNSURE).any())
     demonstrator, people = np.zeros(len(actions)), np.empty((0, 3))
     if isinstance(problem.company, Demonstrators):
         lent = problem.company.borrow(actions, np.zeros(len(actions)), problem.labels)

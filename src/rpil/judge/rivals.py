@@ -20,7 +20,7 @@ differ most divide them at first:
 
 y are the actions (standardised, or one column a class), f is their ridge regression on all steps. Then every
 demonstration goes to the policy that explains it better, in turn with the policies, which learn from the other group,
-too, with weight SHARED. Only DISTINCT and OVERLAP are asked for: where scores accuse nobody, nobody is acquitted.
+too, with weight SHARED. They are styles if neither gain is below GAIN times the other, with DISTINCT and OVERLAP.
 """
 
 from __future__ import annotations
@@ -127,6 +127,12 @@ def find_style(problem: Problem, scorer: Scorer, ridge: float, seed: int) -> Riv
         if (closer == second).all():
             break
         second = closer
+    first_gain, second_gain = (
+        float(np.median(mean_steps(problem, log_prob - reference(problem, group))[group]))
+        for log_prob, group in ((first_log_prob, ~second), (second_log_prob, second))
+    )
+    if not min(first_gain, second_gain) > GAIN * max(first_gain, second_gain):
+        return None
     if 2 * second.sum() > len(second):
         second, log_ratio = ~second, -log_ratio
     return _compared(problem, ~second, second, log_ratio, seed)
