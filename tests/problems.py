@@ -11,10 +11,9 @@ from scipy.special import softmax
 
 from rpil.adversaries import adversary
 from rpil.demonstrations import Demonstrations
-from rpil.em import State
+from rpil.em import Share, State
 from rpil.features import FeatureMap
 from rpil.policies import linear_policy
-from rpil.priors import Share
 from rpil.problem import Problem
 from rpil.spaces import Box, Discrete, Space
 

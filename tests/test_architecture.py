@@ -19,8 +19,8 @@ FILES = sorted(path for path in ROOT.rglob("*.py") if path != ROOT / "__init__.p
 ORDER = [
     "errors", "_arrays", "files", "demonstrations", "formats",
     "passes", "spaces", "demonstrators", "problem", "parallel", "features", "solvers", "engines",
-    "policies", "adversaries", "priors",
-    "em", "search", "judge", "suggestions", "recalibration", "audit", "verdicts",
+    "policies", "adversaries",
+    "em", "judge", "search", "suggestions", "recalibration", "audit", "verdicts",
     "polish", "inputs", "mixture", "selection", "assumptions", "large", "cloning", "estimators", "rment",
     "reweighting",
     "schema", "persistence", "checkpoints",

@@ -11,9 +11,8 @@ from scipy.special import expit, log_softmax, logit
 
 from problems import Toy, make, pooled_state, ridge, zoo
 from rpil.adversaries import ADVERSARIES, Complement, Uniform, adversary
-from rpil.em import State, e_step, lower_bound, m_step, run
+from rpil.em import Share, State, e_step, lower_bound, m_step, run
 from rpil.policies import SoftmaxPolicy
-from rpil.priors import Share
 from rpil.problem import Problem
 from rpil.spaces import Discrete
 

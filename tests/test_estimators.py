@@ -193,7 +193,7 @@ def test_actions_that_are_no_codes():
 
 
 def test_clone_and_parameters():
-    model = RPIL("spline", adversary="uniform", prior=(3, 2), labels={"d0": "expert"}, n_single=1)
+    model = RPIL("spline", adversary="uniform", prior=(3, 2), labels={"d0": "expert"})
     assert clone(model).get_params() == model.get_params()
     assert model.set_params(C=2.0).C == 2.0
     assert {"features", "adversary", "prior", "C", "m_step", "labels", "random_state"} <= set(RPIL().get_params())

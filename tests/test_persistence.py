@@ -33,7 +33,7 @@ def fitted(data):
 
 @pytest.fixture(scope="module")
 def mixture(data):
-    return RPIL(n_single=0, adversary="uniform").fit(data)
+    return RPIL(adversary="uniform").fit(data)
 
 
 @pytest.fixture
@@ -91,11 +91,11 @@ def refused(path, match):
     [
         RPIL(labels={"é0": "expert", "é7": "adversary"}, minority="trust", random_state=5),
         RPIL(features="spline", search_features="poly"),
-        RPIL(n_single=1, prior=(3, 2), adversary="uniform"),
-        RPIL(n_single=0, features="spline", adversary="own policy"),
-        RPIL(n_single=0, features="poly", adversary="marginal", prior=0.5, m_step="expert_only"),
-        RPIL(n_single=0, adversary="normalised complement"),
-        RPIL(n_single=0, adversary=Confusion.given(np.full((3, 3), 1 / 3)), progress=print),
+        RPIL(prior=(3, 2), adversary="uniform"),
+        RPIL(features="spline", adversary="own policy"),
+        RPIL(features="poly", adversary="marginal", prior=0.5, m_step="expert_only"),
+        RPIL(adversary="normalised complement"),
+        RPIL(adversary=Confusion.given(np.full((3, 3), 1 / 3)), progress=print),
         RMEnt(n_trusted=5, n_starts=2),
         BehavioralCloning(features="poly", C=3.0),
         BehavioralCloning(features="spline"),
@@ -192,7 +192,7 @@ def test_actions_of_any_type(actions, tmp_path):
 
 
 def test_an_adversary_of_an_unknown_class_is_left_out_and_missed_when_needed(data, tmp_path):
-    model = RPIL(n_single=0, adversary=MyAdversary()).fit(data)
+    model = RPIL(adversary=MyAdversary()).fit(data)
     for _ in range(2):  # and again from the file
         save(model, tmp_path / "p")
         model = load(tmp_path / "p")

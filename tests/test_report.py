@@ -210,7 +210,7 @@ def test_the_box_of_what_cannot_be_known_shows_the_groups_and_what_to_label(unkn
     assert "Which of two groups is the expert cannot be known Each group acts alike" in text
     assert "Group A 4 demonstrations: d0, d1, d2, d3 Group B 26 demonstrations: d4," in text
     assert "and 6 more" in text
-    assert "Label one demonstration, say d0 or d9 : write its id" in text
+    assert "To label, say, d0 or d9 , write its id" in text
     assert "rpil audit FILE --labels labels.csv" in text
     assert "Next:" not in text
     assert "Which of two groups is the expert cannot be known" not in page.text

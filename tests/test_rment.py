@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import combinations
 
 import numpy as np
@@ -51,8 +52,10 @@ def test_exact_against_all_subsets(seed):
     for subset in combinations(range(8), 4):
         weight = np.isin(np.arange(8), subset) / lengths
         design = model.features_.design(toy.observations)
-        targets = one_hot(problem.actions, problem.spread(weight), problem.space.n)
-        policy, log_proba = SoftmaxPolicy.zero(toy.space.n, penalty / lengths.mean()).fit(design, targets, tol=1e-10)
+        steps = problem.spread(weight)
+        targets = one_hot(problem.actions, steps, problem.space.n)
+        zero = SoftmaxPolicy.zero(toy.space.n, penalty / lengths.mean())
+        policy, log_proba = zero.learn(replace(problem, features=design), steps, tol=1e-10)
         objectives[subset] = (policy.penalty() - (targets * log_proba).sum()) / 4
     best = min(objectives, key=objectives.get)
     assert model.objective_ == pytest.approx(objectives[best], abs=1e-8)

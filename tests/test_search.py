@@ -10,22 +10,21 @@ import pytest
 from problems import Toy, make, pooled_state, ridge, zoo
 from rpil import parallel
 from rpil.adversaries import Uniform
-from rpil.em import MStep, e_step, run
+from rpil.em import MStep, Share, e_step, run
 from rpil.policies import SoftmaxPolicy
-from rpil.priors import Share
 from rpil.problem import Problem
 from rpil.search import Setting, fit, starts
 
 STEPS = (40, 60)
 
 
-def setting_for(problem: Problem, mode: MStep = "joint", n_single: int = 3) -> Setting:
+def setting_for(problem: Problem, mode: MStep = "joint", seed: int = 0) -> Setting:
     policy = SoftmaxPolicy.zero(problem.space.n, ridge(problem) / 100)
-    return Setting(policy, Share(), mode=mode, n_single=n_single)
+    return Setting(policy, Share(), mode=mode, seed=seed)
 
 
 def fitted(problem: Problem, which="uniform", seed: int = 0):
-    return fit(problem, setting_for(problem), which, np.random.default_rng(seed))
+    return fit(problem, setting_for(problem, seed=seed), which)
 
 
 def right(toy: Toy, log_odds: np.ndarray) -> bool:
@@ -34,40 +33,33 @@ def right(toy: Toy, log_odds: np.ndarray) -> bool:
 
 def test_starts_without_labels():
     problem = make("random", 0, steps=(5, 100)).problem()
-    found = starts(problem, setting_for(problem, n_single=4), np.random.default_rng(0))
+    found = starts(problem, setting_for(problem))
     np.testing.assert_array_equal(found["pooled"], 1.0)
     share = found["equal"] * problem.lengths
     np.testing.assert_allclose(share, share[0])
     assert (found["equal"] * problem.lengths).sum() == pytest.approx(len(problem.actions))
-    singles = [weight for name, weight in found.items() if name.startswith("single")]
-    assert len(singles) == 4
-    assert all(sorted(weight) == [0.0] * 11 + [1.0] for weight in singles)
-    assert len({int(weight.argmax()) for weight in singles}) == 4
+    assert set(found) == {"pooled", "equal", "agreeing"}
 
 
 def test_starts_with_labels_begin_from_the_known_experts_and_trust_no_known_adversary():
     problem = make("shifted", 0).labelled({2: 1, 8: -1}).problem()
-    found = starts(problem, setting_for(problem), np.random.default_rng(0))
+    found = starts(problem, setting_for(problem))
     np.testing.assert_array_equal(np.flatnonzero(found["known experts"]), [2])
     assert {"unlike known adversaries", "most unlike"} <= set(found)
     assert all(weight[8] == 0.0 for weight in found.values())
-    assert not any(name.startswith("single") for name in found)
+    assert "agreeing" not in found
 
 
-def test_promising_singles_are_experts_where_these_are_few():
-    """Five experts among thirty demonstrations of random actions: three picked blindly are rarely experts."""
-    toy = make("random", 0, n_good=5, n_bad=25)
-    problem = toy.problem()
-    found = starts(problem, setting_for(problem), np.random.default_rng(0))
-    singles = [int(weight.argmax()) for name, weight in found.items() if name.startswith("single")]
-    assert len(singles) == 3
-    assert max(singles) < 5
+def test_experts_agree_where_these_are_few():
+    problem = make("random", 0, n_good=10, n_bad=30, steps=STEPS).problem()
+    agreeing = np.flatnonzero(starts(problem, setting_for(problem))["agreeing"])
+    assert set(agreeing) == set(range(10))
 
 
 def test_known_adversaries_alone_point_to_those_unlike_them():
     toy = make("shifted", 1, steps=STEPS).labelled({8: -1})
     problem = toy.problem()
-    unlike = starts(problem, setting_for(problem), np.random.default_rng(0))["unlike known adversaries"]
+    unlike = starts(problem, setting_for(problem))["unlike known adversaries"]
     assert set(np.flatnonzero(unlike)) <= set(range(6))
     assert unlike.sum() >= 5
 
@@ -143,8 +135,8 @@ def test_the_same_seed_and_several_threads_change_no_bit(monkeypatch):
 def test_every_start_is_announced():
     said: list[str] = []
     problem = make("random", 0).problem()
-    fit(problem, setting_for(problem), "uniform", np.random.default_rng(0), said.append)
-    assert said == [f"start: {name}" for name in starts(problem, setting_for(problem), np.random.default_rng(0))]
+    fit(problem, setting_for(problem), "uniform", said.append)
+    assert said == [f"start: {name}" for name in starts(problem, setting_for(problem))]
 
 
 def test_an_adversary_may_be_an_instance():

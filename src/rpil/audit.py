@@ -94,7 +94,9 @@ class Audit:
         False where several groups of demonstrations each agree among themselves and nothing says which one is the
         expert; then ``competing`` holds the groups and ``to_label`` the ids whose labels would settle it.
     competing : tuple of tuple of ids
+        Two such groups; or two styles, which act differently in some states, where `identifiable` is true.
     to_label : tuple of ids
+        One of each group.
     adversary : str
         Name of the adversary model that was used or chosen.
     history : (T,) array

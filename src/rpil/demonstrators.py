@@ -21,9 +21,9 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from scipy.special import log_expit
+from scipy.special import log_expit, logsumexp
 
-from rpil.passes import Array, logsumexp
+from rpil.passes import Array
 
 SPREADS = np.array([0.0, 0.5, 1.0, 2.0, 4.0, 8.0])
 """tau: from 0, persons do not differ, to 8, all demonstrations of a person are alike; equally likely a priori."""

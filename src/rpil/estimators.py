@@ -56,7 +56,7 @@ class RPIL(PolicyEstimator):
         y_m = (1 / N_m) sum_n [ log pi(a_n | s_n) - log q(a_n) ],
 
     and P(expert) says in which of two groups of scores it is, if there are two (`rpil.judge`). With a named `adversary`
-    it is the paper's mixture instead (eq. 7, 9, 11), for which ``m_step``, ``prior``, ``n_single`` and ``tol`` are:
+    it is the paper's mixture instead (eq. 7, 9, 11), for which ``m_step``, ``prior`` and ``tol`` are:
 
         p(D) = prod_m [ p prod_n pi(a_n | s_n) + (1 - p) prod_n psi(a_n | s_n) ].
 
@@ -87,9 +87,6 @@ class RPIL(PolicyEstimator):
     search_features : str
         What the policy sees while trust is decided: a kind of features, or "auto", which is `features`, or "folded"
         where these are "raw" or "auto": a straight line mistakes an expert in a rare situation for an adversary.
-    n_single : int
-        Starts of the mixture from single demonstrations, beside the pooled one and the one where all demonstrations
-        weigh the same.
     max_iter : int
         EM iterations of the mixture, and passes over much data.
     tol : float
@@ -150,7 +147,6 @@ class RPIL(PolicyEstimator):
         labels: Mapping[Any, str] | None = None,
         minority: str = "ask",
         search_features: str = "auto",
-        n_single: int = 3,
         max_iter: int = 200,
         tol: float = 1e-3,
         random_state: int = 0,
@@ -168,7 +164,6 @@ class RPIL(PolicyEstimator):
         self.labels = labels
         self.minority = minority
         self.search_features = search_features
-        self.n_single = n_single
         self.max_iter = max_iter
         self.tol = tol
         self.random_state = random_state

@@ -15,13 +15,13 @@ from sklearn.utils.validation import validate_data
 from rpil._arrays import are_whole
 from rpil.demonstrations import Demonstrations
 from rpil.demonstrators import Company, Strangers, company
+from rpil.em import Share
 from rpil.errors import DataError
 from rpil.features import FeatureMap
 from rpil.formats.dataset import Dataset
 from rpil.formats.labels import match_given
 from rpil.formats.table import check_ids
 from rpil.passes import Array
-from rpil.priors import Share
 from rpil.spaces import Box, Discrete, Space
 
 

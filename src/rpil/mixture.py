@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from typing import Any
 
-import numpy as np
-
 from rpil.audit import Interval
 from rpil.demonstrations import Demonstrations
 from rpil.errors import DataError
@@ -26,9 +24,8 @@ def fit_mixture(model: Any, demonstrations: Demonstrations, codes: Array, known:
     features = model.judge_map(demonstrations)
     problem = Problem(features.design(demonstrations.observations), codes, demonstrations.offsets, model.space_, known)
     policy = linear_policy(model.space_, ridge_of(features, model.C, len(codes), model.space_), len(codes))
-    setting = Setting(policy, as_prior(model.prior), model.m_step, model.n_single, model.max_iter, model.tol)
-    rng = np.random.default_rng(model.random_state)
-    result = fit(problem, setting, model.adversary, rng, model.progress or (lambda _: None))
+    setting = Setting(policy, as_prior(model.prior), model.m_step, model.random_state, model.max_iter, model.tol)
+    result = fit(problem, setting, model.adversary, model.progress or (lambda _: None))
     share = Interval(*result.state.prior.interval(result.posterior.expert))
     model.audit_ = summarise(problem, result, share, demonstrations.ids)
     model.state_, model.judge_, model.judge_features_ = result.state, None, features

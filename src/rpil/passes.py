@@ -56,15 +56,6 @@ def log_softmax(logits: Array) -> Array:
     return shifted
 
 
-def logsumexp(values: Array, axis: int | tuple[int, ...]) -> Array:
-    """log sum exp along `axis`, -inf where every value is; SciPy's, without its overhead on small arrays."""
-    top = values.max(axis=axis, keepdims=True)
-    top = np.where(np.isfinite(top), top, 0.0)
-    with np.errstate(divide="ignore"):
-        total = np.log(np.exp(values - top).sum(axis=axis))
-    return total + top.squeeze(axis)
-
-
 def gradient(features: Array, residual: Array) -> Array:
     """The product X^T R, (D, K), for residuals R (N, K)."""
     total = np.zeros((features.shape[1], residual.shape[1]))

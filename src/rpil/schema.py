@@ -16,14 +16,13 @@ from rpil.adversaries import (
 )
 from rpil.audit import Audit, Demonstrator, Interval
 from rpil.cloning import BehavioralCloning
-from rpil.em import State
+from rpil.em import Share, State
 from rpil.estimators import RPIL
 from rpil.features import FeatureMap
 from rpil.judge.fitted import FittedJudge, SoftmaxScale, StudentScale
 from rpil.judge.groups import Groups
 from rpil.policies import SoftmaxPolicy, StudentPolicy
 from rpil.polish import Polished
-from rpil.priors import Share
 from rpil.rment import RMEnt
 from rpil.spaces import Box, Discrete
 

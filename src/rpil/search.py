@@ -11,19 +11,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from rpil.adversaries import Adversary, adversary, marginal
-from rpil.em import MStep, Result, State, e_step, run
+from rpil.adversaries import Adversary, adversary
+from rpil.em import MStep, Result, Share, State, e_step, run
+from rpil.judge import Settings, judge
+from rpil.judge.held_out import scorer
 from rpil.parallel import in_parallel
 from rpil.passes import Array
 from rpil.policies import Policy
-from rpil.priors import Share
 from rpil.problem import Problem
-
-_ASKED = 30
-"""Demonstrations that are tried as a start."""
-
-_JUDGED_STEPS = 10_000
-"""Steps of other demonstrations by which these are compared."""
 
 _SHORT = 18
 """EM iterations after which starts are compared."""
@@ -39,8 +34,8 @@ class Setting:
         The policy before it has seen data.
     prior : Share
     mode : {"joint", "expert_only"}
-    n_single : int
-        Starts from single demonstrations.
+    seed : int
+        Of the judge that proposes a start.
     max_iter : int
     tol : float
         Nats a demonstration.
@@ -49,7 +44,7 @@ class Setting:
     policy: Policy
     prior: Share
     mode: MStep = "joint"
-    n_single: int = 3
+    seed: int = 0
     max_iter: int = 200
     tol: float = 1e-3
 
@@ -61,7 +56,6 @@ def fit(
     problem: Problem,
     setting: Setting,
     which: str | Adversary,
-    rng: np.random.Generator,
     progress: Progress = lambda _: None,
 ) -> Result:
     """The best run of EM with the adversary `which`.
@@ -78,7 +72,7 @@ def fit(
     def rank(result: Result) -> tuple[int, float]:
         return _contradicted(problem, setting, result), -result.objective
 
-    begun = in_parallel(begin, starts(problem, setting, rng).items(), problem.features)
+    begun = in_parallel(begin, starts(problem, setting).items(), problem.features)
     best = min(begun, key=rank)
     if best.converged:
         return best
@@ -86,8 +80,11 @@ def fit(
     return replace(more, history=np.concatenate([best.history, more.history[1:]]))
 
 
-def starts(problem: Problem, setting: Setting, rng: np.random.Generator) -> dict[str, Array]:
-    """Weights of the demonstrations (M,) from which the policy of each start is fitted."""
+def starts(problem: Problem, setting: Setting) -> dict[str, Array]:
+    """Weights of the demonstrations (M,) from which the policy of each start is fitted.
+
+    Without a known expert, the demonstrations that agree best, as the default judge finds them, are a start.
+    """
     labels = problem.labels
     possible = (labels >= 0).astype(float)
     found = {"pooled": possible, "equal": possible * problem.lengths.mean() / problem.lengths}
@@ -95,9 +92,8 @@ def starts(problem: Problem, setting: Setting, rng: np.random.Generator) -> dict
         found |= _unlike(problem, setting, labels < 0)
     if (labels > 0).any():
         return {"known experts": (labels > 0).astype(float), **found}
-    for m in _promising(problem, setting, rng):
-        found[f"single {m}"] = (np.arange(problem.n_demonstrations) == m).astype(float)
-    return found
+    agreeing = judge(problem, scorer(problem, setting.seed), Settings(setting.seed)).teachers
+    return found | {"agreeing": agreeing.astype(float)}
 
 
 def _unlike(problem: Problem, setting: Setting, adversaries: Array) -> dict[str, Array]:
@@ -108,27 +104,6 @@ def _unlike(problem: Problem, setting: Setting, adversaries: Array) -> dict[str,
     explained[adversaries] = np.inf
     half = explained <= np.median(explained[~adversaries])
     return {"unlike known adversaries": half.astype(float), "most unlike": (explained == explained.min()).astype(float)}
-
-
-def _promising(problem: Problem, setting: Setting, rng: np.random.Generator) -> list[int]:
-    """The `n_single` demonstrations whose own policy, mixed with frequent actions, explains most of the others.
-
-    Where one demonstration in ten is an expert's, thirty candidates include one with a probability of 96 %.
-    """
-    asked = rng.permutation(np.flatnonzero(problem.labels == 0))[:_ASKED] if setting.n_single else np.empty(0, int)
-    if len(asked) <= setting.n_single:
-        return asked.tolist()
-    order = rng.permutation(problem.n_demonstrations)
-    enough = int(np.searchsorted(np.cumsum(problem.lengths[order]), _JUDGED_STEPS)) + 1
-    jury = problem.select(np.sort(order[:enough]), unlabelled=True)
-    frequent = marginal(jury, setting.policy)
-
-    def explained(m: int) -> float:
-        policy, _ = _taught(problem.select(np.array([m])), setting, np.ones(1))
-        state = State(policy, frequent, setting.prior)
-        return float(e_step(jury, state, policy.outputs(jury.features)).log_evidence.sum())
-
-    return sorted(asked.tolist(), key=explained, reverse=True)[: setting.n_single]
 
 
 def _begin(problem: Problem, setting: Setting, which: str | Adversary, weight: Array, grow: bool) -> Result:

@@ -209,7 +209,14 @@ def advice(audit: Audit) -> str:
     """What to do next, in a sentence."""
     from rpil.suggestions import NEXT
 
-    return f"Next: {NEXT[audit.finding]}"
+    said = f"Next: {NEXT[audit.finding]}"
+    if not audit.competing:
+        return said
+    groups = "; ".join(f"{_LETTERS[k]}: {_listed(members)}" for k, members in enumerate(audit.competing))
+    return (
+        f"Two groups act alike, and differently from each other in some states ({groups}). They may be two good "
+        f"styles; if one is bad, label one of each, say {_listed(audit.to_label, ' and ')}.\n{said}"
+    )
 
 
 def suggestion(audit: Audit, k: int) -> str:

@@ -46,7 +46,7 @@ def audit_of(judgement: Judgement, problem: Problem, ids: Sequence[Any]) -> Audi
         step_log_ratio=judgement.log_ratio,
         step_weight=step_weight(problem.lengths, proba, steps.reliability, steps.step),
         prior=Interval(*judgement.share),
-        identifiable=not groups,
+        identifiable=judgement.finding != "cannot be known",
         competing=tuple(tuple(ids[m] for m in group) for group in groups),
         to_label=tuple(ids[group[np.argmax(problem.lengths[group])]] for group in groups),
         adversary="frequent actions" if problem.space.kind == "discrete" else "any action",

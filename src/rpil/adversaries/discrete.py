@@ -7,10 +7,11 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.special import logsumexp
 
 from rpil.adversaries.protocol import Fixed
 from rpil.errors import DataError
-from rpil.passes import Array, logsumexp
+from rpil.passes import Array
 from rpil.problem import Problem
 
 

@@ -107,7 +107,7 @@ class Judgement:
     share : (mean, low, high)
         Of experts.
     rival : Rival or None
-        The group that competes with the trusted one.
+        The group that acts otherwise than the trusted one, where no label or option says what to think of it.
     teachers : (M,) bool array
         Who taught the last policies.
     people : (U, 3) array
@@ -256,7 +256,7 @@ def _between_styles(problem: Problem, taught: Taught, rival: Rival, learned: boo
     """Log-odds of demonstrations, (M,), where labels, or else the size, say which of two styles is the expert's: from
     how much better its policy explains them than the other's. None where labels do not say, or the two do not part.
 
-    Labels of one sort rank the styles and accuse nobody: the other style may be as good, or as bad.
+    Where the two are not opposed, labels of one sort rank them and accuse nobody: the other may be as good, or as bad.
     """
     labels = problem.labels
     said = labels @ problem.sum_steps(rival.log_ratio) if labels.any() else 1.0
@@ -264,8 +264,8 @@ def _between_styles(problem: Problem, taught: Taught, rival: Rival, learned: boo
     scores = measured(problem, contrast, np.zeros(len(rival.log_ratio)), learned)
     if labels.any() and (scores.groups.p_two < SURE or said == 0 or (said < 0 and not _may_change(problem, rival))):
         return None
-    both = not labels.any() or labels.min() < 0 < labels.max()
-    return certain(scores) if both else UNSURE * np.tanh(certain(scores) / UNSURE)
+    settled = rival.opposed or not labels.any() or labels.min() < 0 < labels.max()
+    return certain(scores) if settled else UNSURE * np.tanh(certain(scores) / UNSURE)
 
 
 def certain(scores: Scores) -> Array:
@@ -307,7 +307,7 @@ def conclude(
     if isinstance(problem.company, Demonstrators):
         lent = problem.company.borrow(actions, np.zeros(len(actions)), problem.labels)
         demonstrator, people = lent.log_odds, intervals(lent.share, lent.weight)
-    if rival is not None and minority == "ask":
+    if rival is not None and rival.opposed and minority == "ask":
         finding = "cannot be known"
     elif apart or (np.abs(actions + demonstrator) >= UNSURE).any():  # the latter by demonstrators
         finding = "told apart"
@@ -321,7 +321,7 @@ def conclude(
         log_ratio=log_ratio,
         steps=steps,
         share=share_interval(expit(actions + demonstrator), 1.0 if apart else groups.p_two),
-        rival=rival if finding == "cannot be known" else None,
+        rival=rival if finding != "told apart" and minority == "ask" else None,
         teachers=teachers,
         people=people,
     )

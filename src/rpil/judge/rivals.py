@@ -6,7 +6,7 @@ fall, give up, or never arrive. A second way of acting has a policy that explain
 that of A explains A, and it acts where A is at home, too:
 
     gain_A = median over A of  mean_n [log pi_A - log q_A],     gain_B the same of B,    gain_B >= GAIN gain_A
-    median over A of  mean_n [log pi_B - log q_A] <= OTHERWISE gain_A
+    median over A of  mean_n [log pi_B - log q_A] <= gain_B:  a noisy version of pi_A explains A better than B
     median over A of  sum_n [log pi_A - log pi_B] >= DISTINCT,      and the same of B
     overlap = mean over the steps of B of  min(1, p(s | A) / p(s | B)) >= OVERLAP
 
@@ -20,12 +20,13 @@ differ most divide them at first:
 
 y are the actions (standardised, or one column a class), f is their ridge regression on all steps. Then every
 demonstration goes to the policy that explains it better, in turn with the policies, which learn from the other group,
-too, with weight SHARED. They are styles if neither gain is below GAIN times the other, with DISTINCT and OVERLAP.
+too, with weight SHARED. They are styles if neither gain is below GAIN times the other, with DISTINCT and OVERLAP, and
+opposed if either policy gains at most OTHERWISE as much on the other group as that group's own.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.linalg import cholesky, solve_triangular
@@ -43,8 +44,7 @@ GAIN = 0.45
 actions reached in simulated worlds."""
 
 OTHERWISE = 0.5
-"""Of the trusted demonstrations' gain, at most what the rival group's policy reaches on them: a noisy version of the
-same policy explains them nearly as well as their own."""
+"""Of a group's gain, at most what the other's policy reaches on it where two styles are opposed."""
 
 OVERLAP = 0.6
 """Of a rival group's steps that are where the trusted are at home: between flipped actions, recorded in the same
@@ -73,11 +73,14 @@ class Rival:
         Indices of the demonstrations.
     log_ratio : (N,) array
         Of every step, held out: the policy of the trusted against that of the rival group.
+    opposed : bool
+        Whether either policy explains little of the other group, so that only one group can be the expert's.
     """
 
     trusted: Array
     rival: Array
     log_ratio: Array
+    opposed: bool = True
 
 
 def find_rival(problem: Problem, scorer: Scorer, trusted: Array, ridge: float, seed: int) -> Rival | None:
@@ -106,7 +109,7 @@ def find_rival(problem: Problem, scorer: Scorer, trusted: Array, ridge: float, s
     blind, blind_rival = (mean_steps(problem, reference(problem, group)) for group in (trusted, rival))
     gain, on_trusted = (float(np.median((of - blind)[trusted])) for of in (own, other))
     gain_rival = float(np.median((other - blind_rival)[rival]))
-    if not gain > 0 or gain_rival < GAIN * gain or on_trusted > OTHERWISE * gain:
+    if not gain > 0 or gain_rival < GAIN * gain or on_trusted > gain_rival:
         return None
     return _compared(problem, trusted, rival, explained - explained_rival, seed)
 
@@ -127,15 +130,20 @@ def find_style(problem: Problem, scorer: Scorer, ridge: float, seed: int) -> Riv
         if (closer == second).all():
             break
         second = closer
-    first_gain, second_gain = (
-        float(np.median(mean_steps(problem, log_prob - reference(problem, group))[group]))
-        for log_prob, group in ((first_log_prob, ~second), (second_log_prob, second))
-    )
-    if not min(first_gain, second_gain) > GAIN * max(first_gain, second_gain):
+    groups = (~second, first_log_prob, second_log_prob), (second, second_log_prob, first_log_prob)
+    gains = np.array(
+        [
+            [np.median(mean_steps(problem, log_prob - reference(problem, group))[group]) for log_prob in explained]
+            for group, *explained in groups
+        ]
+    )  # of either group, by its own policy and by the other's
+    own, other = gains.T
+    if not own.min() > GAIN * own.max():
         return None
     if 2 * second.sum() > len(second):
         second, log_ratio = ~second, -log_ratio
-    return _compared(problem, ~second, second, log_ratio, seed)
+    found = _compared(problem, ~second, second, log_ratio, seed)
+    return None if found is None else replace(found, opposed=bool((other <= OTHERWISE * own).all()))
 
 
 def sides(problem: Problem, ridge: float) -> Array:

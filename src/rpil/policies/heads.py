@@ -10,8 +10,9 @@ from dataclasses import dataclass, replace
 from typing import Any, Protocol, Self
 
 import numpy as np
+from scipy.special import logsumexp
 
-from rpil.passes import Array, log_softmax, logsumexp
+from rpil.passes import Array, log_softmax
 from rpil.policies.gaussian import StudentPolicy
 from rpil.policies.networks import Loss, needs_torch, on_device
 from rpil.policies.softmax import one_hot

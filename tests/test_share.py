@@ -7,9 +7,9 @@ import pytest
 from scipy.special import expit
 from scipy.stats import beta
 
+from rpil.em import Share
 from rpil.errors import DataError
 from rpil.inputs import as_prior
-from rpil.priors import Share
 
 EXPERT = np.array([1.0, 1.0, 0.5, 1.0, 1.0, 1.0, 1.0, 0.0, 0.0, 0.0])
 
