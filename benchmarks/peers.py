@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 from scipy.optimize import minimize
-from scipy.special import expit
+from scipy.special import expit, logsumexp
 from threadpoolctl import threadpool_limits
 
 from rpil.cloning import BehavioralCloning
@@ -27,7 +27,7 @@ from rpil.errors import AmbiguousWarning
 from rpil.estimators import RPIL
 from rpil.features import FeatureMap
 from rpil.inputs import action_codes, ridge_of
-from rpil.passes import log_softmax, logsumexp
+from rpil.passes import log_softmax
 from rpil.policies import SoftmaxPolicy
 from rpil.policies.softmax import one_hot
 from rpil.problem import Problem

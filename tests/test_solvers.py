@@ -199,13 +199,6 @@ def test_float32_features():
     np.testing.assert_allclose(single.weights, double.weights, atol=1e-3)
 
 
-def test_logsumexp_of_nothing_is_minus_infinity():
-    values = np.array([[-np.inf, -np.inf], [0.0, -np.inf], [-1000.0, -1000.0], [800.0, 0.0]])
-    expected = [-np.inf, 0.0, -1000.0 + np.log(2), 800.0]
-    np.testing.assert_allclose(passes.logsumexp(values, 1), expected)
-    np.testing.assert_allclose(passes.logsumexp(values, (0, 1)), 800.0)
-
-
 def test_log_softmax_neither_overflows_nor_underflows():
     logits = np.array([[1e4, 0.0, -1e4], [-1e4, -1e4, -1e4]])
     np.testing.assert_allclose(passes.log_softmax(logits), [[0, -1e4, -2e4], [-np.log(3)] * 3])
