@@ -54,7 +54,7 @@ CHOSEN = "auto" if "auto" in FEATURES else "spline"
 """The features of everything here: the one setting that is not the library's default."""
 
 MAIN = ("MountainCar-v0", "Acrobot-v1", "LunarLander-v3")
-MORE = ("CartPole-v1", "FrozenLake8x8-v1", "rpil/DiscretePendulum-v1")
+MORE = ("CartPole-v1", "rpil/DiscretePendulum-v1")
 SHARES = (50, 75, 90)
 N_GOOD = 10
 FACES = ("cli", "terminal", "plots", "persistence", "demo", "files", "__init__")

@@ -146,32 +146,6 @@ def _cart_pole(observations: NDArray[np.floating]) -> NDArray[np.int64]:
     return np.where(angle + 0.25 * spin + 0.05 * x + 0.1 * vx > 0, 1, 0)
 
 
-# Holes and the goal, where nobody acts, are "<".
-# fmt: off
-_ARROWS = (
-    "^>>>>>>>"
-    "^^^^^^^>"
-    "<^<<>^>>"
-    "<<<v<<>>"
-    "<^<<>v^>"
-    "<<<v^<<>"
-    "<<><<<<>"
-    "<v<<v>v<"
-)
-# fmt: on
-_LAKE = np.array(["<v>^".index(arrow) for arrow in _ARROWS])
-
-
-def _frozen_lake(observations: NDArray[np.floating]) -> NDArray[np.int64]:
-    """Look the best action up in a table.
-
-    Observation: a one-hot row over the 64 squares of the 8 x 8 map, line by line. Actions: 0 left, 1 down, 2 right, 3
-    up, two thirds of which slip to either side. Source: value iteration with a discount of .999 on Gymnasium's own
-    table of transitions, our own; it reaches the goal in 887 of 1,000 episodes, uniform actions in 1.
-    """
-    return _LAKE[observations.argmax(axis=1)]
-
-
 def _pendulum(observations: NDArray[np.floating]) -> NDArray[np.int64]:
     """Push along the swing below and against it above, where the torque also holds the pendulum up.
 
@@ -213,7 +187,6 @@ EXPERTS: dict[str, Expert] = {
         ("Acrobot-v1", 6, NumberedActions(3), _acrobot),
         ("LunarLander-v3", 8, NumberedActions(4), _lunar_lander),
         ("CartPole-v1", 4, NumberedActions(2), _cart_pole),
-        ("FrozenLake8x8-v1", 64, NumberedActions(4), _frozen_lake),
         ("rpil/DiscretePendulum-v1", 3, NumberedActions(5), _pendulum),
         ("Pendulum-v1", 3, ActionBox.of([-2], [2]), _pendulum_torque),
         ("MountainCarContinuous-v0", 2, ActionBox.of([-1], [1]), _mountain_car_force),

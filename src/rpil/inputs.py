@@ -99,22 +99,16 @@ def coded_actions(
     """The space of the actions, the K classes where they are discrete (else none), and codes or numbers, (N, ...)."""
     actions, source = demonstrations.actions, demonstrations.source
     if demonstrations.is_discrete:
-        if box is not None:
-            raise DataError(f"{source}: the actions are discrete, which no action_box fits; leave it out.")
+        _no_box(box, source)
         classes, codes = action_codes(actions, source)
         return Discrete(len(classes)), classes, codes
     actions = np.asarray(actions, dtype=float)
-    if (actions == actions[0]).all():
-        raise DataError(f"{source}: every action is the same; give demonstrations with two at least.")
-    space = Box.around(actions) if box is None else _declared(box, actions.shape[1], source)
+    space = _box(np.stack([actions.min(axis=0), actions.max(axis=0)]), box, source)
     outside = (actions < space.low) | (actions > space.high)
     if outside.any():
         step, part = np.argwhere(outside)[0]
         m = demonstrations.ids[demonstrations.groups[step]]
-        raise DataError(
-            f"{source}, demonstration {m!r}: action {part} is {actions[step, part]:g}, outside the declared box from "
-            f"{space.low[part]:g} to {space.high[part]:g}; widen action_box, or clip the actions."
-        )
+        raise _outside(f"{source}, demonstration {m!r}: action {part} is {actions[step, part]:g}", space, part)
     return space, np.empty(0), actions
 
 
@@ -122,21 +116,32 @@ def known_space(data: Dataset, box: tuple[ArrayLike, ArrayLike] | None = None) -
     """The space of the actions on disk, and the K classes where they are discrete, else none."""
     source = data.source
     if data.is_discrete:
-        if box is not None:
-            raise DataError(f"{source}: the actions are discrete, which no action_box fits; leave it out.")
+        _no_box(box, source)
         return Discrete(len(data.classes)), action_codes(data.classes, source)[0]
     span = np.stack([data.low, data.high]).astype(float)
-    if (data.low == data.high).all():
-        raise DataError(f"{source}: every action is the same; give demonstrations with two at least.")
-    space = Box.around(span) if box is None else _declared(box, len(data.low), source)
+    space = _box(span, box, source)
     outside = (span < space.low) | (span > space.high)
     if outside.any():
         end, part = np.argwhere(outside)[0]
-        raise DataError(
-            f"{source}: action {part} reaches {span[end, part]:g}, outside the declared box from {space.low[part]:g} "
-            f"to {space.high[part]:g}; widen action_box, or clip the actions."
-        )
+        raise _outside(f"{source}: action {part} reaches {span[end, part]:g}", space, part)
     return space, np.empty(0)
+
+
+def _no_box(box: Any, source: str) -> None:
+    if box is not None:
+        raise DataError(f"{source}: the actions are discrete, which no action_box fits; leave it out.")
+
+
+def _outside(said: str, space: Box, part: int) -> DataError:
+    declared = f"outside the declared box from {space.low[part]:g} to {space.high[part]:g}"
+    return DataError(f"{said}, {declared}; widen action_box, or clip the actions.")
+
+
+def _box(span: Array, box: tuple[ArrayLike, ArrayLike] | None, source: str) -> Box:
+    """The box of actions that lie within `span` (2, A): as declared, or around them."""
+    if (span[0] == span[1]).all():
+        raise DataError(f"{source}: every action is the same; give demonstrations with two at least.")
+    return Box.around(span) if box is None else _declared(box, span.shape[1], source)
 
 
 def _declared(box: tuple[ArrayLike, ArrayLike], n_parts: int, source: str) -> Box:

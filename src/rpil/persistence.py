@@ -12,6 +12,7 @@ import io
 import json
 import zipfile
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import fields, is_dataclass
 from pathlib import Path
 from typing import Any
@@ -44,9 +45,7 @@ _NAMES = ("feature_names_in_", "observation_names_")  # of data frames, and of `
 def save(estimator: RPIL | RMEnt | BehavioralCloning, path: StrPath) -> None:
     """Write a fitted estimator to a file of any name.
 
-    All of it comes back, bit for bit, but for what only its own program can make: `progress`, `engine`, `checkpoint`,
-    and an adversary of a class that is not in `rpil.adversaries`. Without the latter a loaded model still predicts and
-    has its `audit_`, but cannot score further demonstrations.
+    All of it comes back, bit for bit, but for what only its own program can make: `progress`, `engine`, `checkpoint`.
 
     Parameters
     ----------
@@ -56,7 +55,8 @@ def save(estimator: RPIL | RMEnt | BehavioralCloning, path: StrPath) -> None:
     Raises
     ------
     DataError
-        Where it is another kind of estimator or the path cannot be written; a file that was there stays as it was.
+        Where it is another kind of estimator, its policy or adversary is of a class of the user's, or the path cannot
+        be written; a file that was there stays as it was.
     """
     kind = type(estimator).__name__
     if ESTIMATORS.get(kind) is not type(estimator):
@@ -80,7 +80,13 @@ def save(estimator: RPIL | RMEnt | BehavioralCloning, path: StrPath) -> None:
         "fitted": {name: encode(getattr(estimator, name), name.strip("_"), arrays) for name in FITTED[kind]},
     }
     if isinstance(estimator, RPIL):
-        header["state"], header["state_needs"] = _state(estimator.state_, arrays)
+        try:
+            header["state"] = encode(estimator.state_, "state", arrays)
+        except _UnknownClassError as error:
+            raise DataError(
+                f"{path}: an adversary of the class {error} cannot be saved without pickle; keep the weights "
+                "(audit_.step_weight), or fit with an adversary of rpil."
+            ) from None
     write_archive(path, header, arrays)
 
 
@@ -136,38 +142,20 @@ def _plain(classes: NDArray[Any], path: StrPath) -> NDArray[Any]:
 
 
 def _params(estimator: Any, arrays: dict[str, NDArray[Any]]) -> dict[str, Any]:
-    """Constructor parameters; one that is nothing plain is left out, an adversary of unknown class but its name."""
+    """Constructor parameters; one that is nothing plain is left out."""
     params = {}
     given = estimator.get_params(deep=False)
     for only_here in ("progress", "engine", "checkpoint"):
         given.pop(only_here, None)
     for name, value in given.items():
         plain = value.tolist() if isinstance(value, np.ndarray) else value
-        try:
+        with suppress(_UnknownClassError):
             params[name] = encode(plain, f"params/{name}", arrays)
-        except _UnknownClassError as error:
-            if name == "adversary":
-                params[name] = error.name
     return params
-
-
-def _state(state: Any, arrays: dict[str, NDArray[Any]]) -> tuple[Any, str | None]:
-    """The header's entry for the state of the mixture, and the name of the class that keeps it from being saved."""
-    own: dict[str, NDArray[Any]] = {}
-    try:
-        entry = encode(state, "state", own)
-    except _UnknownClassError as error:
-        return None, error.name
-    arrays |= own  # only now, so that no array of half a state stays behind
-    return entry, None
 
 
 class _UnknownClassError(Exception):
     """Something of a class that a file cannot hold."""
-
-    def __init__(self, value: Any) -> None:
-        self.name = value.needs if isinstance(value, _NotSaved) else type(value).__name__
-        super().__init__(self.name)
 
 
 def encode(value: Any, name: str, arrays: dict[str, NDArray[Any]]) -> Any:
@@ -184,7 +172,7 @@ def encode(value: Any, name: str, arrays: dict[str, NDArray[Any]]) -> Any:
     if isinstance(value, Mapping):
         return {"pairs": [[encode(part, name, arrays) for part in pair] for pair in value.items()]}
     if type(value) not in KNOWN or not is_dataclass(value):
-        raise _UnknownClassError(value)
+        raise _UnknownClassError(type(value).__name__)
     content = {f: encode(getattr(value, f), f"{name}/{f}", arrays) for f in _field_names(type(value))}
     return {"class": type(value).__name__, "fields": content}
 
@@ -252,8 +240,7 @@ def _restore(header: dict[str, Any], decoder: Decoder) -> Any:
         axes = FITTED_ARRAYS.get(name)
         setattr(estimator, name, decoder.array(node, axes, np.float64) if axes else decoder.value(node))
     if kind == "RPIL":
-        needs = header["state_needs"]
-        estimator.state_ = _NotSaved(needs) if needs is not None else decoder.value(header["state"])
+        estimator.state_ = decoder.value(header["state"])
     estimator.n_features_in_ = decoder.sizes["D"]
     for name, texts in header["names"].items():
         if name not in _NAMES or len(texts) != estimator.n_features_in_:
@@ -279,27 +266,11 @@ def _try_out(estimator: Any) -> None:
         sound &= bounds and len(audit.ids) == len(audit.verdicts) == len(audit.log_odds)
         sound &= audit.finding in FINDINGS and judged == (state is None)
         json.dumps(audit.to_dict())
-        if not isinstance(state, _NotSaved):
-            one_step = Demonstrations(observation, classes[action] if len(classes) else action, np.array([0, 1]))
-            sound &= not np.isnan(estimator.score_demonstrations(one_step)).any()
-            sound &= state is None or np.isfinite(state.prior.log_odds)
+        one_step = Demonstrations(observation, classes[action] if len(classes) else action, np.array([0, 1]))
+        sound &= not np.isnan(estimator.score_demonstrations(one_step)).any()
+        sound &= state is None or np.isfinite(state.prior.log_odds)
     if not sound:
         raise ValueError("values out of range")
-
-
-class _NotSaved:
-    """Takes the place of the state of the mixture where the file could not hold it; says so when it is needed."""
-
-    def __init__(self, needs: str) -> None:
-        self.needs = needs
-
-    @property
-    def policy(self) -> Any:
-        """Never there: a DataError says so."""
-        raise DataError(
-            f"This model was saved without its adversary, because {self.needs} is no class of rpil; it predicts, but "
-            "to score demonstrations fit it again."
-        )
 
 
 def read_archive(path: Path, schema: str, otherwise: str) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:

@@ -92,7 +92,7 @@ def find_rival(problem: Problem, scorer: Scorer, trusted: Array, ridge: float, s
     ridge, seed
         Of the policies and the folds.
     """
-    if trusted.sum() < FEWEST or (~trusted).sum() < FEWEST:
+    if not FEWEST <= trusted.sum() <= len(trusted) - FEWEST:
         return None
     explained = scorer.held_out(problem.spread(trusted.astype(float)), ridge).log_prob
     second, own = scorer.anew(), mean_steps(problem, explained)
@@ -106,20 +106,22 @@ def find_rival(problem: Problem, scorer: Scorer, trusted: Array, ridge: float, s
         if (closer == rival).all():
             break
         rival = closer
-    blind, blind_rival = (mean_steps(problem, reference(problem, group)) for group in (trusted, rival))
-    gain, on_trusted = (float(np.median((of - blind)[trusted])) for of in (own, other))
-    gain_rival = float(np.median((other - blind_rival)[rival]))
-    if not gain > 0 or gain_rival < GAIN * gain or on_trusted > gain_rival:
+    gain, gain_rival = (
+        _gain(problem, log_prob, group) for log_prob, group in ((explained, trusted), (explained_rival, rival))
+    )
+    if gain <= 0 or gain_rival < GAIN * gain or _gain(problem, explained_rival, trusted) > gain_rival:
         return None
     return _compared(problem, trusted, rival, explained - explained_rival, seed)
 
 
 def find_style(problem: Problem, scorer: Scorer, ridge: float, seed: int) -> Rival | None:
     """The smaller of two groups that act differently where scores tell nobody apart; None without one."""
+    if problem.n_demonstrations < 2 * FEWEST:
+        return None
     second = sides(problem, ridge)
     scorers = scorer.anew(), scorer.anew()
     for _ in range(ROUNDS):
-        if second.sum() < FEWEST or (~second).sum() < FEWEST:
+        if not FEWEST <= second.sum() <= len(second) - FEWEST:
             return None
         first_log_prob, second_log_prob = (
             by.held_out(problem.spread(np.where(group, 1.0, SHARED)), ridge).log_prob
@@ -130,14 +132,10 @@ def find_style(problem: Problem, scorer: Scorer, ridge: float, seed: int) -> Riv
         if (closer == second).all():
             break
         second = closer
-    groups = (~second, first_log_prob, second_log_prob), (second, second_log_prob, first_log_prob)
-    gains = np.array(
-        [
-            [np.median(mean_steps(problem, log_prob - reference(problem, group))[group]) for log_prob in explained]
-            for group, *explained in groups
-        ]
-    )  # of either group, by its own policy and by the other's
-    own, other = gains.T
+    own, other = (
+        np.array([_gain(problem, log_prob, ~second), _gain(problem, log_prob_other, second)])
+        for log_prob, log_prob_other in ((first_log_prob, second_log_prob), (second_log_prob, first_log_prob))
+    )
     if not own.min() > GAIN * own.max():
         return None
     if 2 * second.sum() > len(second):
@@ -167,10 +165,15 @@ def sides(problem: Problem, ridge: float) -> Array:
     return component > order[int(np.argmin(within))]
 
 
+def _gain(problem: Problem, log_prob: Array, group: Array) -> float:
+    """Nats a step, in the median demonstration of a `group` (M,) bool, over not looking at the state."""
+    return float(np.median(mean_steps(problem, log_prob - reference(problem, group))[group]))
+
+
 def _compared(problem: Problem, trusted: Array, rival: Array, log_ratio: Array, seed: int) -> Rival | None:
     """Two groups (M,) bool as trusted and rival, if each is explained better by its own policy, in the same states."""
     nats = problem.sum_steps(log_ratio)
-    if min(len(nats[trusted]), len(nats[rival])) < FEWEST:
+    if min(trusted.sum(), rival.sum()) < FEWEST:
         return None
     if np.median(nats[trusted]) < DISTINCT or np.median(-nats[rival]) < DISTINCT:
         return None
