@@ -50,11 +50,19 @@ def _normal(score: Array, variance: Array) -> float:
     return float((-0.5 * np.log(2 * np.pi * spread) - 0.5 * (score - score.mean()) ** 2 / spread).sum())
 
 
+def _first_taught(problem: Any, scorer: Any, _: Array, ridge: float) -> concentrate.Taught:
+    """Taught by the first share, whatever the upper group: the scores that it would have changed remain."""
+    everybody = np.ones(problem.n_demonstrations, dtype=bool)
+    return concentrate.concentrate(problem, scorer, everybody, ridge, concentrate.SHARE)
+
+
 VARIANTS: dict[str, tuple[dict[str, Any], list[tuple[Any, str, Any]]]] = {
     DEFAULT: ({}, []),
     "all demonstrations teach": ({}, [(concentrate, "SHARE", 1.0)]),
     "30 % teach": ({}, [(concentrate, "SHARE", 0.3)]),
     "80 % teach": ({}, [(concentrate, "SHARE", 0.8)]),
+    "the share is not halved": ({}, [(concentrate, "HALVINGS", 0)]),
+    "the upper group does not teach again": ({}, [(judgement, "taught_by", _first_taught)]),
     "one ridge, 1e-4": ({}, [(judgement, "choose_ridge", lambda *_: 1e-4)]),
     "raw features": ({"search_features": "raw"}, []),
     "steps are independent": ({}, [(judgement, "effective_steps", lambda covariances, lengths: lengths.astype(float))]),
@@ -64,6 +72,7 @@ VARIANTS: dict[str, tuple[dict[str, Any], list[tuple[Any, str, Any]]]] = {
     "two groups may have one centre": ({}, [(groups, "LEAST_APART", 0.0)]),
     "no odd experts": ({}, [(groups, "TAIL", 1e-12)]),
     "no rivals": ({}, [(judgement, "find_rival", lambda *_: None)]),
+    "no styles": ({}, [(judgement, "find_style", lambda *_: None)]),
     "ranks are worth nothing": ({}, [(groups, "RANK_WORTH", 0.0)]),
     "ten folds": ({}, [(held_out, "N_FOLDS", {"discrete": 10, "continuous": 10})]),
     "five folds": ({}, [(held_out, "N_FOLDS", {"discrete": 5, "continuous": 5})]),
