@@ -38,7 +38,10 @@ def test_starts_without_labels():
     share = found["equal"] * problem.lengths
     np.testing.assert_allclose(share, share[0])
     assert (found["equal"] * problem.lengths).sum() == pytest.approx(len(problem.actions))
-    assert set(found) == {"pooled", "equal", "agreeing"}
+    assert {"pooled", "equal", "agreeing"} <= set(found)
+    singles = [weight for name, weight in found.items() if name.startswith("single")]
+    assert len({int(weight.argmax()) for weight in singles}) == len(singles) == 8
+    assert all(sorted(weight) == [0.0] * 11 + [1.0] for weight in singles)
 
 
 def test_starts_with_labels_begin_from_the_known_experts_and_trust_no_known_adversary():
@@ -52,8 +55,9 @@ def test_starts_with_labels_begin_from_the_known_experts_and_trust_no_known_adve
 
 def test_experts_agree_where_these_are_few():
     problem = make("random", 0, n_good=10, n_bad=30, steps=STEPS).problem()
-    agreeing = np.flatnonzero(starts(problem, setting_for(problem))["agreeing"])
-    assert set(agreeing) == set(range(10))
+    found = starts(problem, setting_for(problem))
+    assert set(np.flatnonzero(found["agreeing"])) == set(range(10))
+    assert max(int(weight.argmax()) for name, weight in found.items() if name.startswith("single")) < 10
 
 
 def test_known_adversaries_alone_point_to_those_unlike_them():

@@ -20,6 +20,9 @@ from rpil.passes import Array
 from rpil.policies import Policy
 from rpil.problem import Problem
 
+_SINGLE = 8
+"""Demonstrations of which each is a start."""
+
 _SHORT = 18
 """EM iterations after which starts are compared."""
 
@@ -83,7 +86,8 @@ def fit(
 def starts(problem: Problem, setting: Setting) -> dict[str, Array]:
     """Weights of the demonstrations (M,) from which the policy of each start is fitted.
 
-    Without a known expert, the demonstrations that agree best, as the default judge finds them, are a start.
+    Without a known expert, the demonstrations that agree best, as the default judge finds them, are a start, and so is
+    each of the `_SINGLE` that they explain best.
     """
     labels = problem.labels
     possible = (labels >= 0).astype(float)
@@ -92,8 +96,10 @@ def starts(problem: Problem, setting: Setting) -> dict[str, Array]:
         found |= _unlike(problem, setting, labels < 0)
     if (labels > 0).any():
         return {"known experts": (labels > 0).astype(float), **found}
-    agreeing = judge(problem, scorer(problem, setting.seed), Settings(setting.seed)).teachers
-    return found | {"agreeing": agreeing.astype(float)}
+    judged = judge(problem, scorer(problem, setting.seed), Settings(setting.seed))
+    best = np.argsort(-judged.scores.score, kind="stable")[:_SINGLE]
+    single = {f"single {m}": (np.arange(len(labels)) == m).astype(float) for m in best}
+    return found | {"agreeing": judged.teachers.astype(float)} | single
 
 
 def _unlike(problem: Problem, setting: Setting, adversaries: Array) -> dict[str, Array]:

@@ -20,8 +20,9 @@ differ most divide them at first:
 
 y are the actions (standardised, or one column a class), f is their ridge regression on all steps. Then every
 demonstration goes to the policy that explains it better, in turn with the policies, which learn from the other group,
-too, with weight SHARED. They are styles if neither gain is below GAIN times the other, with DISTINCT and OVERLAP, and
-opposed if either policy gains at most OTHERWISE as much on the other group as that group's own.
+too, with weight SHARED. Beside DISTINCT and OVERLAP, styles need gains, by policies of their own alone, of which
+neither is below GAIN times the other; they are opposed if either policy gains at most OTHERWISE times as much on the
+other group as that group's own.
 """
 
 from __future__ import annotations
@@ -123,25 +124,23 @@ def find_style(problem: Problem, scorer: Scorer, ridge: float, seed: int) -> Riv
     for _ in range(ROUNDS):
         if not FEWEST <= second.sum() <= len(second) - FEWEST:
             return None
-        first_log_prob, second_log_prob = (
-            by.held_out(problem.spread(np.where(group, 1.0, SHARED)), ridge).log_prob
-            for by, group in zip(scorers, (~second, second), strict=True)
-        )
-        log_ratio = first_log_prob - second_log_prob
+        shared = (problem.spread(np.where(group, 1.0, SHARED)) for group in (~second, second))
+        first, other = (by.held_out(weight, ridge).log_prob for by, weight in zip(scorers, shared, strict=True))
+        log_ratio = first - other
         closer = problem.sum_steps(log_ratio) < 0
         if (closer == second).all():
             break
         second = closer
-    own, other = (
-        np.array([_gain(problem, log_prob, ~second), _gain(problem, log_prob_other, second)])
-        for log_prob, log_prob_other in ((first_log_prob, second_log_prob), (second_log_prob, first_log_prob))
-    )
-    if not own.min() > GAIN * own.max():
-        return None
     if 2 * second.sum() > len(second):
         second, log_ratio = ~second, -log_ratio
     found = _compared(problem, ~second, second, log_ratio, seed)
-    return None if found is None else replace(found, opposed=bool((other <= OTHERWISE * own).all()))
+    if found is None:
+        return None
+    alone = [scorer.anew().held_out(problem.spread(group.astype(float)), ridge).log_prob for group in (~second, second)]
+    own, other = (np.array([_gain(problem, alone[k], ~second), _gain(problem, alone[1 - k], second)]) for k in (0, 1))
+    if not own.min() > GAIN * own.max():
+        return None
+    return replace(found, opposed=bool((other <= OTHERWISE * own).all()))
 
 
 def sides(problem: Problem, ridge: float) -> Array:
