@@ -275,6 +275,8 @@ class RPIL(PolicyEstimator):
     ) -> Array:
         """Log-odds of expert against adversary for demonstrations that were not fitted, (M,).
 
+        What labels say of two styles, or ``minority="trust"`` of a rival group, holds for the fitted ones alone.
+
         Raises
         ------
         DataError
@@ -300,10 +302,10 @@ class RPIL(PolicyEstimator):
             measure: Array = self.judge_.scale.measure(design, codes)[0]
             return measure
         outputs = self.policy_.outputs(self.features_.design(demonstrations.observations))
+        of = self.judge_.reference
         if self.space_.kind == "continuous":
-            return self.policy_.log_prob(outputs, codes)
-        q = np.full(len(self.classes_), 1 / len(self.classes_))
-        return scored(outputs, q, codes).log_prob - np.log(q)[codes]
+            return self.policy_.log_prob(outputs, codes) + np.log(of).sum()
+        return scored(outputs, of, codes).log_prob - np.log(of)[codes]
 
     def judge_map(self, demonstrations: Demonstrations) -> FeatureMap | Untouched:
         """What the policy sees while trust is decided."""

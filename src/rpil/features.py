@@ -26,6 +26,9 @@ FEATURES = ("auto", *KINDS)
 RIDGE_PER_STEP = 1e-5
 """The default ridge, for a step: strong enough to keep separable classes finite, too weak to bias a policy."""
 
+LARGEST = 1e150
+"""Size of a number whose square is one."""
+
 N_LANDMARKS = 200
 """With which Nystroem compares, unless fewer are asked for."""
 
@@ -103,6 +106,8 @@ class FeatureMap:
         if kind == "poly" and n_columns * (n_columns + 3) // 2 > _MAX_POLY_COLUMNS:
             raise DataError(f"Polynomials of {n_columns} observations are too many; choose features raw or spline.")
         observations = np.asarray(observations, dtype=float)
+        if np.abs(observations).max() > LARGEST:
+            raise DataError(f"An observation is beyond {LARGEST:g}, where its square is no number; use larger units.")
         location, spread = _moments(observations, weight)
         knots = np.empty((0, n_columns))
         if kind == "spline":

@@ -17,7 +17,7 @@ from rpil.demonstrations import Demonstrations
 from rpil.demonstrators import Company, Strangers, company
 from rpil.em import Share
 from rpil.errors import DataError
-from rpil.features import FeatureMap
+from rpil.features import LARGEST, FeatureMap
 from rpil.formats.dataset import Dataset
 from rpil.formats.labels import match_given
 from rpil.formats.table import check_ids
@@ -141,6 +141,8 @@ def _box(span: Array, box: tuple[ArrayLike, ArrayLike] | None, source: str) -> B
     """The box of actions that lie within `span` (2, A): as declared, or around them."""
     if (span[0] == span[1]).all():
         raise DataError(f"{source}: every action is the same; give demonstrations with two at least.")
+    if np.abs(span).max() > LARGEST:
+        raise DataError(f"{source}: an action is beyond {LARGEST:g}, where its square is no number; use larger units.")
     return Box.around(span) if box is None else _declared(box, span.shape[1], source)
 
 

@@ -25,7 +25,7 @@ from rpil.judge import Judgement, Settings, judge
 from rpil.judge.fitted import SCALES, FittedJudge, mean_variance
 from rpil.judge.groups import SURE, fit_groups
 from rpil.judge.held_out import scorer
-from rpil.judge.judgement import certain, conclude
+from rpil.judge.judgement import conclude
 from rpil.judge.steps import StepTrust, step_trust
 from rpil.passes import Array
 from rpil.policies import linear_policy
@@ -33,7 +33,7 @@ from rpil.polish import Polished, clone, gathered
 from rpil.problem import Problem
 from rpil.selection import Choice
 from rpil.spaces import Space
-from rpil.verdicts import step_weight, typical_reliability
+from rpil.verdicts import longest, step_weight, typical_reliability
 
 SAMPLE_STEPS = 20_000
 SAMPLE_DEMONSTRATIONS = 100
@@ -231,8 +231,7 @@ def judge_all(sampled: Sampled, problem: Problem, measured: list[Measured], mino
     none = np.empty(0)
     scores = replace(sampled.judgement.scores, score=score, variance=variance, groups=groups, effective=effective)
     teachers = np.zeros(len(score), dtype=bool)
-    decided = certain(scores) if rival is not None and minority == "distrust" else None
-    return conclude(problem, scores, StepTrust(reliability, interval, none), none, teachers, rival, minority, decided)
+    return conclude(problem, scores, StepTrust(reliability, interval, none), none, teachers, rival, minority)
 
 
 def fit_large(model: Any, data: Source, labels: Array, company: Company, engine: Engine) -> None:
@@ -277,8 +276,8 @@ def _read_sample(model: Any, data: Source, labels: Array, progress: Callable[[st
     codes = known_actions(model.classes_, few.actions, data.source)
     features = model.judge_map(few)
     problem = Problem(features.design(few.observations, single=True), codes, few.offsets, space, labels[chosen])
-    # A rival group is to be reported, whatever `model.minority`: what it means is decided for all demonstrations.
-    settings = Settings(model.random_state, minority="ask")
+    # Which group to distrust is decided here; a group to trust is reported, and trusted among all demonstrations.
+    settings = Settings(model.random_state, "ask" if model.minority == "trust" else model.minority)
     judgement = judge(problem, scorer(problem, model.random_state), settings, progress)
     fitted = judgement.keep(problem, SCALES[space.kind])
     return Sampled(few, problem, chosen, fitted, judgement), Prepare(features, space, model.classes_)
@@ -288,8 +287,7 @@ def _longest_of_groups(sampled: Sampled) -> tuple[Any, ...]:
     """Ids of one demonstration of each group, of those that were compared: all others may be in either."""
     rival = sampled.judgement.rival
     assert rival is not None
-    longest = (group[np.argmax(sampled.problem.lengths[group])] for group in (rival.trusted, rival.rival))
-    return tuple(sampled.few.ids[m] for m in longest)
+    return tuple(sampled.few.ids[m] for m in longest(sampled.problem, (rival.trusted, rival.rival)))
 
 
 def _fit_policy(

@@ -148,7 +148,8 @@ def _params(estimator: Any, arrays: dict[str, NDArray[Any]]) -> dict[str, Any]:
     for only_here in ("progress", "engine", "checkpoint"):
         given.pop(only_here, None)
     for name, value in given.items():
-        plain = value.tolist() if isinstance(value, np.ndarray) else value
+        plain = np.asarray(value, dtype=float).tolist() if name == "action_box" and value is not None else value
+        plain = plain.tolist() if isinstance(plain, np.ndarray) else plain
         with suppress(_UnknownClassError):
             params[name] = encode(plain, f"params/{name}", arrays)
     return params

@@ -22,7 +22,7 @@ from scipy.optimize import minimize_scalar
 
 from rpil.features import KINDS, RIDGE_PER_STEP, FeatureMap
 from rpil.inputs import ridge_of
-from rpil.judge.held_out import FREEDOM, LEAST_SCALE, moments, units
+from rpil.judge.held_out import FREEDOM, LEAST_SCALE, LEAST_WEIGHT, moments, units
 from rpil.passes import Array, linear, log_softmax
 from rpil.policies.softmax import one_hot
 from rpil.solvers import fit_softmax
@@ -147,6 +147,7 @@ def _softmax(design: Array, targets: Array, weight: Array, penalties: list[Array
 
 def _least_squares(design: Array, actions: Array, weight: Array, penalties: list[Array]) -> Iterator[Array]:
     """Coefficients (D, A) for each penalty; steps that are far off count for less, as under Student's errors."""
+    weight = np.maximum(weight, LEAST_WEIGHT)  # a fold may have no step of any weight
     trust, least = weight, (LEAST_SCALE * units(actions)) ** 2
     for _ in range(_ROUNDS):
         gram, product, _ = moments(design, actions, trust)

@@ -48,12 +48,18 @@ def audit_of(judgement: Judgement, problem: Problem, ids: Sequence[Any]) -> Audi
         prior=Interval(*judgement.share),
         identifiable=judgement.finding != "cannot be known",
         competing=tuple(tuple(ids[m] for m in group) for group in groups),
-        to_label=tuple(ids[group[np.argmax(problem.lengths[group])]] for group in groups),
+        to_label=tuple(ids[m] for m in longest(problem, groups)),
         adversary="frequent actions" if problem.space.kind == "discrete" else "any action",
         history=judgement.scores.history,
         demonstrators=people(problem.company, judgement.people, verdicts),
         labelled=tuple(ids[m] for m in np.flatnonzero(problem.labels).tolist()),
     )
+
+
+def longest(problem: Problem, groups: Sequence[Array]) -> list[int]:
+    """The longest demonstration of each of the `groups` of indices that has no label yet."""
+    free = (group[problem.labels[group] == 0] for group in groups)
+    return [int(group[np.argmax(problem.lengths[group])]) for group in free if len(group)]
 
 
 def summarise(problem: Problem, result: Result, share: Interval, ids: Sequence[Any]) -> Audit:

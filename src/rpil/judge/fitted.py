@@ -101,12 +101,15 @@ class FittedJudge:
         Variance of a step's measure within a demonstration.
     independent : float
         Independent steps that one step is worth, on average.
+    reference : array or None
+        Without a `scale`: the frequencies of the actions, (K,), or the units of the parts of an action, (A,).
     """
 
     scale: Any
     groups: Groups
     pooled: float
     independent: float
+    reference: Any = None
 
     def log_odds(self, measure: Array, offsets: Array) -> Array:
         """Log-odds of expert against adversary, (M,), of demonstrations whose steps have this `measure` (N,)."""

@@ -14,7 +14,7 @@ from rpil.judge.concentrate import Taught, choose_ridge, concentrate, mean_steps
 from rpil.judge.effective import autocovariances, effective_steps
 from rpil.judge.fitted import FittedJudge, mean_variance
 from rpil.judge.groups import SURE, UNSURE, Groups, fit_groups, share_interval
-from rpil.judge.held_out import Scorer, reference
+from rpil.judge.held_out import Scorer, frequencies, reference, units
 from rpil.judge.rivals import Rival, find_rival, find_style
 from rpil.judge.steps import StepTrust, step_trust
 from rpil.passes import Array
@@ -141,7 +141,8 @@ class Judgement:
         weight = problem.spread(self.teachers.astype(float))
         measured = None if scale is None else scale.fit(problem, weight, self.scores.ridge)
         independent = float(self.scores.effective.sum() / problem.lengths.sum())
-        return FittedJudge(measured, self.groups, self.scores.pooled, independent)
+        of = frequencies(problem) if problem.space.kind == "discrete" else units(problem.actions)
+        return FittedJudge(measured, self.groups, self.scores.pooled, independent, None if measured else of)
 
 
 def judge(
@@ -165,22 +166,26 @@ def judge(
         rival = find_rival(problem, scorer, upper & possible, ridge, settings.seed)
     else:
         rival = find_style(problem, scorer, ridge, settings.seed)
-    decided = None
-    if rival is not None and (problem.labels.any() or settings.minority == "distrust"):
-        if apart:
-            other = taught_by(problem, scorer, rival.rival, ridge)
-            scores_other = measured(problem, other, q, learned)
-            choice = _choose(problem, scores, scores_other, rival)
-            taught, scores = (other, scores_other) if choice < 0 else (taught, scores)
-            decided = certain(scores) if choice else None
-        else:
-            decided = _between_styles(problem, taught, rival, learned)
-            rival = None if decided is None else rival  # a label was given: it is not asked for again
-    if decided is None and _contradicted(problem, scores):
+    minority, decided, settled = settings.minority, None, False
+    if rival is not None and all((problem.labels[group] > 0).any() for group in (rival.trusted, rival.rival)):
+        minority = "trust"  # either group has a known expert
+    labelled = (problem.labels < 0).any() if minority == "trust" else problem.labels.any()
+    if rival is not None and apart and (labelled or minority == "distrust"):
+        other = taught_by(problem, scorer, rival.rival, ridge)
+        scores_other = measured(problem, other, q, learned)
+        choice = _choose(problem, scores, scores_other, rival)
+        taught, scores = (other, scores_other) if choice < 0 else (taught, scores)
+        settled = choice != 0
+    elif rival is not None and (labelled or minority == "distrust"):
+        decided = _between_styles(problem, taught, rival, learned)
+        rival = None if decided is None else rival  # a label was given: it is not asked for again
+    if settled:
+        scores, rival = known(scores), None
+    elif decided is None and minority != "trust" and _contradicted(problem, scores):
         rival = Rival(np.flatnonzero(upper), np.flatnonzero(~upper), np.empty(0))
     log_ratio = taught.scored.log_prob - q
     steps = step_trust(problem, log_ratio, np.minimum(scores.effective / problem.lengths, 1.0))
-    return conclude(problem, scores, steps, log_ratio, taught.teachers, rival, settings.minority, decided)
+    return conclude(problem, scores, steps, log_ratio, taught.teachers, rival, minority, decided)
 
 
 def _tell_apart(
@@ -242,9 +247,11 @@ def _choose(problem: Problem, scores: Scores, scores_other: Scores, rival: Rival
     against, against_other = (
         int((problem.labels * of.groups.log_odds(of.score, of.variance) < 0).sum()) for of in (scores, scores_other)
     )
-    if against < against_other:
+    said = problem.labels @ problem.sum_steps(rival.log_ratio)
+    if against < against_other or (against == against_other and said > 0):
         return 1
-    return -1 if against_other < against and _may_change(problem, rival) else 0
+    changed = against_other < against or (against == against_other and said < 0)
+    return -1 if changed and _may_change(problem, rival) else 0
 
 
 def _may_change(problem: Problem, rival: Rival) -> bool:
@@ -265,12 +272,14 @@ def _between_styles(problem: Problem, taught: Taught, rival: Rival, learned: boo
     if labels.any() and (scores.groups.p_two < SURE or said == 0 or (said < 0 and not _may_change(problem, rival))):
         return None
     settled = rival.opposed or not labels.any() or labels.min() < 0 < labels.max()
-    return certain(scores) if settled else UNSURE * np.tanh(certain(scores) / UNSURE)
+    log_odds = known(scores).groups.log_odds(scores.score, scores.variance)
+    return log_odds if settled else UNSURE * np.tanh(log_odds / UNSURE)
 
 
-def certain(scores: Scores) -> Array:
-    """Log-odds (M,) by `scores` where it is known that there are two groups."""
-    return replace(scores.groups, log_bayes_factor=CERTAIN).log_odds(scores.score, scores.variance)
+def known(scores: Scores) -> Scores:
+    """`scores` where it is known that there are two groups."""
+    certain = max(scores.groups.log_bayes_factor, CERTAIN)
+    return replace(scores, groups=replace(scores.groups, log_bayes_factor=certain))
 
 
 def _contradicted(problem: Problem, scores: Scores) -> bool:

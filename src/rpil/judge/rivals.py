@@ -16,7 +16,7 @@ nothing tells which of the two is the expert.
 Where the scores are one group, two styles may be in it. The two sides of the direction in which the demonstrations
 differ most divide them at first:
 
-    g_m = sum_n  L^-1 x_n (y_n - f(s_n))^T / sqrt(N_m),      L L^T = X^T X / N,      the first principal component of g
+    g_m = sum_n  L^-1 x_n (y_n - f(s_n))^T / sqrt(N_m),   L L^T = X^T X + ridge,   the first principal component of g
 
 y are the actions (standardised, or one column a class), f is their ridge regression on all steps. Then every
 demonstration goes to the policy that explains it better, in turn with the policies, which learn from the other group,
@@ -145,8 +145,10 @@ def find_style(problem: Problem, scorer: Scorer, ridge: float, seed: int) -> Riv
 
 def sides(problem: Problem, ridge: float) -> Array:
     """On which side of their first principal component the demonstrations' gradients are, (M,) bool."""
-    features, n_steps = np.asarray(problem.features, dtype=float), len(problem.features)
-    discrete, weight = problem.space.kind == "discrete", np.ones(n_steps)
+    features, weight = np.asarray(problem.features, dtype=float), np.ones(len(problem.features))
+    if not ridge:  # features of the user's policy: neither scaled nor with a constant
+        features, ridge = np.column_stack([standardised(features), weight]), 1e-3
+    discrete = problem.space.kind == "discrete"
     n_classes = getattr(problem.space, "n", 0)
     actions = one_hot(problem.actions, weight, n_classes) if discrete else standardised(problem.actions)
     gram, product, total = moments(features, actions, weight)
