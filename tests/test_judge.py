@@ -10,7 +10,7 @@ from sklearn.linear_model import LogisticRegression, Ridge
 from sklearn.metrics import roc_auc_score
 
 from problems import make, make_continuous
-from rpil import RPIL
+from rpil import RPIL, DataError
 from rpil.demonstrations import Demonstrations
 from rpil.judge import FINDINGS, Settings, judge
 from rpil.judge.concentrate import best, choose_ridge, concentrate, mean_steps, shares
@@ -33,6 +33,7 @@ from rpil.judge.rivals import find_rival, find_style, sides, state_overlap
 from rpil.judge.steps import step_trust
 from rpil.problem import Problem
 from rpil.spaces import Discrete
+from rpil.verdicts import longest
 
 STEPS = (40, 60)
 
@@ -460,3 +461,67 @@ def test_the_reference_does_not_look_at_the_state():
     for action in range(problem.space.n):
         share = (problem.actions == action).mean()
         assert np.exp(log_q[problem.actions == action]).mean() == pytest.approx(share, abs=0.01)
+
+
+# ---- labels and options against rivals and styles --------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_any_expert_that_is_labelled_settles_which_of_two_groups_it_is(seed):
+    toy = make("flipped", seed, n_good=6, n_bad=6, steps=STEPS)
+    for m in range(6):
+        audit = RPIL().fit(toy.demonstrations, labels={f"d{m}": "expert"}).audit_
+        assert set(audit.verdicts[:6]) <= {"expert", "uncertain"}, m
+        assert audit.verdicts[6:] == ("adversary",) * 6, m
+
+
+def test_no_labelled_demonstration_is_asked_for():
+    toy = make("flipped", 0, n_good=6, n_bad=6, steps=STEPS)
+    with pytest.warns(UserWarning, match="two groups of demonstrations each act alike"):
+        first = RPIL().fit(toy.demonstrations).audit_.to_label
+    assert len(first) == 2
+    problem = problem_of(toy, np.array([m == first[0] for m in toy.ids], dtype=int))
+    again = longest(problem, (np.arange(6), np.arange(6, 12)))
+    assert len(again) == 2
+    assert f"d{again[0]}" not in first or f"d{again[1]}" not in first
+    assert longest(problem.select(again[:1]), (np.zeros(1, dtype=int),)) == [0]
+    assert longest(replace(problem, labels=np.ones(12, dtype=int)), (np.arange(6),)) == []
+
+
+def test_a_minority_that_is_trusted_stays_trusted_where_an_expert_is_labelled():
+    toy = make("shifted", 1, n_good=8, n_bad=4, steps=STEPS)
+    for labels in ({"d9": "expert"}, {"d1": "expert"}):
+        audit = RPIL(minority="trust").fit(toy.demonstrations, labels=labels).audit_
+        assert "adversary" not in audit.verdicts
+
+
+def test_known_experts_in_both_groups_accuse_neither():
+    toy = make("shifted", 1, n_good=8, n_bad=4, steps=STEPS)
+    audit = RPIL().fit(toy.demonstrations, labels={"d1": "expert", "d9": "expert"}).audit_
+    assert "adversary" not in audit.verdicts
+    assert audit.finding != "cannot be known"
+
+
+@pytest.mark.parametrize("large", [1.0, 1e12])
+def test_columns_that_repeat_each_other_are_no_obstacle_to_a_policy_of_the_users(large):
+    toy = make("none", 0, n_good=8, n_bad=4, steps=STEPS)
+    twice = np.hstack([toy.observations, toy.observations[:, :1], np.zeros((len(toy.actions), 1))]) * large
+    audit = RPIL(policy=LogisticRegression()).fit(twice, toy.actions, groups=toy.groups).audit_
+    assert set(audit.verdicts) <= {"uncertain", "expert"}
+
+
+def test_a_policy_of_the_users_scores_as_it_judged():
+    for toy, policy in ((make("random", 0, n_good=8, n_bad=6, steps=STEPS), LogisticRegression()),):
+        model = RPIL(policy=policy).fit(toy.demonstrations)
+        again = model.score_demonstrations(toy.demonstrations)
+        assert ((again > 0) == (model.audit_.log_odds > 0)).all()
+    toy = make_continuous("random", 0, n_good=8, n_bad=6, steps=(40, 60))
+    far = Demonstrations.from_arrays(toy.observations, 50 * toy.actions, toy.offsets, toy.ids)
+    model = RPIL(policy=Ridge()).fit(far)
+    assert ((model.score_demonstrations(far) > 0) == (model.audit_.log_odds > 0)).all()
+
+
+def test_numbers_without_a_square_are_refused():
+    toy = make("random", 0, steps=STEPS)
+    with pytest.raises(DataError, match=r"beyond 1e\+150, where its square is no number; use larger units"):
+        RPIL().fit(1e300 * toy.observations, toy.actions, groups=toy.groups)

@@ -413,3 +413,11 @@ def test_a_checkpoint_keeps_the_final_policy_of_one_fit(fitted, data, tmp_path):
     save(fitted, path)
     with pytest.raises(DataError, match="it is no checkpoint of rpil; choose another name"):
         checkpoint.read()
+
+
+def test_bounds_that_are_arrays_come_back(tmp_path):
+    rng = np.random.default_rng(0)
+    made = Demonstrations.from_arrays(rng.normal(size=(80, 2)), rng.uniform(-1, 1, size=(80, 2)), np.arange(0, 81, 10))
+    model = RPIL(features="raw", action_box=(np.array([-2.0, -1.0]), np.array([1.0, 2.0]))).fit(made)
+    save(model, tmp_path / "p")
+    np.testing.assert_array_equal(load(tmp_path / "p").action_box, model.action_box)

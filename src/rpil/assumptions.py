@@ -17,10 +17,7 @@ from rpil.suggestions import P_EXPERT
 def assumptions(model: Any, problem: Problem) -> list[str]:
     """What was found and what was assumed, one sentence each."""
     labelled = int((problem.labels != 0).sum())
-    said = [
-        FINDINGS[model.audit_.finding],
-        P_EXPERT,
-    ]
+    said = [FINDINGS[model.audit_.finding], P_EXPERT]
     if model.judge_ is not None:
         said.append(f"P(two groups of scores) is {model.judge_.groups.p_two:.2f}.")
     said.append(

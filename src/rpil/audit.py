@@ -98,9 +98,9 @@ class Audit:
     to_label : tuple of ids
         One of each group.
     adversary : str
-        Name of the adversary model that was used or chosen.
+        What experts are compared with: the adversary of the mixture, or the reference of the judge.
     history : (T,) array
-        The EM objective at each iteration of the winning run.
+        The mean log-likelihood of the teachers each round, or the objective of EM at each iteration.
     assumptions : tuple of str
         What the audit took for granted, one sentence each.
     demonstrators : tuple of Demonstrator

@@ -256,7 +256,8 @@ class RPIL(PolicyEstimator):
         if self.policy is None:
             self._learn(demonstrations, codes, weight, weight > 0.5 * weight.max(), REFIT_TOL)
         else:
-            start: Any = estimator_policy(self.policy, self.space_, len(codes))
+            # Cross-fitted once more, by the final weights: that says how sure it may be.
+            start = estimator_policy(self.policy, self.space_, len(codes)).learn(problem, weight)[0]
             self.features_, self.policy_ = self.judge_features_, start.finished(problem, weight)
         tell(self, problem, demonstrations.source)
 
@@ -290,17 +291,14 @@ class RPIL(PolicyEstimator):
         problem = Problem(design, codes, demonstrations.offsets, self.space_, nobody)
         if self.judge_ is None:
             assert self.state_ is not None
-            found: Array = e_step(problem, self.state_, self.state_.policy.outputs(design)).log_odds
-            return found
-        measure = self._measure(demonstrations, design, codes)
-        return self.judge_.log_odds(measure, demonstrations.offsets)
+            return np.asarray(e_step(problem, self.state_, self.state_.policy.outputs(design)).log_odds)
+        return self.judge_.log_odds(self._measure(demonstrations, design, codes), demonstrations.offsets)
 
     def _measure(self, demonstrations: Demonstrations, design: Array, codes: Array) -> Array:
         """What each step counts for the score of its demonstration, (N,)."""
         assert self.judge_ is not None
         if self.judge_.scale is not None:
-            measure: Array = self.judge_.scale.measure(design, codes)[0]
-            return measure
+            return np.asarray(self.judge_.scale.measure(design, codes)[0])
         outputs = self.policy_.outputs(self.features_.design(demonstrations.observations))
         of = self.judge_.reference
         if self.space_.kind == "continuous":

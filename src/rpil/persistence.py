@@ -82,7 +82,7 @@ def save(estimator: RPIL | RMEnt | BehavioralCloning, path: StrPath) -> None:
     if isinstance(estimator, RPIL):
         try:
             header["state"] = encode(estimator.state_, "state", arrays)
-        except _UnknownClassError as error:
+        except TypeError as error:
             raise DataError(
                 f"{path}: an adversary of the class {error} cannot be saved without pickle; keep the weights "
                 "(audit_.step_weight), or fit with an adversary of rpil."
@@ -148,15 +148,10 @@ def _params(estimator: Any, arrays: dict[str, NDArray[Any]]) -> dict[str, Any]:
     for only_here in ("progress", "engine", "checkpoint"):
         given.pop(only_here, None)
     for name, value in given.items():
-        plain = np.asarray(value, dtype=float).tolist() if name == "action_box" and value is not None else value
-        plain = plain.tolist() if isinstance(plain, np.ndarray) else plain
-        with suppress(_UnknownClassError):
+        plain = [np.asarray(part).tolist() for part in value] if isinstance(value, list | tuple | np.ndarray) else value
+        with suppress(TypeError):
             params[name] = encode(plain, f"params/{name}", arrays)
     return params
-
-
-class _UnknownClassError(Exception):
-    """Something of a class that a file cannot hold."""
 
 
 def encode(value: Any, name: str, arrays: dict[str, NDArray[Any]]) -> Any:
@@ -173,7 +168,7 @@ def encode(value: Any, name: str, arrays: dict[str, NDArray[Any]]) -> Any:
     if isinstance(value, Mapping):
         return {"pairs": [[encode(part, name, arrays) for part in pair] for pair in value.items()]}
     if type(value) not in KNOWN or not is_dataclass(value):
-        raise _UnknownClassError(type(value).__name__)
+        raise TypeError(type(value).__name__)
     content = {f: encode(getattr(value, f), f"{name}/{f}", arrays) for f in _field_names(type(value))}
     return {"class": type(value).__name__, "fields": content}
 

@@ -23,14 +23,14 @@ _ROUNDING = 1e-8
 """Share of the objective that a pass may lose to rounding: some 3e-9, with a few thousand steps in single precision."""
 
 _RADIUS = 2.0
-"""How far any coefficient may move once a step went down: the policy of a sample may think nothing of a rare action,
+"""How far any coefficient may move once a step went down: the policy of a sample may give a rare action no chance,
 or the sample not know a column that is mostly zero, and so see no curvature where everything has some."""
 
 _SHORTEST = 1e-4
 """Radius at which there is no more uphill."""
 
 _FAR = 64.0
-"""Radius from which there is none: Hessians of the sample will do again."""
+"""Radius from which steps are no longer limited: Hessians of the sample will do again."""
 
 _PATIENCE = 10
 """Passes in which the gradient must halve, or the objective gain, or rounding is all that is left."""

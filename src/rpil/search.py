@@ -79,7 +79,8 @@ def fit(
     best = min(begun, key=rank)
     if best.converged:
         return best
-    more = _run(problem, setting, best.state, best.posterior.outputs, setting.max_iter)
+    mode, max_iter, tol = setting.mode, setting.max_iter, setting.tol
+    more = run(problem, best.state, outputs=best.posterior.outputs, mode=mode, max_iter=max_iter, tol=tol)
     return replace(more, history=np.concatenate([best.history, more.history[1:]]))
 
 
@@ -124,7 +125,7 @@ def _begin(problem: Problem, setting: Setting, which: str | Adversary, weight: A
         agreeing = np.maximum(weight, e_step(problem, state, outputs).expert)
         policy, outputs = _taught(problem, setting, agreeing)
         state = replace(state, policy=policy)
-    return _run(problem, setting, state, outputs, _SHORT)
+    return run(problem, state, outputs=outputs, mode=setting.mode, max_iter=_SHORT, tol=setting.tol)
 
 
 def _contradicted(problem: Problem, setting: Setting, result: Result) -> int:
@@ -140,7 +141,3 @@ def _contradicted(problem: Problem, setting: Setting, result: Result) -> int:
 def _taught(problem: Problem, setting: Setting, weight: Array) -> tuple[Policy, Array]:
     """The policy of demonstrations weighted by `weight` (M,), roughly, and its outputs (N, ...)."""
     return setting.policy.learn(problem, problem.spread(weight), tol=1e-3, max_iter=20, max_cg=20)
-
-
-def _run(problem: Problem, setting: Setting, state: State, outputs: Array, max_iter: int) -> Result:
-    return run(problem, state, outputs=outputs, mode=setting.mode, max_iter=max_iter, tol=setting.tol)

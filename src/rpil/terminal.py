@@ -214,8 +214,8 @@ def advice(audit: Audit) -> str:
         return said
     groups = "; ".join(f"{_LETTERS[k]}: {_listed(members)}" for k, members in enumerate(audit.competing))
     return (
-        f"Two groups act alike, and differently from each other in some states ({groups}). They may be two good "
-        f"styles; if one is bad, label one of each, say {_listed(audit.to_label, ' and ')}.\n{said}"
+        f"Two groups each act alike, and act differently from each other in some states ({groups}). They may be two "
+        f"good styles; if one is bad, label one of each, say {_listed(audit.to_label, ' and ')}.\n{said}"
     )
 
 

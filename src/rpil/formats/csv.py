@@ -48,16 +48,11 @@ def read(path: Path) -> Demonstrations:
 
 def write(path: Path, demonstrations: Demonstrations, truth: Mapping[str, NDArray[Any]]) -> None:
     """Write the flat table as text."""
-    write_table(path, flat.from_demonstrations(demonstrations, truth))
-
-
-def write_table(path: Path, table: Any) -> None:
-    """Write any ``pyarrow.Table`` of numbers and text."""
-    write_tables(path, iter([table]))
+    write_tables(path, iter([flat.from_demonstrations(demonstrations, truth)]))
 
 
 def write_tables(path: Path, tables: Iterator[Any]) -> None:
-    """Write any tables of one schema, one below the other; one is in memory at a time."""
+    """Write any ``pyarrow.Table`` of one schema, numbers and text, one below the other; one is in memory at a time."""
     import pyarrow as pa
     from pyarrow import csv
 

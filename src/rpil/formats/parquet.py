@@ -32,12 +32,7 @@ def read(path: Path) -> Demonstrations:
 
 def write(path: Path, demonstrations: Demonstrations, truth: Mapping[str, NDArray[Any]]) -> None:
     """Write the flat table, with its types."""
-    write_table(path, flat.from_demonstrations(demonstrations, truth))
-
-
-def write_table(path: Path, table: Any) -> None:
-    """Write any ``pyarrow.Table``."""
-    write_tables(path, iter([table]))
+    write_tables(path, iter([flat.from_demonstrations(demonstrations, truth)]))
 
 
 def write_tables(path: Path, tables: Iterator[Any]) -> None:

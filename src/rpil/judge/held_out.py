@@ -233,11 +233,10 @@ class PolicyScorer:
 
     def held_out(self, weight: Array, ridge: float) -> Scored:
         self.policy, outputs = self.policy.learn(self.problem, np.maximum(weight, LEAST_WEIGHT))
-        log_prob = self.policy.log_prob(outputs, self.problem.actions)
-        if self.problem.space.kind == "continuous":  # in standard deviations of the actions, as everything else
-            log_prob = log_prob + np.log(units(self.problem.actions)).sum()
         if self.problem.space.kind == "discrete":
             return scored(outputs, frequencies(self.problem), self.problem.actions)
+        log_prob = self.policy.log_prob(outputs, self.problem.actions)
+        log_prob = log_prob + np.log(units(self.problem.actions)).sum()  # in standard deviations, as everything else
         return Scored(log_prob, log_prob - np.average(log_prob, weights=np.maximum(weight, LEAST_WEIGHT)))
 
 

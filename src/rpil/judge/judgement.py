@@ -37,7 +37,6 @@ SIGNIFICANT = 2.0
 CERTAIN = 20.0
 """Log Bayes factor of two groups that are known to be there."""
 
-
 LARGER = 3
 """Times that a trusted group may be larger than its rival for one labelled adversary in it to speak against it."""
 
@@ -181,7 +180,7 @@ def judge(
         rival = None if decided is None else rival  # a label was given: it is not asked for again
     if settled:
         scores, rival = known(scores), None
-    elif decided is None and minority != "trust" and _contradicted(problem, scores):
+    elif apart and minority != "trust" and _contradicted(problem, scores):
         rival = Rival(np.flatnonzero(upper), np.flatnonzero(~upper), np.empty(0))
     log_ratio = taught.scored.log_prob - q
     steps = step_trust(problem, log_ratio, np.minimum(scores.effective / problem.lengths, 1.0))
@@ -261,7 +260,7 @@ def _may_change(problem: Problem, rival: Rival) -> bool:
 
 def _between_styles(problem: Problem, taught: Taught, rival: Rival, learned: bool) -> Array | None:
     """Log-odds of demonstrations, (M,), where labels, or else the size, say which of two styles is the expert's: from
-    how much better its policy explains them than the other's. None where labels do not say, or the two do not part.
+    how much better its policy explains them than the other's. None where labels do not say, or scores show one group.
 
     Where the two are not opposed, labels of one sort rank them and accuse nobody: the other may be as good, or as bad.
     """
@@ -269,7 +268,8 @@ def _between_styles(problem: Problem, taught: Taught, rival: Rival, learned: boo
     said = labels @ problem.sum_steps(rival.log_ratio) if labels.any() else 1.0
     contrast = replace(taught, scored=replace(taught.scored, log_prob=np.sign(said) * rival.log_ratio))
     scores = measured(problem, contrast, np.zeros(len(rival.log_ratio)), learned)
-    if labels.any() and (scores.groups.p_two < SURE or said == 0 or (said < 0 and not _may_change(problem, rival))):
+    unclear = scores.groups.p_two < SURE and not rival.opposed
+    if labels.any() and (unclear or said == 0 or (said < 0 and not _may_change(problem, rival))):
         return None
     settled = rival.opposed or not labels.any() or labels.min() < 0 < labels.max()
     log_odds = known(scores).groups.log_odds(scores.score, scores.variance)
@@ -301,8 +301,8 @@ def conclude(
     minority: str,
     decided: Array | None = None,
 ) -> Judgement:
-    """What `scores` and a `rival` group come to, where a `minority` that acts alike is asked about, or not; `decided`
-    (M,) are the log-odds where a label, or the user, says which of the two is the expert."""
+    """What `scores` and a `rival` group come to, under `minority` as in `Settings`; `decided` (M,) are the log-odds
+    where a label, or the user, says which of two styles is the expert's."""
     groups = scores.groups
     if decided is not None:
         actions, rival = decided, None

@@ -85,14 +85,7 @@ class Rival:
 
 
 def find_rival(problem: Problem, scorer: Scorer, trusted: Array, ridge: float, seed: int) -> Rival | None:
-    """The group that acts alike, otherwise than the `trusted` (M,) bool, which scores told apart; None without one.
-
-    Parameters
-    ----------
-    trusted : (M,) bool array
-    ridge, seed
-        Of the policies and the folds.
-    """
+    """The group that acts alike, otherwise than the `trusted` (M,) bool, which scores told apart; None without one."""
     if not FEWEST <= trusted.sum() <= len(trusted) - FEWEST:
         return None
     explained = scorer.held_out(problem.spread(trusted.astype(float)), ridge).log_prob
