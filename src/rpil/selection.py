@@ -31,7 +31,7 @@ from rpil.spaces import Discrete, Space
 RIDGES = (1e-2, 1e-3, 1e-4, 1e-5)
 """Penalties a step, from strong to weak: each fit starts from the one before."""
 
-_ROUNDS = 2
+_ROUNDS = 4
 """Least squares after which steps that are far off count for less: one that was wrongly kept must not choose."""
 
 _N_FOLDS = 5
