@@ -61,4 +61,5 @@ for name in sys.argv[1:]:
 
 def test_every_public_name_is_what_it_says_and_no_module():
     names = sorted(set(rpil.__all__) - {"__version__"})
-    subprocess.run([sys.executable, "-W", "error", "-c", FRESH, *names], check=True)
+    found = subprocess.run([sys.executable, "-W", "error", "-c", FRESH, *names], check=False)
+    assert found.returncode == 0

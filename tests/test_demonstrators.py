@@ -209,4 +209,7 @@ def _npz(folder):
 def test_impossible_actions():
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        company("aab").borrow(np.array([np.inf, -np.inf, 0.0]), np.array([-40.0, 40.0, 0.0]), np.zeros(3, dtype=int))
+        found = company("aab").borrow(
+            np.array([np.inf, -np.inf, 0.0]), np.array([-40.0, 40.0, 0.0]), np.zeros(3, dtype=int)
+        )
+    assert not np.isnan(np.concatenate([found.log_odds, found.share.ravel(), found.weight.ravel()])).any()

@@ -6,6 +6,7 @@ so that either can be changed afterwards. Matplotlib is imported when something 
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal, Self
 
@@ -56,14 +57,14 @@ def _legend(ax: Any) -> None:
 
 
 @dataclass(eq=False)
-class _AuditDisplay(_Display):
+class _AuditDisplay(_Display, ABC):
     """A picture that needs nothing but the audit."""
 
     audit: Audit
 
+    @abstractmethod
     def plot(self, *args: Any, **options: Any) -> Self:
         """Draw the picture."""
-        raise NotImplementedError(f"{type(self).__name__} must say how it is drawn.")
 
     @classmethod
     def from_audit(cls, audit: Audit, *, ax: Any = None, **options: Any) -> Self:

@@ -165,20 +165,20 @@ def judge(
         rival = find_rival(problem, scorer, upper & possible, ridge, settings.seed)
     else:
         rival = find_style(problem, scorer, ridge, settings.seed)
-    minority, decided, settled = settings.minority, None, False
+    minority, decided, choice = settings.minority, None, 0
     if rival is not None and all((problem.labels[group] > 0).any() for group in (rival.trusted, rival.rival)):
         minority = "trust"  # either group has a known expert
     labelled = (problem.labels < 0).any() if minority == "trust" else problem.labels.any()
-    if rival is not None and apart and (labelled or minority == "distrust"):
-        other = taught_by(problem, scorer, rival.rival, ridge)
-        scores_other = measured(problem, other, q, learned)
-        choice = _choose(problem, scores, scores_other, rival)
-        taught, scores = (other, scores_other) if choice < 0 else (taught, scores)
-        settled = choice != 0
-    elif rival is not None and (labelled or minority == "distrust"):
-        decided = _between_styles(problem, taught, rival, learned)
-        rival = None if decided is None else rival  # a label was given: it is not asked for again
-    if settled:
+    if rival is not None and (labelled or minority == "distrust"):
+        if apart:
+            other = taught_by(problem, scorer, rival.rival, ridge)
+            scores_other = measured(problem, other, q, learned)
+            choice = _choose(problem, scores, scores_other, rival)
+            taught, scores = (other, scores_other) if choice < 0 else (taught, scores)
+        else:
+            decided = _between_styles(problem, taught, rival, learned)
+            rival = None  # decided, or a label was given: it is not asked for again
+    if choice:
         scores, rival = known(scores), None
     elif apart and minority != "trust" and _contradicted(problem, scores):
         rival = Rival(np.flatnonzero(upper), np.flatnonzero(~upper), np.empty(0))
@@ -304,13 +304,10 @@ def conclude(
     """What `scores` and a `rival` group come to, under `minority` as in `Settings`; `decided` (M,) are the log-odds
     where a label, or the user, says which of two styles is the expert's."""
     groups = scores.groups
-    if decided is not None:
-        actions, rival = decided, None
-    else:
-        actions = groups.log_odds(scores.score, scores.variance)
-        if rival is not None and minority == "trust":
-            actions[rival.rival] = np.maximum(actions[rival.rival], np.median(actions[rival.trusted]))
-        actions = groups.bounded(actions)
+    actions = groups.log_odds(scores.score, scores.variance)
+    if rival is not None and minority == "trust":
+        actions[rival.rival] = np.maximum(actions[rival.rival], np.median(actions[rival.trusted]))
+    actions = groups.bounded(actions) if decided is None else decided
     apart = groups.p_two >= SURE or bool((np.abs(actions) >= UNSURE).any())
     demonstrator, people = np.zeros(len(actions)), np.empty((0, 3))
     if isinstance(problem.company, Demonstrators):

@@ -66,7 +66,7 @@ ROUNDS = 3
 
 @dataclass(frozen=True, eq=False)
 class Rival:
-    """The trusted demonstrations and those that act alike, otherwise.
+    """Two groups of demonstrations, each of which acts alike and differently from the other.
 
     Attributes
     ----------
