@@ -26,12 +26,13 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before NumPy; worker proce
 import numpy as np
 
 from options import at_least, output
+from provenance import provenance
 from real import wins
-from rpil.estimators import RPIL
-from rpil.files import replacing
-from rpil.judge import concentrate, groups, held_out, judgement
-from rpil.parallel import in_processes
-from rpil.reproduce.provenance import provenance
+from rpil.data.files import replacing
+from rpil.estimators.rpil import RPIL
+from rpil.inference import groups, held_out, judgement
+from rpil.inference import teachers as concentrate
+from rpil.numerics.parallel import in_processes
 from tables import table
 from trust_data import data_cells
 from trust_worlds import Cell, cells

@@ -20,15 +20,15 @@ import numpy as np
 from sklearn.metrics import roc_auc_score
 
 from options import at_least, output, write_json
-from rpil.audit import Audit
-from rpil.cloning import BehavioralCloning
-from rpil.demonstrations import Demonstrations
-from rpil.errors import AmbiguousWarning
-from rpil.estimators import RPIL
-from rpil.parallel import in_processes
-from rpil.reproduce.provenance import provenance
-from rpil.rollouts import rollout
-from rpil.simulation import simulate
+from provenance import provenance
+from rpil.audit.record import Audit
+from rpil.data.demonstrations import Demonstrations
+from rpil.data.errors import AmbiguousWarning
+from rpil.estimators.cloning import BehavioralCloning
+from rpil.estimators.rpil import RPIL
+from rpil.numerics.parallel import in_processes
+from rpil.simulation.rollouts import rollout
+from rpil.simulation.simulate import simulate
 
 ENVIRONMENTS = ("MountainCar-v0", "Acrobot-v1", "LunarLander-v3")
 PAPER, PARTLY, COHERENT = ("corrupted", "random"), ("noisy", "window"), "shift"

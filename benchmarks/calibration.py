@@ -25,13 +25,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from options import at_least, output, write_json
+from provenance import provenance
 from robustness_report import unknowable
-from rpil.audit import Audit
-from rpil.corruptions import KINDS
-from rpil.demonstrations import Demonstrations
-from rpil.estimators import RPIL
-from rpil.reproduce.provenance import provenance
-from rpil.simulation import simulate
+from rpil.audit.record import Audit
+from rpil.data.demonstrations import Demonstrations
+from rpil.estimators.rpil import RPIL
+from rpil.simulation.corruptions import KINDS
+from rpil.simulation.simulate import simulate
 from tables import table
 
 ENVIRONMENTS = ("MountainCar-v0", "Acrobot-v1", "LunarLander-v3")

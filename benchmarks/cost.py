@@ -24,12 +24,12 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from threadpoolctl import threadpool_limits
 
+from provenance import line, provenance
 from rpil import RPIL, Dataset, open_dataset
-from rpil.engines.streamed import Streamed
-from rpil.large import Prepare, Weigh
-from rpil.large import measure as score
-from rpil.polish import clone_pass
-from rpil.reproduce.provenance import line, provenance
+from rpil.scale.ascent import clone_pass
+from rpil.scale.disk import Streamed
+from rpil.scale.fit import Prepare, Weigh
+from rpil.scale.fit import measure as score
 
 SEED = 0
 LENGTH = 200

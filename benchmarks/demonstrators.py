@@ -26,11 +26,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from options import at_least, output, write_json
+from provenance import provenance
 from real import files, interval, stream, truth, wins
-from rpil import RPIL, Demonstrations, formats, simulate
-from rpil.errors import DataError
-from rpil.formats.demonstrators import read_demonstrators
-from rpil.reproduce.provenance import provenance
+from rpil import RPIL, Demonstrations, simulate
+from rpil.data import formats
+from rpil.data.errors import DataError
+from rpil.data.formats.demonstrators import read_demonstrators
 from tables import table
 
 Array = NDArray[Any]

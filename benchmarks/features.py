@@ -17,13 +17,13 @@ import numpy as np
 from scipy.stats import t as student
 
 from options import at_least, output, write_json
-from rpil.cloning import BehavioralCloning
-from rpil.demonstrations import Demonstrations
-from rpil.experts import expert
-from rpil.features import FEATURES
-from rpil.reproduce.provenance import provenance
-from rpil.rollouts import RandomPolicy, rollout
-from rpil.simulation import simulate
+from provenance import provenance
+from rpil.data.demonstrations import Demonstrations
+from rpil.estimators.cloning import BehavioralCloning
+from rpil.policies.features import FEATURES
+from rpil.simulation.experts import expert
+from rpil.simulation.rollouts import RandomPolicy, rollout
+from rpil.simulation.simulate import simulate
 
 GOALS = {"MountainCar-v0": 0.98, "Acrobot-v1": 0.98, "LunarLander-v3": 0.98, "CartPole-v1": None}
 N_GOOD = 10

@@ -27,11 +27,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from options import at_least, output, write_json
+from provenance import provenance
 from real import Truth, files, stream, truth, wins
-from rpil import RPIL, Demonstrations, formats, simulate
-from rpil.audit import Audit
-from rpil.errors import DataError
-from rpil.reproduce.provenance import provenance
+from rpil import RPIL, Demonstrations, simulate
+from rpil.audit.record import Audit
+from rpil.data import formats
+from rpil.data.errors import DataError
 from tables import table
 
 Array = NDArray[Any]

@@ -8,8 +8,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from rpil.errors import DataError
-from rpil.files import check_writable, replacing
+from rpil.data.errors import DataError
+from rpil.data.files import check_writable, replacing
 
 
 def at_least(least: int, most: float = float("inf")) -> Callable[[str], int]:

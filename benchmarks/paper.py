@@ -1,4 +1,4 @@
-"""The paper's Tables 1-6 and Figures 1-7, ours beside: `rpil reproduce` with more options, and with the peers.
+"""The paper's Tables 1-6 and Figures 1-7, ours beside, with the peers on demand.
 
     python benchmarks/paper.py --json paper.json --output paper
     python benchmarks/paper.py --quick --peers
@@ -16,11 +16,12 @@ from pathlib import Path
 from typing import Any
 
 from options import at_least, output, write_json
-from rpil.demonstrations import Demonstrations
-from rpil.files import make_folder
-from rpil.parallel import cores
-from rpil.reproduce import METHODS, Experiment, draw, run
-from rpil.reproduce.experiments import ENVIRONMENTS, N_GOOD, OUR_FEATURES
+from rpil.data.demonstrations import Demonstrations
+from rpil.data.files import make_folder
+from rpil.numerics.parallel import cores
+from study.experiments import ENVIRONMENTS, METHODS, N_GOOD, OUR_FEATURES, Experiment
+from study.figures import draw
+from study.tables import run
 
 ALREADY = ("rpil", "trust all", "oracle", "paper's recipe")
 """Methods of peers.py that the tables have without it."""

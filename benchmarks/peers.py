@@ -21,19 +21,18 @@ from scipy.optimize import minimize
 from scipy.special import expit, logsumexp
 from threadpoolctl import threadpool_limits
 
-from rpil.cloning import BehavioralCloning
-from rpil.demonstrations import Demonstrations
-from rpil.errors import AmbiguousWarning
-from rpil.estimators import RPIL
-from rpil.features import FeatureMap
-from rpil.inputs import action_codes, ridge_of
-from rpil.passes import log_softmax
-from rpil.policies import SoftmaxPolicy
-from rpil.policies.softmax import one_hot
-from rpil.problem import Problem
-from rpil.reproduce import PaperRecipe
-from rpil.rment import RMEnt
-from rpil.spaces import Discrete
+from rpil.data.coding import action_codes
+from rpil.data.demonstrations import Demonstrations
+from rpil.data.errors import AmbiguousWarning
+from rpil.data.fit_data import Problem
+from rpil.data.spaces import Discrete
+from rpil.estimators.cloning import BehavioralCloning
+from rpil.estimators.rment import RMEnt
+from rpil.estimators.rpil import RPIL
+from rpil.numerics.blocks import log_softmax
+from rpil.policies.features import FeatureMap, ridge_of
+from rpil.policies.softmax import SoftmaxPolicy, one_hot
+from study.recipe import PaperRecipe
 
 Array = NDArray[Any]
 N_FOLDS = 5
@@ -140,7 +139,8 @@ def rm_ent(data: Demonstrations, task: Task) -> Answer:
     """Robust maximum entropy (eq. 2 of the R-PIL paper): clone the M demonstrations that one policy explains best.
 
     As published: M is given, the true number of good demonstrations. Adapted: solved by concentration steps from many
-    starts, see `rpil.rment`. The paper ranks nothing; the score is the mean log-likelihood under the final policy.
+    starts, see `rpil.estimators.rment`. The paper ranks nothing; the score is the mean log-likelihood under the final
+    policy.
     """
     model = RMEnt(task.n_trusted or 0.5, features=_kind(data, task), random_state=task.seed).fit(data)
     return Answer(model.log_likelihood_, model)

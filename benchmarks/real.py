@@ -31,15 +31,15 @@ from numpy.typing import NDArray
 from scipy.stats import spearmanr
 
 from options import at_least, output, write_json
+from provenance import provenance
 from real_goals import continuous_goals, goal
 from real_report import OURS, VERDICTS, markdown, text
-from rpil import formats
-from rpil.demonstrations import Demonstrations
-from rpil.errors import DataError
-from rpil.features import FEATURES
-from rpil.parallel import in_processes
-from rpil.reproduce.provenance import provenance
-from rpil.simulation import simulate
+from rpil.data import formats
+from rpil.data.demonstrations import Demonstrations
+from rpil.data.errors import DataError
+from rpil.numerics.parallel import in_processes
+from rpil.policies.features import FEATURES
+from rpil.simulation.simulate import simulate
 
 __all__ = ["main", "markdown", "measure"]
 

@@ -21,8 +21,8 @@ from pathlib import Path
 from typing import Any
 
 import real_report
-from rpil.errors import DataError
-from rpil.reproduce.provenance import line
+from provenance import line
+from rpil.data.errors import DataError
 from tables import and_list, bold_best, bullets, by_column, table
 
 Result = dict[str, Any]
@@ -70,7 +70,7 @@ def results(found: dict[str, Result]) -> str:
 
 
 def origin(result: Result) -> str:
-    """Where figures come from; those of an earlier `rpil reproduce` tell their commit and versions otherwise."""
+    """Where figures come from; those of an earlier version tell their commit and versions otherwise."""
     if "provenance" in result or "versions" not in result:
         return line(result.get("provenance"))
     seeds = sorted({seed for of in result["tables"] for seed in of["seeds"]})

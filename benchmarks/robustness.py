@@ -37,18 +37,18 @@ from sklearn.metrics import roc_auc_score
 
 import rpil
 from options import at_least, write_json
+from provenance import provenance
 from robustness_report import LABELLED, OURS, REFERENCE, Row, heat_map, summary, table, unknowable
-from rpil.cloning import BehavioralCloning
-from rpil.corruptions import KINDS
-from rpil.demonstrations import Demonstrations
-from rpil.estimators import RPIL
-from rpil.experts import expert
-from rpil.features import FEATURES
-from rpil.parallel import cores, in_processes
-from rpil.reproduce.experiments import EXPERIMENTS
-from rpil.reproduce.provenance import provenance
-from rpil.rollouts import RandomPolicy, rollout
-from rpil.simulation import simulate
+from rpil.data.demonstrations import Demonstrations
+from rpil.estimators.cloning import BehavioralCloning
+from rpil.estimators.rpil import RPIL
+from rpil.numerics.parallel import cores, in_processes
+from rpil.policies.features import FEATURES
+from rpil.simulation.corruptions import KINDS
+from rpil.simulation.experts import expert
+from rpil.simulation.rollouts import RandomPolicy, rollout
+from rpil.simulation.simulate import simulate
+from study.experiments import EXPERIMENTS
 
 CHOSEN = "auto" if "auto" in FEATURES else "spline"
 """The features of everything here: the one setting that is not the library's default."""
@@ -57,8 +57,8 @@ MAIN = ("MountainCar-v0", "Acrobot-v1", "LunarLander-v3")
 MORE = ("CartPole-v1", "rpil/DiscretePendulum-v1")
 SHARES = (50, 75, 90)
 N_GOOD = 10
-FACES = ("cli", "terminal", "plots", "persistence", "demo", "files", "__init__")
-"""Modules of the library that no figure here depends on, nor on the packages `formats` and `report`."""
+FACES = ("cli", "html", "formats")
+"""Packages of the library that no figure here depends on."""
 
 Key = tuple[str, str, int, int, str]
 
@@ -120,11 +120,7 @@ def main(arguments: list[str] | None = None) -> int:
 def configurations_of(rollouts: int, with_peers: bool) -> dict[str, Row]:
     """For every method all that its figures depend on beside their key: settings and code."""
     root = Path(rpil.__file__).parent
-    library = [
-        path
-        for path in sorted(root.rglob("*.py"))
-        if path.stem not in FACES and path.parent.name not in ("formats", "report")
-    ]
+    library = [path for path in sorted(root.rglob("*.py")) if path.parent.name not in FACES]
     ours = {"features": CHOSEN, "n_good": N_GOOD, "rollouts": rollouts, "code": digest(library)}
     found = dict.fromkeys((REFERENCE, *OWN), ours)
     if with_peers:

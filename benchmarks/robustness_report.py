@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from rpil.corruptions import KINDS
-from rpil.rollouts import Returns
+from rpil.simulation.corruptions import KINDS
+from rpil.simulation.rollouts import Returns
 
 COHERENT = ("flip", "shift")
 RETURN, AUROC, WRONG = 0.95, 0.99, 0.01

@@ -30,7 +30,7 @@ os.environ.setdefault("MKL_NUM_THREADS", "1")
 import speed_fits
 import speed_real
 import speed_systems
-from rpil.reproduce.provenance import provenance
+from provenance import provenance
 from speed_timing import Measured, Skipped, peak_gib, threads
 
 MOST_GIB = 16.0

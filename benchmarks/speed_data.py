@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from rpil.demonstrations import Demonstrations
-from rpil.simulation import simulate
+from rpil.data.demonstrations import Demonstrations
+from rpil.simulation.simulate import simulate
 
 _SURENESS = 2.0
 """Standard deviation of the expert's logits: the likeliest of six actions has about .6 on average."""

@@ -14,11 +14,10 @@ from sklearn.exceptions import ConvergenceWarning
 from sklearn.linear_model import LogisticRegression
 from sklearn.metrics import roc_auc_score
 
-from rpil import passes
-from rpil.demonstrations import Demonstrations
-from rpil.estimators import RPIL
-from rpil.features import FeatureMap
-from rpil.inputs import ridge_of
+from rpil.data.demonstrations import Demonstrations
+from rpil.estimators.rpil import RPIL
+from rpil.numerics import blocks as passes
+from rpil.policies.features import FeatureMap, ridge_of
 from speed_data import Planted, lander, softmax_expert
 from speed_timing import Measured, in_turns, one_core
 

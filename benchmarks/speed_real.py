@@ -18,9 +18,9 @@ from sklearn.model_selection import GroupKFold
 from threadpoolctl import threadpool_limits
 
 import rpil
-from rpil.demonstrations import Demonstrations
-from rpil.estimators import RPIL
-from rpil.formats.dataset import Dataset
+from rpil.data.demonstrations import Demonstrations
+from rpil.data.formats.dataset import Dataset
+from rpil.estimators.rpil import RPIL
 from speed_timing import Measured, Skipped
 
 N_FOLDS = 5

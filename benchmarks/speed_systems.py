@@ -17,15 +17,17 @@ from typing import Any
 import numpy as np
 
 import rpil
-from rpil.cloning import BehavioralCloning
-from rpil.demonstrations import Demonstrations
-from rpil.engines import Engine, InMemory, Streamed
-from rpil.engines.dask import DaskEngine
-from rpil.environments import make
-from rpil.estimators import RPIL
-from rpil.parallel import in_processes
-from rpil.rollouts import record, rollout
-from rpil.simulation import simulate
+from rpil.data.demonstrations import Demonstrations
+from rpil.estimators.cloning import BehavioralCloning
+from rpil.estimators.rpil import RPIL
+from rpil.numerics.parallel import in_processes
+from rpil.scale.dask import DaskEngine
+from rpil.scale.disk import Streamed
+from rpil.scale.memory import InMemory
+from rpil.scale.protocol import Engine
+from rpil.simulation.environments import make
+from rpil.simulation.rollouts import record, rollout
+from rpil.simulation.simulate import simulate
 from speed_data import softmax_expert
 from speed_timing import Measured, Skipped, in_turns, peak_gib
 
@@ -171,7 +173,7 @@ def start_up(size: dict[str, int], repeats: int) -> Measured:
     code = {
         "rpil": "import rpil",
         "numpy": "import numpy",
-        "help": "import sys; sys.argv = ['rpil', '--help']; from rpil.cli import main; main()",
+        "help": "import sys; sys.argv = ['rpil', '--help']; from rpil.cli.main import main; main()",
     }
     runs = {name: lambda words=words: _interpret(words) for name, words in code.items()}
     in_turns(1, quiet=True, **runs)  # files come into the cache

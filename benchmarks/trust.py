@@ -36,13 +36,13 @@ import numpy as np
 
 import rpil
 from options import at_least, output
-from rpil.audit import Audit
-from rpil.demonstrations import SOURCE
-from rpil.errors import DataError
-from rpil.estimators import RPIL
-from rpil.files import replacing
-from rpil.parallel import in_processes
-from rpil.reproduce.provenance import provenance
+from provenance import provenance
+from rpil.audit.record import Audit
+from rpil.data.demonstrations import SOURCE
+from rpil.data.errors import DataError
+from rpil.data.files import replacing
+from rpil.estimators.rpil import RPIL
+from rpil.numerics.parallel import in_processes
 from trust_data import data_cells
 from trust_goals import goals
 from trust_peers import SINGLE
@@ -60,10 +60,9 @@ QUICK = (
     "nothing shuffled actions discrete 0",
     "well-specified 20 x 10 uniform 0",
 )
-PEER_PARTS = ("cloning", "em", "features", "inputs", "passes", "policies", "reproduce", "rment", "solvers")
-"""Modules and packages of the library that peers are made of; a change elsewhere does not concern them."""
+PEER_PARTS = ("numerics", "policies", "mixture")
+"""Packages of the library that peers are made of; a change elsewhere does not concern them."""
 
-WORLD_PARTS = ("simulation", "corruptions", "experts", "rollouts", "actions")
 HERE, LIBRARY = Path(__file__).parent, Path(rpil.__file__).parent
 
 ASK_ABOVE = 10.0
@@ -266,7 +265,7 @@ def code_of(our_method: bool) -> tuple[Path, ...]:
     every = tuple(sorted(LIBRARY.rglob("*.py")))
     if our_method:
         return every
-    parts = (path for path in every if path.relative_to(LIBRARY).parts[0].removesuffix(".py") in PEER_PARTS)
+    parts = (path for path in every if path.relative_to(LIBRARY).parts[0] in PEER_PARTS)
     return (*parts, HERE / "peers.py", HERE / "trust_peers.py")
 
 
@@ -275,7 +274,7 @@ def code_of_worlds() -> tuple[Path, ...]:
     return (
         HERE / "trust_worlds.py",
         HERE / "trust_operators.py",
-        *(path for part in WORLD_PARTS if (path := LIBRARY / f"{part}.py").exists()),
+        *sorted((LIBRARY / "simulation").glob("*.py")),
     )
 
 

@@ -14,7 +14,7 @@ from zipfile import BadZipFile
 import numpy as np
 from numpy.typing import NDArray
 
-from rpil.errors import DataError
+from rpil.data.errors import DataError
 from trust_worlds import FAMILIES, Cell, World
 
 FAMILY_OF = {

@@ -17,8 +17,8 @@ from scipy.stats import t as student
 from sklearn.linear_model import Ridge
 
 import peers
-from rpil.cloning import BehavioralCloning
-from rpil.demonstrations import Demonstrations
+from rpil.data.demonstrations import Demonstrations
+from rpil.estimators.cloning import BehavioralCloning
 
 KEPT, ROUNDS, N_FOLDS, FREEDOM = 0.6, 3, 5, 4
 LEAST = np.log(1e-3)

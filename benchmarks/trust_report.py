@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from rpil.reproduce.provenance import line
+from provenance import line
 from tables import bold_best, bullets, table
 from trust_goals import ALL_PEERS, auroc, cell_met, place_of
 from trust_scores import OURS, WITHOUT_LENGTH

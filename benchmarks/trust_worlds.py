@@ -21,9 +21,9 @@ from numpy.typing import NDArray
 from scipy.special import log_softmax
 
 from robustness_report import unknowable
-from rpil.corruptions import KINDS
-from rpil.demonstrations import Demonstrations
-from rpil.simulation import simulate
+from rpil.data.demonstrations import Demonstrations
+from rpil.simulation.corruptions import KINDS
+from rpil.simulation.simulate import simulate
 from trust_operators import N_ACTIONS, N_CONTROLS, N_STATES, Operators, drawn, wandering
 
 DISCRETE = ("MountainCar-v0", "Acrobot-v1", "LunarLander-v3")

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from sklearn.ensemble import HistGradientBoostingClassifier
 
 from rpil import RPIL, Demonstrations
-from rpil.plots import ACTION_COLOURS, COLOURS, RankingDisplay
+from rpil.audit.plots import ACTION_COLOURS, COLOURS, RankingDisplay
 
 Array = NDArray[Any]
 N_ACTIONS = 4

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from rpil.audit import Audit, Interval, Verdict
+from rpil.audit.record import Audit, Interval, Verdict
 
 
 def make_audit(

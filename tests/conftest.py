@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from rpil import large
+from rpil.scale import fit as large
 
 
 @pytest.fixture
@@ -14,4 +14,4 @@ def small(monkeypatch):
     monkeypatch.setattr(large, "STEPS_PER_COEFFICIENT", 20)
     monkeypatch.setattr(large, "SAMPLE_DEMONSTRATIONS", 20)
     monkeypatch.setattr(large, "TIMES", 4)
-    monkeypatch.setattr("rpil.demonstrations.PIECE_STEPS", 700)
+    monkeypatch.setattr("rpil.data.demonstrations.PIECE_STEPS", 700)

@@ -9,13 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import softmax
 
-from rpil.adversaries import adversary
-from rpil.demonstrations import Demonstrations
-from rpil.em import Share, State
-from rpil.features import FeatureMap
-from rpil.policies import linear_policy
-from rpil.problem import Problem
-from rpil.spaces import Box, Discrete, Space
+from rpil.data.demonstrations import Demonstrations
+from rpil.data.fit_data import Problem
+from rpil.data.spaces import Box, Discrete, Space
+from rpil.mixture.adversaries.named import adversary
+from rpil.mixture.em import State
+from rpil.mixture.expert_prior import Share
+from rpil.policies.features import FeatureMap
+from rpil.policies.linear import linear_policy
 
 Array = NDArray[Any]
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from rpil.actions import ActionBox, NumberedActions
-from rpil.errors import DataError
+from rpil.data.errors import DataError
+from rpil.simulation.actions import ActionBox, NumberedActions
 
 
 def test_numbered_actions_may_start_anywhere():

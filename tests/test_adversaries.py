@@ -7,11 +7,12 @@ import pytest
 from numpy.typing import NDArray
 from scipy.special import log_softmax
 
-from rpil.adversaries import ADVERSARIES, Complement, Confusion, Marginal, Uniform, adversary
-from rpil.errors import DataError
-from rpil.policies import linear_policy
-from rpil.problem import Problem
-from rpil.spaces import Discrete
+from rpil.data.errors import DataError
+from rpil.data.fit_data import Problem
+from rpil.data.spaces import Discrete
+from rpil.mixture.adversaries.discrete import Complement, Confusion, Marginal, Uniform
+from rpil.mixture.adversaries.named import ADVERSARIES, adversary
+from rpil.policies.linear import linear_policy
 
 N = 40
 LEARNED = ("marginal", "confusion", "own policy")

@@ -10,19 +10,15 @@ from numpy.typing import NDArray
 from scipy.integrate import quad
 
 from problems import continuous_zoo, make_continuous, ridge
-from rpil.adversaries import (
-    ADVERSARIES,
-    Adversary,
-    MarginalBox,
-    Uniform,
-    UniformBox,
-    adversary,
-    marginal,
-)
-from rpil.errors import DataError
-from rpil.policies import Policy, linear_policy
-from rpil.problem import Problem
-from rpil.spaces import Box, Discrete
+from rpil.data.errors import DataError
+from rpil.data.fit_data import Problem
+from rpil.data.spaces import Box, Discrete
+from rpil.mixture.adversaries.box import MarginalBox, UniformBox
+from rpil.mixture.adversaries.discrete import Uniform
+from rpil.mixture.adversaries.named import ADVERSARIES, adversary, marginal
+from rpil.mixture.adversaries.protocol import Adversary
+from rpil.policies.linear import linear_policy
+from rpil.policies.protocol import Policy
 
 NAMES = tuple(ADVERSARIES["continuous"])
 TOY = make_continuous("noisy", 0)

@@ -1,4 +1,4 @@
-"""Imports flow one way, files stay short, nothing is unpickled: docs/architecture.md says why."""
+"""Ten rooms, imports one way, no circle between files, short files, no pickle: docs/architecture.md says why."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import ast
 import re
 import subprocess
 import sys
+from graphlib import TopologicalSorter
 from pathlib import Path
 
 import pytest
@@ -13,39 +14,112 @@ import pytest
 import rpil
 
 ROOT = Path(__file__).parents[1] / "src" / "rpil"
-FILES = sorted(path for path in ROOT.rglob("*.py") if path != ROOT / "__init__.py")
-# A part imports from those before it only; a package is one part.
-# fmt: off
-ORDER = [
-    "errors", "_arrays", "files", "demonstrations", "formats",
-    "passes", "spaces", "demonstrators", "problem", "parallel", "features", "solvers", "engines",
-    "policies", "adversaries",
-    "em", "judge", "search", "suggestions", "recalibration", "audit", "verdicts",
-    "polish", "inputs", "mixture", "selection", "assumptions", "large", "cloning", "estimators", "rment",
-    "reweighting",
-    "schema", "persistence", "checkpoints",
-    "actions", "experts", "corruptions", "environments", "rollouts", "simulation",
-    "plots", "report", "data", "demo", "reproduce", "terminal", "commands", "cli", "__main__",
-]
-# fmt: on
+ROOMS = {
+    "numerics": set(),
+    "data": {"numerics"},
+    "policies": {"numerics", "data"},
+    "mixture": {"numerics", "data", "policies"},
+    "inference": {"numerics", "data", "policies", "mixture"},
+    "audit": {"numerics", "data", "policies", "mixture", "inference"},
+    "scale": {"numerics", "data", "policies", "mixture", "inference", "audit"},
+    "estimators": {"numerics", "data", "policies", "mixture", "inference", "audit", "scale"},
+    "simulation": {"numerics", "data"},
+}
+ROOMS["cli"] = set(ROOMS)
+"""Every room, and the rooms that it may import from."""
+
+MAX_LINES = 350
 
 
-def imports(path: Path) -> set[str]:
-    """Parts of rpil that a file imports when it is imported itself."""
-    tree = [node for node in ast.parse(path.read_text()).body if isinstance(node, ast.Import | ast.ImportFrom)]
-    names = {
-        f"{node.module}." if isinstance(node, ast.ImportFrom) else f"{n.name}." for node in tree for n in node.names
+def module_name(path: Path, root: Path = ROOT) -> str:
+    """``rpil.room.file`` of a file, a package by its own name."""
+    return ".".join(("rpil", *path.relative_to(root).with_suffix("").parts)).removesuffix(".__init__")
+
+
+def imported(source: str, modules: set[str], module: str, is_package: bool = False) -> set[str]:
+    """The modules of rpil among `modules` that a file imports anywhere: at the top, in a function, for type checkers.
+
+    `from rpil.data import csv` means the file `rpil.data.csv` where there is one, and else the package.
+    """
+    found = set()
+    for node in ast.walk(ast.parse(source)):
+        if isinstance(node, ast.Import):
+            found |= {name.name for name in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            parts = module.split(".")
+            above = parts[: len(parts) - node.level + is_package] if node.level else []
+            base = ".".join([*above, *([node.module] if node.module else [])])
+            names = {f"{base}.{name.name}" for name in node.names}
+            found |= {name if name in modules else base for name in names}
+    return {name for name in found if name == "rpil" or name.startswith("rpil.")} - {module}
+
+
+def graph(root: Path = ROOT) -> dict[str, set[str]]:
+    """The imports of every file of the library but ``rpil/__init__.py``, which names everything."""
+    files = {module_name(path, root): path for path in root.rglob("*.py")}
+    return {
+        name: imported(path.read_text(), set(files), name, path.name == "__init__.py")
+        for name, path in files.items()
+        if name != "rpil"
     }
-    return {name.split(".")[1] for name in names if name.startswith("rpil.")} - {""}
 
 
-@pytest.mark.parametrize("path", FILES, ids=lambda path: str(path.relative_to(ROOT)))
-def test_module(path):
-    part = path.relative_to(ROOT).parts[0].removesuffix(".py")
-    assert part in ORDER, f"say in ORDER where {part} belongs"
-    assert imports(path) <= {*ORDER[: ORDER.index(part)], part}
-    assert len(path.read_text().splitlines()) <= 400
-    assert not re.search(r"^\s*(import|from) (pickle|joblib|dill|cloudpickle)\b", path.read_text(), re.MULTILINE)
+def breaches(imports: dict[str, set[str]]) -> list[str]:
+    """Imports against the order of the rooms, one sentence each, sorted."""
+    found = []
+    for module, targets in imports.items():
+        room = module.split(".")[1]
+        for target in targets:
+            parts = target.split(".")
+            if len(parts) == 1:
+                found.append(f"{module} imports rpil itself")
+            elif parts[1] != room and parts[1] not in ROOMS[room]:
+                found.append(f"{module} imports {target}, and {room} comes before {parts[1]}")
+    return sorted(found)
+
+
+def test_the_top_holds_ten_rooms():
+    entries = {path.name for path in ROOT.iterdir()} - {"__pycache__"}
+    assert entries == {*ROOMS, "__init__.py", "py.typed"}
+    assert len(ROOMS) <= 10
+    for room in ROOMS:
+        assert ast.get_docstring(ast.parse((ROOT / room / "__init__.py").read_text())), room
+
+
+def test_imports_go_one_way():
+    assert breaches(graph()) == []
+
+
+def test_no_circle_between_files():
+    TopologicalSorter(graph()).prepare()  # raises CycleError, which names the files
+
+
+@pytest.mark.parametrize(
+    ("module", "source"),
+    [
+        ("rpil.numerics.blocks", "def f():\n    from rpil.policies.networks import train"),
+        ("rpil.data.archive", "from rpil import __version__"),
+        ("rpil.scale.fit", "def f():\n    import rpil.estimators.persistence"),
+        ("rpil.mixture.em", "from rpil.inference import search"),
+        ("rpil.data.files", "from ..cli import main"),
+        ("rpil.simulation.experts", "if TYPE_CHECKING:\n    from rpil.estimators.rpil import RPIL"),
+    ],
+)
+def test_a_breach_is_seen(module, source):
+    assert breaches({module: imported(source, set(graph()), module)})
+
+
+def test_a_circle_is_seen():
+    circle = {"rpil.data.a": {"rpil.data.b"}, "rpil.data.b": {"rpil.data.a"}}
+    with pytest.raises(ValueError, match="cycle"):
+        TopologicalSorter(circle).prepare()
+
+
+@pytest.mark.parametrize("path", sorted(ROOT.rglob("*.py")), ids=lambda path: str(path.relative_to(ROOT)))
+def test_file(path):
+    source = path.read_text()
+    assert len(source.splitlines()) <= MAX_LINES
+    assert not re.search(r"^\s*(import|from) (pickle|joblib|dill|cloudpickle)\b", source, re.MULTILINE)
 
 
 FRESH = """

@@ -11,12 +11,12 @@ from scipy.special import logit
 from audits import make_audit
 from problems import make, pooled_state
 from rpil import RPIL
-from rpil.audit import SURE, Audit, Interval
-from rpil.em import Posterior, Result, run
-from rpil.errors import DataError
-from rpil.problem import Problem
-from rpil.spaces import Discrete
-from rpil.verdicts import WHOLE, step_weight, summarise
+from rpil.audit.record import SURE, Audit, Interval
+from rpil.audit.summary import WHOLE, step_weight, summarise
+from rpil.data.errors import DataError
+from rpil.data.fit_data import Problem
+from rpil.data.spaces import Discrete
+from rpil.mixture.em import Posterior, Result, run
 
 SHARE = Interval(0.3, 0.2, 0.4)
 IDS = ("a", "b", "c", "d", "e")

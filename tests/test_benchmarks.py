@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from rpil import BehavioralCloning, Demonstrations
-from rpil.corruptions import KINDS
+from rpil.simulation.corruptions import KINDS
 
 BENCHMARKS = Path(__file__).parents[1] / "benchmarks"
 

@@ -19,15 +19,16 @@ from click.testing import CliRunner
 
 import rpil
 from audits import make_audit
-from rpil import cli, formats, terminal
-from rpil.adversaries import ADVERSARIES
-from rpil.corruptions import KINDS
-from rpil.features import FEATURES
-from rpil.judge import FINDINGS
-from rpil.judge.judgement import MINORITY
-from rpil.persistence import load
-from rpil.policies import SoftmaxPolicy
-from rpil.suggestions import NEXT, P_EXPERT
+from rpil.audit.label_choice import NEXT, P_EXPERT
+from rpil.cli import main as cli
+from rpil.cli import terminal
+from rpil.data import formats
+from rpil.estimators.persistence import load
+from rpil.inference.judgement import FINDINGS, MINORITY
+from rpil.mixture.adversaries.named import ADVERSARIES
+from rpil.policies.features import FEATURES
+from rpil.policies.softmax import SoftmaxPolicy
+from rpil.simulation.corruptions import KINDS
 
 ENV = "MountainCar-v0"
 RNG = np.random.default_rng(0)
@@ -80,7 +81,7 @@ def refused(match, *arguments):
 
 def test_help_and_version():
     assert call().stdout == ok("--help").stdout == ok("-h").stdout
-    for command in ("audit", "fit", "evaluate", "simulate", "demo", "reproduce"):
+    for command in ("audit", "fit", "evaluate", "simulate", "demo"):
         assert command in ok("--help").stdout
         assert "--quiet" in ok(command, "--help").stdout
     assert rpil.__version__ in ok("--version").stdout
@@ -88,7 +89,7 @@ def test_help_and_version():
 
 def test_help_imports_nothing_slow_and_answers_at_once():
     heavy = "numpy", "scipy", "sklearn", "rich", "pyarrow", "matplotlib", "jinja2", "gymnasium"
-    script = f"import sys, rpil.cli; sys.exit(any(name in sys.modules for name in {heavy}))"
+    script = f"import sys, rpil.cli.main; sys.exit(any(name in sys.modules for name in {heavy}))"
     assert subprocess.run([sys.executable, "-c", script]).returncode == 0
     took = []
     for _ in range(3):
@@ -246,7 +247,7 @@ def test_audit_chooses_no_features_for_a_policy_that_is_not_kept(folder, monkeyp
 
     folded = ok("audit", folder / "good.parquet", "--json", "--features", "folded").stdout
     chosen = rpil.RPIL("auto").fit(formats.read(folder / "good.parquet")).audit_.to_dict()
-    monkeypatch.setattr("rpil.cloning.choose", never)
+    monkeypatch.setattr("rpil.estimators.cloning.choose", never)
     assert ok("audit", folder / "good.parquet", "--json").stdout == folded
     assert json.loads(folded)["demonstrations"] == chosen["demonstrations"]
 
@@ -386,7 +387,7 @@ class FakeDemo:
 
 
 def test_demo(monkeypatch):
-    monkeypatch.setitem(sys.modules, "rpil.demo", types.SimpleNamespace(run=FakeDemo))
+    monkeypatch.setitem(sys.modules, "rpil.cli.demo", types.SimpleNamespace(run=FakeDemo))
     assert ok("demo").stdout.splitlines() == ["It works.", "Report: rpil-demo.html"]
     assert Path("rpil-demo.html").read_text() == "report"
     result = ok("demo", "--json", "--episodes", 7, "--seed", 2, "-o", "other.html")
@@ -395,50 +396,13 @@ def test_demo(monkeypatch):
     refused("no folder nowhere", "demo", "--report", "nowhere/r.html")
 
 
-class FakeReproduction:
-    """Stands for the real one, which takes minutes and has tests of its own."""
-
-    draws = ("the draws",)
-
-    def __init__(self, **arguments):
-        arguments.pop("progress")(1, 2)
-        self.arguments = arguments
-
-    def to_dict(self):
-        return self.arguments | {"mean": float("nan")}
-
-    def text(self):
-        return "Table 1."
-
-    def write(self, folder):
-        (Path(folder) / "tables.md").write_text("tables")
-
-
-def test_reproduce(monkeypatch):
-    def draw(folder, draws, *, seed):
-        (Path(folder) / "figure.png").write_text(f"{draws} {seed}")
-
-    monkeypatch.setitem(sys.modules, "rpil.reproduce", types.SimpleNamespace(run=FakeReproduction, draw=draw))
-    assert ok("reproduce").stdout == "Table 1.\n"
-    assert list(Path().iterdir()) == []
-    assert ok("reproduce", "-o", "paper", "--seed", 3).stdout == "Table 1.\nTables and figures: paper\n"
-    assert (Path("paper/tables.md").read_text(), Path("paper/figure.png").read_text()) == ("tables", "('the draws',) 3")
-    sizes = {(): (20, 100), ("--quick",): (3, 20), ("--quick", "--draws", 7): (7, 20), ("--draws", 5): (5, 100)}
-    for options, size in sizes.items():
-        found = json.loads(ok("reproduce", "--json", *options).stdout)
-        assert (found["draws"], found["rollouts"], found["seed"], found["mean"]) == (*size, 0, None)
-    Path("file").write_text("mine")
-    refused("file: it is a file; give the path of a folder", "reproduce", "--output", "file")
-    refused("range", "reproduce", "--draws", 1)
-
-
 def test_warnings_are_notes(monkeypatch):
     def warn(**arguments):
         warnings.warn("\x1b[33mWatch\nout.\x1b[0m", UserWarning, stacklevel=1)
         warnings.warn("\x1b[33mWatch\nout.\x1b[0m", UserWarning, stacklevel=1)
         return FakeDemo(**arguments)
 
-    monkeypatch.setitem(sys.modules, "rpil.demo", types.SimpleNamespace(run=warn))
+    monkeypatch.setitem(sys.modules, "rpil.cli.demo", types.SimpleNamespace(run=warn))
     assert ok("demo").stderr == "note: Watch out.\n"
 
 
@@ -446,7 +410,7 @@ def test_an_interruption_is_quiet(monkeypatch):
     def interrupt(**arguments):
         raise KeyboardInterrupt
 
-    monkeypatch.setitem(sys.modules, "rpil.demo", types.SimpleNamespace(run=interrupt))
+    monkeypatch.setitem(sys.modules, "rpil.cli.demo", types.SimpleNamespace(run=interrupt))
     result = call("demo")
     assert result.exit_code == 130
     assert result.output.strip() == ""
@@ -496,8 +460,8 @@ def test_a_command_that_takes_long_says_so_within_two_seconds():
         "    progress('waiting')\n"
         "    time.sleep(3)\n"
         "    raise SystemExit(7)\n"
-        "sys.modules['rpil.demo'] = types.SimpleNamespace(run=run)\n"
-        "from rpil.cli import main\n"
+        "sys.modules['rpil.cli.demo'] = types.SimpleNamespace(run=run)\n"
+        "from rpil.cli.main import main\n"
         "main(['demo', *sys.argv[1:]])\n"
     )
     for options, pattern in (([], r"rpil: 2 s: waiting\n"), (["--quiet"], "")):
@@ -687,7 +651,7 @@ SIMULATE = ["simulate", "--good", 1, "--bad", 1]
 )  # fmt: skip
 def test_bad_options_are_refused_before_any_work(arguments, match, monkeypatch):
     npz("data.npz")
-    monkeypatch.setattr("rpil.estimators.RPIL.fit", lambda *_, **__: pytest.fail("too late"))
+    monkeypatch.setattr("rpil.estimators.rpil.RPIL.fit", lambda *_, **__: pytest.fail("too late"))
     refused(match, *arguments)
 
 
@@ -699,7 +663,7 @@ def test_an_interrupted_run_goes_on(folder, monkeypatch):
         ("SAMPLE_DEMONSTRATIONS", 4),
         ("TIMES", 2),
     ):
-        monkeypatch.setattr(f"rpil.large.{name}", small)
+        monkeypatch.setattr(f"rpil.scale.fit.{name}", small)
     shutil.copy(folder / "good.parquet", "good.parquet")
     whole = ok("audit", "good.parquet", "--json", "--features", "raw").stdout
     climb, so_far = SoftmaxPolicy.improved, Path("good.parquet.rpil-checkpoint")

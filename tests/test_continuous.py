@@ -17,17 +17,20 @@ from sklearn.linear_model import LinearRegression, LogisticRegression
 from sklearn.metrics import r2_score, roc_auc_score
 
 from problems import Toy, continuous_zoo, make, make_continuous, pooled_state
-from rpil import cli, formats, plots
-from rpil.adversaries import ADVERSARIES, UniformBox
-from rpil.cloning import BehavioralCloning
-from rpil.demonstrations import Demonstrations
-from rpil.em import e_step, run
-from rpil.errors import AmbiguousWarning, DataError
-from rpil.estimators import RPIL
-from rpil.persistence import load, save
-from rpil.rment import RMEnt
-from rpil.simulation import simulate
-from rpil.spaces import Box
+from rpil.audit import plots
+from rpil.cli import main as cli
+from rpil.data import formats
+from rpil.data.demonstrations import Demonstrations
+from rpil.data.errors import AmbiguousWarning, DataError
+from rpil.data.spaces import Box
+from rpil.estimators.cloning import BehavioralCloning
+from rpil.estimators.persistence import load, save
+from rpil.estimators.rment import RMEnt
+from rpil.estimators.rpil import RPIL
+from rpil.mixture.adversaries.box import UniformBox
+from rpil.mixture.adversaries.named import ADVERSARIES
+from rpil.mixture.em import e_step, run
+from rpil.simulation.simulate import simulate
 
 ZOO = continuous_zoo(0)
 STEPS = (40, 60)

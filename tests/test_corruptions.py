@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from rpil.actions import ActionBox, NumberedActions
-from rpil.corruptions import CORRUPTIONS, KINDS, RANDOM
+from rpil.simulation.actions import ActionBox, NumberedActions
+from rpil.simulation.corruptions import CORRUPTIONS, KINDS, RANDOM
 
 N, D, K = 2001, 3, 4
 NUMBERED = NumberedActions(K)

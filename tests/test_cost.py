@@ -13,10 +13,10 @@ import cost  # noqa: E402
 
 
 def test_it_measures_and_predicts(monkeypatch):
-    monkeypatch.setattr("rpil.large.SAMPLE_STEPS", 1000)
-    monkeypatch.setattr("rpil.large.STEPS_PER_COEFFICIENT", 20)
-    monkeypatch.setattr("rpil.large.SAMPLE_DEMONSTRATIONS", 20)
-    monkeypatch.setattr("rpil.large.TIMES", 4)
+    monkeypatch.setattr("rpil.scale.fit.SAMPLE_STEPS", 1000)
+    monkeypatch.setattr("rpil.scale.fit.STEPS_PER_COEFFICIENT", 20)
+    monkeypatch.setattr("rpil.scale.fit.SAMPLE_DEMONSTRATIONS", 20)
+    monkeypatch.setattr("rpil.scale.fit.TIMES", 4)
     found = cost.run(20_000, 3, 3, repetitions=1, with_dask=False)
     measured = found["cost"]
     assert measured["passes"] > 1

@@ -15,12 +15,15 @@ import pytest
 from click.testing import CliRunner
 
 from problems import make, make_continuous
-from rpil import RPIL, DaskEngine, DataError, cli, formats, large, open_dataset
-from rpil.demonstrations import Demonstrations, Piece
-from rpil.engines import InMemory
-from rpil.engines import dask as engine
-from rpil.polish import clone_pass
-from rpil.problem import Problem
+from rpil import RPIL, DaskEngine, DataError, open_dataset
+from rpil.cli import main as cli
+from rpil.data import formats
+from rpil.data.demonstrations import Demonstrations, Piece
+from rpil.data.fit_data import Problem
+from rpil.scale import dask as engine
+from rpil.scale import fit as large
+from rpil.scale.ascent import clone_pass
+from rpil.scale.memory import InMemory
 
 distributed = pytest.importorskip("distributed")
 

@@ -15,16 +15,19 @@ import pytest
 from click.testing import CliRunner
 
 from problems import make, make_continuous
-from rpil import RPIL, DataError, Dataset, cli, commands, formats, open_dataset
-from rpil.demonstrations import Demonstrations
-from rpil.engines import InMemory
-from rpil.formats import table as flat
+from rpil import RPIL, DataError, Dataset, open_dataset
+from rpil.cli import commands
+from rpil.cli import main as cli
+from rpil.data import formats
+from rpil.data.demonstrations import Demonstrations
+from rpil.data.formats import table as flat
+from rpil.scale.memory import InMemory
 
 
 @pytest.fixture
 def small(small, monkeypatch):
     """The same, and hundreds fill a batch."""
-    monkeypatch.setattr("rpil.formats.store._BATCH", 130)
+    monkeypatch.setattr("rpil.data.formats.store._BATCH", 130)
 
 
 def demonstrations(maker=make, kind="random", ids=None, single=False):
@@ -240,7 +243,7 @@ def command(*arguments):
 
 
 def test_the_command_streams_a_folder(small, tmp_path, monkeypatch):
-    monkeypatch.setattr("rpil.formats.weights._STRETCH", 1000)
+    monkeypatch.setattr("rpil.data.formats.weights._STRETCH", 1000)
     folder, weights = many(tmp_path), tmp_path / "w.parquet"
     outputs = ["--weights", weights, "--report", tmp_path / "r.html", "--json"]
     found = json.loads(command("audit", folder, *outputs))
@@ -281,7 +284,7 @@ def test_the_command_streams_what_is_big(small, tmp_path, monkeypatch):
 )
 def test_what_the_command_refuses(tmp_path, monkeypatch, arguments, said):
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("rpil.engines.dask.TIMEOUT", 0.5)
+    monkeypatch.setattr("rpil.scale.dask.TIMEOUT", 0.5)
     formats.write("a.csv", demonstrations())
     formats.write("a.parquet", demonstrations())
     result = CliRunner().invoke(cli.main, arguments)
@@ -291,7 +294,7 @@ def test_what_the_command_refuses(tmp_path, monkeypatch, arguments, said):
 
 
 def test_weights_are_written_whole_or_not_at_all(small, tmp_path, monkeypatch):
-    monkeypatch.setattr("rpil.formats.weights._STRETCH", 1000)
+    monkeypatch.setattr("rpil.data.formats.weights._STRETCH", 1000)
     (tmp_path / "w.parquet").write_text("old")
 
     class Torn(np.ndarray):
@@ -313,7 +316,7 @@ def test_weights_are_written_whole_or_not_at_all(small, tmp_path, monkeypatch):
 MEASURE = """
 import re, sys
 from pathlib import Path
-import rpil, rpil.estimators, rpil.formats.dataset, sklearn.preprocessing, pyarrow.parquet, pyarrow.fs
+import rpil, rpil.estimators.rpil, rpil.data.formats.dataset, sklearn.preprocessing, pyarrow.parquet, pyarrow.fs
 
 def peak():
     return 1024 * int(re.search(r"VmHWM:\\s+(\\d+)", Path("/proc/self/status").read_text())[1])

@@ -11,9 +11,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rpil import demo
-from rpil.errors import DataError, MissingExtraError
-from rpil.judge import FINDINGS
+from rpil.cli import demo
+from rpil.data.errors import DataError, MissingExtraError
+from rpil.inference.judgement import FINDINGS
 from test_report import Page
 
 POLICIES = {"trust_all", "rpil", "oracle", "expert"}

@@ -3,8 +3,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from rpil.demonstrations import Demonstrations
-from rpil.errors import DataError
+from rpil.data.demonstrations import Demonstrations
+from rpil.data.errors import DataError
 
 X = np.arange(10.0).reshape(5, 2)
 Y = np.array([0, 1, 1, 0, 2])

@@ -11,8 +11,10 @@ import pytest
 from scipy.special import log_expit, logsumexp
 
 from problems import make
-from rpil import RPIL, DataError, formats, load, save
-from rpil.demonstrators import _LOG_WEIGHT, _POINTS, SPREADS, Demonstrators, Strangers, company, intervals
+from rpil import RPIL, DataError, load, save
+from rpil.data import formats
+from rpil.data.demonstrators import Demonstrators, Strangers, company
+from rpil.mixture.demonstrator_prior import _LOG_WEIGHT, _POINTS, SPREADS, borrow, intervals
 
 NOBODY = np.zeros(6, dtype=int)
 
@@ -30,7 +32,7 @@ def test_against_brute_force(labels):
     rng = np.random.default_rng(0)
     found = company("aabbbc")
     ratio, log_odds = 2 * rng.normal(size=6), np.zeros(6)
-    lent = found.borrow(ratio, log_odds, labels)
+    lent = borrow(found, ratio, log_odds, labels)
     everybody = list(product([0, 1], repeat=6))
     joint = np.array([log_prior(found, log_odds, expert) for expert in everybody])
     assert logsumexp(joint) == pytest.approx(0.0)
@@ -49,7 +51,7 @@ def test_shrinkage_both_ways():
     found = company(["many"] * 9 + ["few"] * 3 + ["one"] + ["bad"] * 6)
     ratio = np.array([30.0] * 8 + [0.0] + [30.0] * 2 + [0.0] + [0.0] + [-30.0] * 6)
     base = np.full(19, -0.3)
-    lent = found.borrow(ratio, base, np.zeros(19, dtype=int))
+    lent = borrow(found, ratio, base, np.zeros(19, dtype=int))
     many, few, one, bad = lent.log_odds[[8, 11, 12, 13]]
     assert many > few + 0.3 > one + 0.6
     assert one == -0.3
@@ -64,7 +66,7 @@ def test_shrinkage_both_ways():
 def test_meaningless_demonstrators_do_next_to_no_harm():
     rng = np.random.default_rng(0)
     ratio = rng.permutation(np.repeat([20.0, -20.0], 30))
-    lent = company(list(rng.integers(6, size=60))).borrow(ratio, np.zeros(60), np.zeros(60, dtype=int))
+    lent = borrow(company(list(rng.integers(6, size=60))), ratio, np.zeros(60), np.zeros(60, dtype=int))
     assert np.abs(lent.log_odds).max() < 0.8
     assert np.abs(lent.log_odds).mean() < 0.25
 
@@ -209,7 +211,7 @@ def _npz(folder):
 def test_impossible_actions():
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        found = company("aab").borrow(
-            np.array([np.inf, -np.inf, 0.0]), np.array([-40.0, 40.0, 0.0]), np.zeros(3, dtype=int)
+        found = borrow(
+            company("aab"), np.array([np.inf, -np.inf, 0.0]), np.array([-40.0, 40.0, 0.0]), np.zeros(3, dtype=int)
         )
     assert not np.isnan(np.concatenate([found.log_odds, found.share.ravel(), found.weight.ravel()])).any()

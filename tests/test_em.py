@@ -10,11 +10,13 @@ from numpy.typing import NDArray
 from scipy.special import expit, log_softmax, logit
 
 from problems import Toy, make, pooled_state, ridge, zoo
-from rpil.adversaries import ADVERSARIES, Complement, Uniform, adversary
-from rpil.em import Share, State, e_step, lower_bound, m_step, run
-from rpil.policies import SoftmaxPolicy
-from rpil.problem import Problem
-from rpil.spaces import Discrete
+from rpil.data.fit_data import Problem
+from rpil.data.spaces import Discrete
+from rpil.mixture.adversaries.discrete import Complement, Uniform
+from rpil.mixture.adversaries.named import ADVERSARIES, adversary
+from rpil.mixture.em import State, e_step, lower_bound, m_step, run
+from rpil.mixture.expert_prior import Share
+from rpil.policies.softmax import SoftmaxPolicy
 
 ZOO = zoo(0)
 

@@ -19,12 +19,12 @@ from sklearn.preprocessing import StandardScaler
 from sklearn.utils.estimator_checks import parametrize_with_checks
 
 from problems import Toy, make
-from rpil.adversaries import Confusion
-from rpil.cloning import BehavioralCloning
-from rpil.demonstrations import Demonstrations
-from rpil.errors import AmbiguousWarning, DataError
-from rpil.estimators import RPIL
-from rpil.rment import RMEnt
+from rpil.data.demonstrations import Demonstrations
+from rpil.data.errors import AmbiguousWarning, DataError
+from rpil.estimators.cloning import BehavioralCloning
+from rpil.estimators.rment import RMEnt
+from rpil.estimators.rpil import RPIL
+from rpil.mixture.adversaries.discrete import Confusion
 
 STEPS = (40, 60)
 PAPER = {"adversary": "complement", "m_step": "expert_only", "prior": 0.5}

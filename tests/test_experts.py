@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from gymnasium.envs.box2d.lunar_lander import heuristic
 
-from rpil.actions import ActionBox
-from rpil.environments import actions_of, make
-from rpil.errors import DataError
-from rpil.experts import EXPERTS, expert
-from rpil.rollouts import record, rollout
+from rpil.data.errors import DataError
+from rpil.simulation.actions import ActionBox
+from rpil.simulation.environments import actions_of, make
+from rpil.simulation.experts import EXPERTS, expert
+from rpil.simulation.rollouts import record, rollout
 
 # Hanging and swinging to either side, upright and falling to either side, then anywhere.
 ANGLES = np.concatenate([[np.pi, np.pi, 0.1, -0.1], np.random.default_rng(4).uniform(-np.pi, np.pi, 3000)])

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from sklearn.preprocessing import PolynomialFeatures, SplineTransformer
 
-from rpil.errors import DataError
-from rpil.features import RIDGE_PER_STEP, FeatureMap
+from rpil.data.errors import DataError
+from rpil.policies.features import RIDGE_PER_STEP, FeatureMap
 
 KINDS = ("raw", "folded", "spline", "poly", "nystroem")
 RNG = np.random.default_rng(0)

@@ -2,8 +2,8 @@ import os
 
 import pytest
 
-from rpil.errors import DataError
-from rpil.files import check_readable, check_writable, replacing
+from rpil.data.errors import DataError
+from rpil.data.files import check_readable, check_writable, replacing
 
 
 def one_sentence(caught, path):

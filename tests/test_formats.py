@@ -7,9 +7,9 @@ import pyarrow.csv
 import pyarrow.parquet as pq
 import pytest
 
-from rpil import formats
-from rpil.demonstrations import Demonstrations
-from rpil.errors import DataError
+from rpil.data import formats
+from rpil.data.demonstrations import Demonstrations
+from rpil.data.errors import DataError
 
 SUFFIXES = [".parquet", ".csv", ".npz"]
 NASTY = [[0.1, -0.0], [np.nextafter(1, 2), 5e-324], [1e308, -1 / 3], [0.0, 2.0**60], [np.pi, 1e-17]]
@@ -400,5 +400,5 @@ def test_importing_the_formats_does_not_import_pyarrow():
     import subprocess
     import sys
 
-    code = "import sys, rpil.formats; sys.exit('pyarrow' in sys.modules)"
+    code = "import sys, rpil.data.formats; sys.exit('pyarrow' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

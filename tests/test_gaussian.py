@@ -11,10 +11,10 @@ from scipy.integrate import dblquad, quad
 from scipy.stats import multivariate_t
 
 from problems import continuous_zoo, make_continuous, ridge
-from rpil.policies import StudentPolicy, linear_policy
-from rpil.policies.gaussian import _FREEDOM
-from rpil.problem import Problem
-from rpil.spaces import Box
+from rpil.data.fit_data import Problem
+from rpil.data.spaces import Box
+from rpil.policies.linear import linear_policy
+from rpil.policies.student import _FREEDOM, StudentPolicy
 
 ZOO = continuous_zoo(0)
 

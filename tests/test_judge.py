@@ -11,29 +11,19 @@ from sklearn.metrics import roc_auc_score
 
 from problems import make, make_continuous
 from rpil import RPIL, DataError
-from rpil.demonstrations import Demonstrations
-from rpil.judge import FINDINGS, Settings, judge
-from rpil.judge.concentrate import best, choose_ridge, concentrate, mean_steps, shares
-from rpil.judge.effective import autocovariances, effective_steps
-from rpil.judge.fitted import SCALES, mean_variance
-from rpil.judge.groups import Groups, fit_groups, one_group, two_groups
-from rpil.judge.held_out import (
-    LAPSE,
-    RidgeScorer,
-    SoftmaxScorer,
-    deal,
-    error_scale,
-    frequencies,
-    reference,
-    scorer,
-    standardised,
-    student,
-)
-from rpil.judge.rivals import find_rival, find_style, sides, state_overlap
-from rpil.judge.steps import step_trust
-from rpil.problem import Problem
-from rpil.spaces import Discrete
-from rpil.verdicts import longest
+from rpil.audit.summary import longest
+from rpil.data.demonstrations import Demonstrations
+from rpil.data.fit_data import Problem
+from rpil.data.spaces import Discrete
+from rpil.inference.effective_steps import autocovariances, effective_steps
+from rpil.inference.fitted_judge import SCALES, mean_variance
+from rpil.inference.groups import Groups, fit_groups, one_group, two_groups
+from rpil.inference.held_out import LAPSE, RidgeScorer, SoftmaxScorer, deal, frequencies, reference, scorer
+from rpil.inference.judgement import FINDINGS, Settings, judge
+from rpil.inference.rivals import find_rival, find_style, sides, state_overlap
+from rpil.inference.step_trust import step_trust
+from rpil.inference.teachers import best, choose_ridge, concentrate, mean_steps, shares
+from rpil.numerics.regression import error_scale, standardised, student
 
 STEPS = (40, 60)
 
@@ -273,7 +263,7 @@ def test_few_experts_are_found_by_fewer_teachers(kind, seed, n_good, n_bad, monk
     verdicts = np.array(RPIL().fit(toy.demonstrations).audit_.verdicts)
     assert (verdicts[toy.is_good] == "expert").all()
     assert (verdicts[~toy.is_good] == "adversary").mean() > 0.95
-    monkeypatch.setattr("rpil.judge.concentrate.HALVINGS", 0)
+    monkeypatch.setattr("rpil.inference.teachers.HALVINGS", 0)
     assert RPIL().fit(toy.demonstrations).audit_.finding == "nobody stands out"
 
 

@@ -11,12 +11,14 @@ import pytest
 from sklearn.metrics import roc_auc_score
 
 from problems import make, make_continuous
-from rpil import RPIL, DataError, large, load, save
-from rpil.demonstrations import PIECE_STEPS, Demonstrations
-from rpil.engines import InMemory, Streamed
-from rpil.large import Weigh, sample
-from rpil.polish import _time_left
-from rpil.problem import Problem
+from rpil import RPIL, DataError, load, save
+from rpil.data.demonstrations import PIECE_STEPS, Demonstrations
+from rpil.data.fit_data import Problem
+from rpil.scale import fit as large
+from rpil.scale.ascent import _time_left
+from rpil.scale.disk import Streamed
+from rpil.scale.fit import Weigh, sample
+from rpil.scale.memory import InMemory
 
 MAKERS = [make, make_continuous]
 

@@ -12,8 +12,8 @@ from scipy.optimize import approx_fprime
 from sklearn.metrics import roc_auc_score
 
 from problems import make, make_continuous
-from rpil.cloning import BehavioralCloning
-from rpil.errors import DataError
+from rpil.data.errors import DataError
+from rpil.estimators.cloning import BehavioralCloning
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks"))
 import peers

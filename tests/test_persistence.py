@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 from rpil import RPIL, BehavioralCloning, Confusion, Demonstrations, RMEnt, load, save
-from rpil.adversaries import Uniform
-from rpil.checkpoints import Checkpoint
-from rpil.errors import DataError
-from rpil.polish import Polished
-from rpil.simulation import simulate
+from rpil.data.errors import DataError
+from rpil.mixture.adversaries.discrete import Uniform
+from rpil.scale.ascent import Polished
+from rpil.scale.checkpoint import Checkpoint
+from rpil.simulation.simulate import simulate
 
 
 class MyAdversary(Uniform):

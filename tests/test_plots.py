@@ -14,9 +14,9 @@ from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 
 from audits import make_audit
-from rpil import plots
-from rpil.demonstrations import Demonstrations
-from rpil.errors import DataError
+from rpil.audit import plots
+from rpil.data.demonstrations import Demonstrations
+from rpil.data.errors import DataError
 
 AUDIT_DISPLAYS = [plots.RankingDisplay, plots.LengthDisplay, plots.TimelineDisplay, plots.HistoryDisplay]
 
@@ -49,7 +49,7 @@ class Threshold:
 
 
 def test_importing_plots_does_not_import_matplotlib() -> None:
-    code = "import sys, rpil.plots; sys.exit('matplotlib' in sys.modules)"
+    code = "import sys, rpil.audit.plots; sys.exit('matplotlib' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
 
 

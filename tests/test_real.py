@@ -13,11 +13,11 @@ import numpy as np
 import pytest
 from sklearn.metrics import r2_score, roc_auc_score
 
-from rpil import formats
-from rpil.cloning import BehavioralCloning
-from rpil.demonstrations import Demonstrations
-from rpil.errors import DataError
-from rpil.inputs import action_codes
+from rpil.data import formats
+from rpil.data.coding import action_codes
+from rpil.data.demonstrations import Demonstrations
+from rpil.data.errors import DataError
+from rpil.estimators.cloning import BehavioralCloning
 
 BENCHMARKS = Path(__file__).parents[1] / "benchmarks"
 LENGTHS = (4, 9, 5, 7, 6, 8, 3, 10, 5, 7)

@@ -8,7 +8,7 @@ from scipy.special import expit
 
 from audits import make_audit
 from rpil import DataError
-from rpil.recalibration import Recalibration
+from rpil.audit.calibration import Recalibration
 
 
 def test_too_sure_is_found_out():

@@ -16,13 +16,13 @@ from markupsafe import Markup
 from matplotlib.image import imread
 
 from audits import make_audit
-from rpil import report
-from rpil.audit import Audit
-from rpil.errors import DataError
-from rpil.judge import FINDINGS
-from rpil.report import wording
-from rpil.report.pictures import POINTS, Timelines
-from rpil.suggestions import NEXT, P_EXPERT
+from rpil.audit.html import page as report
+from rpil.audit.html import wording
+from rpil.audit.html.pictures import POINTS, Timelines
+from rpil.audit.label_choice import NEXT, P_EXPERT
+from rpil.audit.record import Audit
+from rpil.data.errors import DataError
+from rpil.inference.judgement import FINDINGS
 
 VOID = {"meta", "input", "br", "hr", "img", "link"}
 

@@ -13,11 +13,12 @@ from scipy import stats
 from scipy.special import expit, logit
 
 from rpil import BehavioralCloning, Demonstrations, rollout, simulate
-from rpil.errors import DataError, MissingExtraError
-from rpil.experts import expert
-from rpil.reproduce import EXPERIMENTS, METHODS, PaperRecipe, draw, run
-from rpil.reproduce.experiments import NAMES, ORACLE, OURS, RAW_ORACLE, RECIPE
-from rpil.reproduce.tables import one_draw, wrong
+from rpil.data.errors import DataError, MissingExtraError
+from rpil.simulation.experts import expert
+from study.experiments import EXPERIMENTS, METHODS, NAMES, ORACLE, OURS, RAW_ORACLE, RECIPE
+from study.figures import draw
+from study.recipe import PaperRecipe
+from study.tables import one_draw, run, wrong
 
 CAR = "MountainCar-v0"
 SMALL = {"draws": 2, "rollouts": 3, "seed": 4, "environments": [CAR]}
@@ -214,7 +215,7 @@ def test_figures(found, tmp_path):
 def test_colours_are_those_of_actions_even_where_one_is_never_taken():
     from matplotlib.colors import to_rgba
 
-    from rpil.reproduce.figures import ACTION_COLOURS, _car
+    from study.figures import ACTION_COLOURS, _car
 
     policy = SimpleNamespace(predict=lambda observations: np.full(len(observations), 2))
     figure = _car([("right only", policy, np.zeros((3, 2)), np.array([2, 2, 2]))])

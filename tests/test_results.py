@@ -271,7 +271,7 @@ def test_what_is_no_result_is_one_sentence(tmp_path, capsys):
 def test_provenance_names_the_commit_and_no_machine():
     import platform
 
-    from rpil.reproduce.provenance import line, provenance
+    from provenance import line, provenance
 
     found = provenance("1000 to 1009")
     command = ["git", "-C", str(BENCHMARKS), "rev-parse", "HEAD"]

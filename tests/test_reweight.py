@@ -12,7 +12,7 @@ from sklearn.metrics import roc_auc_score
 
 from problems import Toy, make
 from rpil import Demonstrations, reweight
-from rpil.errors import DataError
+from rpil.data.errors import DataError
 
 TOY = make("random", 0, n_good=12, n_bad=8, steps=(30, 50))
 
@@ -219,9 +219,9 @@ def test_nobody_trusted_is_nobody_trained():
 
 
 def test_it_is_a_function_however_it_is_imported():
-    import rpil.reweighting
+    import rpil.estimators.reweight
 
-    assert rpil.reweight is rpil.reweighting.reweight
+    assert rpil.reweight is rpil.estimators.reweight.reweight
 
 
 def test_a_torch_module_cross_fitted_and_with_its_own_optimiser(request):

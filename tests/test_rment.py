@@ -10,12 +10,12 @@ import pytest
 from sklearn.exceptions import ConvergenceWarning
 
 from problems import make, make_continuous, ridge
-from rpil.cloning import BehavioralCloning
-from rpil.errors import DataError
-from rpil.inputs import ridge_of
-from rpil.policies import SoftmaxPolicy, linear_policy
-from rpil.policies.softmax import one_hot
-from rpil.rment import RMEnt, concentrate, fitted, search, starts
+from rpil.data.errors import DataError
+from rpil.estimators.cloning import BehavioralCloning
+from rpil.estimators.rment import RMEnt, concentrate, fitted, search, starts
+from rpil.policies.features import ridge_of
+from rpil.policies.linear import linear_policy
+from rpil.policies.softmax import SoftmaxPolicy, one_hot
 
 TOY = make("random", 0)
 

@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from rpil.actions import ActionBox, NumberedActions
-from rpil.cloning import BehavioralCloning
-from rpil.demonstrations import Demonstrations
-from rpil.errors import DataError, MissingExtraError
-from rpil.experts import expert
-from rpil.rollouts import RandomPolicy, Returns, record, rollout
-from rpil.simulation import simulate
+from rpil.data.demonstrations import Demonstrations
+from rpil.data.errors import DataError, MissingExtraError
+from rpil.estimators.cloning import BehavioralCloning
+from rpil.simulation.actions import ActionBox, NumberedActions
+from rpil.simulation.experts import expert
+from rpil.simulation.rollouts import RandomPolicy, Returns, record, rollout
+from rpil.simulation.simulate import simulate
 
 ENVIRONMENTS = ["MountainCar-v0", "Acrobot-v1", "LunarLander-v3", "CartPole-v1"]
 CONTINUOUS = ["Pendulum-v1", "MountainCarContinuous-v0", "LunarLanderContinuous-v3"]

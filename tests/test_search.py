@@ -8,12 +8,13 @@ import numpy as np
 import pytest
 
 from problems import Toy, make, pooled_state, ridge, zoo
-from rpil import parallel
-from rpil.adversaries import Uniform
-from rpil.em import MStep, Share, e_step, run
-from rpil.policies import SoftmaxPolicy
-from rpil.problem import Problem
-from rpil.search import Setting, fit, starts
+from rpil.data.fit_data import Problem
+from rpil.inference.search import Setting, fit, starts
+from rpil.mixture.adversaries.discrete import Uniform
+from rpil.mixture.em import MStep, e_step, run
+from rpil.mixture.expert_prior import Share
+from rpil.numerics import parallel
+from rpil.policies.softmax import SoftmaxPolicy
 
 STEPS = (40, 60)
 

@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from rpil.cloning import BehavioralCloning
-from rpil.demonstrations import Demonstrations
-from rpil.estimators import RPIL
-from rpil.features import RIDGE_PER_STEP, FeatureMap
-from rpil.selection import RIDGES, Choice, _least_squares, _median, choose
-from rpil.spaces import Discrete
+from rpil.data.demonstrations import Demonstrations
+from rpil.data.spaces import Discrete
+from rpil.estimators.cloning import BehavioralCloning
+from rpil.estimators.rpil import RPIL
+from rpil.policies.features import RIDGE_PER_STEP, FeatureMap
+from rpil.policies.selection import RIDGES, Choice, _least_squares, _median, choose
 
 
 def told(rule, n_demonstrations: int = 8, n_steps: int = 120, seed: int = 0):

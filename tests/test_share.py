@@ -7,9 +7,8 @@ import pytest
 from scipy.special import expit
 from scipy.stats import beta
 
-from rpil.em import Share
-from rpil.errors import DataError
-from rpil.inputs import as_prior
+from rpil.data.errors import DataError
+from rpil.mixture.expert_prior import Share, as_prior
 
 EXPERT = np.array([1.0, 1.0, 0.5, 1.0, 1.0, 1.0, 1.0, 0.0, 0.0, 0.0])
 

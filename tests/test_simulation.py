@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from rpil import formats
-from rpil.corruptions import KINDS
-from rpil.demonstrations import Demonstrations
-from rpil.errors import DataError
-from rpil.experts import expert
-from rpil.simulation import simulate
+from rpil.data import formats
+from rpil.data.demonstrations import Demonstrations
+from rpil.data.errors import DataError
+from rpil.simulation.corruptions import KINDS
+from rpil.simulation.experts import expert
+from rpil.simulation.simulate import simulate
 
 CAR = "MountainCar-v0"
 CONTINUOUS = ["Pendulum-v1", "MountainCarContinuous-v0", "LunarLanderContinuous-v3"]

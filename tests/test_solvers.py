@@ -11,9 +11,9 @@ from sklearn.linear_model import LogisticRegression
 from sklearn.preprocessing import SplineTransformer
 
 from problems import make
-from rpil import passes
-from rpil.cloning import BehavioralCloning
-from rpil.solvers import fit_softmax
+from rpil.estimators.cloning import BehavioralCloning
+from rpil.numerics import blocks as passes
+from rpil.numerics.newton import fit_softmax
 
 
 def soft_problem(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from rpil.spaces import Box, Discrete
+from rpil.data.spaces import Box, Discrete
 
 
 def test_the_most_likely_of_k_actions():

@@ -8,8 +8,8 @@ import pytest
 from audits import make_audit
 from problems import make
 from rpil import RPIL, AmbiguousWarning, DataError, load, save
-from rpil.judge import FINDINGS
-from rpil.suggestions import NEXT, middle, suggest
+from rpil.audit.label_choice import NEXT, middle, suggest
+from rpil.inference.judgement import FINDINGS
 
 
 def test_every_finding_has_something_to_do_next():

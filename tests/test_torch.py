@@ -12,13 +12,13 @@ from sklearn.metrics import roc_auc_score
 
 from problems import make
 from rpil import RPIL, Demonstrations, TorchPolicy, save
-from rpil.errors import DataError, MissingExtraError
-from rpil.judge import Settings, judge
-from rpil.judge.held_out import PolicyScorer
+from rpil.data.errors import DataError, MissingExtraError
+from rpil.data.fit_data import Problem
+from rpil.data.spaces import Box, Discrete
+from rpil.inference.held_out import PolicyScorer
+from rpil.inference.judgement import Settings, judge
 from rpil.policies.networks import untrained
 from rpil.policies.torch import _learn_and_judge
-from rpil.problem import Problem
-from rpil.spaces import Box, Discrete
 
 torch = pytest.importorskip("torch", reason="torch is not installed: pip install 'rpil[torch]'")
 

@@ -11,7 +11,7 @@ import pytest
 from sklearn.linear_model import LogisticRegression, Ridge
 from sklearn.metrics import roc_auc_score
 
-from rpil.errors import DataError
+from rpil.data.errors import DataError
 
 BENCHMARKS = Path(__file__).parents[1] / "benchmarks"
 WORLDS = ["well-specified 20 x 10 uniform 0", "well-specified 20 x 10 uniform 1"]

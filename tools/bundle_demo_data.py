@@ -1,7 +1,7 @@
 """Make the demonstrations that `rpil demo` carries: ``python tools/bundle_demo_data.py SHARED_DATA_FOLDER``.
 
 The same folder and versions give the same files, byte for byte. Truth about each demonstration travels in the files
-under names that `rpil.formats.read` never looks at.
+under names that `rpil.read` never looks at.
 """
 
 from __future__ import annotations
@@ -13,9 +13,9 @@ from pathlib import Path
 
 import numpy as np
 
-from rpil.demonstrations import Demonstrations
-from rpil.formats import read, write
-from rpil.simulation import simulate
+from rpil.data.demonstrations import Demonstrations
+from rpil.data.formats import read, write
+from rpil.simulation.simulate import simulate
 
 SEED = 0
 LANDER = ("x", "y", "x speed", "y speed", "angle", "angular speed", "left leg", "right leg")
@@ -44,7 +44,7 @@ def main() -> None:
     """Write both files."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("shared", type=Path, help="folder that holds overcooked_cramped_room.npz and .json")
-    parser.add_argument("--out", type=Path, default=Path(__file__).parents[1] / "src" / "rpil" / "data")
+    parser.add_argument("--out", type=Path, default=Path(__file__).parents[1] / "src" / "rpil" / "cli" / "bundled")
     arguments = parser.parse_args()
     overcooked(arguments.shared, arguments.out)
     lunarlander(arguments.out)

@@ -3,31 +3,30 @@
 from __future__ import annotations
 
 from importlib import import_module
+from importlib.metadata import version
 from typing import TYPE_CHECKING, Any
 
-__version__ = "0.1.0"
-
 _HOME = {
-    "AmbiguousWarning": "rpil.errors",
-    "Audit": "rpil.audit",
-    "BehavioralCloning": "rpil.cloning",
-    "Confusion": "rpil.adversaries",
-    "DataError": "rpil.errors",
-    "Dataset": "rpil.formats.dataset",
-    "DaskEngine": "rpil.engines",
-    "Demonstrations": "rpil.demonstrations",
-    "RMEnt": "rpil.rment",
-    "RPIL": "rpil.estimators",
-    "SoftmaxPolicy": "rpil.policies",
+    "AmbiguousWarning": "rpil.data.errors",
+    "Audit": "rpil.audit.record",
+    "BehavioralCloning": "rpil.estimators.cloning",
+    "Confusion": "rpil.mixture.adversaries.discrete",
+    "DataError": "rpil.data.errors",
+    "Dataset": "rpil.data.formats.dataset",
+    "DaskEngine": "rpil.scale.dask",
+    "Demonstrations": "rpil.data.demonstrations",
+    "RMEnt": "rpil.estimators.rment",
+    "RPIL": "rpil.estimators.rpil",
+    "SoftmaxPolicy": "rpil.policies.softmax",
     "TorchPolicy": "rpil.policies.torch",
-    "load": "rpil.persistence",
-    "open_dataset": "rpil.formats.dataset",
-    "read": "rpil.formats",
-    "reweight": "rpil.reweighting",
-    "rollout": "rpil.rollouts",
-    "save": "rpil.persistence",
-    "simulate": "rpil.simulation",
-    "write": "rpil.formats",
+    "load": "rpil.estimators.persistence",
+    "open_dataset": "rpil.data.formats.dataset",
+    "read": "rpil.data.formats",
+    "reweight": "rpil.estimators.reweight",
+    "rollout": "rpil.simulation.rollouts",
+    "save": "rpil.estimators.persistence",
+    "simulate": "rpil.simulation.simulate",
+    "write": "rpil.data.formats",
 }
 
 __all__ = [
@@ -55,26 +54,28 @@ __all__ = [
 ]
 
 if TYPE_CHECKING:
-    from rpil.adversaries import Confusion
-    from rpil.audit import Audit
-    from rpil.cloning import BehavioralCloning
-    from rpil.demonstrations import Demonstrations
-    from rpil.engines import DaskEngine
-    from rpil.errors import AmbiguousWarning, DataError
-    from rpil.estimators import RPIL
-    from rpil.formats import read, write
-    from rpil.formats.dataset import Dataset, open_dataset
-    from rpil.persistence import load, save
-    from rpil.policies import SoftmaxPolicy
+    from rpil.audit.record import Audit
+    from rpil.data.demonstrations import Demonstrations
+    from rpil.data.errors import AmbiguousWarning, DataError
+    from rpil.data.formats import read, write
+    from rpil.data.formats.dataset import Dataset, open_dataset
+    from rpil.estimators.cloning import BehavioralCloning
+    from rpil.estimators.persistence import load, save
+    from rpil.estimators.reweight import reweight
+    from rpil.estimators.rment import RMEnt
+    from rpil.estimators.rpil import RPIL
+    from rpil.mixture.adversaries.discrete import Confusion
+    from rpil.policies.softmax import SoftmaxPolicy
     from rpil.policies.torch import TorchPolicy
-    from rpil.reweighting import reweight
-    from rpil.rment import RMEnt
-    from rpil.rollouts import rollout
-    from rpil.simulation import simulate
+    from rpil.scale.dask import DaskEngine
+    from rpil.simulation.rollouts import rollout
+    from rpil.simulation.simulate import simulate
 
 
 def __getattr__(name: str) -> Any:
     """Public names are imported at first use: scikit-learn takes a second that ``rpil --help`` does not have."""
+    if name == "__version__":
+        return version("rpil")
     if name not in _HOME:
         raise AttributeError(f"module 'rpil' has no attribute {name!r}")
     return getattr(import_module(_HOME[name]), name)

@@ -12,12 +12,12 @@ from typing import Any, Protocol, Self
 import numpy as np
 from scipy.special import logsumexp
 
-from rpil.passes import Array, log_softmax
-from rpil.policies.gaussian import StudentPolicy
+from rpil.data.fit_data import Problem
+from rpil.data.spaces import Box
+from rpil.numerics.blocks import Array, log_softmax
 from rpil.policies.networks import Loss, needs_torch, on_device
 from rpil.policies.softmax import one_hot
-from rpil.problem import Problem
-from rpil.spaces import Box
+from rpil.policies.student import StudentPolicy
 
 
 class Head(Protocol):

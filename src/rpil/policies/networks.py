@@ -15,8 +15,8 @@ from typing import Any
 
 import numpy as np
 
-from rpil.errors import DataError, MissingExtraError
-from rpil.passes import Array
+from rpil.data.errors import DataError, MissingExtraError
+from rpil.numerics.blocks import Array
 
 Networks = tuple[Array, ...]
 """Weights (k, in, out) and biases (k, 1, out) of each layer in turn, float32."""

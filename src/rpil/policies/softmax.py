@@ -8,9 +8,10 @@ from functools import partial
 
 import numpy as np
 
-from rpil.passes import Array, Sums, linear, log_softmax, softmax_pass
-from rpil.problem import Problem
-from rpil.solvers import REMEMBERED, Preconditioner, fit_softmax, newton_step
+from rpil.data.archive import stored
+from rpil.data.fit_data import Problem
+from rpil.numerics.blocks import Array, Sums, linear, log_softmax, softmax_pass
+from rpil.numerics.newton import REMEMBERED, Preconditioner, fit_softmax, newton_step
 
 _PRECONDITIONER_FITS = 10
 """Warm-started fits that one preconditioner serves: the steps of EM are small."""
@@ -26,6 +27,7 @@ def one_hot(actions: Array, weight: Array, n_actions: int) -> Array:
     return targets.T
 
 
+@stored(weights="F+1 K", ridge="F+1")
 @dataclass(frozen=True, eq=False)
 class SoftmaxPolicy:
     """A linear softmax policy over a design matrix whose last column is the constant.

@@ -14,12 +14,12 @@ from typing import Any
 
 import numpy as np
 
-from rpil.errors import DataError
-from rpil.passes import Array
+from rpil.data.errors import DataError
+from rpil.data.fit_data import Problem
+from rpil.data.spaces import Space
+from rpil.numerics.blocks import Array
 from rpil.policies.heads import HEADS, Head
 from rpil.policies.networks import Networks, Plan, raw_outputs, train, untrained
-from rpil.problem import Problem
-from rpil.spaces import Space
 
 _N_PIECES = 20
 """Pieces that steps are cut into where no whole demonstration can be held out."""

@@ -1,0 +1,1 @@
+"""The audit: verdicts, probabilities and reports for the user."""

@@ -1,0 +1,296 @@
+"""Pictures of an audit, of a policy and of the data, as scikit-learn Display objects.
+
+A Display holds the data of one picture; ``plot`` draws it and keeps the axes in ``ax_`` and the figure in ``figure_``,
+so that either can be changed afterwards. Matplotlib is imported when something is drawn, not before.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Literal, Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rpil.data.errors import DataError
+
+if TYPE_CHECKING:
+    from rpil.audit.record import Audit, Verdict
+
+
+# Okabe and Ito's palette: told apart by readers with any of the common colour deficiencies.
+COLOURS: dict[Verdict, str] = {"expert": "#0072b2", "uncertain": "#7f8790", "adversary": "#d55e00"}
+ACTION_COLOURS = ("#0072b2", "#e69f00", "#009e73", "#cc79a7", "#56b4e9", "#d55e00", "#f0e442", "#7f8790")
+MOST_NAMES = 40
+Features = tuple[int | str, int | str]
+
+
+def running_mean(values: NDArray[np.float64], window: int | None = None) -> NDArray[np.float64]:
+    """Centred running mean, over fewer values at both ends; by default over a twentieth of the values."""
+    width = max(window or len(values) // 20, 1)
+    totals = np.concatenate([[0.0], np.cumsum(values)])
+    here = np.arange(len(values))
+    start, stop = np.maximum(here - (width - 1) // 2, 0), np.minimum(here + width // 2 + 1, len(values))
+    return (totals[stop] - totals[start]) / (stop - start)
+
+
+class _Display:
+    """What every picture shares: axes of its own where the caller brings none."""
+
+    ax_: Any
+    figure_: Any
+
+    def _start(self, ax: Any, size: tuple[float, float] = (6.4, 3.6)) -> Any:
+        if ax is None:
+            import matplotlib.pyplot as plt
+
+            _, ax = plt.subplots(figsize=size, layout="constrained")
+        ax.spines[["top", "right"]].set_visible(False)
+        self.ax_, self.figure_ = ax, ax.figure
+        return ax
+
+
+def _legend(ax: Any) -> None:
+    # Above the axes, so that nothing is covered.
+    if ax.get_legend_handles_labels()[0]:
+        ax.legend(loc="lower left", bbox_to_anchor=(-0.02, 1.0), ncols=6, frameon=False, handletextpad=0.2)
+
+
+@dataclass(eq=False)
+class _AuditDisplay(_Display, ABC):
+    """A picture that needs nothing but the audit."""
+
+    audit: Audit
+
+    @abstractmethod
+    def plot(self, *args: Any, **options: Any) -> Self:
+        """Draw the picture."""
+
+    @classmethod
+    def from_audit(cls, audit: Audit, *, ax: Any = None, **options: Any) -> Self:
+        """Draw the picture from an `Audit`; `options` are those of ``plot``."""
+        return cls(audit).plot(ax, **options)
+
+    @classmethod
+    def from_estimator(cls, estimator: Any, *, ax: Any = None, **options: Any) -> Self:
+        """Draw the picture from a fitted `RPIL`; `options` are those of ``plot``."""
+        from sklearn.utils.validation import check_is_fitted
+
+        check_is_fitted(estimator, "audit_")
+        return cls.from_audit(estimator.audit_, ax=ax, **options)
+
+
+class RankingDisplay(_AuditDisplay):
+    """Every demonstration, the most trusted at the top, coloured by its verdict."""
+
+    def plot(self, ax: Any = None, *, quantity: Literal["reliability", "log_odds"] = "reliability") -> Self:
+        """Draw the reliability with its 95 % interval, or the log-odds."""
+        if quantity not in ("reliability", "log_odds"):
+            raise ValueError(f"quantity is 'reliability' or 'log_odds', not {quantity!r}.")
+        audit, order = self.audit, self.audit.ranking()
+        size, named = len(order), len(order) <= MOST_NAMES
+        ax = self._start(ax, (6.4, 1.2 + 0.2 * min(size, MOST_NAMES)))
+        rows, verdicts = np.arange(size), np.array(audit.verdicts)[order]
+        values, intervals = getattr(audit, quantity)[order], audit.reliability_interval[order]
+        # A label can make log-odds infinite: drawn beyond all others rather than not at all.
+        bound = 2 * np.abs(values[np.isfinite(values)]).max(initial=1)
+        values = values.clip(-bound, bound)
+        for verdict, colour in COLOURS.items():
+            here = verdicts == verdict
+            if quantity == "reliability":
+                ax.hlines(rows[here], *intervals[here].T, color=colour, alpha=0.4, linewidth=2)
+            if here.any():
+                ax.plot(values[here], rows[here], "o", color=colour, markersize=4.5, label=f"{verdict} ({here.sum()})")
+        if quantity == "reliability":
+            ax.set(xlim=(-0.02, 1.02), xlabel="Reliability (share of expert steps, 95 % interval)")
+        else:
+            # They grow with the number of steps: hundreds of nats beside the few that are in doubt.
+            ax.set_xscale("symlog", linthresh=10)
+            ax.axvline(0, color=COLOURS["uncertain"], linewidth=0.8)
+            ax.set(xlabel="Log-odds of expert against adversary (nats, logarithmic beyond 10)")
+        if named:
+            ax.set_yticks(rows, [str(audit.ids[m]) for m in order])
+        ax.set(ylim=(size - 0.5, -0.5), ylabel="Demonstration" if named else "Rank")
+        _legend(ax)
+        return self
+
+
+class LengthDisplay(_AuditDisplay):
+    """Reliability against the number of steps: is trust merely a matter of length?"""
+
+    def plot(self, ax: Any = None) -> Self:
+        """Draw one dot and its 95 % interval for each demonstration."""
+        ax = self._start(ax)
+        audit, lengths, verdicts = self.audit, self.audit.lengths, np.array(self.audit.verdicts)
+        for verdict, colour in COLOURS.items():
+            here = verdicts == verdict
+            if here.any():
+                ax.vlines(lengths[here], *audit.reliability_interval[here].T, color=colour, alpha=0.25, linewidth=1.5)
+                ax.plot(lengths[here], audit.reliability[here], "o", color=colour, markersize=4.5, label=verdict)
+        if lengths.max() > 20 * lengths.min() > 0:
+            ax.set_xscale("log")
+        ax.set(ylim=(-0.03, 1.03), xlabel="Steps", ylabel="Reliability")
+        _legend(ax)
+        return self
+
+
+class TimelineDisplay(_AuditDisplay):
+    """How much each step of one demonstration speaks for an expert: ``log pi(a|s) - log psi(a|s)``."""
+
+    def plot(self, ax: Any = None, *, demonstration: Any = None, window: int | None = None, worst: int = 5) -> Self:
+        """Draw the steps, their running mean over `window` steps and the `worst` ones.
+
+        Parameters
+        ----------
+        demonstration : id
+            By default the least trusted one.
+        window : int
+            By default a twentieth of the steps.
+        """
+        ax = self._start(ax, (9.0, 2.8))
+        index = int(self.audit.ranking()[-1]) if demonstration is None else self.audit.index(demonstration)
+        ratio = self.audit.step_log_ratio[self.audit.steps(index)]
+        steps, mean, marks = np.arange(len(ratio)), running_mean(ratio, window), self.audit.worst_steps(index, worst)
+        ax.plot(steps, ratio, ".", color=COLOURS["uncertain"], markersize=3, alpha=0.6)
+        ax.axhline(0, color=COLOURS["uncertain"], linewidth=0.8)
+        for colour, side in ((COLOURS["expert"], mean >= 0), (COLOURS["adversary"], mean <= 0)):
+            ax.fill_between(steps, mean, where=side, interpolate=True, color=colour, alpha=0.25, linewidth=0)
+        ax.plot(steps, mean, color="#4a5158", linewidth=1.2)
+        ax.plot(marks, ratio[marks], "o", color=COLOURS["adversary"], markersize=6, fillstyle="none")
+        # Bad steps come in runs: one number a run can be read, five on top of each other cannot.
+        labelled: list[int] = []
+        for step in marks:
+            if all(abs(step - other) > len(steps) / 20 for other in labelled):
+                labelled.append(step)
+                style: Any = {"ha": "center", "va": "top", "fontsize": "small", "color": COLOURS["adversary"]}
+                ax.text(step, ratio[step], f"\n{step}", linespacing=0.8, **style)
+        ax.margins(x=0.01, y=0.12)
+        ax.set(xlabel="Step", ylabel="Log-ratio (nats)", title=f"Demonstration {self.audit.ids[index]}")
+        return self
+
+
+class HistoryDisplay(_AuditDisplay):
+    """What was maximised, each round: the log-likelihood of the teachers' steps, or the mixture's objective."""
+
+    def plot(self, ax: Any = None) -> Self:
+        """Draw the objective against the round."""
+        from matplotlib.ticker import MaxNLocator
+
+        ax, history = self._start(ax), self.audit.history
+        ax.plot(np.arange(1, len(history) + 1), history, "-o", color=COLOURS["expert"], markersize=2.5)
+        ax.xaxis.set_major_locator(MaxNLocator(integer=True))
+        ax.set(xlabel="Round", ylabel="Objective (nats)")
+        return self
+
+
+def _columns(features: Features, names: tuple[str, ...]) -> tuple[int, int]:
+    """Two observation columns, each given by its number or its name."""
+    for feature in features:
+        if feature not in (range(len(names)) if isinstance(feature, int) else names):
+            raise DataError(
+                f"There is no observation column {feature!r}: choose a number or one of {', '.join(names)}."
+            )
+    first, second = (feature if isinstance(feature, int) else names.index(feature) for feature in features)
+    return first, second
+
+
+@dataclass(eq=False)
+class _ActionDisplay(_Display):
+    """Actions over two observation columns.
+
+    Parameters
+    ----------
+    x, y : arrays
+        The two observation columns.
+    actions : array
+    names : tuple of two str
+        What the columns are called.
+    classes : (K,) array or None
+        The discrete actions in order; None where an action is a number.
+    """
+
+    x: NDArray[Any]
+    y: NDArray[Any]
+    actions: NDArray[Any]
+    names: tuple[str, str]
+    classes: NDArray[Any] | None
+
+    def _colours(self) -> tuple[NDArray[Any], dict[str, Any]]:
+        """The number to draw for each action, and how numbers become colours."""
+        from matplotlib import colormaps, colors
+
+        if self.classes is None:
+            return self.actions, {"cmap": "viridis"}
+        size = len(self.classes)
+        colours = ACTION_COLOURS[:size] if size <= len(ACTION_COLOURS) else colormaps["turbo"](np.linspace(0, 1, size))
+        codes = np.searchsorted(self.classes, self.actions)
+        return codes, {"cmap": colors.ListedColormap(list(colours)), "vmin": -0.5, "vmax": size - 0.5}
+
+    def _label(self, ax: Any, drawn: Any) -> None:
+        ax.set(xlabel=self.names[0], ylabel=self.names[1])
+        if self.classes is None:
+            ax.figure.colorbar(drawn, ax=ax, label="Action")
+            return
+        for code, name in enumerate(self.classes):
+            ax.plot([], [], "s", color=drawn.cmap(code), label=f"action {name}")
+        _legend(ax)
+
+
+class PolicyMapDisplay(_ActionDisplay):
+    """A policy's action over two observation columns, the other columns held at their median.
+
+    `x` and `y` are the sides of the grid, `actions` has one row for each `y`; of an action that is a vector the first
+    component is drawn.
+    """
+
+    @classmethod
+    def from_estimator(
+        cls,
+        estimator: Any,
+        X: ArrayLike,
+        *,
+        features: Features = (0, 1),
+        grid: int = 100,
+        observation_names: tuple[str, ...] | None = None,
+        ax: Any = None,
+    ) -> Self:
+        """Ask the estimator for its action at each point of a grid that spans the observations `X`."""
+        observations = np.asarray(X)
+        names = observation_names or tuple(f"observation {d}" for d in range(observations.shape[1]))
+        i, j = _columns(features, names)
+        x, y = (np.linspace(observations[:, d].min(), observations[:, d].max(), grid) for d in (i, j))
+        points = np.tile(np.median(observations, axis=0), (grid * grid, 1))
+        points[:, i], points[:, j] = np.tile(x, grid), np.repeat(y, grid)
+        actions = np.asarray(estimator.predict(points)).reshape(grid, grid, -1)[..., 0]
+        known = getattr(estimator, "classes_", None)
+        return cls(x, y, actions, (names[i], names[j]), known if known is not None and len(known) else None).plot(ax)
+
+    def plot(self, ax: Any = None) -> Self:
+        """Draw the map."""
+        ax = self._start(ax)
+        values, colours = self._colours()
+        self._label(ax, ax.pcolormesh(self.x, self.y, values, shading="nearest", rasterized=True, **colours))
+        return self
+
+
+class DemonstrationDisplay(_ActionDisplay):
+    """What was demonstrated: one dot a step over two observation columns, coloured by its action."""
+
+    @classmethod
+    def from_demonstrations(cls, demonstrations: Any, *, features: Features = (0, 1), ax: Any = None) -> Self:
+        """Draw every step of some `Demonstrations`; of an action that is a vector the first component."""
+        names = demonstrations.observation_names
+        i, j = _columns(features, names)
+        discrete = demonstrations.actions.ndim == 1
+        actions = demonstrations.actions if discrete else demonstrations.actions[:, 0]
+        x, y = demonstrations.observations[:, i], demonstrations.observations[:, j]
+        return cls(x, y, actions, (names[i], names[j]), np.unique(actions) if discrete else None).plot(ax)
+
+    def plot(self, ax: Any = None) -> Self:
+        """Draw the dots."""
+        ax = self._start(ax)
+        values, colours = self._colours()
+        # Rasterized: 40,000 dots would make a vector file that no viewer opens.
+        self._label(ax, ax.scatter(self.x, self.y, c=values, s=6, linewidths=0, rasterized=True, **colours))
+        return self

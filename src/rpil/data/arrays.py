@@ -1,0 +1,135 @@
+"""Whatever the user hands over as columns -> the few array types the library computes with, or one `DataError`."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rpil.data.errors import DataError
+
+_EXACT = 2.0**53  # smaller floats hold integers exactly
+
+
+def as_array(values: Any, what: str, where: str) -> NDArray[Any]:
+    """`values` as a plain array of bool, integer, real or text kind ("b", "i", "u", "f", "U"), not copied if it is one.
+
+    Raises
+    ------
+    DataError
+        On ragged nesting, on text mixed with other things, and on any other type.
+    """
+    try:
+        array = np.asarray(values)
+        if array.dtype.kind == "T" or (array.dtype.kind == "O" and array.size):
+            items = array.ravel().tolist()
+            n_text = sum(isinstance(item, str) for item in items)
+            if 0 < n_text < len(items):
+                raise DataError(f"{where}: {what} mix text with numbers or missing values; use one kind throughout.")
+            flat = np.array(items)
+            # None is the one object a column of numbers may hold; as NaN it meets the check for missing values.
+            array = (flat.astype(np.float64) if flat.dtype.kind == "O" else flat).reshape(array.shape)
+    except DataError:
+        raise
+    except (ValueError, TypeError) as error:
+        raise DataError(f"{where}: {what} must be a rectangular array of numbers or text.") from error
+    if array.dtype.kind not in "biufU" and array.size:
+        raise DataError(f"{where}: {what} must be numbers or text, not {array.dtype}.")
+    return array
+
+
+def as_observations(values: Any, where: str) -> NDArray[Any]:
+    """Observations as a C-contiguous (N, D) array, float32 kept and all else float64."""
+    array = as_array(values, "observations", where)
+    if array.dtype.kind == "U":
+        raise DataError(f"{where}: observations hold text where numbers are due; encode it as numbers first.")
+    if array.ndim == 1:
+        raise DataError(f"{where}: observations must be (N, D), not (N,); with one per step use reshape(-1, 1).")
+    if array.ndim != 2 or array.shape[1] == 0:
+        raise DataError(f"{where}: observations must be (N, D), not {array.shape}; flatten each one to a row.")
+    return np.ascontiguousarray(array, dtype=np.float32 if array.dtype == np.float32 else np.float64)
+
+
+def as_actions(values: Any, where: str) -> NDArray[Any]:
+    """Actions as (N,) int64 or text if discrete, C-contiguous (N, A) float32 or float64 if continuous.
+
+    One-dimensional floats are discrete where all are whole numbers, else one continuous action.
+    """
+    array = as_array(values, "actions", where)
+    kind = array.dtype.kind
+    if kind != "f" and array.ndim == 2 and array.shape[1] == 1:
+        array = array[:, 0]
+    if array.ndim not in (1, 2) or (array.ndim == 2 and (kind != "f" or array.shape[1] == 0)):
+        raise DataError(
+            f"{where}: actions of shape {array.shape} and type {array.dtype} are neither (N,) discrete nor (N, A) "
+            "floats; number the combinations, or convert to float if they are continuous."
+        )
+    if kind == "U":
+        return np.ascontiguousarray(array)
+    if array.ndim == 1 and (kind != "f" or are_whole(array)):
+        if kind == "u" and array.size and array.max() > np.iinfo(np.int64).max:
+            raise DataError(f"{where}: actions do not fit into 64-bit integers; renumber them.")
+        return np.ascontiguousarray(array, dtype=np.int64)
+    array = array.reshape(len(array), -1)
+    return np.ascontiguousarray(array, dtype=np.float32 if array.dtype == np.float32 else np.float64)
+
+
+def are_whole(array: NDArray[Any]) -> bool:
+    """Whether all floats in `array` are whole numbers that an int64 holds exactly; NaN is not."""
+    return bool(np.all((np.trunc(array) == array) & (np.abs(array) < _EXACT)))
+
+
+def check_any(n_demonstrations: int, where: str) -> None:
+    """Raise a `DataError` where there is nothing to learn from."""
+    if n_demonstrations < 1:
+        raise DataError(f"{where}: there are no demonstrations; give at least one with at least one step.")
+
+
+def as_ids(values: Any, where: str) -> tuple[Any, ...]:
+    """Demonstration ids as a tuple of distinct ints, or of distinct strings."""
+    ids = tuple(value.item() if isinstance(value, np.generic) else value for value in values)
+    if not (all(isinstance(i, int) for i in ids) or all(isinstance(i, str) for i in ids)):
+        raise DataError(f"{where}: demonstration ids must be all whole numbers or all text.")
+    if len(set(ids)) < len(ids):
+        repeated = next(i for k, i in enumerate(ids) if i in ids[:k])
+        raise DataError(f"{where}: demonstration {repeated!r} appears twice; give each demonstration its own id.")
+    return ids
+
+
+def as_offsets(values: Any, ids: tuple[Any, ...], n_steps: int, where: str) -> NDArray[np.int64]:
+    """Offsets as (M + 1,) int64 rising from 0 to `n_steps`, M being the number of `ids`."""
+    offsets = as_array(values, "offsets", where)
+    if offsets.ndim != 1 or (offsets.size and offsets.dtype.kind not in "iu"):
+        raise DataError(
+            f"{where}: offsets must be a list of whole numbers, the first step of each demonstration and N."
+        )
+    offsets = np.ascontiguousarray(offsets, dtype=np.int64)
+    if len(ids) != len(offsets) - 1:
+        raise DataError(f"{where}: {len(ids)} ids for {len(offsets) - 1} demonstrations; give one id for each.")
+    lengths = np.diff(offsets)
+    if offsets[0] != 0 or offsets[-1] != n_steps or np.any(lengths < 0):
+        raise DataError(f"{where}: offsets must increase from 0 to the number of steps, {n_steps}.")
+    if np.any(lengths == 0):
+        empty = ids[int(np.argmin(lengths))]
+        raise DataError(f"{where}, demonstration {empty!r}: it has no steps; leave it out.")
+    return offsets
+
+
+def check_finite(
+    values: NDArray[Any], columns: tuple[str, ...], offsets: NDArray[np.int64], ids: tuple[Any, ...], where: str
+) -> None:
+    """Raise a `DataError` naming the first value of `values` (N, K) that is not finite, if there is one."""
+    finite = np.isfinite(values)
+    if finite.all():
+        return
+    row, column = (int(k) for k in np.argwhere(~finite)[0])
+    m = int(np.searchsorted(offsets, row, side="right")) - 1
+    raise DataError(
+        f"{where}, demonstration {ids[m]!r}, step {row - offsets[m]}: {columns[column]} is {values[row, column]}; "
+        "repair the value or leave the demonstration out."
+    )
+
+
+LARGEST = 1e150
+"""Size of a number whose square is one."""

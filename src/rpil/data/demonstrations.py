@@ -1,0 +1,295 @@
+"""`Demonstrations`: what every other module works on, checked once when it is made and never changed afterwards."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rpil.data.arrays import (
+    are_whole,
+    as_actions,
+    as_array,
+    as_ids,
+    as_observations,
+    as_offsets,
+    check_any,
+    check_finite,
+)
+from rpil.data.errors import DataError
+
+SOURCE = "the demonstrations"
+
+
+PIECE_STEPS = 65_536
+"""Steps of a piece, unless a single demonstration is longer."""
+
+
+@dataclass(frozen=True, eq=False)
+class Piece:
+    """Whole demonstrations that follow one another: a stretch of what was checked already.
+
+    Attributes
+    ----------
+    first : int
+        Which demonstration it begins with.
+    observations, actions, offsets
+        As in `Demonstrations`, `offsets` counted from 0 here.
+    """
+
+    first: int
+    observations: NDArray[Any]
+    actions: NDArray[Any]
+    offsets: NDArray[np.int64]
+
+    @property
+    def demonstrations(self) -> slice:
+        """Which demonstrations it holds."""
+        return slice(self.first, self.first + len(self.offsets) - 1)
+
+
+def piece_cuts(offsets: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Demonstrations that pieces begin with, and how many there are."""
+    ends = np.searchsorted(offsets, np.arange(PIECE_STEPS, offsets[-1] + PIECE_STEPS, PIECE_STEPS))
+    cuts: NDArray[np.int64] = np.unique(np.clip(np.append(0, ends), 0, len(offsets) - 1))
+    return cuts
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Demonstrations:
+    """Demonstrations laid end to end: one row per step, demonstration m owning rows ``offsets[m]:offsets[m + 1]``.
+
+    Arrays are not copied where they already have the right type; the ones kept here are read-only.
+
+    Parameters
+    ----------
+    observations : (N, D) array of numbers
+        Kept as float32 when given so, float64 otherwise; finite.
+    actions : (N,) array of integers or strings, or (N, A) array of floats
+        One-dimensional actions are discrete (whole floats become integers), two-dimensional floats continuous;
+        one-dimensional floats that are not whole become (N, 1).
+    offsets : (M + 1,) array of integers
+        From 0 to N, strictly increasing.
+    ids : sequence of M distinct ints, or of M distinct strings
+        ``0..M-1`` when not given.
+    observation_names : sequence of D distinct strings
+        ``"0".."D-1"`` when not given.
+    source : str
+        The file name, or another name for the data, for use in messages.
+
+    Raises
+    ------
+    DataError
+        One sentence naming the source, the demonstration where there is one, and the remedy.
+    """
+
+    observations: NDArray[Any]
+    actions: NDArray[Any]
+    offsets: NDArray[np.int64]
+    ids: tuple[Any, ...] = ()
+    observation_names: tuple[str, ...] = ()
+    source: str = SOURCE
+
+    def __post_init__(self) -> None:
+        source = self.source
+        check_any(np.size(self.offsets) - 1, source)
+        observations = as_observations(self.observations, source)
+        actions = as_actions(self.actions, source)
+        if len(observations) != len(actions):
+            counts = f"{len(observations)} observations but {len(actions)} actions"
+            raise DataError(f"{source}: {counts}; give one action per observation.")
+        ids = as_ids(self.ids, source) or tuple(range(np.size(self.offsets) - 1))
+        offsets = as_offsets(self.offsets, ids, len(observations), source)
+        width = observations.shape[1]
+        names = tuple(str(name) for name in self.observation_names) or tuple(str(d) for d in range(width))
+        if len(names) != width or len(set(names)) != width:
+            raise DataError(f"{source}: name each of the {width} observation columns, and no two alike.")
+        check_finite(observations, tuple(f"observation {name!r}" for name in names), offsets, ids, source)
+        if actions.ndim == 2:
+            check_finite(actions, tuple(f"action {a}" for a in range(actions.shape[1])), offsets, ids, source)
+        for field, array in (("observations", observations), ("actions", actions), ("offsets", offsets)):
+            view = array.view()  # the caller's own array stays writable
+            view.flags.writeable = False
+            object.__setattr__(self, field, view)
+        object.__setattr__(self, "ids", ids)
+        object.__setattr__(self, "observation_names", names)
+
+    @classmethod
+    def from_arrays(
+        cls,
+        observations: ArrayLike,
+        actions: ArrayLike,
+        offsets: ArrayLike,
+        ids: Sequence[Any] | None = None,
+        *,
+        observation_names: Sequence[str] = (),
+        source: str = SOURCE,
+    ) -> Demonstrations:
+        """From rows laid end to end; see the class for shapes and errors."""
+        return cls(
+            as_array(observations, "observations", source),
+            as_array(actions, "actions", source),
+            as_array(offsets, "offsets", source),
+            () if ids is None else tuple(ids),
+            tuple(observation_names),
+            source,
+        )
+
+    @classmethod
+    def from_episodes(
+        cls,
+        episodes: Sequence[Any],
+        ids: Sequence[Any] | None = None,
+        *,
+        observation_names: Sequence[str] = (),
+        source: str = SOURCE,
+    ) -> Demonstrations:
+        """From ``(observations, actions)`` pairs, or from objects that have both as attributes (Minari's do).
+
+        Raises
+        ------
+        DataError
+            As the class; also where an episode holds more observations than actions, as Gymnasium's do when they keep
+            the observation after the last action: which one to drop is the caller's to say.
+        """
+        pairs = [(e.observations, e.actions) if hasattr(e, "observations") else tuple(e) for e in episodes]
+        check_any(len(pairs), source)
+        names = as_ids(range(len(pairs)) if ids is None else ids, source)
+        if len(names) != len(pairs) or any(len(pair) != 2 for pair in pairs):
+            raise DataError(f"{source}: give each demonstration one id and one pair (observations, actions).")
+        columns: list[tuple[NDArray[Any], NDArray[Any]]] = []
+        for name, (observations, actions) in zip(names, pairs, strict=True):
+            where = f"{source}, demonstration {name!r}"
+            pair = as_array(observations, "observations", where), as_array(actions, "actions", where)
+            lengths = [len(array) if array.ndim else 0 for array in pair]
+            if lengths[0] != lengths[1]:
+                raise DataError(
+                    f"{where}: {lengths[0]} observations but {lengths[1]} actions; give one action per observation "
+                    "(if the last observation only follows the last action, drop it: observations[:-1])."
+                )
+            if lengths[0] == 0:
+                raise DataError(f"{where}: it has no steps; leave it out.")
+            pair = as_observations(pair[0], where), pair[1]
+            columns.append(pair)
+            for array, first, what in zip(pair, columns[0], ("observations", "actions"), strict=True):
+                if array.shape[1:] != first.shape[1:] or (array.dtype.kind == "U") != (first.dtype.kind == "U"):
+                    raise DataError(
+                        f"{where}: its {what} differ in width or kind from those of demonstration {names[0]!r}; "
+                        "give every demonstration the same columns."
+                    )
+        offsets = np.cumsum([0, *(len(o) for o, _ in columns)])
+        stacked = [np.concatenate(arrays) for arrays in zip(*columns, strict=True)]
+        return cls(stacked[0], stacked[1], offsets, names, tuple(observation_names), source)
+
+    @classmethod
+    def from_groups(
+        cls,
+        X: ArrayLike,
+        y: ArrayLike,
+        groups: ArrayLike,
+        *,
+        observation_names: Sequence[str] = (),
+        source: str = SOURCE,
+    ) -> Demonstrations:
+        """From scikit-learn's ``X, y, groups``: the rows of a group keep their order and need not lie together.
+
+        The ids are the values of `groups`, in order of first appearance.
+        """
+        X, y = as_array(X, "observations", source), as_array(y, "actions", source)
+        labels = as_array(groups, "groups", source)
+        if labels.ndim != 1 or not (X.shape[:1] == y.shape[:1] == labels.shape):
+            raise DataError(
+                f"{source}: observations {X.shape}, actions {y.shape} and demonstration ids {labels.shape} do not fit "
+                "together; give each one row per step."
+            )
+        if labels.dtype.kind == "f":
+            if not are_whole(labels):
+                raise DataError(f"{source}: demonstration ids must be whole numbers or text; fill in the missing ones.")
+            labels = labels.astype(np.int64)
+        values, first, inverse = np.unique(labels, return_index=True, return_inverse=True)
+        appearance = np.argsort(first, kind="stable")
+        rank = np.empty_like(appearance)
+        rank[appearance] = np.arange(len(appearance))
+        group = rank[inverse]
+        offsets = np.concatenate([[0], np.cumsum(np.bincount(group, minlength=len(values)))])
+        if np.any(np.diff(group) < 0):  # gather only rows that are out of place: a gather copies all the data
+            rows = np.argsort(group, kind="stable")
+            X, y = X[rows], y[rows]
+        return cls(X, y, offsets, tuple(values[appearance].tolist()), tuple(observation_names), source)
+
+    @property
+    def n_demonstrations(self) -> int:
+        """M."""
+        return len(self.ids)
+
+    @property
+    def n_steps(self) -> int:
+        """N."""
+        return len(self.observations)
+
+    @property
+    def n_observations(self) -> int:
+        """D, the numbers per observation."""
+        return int(self.observations.shape[1])
+
+    @property
+    def lengths(self) -> NDArray[np.int64]:
+        """Steps per demonstration, (M,)."""
+        return np.diff(self.offsets)
+
+    @property
+    def groups(self) -> NDArray[np.int64]:
+        """Index, 0..M-1, of the demonstration of each step, (N,)."""
+        return np.repeat(np.arange(self.n_demonstrations), self.lengths)
+
+    @property
+    def is_discrete(self) -> bool:
+        """Whether actions are (N,) integers or strings, rather than (N, A) floats."""
+        return self.actions.ndim == 1
+
+    def select(self, indices: Any) -> Demonstrations:
+        """The demonstrations at `indices` (integers, a slice or a mask over the M), in that order."""
+        chosen = np.atleast_1d(np.arange(self.n_demonstrations)[indices])
+        rows = np.concatenate([np.arange(0), *(np.arange(self.offsets[m], self.offsets[m + 1]) for m in chosen)])
+        return Demonstrations(
+            self.observations[rows],
+            self.actions[rows],
+            np.concatenate([[0], np.cumsum(self.lengths[chosen])]),
+            tuple(self.ids[m] for m in chosen),
+            self.observation_names,
+            self.source,
+        )
+
+    def parts(self, n_parts: int = 1) -> list[list[Piece]]:
+        """All demonstrations in order, without copying: parts of about as many steps, each a list of pieces."""
+        cuts = piece_cuts(self.offsets)
+        pieces = []
+        for first, last in zip(cuts[:-1].tolist(), cuts[1:].tolist(), strict=True):
+            steps = slice(self.offsets[first], self.offsets[last])
+            offsets = self.offsets[first : last + 1] - self.offsets[first]
+            pieces.append(Piece(first, self.observations[steps], self.actions[steps], offsets))
+        bounds = np.linspace(0, len(pieces), min(n_parts, len(pieces)) + 1).astype(int).tolist()
+        return [pieces[a:b] for a, b in itertools.pairwise(bounds)]
+
+    def episode(self, m: int) -> tuple[NDArray[Any], NDArray[Any]]:
+        """``(observations (T, D), actions (T,) or (T, A))`` of demonstration number `m`, as views."""
+        m = range(self.n_demonstrations)[m]
+        steps = slice(self.offsets[m], self.offsets[m + 1])
+        return self.observations[steps], self.actions[steps]
+
+    def __len__(self) -> int:
+        return self.n_demonstrations
+
+    def __iter__(self) -> Iterator[tuple[NDArray[Any], NDArray[Any]]]:
+        return (self.episode(m) for m in range(self.n_demonstrations))
+
+    def __repr__(self) -> str:
+        kind = "discrete" if self.is_discrete else "continuous"
+        return (
+            f"<Demonstrations from {self.source}: {self.n_demonstrations} demonstrations, {self.n_steps} steps, "
+            f"{self.n_observations} observations, {kind} actions>"
+        )

@@ -1,0 +1,93 @@
+"""Reading and writing files without surprises: no half-written output, and one sentence when a path is no good."""
+
+from __future__ import annotations
+
+import os
+import uuid
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from rpil.data.errors import DataError
+
+StrPath = str | os.PathLike[str]
+
+
+def check_readable(path: StrPath) -> Path:
+    """`path`, or a `DataError` where it is missing, a folder, empty or may not be read."""
+    path = Path(path)
+    if not path.exists():
+        raise DataError(f"{path}: there is no such file; check the path.")
+    if path.is_dir():
+        raise DataError(f"{path}: it is a folder; give the path of one file.")
+    if not os.access(path, os.R_OK):
+        raise DataError(f"{path}: it may not be read; change its permissions.")
+    if path.stat().st_size == 0:
+        raise DataError(f"{path}: the file is empty; write it again.")
+    return path
+
+
+def check_writable(path: StrPath) -> Path:
+    """`path`, or a `DataError` where writing there is bound to fail: call it before long work begins."""
+    path = Path(path)
+    folder = path.parent
+    if not folder.is_dir():
+        raise DataError(f"{path}: there is no folder {folder}; make it first.")
+    if path.exists() and not path.is_file():  # to replace /dev/null would break the machine
+        raise DataError(f"{path}: it is a folder or a device; give the path of a file.")
+    if not os.access(folder, os.W_OK) or (path.exists() and not os.access(path, os.W_OK)):
+        raise DataError(f"{path}: it may not be written; choose another place or change the permissions.")
+    return path
+
+
+@contextmanager
+def replacing(path: StrPath) -> Iterator[Path]:
+    """Yield a path beside `path` to write to; it takes the place of `path` only once the block has ended well.
+
+    Raises
+    ------
+    DataError
+        Where `path` cannot be written; a file that was there stays as it was.
+    """
+    # A link stays a link: what it points to is replaced.
+    target = Path(os.path.realpath(check_writable(path)))
+    # The suffix is kept, because some writers (numpy.savez) add their own to a name without it.
+    temporary = target.with_name(f".{target.stem}.{uuid.uuid4().hex[:8]}{target.suffix}")
+    try:
+        yield temporary
+        os.replace(temporary, target)
+    except OSError as error:
+        raise DataError(f"{path}: it cannot be written ({error.strerror or type(error).__name__}).") from error
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+def make_folder(path: StrPath) -> Path:
+    """`path` as a folder that can be written to, made where it is missing; a `DataError` where that cannot be."""
+    path = Path(path)
+    if path.exists() and not path.is_dir():
+        raise DataError(f"{path}: it is a file; give the path of a folder.")
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise DataError(f"{path}: the folder cannot be made ({error.strerror}).") from error
+    if not os.access(path, os.W_OK):
+        raise DataError(f"{path}: it may not be written; choose another place or change the permissions.")
+    return path
+
+
+def check_outputs(inputs: Iterable[StrPath | None], *outputs: StrPath | None) -> None:
+    """Refuse, before any work, what cannot be written, and what would replace a file that is read or also written.
+
+    Raises
+    ------
+    DataError
+    """
+    taken = {Path(path).resolve() for path in inputs if path}
+    for path in outputs:
+        if path is None:
+            continue
+        place = check_writable(path).resolve()
+        if place in taken:
+            raise DataError(f"{path}: it is named twice in the command; give every file a name of its own.")
+        taken.add(place)

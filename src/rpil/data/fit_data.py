@@ -1,0 +1,73 @@
+"""The data of one fit, and how they fall into demonstrations."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from rpil.data.demonstrators import Company, Strangers
+from rpil.data.spaces import Space
+from rpil.numerics.blocks import Array
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """The data of one fit.
+
+    Attributes
+    ----------
+    features : (N, D) array
+        Design matrix, constant in the last column.
+    actions : (N,) int array or (N, A) array
+        Codes 0..K-1 of the actions taken, or what was done in each dimension.
+    offsets : (M + 1,) int array
+        Demonstration m owns the steps ``offsets[m]:offsets[m + 1]``.
+    space : Space
+        Of the actions.
+    labels : (M,) int array
+        1 known expert, -1 known adversary, 0 unknown.
+    company : Company
+        Who gave which demonstration.
+    """
+
+    features: Array
+    actions: Array
+    offsets: Array
+    space: Space
+    labels: Array
+    company: Company = field(default_factory=Strangers)
+
+    @classmethod
+    def of_steps(cls, features: Array, actions: Array, space: Space) -> Problem:
+        """Steps of which nobody needs to know the demonstration."""
+        return cls(features, actions, np.array([0, len(actions)]), space, np.zeros(1, dtype=int))
+
+    @property
+    def n_demonstrations(self) -> int:
+        return len(self.offsets) - 1
+
+    @property
+    def lengths(self) -> Array:
+        return np.diff(self.offsets)
+
+    def sum_steps(self, values: Array) -> Array:
+        """Sums over the steps of each demonstration, (N, ...) -> (M, ...)."""
+        return np.add.reduceat(values, self.offsets[:-1], axis=0)
+
+    def spread(self, values: Array) -> Array:
+        """A value of each demonstration, repeated for its steps, (M, ...) -> (N, ...)."""
+        return np.repeat(values, self.lengths, axis=0)
+
+    def select(self, demonstrations: Array, unlabelled: bool = False) -> Problem:
+        """The same problem with some of the demonstrations only."""
+        steps = np.concatenate([np.arange(self.offsets[m], self.offsets[m + 1]) for m in demonstrations])
+        offsets = np.concatenate([[0], np.cumsum(self.lengths[demonstrations])])
+        return replace(
+            self,
+            features=self.features[steps],
+            actions=self.actions[steps],
+            offsets=offsets,
+            labels=np.zeros(len(demonstrations), dtype=int) if unlabelled else self.labels[demonstrations],
+            company=Strangers(),
+        )

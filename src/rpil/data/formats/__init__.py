@@ -1,0 +1,78 @@
+"""Files to `Demonstrations` and back: Parquet, CSV and NPZ; see ``docs/formats.md`` for what each holds."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from types import ModuleType
+
+from numpy.typing import ArrayLike
+
+from rpil.data.arrays import as_array
+from rpil.data.demonstrations import Demonstrations
+from rpil.data.errors import DataError
+from rpil.data.files import StrPath, check_readable
+from rpil.data.formats import csv, npz, parquet
+from rpil.data.formats.demonstrators import read_demonstrators
+from rpil.data.formats.labels import Label, match_labels, read_labels
+from rpil.data.formats.table import is_data
+from rpil.data.formats.weights import write_weights
+
+__all__ = [
+    "Label",
+    "check_format",
+    "match_labels",
+    "read",
+    "read_demonstrators",
+    "read_labels",
+    "write",
+    "write_weights",
+]
+
+_FORMATS: dict[str, ModuleType] = {".parquet": parquet, ".csv": csv, ".npz": npz}
+
+
+def check_format(path: StrPath) -> Path:
+    """`path`, or a `DataError` naming the known extensions where it has none of them."""
+    path = Path(path)
+    if path.suffix.lower() not in _FORMATS:
+        raise DataError(f"{path}: unknown extension {path.suffix!r}; use one of {', '.join(_FORMATS)}.")
+    return path
+
+
+def read(path: StrPath) -> Demonstrations:
+    """Read demonstrations from a .parquet, .csv or .npz file.
+
+    Raises
+    ------
+    DataError
+        One sentence naming the file, the demonstration where there is one, and the remedy.
+    """
+    path = check_readable(check_format(path))
+    return _FORMATS[path.suffix.lower()].read(path)
+
+
+def write(path: StrPath, demonstrations: Demonstrations, truth: Mapping[str, ArrayLike] | None = None) -> None:
+    """Write demonstrations to a .parquet, .csv or .npz file, all of it or nothing.
+
+    Parameters
+    ----------
+    path : path
+    demonstrations : Demonstrations
+    truth : mapping of name to (M,) array, optional
+        What is known about each demonstration, kept in the file for scoring; `read` ignores it.
+
+    Raises
+    ------
+    DataError
+        Where the path cannot be written, or a truth would be taken for data.
+    """
+    path = check_format(path)
+    arrays = {}
+    for name, values in (truth or {}).items():
+        arrays[name] = as_array(values, f"truth {name!r}", str(path))
+        if arrays[name].shape != (len(demonstrations),):
+            raise DataError(f"{path}: truth {name!r} needs one value for each of {len(demonstrations)} demonstrations.")
+        if is_data(name):
+            raise DataError(f"{path}: truth {name!r} would be taken for data; give it another name.")
+    _FORMATS[path.suffix.lower()].write(path, demonstrations, arrays)

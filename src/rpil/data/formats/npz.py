@@ -1,0 +1,66 @@
+"""NPZ: NumPy arrays by name, one row per step, read without ever unpickling anything."""
+
+from __future__ import annotations
+
+import zipfile
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rpil.data.demonstrations import Demonstrations
+from rpil.data.errors import DataError
+from rpil.data.files import replacing
+from rpil.data.formats.table import ACTION, EPISODE, listed
+
+_SPELLINGS = {
+    "observations": ("observations", "observation"),
+    "actions": ACTION[::-1],
+    "episode_ids": ("episode_ids", *EPISODE),
+}
+_NAMES = "observation_names"
+
+
+def read(path: Path) -> Demonstrations:
+    """Read ``observations``, ``actions``, ``episode_ids`` and, where there, ``observation_names``; nothing else."""
+    source = path.name
+    damaged = f"{source}: not an NPZ file, or a damaged or truncated one; write it again."
+    with path.open("rb") as file:
+        if file.read(2) != b"PK" or not zipfile.is_zipfile(file):  # numpy would take it for a pickle
+            raise DataError(damaged)
+    arrays = {}
+    try:
+        with np.load(path, allow_pickle=False) as stored:
+            for what, spellings in _SPELLINGS.items():
+                name = next((name for name in spellings if name in stored.files), None)
+                if name is None:
+                    found = listed(stored.files)
+                    raise DataError(f"{source}: no array is called {what!r}; save it under that name (found {found}).")
+                arrays[what] = stored[name]
+            names = stored[_NAMES] if _NAMES in stored.files else ()
+    except DataError:
+        raise
+    except Exception as error:  # a damaged file makes zipfile, zlib, tokenize and numpy raise whatever they like
+        if "allow_pickle" in str(error):
+            raise DataError(
+                f"{source}: it holds Python objects, which are never unpickled because that can run any code; "
+                "save plain arrays of numbers or text, with numpy.asarray(values.tolist()) where they are objects."
+            ) from error
+        raise DataError(damaged) from error
+    return Demonstrations.from_groups(
+        arrays["observations"], arrays["actions"], arrays["episode_ids"], observation_names=tuple(names), source=source
+    )
+
+
+def write(path: Path, demonstrations: Demonstrations, truth: Mapping[str, NDArray[Any]]) -> None:
+    """Write the arrays that `read` reads, and each `truth` (M,) under its own name."""
+    arrays = {
+        "observations": demonstrations.observations,
+        "actions": demonstrations.actions,
+        "episode_ids": np.repeat(np.array(demonstrations.ids), demonstrations.lengths),
+        _NAMES: np.array(demonstrations.observation_names),
+    }
+    with replacing(path) as temporary:
+        np.savez_compressed(temporary, allow_pickle=False, **arrays, **truth)

@@ -1,0 +1,232 @@
+"""The flat table that Parquet and CSV share: one row per step, some columns data, the rest never looked at."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rpil.data.arrays import check_any
+from rpil.data.demonstrations import Demonstrations
+from rpil.data.errors import DataError
+
+EPISODE = ("episode_index", "episode_id", "episode_ids", "episode")
+ACTION = ("action", "actions")
+STEP = "step_index"
+# fmt: off
+RESERVED = frozenset({
+    "frame_index", "step", STEP, "timestamp", "index", "task_index", "task",
+    "reward", "rewards", "return", "next.reward", "next.done", "next.success", "done", "terminated", "truncated",
+    "weight", "expert_proba", "log_odds", "label",
+    "is_good", "episode_quality", "episode_return", "demonstrator", "demonstrator_id",
+    "demonstrator_ids", "noise_level", "agent_level", "trial_ids",
+})
+# fmt: on
+# pandas writes its row index under these names; as an observation it would give away the order of the rows.
+_ROW_INDEX = re.compile(r"__index_level_\d+__|Unnamed: \d+|")
+_OBSERVATION = re.compile(r"observation|obs($|[._\d])")
+_OBSERVATION_PREFIX = re.compile(r"(observations?|obs)[._]?")
+_ACTION_PART = re.compile(r"actions?[._]")
+
+
+@dataclass(frozen=True)
+class Columns:
+    """Which columns of a table hold what.
+
+    `actions` is one column named in `ACTION`, or any number of parts of a continuous action.
+    """
+
+    episode: str
+    actions: tuple[str, ...]
+    observations: tuple[str, ...]
+
+    @property
+    def all(self) -> list[str]:
+        return [self.episode, *self.actions, *self.observations]
+
+    @property
+    def one_action(self) -> bool:
+        """Whether the action is one column, which may then be discrete."""
+        return self.actions[0] in ACTION
+
+
+def is_data(name: str) -> bool:
+    """Whether a column called `name` belongs to the data even where observations carry their prefix."""
+    return bool(name in (*EPISODE, *ACTION, STEP) or _ACTION_PART.match(name) or _OBSERVATION.match(name))
+
+
+def listed(names: Iterable[Any], most: int = 12) -> str:
+    """Names for a message: quoted, for they may hold anything, and not all of hundreds."""
+    shown = [repr(name) for name in names]
+    return ", ".join(shown[:most]) + (", ..." if len(shown) > most else "")
+
+
+def check_ids(names: Iterable[Any], ids: Iterable[Any], source: str, what: str) -> None:
+    """Refuse names that no demonstration has; they are compared as text.
+
+    Raises
+    ------
+    DataError
+        Naming the first of them, and `what` is to be corrected.
+    """
+    known = dict.fromkeys(map(str, ids))
+    unknown = [str(name) for name in names if str(name) not in known]
+    if unknown:
+        wrong, right = listed(unknown, 5), listed(known, 5)
+        raise DataError(f"{source}: no demonstration is called {wrong}; the ids are {right}; correct {what}.")
+
+
+def find_columns(names: Sequence[str], source: str) -> Columns:
+    """Choose the columns to read by their names.
+
+    Raises
+    ------
+    DataError
+        Where a name appears twice, or the demonstration, the action or the observations cannot be found.
+    """
+    repeated = sorted({name for name in names if names.count(name) > 1})
+    if repeated:
+        raise DataError(f"{source}: column {repeated[0]!r} appears twice; rename or drop one of them.")
+    found = listed(names)
+    episode = [name for name in EPISODE if name in names]
+    if not episode:
+        raise DataError(
+            f"{source}: no column says which demonstration a row is from: name it {EPISODE[0]} (found {found})."
+        )
+    actions = [name for name in ACTION if name in names][:1] or [name for name in names if _ACTION_PART.match(name)]
+    if not actions:
+        raise DataError(f"{source}: no column holds the action: name it {ACTION[0]} (found {found}).")
+    observations = [name for name in names if _OBSERVATION.match(name)] or [
+        name for name in names if not (name in RESERVED or _ROW_INDEX.fullmatch(name) or is_data(name))
+    ]
+    if not observations:
+        raise DataError(f"{source}: no column holds observations: name them observation.* (found {found}).")
+    return Columns(episode[0], tuple(actions), tuple(observations))
+
+
+def to_demonstrations(table: Any, columns: Columns, source: str) -> Demonstrations:
+    """`Demonstrations` from the `columns` of a ``pyarrow.Table``; the rows of one need not lie together.
+
+    Raises
+    ------
+    DataError
+        On missing values, text where numbers are due, lists of unequal length, and as `Demonstrations` does.
+    """
+    check_any(table.num_rows, source)
+    ids = values(table, columns.episode, lambda row: f"{source}, row {row + 1}")
+
+    def at(row: int) -> str:
+        return f"{source}, demonstration {ids[row].tolist()!r}, row {row + 1}"
+
+    if columns.one_action:
+        actions = values(table, columns.actions[0], at)
+        if actions.ndim == 2 and actions.shape[1] > 1:
+            actions = actions.astype(np.result_type(actions, np.float32), copy=False)
+    else:
+        actions, _ = stack(table, columns.actions, at)
+    observations, names = stack(table, columns.observations, at)
+    return Demonstrations.from_groups(observations, actions, ids, observation_names=names, source=source)
+
+
+def from_demonstrations(demonstrations: Demonstrations, truth: Mapping[str, NDArray[Any]]) -> Any:
+    """The ``pyarrow.Table`` that `to_demonstrations` reads back, with one more column for each `truth` (M,)."""
+    import pyarrow as pa
+
+    lengths = demonstrations.lengths
+    columns = step_columns(demonstrations.ids, demonstrations.offsets)
+    for name, column in zip(demonstrations.observation_names, demonstrations.observations.T, strict=True):
+        columns[f"observation.{name}"] = column
+    if demonstrations.is_discrete:
+        columns["action"] = demonstrations.actions
+    else:
+        columns |= {f"action.{a}": column for a, column in enumerate(demonstrations.actions.T)}
+    columns |= {name: np.repeat(values, lengths) for name, values in truth.items()}
+    return pa.table(columns)
+
+
+def step_columns(ids: Sequence[Any], offsets: NDArray[np.int64]) -> dict[str, NDArray[Any]]:
+    """The two columns that name a step: the id of its demonstration and its place, from 0, within it."""
+    lengths = np.diff(offsets)
+    return {
+        EPISODE[0]: np.repeat(np.array(ids), lengths),
+        STEP: np.arange(offsets[-1]) - np.repeat(offsets[:-1], lengths),
+    }
+
+
+def stack(table: Any, names: Sequence[str], at: Callable[[int], str]) -> tuple[NDArray[Any], tuple[str, ...]]:
+    """Columns of numbers side by side, (N, D), and a name for each; a column of lists counts as several."""
+    blocks = {}
+    for name in names:
+        block = values(table, name, at)
+        if block.dtype.kind == "U":
+            row = next((row for row, text in enumerate(block) if not _is_number(text)), 0)
+            text = str(block[row])[:40]
+            raise DataError(
+                f"{at(row)}: column {name!r} holds text ({text!r}) where numbers are due; write numbers, or drop it."
+            )
+        blocks[name] = block.reshape(len(block), -1)
+    single = all(block.dtype == np.float32 for block in blocks.values())
+    stacked = np.concatenate(list(blocks.values()), axis=1, dtype=np.float32 if single else np.float64)
+    short = tuple(part for name, block in blocks.items() for part in _parts(name, block.shape[1]))
+    if len(set(short)) < len(short):
+        short = tuple(f"{name}.{k}" for name, block in blocks.items() for k in range(block.shape[1]))
+    return stacked, short
+
+
+def _parts(name: str, width: int) -> list[str]:
+    short = _OBSERVATION_PREFIX.sub("", name, count=1) if _OBSERVATION.match(name) else name
+    if width == 1:
+        return [short or "0"]
+    return [f"{short}.{k}" if short else str(k) for k in range(width)]
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True
+
+
+def values(table: Any, name: str, at: Callable[[int], str]) -> NDArray[Any]:
+    """One column as (N,) numbers or text, or as (N, K) numbers where it holds lists."""
+    import pyarrow as pa
+    import pyarrow.compute as pc
+
+    def refuse_nulls(column: Any, per_row: int = 1) -> None:
+        if column.null_count:
+            row = pc.index(pc.is_null(column), True).as_py() // per_row
+            raise DataError(f"{at(row)}: column {name!r} has no value; fill it in or leave the demonstration out.")
+
+    column = table[name]
+    if pa.types.is_dictionary(column.type):
+        column = column.cast(column.type.value_type)
+    refuse_nulls(column)
+    if pa.types.is_list(column.type) or pa.types.is_large_list(column.type) or pa.types.is_fixed_size_list(column.type):
+        widths = pc.list_value_length(column).to_numpy()
+        if np.any(widths != widths[0]):
+            row = int(np.argmax(widths != widths[0]))
+            raise DataError(f"{at(row)}: column {name!r} holds {widths[row]} numbers, not {widths[0]} as in row 1.")
+        flat = column.combine_chunks().flatten()
+        refuse_nulls(flat, per_row=max(int(widths[0]), 1))
+        if _is_numeric(flat.type):
+            return flat.to_numpy(zero_copy_only=False).reshape(table.num_rows, -1)
+    elif _is_numeric(column.type):
+        return column.to_numpy()
+    elif pa.types.is_decimal(column.type):
+        return column.cast(pa.float64()).to_numpy()
+    elif pa.types.is_string(column.type) or pa.types.is_large_string(column.type):
+        # Few texts, many rows: Python sees each text once.
+        encoded = column.combine_chunks().dictionary_encode()
+        return np.array(encoded.dictionary.to_pylist(), dtype=np.str_)[encoded.indices.to_numpy()]
+    raise DataError(f"{at(0)}: column {name!r} holds {column.type} where numbers or text are due; convert or drop it.")
+
+
+def _is_numeric(kind: Any) -> bool:
+    import pyarrow as pa
+
+    return bool(pa.types.is_integer(kind) or pa.types.is_floating(kind) or pa.types.is_boolean(kind))

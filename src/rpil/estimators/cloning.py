@@ -1,0 +1,170 @@
+"""Behavioural cloning, and what every estimator with a policy shares."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from sklearn.base import BaseEstimator, ClassifierMixin
+from sklearn.metrics import accuracy_score, r2_score
+from sklearn.utils.validation import _check_sample_weight, check_is_fitted
+from threadpoolctl import threadpool_limits
+
+from rpil.data.coding import coded_actions, known_actions
+from rpil.data.demonstrations import Demonstrations
+from rpil.data.errors import DataError
+from rpil.data.fit_data import Problem
+from rpil.data.spaces import Space
+from rpil.estimators.validation import checked_rows, observations_and_actions, source_of
+from rpil.policies.features import FeatureMap, ridge_of
+from rpil.policies.linear import linear_policy
+from rpil.policies.protocol import Policy
+from rpil.policies.selection import Choice, choose
+
+Array = NDArray[Any]
+
+LARGE = 1_000_000
+"""Entries of a design matrix that is read in single precision: it no longer stays in cache."""
+
+_SINGLE_TOL = 1e-6
+
+
+class PolicyEstimator(ClassifierMixin, BaseEstimator):
+    """What all estimators share once they have `space_`, `classes_`, `features_` and `policy_`."""
+
+    space_: Space
+    classes_: Array
+    features_: Any
+    policy_: Any
+    features: str
+    C: float | None
+    n_features_in_: int
+    n_iter_: int
+
+    def predict(self, X: ArrayLike) -> Array:
+        """The policy's most likely action in each observation, (N,), or its mean within the box of actions, (N, A)."""
+        outputs = self._outputs(X)
+        action = self.space_.act(outputs)
+        return self.classes_[action] if len(self.classes_) else action
+
+    def predict_proba(self, X: ArrayLike) -> Array:
+        """pi(k|s), (N, K), columns in the order of `classes_`."""
+        return np.exp(self.predict_log_proba(X))
+
+    def predict_log_proba(self, X: ArrayLike) -> Array:
+        """log pi(k|s), (N, K).
+
+        Raises
+        ------
+        DataError
+            Where actions are continuous.
+        """
+        check_is_fitted(self)
+        if not len(self.classes_):
+            raise DataError("The actions are continuous, so that none has a probability; use log_prob or predict.")
+        return self._outputs(X)
+
+    def score(self, X: ArrayLike, y: ArrayLike, sample_weight: ArrayLike | None = None) -> float:
+        """The share of actions that are the most likely one; R^2, the mean over parts, where they are continuous."""
+        measure = accuracy_score if len(self.classes_) else r2_score
+        return float(measure(y, self.predict(X), sample_weight=sample_weight))
+
+    def log_prob(self, X: ArrayLike, y: ArrayLike) -> Array:
+        """log pi(a|s) of the actions y, (N,) or (N, A), taken in X, (N,): a density where they are continuous.
+
+        Raises
+        ------
+        DataError
+            Where an action is not among `classes_`.
+        """
+        outputs = self._outputs(X)
+        return self.policy_.log_prob(outputs, known_actions(self.classes_, np.asarray(y), "the steps"))
+
+    def _outputs(self, X: ArrayLike) -> Array:
+        check_is_fitted(self)
+        return self.policy_.outputs(self.features_.design(checked_rows(self, X)))
+
+    @property
+    def coef_(self) -> Array:
+        """Coefficients on the unscaled columns of the feature map, shaped as scikit-learn's."""
+        coefficients = (self.policy_.weights[:-1] / self.features_.scale[:, None]).T
+        return coefficients[1:] - coefficients[:1] if len(self.classes_) == 2 else coefficients
+
+    @property
+    def intercept_(self) -> Array:
+        """Intercepts that go with `coef_`."""
+        weights = self.policy_.weights
+        intercepts = weights[-1] - (self.features_.center / self.features_.scale) @ weights[:-1]
+        return intercepts[1:] - intercepts[:1] if len(self.classes_) == 2 else intercepts
+
+    def _choice(self, data: Demonstrations, codes: Array, weight: Array) -> Choice:
+        """The kind of features that was asked for, or that the trusted choose."""
+        if self.features != "auto":
+            return Choice(self.features)
+        return choose(data.observations, codes, data.offsets, weight, self.space_, self.C)
+
+    def _learn(self, data: Demonstrations, codes: Array, weight: Array, trusted: Array, tol: float) -> None:
+        """Choose the features and fit their map, both to the `trusted` (N,) steps, and the policy to all by weight."""
+        choice = self._choice(data, codes, weight)
+        self.features_ = FeatureMap.fit(choice.kind, data.observations[trusted], weight[trusted], choice.ridge)
+        ridge = ridge_of(self.features_, self.C, weight.sum(), self.space_)
+        used = weight > 0.0
+        # A design matrix that no longer stays in cache is read in single precision, which is as good as 1e-6.
+        large = used.sum() * self.features_.n_columns > LARGE
+        design = self.features_.design(data.observations[used], single=large)
+        problem = Problem.of_steps(design, codes[used], self.space_)
+        policy: Policy = linear_policy(self.space_, ridge, weight.sum())
+        policy, _ = policy.learn(problem, weight[used], tol=max(tol, _SINGLE_TOL) if large else tol)
+        self.policy_ = policy.tempered(choice.temperature)
+
+
+class BehavioralCloning(PolicyEstimator):
+    """Trust every demonstration alike: softmax regression of actions on observations.
+
+    Parameters
+    ----------
+    features : {"raw", "folded", "spline", "poly", "nystroem", "auto"}
+        What the policy sees of an observation, see `rpil.policies.features`. "auto" chooses, with the ridge, by the
+        likelihood of demonstrations that are held out (of single steps, where X is not `Demonstrations`), see
+        `rpil.policies.selection`.
+    C : float, optional
+        Inverse ridge strength as in scikit-learn's `LogisticRegression`, with which the fit then agrees; by default a
+        ridge of 1e-5 a step on scaled columns, which depends neither on units nor on the amount of data.
+    tol : float
+        Largest gradient entry, a step, at which the solver stops.
+
+    Attributes
+    ----------
+    classes_ : (K,) array
+        The actions, none where they are continuous.
+    space_ : Discrete or Box
+        What actions there are.
+    coef_, intercept_ : arrays
+        As scikit-learn's, on the columns of the feature map.
+    """
+
+    def __init__(self, features: str = "raw", C: float | None = None, tol: float = 1e-8) -> None:
+        self.features = features
+        self.C = C
+        self.tol = tol
+
+    def fit(
+        self, X: ArrayLike | Demonstrations, y: ArrayLike | None = None, sample_weight: ArrayLike | None = None
+    ) -> BehavioralCloning:
+        """Learn from observations X (N, D) and actions y (N,), or from `Demonstrations`.
+
+        Raises
+        ------
+        DataError
+            Where the actions are all the same.
+        """
+        data = observations_and_actions(self, X, y)
+        weight = _check_sample_weight(sample_weight, data[0], dtype=float, ensure_non_negative=True)
+        if not weight.any():
+            raise DataError(f"{source_of(X)}: sample_weight is zero everywhere; give at least one step some weight.")
+        rows = X if isinstance(X, Demonstrations) else Demonstrations(*data, np.arange(len(data[0]) + 1))
+        self.space_, self.classes_, codes = coded_actions(rows)
+        with threadpool_limits(1, "blas"):  # thin products gain nothing from threads, and can lose a lot
+            self._learn(rows, codes, weight, weight > 0.0, self.tol)
+        return self

@@ -1,0 +1,178 @@
+"""Fitted estimators to a file and back, without pickle.
+
+The file is an archive of `rpil.data.archive`.
+"""
+
+from __future__ import annotations
+
+import json
+from contextlib import suppress
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from sklearn.utils.validation import check_is_fitted
+
+from rpil.data.archive import VERSION, Decoder, encode, is_stored, read_archive, rpil_version, write_archive
+from rpil.data.demonstrations import Demonstrations
+from rpil.data.errors import DataError
+from rpil.data.files import StrPath, check_readable
+from rpil.estimators.cloning import BehavioralCloning
+from rpil.estimators.rment import RMEnt
+from rpil.estimators.rpil import RPIL
+from rpil.inference.judgement import FINDINGS
+
+SCHEMA = "rpil fitted estimator"
+
+ESTIMATORS: dict[str, Any] = {"RPIL": RPIL, "RMEnt": RMEnt, "BehavioralCloning": BehavioralCloning}
+_POLICY = ("space_", "features_", "policy_")
+_FIT = ("n_iter_", "converged_")
+FITTED = {
+    "BehavioralCloning": _POLICY,
+    "RMEnt": (*_POLICY, "ids_", "weights_", "log_likelihood_", "objective_", *_FIT),
+    "RPIL": (*_POLICY, "judge_features_", "judge_", "audit_", "lower_bound_", *_FIT),
+}
+"""The attributes of each estimator that a file holds."""
+
+FITTED_ARRAYS = {"weights_": "M", "log_likelihood_": "M"}
+_NAMES = ("feature_names_in_", "observation_names_")  # of data frames, and of `Demonstrations`
+
+
+def save(estimator: RPIL | RMEnt | BehavioralCloning, path: StrPath) -> None:
+    """Write a fitted estimator to a file of any name.
+
+    All of it comes back, bit for bit, but for what only its own program can make: `progress`, `engine`, `checkpoint`.
+
+    Parameters
+    ----------
+    estimator : RPIL, RMEnt or BehavioralCloning
+    path : path
+
+    Raises
+    ------
+    DataError
+        Where it is another kind of estimator, its policy or adversary is of a class of the user's, or the path cannot
+        be written; a file that was there stays as it was.
+    """
+    kind = type(estimator).__name__
+    if ESTIMATORS.get(kind) is not type(estimator):
+        raise DataError(f"{path}: a {kind} cannot be saved; save one of {', '.join(ESTIMATORS)}.")
+    check_is_fitted(estimator)
+    if not is_stored(estimator.policy_):
+        made_of = getattr(estimator.policy_, "estimator", estimator.policy_)
+        raise DataError(
+            f"{path}: a policy made of a {type(made_of).__name__} cannot be saved without pickle; "
+            "keep the weights (rpil audit --weights, or audit_.step_weight) and fit it to them again."
+        )
+    arrays: dict[str, NDArray[Any]] = {}
+    header = {
+        "schema": SCHEMA,
+        "version": VERSION,
+        "rpil": rpil_version(),
+        "class": kind,
+        "names": {name: [*map(str, getattr(estimator, name))] for name in _NAMES if len(getattr(estimator, name, ()))},
+        "params": _params(estimator, arrays),
+        "classes": encode(_plain(estimator.classes_, path), "classes", arrays),
+        "fitted": {name: encode(getattr(estimator, name), name.strip("_"), arrays) for name in FITTED[kind]},
+    }
+    if isinstance(estimator, RPIL):
+        try:
+            header["state"] = encode(estimator.state_, "state", arrays)
+        except TypeError as error:
+            raise DataError(
+                f"{path}: an adversary of the class {error} cannot be saved without pickle; keep the weights "
+                "(audit_.step_weight), or fit with an adversary of rpil."
+            ) from None
+    write_archive(path, header, arrays)
+
+
+def load(path: StrPath) -> RPIL | RMEnt | BehavioralCloning:
+    """Read what `save` wrote; nothing is ever unpickled.
+
+    Raises
+    ------
+    DataError
+        One sentence: no such file, no saved estimator, another version of the format, or a damaged file.
+    """
+    path = check_readable(path)
+    header, arrays = read_archive(path, SCHEMA, "it is no policy that rpil saved; make one with rpil fit, or rpil.save")
+    if header.get("class") not in ESTIMATORS:
+        raise DataError(
+            f"{path}: it holds a {header.get('class')!r}, which rpil {rpil_version()} does not know; "
+            f"use rpil {header.get('rpil')}, or fit and save again."
+        )
+    try:
+        estimator = _restore(header, Decoder(arrays))
+        with np.errstate(all="ignore"):
+            _try_out(estimator)
+    except (KeyError, TypeError, ValueError, IndexError, AttributeError) as error:
+        raise DataError(f"{path}: its parts do not belong together; fit and save it again.") from error
+    estimator.source_ = path.name  # so that messages about it can say which file to replace
+    return estimator
+
+
+def _plain(classes: NDArray[Any], path: StrPath) -> NDArray[Any]:
+    """Classes without Python objects: pandas hands text over as those."""
+    if classes.dtype.kind == "O" and all(isinstance(value, str) for value in classes):
+        return classes.astype(np.str_)
+    if classes.dtype.kind not in "biufU":
+        raise DataError(f"{path}: actions of type {classes.dtype} cannot be saved; fit on whole numbers or text.")
+    return classes
+
+
+def _params(estimator: Any, arrays: dict[str, NDArray[Any]]) -> dict[str, Any]:
+    """Constructor parameters; one that is nothing plain is left out."""
+    params = {}
+    given = estimator.get_params(deep=False)
+    for only_here in ("progress", "engine", "checkpoint"):
+        given.pop(only_here, None)
+    for name, value in given.items():
+        plain = [np.asarray(part).tolist() for part in value] if isinstance(value, list | tuple | np.ndarray) else value
+        with suppress(TypeError):
+            params[name] = encode(plain, f"params/{name}", arrays)
+    return params
+
+
+def _restore(header: dict[str, Any], decoder: Decoder) -> Any:
+    kind = header["class"]
+    classes = decoder.array(header["classes"], "K")
+    params = {name: decoder.value(node) for name, node in header["params"].items()}
+    estimator = ESTIMATORS[kind](**params)
+    estimator.classes_ = classes
+    if header["fitted"].keys() != set(FITTED[kind]):
+        raise KeyError("fitted")
+    for name, node in header["fitted"].items():
+        axes = FITTED_ARRAYS.get(name)
+        setattr(estimator, name, decoder.array(node, axes, np.float64) if axes else decoder.value(node))
+    if kind == "RPIL":
+        estimator.state_ = decoder.value(header["state"])
+    estimator.n_features_in_ = decoder.sizes["D"]
+    for name, texts in header["names"].items():
+        if name not in _NAMES or len(texts) != estimator.n_features_in_:
+            raise ValueError(name)
+        setattr(estimator, name, np.array(texts, dtype=object) if name == "feature_names_in_" else tuple(texts))
+    if decoder.arrays:
+        raise KeyError(f"unknown arrays {sorted(decoder.arrays)}")
+    return estimator
+
+
+def _try_out(estimator: Any) -> None:
+    """Use the estimator on one made-up step: parts that do not fit each other fail here, not in the user's hands."""
+    observation, classes = np.zeros((1, estimator.n_features_in_)), estimator.classes_
+    outputs = estimator.policy_.outputs(estimator.features_.design(observation))
+    action = estimator.space_.act(outputs)
+    sound = np.isfinite(outputs).all() and (classes[:-1] < classes[1:]).all()
+    sound &= len(classes) == getattr(estimator.space_, "n", 0)
+    if isinstance(estimator, RMEnt):
+        sound &= len(estimator.ids_) == len(estimator.weights_)
+    if isinstance(estimator, RPIL):
+        audit, state, judged = estimator.audit_, estimator.state_, estimator.judge_ is not None
+        bounds = audit.offsets[[0, -1]].tolist() == [0, len(audit.step_weight)] and (audit.lengths > 0).all()
+        sound &= bounds and len(audit.ids) == len(audit.verdicts) == len(audit.log_odds)
+        sound &= audit.finding in FINDINGS and judged == (state is None)
+        json.dumps(audit.to_dict())
+        one_step = Demonstrations(observation, classes[action] if len(classes) else action, np.array([0, 1]))
+        sound &= not np.isnan(estimator.score_demonstrations(one_step)).any()
+        sound &= state is None or np.isfinite(state.prior.log_odds)
+    if not sound:
+        raise ValueError("values out of range")

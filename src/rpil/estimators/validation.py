@@ -1,0 +1,85 @@
+"""What the estimators accept: scikit-learn's X, y, groups or `Demonstrations`; labels, priors, ridges."""
+
+from __future__ import annotations
+
+import warnings
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+from sklearn.base import BaseEstimator
+from sklearn.utils.multiclass import check_classification_targets
+from sklearn.utils.validation import validate_data
+
+from rpil.data.arrays import are_whole
+from rpil.data.demonstrations import Demonstrations
+from rpil.data.errors import DataError
+from rpil.numerics.blocks import Array
+
+
+def source_of(X: Any) -> str:
+    return X.source if isinstance(X, Demonstrations) else "the demonstrations"
+
+
+def observations_and_actions(
+    estimator: BaseEstimator, X: ArrayLike | Demonstrations, y: ArrayLike | None, reset: bool = True
+) -> tuple[Array, Array]:
+    """X and y as scikit-learn wants them checked, or the columns of `Demonstrations`."""
+    if isinstance(X, Demonstrations):
+        if reset:
+            estimator.n_features_in_ = X.n_observations
+            estimator.observation_names_ = X.observation_names
+        elif estimator.n_features_in_ != X.n_observations:
+            raise DataError(f"{X.source}: {X.n_observations} observations, but {estimator.n_features_in_} were fitted.")
+        return X.observations, X.actions
+    if reset:
+        estimator.observation_names_ = ()
+    given = np.asarray(y)
+    checked: tuple[Array, Array] = validate_data(
+        estimator, X, y, reset=reset, multi_output=given.ndim == 2 and given.dtype.kind == "f"
+    )
+    if checked[1].ndim == 1 and checked[1].dtype.kind == "f" and not are_whole(checked[1]):
+        raise DataError("Unknown label type: continuous; give continuous actions as columns, (N, 1) where it is one.")
+    return checked
+
+
+def checked_rows(estimator: BaseEstimator, X: ArrayLike) -> Array:
+    """X as scikit-learn checks it, (N, D).
+
+    A policy at play is asked for a few rows thousands of times, and the check takes longer than the answer: an array
+    that is seen at a glance to pass is handed back as it is, which the check does too.
+    """
+    passes = (
+        type(X) is np.ndarray
+        and X.dtype in (np.float32, np.float64)
+        and X.ndim == 2
+        and X.shape[1] == estimator.n_features_in_
+        and len(X) > 0
+        and not hasattr(estimator, "feature_names_in_")  # of whose absence the check warns
+        and np.isfinite(X).all()
+    )
+    return X if passes else validate_data(estimator, X, reset=False)  # type: ignore[return-value]
+
+
+def as_demonstrations(
+    estimator: BaseEstimator,
+    X: ArrayLike | Demonstrations,
+    y: ArrayLike | None,
+    groups: ArrayLike | None,
+    reset: bool = True,
+) -> Demonstrations:
+    observations, actions = observations_and_actions(estimator, X, y, reset)
+    if isinstance(X, Demonstrations):
+        return X
+    if np.asarray(actions).dtype.kind not in "fc":
+        check_classification_targets(actions)
+    if groups is None:
+        warnings.warn(
+            "No groups: every row is taken for a demonstration of its own; pass groups=, the demonstration of each row "
+            "(in cross_validate and the like that needs metadata routing: "
+            f"{type(estimator).__name__}().set_fit_request(groups=True)).",
+            UserWarning,
+            stacklevel=3,
+        )
+        groups = np.arange(len(observations))
+    return Demonstrations.from_groups(observations, actions, groups)

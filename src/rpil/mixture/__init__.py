@@ -1,0 +1,1 @@
+"""The paper's mixture: adversaries psi(a|s), priors, and EM."""

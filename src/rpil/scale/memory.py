@@ -1,0 +1,45 @@
+"""Everything in this process's memory, on all its cores."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from functools import reduce
+from itertools import chain
+from typing import Any, TypeVar
+
+from rpil.numerics.blocks import Sums, add
+from rpil.numerics.parallel import cores
+
+R = TypeVar("R")
+
+
+@dataclass(frozen=True)
+class Held:
+    """Shards in a list. Several are worked on at a time, which changes no bit: each is summed on its own."""
+
+    shards: list[Any]
+
+    def map(self, function: Callable[[Any], R]) -> Iterator[R]:
+        if min(cores(), len(self.shards)) < 2:
+            yield from map(function, self.shards)
+            return
+        with ThreadPoolExecutor(cores()) as pool:
+            yield from pool.map(function, self.shards)
+
+    def then(self, function: Callable[[Any], Any]) -> Held:
+        return Held(list(self.map(function)))
+
+    def total(self, function: Callable[[Any], Sums]) -> Sums:
+        return reduce(add, self.map(function))
+
+
+@dataclass(frozen=True)
+class InMemory:
+    """Reads every part once, and keeps it."""
+
+    n_parts: int = 1
+
+    def place(self, parts: Sequence[Iterable[Any]]) -> Held:
+        return Held(list(chain.from_iterable(parts)))

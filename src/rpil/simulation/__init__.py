@@ -1,0 +1,1 @@
+"""Simulated demonstrations: environments, experts, corruptions, rollouts."""

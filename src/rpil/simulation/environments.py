@@ -1,0 +1,70 @@
+"""Making environments: Gymnasium's, with discrete observations as one-hot rows, and discretised ones of ours."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rpil.data.errors import DataError, MissingExtraError
+from rpil.simulation.actions import ActionBox, ActionSpace, NumberedActions
+
+DISCRETISED: dict[str, tuple[str, NDArray[np.float32]]] = {
+    "rpil/DiscretePendulum-v1": ("Pendulum-v1", np.linspace([-2.0], [2.0], 5, dtype=np.float32)),
+}
+"""Our id, the continuous environment that it stands for, and the action (A,) of each of its K choices, (K, A)."""
+
+
+def make(env_id: str) -> Any:
+    """Make an environment.
+
+    Parameters
+    ----------
+    env_id : str
+        A Gymnasium id with its version, or one of `DISCRETISED`.
+
+    Returns
+    -------
+    gymnasium.Env
+        With one-hot rows (n,) where Gymnasium's own observations are one of n numbers.
+
+    Raises
+    ------
+    DataError
+        If Gymnasium does not know the id.
+    MissingExtraError
+        If Gymnasium, or what the environment needs, is not installed.
+    """
+    try:
+        import gymnasium
+    except ImportError as error:
+        raise MissingExtraError("Playing a policy", "gym") from error
+    from gymnasium.spaces import Discrete
+    from gymnasium.wrappers import FlattenObservation, TransformAction
+
+    base_id, choices = DISCRETISED.get(env_id, (env_id, None))
+    try:
+        # The checker repeats at every environment what a registered one has passed before, and slows each step.
+        env = gymnasium.make(base_id, disable_env_checker=True)
+    except gymnasium.error.DependencyNotInstalled as error:
+        raise MissingExtraError(f"The environment {env_id}", "gym") from error
+    except (gymnasium.error.Error, ModuleNotFoundError) as error:
+        raise DataError(
+            f"Gymnasium has no environment {env_id!r}: check the name and its version with gymnasium.pprint_registry()."
+        ) from error
+    if choices is not None:
+        env = TransformAction(env, choices.__getitem__, Discrete(len(choices)))
+    return FlattenObservation(env) if isinstance(env.observation_space, Discrete) else env
+
+
+def actions_of(env: Any) -> ActionSpace | None:
+    """What one can do in a Gymnasium environment; None for spaces of other kinds than Discrete and flat float Box."""
+    from gymnasium.spaces import Box, Discrete
+
+    space = env.action_space
+    if isinstance(space, Discrete):
+        return NumberedActions(int(space.n), int(space.start))
+    if isinstance(space, Box) and len(space.shape) == 1 and space.dtype.kind == "f":
+        return ActionBox(space.low, space.high)
+    return None

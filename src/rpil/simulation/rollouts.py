@@ -1,0 +1,268 @@
+"""Playing a policy in a Gymnasium environment: its mean return with an interval, or the episodes themselves.
+
+All episodes run in lockstep, so the policy sees one batch per time step instead of one row per episode and step.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import stdtrit
+
+from rpil.data.errors import DataError
+from rpil.numerics.parallel import in_processes
+from rpil.simulation.actions import ActionSpace
+from rpil.simulation.environments import actions_of, make
+
+
+class Policy(Protocol):
+    """Anything that maps observations (n, D) to actions (n,) or (n, A): an expert, an estimator, a classifier."""
+
+    def predict(self, observations: NDArray[Any], /) -> Any: ...
+
+
+class RandomPolicy:
+    """Uniform draws from K actions or a box, whatever the observation.
+
+    The draws come from one stream, which a later `predict` of the same object continues."""
+
+    def __init__(self, actions: ActionSpace, seed: int) -> None:
+        self.classes_ = actions.classes_
+        self._actions = actions
+        self._rng = np.random.default_rng(seed)
+
+    def predict(self, observations: NDArray[Any]) -> NDArray[Any]:
+        """Draw an action for every observation (n, D): (n,), or (n, A) where actions are continuous."""
+        return self._actions.draw(len(observations), self._rng)
+
+
+@dataclass(frozen=True, eq=False)
+class Returns:
+    """Undiscounted returns of a policy.
+
+    Attributes
+    ----------
+    mean : float
+    ci95 : tuple of float
+        Low and high end of the 95 % t interval of the mean over these episodes; (nan, nan) for a single episode.
+    returns : array (n_episodes,)
+        The return of every episode.
+    """
+
+    mean: float
+    ci95: tuple[float, float]
+    returns: NDArray[np.float64]
+
+    @classmethod
+    def of(cls, returns: NDArray[np.float64]) -> Returns:
+        """Summarise the returns (n_episodes,) of one policy."""
+        n, mean = len(returns), float(returns.mean())
+        if n == 1:
+            return cls(mean, (float("nan"), float("nan")), returns)
+        half_width = float(stdtrit(n - 1, 0.975) * returns.std(ddof=1) / np.sqrt(n))
+        return cls(mean, (mean - half_width, mean + half_width), returns)
+
+
+@dataclass(frozen=True, eq=False)
+class Episode:
+    """One recorded episode of n steps.
+
+    Attributes
+    ----------
+    observations : array (n, D)
+        What the policy saw before each action; the observation after the last action is not kept.
+    actions : array of int64 (n,), or of floats (n, A)
+        What was done: continuous actions are clipped to the box of the environment.
+    rewards : array (n,)
+    """
+
+    observations: NDArray[Any]
+    actions: NDArray[Any]
+    rewards: NDArray[np.float64]
+
+    @property
+    def total_reward(self) -> float:
+        """The undiscounted return."""
+        return float(self.rewards.sum())
+
+
+def rollout(
+    policy: Policy,
+    env_id: str,
+    *,
+    n_episodes: int,
+    seed: int,
+    progress: Callable[[int, int], None] | None = None,
+    processes: int = 1,
+) -> Returns:
+    """Play a policy and report its return.
+
+    Parameters
+    ----------
+    policy : object with `predict`
+        Maps observations (n, D) to actions: numbers of actions (n,), or continuous ones (n, A), which are clipped to
+        the box of the environment; (n,) will do where A is 1.
+    env_id : str
+        What `rpil.simulation.environments.make` knows, with flat or discrete observations, and actions that are
+        discrete or a flat box. A discrete observation is seen as a one-hot row.
+    n_episodes : int
+        At least 1.
+    seed : int
+        Fixes every start. Episode i starts the same whatever `n_episodes` is, so two policies played with one seed are
+        compared on the same starts.
+    progress : callable, optional
+        Called as `progress(n_finished, n_episodes)` whenever episodes finish.
+    processes : int
+        Other Python processes to share the episodes, which take a second or two to start; 1 is none. The returns of a
+        policy that looks at the observation alone do not depend on it. A policy of another process must be found there:
+        no local function.
+
+    Returns
+    -------
+    Returns
+
+    Raises
+    ------
+    DataError
+        If the environment is unknown or of another kind, or does not fit the policy.
+    MissingExtraError
+        If Gymnasium, or what the environment needs, is not installed.
+    """
+    if n_episodes < 1:
+        raise DataError(f"rollout needs at least one episode but n_episodes is {n_episodes}: raise it.")
+    seeds = _seeds(seed, n_episodes)
+    if processes < 2:
+        return Returns.of(_returns(policy, env_id, seeds, progress))
+    # More shares than processes, so that one with a long episode keeps nobody waiting.
+    shares = np.array_split(seeds, min(n_episodes, 2 * processes))
+    returns: list[float] = []
+    for share in in_processes(_returns, [(policy, env_id, share.tolist()) for share in shares], processes):
+        returns += share.tolist()
+        if progress is not None:
+            progress(len(returns), n_episodes)
+    return Returns.of(np.array(returns))
+
+
+def _returns(
+    policy: Policy, env_id: str, seeds: Sequence[int], progress: Callable[[int, int], None] | None = None
+) -> NDArray[np.float64]:
+    """The return of one episode per seed."""
+    returns = np.zeros(len(seeds))
+    n_finished = 0
+    for step in _play(policy, env_id, seeds):
+        returns[step.running] += step.rewards
+        if progress is not None and step.finished.any():
+            n_finished += int(step.finished.sum())
+            progress(n_finished, len(seeds))
+    return returns
+
+
+def record(policy: Policy, env_id: str, *, n_episodes: int, seed: int) -> list[Episode]:
+    """Play a policy and keep every step; the parameters and errors are those of `rollout`.
+
+    Returns
+    -------
+    list of Episode
+        In the order of the seeds. With the same arguments `rollout` plays these very episodes, if the
+        policy is deterministic or made anew from its own seed.
+    """
+    steps = list(_play(policy, env_id, _seeds(seed, n_episodes)))
+    if not steps:
+        return []
+    owner = np.concatenate([step.running for step in steps])
+    # A stable sort by episode keeps the steps of each in the order of time.
+    order = np.argsort(owner, kind="stable")
+    ends = np.cumsum(np.bincount(owner))[:-1]
+    columns = zip(*((step.observations, step.actions, step.rewards) for step in steps), strict=True)
+    return [Episode(*parts) for parts in zip(*(np.split(np.concatenate(c)[order], ends) for c in columns), strict=True)]
+
+
+@dataclass(frozen=True, eq=False)
+class _Step:
+    """One time step of the r episodes still running: `running` (r,) holds their numbers, `finished` (r,) who ended."""
+
+    running: NDArray[np.int64]
+    observations: NDArray[Any]
+    actions: NDArray[Any]
+    rewards: NDArray[np.float64]
+    finished: NDArray[np.bool_]
+
+
+def _seeds(seed: int, n_episodes: int) -> list[int]:
+    """Independent seeds; the first n are the same for every larger n, so they can be handed out in chunks."""
+    return np.random.SeedSequence(seed).generate_state(n_episodes).tolist() if n_episodes > 0 else []
+
+
+def _play(policy: Policy, env_id: str, seeds: Sequence[int]) -> Iterator[_Step]:
+    """Play one episode per seed in lockstep; for a deterministic policy an episode depends on its seed alone."""
+    if not seeds:
+        return
+    envs: list[Any] = []
+    try:
+        # One environment per episode, never reused: what a physics engine keeps beyond a reset cannot leak.
+        envs = [make(env_id) for _ in seeds]
+        space = _actions_that_fit(policy, env_id, envs[0])
+        running = np.arange(len(envs))
+        observations = np.array([env.reset(seed=seed)[0] for env, seed in zip(envs, seeds, strict=True)])
+        active = list(envs)
+        while active:
+            actions = _actions(policy, observations, env_id, space)
+            # Python ints: environments check each discrete action, which costs far more on NumPy scalars.
+            orders = actions.tolist() if actions.ndim == 1 else actions
+            outcomes = [env.step(order) for env, order in zip(active, orders, strict=True)]
+            following, rewards, terminated, truncated, _ = zip(*outcomes, strict=True)
+            finished = np.logical_or(terminated, truncated)
+            yield _Step(running, observations, actions, np.array(rewards, dtype=np.float64), finished)
+            observations = np.array(following)
+            if finished.any():
+                going = ~finished
+                running, observations = running[going], observations[going]
+                active = [env for env, goes in zip(active, going, strict=True) if goes]
+    finally:
+        for env in envs:
+            env.close()
+
+
+def _actions_that_fit(policy: Policy, env_id: str, env: Any) -> ActionSpace:
+    """What the policy can do in `env`; refuses spaces that are not supported, and a policy from another environment."""
+    from gymnasium.spaces import Box
+
+    seen, actions = env.observation_space, actions_of(env)
+    if not isinstance(seen, Box) or len(seen.shape) != 1 or actions is None:
+        raise DataError(
+            f"{env_id} has {type(seen).__name__} observations of shape {seen.shape} and "
+            f"{type(env.action_space).__name__} actions, but only flat Box or Discrete observations and actions can be "
+            "played: wrap it or choose another."
+        )
+    name = getattr(policy, "source_", "the policy")  # the file that `rpil.load` read it from
+    width = getattr(policy, "n_features_in_", None)
+    if width is not None and (width,) != seen.shape:
+        raise DataError(
+            f"{env_id} has observations of shape {seen.shape} but {name} was fitted on shape ({width},): "
+            "play it in the environment its demonstrations come from."
+        )
+    known = getattr(policy, "classes_", None)
+    if known is not None:
+        theirs, ours = np.asarray(known).tolist(), actions.classes_.tolist()
+        if bool(theirs) != bool(ours) or not set(theirs) <= set(ours):
+            raise DataError(
+                f"{env_id} has {actions} but {name} knows {theirs or 'continuous ones'}: "
+                "play it in the environment its demonstrations come from."
+            )
+    return actions
+
+
+def _actions(policy: Policy, observations: NDArray[Any], env_id: str, space: ActionSpace) -> NDArray[Any]:
+    """Ask the policy once for all running episodes, and refuse an answer that the environments would misread."""
+    answer = np.asarray(policy.predict(observations))
+    actions = space.executed(answer, len(observations))
+    if actions is None:
+        raise DataError(
+            f"In {env_id} the policy answered {len(observations)} observations with {answer.dtype} of shape "
+            f"{answer.shape}: predict must return {space.wanted} for each."
+        )
+    return actions

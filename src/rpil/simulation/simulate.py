@@ -1,0 +1,91 @@
+"""Good and bad demonstrations of a known environment, made from one seed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rpil.data.errors import DataError
+from rpil.simulation.corruptions import CORRUPTIONS, KINDS, RANDOM
+from rpil.simulation.experts import expert
+from rpil.simulation.rollouts import RandomPolicy, record
+
+
+@dataclass(frozen=True, eq=False)
+class Simulation:
+    """M simulated demonstrations, the good first.
+
+    Attributes
+    ----------
+    env_id, kind : str
+        The environment, and what is wrong with the bad ones.
+    episodes : list of (observations (n, D), actions (n,) or (n, A))
+    is_good : array of int (M,)
+        1 for the expert's own demonstrations, 0 for the bad ones.
+    returns : array (M,)
+        Undiscounted return of the policy that drove: but for "random" a bad demonstration has an expert's return.
+    """
+
+    env_id: str
+    kind: str
+    episodes: list[tuple[NDArray[Any], NDArray[Any]]]
+    is_good: NDArray[np.int64]
+    returns: NDArray[np.float64]
+
+
+def simulate(env_id: str, kind: str, *, n_good: int, n_bad: int, seed: int) -> Simulation:
+    """Let the closed-form expert of an environment demonstrate, and spoil some of the demonstrations.
+
+    The good episodes depend on neither `kind` nor `n_bad`, and for every kind but "random" the same episodes are
+    spoiled: results for two kinds with one seed differ by the kind alone.
+
+    Parameters
+    ----------
+    env_id : str
+        An environment with an expert in `rpil.simulation.experts`.
+    kind : str
+        One of `rpil.simulation.corruptions.KINDS`.
+    n_good, n_bad : int
+        Number of demonstrations of either sort, 0 or more.
+    seed : int
+        Fixes everything.
+
+    Returns
+    -------
+    Simulation
+
+    Raises
+    ------
+    DataError
+        If the environment has no expert, the kind is unknown or there is nothing to simulate.
+    """
+    if kind not in KINDS:
+        raise DataError(f"There is no kind of bad demonstration {kind!r}: choose one of {', '.join(KINDS)}.")
+    if n_good < 0 or n_bad < 0 or n_good + n_bad == 0:
+        raise DataError(f"n_good = {n_good} and n_bad = {n_bad} make no demonstrations: ask for at least one in all.")
+    driver = expert(env_id)
+    space = driver.actions
+    good_seed, bad_seed, policy_seed, spoil_seed = np.random.SeedSequence(seed).generate_state(4).tolist()
+
+    good = record(driver, env_id, n_episodes=n_good, seed=good_seed)
+    if kind == RANDOM:
+        bad = record(RandomPolicy(space, policy_seed), env_id, n_episodes=n_bad, seed=bad_seed)
+        spoiled = [(episode.observations, episode.actions) for episode in bad]
+    else:
+        bad = record(driver, env_id, n_episodes=n_bad, seed=bad_seed)
+        # A stream per episode: asking for more bad ones leaves the first as they were.
+        streams = np.random.default_rng(spoil_seed).spawn(n_bad)
+        spoiled = [
+            CORRUPTIONS[kind](episode.observations, episode.actions, space, rng)
+            for episode, rng in zip(bad, streams, strict=True)
+        ]
+    return Simulation(
+        env_id=env_id,
+        kind=kind,
+        episodes=[*((episode.observations, episode.actions) for episode in good), *spoiled],
+        is_good=np.repeat([1, 0], [n_good, n_bad]),
+        returns=np.array([episode.total_reward for episode in [*good, *bad]]),
+    )
