@@ -87,7 +87,7 @@ def measure(data: Dataset, path: Path, repetitions: int) -> dict[str, Any]:
             "score_ns": each(scoring, ready),
             "weigh_ns": each(weigh, ready),
             "pass_ns": each(one_pass, lessons),
-            "product_ns": each(lambda lesson: (lesson[0].features @ weights).size, lessons),
+            "product_ns": each(lambda soft_targets: (soft_targets[0].features @ weights).size, lessons),
             "judge_columns": seen.shape[1],
             "n_columns": design.shape[1],
             "product_flops": 2 * 2 * design.shape[1] * len(data.classes),

@@ -24,7 +24,7 @@ from threadpoolctl import threadpool_limits
 from rpil.data.coding import action_codes
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import AmbiguousWarning
-from rpil.data.fit_data import Problem
+from rpil.data.fit_data import FitData
 from rpil.data.spaces import Discrete
 from rpil.estimators.cloning import BehavioralCloning
 from rpil.estimators.rment import RMEnt
@@ -173,7 +173,7 @@ def ileed(data: Demonstrations, task: Task) -> Answer:
     return Answer(_mean(data, rho), Ensemble(((features, SoftmaxPolicy(weights, ridge)),), classes))
 
 
-def ileed_shapes(problem: Problem) -> list[tuple[int, int]]:
+def ileed_shapes(problem: FitData) -> list[tuple[int, int]]:
     """Of the policy's weights, of the embedding, of the expertise."""
     n_columns = problem.features.shape[1]
     return [(n_columns, problem.space.n), (n_columns, ILEED_DIMENSIONS), (problem.n_demonstrations, ILEED_DIMENSIONS)]
@@ -185,7 +185,7 @@ def unpacked(parameters: Array, shapes: list[tuple[int, int]]) -> list[Array]:
     return [part.reshape(shape) for part, shape in zip(np.split(parameters, ends[:-1]), shapes, strict=True)]
 
 
-def ileed_loss(parameters: Array, problem: Problem, ridge: Array) -> tuple[float, Array]:
+def ileed_loss(parameters: Array, problem: FitData, ridge: Array) -> tuple[float, Array]:
     """Penalised negative log-likelihood of ILEED, and its gradient."""
     weights, embedding, expertise = unpacked(parameters, ileed_shapes(problem))
     n_others = problem.space.n - 1
@@ -344,24 +344,24 @@ def _cloned(data: Demonstrations, kind: str, weight: Array | None = None) -> Beh
     return BehavioralCloning(features=kind).fit(data, sample_weight=weight)
 
 
-def _problem(data: Demonstrations, kind: str) -> tuple[Problem, FeatureMap, Array]:
+def _problem(data: Demonstrations, kind: str) -> tuple[FitData, FeatureMap, Array]:
     """The demonstrations behind a feature map, for methods with an optimiser of their own; the map; the actions."""
     classes, codes = action_codes(data.actions, data.source)
     features = FeatureMap.fit(kind, data.observations)
     nobody = np.zeros(len(data), dtype=int)
     return (
-        Problem(features.design(data.observations), codes, data.offsets, Discrete(len(classes)), nobody),
+        FitData(features.design(data.observations), codes, data.offsets, Discrete(len(classes)), nobody),
         features,
         classes,
     )
 
 
-def _pooled(problem: Problem, ridge: Array) -> SoftmaxPolicy:
+def _pooled(problem: FitData, ridge: Array) -> SoftmaxPolicy:
     """The policy that trusts every step."""
-    return SoftmaxPolicy.zero(problem.space.n, ridge).learn(problem, np.ones(len(problem.actions)))[0]
+    return SoftmaxPolicy.zero(problem.space.n, ridge).fit(problem, np.ones(len(problem.actions)))[0]
 
 
-def taken(problem: Problem, log_proba: Array) -> Array:
+def taken(problem: FitData, log_proba: Array) -> Array:
     """Log-probability of the action taken, (N, K) -> (N,)."""
     return np.take_along_axis(log_proba, problem.actions[:, None], axis=1)[:, 0]
 

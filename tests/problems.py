@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.special import softmax
 
 from rpil.data.demonstrations import Demonstrations
-from rpil.data.fit_data import Problem
+from rpil.data.fit_data import FitData
 from rpil.data.spaces import Box, Discrete, Space
 from rpil.mixture.adversaries.named import adversary
 from rpil.mixture.em import State
@@ -58,10 +58,10 @@ class Toy:
     def demonstrations(self) -> Demonstrations:
         return Demonstrations.from_arrays(self.observations, self.actions, self.offsets, self.ids)
 
-    def problem(self, features: str = "raw") -> Problem:
+    def problem(self, features: str = "raw") -> FitData:
         """As EM wants it."""
         design = FeatureMap.fit(features, self.observations).design(self.observations)
-        return Problem(design, self.actions, self.offsets, self.space, self.labels)
+        return FitData(design, self.actions, self.offsets, self.space, self.labels)
 
     def labelled(self, labels: dict[int, int]) -> Toy:
         """The same with ``labels`` {index: 1 or -1}."""
@@ -222,15 +222,15 @@ RIDGE = 1e-3
 """A step."""
 
 
-def ridge(problem: Problem) -> Array:
+def ridge(problem: FitData) -> Array:
     """A weak penalty on all but the constant."""
     penalty = np.full(problem.features.shape[1], RIDGE * len(problem.actions))
     penalty[-1] = 0.0
     return penalty
 
 
-def pooled_state(problem: Problem, which: str) -> State:
+def pooled_state(problem: FitData, which: str) -> State:
     """Where EM starts by default: the policy that trusts everybody."""
     zero = linear_policy(problem.space, ridge(problem), len(problem.actions))
-    policy, _ = zero.learn(problem, np.ones(len(problem.actions)))
+    policy, _ = zero.fit(problem, np.ones(len(problem.actions)))
     return State(policy, adversary(which, problem.space, zero), Share())

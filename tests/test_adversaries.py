@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from scipy.special import log_softmax
 
 from rpil.data.errors import DataError
-from rpil.data.fit_data import Problem
+from rpil.data.fit_data import FitData
 from rpil.data.spaces import Discrete
 from rpil.mixture.adversaries.discrete import Complement, Confusion, Marginal, Uniform
 from rpil.mixture.adversaries.named import ADVERSARIES, adversary
@@ -34,7 +34,7 @@ def named(name: str, n_actions: int, ridge: tuple[float, ...] = (0.3, 0.3, 0.0))
 
 def learn(found, features, log_policy, actions, weight):
     """An adversary fitted to steps."""
-    return found.fit(Problem.of_steps(features, actions, Discrete(log_policy.shape[1])), log_policy, weight)
+    return found.fit(FitData.of_steps(features, actions, Discrete(log_policy.shape[1])), log_policy, weight)
 
 
 def fitted(name: str, n_actions: int, seed: int = 0):
@@ -248,7 +248,7 @@ def test_soft_targets_bound_log_one_minus_pi_from_below():
         old, new = log_softmax(4 * rng.normal(size=(2, 2000, n_actions)), axis=2)
         actions = rng.integers(n_actions, size=2000)
         q = Complement().intended(old, actions)
-        problem = Problem(
+        problem = FitData(
             np.empty((2000, 0)), actions, np.array([0, 2000]), Discrete(n_actions), np.zeros(1, dtype=int)
         )
         assert (q[np.arange(2000), actions] == 0).all()

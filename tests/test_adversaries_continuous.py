@@ -11,7 +11,7 @@ from scipy.integrate import quad
 
 from problems import continuous_zoo, make_continuous, ridge
 from rpil.data.errors import DataError
-from rpil.data.fit_data import Problem
+from rpil.data.fit_data import FitData
 from rpil.data.spaces import Box, Discrete
 from rpil.mixture.adversaries.box import MarginalBox, UniformBox
 from rpil.mixture.adversaries.discrete import Uniform
@@ -26,14 +26,14 @@ PROBLEM = TOY.problem()
 N = len(PROBLEM.actions)
 
 
-def fresh(problem: Problem = PROBLEM) -> Policy:
+def fresh(problem: FitData = PROBLEM) -> Policy:
     """A policy that has seen no data."""
     return linear_policy(problem.space, ridge(problem), len(problem.actions))
 
 
-def fitted(name: str, problem: Problem = PROBLEM, seed: int = 0) -> tuple[Adversary, NDArray]:
+def fitted(name: str, problem: FitData = PROBLEM, seed: int = 0) -> tuple[Adversary, NDArray]:
     """An adversary that has seen some steps, and the outputs of the policy it was fitted beside."""
-    _, outputs = fresh(problem).learn(problem, np.ones(len(problem.actions)))
+    _, outputs = fresh(problem).fit(problem, np.ones(len(problem.actions)))
     weight = np.random.default_rng(seed).random(len(problem.actions))
     found = adversary(name, problem.space, fresh(problem))
     for _ in range(3):
@@ -137,7 +137,7 @@ def test_fit_never_loses(name, seed):
 def test_the_marginal_is_the_mode_under_its_prior_of_a_step_in_each_bin():
     box = Box(np.array([0.0]), np.array([20.0]))
     actions, weight = np.array([[0.5], [0.7], [19.9]]), np.array([1.0, 0.5, 2.0])
-    problem = Problem.of_steps(np.ones((3, 1)), actions, box)
+    problem = FitData.of_steps(np.ones((3, 1)), actions, box)
     found = MarginalBox.start(box).fit(problem, actions, weight)
     counts = np.ones(20)
     counts[[0, 19]] += 1.5, 2.0

@@ -14,7 +14,7 @@ from rpil import RPIL
 from rpil.audit.record import SURE, Audit, Interval
 from rpil.audit.summary import WHOLE, step_weight, summarise
 from rpil.data.errors import DataError
-from rpil.data.fit_data import Problem
+from rpil.data.fit_data import FitData
 from rpil.data.spaces import Discrete
 from rpil.mixture.em import Posterior, Result, run
 
@@ -32,7 +32,7 @@ def told(
     """The audit of five demonstrations."""
     offsets = np.concatenate([[0], np.cumsum(LENGTHS)])
     n = int(offsets[-1])
-    problem = Problem(np.ones((n, 1)), np.zeros(n, dtype=int), offsets, Discrete(3), np.array(labels))
+    problem = FitData(np.ones((n, 1)), np.zeros(n, dtype=int), offsets, Discrete(3), np.array(labels))
     state = pooled_state(problem, "uniform")
     ratio = np.linspace(-1, 1, n) if log_ratio is None else log_ratio
     posterior = Posterior(np.array(log_odds), np.zeros(5), np.zeros(5), ratio, np.zeros((n, 3)))

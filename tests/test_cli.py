@@ -666,7 +666,7 @@ def test_an_interrupted_run_goes_on(folder, monkeypatch):
         monkeypatch.setattr(f"rpil.scale.fit.{name}", small)
     shutil.copy(folder / "good.parquet", "good.parquet")
     whole = ok("audit", "good.parquet", "--json", "--features", "raw").stdout
-    climb, so_far = SoftmaxPolicy.improved, Path("good.parquet.rpil-checkpoint")
+    climb, so_far = SoftmaxPolicy.m_step, Path("good.parquet.rpil-checkpoint")
 
     def interrupt(*arguments):
         if so_far.exists():

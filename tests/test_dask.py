@@ -19,7 +19,7 @@ from rpil import RPIL, DaskEngine, DataError, open_dataset
 from rpil.cli import main as cli
 from rpil.data import formats
 from rpil.data.demonstrations import Demonstrations, Piece
-from rpil.data.fit_data import Problem
+from rpil.data.fit_data import FitData
 from rpil.scale import dask as engine
 from rpil.scale import fit as large
 from rpil.scale.ascent import clone_pass
@@ -104,12 +104,12 @@ def test_each_worker_holds_a_share(small, cluster):
 def test_only_parameters_and_sums_travel(small, cluster):
     data = demonstrations()
     model = RPIL(engine=InMemory()).fit(data)
-    problem = Problem(
+    problem = FitData(
         model.features_.design(data.observations), data.actions, data.offsets, model.space_, np.zeros(120, dtype=int)
     )
     weight = model.audit_.step_weight
-    policy, hessian = model.policy_.primed(problem, weight, model.policy_.ridge, 1.0)
-    policy, _ = policy.improved(policy.study(problem, weight)[1], np.inf, hessian, np.empty((0, 2, 0, 0)))
+    policy, hessian = model.policy_.with_preconditioner(problem, weight, model.policy_.ridge, 1.0)
+    policy, _ = policy.m_step(policy.collect_suff_stats(problem, weight)[1], np.inf, hessian, np.empty((0, 2, 0, 0)))
     assert size(partial(clone_pass, policy=policy)) < 2 * policy.weights.nbytes + 4000
     # What a part is told of demonstrations is of its own.
     weigh = large.Weigh(model.judge_, np.arange(120.0), 1.0)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.special import expit, log_softmax, logit
 
 from problems import Toy, make, pooled_state, ridge, zoo
-from rpil.data.fit_data import Problem
+from rpil.data.fit_data import FitData
 from rpil.data.spaces import Discrete
 from rpil.mixture.adversaries.discrete import Complement, Uniform
 from rpil.mixture.adversaries.named import ADVERSARIES, adversary
@@ -26,14 +26,14 @@ def tiny(seed: int = 0, labels: tuple[int, ...] = (0, 0, 0, 0), n_actions: int =
     return toy.labelled(dict(enumerate(labels)))
 
 
-def tiny_state(problem: Problem, which: str, seed: int = 0) -> State:
+def tiny_state(problem: FitData, which: str, seed: int = 0) -> State:
     """Parameters at no special place."""
     rng = np.random.default_rng(seed)
     policy = SoftmaxPolicy(rng.normal(size=(problem.features.shape[1], problem.space.n)), ridge(problem))
     return State(policy, adversary(which, problem.space, policy), Share(0.3))
 
 
-def likelihoods(problem: Problem, state: State) -> tuple[NDArray, NDArray]:
+def likelihoods(problem: FitData, state: State) -> tuple[NDArray, NDArray]:
     """pi and psi of the actions taken, in plain probabilities."""
     log_proba = state.policy.log_proba(problem.features)
     pi = np.exp(log_proba[np.arange(len(problem.actions)), problem.actions])
@@ -80,13 +80,13 @@ def test_the_papers_model_is_its_equation_11(which, n_actions):
     np.testing.assert_allclose(posterior.expert, expit(delta), rtol=1e-9)
 
 
-def long_demonstrations(n_steps: int) -> tuple[Problem, NDArray]:
+def long_demonstrations(n_steps: int) -> tuple[FitData, NDArray]:
     """An expert's and a random one's, under a sharp policy."""
     rng = np.random.default_rng(0)
     log_proba = log_softmax(np.tile([8.0, 0.0, -8.0], (2 * n_steps, 1)), axis=1)
     actions = np.concatenate([np.zeros(n_steps, dtype=int), rng.integers(3, size=n_steps)])
     features = np.ones((2 * n_steps, 1))
-    return Problem(
+    return FitData(
         features, actions, np.array([0, n_steps, 2 * n_steps]), Discrete(3), np.zeros(2, dtype=int)
     ), log_proba
 
@@ -189,7 +189,7 @@ def test_m_step_uses_soft_targets_or_the_experts_term_alone():
         ("expert_only", r[:, None] * taken),
     ):
         new, log_proba = m_step(problem, state, posterior, mode, max_iter=100, max_cg=100)
-        best, _ = SoftmaxPolicy.zero(3, ridge(problem)).learn(problem, np.zeros(len(taken)), targets, tol=1e-10)
+        best, _ = SoftmaxPolicy.zero(3, ridge(problem)).fit(problem, np.zeros(len(taken)), targets, tol=1e-10)
         np.testing.assert_allclose(log_proba, best.log_proba(problem.features), atol=1e-3)
         np.testing.assert_allclose(log_proba, new.policy.log_proba(problem.features), atol=1e-9)
         assert new.prior.p == pytest.approx((posterior.expert.sum() + 1) / (4 + 2))

@@ -11,7 +11,7 @@ from scipy.integrate import dblquad, quad
 from scipy.stats import multivariate_t
 
 from problems import continuous_zoo, make_continuous, ridge
-from rpil.data.fit_data import Problem
+from rpil.data.fit_data import FitData
 from rpil.data.spaces import Box
 from rpil.policies.linear import linear_policy
 from rpil.policies.student import _FREEDOM, StudentPolicy
@@ -30,14 +30,14 @@ def some_policy(n_parts: int, freedom: float = 3.0, seed: int = 0) -> StudentPol
     )
 
 
-def saturated(n: int, noise: float, seed: int = 0) -> tuple[Problem, NDArray]:
+def saturated(n: int, noise: float, seed: int = 0) -> tuple[FitData, NDArray]:
     """A linear controller who asks for more than the box allows in most steps, and what it would ask for."""
     rng = np.random.default_rng(seed)
     features, _ = some_steps(n, 2, seed)
     wanted = features @ np.array([[2.0, 1.0], [-3.0, 0.5], [0.5, -0.3]])
     errors = rng.normal(size=(n, 2)) @ np.array([[noise, 0.8 * noise], [0.0, 0.6 * noise]])
     box = Box(-np.ones(2), np.ones(2))
-    return Problem.of_steps(features, box.bounded(wanted + errors), box), wanted
+    return FitData.of_steps(features, box.bounded(wanted + errors), box), wanted
 
 
 def some_steps(n: int, n_parts: int, seed: int = 1) -> tuple[NDArray, NDArray]:
@@ -46,11 +46,11 @@ def some_steps(n: int, n_parts: int, seed: int = 1) -> tuple[NDArray, NDArray]:
     return np.column_stack([rng.normal(size=(n, 2)), np.ones(n)]), 3 * rng.normal(size=(n, n_parts))
 
 
-def zero(problem: Problem) -> StudentPolicy:
+def zero(problem: FitData) -> StudentPolicy:
     return linear_policy(problem.space, ridge(problem), len(problem.actions))
 
 
-def objective(policy: StudentPolicy, problem: Problem, weight: NDArray) -> float:
+def objective(policy: StudentPolicy, problem: FitData, weight: NDArray) -> float:
     return float(weight @ policy.log_prob(policy.outputs(problem.features), problem.actions) - policy.penalty())
 
 
@@ -114,7 +114,7 @@ def test_no_step_of_learning_lowers_the_objective(name):
         policy = zero(problem)
         history = [objective(policy, problem, weight)]
         for _ in range(25):
-            policy, outputs = policy.learn(problem, weight, max_iter=1)
+            policy, outputs = policy.fit(problem, weight, max_iter=1)
             np.testing.assert_allclose(outputs, policy.outputs(problem.features), atol=1e-9 * np.abs(outputs).max())
             history.append(objective(policy, problem, weight))
         assert np.isfinite(history).all()
@@ -130,7 +130,7 @@ def test_no_step_lowers_the_objective_where_actions_are_at_the_bounds(noise):
     policy = zero(problem)
     history = [objective(policy, problem, weight)]
     for _ in range(40):
-        policy, _ = policy.learn(problem, weight, max_iter=1)
+        policy, _ = policy.fit(problem, weight, max_iter=1)
         history.append(objective(policy, problem, weight))
     assert np.diff(history).min() >= -1e-9 * np.abs(history).max()
     assert np.diff(history).max() > 1.0
@@ -139,10 +139,10 @@ def test_no_step_lowers_the_objective_where_actions_are_at_the_bounds(noise):
 def test_it_finds_a_controller_that_the_box_cuts_short():
     problem, wanted = saturated(2000, 0.02)
     assert (np.abs(problem.actions) == 1.0).mean() > 0.5
-    policy, outputs = zero(problem).learn(problem, np.ones(2000), tol=1e-9, max_iter=500)
+    policy, outputs = zero(problem).fit(problem, np.ones(2000), tol=1e-9, max_iter=500)
     within = np.abs(wanted) < 1.0
     nowhere = np.full(2, np.inf)
-    _, said = replace(policy, low=-nowhere, high=nowhere).learn(problem, np.ones(2000), tol=1e-9, max_iter=500)
+    _, said = replace(policy, low=-nowhere, high=nowhere).fit(problem, np.ones(2000), tol=1e-9, max_iter=500)
     errors = [np.abs(problem.space.bounded(mean) - problem.actions)[within].mean() for mean in (outputs, said)]
     assert errors[0] < 0.03
     assert errors[1] > 5 * errors[0]
@@ -151,7 +151,7 @@ def test_it_finds_a_controller_that_the_box_cuts_short():
 def test_it_ends_where_no_direction_is_better():
     problem = ZOO["noisy"].problem()
     weight = np.random.default_rng(0).random(len(problem.actions))
-    policy, _ = zero(problem).learn(problem, weight, tol=0.0, max_iter=2000)
+    policy, _ = zero(problem).fit(problem, weight, tol=0.0, max_iter=2000)
     best, rng = objective(policy, problem, weight), np.random.default_rng(1)
     for _ in range(20):
         weights = policy.weights + 1e-3 * rng.normal(size=policy.weights.shape)
@@ -164,7 +164,7 @@ def test_it_ends_where_no_direction_is_better():
 def test_it_recovers_what_made_the_steps():
     toy = make_continuous("none", 3, n_good=40, n_bad=0, steps=(100, 100), noise=0.3)
     problem = toy.problem()
-    policy, outputs = StudentPolicy.zero(toy.space, np.zeros(4), 4000).learn(problem, np.ones(4000))
+    policy, outputs = StudentPolicy.zero(toy.space, np.zeros(4), 4000).fit(problem, np.ones(4000))
     truth = toy.observations @ toy.weights[:-1] + toy.weights[-1]
     assert np.abs(outputs - truth).mean() < 0.01
     least = np.diag((0.01 * (toy.space.high - toy.space.low)) ** 2)
@@ -176,9 +176,9 @@ def test_it_recovers_how_heavy_the_tails_are():
     rng = np.random.default_rng(0)
     features, _ = some_steps(20_000, 1)
     actions = features @ np.array([[1.0], [-2.0], [0.5]]) + 0.4 * rng.standard_t(3.0, size=(20_000, 1))
-    problem = Problem.of_steps(features, actions, Box.around(actions))
+    problem = FitData.of_steps(features, actions, Box.around(actions))
     start = StudentPolicy.zero(Box(np.array([-10.0]), np.array([10.0])), np.zeros(3), 1.0)
-    policy, _ = start.learn(problem, np.ones(20_000), tol=1e-9)
+    policy, _ = start.fit(problem, np.ones(20_000), tol=1e-9)
     np.testing.assert_allclose(policy.weights[:, 0], [1.0, -2.0, 0.5], atol=0.02)
     assert policy.freedom == 3.0
     assert policy.cholesky[0, 0] == pytest.approx(0.4, abs=0.02)
@@ -194,7 +194,7 @@ def test_a_tenth_of_gross_outliers_does_not_move_it(n_parts):
     spoiled = replace(clean, actions=actions)  # the box is the declared one
     ones = np.ones(len(actions))
     truth = toy.observations @ toy.weights[:-1] + toy.weights[-1]
-    policy, outputs = zero(spoiled).learn(spoiled, ones)
+    policy, outputs = zero(spoiled).fit(spoiled, ones)
     assert np.abs(outputs - truth).mean() < 0.05
     least_squares = clean.features @ np.linalg.lstsq(clean.features, actions)[0]
     assert np.abs(least_squares - truth).mean() > 1.0
@@ -204,7 +204,7 @@ def test_a_tenth_of_gross_outliers_does_not_move_it(n_parts):
 def test_a_part_that_never_moves_is_predicted_and_no_more():
     toy = ZOO["a part that never moves"]
     problem = toy.problem()
-    policy, outputs = zero(problem).learn(problem, np.ones(len(problem.actions)))
+    policy, outputs = zero(problem).fit(problem, np.ones(len(problem.actions)))
     np.testing.assert_allclose(outputs[:, 1], 3.0, atol=1e-6)
     assert np.isfinite(policy.log_prob(outputs, problem.actions)).all()
     # and it is no surer of it than a hundredth of the box allows
@@ -215,7 +215,7 @@ def test_a_part_that_never_moves_is_predicted_and_no_more():
 def test_no_policy_is_surer_than_a_hundredth_of_the_box():
     toy = make_continuous("none", 0, n_bad=0, noise=0.0)
     problem = toy.problem()
-    policy, _ = zero(problem).learn(problem, np.ones(len(problem.actions)), max_iter=1000)
+    policy, _ = zero(problem).fit(problem, np.ones(len(problem.actions)), max_iter=1000)
     spread = np.sqrt(np.diag(policy.cholesky @ policy.cholesky.T))
     assert (spread > 0.009 * (problem.space.high - problem.space.low)).all()
 
@@ -223,9 +223,9 @@ def test_no_policy_is_surer_than_a_hundredth_of_the_box():
 def test_a_weight_of_two_is_a_step_taken_twice():
     problem = ZOO["noisy"].problem()
     rows = np.repeat(np.arange(len(problem.actions)), 2)
-    twice = Problem.of_steps(problem.features[rows], problem.actions[rows], problem.space)
-    one, _ = zero(problem).learn(problem, np.full(len(problem.actions), 2.0))
-    two, _ = zero(problem).learn(twice, np.ones(len(rows)))
+    twice = FitData.of_steps(problem.features[rows], problem.actions[rows], problem.space)
+    one, _ = zero(problem).fit(problem, np.full(len(problem.actions), 2.0))
+    two, _ = zero(problem).fit(twice, np.ones(len(rows)))
     np.testing.assert_allclose(one.weights, two.weights, atol=1e-9)
     np.testing.assert_allclose(one.cholesky, two.cholesky, atol=1e-9)
 
@@ -234,16 +234,16 @@ def test_steps_without_weight_do_not_count():
     toy = make_continuous("random", 0)
     problem = toy.problem()
     good = toy.is_good[toy.groups]
-    weighted, _ = zero(problem).learn(problem, good.astype(float))
-    alone = Problem.of_steps(problem.features[good], problem.actions[good], problem.space)
-    selected, _ = zero(problem).learn(alone, np.ones(good.sum()))
+    weighted, _ = zero(problem).fit(problem, good.astype(float))
+    alone = FitData.of_steps(problem.features[good], problem.actions[good], problem.space)
+    selected, _ = zero(problem).fit(alone, np.ones(good.sum()))
     np.testing.assert_allclose(weighted.weights, selected.weights, atol=1e-9)
 
 
 def test_nobody_to_learn_from_leaves_a_policy_with_a_finite_density():
     """Where EM trusts everybody, or nobody, the other side's steps weigh nothing at all."""
     problem = ZOO["random"].problem()
-    policy, outputs = zero(problem).learn(problem, np.zeros(len(problem.actions)))
+    policy, outputs = zero(problem).fit(problem, np.zeros(len(problem.actions)))
     assert np.isfinite(outputs).all()
     assert np.isfinite(policy.log_prob(outputs, problem.actions)).all()
     assert np.isfinite(policy.penalty())
@@ -259,7 +259,7 @@ def test_units_of_the_actions_do_not_matter():
         space=Box(problem.space.low * unit + shift, problem.space.high * unit + shift),
     )
     ones = np.ones(len(problem.actions))
-    (one, outputs), (two, others) = (zero(p).learn(p, ones) for p in (problem, other))
+    (one, outputs), (two, others) = (zero(p).fit(p, ones) for p in (problem, other))
     np.testing.assert_allclose((others - shift) / unit, outputs, atol=1e-6)
     assert one.freedom == two.freedom
     np.testing.assert_allclose(
@@ -271,7 +271,7 @@ def test_single_precision_costs_precision_and_nothing_else():
     problem = ZOO["noisy"].problem()
     single = replace(problem, features=problem.features.astype(np.float32))
     ones = np.ones(len(problem.actions))
-    one, two = (zero(problem).learn(p, ones)[0] for p in (problem, single))
+    one, two = (zero(problem).fit(p, ones)[0] for p in (problem, single))
     np.testing.assert_allclose(two.weights, one.weights, atol=1e-4)
 
 
@@ -279,9 +279,9 @@ def test_columns_that_are_no_columns_are_survived():
     """Two columns alike and no ridge: least squares without a unique solution."""
     features, actions = some_steps(50, 1)
     features = np.column_stack([features[:, 0], features[:, 0], np.ones(50)])
-    problem = Problem.of_steps(features, actions, Box.around(actions))
-    policy, outputs = StudentPolicy.zero(problem.space, np.zeros(3), 50).learn(problem, np.ones(50))
-    expected, _ = StudentPolicy.zero(problem.space, np.zeros(2), 50).learn(
+    problem = FitData.of_steps(features, actions, Box.around(actions))
+    policy, outputs = StudentPolicy.zero(problem.space, np.zeros(3), 50).fit(problem, np.ones(50))
+    expected, _ = StudentPolicy.zero(problem.space, np.zeros(2), 50).fit(
         replace(problem, features=features[:, 1:]), np.ones(50)
     )
     np.testing.assert_allclose(outputs, expected.outputs(features[:, 1:]), atol=1e-4)
@@ -290,4 +290,4 @@ def test_columns_that_are_no_columns_are_survived():
 
 def test_it_cannot_be_made_surer():
     policy = some_policy(2)
-    assert policy.tempered(3.0) is policy
+    assert policy.with_temperature(3.0) is policy

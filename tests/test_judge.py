@@ -13,7 +13,7 @@ from problems import make, make_continuous
 from rpil import RPIL, DataError
 from rpil.audit.summary import longest
 from rpil.data.demonstrations import Demonstrations
-from rpil.data.fit_data import Problem
+from rpil.data.fit_data import FitData
 from rpil.data.spaces import Discrete
 from rpil.inference.effective_steps import autocovariances, effective_steps
 from rpil.inference.fitted_judge import SCALES, mean_variance
@@ -28,7 +28,7 @@ from rpil.numerics.regression import error_scale, standardised, student
 STEPS = (40, 60)
 
 
-def problem_of(toy, labels=None) -> Problem:
+def problem_of(toy, labels=None) -> FitData:
     problem = toy.problem()
     return problem if labels is None else replace(problem, labels=np.asarray(labels))
 
@@ -174,7 +174,7 @@ def test_labelled_experts_teach_and_labelled_adversaries_do_not():
 def test_a_strong_ridge_is_chosen_where_there_is_nothing_to_learn():
     rng = np.random.default_rng(0)
     features = np.column_stack([rng.normal(size=(400, 100)), np.ones(400)])
-    noise = Problem(features, rng.integers(4, size=400), np.arange(21) * 20, Discrete(4), np.zeros(20, dtype=int))
+    noise = FitData(features, rng.integers(4, size=400), np.arange(21) * 20, Discrete(4), np.zeros(20, dtype=int))
     assert choose_ridge(noise, scorer(noise, 0), np.ones(20, dtype=bool)) == 1e-1
     clear = replace(noise, actions=(features[:, 0] > 0).astype(int))
     assert choose_ridge(clear, scorer(clear, 0), np.ones(20, dtype=bool)) < 1e-1
@@ -349,7 +349,7 @@ def test_styles_that_differ_little_are_listed_without_a_warning(seed):
 
 def test_one_style_has_no_second():
     data, _ = styles(0, n_first=12, n_second=0)
-    problem = Problem(
+    problem = FitData(
         np.column_stack([data.observations, np.ones(len(data.actions))]),
         data.actions,
         data.offsets,
@@ -431,7 +431,7 @@ def test_reliability_is_the_share_of_steps_that_follow_the_policy():
     follows = rng.random((3, n_steps)) < share[:, None]
     log_ratio = np.where(follows, np.log(0.9 / 0.25), np.log(0.1 / 3 / 0.25)).ravel()
     ones, zeros = np.ones((3 * n_steps, 1)), np.zeros(3 * n_steps, dtype=int)
-    problem = Problem(ones, zeros, np.arange(4) * n_steps, Discrete(4), np.zeros(3, dtype=int))
+    problem = FitData(ones, zeros, np.arange(4) * n_steps, Discrete(4), np.zeros(3, dtype=int))
     # An expert's step has the likelihood ratio of its action, and so has another step that happens to agree.
     trust = step_trust(problem, log_ratio, np.ones(3))
     assert (np.diff(trust.reliability) > 0.2).all()

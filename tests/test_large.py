@@ -13,7 +13,7 @@ from sklearn.metrics import roc_auc_score
 from problems import make, make_continuous
 from rpil import RPIL, DataError, load, save
 from rpil.data.demonstrations import PIECE_STEPS, Demonstrations
-from rpil.data.fit_data import Problem
+from rpil.data.fit_data import FitData
 from rpil.scale import fit as large
 from rpil.scale.ascent import _time_left
 from rpil.scale.disk import Streamed
@@ -181,7 +181,7 @@ def test_where_no_demonstration_is_trusted_the_likeliest_steps_count(small):
     audit = model.audit_
     assert Weigh.of(audit, model.judge_).typical < 1.0
     weigh = Weigh.of(replace(audit, expert_proba=np.zeros(len(audit.ids))), model.judge_)
-    problem = Problem(
+    problem = FitData(
         model.judge_features_.design(data.observations), data.actions, data.offsets, model.space_, np.zeros(120, int)
     )
     weight, log_ratio = weigh.weight(problem, weigh.trust)

@@ -9,7 +9,7 @@ import pytest
 from rpil import RPIL, BehavioralCloning, Confusion, Demonstrations, RMEnt, load, save
 from rpil.data.errors import DataError
 from rpil.mixture.adversaries.discrete import Uniform
-from rpil.scale.ascent import Polished
+from rpil.scale.ascent import AscentState
 from rpil.scale.checkpoint import Checkpoint
 from rpil.simulation.simulate import simulate
 
@@ -390,7 +390,7 @@ def test_a_checkpoint_keeps_the_final_policy_of_one_fit(fitted, data, tmp_path):
     passes = np.array([[-3.0, 0.5], [-2.0, 0.1]])
     for radius, n_places in ((np.inf, 0), (2.0, 3)):
         places = np.random.default_rng(0).random((n_places, 2, *fitted.policy_.weights.shape))
-        checkpoint.keep(Polished(fitted.policy_, passes, radius, places))
+        checkpoint.keep(AscentState(fitted.policy_, passes, radius, places))
         found = checkpoint.read()
         np.testing.assert_array_equal(found.state.weights, fitted.policy_.weights)
         np.testing.assert_array_equal(found.path, places)

@@ -55,7 +55,7 @@ def test_exact_against_all_subsets(seed):
         steps = problem.spread(weight)
         targets = one_hot(problem.actions, steps, problem.space.n)
         zero = SoftmaxPolicy.zero(toy.space.n, penalty / lengths.mean())
-        policy, log_proba = zero.learn(replace(problem, features=design), steps, tol=1e-10)
+        policy, log_proba = zero.fit(replace(problem, features=design), steps, tol=1e-10)
         objectives[subset] = (policy.penalty() - (targets * log_proba).sum()) / 4
     best = min(objectives, key=objectives.get)
     assert model.objective_ == pytest.approx(objectives[best], abs=1e-8)

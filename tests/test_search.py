@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from problems import Toy, make, pooled_state, ridge, zoo
-from rpil.data.fit_data import Problem
+from rpil.data.fit_data import FitData
 from rpil.inference.search import Setting, fit, starts
 from rpil.mixture.adversaries.discrete import Uniform
 from rpil.mixture.em import MStep, e_step, run
@@ -19,12 +19,12 @@ from rpil.policies.softmax import SoftmaxPolicy
 STEPS = (40, 60)
 
 
-def setting_for(problem: Problem, mode: MStep = "joint", seed: int = 0) -> Setting:
+def setting_for(problem: FitData, mode: MStep = "joint", seed: int = 0) -> Setting:
     policy = SoftmaxPolicy.zero(problem.space.n, ridge(problem) / 100)
     return Setting(policy, Share(), mode=mode, seed=seed)
 
 
-def fitted(problem: Problem, which="uniform", seed: int = 0):
+def fitted(problem: FitData, which="uniform", seed: int = 0):
     return fit(problem, setting_for(problem, seed=seed), which)
 
 
@@ -114,7 +114,7 @@ def test_long_bad_demonstrations_do_not_win():
     offsets = np.concatenate([[0], np.cumsum(20 * times)])
     actions, bad = problem.actions[rows], ~np.repeat(toy.is_good, 20 * times)
     actions[bad] = np.random.default_rng(0).integers(3, size=bad.sum())
-    swamped = Problem(problem.features[rows], actions, offsets, problem.space, problem.labels)
+    swamped = FitData(problem.features[rows], actions, offsets, problem.space, problem.labels)
     assert right(toy, fitted(swamped).posterior.log_odds)
 
 

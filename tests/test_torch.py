@@ -13,7 +13,7 @@ from sklearn.metrics import roc_auc_score
 from problems import make
 from rpil import RPIL, Demonstrations, TorchPolicy, save
 from rpil.data.errors import DataError, MissingExtraError
-from rpil.data.fit_data import Problem
+from rpil.data.fit_data import FitData
 from rpil.data.spaces import Box, Discrete
 from rpil.inference.held_out import PolicyScorer
 from rpil.inference.judgement import Settings, judge
@@ -23,7 +23,7 @@ from rpil.policies.torch import _learn_and_judge
 torch = pytest.importorskip("torch", reason="torch is not installed: pip install 'rpil[torch]'")
 
 
-def nonlinear(seed: int, n: int = 30, steps: int = 40, n_bad: int = 12, n_idle: int = 0) -> tuple[Problem, np.ndarray]:
+def nonlinear(seed: int, n: int = 30, steps: int = 40, n_bad: int = 12, n_idle: int = 0) -> tuple[FitData, np.ndarray]:
     """A rule that no linear policy knows, 5 % of all actions being anything, and `n_bad` demonstrations at random."""
     rng = np.random.default_rng(seed)
     x = rng.normal(size=(n * steps, 2 + n_idle))
@@ -31,32 +31,32 @@ def nonlinear(seed: int, n: int = 30, steps: int = 40, n_bad: int = 12, n_idle: 
     good = rng.permutation(n) >= n_bad
     loose = (rng.random(len(x)) < 0.05) | ~np.repeat(good, steps)
     actions[loose] = rng.integers(3, size=loose.sum())
-    return Problem(x, actions, np.arange(n + 1) * steps, Discrete(3), np.zeros(n, dtype=int)), good
+    return FitData(x, actions, np.arange(n + 1) * steps, Discrete(3), np.zeros(n, dtype=int)), good
 
 
 def rule(x: np.ndarray) -> np.ndarray:
     return np.where(x[:, 0] * x[:, 1] > 0, np.where(x[:, 0] > 0, 2, 0), 1)
 
 
-def continuous(seed: int, n: int = 24, steps: int = 40, n_bad: int = 8) -> tuple[Problem, np.ndarray]:
+def continuous(seed: int, n: int = 24, steps: int = 40, n_bad: int = 8) -> tuple[FitData, np.ndarray]:
     rng = np.random.default_rng(seed)
     x = rng.normal(size=(n * steps, 2))
     actions = wave(x) + 0.1 * rng.normal(size=(len(x), 2))
     good = rng.permutation(n) >= n_bad
     bad = ~np.repeat(good, steps)
     actions[bad] = rng.uniform(-2, 2, size=(bad.sum(), 2))
-    return Problem(x, actions, np.arange(n + 1) * steps, Box(np.full(2, -2.5), np.full(2, 2.5)), np.zeros(n, int)), good
+    return FitData(x, actions, np.arange(n + 1) * steps, Box(np.full(2, -2.5), np.full(2, 2.5)), np.zeros(n, int)), good
 
 
 def wave(x: np.ndarray) -> np.ndarray:
     return np.stack([np.sin(2 * x[:, 0]), np.abs(x[:, 1]) - 1], axis=1)
 
 
-def judged(problem: Problem, policy: TorchPolicy) -> tuple[np.ndarray, TorchPolicy]:
+def judged(problem: FitData, policy: TorchPolicy) -> tuple[np.ndarray, TorchPolicy]:
     """Log-odds of the demonstrations, and the policy of those that are trusted."""
     policy = policy.for_space(problem.space)
     log_odds = judge(problem, PolicyScorer(problem, policy), Settings()).log_odds
-    return log_odds, policy.learn(problem, problem.spread(expit(log_odds)))[0]
+    return log_odds, policy.fit(problem, problem.spread(expit(log_odds)))[0]
 
 
 def accuracy(policy: TorchPolicy, n_idle: int = 0) -> float:
@@ -72,28 +72,28 @@ def test_same_seed_same_bits_and_no_other_random_state_is_touched():
     np.random.seed(0)  # noqa: NPY002
     threads = torch.get_num_threads()
     states = torch.get_rng_state(), np.random.get_state()[1].copy()  # noqa: NPY002
-    policy, outputs = quick.learn(problem, weight)
-    _, more = policy.learn(problem, weight)
+    policy, outputs = quick.fit(problem, weight)
+    _, more = policy.fit(problem, weight)
     assert torch.get_num_threads() == threads
     assert torch.equal(torch.get_rng_state(), states[0])
     np.testing.assert_array_equal(np.random.get_state()[1], states[1])  # noqa: NPY002
     torch.manual_seed(5)
-    again, same = quick.learn(problem, weight)
+    again, same = quick.fit(problem, weight)
     np.testing.assert_array_equal(outputs, same)
-    np.testing.assert_array_equal(more, again.learn(problem, weight)[1])
+    np.testing.assert_array_equal(more, again.fit(problem, weight)[1])
     np.testing.assert_array_equal(
-        policy.finished(problem, weight).outputs(problem.features),
-        again.finished(problem, weight).outputs(problem.features),
+        policy.fit_all(problem, weight).outputs(problem.features),
+        again.fit_all(problem, weight).outputs(problem.features),
     )
-    assert (replace(quick, seed=8).learn(problem, weight)[1] != outputs).any()
+    assert (replace(quick, seed=8).fit(problem, weight)[1] != outputs).any()
 
 
 def test_instances_do_not_change():
     problem, _ = nonlinear(0, n=6, n_bad=2)
-    policy, _ = TorchPolicy(hidden=(8,), epochs=2).learn(problem, np.ones(len(problem.actions)))
+    policy, _ = TorchPolicy(hidden=(8,), epochs=2).fit(problem, np.ones(len(problem.actions)))
     before = policy.outputs(problem.features)
-    policy.learn(problem, problem.spread(np.arange(6.0)))
-    policy.finished(problem, problem.spread(np.arange(6.0)))
+    policy.fit(problem, problem.spread(np.arange(6.0)))
+    policy.fit_all(problem, problem.spread(np.arange(6.0)))
     np.testing.assert_array_equal(policy.outputs(problem.features), before)
     with pytest.raises(FrozenInstanceError):
         policy.seed = 1
@@ -106,12 +106,12 @@ def test_outputs_are_those_of_networks_that_did_not_see_the_step():
     problem, _ = nonlinear(0, n=9, steps=20, n_bad=0)
     hasty = TorchPolicy(hidden=(8,), n_folds=3, epochs=3, patience=None)
     everybody = np.ones(len(problem.actions))
-    policy, outputs = hasty.learn(problem, everybody)
+    policy, outputs = hasty.fit(problem, everybody)
     number = hasty._numbers(problem)[problem.offsets[:-1]]
     m = int(np.flatnonzero(number % 3 == 1)[0])
     without = np.where(problem.spread(np.arange(9) == m), 0.0, everybody)
     mine = slice(problem.offsets[m], problem.offsets[m + 1])
-    _, changed = hasty.learn(problem, without)
+    _, changed = hasty.fit(problem, without)
     same_fold = problem.spread(number % 3 == 1)
     # Batches are drawn among the steps that count, so it is what was learned that is compared, not the bits.
     np.testing.assert_allclose(np.exp(changed[mine]), np.exp(outputs[mine]), atol=0.2)
@@ -123,7 +123,7 @@ def test_outputs_are_those_of_networks_that_did_not_see_the_step():
 
 def test_on_other_data_it_is_the_mean_of_the_networks():
     problem, _ = nonlinear(0, n=6, n_bad=0)
-    policy, _ = TorchPolicy(hidden=(8,), n_folds=3, epochs=3).learn(problem, np.ones(len(problem.actions)))
+    policy, _ = TorchPolicy(hidden=(8,), n_folds=3, epochs=3).fit(problem, np.ones(len(problem.actions)))
     x = np.random.default_rng(0).normal(size=(50, 2))
     each = [
         replace(policy, trained=replace(policy.trained, networks=tuple(p[k : k + 1] for p in policy.trained.networks)))
@@ -160,11 +160,11 @@ def test_no_network_learns_what_it_is_judged_by():
 
 def test_recovers_a_linear_softmax_expert():
     toy = make("none", 0, n_good=30, n_bad=0, steps=(60, 80), sharpness=2.0)
-    problem = Problem(toy.observations, toy.actions, toy.offsets, Discrete(3), toy.labels)
+    problem = FitData(toy.observations, toy.actions, toy.offsets, Discrete(3), toy.labels)
     truth = toy.observations @ toy.weights[:-1] + toy.weights[-1]
     truth = truth - np.log(np.exp(truth).sum(axis=1, keepdims=True))
-    policy, outputs = TorchPolicy(hidden=(32,)).learn(problem, np.ones(len(toy.actions)))
-    for found in (outputs, policy.finished(problem, np.ones(len(toy.actions))).outputs(toy.observations)):
+    policy, outputs = TorchPolicy(hidden=(32,)).fit(problem, np.ones(len(toy.actions)))
+    for found in (outputs, policy.fit_all(problem, np.ones(len(toy.actions))).outputs(toy.observations)):
         assert (np.exp(truth) * (truth - found)).sum(axis=1).mean() < 0.03  # Kullback-Leibler, nats
 
 
@@ -176,7 +176,7 @@ def test_steps_count_by_their_weight():
     )
     quick = TorchPolicy(hidden=(32,))
     trust = opposed.spread((np.arange(20) % 2).astype(float))
-    assert accuracy(quick.finished(opposed, trust)) > 0.85
+    assert accuracy(quick.fit_all(opposed, trust)) > 0.85
 
 
 @pytest.mark.parametrize("seed", range(2))
@@ -186,8 +186,8 @@ def test_a_nonlinear_expert_among_many_who_act_at_random(seed):
     assert roc_auc_score(good, log_odds) > 0.99
     assert ((log_odds > 0) == good).mean() > 0.95
     weight = problem.spread(expit(log_odds))
-    clean = accuracy(TorchPolicy(seed=seed).finished(problem, problem.spread(good.astype(float))))
-    assert accuracy(policy.finished(problem, weight)) > clean - 0.02
+    clean = accuracy(TorchPolicy(seed=seed).fit_all(problem, problem.spread(good.astype(float))))
+    assert accuracy(policy.fit_all(problem, weight)) > clean - 0.02
     assert clean > 0.9
 
 
@@ -198,7 +198,7 @@ def test_a_large_network_memorises_bad_data_only_in_sample():
 
     def explained(policy: TorchPolicy) -> float:
         """Mean log-probability of the bad steps, where all teach."""
-        policy, outputs = policy.learn(problem, np.ones(len(bad)))
+        policy, outputs = policy.fit(problem, np.ones(len(bad)))
         return float(policy.log_prob(outputs, problem.actions)[bad].mean())
 
     assert explained(TorchPolicy(hidden=(256,), n_folds=1, epochs=60, patience=None)) > -0.5
@@ -214,14 +214,14 @@ def test_continuous_actions():
     assert roc_auc_score(good, log_odds) == 1.0
     noise = policy.trained.head.noise
     assert np.sqrt(np.diag(noise.cholesky @ noise.cholesky.T)) == pytest.approx([0.1, 0.1], abs=0.08)
-    final = policy.finished(problem, problem.spread(expit(log_odds)))
+    final = policy.fit_all(problem, problem.spread(expit(log_odds)))
     x = np.random.default_rng(9).uniform(-1.5, 1.5, size=(2000, 2))
     assert np.abs(final.outputs(x) - wave(x)).mean() < 0.1
 
 
 def test_a_given_scale_stays():
     problem, _ = continuous(0, n=6, n_bad=0)
-    policy, outputs = TorchPolicy(hidden=(8,), epochs=3, scale=(0.5, 2.0)).learn(problem, np.ones(len(problem.actions)))
+    policy, outputs = TorchPolicy(hidden=(8,), epochs=3, scale=(0.5, 2.0)).fit(problem, np.ones(len(problem.actions)))
     np.testing.assert_array_equal(policy.trained.head.noise.cholesky, np.diag([0.5, 2.0]))
     density = policy.log_prob(outputs, outputs)
     np.testing.assert_allclose(density, density[0])
@@ -242,18 +242,18 @@ def test_untrained_it_says_nothing():
 @pytest.mark.parametrize("n", [1, 2])
 def test_few_demonstrations_are_cut_into_pieces(n):
     problem, _ = nonlinear(0, n=n, steps=300, n_bad=0)
-    policy, outputs = TorchPolicy(hidden=(32,)).learn(problem, np.ones(len(problem.actions)))
+    policy, outputs = TorchPolicy(hidden=(32,)).fit(problem, np.ones(len(problem.actions)))
     assert len(np.unique(policy._numbers(problem))) == 20
     assert np.isfinite(outputs).all()
-    steps = Problem.of_steps(problem.features, problem.actions, problem.space)
-    assert accuracy(policy.finished(steps, np.ones(len(problem.actions)))) > 0.7
+    steps = FitData.of_steps(problem.features, problem.actions, problem.space)
+    assert accuracy(policy.fit_all(steps, np.ones(len(problem.actions)))) > 0.7
 
 
 def test_a_single_trusted_demonstration_teaches_what_it_can():
     problem, _ = nonlinear(0, steps=150, n_bad=0)
-    policy, _ = TorchPolicy(hidden=(32,)).learn(problem, problem.spread((np.arange(30) == 3).astype(float)))
+    policy, _ = TorchPolicy(hidden=(32,)).fit(problem, problem.spread((np.arange(30) == 3).astype(float)))
     assert accuracy(policy) > 0.6
-    _, nothing = TorchPolicy().learn(problem, np.zeros(len(problem.actions)))
+    _, nothing = TorchPolicy().fit(problem, np.zeros(len(problem.actions)))
     np.testing.assert_allclose(nothing, -np.log(3), rtol=1e-6)
 
 
@@ -299,19 +299,19 @@ def test_what_is_not_finite_is_said_in_one_sentence():
     broken[17] = np.nan
     quick = TorchPolicy(hidden=(8,), epochs=3)
     with np.errstate(invalid="ignore"), pytest.raises(DataError, match="loss is not finite in epoch 1") as told:
-        quick.learn(replace(problem, features=broken), ones)
+        quick.fit(replace(problem, features=broken), ones)
     assert one_sentence(told.value)
-    policy, _ = quick.learn(problem, ones)
+    policy, _ = quick.fit(problem, ones)
     with pytest.raises(DataError, match="outputs are not finite") as told:
         policy.outputs(broken)
     assert one_sentence(told.value)
     with pytest.raises(DataError, match="call learn first"):
         TorchPolicy().outputs(problem.features)
     with pytest.raises(DataError, match="device='nowhere'"):
-        replace(quick, device="nowhere").learn(problem, ones)
+        replace(quick, device="nowhere").fit(problem, ones)
     if not torch.cuda.is_available():
         with pytest.raises(DataError, match="device='cuda'"):
-            replace(quick, device="cuda").learn(problem, ones)
+            replace(quick, device="cuda").fit(problem, ones)
 
 
 @pytest.mark.skipif(not torch.cuda.is_available(), reason="no CUDA device")
@@ -325,7 +325,7 @@ def test_without_torch_the_extra_is_named(monkeypatch):
     problem, _ = nonlinear(0, n=6, n_bad=0)
     monkeypatch.setitem(sys.modules, "torch", None)
     with pytest.raises(MissingExtraError, match=r"rpil\[torch\]") as told:
-        TorchPolicy().learn(problem, np.ones(len(problem.actions)))
+        TorchPolicy().fit(problem, np.ones(len(problem.actions)))
     assert one_sentence(told.value)
     untouched = TorchPolicy(space=Discrete(3)).outputs(problem.features)
     assert untouched.shape == (240, 3)

@@ -9,7 +9,7 @@ from threadpoolctl import threadpool_limits
 
 from rpil.data.coding import action_codes
 from rpil.data.demonstrations import Demonstrations
-from rpil.data.fit_data import Problem
+from rpil.data.fit_data import FitData
 from rpil.data.spaces import Discrete
 from rpil.estimators.cloning import PolicyEstimator
 from rpil.estimators.validation import as_demonstrations
@@ -80,8 +80,8 @@ class PaperRecipe(PolicyEstimator):
             ridge = ridge_of(self.features_, NO_PENALTY, len(codes), self.space_)
             nobody = np.zeros(len(demonstrations), dtype=int)
             design = self.features_.design(demonstrations.observations)
-            problem = Problem(design, codes, demonstrations.offsets, self.space_, nobody)
-            pooled, outputs = SoftmaxPolicy.zero(self.space_.n, ridge).learn(problem, np.ones(len(codes)))
+            problem = FitData(design, codes, demonstrations.offsets, self.space_, nobody)
+            pooled, outputs = SoftmaxPolicy.zero(self.space_.n, ridge).fit(problem, np.ones(len(codes)))
             result = run(
                 problem,
                 State(pooled, Complement(), prior),

@@ -10,13 +10,13 @@ from sklearn.exceptions import ConvergenceWarning
 
 from rpil.audit.label_choice import P_EXPERT
 from rpil.data.errors import AmbiguousWarning
-from rpil.data.fit_data import Problem
+from rpil.data.fit_data import FitData
 from rpil.inference.judgement import FINDINGS
 
 
-def assumptions(model: Any, problem: Problem) -> list[str]:
+def assumptions(model: Any, data: FitData) -> list[str]:
     """What was found and what was assumed, one sentence each."""
-    labelled = int((problem.labels != 0).sum())
+    labelled = int((data.labels != 0).sum())
     said = [FINDINGS[model.audit_.finding], P_EXPERT]
     if model.judge_ is not None:
         said.append(f"P(two groups of scores) is {model.judge_.groups.p_two:.2f}.")
@@ -32,14 +32,14 @@ def assumptions(model: Any, problem: Problem) -> list[str]:
         said.append(f"The share of experts was given as {model.prior}.")
     if labelled:
         said.append(f"{labelled} labels were taken as certain.")
-    if problem.company.said:
-        said.append(problem.company.said)
+    if data.company.said:
+        said.append(data.company.said)
     return said
 
 
-def tell(model: Any, problem: Problem, source: str) -> None:
+def tell(model: Any, data: FitData, source: str) -> None:
     """Put the assumptions into the audit of `model`, and warn of what the user should know before using it."""
-    model.audit_ = replace(model.audit_, assumptions=tuple(assumptions(model, problem)))
+    model.audit_ = replace(model.audit_, assumptions=tuple(assumptions(model, data)))
     if not model.converged_:
         warnings.warn("EM stopped at max_iter; raise max_iter or tol.", ConvergenceWarning, stacklevel=5)
     if not model.audit_.identifiable:

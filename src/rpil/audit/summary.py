@@ -11,7 +11,7 @@ from scipy.special import expit
 
 from rpil.audit.record import Audit, Demonstrator, Interval, Verdict, verdict, with_labels
 from rpil.data.demonstrators import Company, Demonstrators
-from rpil.data.fit_data import Problem
+from rpil.data.fit_data import FitData
 from rpil.inference.judgement import Judgement
 from rpil.mixture.em import Result
 
@@ -22,18 +22,18 @@ steps are a misfit of the policy, and leaving them out would bias the policy to 
 Array = NDArray[Any]
 
 
-def audit_of(judgement: Judgement, problem: Problem, ids: Sequence[Any]) -> Audit:
+def audit_of(judgement: Judgement, data: FitData, ids: Sequence[Any]) -> Audit:
     """What the judge says of each demonstration."""
     rival, steps = judgement.rival, judgement.steps
     groups = () if rival is None else (rival.trusted, rival.rival)
-    log_odds = with_labels(judgement.log_odds, problem.labels)
-    contested = (judgement.finding != "told apart") & (problem.labels == 0)
-    unknown = np.isin(judgement.finding, ("cannot be known", "nothing could be learned")) & (problem.labels == 0)
+    log_odds = with_labels(judgement.log_odds, data.labels)
+    contested = (judgement.finding != "told apart") & (data.labels == 0)
+    unknown = np.isin(judgement.finding, ("cannot be known", "nothing could be learned")) & (data.labels == 0)
     proba = np.where(unknown, 0.5, expit(log_odds))
     verdicts = tuple(verdict(p, unsure) for p, unsure in zip(proba, contested, strict=True))
     return Audit(
         ids=tuple(ids),
-        offsets=np.asarray(problem.offsets, dtype=np.int64),
+        offsets=np.asarray(data.offsets, dtype=np.int64),
         finding=judgement.finding,
         log_odds=log_odds,
         from_actions=judgement.actions,
@@ -44,33 +44,33 @@ def audit_of(judgement: Judgement, problem: Problem, ids: Sequence[Any]) -> Audi
         reliability_interval=steps.interval,
         verdicts=verdicts,
         step_log_ratio=judgement.log_ratio,
-        step_weight=step_weight(problem.lengths, proba, steps.reliability, steps.step),
+        step_weight=step_weight(data.lengths, proba, steps.reliability, steps.step),
         prior=Interval(*judgement.share),
         identifiable=judgement.finding != "cannot be known",
         competing=tuple(tuple(ids[m] for m in group) for group in groups),
-        to_label=tuple(ids[m] for m in longest(problem, groups)),
-        adversary="frequent actions" if problem.space.kind == "discrete" else "any action",
+        to_label=tuple(ids[m] for m in longest(data, groups)),
+        adversary="frequent actions" if data.space.kind == "discrete" else "any action",
         history=judgement.scores.history,
-        demonstrators=people(problem.company, judgement.people, verdicts),
-        labelled=tuple(ids[m] for m in np.flatnonzero(problem.labels).tolist()),
+        demonstrators=people(data.company, judgement.people, verdicts),
+        labelled=tuple(ids[m] for m in np.flatnonzero(data.labels).tolist()),
     )
 
 
-def longest(problem: Problem, groups: Sequence[Array]) -> list[int]:
+def longest(data: FitData, groups: Sequence[Array]) -> list[int]:
     """The longest demonstration of each of the `groups` of indices that has no label yet."""
-    free = (group[problem.labels[group] == 0] for group in groups)
-    return [int(group[np.argmax(problem.lengths[group])]) for group in free if len(group)]
+    free = (group[data.labels[group] == 0] for group in groups)
+    return [int(group[np.argmax(data.lengths[group])]) for group in free if len(group)]
 
 
-def summarise(problem: Problem, result: Result, share: Interval, ids: Sequence[Any]) -> Audit:
+def summarise(data: FitData, result: Result, share: Interval, ids: Sequence[Any]) -> Audit:
     """What EM with a named adversary says of each demonstration; `share` is that of experts."""
     posterior = result.posterior
     own = np.nan_to_num(posterior.log_odds, posinf=1e9, neginf=-1e9)
-    log_odds = with_labels(own, problem.labels)
+    log_odds = with_labels(own, data.labels)
     proba = expit(log_odds)
     return Audit(
         ids=tuple(ids),
-        offsets=np.asarray(problem.offsets, dtype=np.int64),
+        offsets=np.asarray(data.offsets, dtype=np.int64),
         finding="told apart",
         log_odds=log_odds,
         from_actions=own,
@@ -81,11 +81,11 @@ def summarise(problem: Problem, result: Result, share: Interval, ids: Sequence[A
         reliability_interval=np.stack([proba, proba], axis=1),
         verdicts=tuple(verdict(p, contested=False) for p in proba),
         step_log_ratio=posterior.log_ratio,
-        step_weight=problem.spread(proba),
+        step_weight=data.spread(proba),
         prior=share,
         adversary=result.state.adversary.name,
         history=result.history,
-        labelled=tuple(ids[m] for m in np.flatnonzero(problem.labels).tolist()),
+        labelled=tuple(ids[m] for m in np.flatnonzero(data.labels).tolist()),
     )
 
 

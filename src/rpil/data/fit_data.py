@@ -12,7 +12,7 @@ from rpil.numerics.blocks import Array
 
 
 @dataclass(frozen=True, eq=False)
-class Problem:
+class FitData:
     """The data of one fit.
 
     Attributes
@@ -39,7 +39,7 @@ class Problem:
     company: Company = field(default_factory=Strangers)
 
     @classmethod
-    def of_steps(cls, features: Array, actions: Array, space: Space) -> Problem:
+    def of_steps(cls, features: Array, actions: Array, space: Space) -> FitData:
         """Steps of which nobody needs to know the demonstration."""
         return cls(features, actions, np.array([0, len(actions)]), space, np.zeros(1, dtype=int))
 
@@ -59,7 +59,7 @@ class Problem:
         """A value of each demonstration, repeated for its steps, (M, ...) -> (N, ...)."""
         return np.repeat(values, self.lengths, axis=0)
 
-    def select(self, demonstrations: Array, unlabelled: bool = False) -> Problem:
+    def select(self, demonstrations: Array, unlabelled: bool = False) -> FitData:
         """The same problem with some of the demonstrations only."""
         steps = np.concatenate([np.arange(self.offsets[m], self.offsets[m + 1]) for m in demonstrations])
         offsets = np.concatenate([[0], np.cumsum(self.lengths[demonstrations])])

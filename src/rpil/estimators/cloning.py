@@ -14,7 +14,7 @@ from threadpoolctl import threadpool_limits
 from rpil.data.coding import coded_actions, known_actions
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
-from rpil.data.fit_data import Problem
+from rpil.data.fit_data import FitData
 from rpil.data.spaces import Space
 from rpil.estimators.validation import checked_rows, observations_and_actions, source_of
 from rpil.policies.features import FeatureMap, ridge_of
@@ -113,10 +113,10 @@ class PolicyEstimator(ClassifierMixin, BaseEstimator):
         # A design matrix that no longer stays in cache is read in single precision, which is as good as 1e-6.
         large = used.sum() * self.features_.n_columns > LARGE
         design = self.features_.design(data.observations[used], single=large)
-        problem = Problem.of_steps(design, codes[used], self.space_)
+        fit_data = FitData.of_steps(design, codes[used], self.space_)
         policy: Policy = linear_policy(self.space_, ridge, weight.sum())
-        policy, _ = policy.learn(problem, weight[used], tol=max(tol, _SINGLE_TOL) if large else tol)
-        self.policy_ = policy.tempered(choice.temperature)
+        policy, _ = policy.fit(fit_data, weight[used], tol=max(tol, _SINGLE_TOL) if large else tol)
+        self.policy_ = policy.with_temperature(choice.temperature)
 
 
 class BehavioralCloning(PolicyEstimator):

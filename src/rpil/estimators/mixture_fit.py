@@ -8,7 +8,7 @@ from rpil.audit.record import Interval
 from rpil.audit.summary import summarise
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
-from rpil.data.fit_data import Problem
+from rpil.data.fit_data import FitData
 from rpil.inference.judgement import MINORITY
 from rpil.inference.search import Setting, fit
 from rpil.mixture.expert_prior import as_prior
@@ -17,22 +17,22 @@ from rpil.policies.features import ridge_of
 from rpil.policies.linear import linear_policy
 
 
-def fit_mixture(model: Any, demonstrations: Demonstrations, codes: Array, known: Array) -> tuple[Problem, Array]:
+def fit_mixture(model: Any, demonstrations: Demonstrations, codes: Array, known: Array) -> tuple[FitData, Array]:
     """Fit the mixture with the settings of `model`, an `RPIL`, which gets the attributes; the problem, and the weights
     (N,) of the steps that the final policy learns from. `codes` (N, ...) are of actions, and `known` (M,) are labels:
     1 expert, -1 adversary, 0 unknown.
     """
     features = model.judge_map(demonstrations)
-    problem = Problem(features.design(demonstrations.observations), codes, demonstrations.offsets, model.space_, known)
+    data = FitData(features.design(demonstrations.observations), codes, demonstrations.offsets, model.space_, known)
     policy = linear_policy(model.space_, ridge_of(features, model.C, len(codes), model.space_), len(codes))
     setting = Setting(policy, as_prior(model.prior), model.m_step, model.random_state, model.max_iter, model.tol)
-    result = fit(problem, setting, model.adversary, model.progress or (lambda _: None))
+    result = fit(data, setting, model.adversary, model.progress or (lambda _: None))
     share = Interval(*result.state.prior.interval(result.posterior.expert))
-    model.audit_ = summarise(problem, result, share, demonstrations.ids)
+    model.audit_ = summarise(data, result, share, demonstrations.ids)
     model.state_, model.judge_, model.judge_features_ = result.state, None, features
     model.n_iter_ = max(1, len(result.history) - 1)
     model.lower_bound_, model.converged_ = result.objective, result.converged
-    return problem, model.audit_.step_weight
+    return data, model.audit_.step_weight
 
 
 def check_options(model: Any) -> None:

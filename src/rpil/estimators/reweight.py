@@ -15,7 +15,7 @@ from rpil.audit.summary import audit_of
 from rpil.data.coding import coded_actions, known_labels
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
-from rpil.data.fit_data import Problem
+from rpil.data.fit_data import FitData
 from rpil.inference.held_out import LAPSE, Scored, deal, reference
 from rpil.inference.judgement import FINDINGS, MINORITY, Settings, judge
 from rpil.numerics.blocks import Array
@@ -69,7 +69,7 @@ class _Theirs:
     """Held-out log-probabilities of the user's policy: copies of `policy` judge a fold each, trained on the others."""
 
     policy: Any
-    problem: Problem
+    fit_data: FitData
     data: Demonstrations
     log_prob: LogProb
     train: Train
@@ -112,7 +112,7 @@ class _Theirs:
                 break
         if not self.data.is_discrete:  # densities of actions in standard deviations, as the reference has them
             best = best + np.log(units(self.data.actions)).sum()
-        q = reference(self.problem, np.ones(len(self.data), dtype=bool))
+        q = reference(self.fit_data, np.ones(len(self.data), dtype=bool))
         log_prob = np.logaddexp(np.log1p(-LAPSE) + best, np.log(LAPSE) + q)  # an expert, too, may do anything at times
         return Scored(log_prob, log_prob - np.average(log_prob, weights=weight)), when
 
@@ -227,12 +227,12 @@ def reweight(
         raise DataError(f"There is no minority {minority!r}; choose {' or '.join(MINORITY)}.")
     space, _, codes = coded_actions(demonstrations, action_box)
     states = FeatureMap.fit("folded", demonstrations.observations).design(demonstrations.observations)
-    problem = Problem(states, codes, demonstrations.offsets, space, known_labels(labels, demonstrations))
-    fold = problem.spread(deal(problem, n_folds, random_state))
-    theirs = _Theirs(policy, problem, demonstrations, log_prob, train, fold, max_rounds, progress)
-    judgement = judge(problem, theirs, Settings(random_state, minority), progress)
-    audit = audit_of(judgement, problem, demonstrations.ids)
-    n_rounds = theirs.found[problem.spread(judgement.teachers.astype(float)).tobytes()][1]
+    data = FitData(states, codes, demonstrations.offsets, space, known_labels(labels, demonstrations))
+    fold = data.spread(deal(data, n_folds, random_state))
+    theirs = _Theirs(policy, data, demonstrations, log_prob, train, fold, max_rounds, progress)
+    judgement = judge(data, theirs, Settings(random_state, minority), progress)
+    audit = audit_of(judgement, data, demonstrations.ids)
+    n_rounds = theirs.found[data.spread(judgement.teachers.astype(float)).tobytes()][1]
     for n in range(n_rounds):
         progress(f"training the policy: {n + 1} of {n_rounds}")
         policy = theirs.teach(policy, np.arange(len(codes)), audit.step_weight)

@@ -27,7 +27,7 @@ from threadpoolctl import threadpool_limits
 from rpil.data.coding import coded_actions
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
-from rpil.data.fit_data import Problem
+from rpil.data.fit_data import FitData
 from rpil.estimators.cloning import PolicyEstimator
 from rpil.estimators.validation import as_demonstrations
 from rpil.numerics.blocks import Array
@@ -74,27 +74,27 @@ class Trimmed:
         return float(self.history[-1])
 
 
-def fitted(problem: Problem, policy: Policy, kept: Array, tol: float) -> Trimmed:
+def fitted(data: FitData, policy: Policy, kept: Array, tol: float) -> Trimmed:
     """The policy, from `policy` on, of the demonstrations `kept` (M,), each counting as one of average length."""
-    weight = kept * problem.lengths.mean() / problem.lengths
-    trusted = problem.select(np.flatnonzero(kept))
-    policy, _ = policy.learn(trusted, trusted.spread(weight[kept]), tol=tol)
-    taken = policy.log_prob(policy.outputs(problem.features), problem.actions)
-    log_likelihood = problem.sum_steps(taken) / problem.lengths
-    penalty = policy.penalty() / problem.lengths.mean()
+    weight = kept * data.lengths.mean() / data.lengths
+    trusted = data.select(np.flatnonzero(kept))
+    policy, _ = policy.fit(trusted, trusted.spread(weight[kept]), tol=tol)
+    taken = policy.log_prob(policy.outputs(data.features), data.actions)
+    log_likelihood = data.sum_steps(taken) / data.lengths
+    penalty = policy.penalty() / data.lengths.mean()
     objective = (penalty - log_likelihood[kept].sum()) / kept.sum()
     return Trimmed(policy, log_likelihood, kept, np.array([objective]), converged=False)
 
 
-def concentrate(problem: Problem, found: Trimmed, n_trusted: int, tol: float, max_iter: int) -> Trimmed:
+def concentrate(data: FitData, found: Trimmed, n_trusted: int, tol: float, max_iter: int) -> Trimmed:
     """Keep the `n_trusted` demonstrations that the policy explains best, fit it to them, until they stay the same."""
     history = list(found.history) if found.kept.sum() == n_trusted else []  # others are no values of this objective
     for _ in range(max_iter):
         best = np.argsort(-found.log_likelihood, kind="stable")[:n_trusted]
-        kept = np.isin(np.arange(problem.n_demonstrations), best)
+        kept = np.isin(np.arange(data.n_demonstrations), best)
         if (kept == found.kept).all():
             return Trimmed(found.policy, found.log_likelihood, kept, np.array(history), converged=True)
-        found = fitted(problem, found.policy, kept, tol)
+        found = fitted(data, found.policy, kept, tol)
         history.append(found.objective)
     return Trimmed(found.policy, found.log_likelihood, found.kept, np.array(history), converged=False)
 
@@ -113,20 +113,20 @@ def starts(n_demonstrations: int, n_trusted: int, n_starts: int, rng: np.random.
 
 
 def search(
-    problem: Problem, policy: Policy, n_trusted: int, n_starts: int, tol: float, max_iter: int, rng: np.random.Generator
+    data: FitData, policy: Policy, n_trusted: int, n_starts: int, tol: float, max_iter: int, rng: np.random.Generator
 ) -> Trimmed:
     """The best of many starts, of which the most promising `_CARRIED` go on after a few steps."""
 
     def begin(chosen: Array) -> Trimmed:
-        return concentrate(problem, fitted(problem, policy, chosen, _ROUGH), n_trusted, _ROUGH, _SHORT)
+        return concentrate(data, fitted(data, policy, chosen, _ROUGH), n_trusted, _ROUGH, _SHORT)
 
     def go_on(found: Trimmed) -> Trimmed:
-        return concentrate(problem, fitted(problem, found.policy, found.kept, tol), n_trusted, tol, max_iter)
+        return concentrate(data, fitted(data, found.policy, found.kept, tol), n_trusted, tol, max_iter)
 
-    begun = in_parallel(begin, starts(problem.n_demonstrations, n_trusted, n_starts, rng), problem.features)
+    begun = in_parallel(begin, starts(data.n_demonstrations, n_trusted, n_starts, rng), data.features)
     different = {found.kept.tobytes(): found for found in sorted(begun, key=lambda found: -found.objective)}
     promising = sorted(different.values(), key=lambda found: found.objective)[:_CARRIED]
-    return min(in_parallel(go_on, promising, problem.features), key=lambda found: found.objective)
+    return min(in_parallel(go_on, promising, data.features), key=lambda found: found.objective)
 
 
 class RMEnt(PolicyEstimator):
@@ -215,7 +215,7 @@ class RMEnt(PolicyEstimator):
             equal = (1.0 / demonstrations.lengths)[demonstrations.groups]
             choice = self._choice(demonstrations, codes, np.ones(len(codes)))
             self.features_ = FeatureMap.fit(choice.kind, demonstrations.observations, equal, choice.ridge)
-            problem = Problem(
+            data = FitData(
                 self.features_.design(demonstrations.observations),
                 codes,
                 demonstrations.offsets,
@@ -225,8 +225,8 @@ class RMEnt(PolicyEstimator):
             weight = n_trusted * demonstrations.lengths.mean()
             policy = linear_policy(self.space_, ridge_of(self.features_, self.C, weight, self.space_), weight)
             rng = np.random.default_rng(self.random_state)
-            found = search(problem, policy, n_trusted, max(1, self.n_starts), self.tol, self.max_iter, rng)
-        self.policy_ = found.policy.tempered(choice.temperature)
+            found = search(data, policy, n_trusted, max(1, self.n_starts), self.tol, self.max_iter, rng)
+        self.policy_ = found.policy.with_temperature(choice.temperature)
         self.ids_ = demonstrations.ids
         self.weights_ = found.kept.astype(float)
         self.log_likelihood_ = found.log_likelihood

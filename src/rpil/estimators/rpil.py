@@ -18,7 +18,7 @@ from rpil.data.demonstrations import Demonstrations
 from rpil.data.demonstrators import Company, Demonstrators, who_gave
 from rpil.data.errors import DataError
 from rpil.data.files import StrPath
-from rpil.data.fit_data import Problem
+from rpil.data.fit_data import FitData
 from rpil.data.formats.dataset import Dataset
 from rpil.estimators.cloning import PolicyEstimator
 from rpil.estimators.mixture_fit import check_options, fit_mixture
@@ -205,8 +205,8 @@ class RPIL(PolicyEstimator):
             if not self._judges:
                 if isinstance(company, Demonstrators) or self.policy is not None:
                     raise DataError("A named adversary knows neither demonstrators= nor policy=; leave out one.")
-                problem, weight = fit_mixture(self, demonstrations, codes, known)
-                self._finish(demonstrations, codes, problem, weight)
+                data, weight = fit_mixture(self, demonstrations, codes, known)
+                self._finish(demonstrations, codes, data, weight)
             elif self.policy is None and is_large(self, demonstrations):
                 fit_large(self, demonstrations, known, company, self.engine or InMemory())
             else:
@@ -237,25 +237,25 @@ class RPIL(PolicyEstimator):
         n_entries = demonstrations.n_steps * demonstrations.n_observations
         single = self.space_.kind == "discrete" and n_entries > SINGLE
         design = features.design(demonstrations.observations, single=single)
-        problem = Problem(design, codes, demonstrations.offsets, self.space_, known, company=company)
-        judgement, fitted = self.judge_problem(problem)
-        self.keep_judgement(judgement, fitted, problem, demonstrations.ids)
+        data = FitData(design, codes, demonstrations.offsets, self.space_, known, company=company)
+        judgement, fitted = self.judge_problem(data)
+        self.keep_judgement(judgement, fitted, data, demonstrations.ids)
         self.judge_features_ = features
         weight = self.audit_.step_weight
         if weight.sum() < 1.0:  # no demonstration is trusted: learn from the steps that are most likely an expert's
             weight = judgement.steps.step
         progress("the policy")
-        self._finish(demonstrations, codes, problem, weight)
+        self._finish(demonstrations, codes, data, weight)
 
-    def _finish(self, demonstrations: Demonstrations, codes: Array, problem: Problem, weight: Array) -> None:
+    def _finish(self, demonstrations: Demonstrations, codes: Array, data: FitData, weight: Array) -> None:
         """The final policy, from steps of `weight` (N,), and what the user should know."""
         if self.policy is None:
             self._learn(demonstrations, codes, weight, weight > 0.5 * weight.max(), REFIT_TOL)
         else:
             # Cross-fitted once more, by the final weights: that says how sure it may be.
-            start = estimator_policy(self.policy, self.space_, len(codes)).learn(problem, weight)[0]
-            self.features_, self.policy_ = self.judge_features_, start.finished(problem, weight)
-        tell(self, problem, demonstrations.source)
+            start = estimator_policy(self.policy, self.space_, len(codes)).fit(data, weight)[0]
+            self.features_, self.policy_ = self.judge_features_, start.fit_all(data, weight)
+        tell(self, data, demonstrations.source)
 
     @property
     def log_odds_(self) -> Array:
@@ -284,10 +284,10 @@ class RPIL(PolicyEstimator):
         codes = coded_like(self.classes_, self.space_.n_parts, demonstrations)
         design = self.judge_features_.design(demonstrations.observations)
         nobody = np.zeros(len(demonstrations), dtype=int)
-        problem = Problem(design, codes, demonstrations.offsets, self.space_, nobody)
+        data = FitData(design, codes, demonstrations.offsets, self.space_, nobody)
         if self.judge_ is None:
             assert self.state_ is not None
-            return np.asarray(e_step(problem, self.state_, self.state_.policy.outputs(design)).log_odds)
+            return np.asarray(e_step(data, self.state_, self.state_.policy.outputs(design)).log_odds)
         return self.judge_.log_odds(self._measure(demonstrations, design, codes), demonstrations.offsets)
 
     def _measure(self, demonstrations: Demonstrations, design: Array, codes: Array) -> Array:
@@ -310,21 +310,21 @@ class RPIL(PolicyEstimator):
             kind = self.features if self.features not in ("raw", "auto") else "folded"
         return FeatureMap.fit(kind, demonstrations.observations)
 
-    def judge_problem(self, problem: Problem) -> tuple[Judgement, FittedJudge]:
+    def judge_problem(self, data: FitData) -> tuple[Judgement, FittedJudge]:
         """The judgement of a problem, and what is kept to judge others."""
         settings = Settings(self.random_state, self.minority)
         measure: Scorer
         if self.policy is None:
-            measure = scorer(problem, self.random_state)
+            measure = scorer(data, self.random_state)
         else:
-            measure = PolicyScorer(problem, estimator_policy(self.policy, self.space_, len(problem.actions)))
-        judgement = judge(problem, measure, settings, self.progress or (lambda _: None))
-        return judgement, judgement.keep(problem, SCALES[self.space_.kind] if self.policy is None else None)
+            measure = PolicyScorer(data, estimator_policy(self.policy, self.space_, len(data.actions)))
+        judgement = judge(data, measure, settings, self.progress or (lambda _: None))
+        return judgement, judgement.keep(data, SCALES[self.space_.kind] if self.policy is None else None)
 
-    def keep_judgement(self, judgement: Judgement, fitted: FittedJudge, problem: Problem, ids: Sequence[Any]) -> None:
+    def keep_judgement(self, judgement: Judgement, fitted: FittedJudge, data: FitData, ids: Sequence[Any]) -> None:
         """What was found about the demonstrations; their policy comes later."""
         self.state_, self.judge_ = None, fitted
         self.n_iter_ = len(judgement.scores.history)
         self.lower_bound_ = float(judgement.scores.history[-1])
         self.converged_ = True
-        self.audit_ = audit_of(judgement, problem, ids)
+        self.audit_ = audit_of(judgement, data, ids)

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from rpil.data.archive import stored
-from rpil.data.fit_data import Problem
+from rpil.data.fit_data import FitData
 from rpil.inference.groups import Groups
 from rpil.inference.held_out import fit_weighted, frequencies, scored
 from rpil.numerics.blocks import Array, linear, log_softmax
@@ -33,10 +33,10 @@ class SoftmaxScale:
     frequency: Array
 
     @classmethod
-    def fit(cls, problem: Problem, weight: Array, ridge: float) -> SoftmaxScale:
+    def fit(cls, data: FitData, weight: Array, ridge: float) -> SoftmaxScale:
         """Taught by steps of `weight` (N,)."""
         rows = np.flatnonzero(weight > 0)
-        return cls(fit_weighted(problem, rows, weight[rows], ridge)[0], frequencies(problem))
+        return cls(fit_weighted(data, rows, weight[rows], ridge)[0], frequencies(data))
 
     def measure(self, features: Array, actions: Array) -> tuple[Array, Array]:
         """What each step counts for the score of its demonstration, and log pi - log q, (N,) each, nats."""
@@ -70,14 +70,14 @@ class StudentScale:
     width: Array
 
     @classmethod
-    def fit(cls, problem: Problem, weight: Array, ridge: float) -> StudentScale:
+    def fit(cls, data: FitData, weight: Array, ridge: float) -> StudentScale:
         """Taught by steps of `weight` (N,)."""
-        raw = np.asarray(problem.actions, dtype=float)
+        raw = np.asarray(data.actions, dtype=float)
         location, spread = raw.mean(axis=0), raw.std(axis=0)
         spread = np.where(spread > 0, spread, 1.0)
         actions, rows = (raw - location) / spread, weight > 0
-        weights = solve_ridge(*moments(problem.features[rows], actions[rows], weight[rows]), ridge)
-        errors = actions - linear(problem.features, weights)
+        weights = solve_ridge(*moments(data.features[rows], actions[rows], weight[rows]), ridge)
+        errors = actions - linear(data.features, weights)
         center = np.median(actions, axis=0)
         width = error_scale(actions - center, np.ones(len(actions)))
         return cls(weights, location, spread, error_scale(errors, weight), center, width)

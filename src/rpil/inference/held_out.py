@@ -15,7 +15,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from rpil.data.fit_data import Problem
+from rpil.data.fit_data import FitData
 from rpil.numerics.blocks import Array, log_softmax
 from rpil.numerics.newton import Preconditioner, fit_softmax
 from rpil.numerics.parallel import in_parallel
@@ -75,13 +75,13 @@ class Scorer(Protocol):
 RIDGES = (1e-1, 1e-2, 1e-3, 1e-4)
 
 
-def deal(problem: Problem, n_folds: int, seed: int) -> Array:
+def deal(data: FitData, n_folds: int, seed: int) -> Array:
     """The fold of each demonstration, (M,): drawn, but the same for a demonstration wherever it stands in the data."""
-    keys = problem.sum_steps(np.asarray(problem.features[:, :-1], dtype=float)).sum(axis=1)
-    columns = standardised(np.asarray(problem.actions, dtype=float).reshape(len(problem.actions), -1))
-    actions = problem.sum_steps(columns).sum(axis=1)
+    keys = data.sum_steps(np.asarray(data.features[:, :-1], dtype=float)).sum(axis=1)
+    columns = standardised(np.asarray(data.actions, dtype=float).reshape(len(data.actions), -1))
+    actions = data.sum_steps(columns).sum(axis=1)
     # Rounded, because sums over the same values in another order differ in their last digits.
-    order = np.lexsort((np.round(keys, 6), np.round(actions, 6), problem.lengths))
+    order = np.lexsort((np.round(keys, 6), np.round(actions, 6), data.lengths))
     fold = np.empty(len(order), dtype=int)
     fold[order] = np.random.default_rng(seed).permutation(len(order)) % n_folds
     return fold
@@ -91,33 +91,33 @@ def deal(problem: Problem, n_folds: int, seed: int) -> Array:
 class SoftmaxScorer:
     """Softmax policies on the design matrix of a problem with discrete actions."""
 
-    problem: Problem
+    data: FitData
     fold: Array
     ridges: tuple[float, ...] = RIDGES
     _starts: dict[int, tuple[Array, Preconditioner | None]] = field(default_factory=dict)
 
     def anew(self) -> SoftmaxScorer:
-        return SoftmaxScorer(self.problem, self.fold, self.ridges)
+        return SoftmaxScorer(self.data, self.fold, self.ridges)
 
     def held_out(self, weight: Array, ridge: float) -> Scored:
-        n_actions = self.problem.space.n  # type: ignore[attr-defined]
+        n_actions = self.data.space.n  # type: ignore[attr-defined]
         log_proba = np.empty((len(weight), n_actions))
-        of_step = self.problem.spread(self.fold)
+        of_step = self.data.spread(self.fold)
 
         def one(k: int) -> None:
             start, preconditioner = self._starts.get(k, (None, None))
             teach = (of_step != k) & (weight > 0)
-            fit = fit_weighted(self.problem, np.flatnonzero(teach), weight[teach], ridge, start, preconditioner)
+            fit = fit_weighted(self.data, np.flatnonzero(teach), weight[teach], ridge, start, preconditioner)
             self._starts[k] = fit
             test = of_step == k
-            log_proba[test] = log_softmax(self.problem.features[test] @ fit[0])
+            log_proba[test] = log_softmax(self.data.features[test] @ fit[0])
 
-        in_parallel(one, range(int(self.fold.max()) + 1), self.problem.features)
-        return scored(log_proba, frequencies(self.problem), self.problem.actions)
+        in_parallel(one, range(int(self.fold.max()) + 1), self.data.features)
+        return scored(log_proba, frequencies(self.data), self.data.actions)
 
 
 def fit_weighted(
-    problem: Problem,
+    data: FitData,
     rows: Array,
     weight: Array,
     ridge: float,
@@ -125,17 +125,17 @@ def fit_weighted(
     preconditioner: Preconditioner | None = None,
 ) -> tuple[Array, Preconditioner | None]:
     """Weights (D, K) of a softmax policy fitted to the `rows` of a problem, and its preconditioner."""
-    n_actions = problem.space.n  # type: ignore[attr-defined]
-    features = problem.features[rows]
-    targets = one_hot(problem.actions[rows], weight, n_actions)
+    n_actions = data.space.n  # type: ignore[attr-defined]
+    features = data.features[rows]
+    targets = one_hot(data.actions[rows], weight, n_actions)
     penalty = np.append(np.full(features.shape[1] - 1, ridge * max(float(weight.sum()), LEAST_WEIGHT)), 0.0)
     fit = fit_softmax(features, targets, penalty, start=start, preconditioner=preconditioner, **_LIMITS)  # type: ignore[arg-type]
     return fit.weights, fit.preconditioner
 
 
-def frequencies(problem: Problem) -> Array:
+def frequencies(data: FitData) -> Array:
     """How often each action is taken, (K,), with one step of each added."""
-    counts = np.bincount(problem.actions, minlength=problem.space.n) + 1.0  # type: ignore[attr-defined]
+    counts = np.bincount(data.actions, minlength=data.space.n) + 1.0  # type: ignore[attr-defined]
     found: Array = counts / counts.sum()
     return found
 
@@ -151,25 +151,25 @@ def scored(log_proba: Array, frequency: Array, actions: Array) -> Scored:
 class RidgeScorer:
     """Ridge regression with Student's errors, for continuous actions; actions are measured in standard deviations."""
 
-    problem: Problem
+    data: FitData
     fold: Array
     ridges: tuple[float, ...] = RIDGES
 
     def __post_init__(self) -> None:
-        self.actions = standardised(self.problem.actions)
+        self.actions = standardised(self.data.actions)
 
     def anew(self) -> RidgeScorer:
         return self
 
     def held_out(self, weight: Array, ridge: float) -> Scored:
         errors = np.empty_like(self.actions)
-        of_step = self.problem.spread(self.fold)
+        of_step = self.data.spread(self.fold)
         tests = [of_step == k for k in range(int(self.fold.max()) + 1)]
-        parts = [moments(self.problem.features[test], self.actions[test], weight[test]) for test in tests]
+        parts = [moments(self.data.features[test], self.actions[test], weight[test]) for test in tests]
         gram, product, total = (sum(part) for part in zip(*parts, strict=True))
         for test, (own_gram, own_product, own_total) in zip(tests, parts, strict=True):
             mean = solve_ridge(gram - own_gram, product - own_product, total - own_total, ridge)
-            errors[test] = self.actions[test] - self.problem.features[test] @ mean
+            errors[test] = self.actions[test] - self.data.features[test] @ mean
         log_prob = student(errors, error_scale(errors, weight))
         return Scored(log_prob, log_prob - np.average(log_prob, weights=np.maximum(weight, LEAST_WEIGHT)))
 
@@ -178,7 +178,7 @@ class RidgeScorer:
 class PolicyScorer:
     """A policy that cross-fits itself over demonstrations, such as a scikit-learn estimator."""
 
-    problem: Problem
+    data: FitData
     policy: Policy
     ridges: tuple[float, ...] = ()
 
@@ -186,31 +186,31 @@ class PolicyScorer:
         return self
 
     def held_out(self, weight: Array, ridge: float) -> Scored:
-        self.policy, outputs = self.policy.learn(self.problem, np.maximum(weight, LEAST_WEIGHT))
-        if self.problem.space.kind == "discrete":
-            return scored(outputs, frequencies(self.problem), self.problem.actions)
-        log_prob = self.policy.log_prob(outputs, self.problem.actions)
-        log_prob = log_prob + np.log(units(self.problem.actions)).sum()  # in standard deviations, as everything else
+        self.policy, outputs = self.policy.fit(self.data, np.maximum(weight, LEAST_WEIGHT))
+        if self.data.space.kind == "discrete":
+            return scored(outputs, frequencies(self.data), self.data.actions)
+        log_prob = self.policy.log_prob(outputs, self.data.actions)
+        log_prob = log_prob + np.log(units(self.data.actions)).sum()  # in standard deviations, as everything else
         return Scored(log_prob, log_prob - np.average(log_prob, weights=np.maximum(weight, LEAST_WEIGHT)))
 
 
 _SCORERS: dict[str, Any] = {"discrete": SoftmaxScorer, "continuous": RidgeScorer}
 
 
-def scorer(problem: Problem, seed: int) -> Scorer:
+def scorer(data: FitData, seed: int) -> Scorer:
     """The scorer for the actions of a problem."""
-    kind = problem.space.kind
-    found: Scorer = _SCORERS[kind](problem, deal(problem, min(N_FOLDS[kind], problem.n_demonstrations), seed))
+    kind = data.space.kind
+    found: Scorer = _SCORERS[kind](data, deal(data, min(N_FOLDS[kind], data.n_demonstrations), seed))
     return found
 
 
-def reference(problem: Problem, group: Array) -> Array:
+def reference(data: FitData, group: Array) -> Array:
     """Log-probability of every step under what the demonstrations `group` (M,) bool do whatever the state, (N,):
     frequencies of the actions, or one Student distribution."""
-    weight = problem.spread(group.astype(float))
-    if problem.space.kind == "discrete":
-        counts = np.bincount(problem.actions, weight, problem.space.n) + 1.0  # type: ignore[attr-defined]
-        return np.asarray(np.log(counts / counts.sum())[problem.actions])
-    actions = standardised(problem.actions)
+    weight = data.spread(group.astype(float))
+    if data.space.kind == "discrete":
+        counts = np.bincount(data.actions, weight, data.space.n) + 1.0  # type: ignore[attr-defined]
+        return np.asarray(np.log(counts / counts.sum())[data.actions])
+    actions = standardised(data.actions)
     errors = actions - np.median(actions[weight > 0], axis=0)
     return student(errors, error_scale(errors, weight))

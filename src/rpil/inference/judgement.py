@@ -10,7 +10,7 @@ import numpy as np
 from scipy.special import expit
 
 from rpil.data.demonstrators import Demonstrators
-from rpil.data.fit_data import Problem
+from rpil.data.fit_data import FitData
 from rpil.inference.effective_steps import autocovariances, effective_steps
 from rpil.inference.fitted_judge import FittedJudge, mean_variance
 from rpil.inference.groups import SURE, UNSURE, Groups, fit_groups, share_interval
@@ -136,61 +136,61 @@ class Judgement:
         """One group of scores or two."""
         return self.scores.groups
 
-    def keep(self, problem: Problem, scale: Any) -> FittedJudge:
+    def keep(self, data: FitData, scale: Any) -> FittedJudge:
         """What is needed to judge other demonstrations, with `scale` the class of `rpil.inference.fitted_judge.SCALES`,
         or None where a policy of the user's measures."""
-        weight = problem.spread(self.teachers.astype(float))
-        measured = None if scale is None else scale.fit(problem, weight, self.scores.ridge)
-        independent = float(self.scores.effective.sum() / problem.lengths.sum())
-        of = frequencies(problem) if problem.space.kind == "discrete" else units(problem.actions)
+        weight = data.spread(self.teachers.astype(float))
+        measured = None if scale is None else scale.fit(data, weight, self.scores.ridge)
+        independent = float(self.scores.effective.sum() / data.lengths.sum())
+        of = frequencies(data) if data.space.kind == "discrete" else units(data.actions)
         return FittedJudge(measured, self.groups, self.scores.pooled, independent, None if measured else of)
 
 
 def judge(
-    problem: Problem,
+    data: FitData,
     scorer: Scorer,
     settings: Settings,
     progress: Callable[[str], None] = lambda _: None,
 ) -> Judgement:
     """Judge the demonstrations of a problem by held-out policies of a `scorer`."""
-    possible = problem.labels >= 0
-    q = reference(problem, np.ones(problem.n_demonstrations, dtype=bool))
+    possible = data.labels >= 0
+    q = reference(data, np.ones(data.n_demonstrations, dtype=bool))
     progress("ridge")
-    ridge = choose_ridge(problem, scorer, possible)
-    gain = mean_steps(problem, scorer.held_out(problem.spread(possible.astype(float)), ridge).log_prob - q)
+    ridge = choose_ridge(data, scorer, possible)
+    gain = mean_steps(data, scorer.held_out(data.spread(possible.astype(float)), ridge).log_prob - q)
     learned = bool(gain.mean() > SIGNIFICANT * gain.std() / np.sqrt(len(gain)))
     progress("policies of the best explained")
-    taught, scores = _tell_apart(problem, scorer, possible, ridge, q, learned)
+    taught, scores = _tell_apart(data, scorer, possible, ridge, q, learned)
     progress("rivals")
     apart, upper = scores.groups.p_two >= SURE, _upper(scores)
     if apart:
-        rival = find_rival(problem, scorer, upper & possible, ridge, settings.seed)
+        rival = find_rival(data, scorer, upper & possible, ridge, settings.seed)
     else:
-        rival = find_style(problem, scorer, ridge, settings.seed)
+        rival = find_style(data, scorer, ridge, settings.seed)
     minority, decided, choice = settings.minority, None, 0
-    if rival is not None and all((problem.labels[group] > 0).any() for group in (rival.trusted, rival.rival)):
+    if rival is not None and all((data.labels[group] > 0).any() for group in (rival.trusted, rival.rival)):
         minority = "trust"  # either group has a known expert
-    labelled = (problem.labels < 0).any() if minority == "trust" else problem.labels.any()
+    labelled = (data.labels < 0).any() if minority == "trust" else data.labels.any()
     if rival is not None and (labelled or minority == "distrust"):
         if apart:
-            other = taught_by(problem, scorer, rival.rival, ridge)
-            scores_other = measured(problem, other, q, learned)
-            choice = _choose(problem, scores, scores_other, rival)
+            other = taught_by(data, scorer, rival.rival, ridge)
+            scores_other = measured(data, other, q, learned)
+            choice = _choose(data, scores, scores_other, rival)
             taught, scores = (other, scores_other) if choice < 0 else (taught, scores)
         else:
-            decided = _between_styles(problem, taught, rival, learned)
+            decided = _between_styles(data, taught, rival, learned)
             rival = None  # decided, or a label was given: it is not asked for again
     if choice:
         scores, rival = known(scores), None
-    elif apart and minority != "trust" and _contradicted(problem, scores):
+    elif apart and minority != "trust" and _contradicted(data, scores):
         rival = Rival(np.flatnonzero(upper), np.flatnonzero(~upper), np.empty(0))
     log_ratio = taught.scored.log_prob - q
-    steps = step_trust(problem, log_ratio, np.minimum(scores.effective / problem.lengths, 1.0))
-    return conclude(problem, scores, steps, log_ratio, taught.teachers, rival, minority, decided)
+    steps = step_trust(data, log_ratio, np.minimum(scores.effective / data.lengths, 1.0))
+    return conclude(data, scores, steps, log_ratio, taught.teachers, rival, minority, decided)
 
 
 def _tell_apart(
-    problem: Problem, scorer: Scorer, possible: Array, ridge: float, q: Array, learned: bool
+    data: FitData, scorer: Scorer, possible: Array, ridge: float, q: Array, learned: bool
 ) -> tuple[Taught, Scores]:
     """Concentrate on ever fewer demonstrations until the scores show two groups; if they never do, the first scores.
 
@@ -199,14 +199,14 @@ def _tell_apart(
     what teaches takes its place once, as in reweighted least squares (Rousseeuw and Leroy 1987).
     """
     found, before = [], possible
-    for share in shares(problem.n_demonstrations):
-        taught = concentrate(problem, scorer, before, ridge, share)
-        scores = measured(problem, taught, q, learned)
-        upper = (_upper(scores) & possible) | (problem.labels > 0)
+    for share in shares(data.n_demonstrations):
+        taught = concentrate(data, scorer, before, ridge, share)
+        scores = measured(data, taught, q, learned)
+        upper = (_upper(scores) & possible) | (data.labels > 0)
         if scores.groups.p_two >= SURE and upper.sum() <= before.sum():
             if 2 <= upper.sum() < taught.teachers.sum():
-                pure = taught_by(problem, scorer, np.flatnonzero(upper), ridge)
-                rescored = measured(problem, pure, q, learned)
+                pure = taught_by(data, scorer, np.flatnonzero(upper), ridge)
+                rescored = measured(data, pure, q, learned)
                 if rescored.groups.p_two >= SURE:
                     return pure, rescored
             return taught, scores
@@ -220,58 +220,58 @@ def _upper(scores: Scores) -> Array:
     return np.asarray(scores.groups.log_odds(scores.score, scores.variance) > 0)
 
 
-def measured(problem: Problem, taught: Taught, q: Array, learned: bool) -> Scores:
+def measured(data: FitData, taught: Taught, q: Array, learned: bool) -> Scores:
     """Scores of all demonstrations under concentrated policies, their variances, and their groups.
 
     A probability is compared with how often its action is taken, log q (N,); a density with the box of the actions,
     which is the same for all of them.
     """
-    worth = taught.scored.log_prob - (q if problem.space.kind == "discrete" else 0.0)
-    score = mean_steps(problem, worth)
-    squares = problem.sum_steps((worth - problem.spread(score)) ** 2)
-    pooled = float(squares.sum()) / max(len(worth) - problem.n_demonstrations, 1)
-    teach = problem.select(np.flatnonzero(taught.teachers))
-    residual = taught.scored.residual[problem.spread(taught.teachers)]
-    effective = effective_steps(autocovariances(residual - residual.mean(), teach.offsets), problem.lengths)
-    variance = mean_variance(squares, problem.lengths, pooled, effective)
-    groups = fit_groups(score, variance, problem.labels, effective, problem.lengths)
+    worth = taught.scored.log_prob - (q if data.space.kind == "discrete" else 0.0)
+    score = mean_steps(data, worth)
+    squares = data.sum_steps((worth - data.spread(score)) ** 2)
+    pooled = float(squares.sum()) / max(len(worth) - data.n_demonstrations, 1)
+    teach = data.select(np.flatnonzero(taught.teachers))
+    residual = taught.scored.residual[data.spread(taught.teachers)]
+    effective = effective_steps(autocovariances(residual - residual.mean(), teach.offsets), data.lengths)
+    variance = mean_variance(squares, data.lengths, pooled, effective)
+    groups = fit_groups(score, variance, data.labels, effective, data.lengths)
     return Scores(score, variance, effective, groups, pooled, learned, taught.ridge, taught.history)
 
 
-def _choose(problem: Problem, scores: Scores, scores_other: Scores, rival: Rival) -> int:
+def _choose(data: FitData, scores: Scores, scores_other: Scores, rival: Rival) -> int:
     """Which of two groups is the expert: 1 the trusted, -1 the rival, 0 if nothing says; by labels, else by size.
 
     A labelled expert decides. A labelled adversary among many trusted demonstrations may be one that was not noticed.
     """
-    if not problem.labels.any():
+    if not data.labels.any():
         return 1 if len(rival.trusted) >= len(rival.rival) else -1
     against, against_other = (
-        int((problem.labels * of.groups.log_odds(of.score, of.variance) < 0).sum()) for of in (scores, scores_other)
+        int((data.labels * of.groups.log_odds(of.score, of.variance) < 0).sum()) for of in (scores, scores_other)
     )
-    said = problem.labels @ problem.sum_steps(rival.log_ratio)
+    said = data.labels @ data.sum_steps(rival.log_ratio)
     if against < against_other or (against == against_other and said > 0):
         return 1
     changed = against_other < against or (against == against_other and said < 0)
-    return -1 if changed and _may_change(problem, rival) else 0
+    return -1 if changed and _may_change(data, rival) else 0
 
 
-def _may_change(problem: Problem, rival: Rival) -> bool:
+def _may_change(data: FitData, rival: Rival) -> bool:
     """Whether labels may speak for the rival group: one of an expert, or the groups are of comparable size."""
-    return bool((problem.labels > 0).any()) or LARGER * len(rival.rival) >= len(rival.trusted)
+    return bool((data.labels > 0).any()) or LARGER * len(rival.rival) >= len(rival.trusted)
 
 
-def _between_styles(problem: Problem, taught: Taught, rival: Rival, learned: bool) -> Array | None:
+def _between_styles(data: FitData, taught: Taught, rival: Rival, learned: bool) -> Array | None:
     """Log-odds of demonstrations, (M,), where labels, or else the size, say which of two styles is the expert's: from
     how much better its policy explains them than the other's. None where labels do not say, or scores show one group.
 
     Where the two are not opposed, labels of one sort rank them and accuse nobody: the other may be as good, or as bad.
     """
-    labels = problem.labels
-    said = labels @ problem.sum_steps(rival.log_ratio) if labels.any() else 1.0
+    labels = data.labels
+    said = labels @ data.sum_steps(rival.log_ratio) if labels.any() else 1.0
     contrast = replace(taught, scored=replace(taught.scored, log_prob=np.sign(said) * rival.log_ratio))
-    scores = measured(problem, contrast, np.zeros(len(rival.log_ratio)), learned)
+    scores = measured(data, contrast, np.zeros(len(rival.log_ratio)), learned)
     unclear = scores.groups.p_two < SURE and not rival.opposed
-    if labels.any() and (unclear or said == 0 or (said < 0 and not _may_change(problem, rival))):
+    if labels.any() and (unclear or said == 0 or (said < 0 and not _may_change(data, rival))):
         return None
     settled = rival.opposed or not labels.any() or labels.min() < 0 < labels.max()
     log_odds = known(scores).groups.log_odds(scores.score, scores.variance)
@@ -284,17 +284,17 @@ def known(scores: Scores) -> Scores:
     return replace(scores, groups=replace(scores.groups, log_bayes_factor=certain))
 
 
-def _contradicted(problem: Problem, scores: Scores) -> bool:
+def _contradicted(data: FitData, scores: Scores) -> bool:
     """Whether at least half of the labels, one of an expert or two, speak against the scores: then the groups may have
     changed places."""
     log_odds = scores.groups.log_odds(scores.score, scores.variance)
-    against = problem.labels * log_odds < 0
-    expert = bool((against & (problem.labels > 0)).any())
-    return 2 * against.sum() >= (problem.labels != 0).sum() and (expert or against.sum() >= 2)
+    against = data.labels * log_odds < 0
+    expert = bool((against & (data.labels > 0)).any())
+    return 2 * against.sum() >= (data.labels != 0).sum() and (expert or against.sum() >= 2)
 
 
 def conclude(
-    problem: Problem,
+    data: FitData,
     scores: Scores,
     steps: StepTrust,
     log_ratio: Array,
@@ -312,8 +312,8 @@ def conclude(
     actions = groups.bounded(actions) if decided is None else decided
     apart = groups.p_two >= SURE or bool((np.abs(actions) >= UNSURE).any())
     demonstrator, people = np.zeros(len(actions)), np.empty((0, 3))
-    if isinstance(problem.company, Demonstrators):
-        lent = borrow(problem.company, actions, np.zeros(len(actions)), problem.labels)
+    if isinstance(data.company, Demonstrators):
+        lent = borrow(data.company, actions, np.zeros(len(actions)), data.labels)
         demonstrator, people = lent.log_odds, intervals(lent.share, lent.weight)
     if rival is not None and rival.opposed and minority == "ask":
         finding = "cannot be known"

@@ -33,7 +33,7 @@ import numpy as np
 from scipy.linalg import cholesky, solve_triangular
 from scipy.special import expit
 
-from rpil.data.fit_data import Problem
+from rpil.data.fit_data import FitData
 from rpil.data.spaces import Discrete
 from rpil.inference.held_out import Scorer, deal, fit_weighted, reference
 from rpil.inference.teachers import mean_steps
@@ -85,16 +85,16 @@ class Rival:
     opposed: bool = True
 
 
-def find_rival(problem: Problem, scorer: Scorer, trusted: Array, ridge: float, seed: int) -> Rival | None:
+def find_rival(data: FitData, scorer: Scorer, trusted: Array, ridge: float, seed: int) -> Rival | None:
     """The group that acts alike, otherwise than the `trusted` (M,) bool, which scores told apart; None without one."""
     if not FEWEST <= trusted.sum() <= len(trusted) - FEWEST:
         return None
-    explained = scorer.held_out(problem.spread(trusted.astype(float)), ridge).log_prob
-    second, own = scorer.anew(), mean_steps(problem, explained)
+    explained = scorer.held_out(data.spread(trusted.astype(float)), ridge).log_prob
+    second, own = scorer.anew(), mean_steps(data, explained)
     rival = ~trusted & (own <= np.median(own[~trusted]))  # those least like the trusted
     for _ in range(ROUNDS):
-        explained_rival = second.held_out(problem.spread(rival.astype(float)), ridge).log_prob
-        other = mean_steps(problem, explained_rival)
+        explained_rival = second.held_out(data.spread(rival.astype(float)), ridge).log_prob
+        other = mean_steps(data, explained_rival)
         closer = (other > own) & ~trusted
         if closer.sum() < FEWEST:
             return None
@@ -102,86 +102,86 @@ def find_rival(problem: Problem, scorer: Scorer, trusted: Array, ridge: float, s
             break
         rival = closer
     gain, gain_rival = (
-        _gain(problem, log_prob, group) for log_prob, group in ((explained, trusted), (explained_rival, rival))
+        _gain(data, log_prob, group) for log_prob, group in ((explained, trusted), (explained_rival, rival))
     )
-    if gain <= 0 or gain_rival < GAIN * gain or _gain(problem, explained_rival, trusted) > gain_rival:
+    if gain <= 0 or gain_rival < GAIN * gain or _gain(data, explained_rival, trusted) > gain_rival:
         return None
-    return _compared(problem, trusted, rival, explained - explained_rival, seed)
+    return _compared(data, trusted, rival, explained - explained_rival, seed)
 
 
-def find_style(problem: Problem, scorer: Scorer, ridge: float, seed: int) -> Rival | None:
+def find_style(data: FitData, scorer: Scorer, ridge: float, seed: int) -> Rival | None:
     """The smaller of two groups that act differently where scores tell nobody apart; None without one."""
-    if problem.n_demonstrations < 2 * FEWEST:
+    if data.n_demonstrations < 2 * FEWEST:
         return None
-    second = sides(problem, ridge)
+    second = sides(data, ridge)
     scorers = scorer.anew(), scorer.anew()
     for _ in range(ROUNDS):
         if not FEWEST <= second.sum() <= len(second) - FEWEST:
             return None
-        shared = (problem.spread(np.where(group, 1.0, SHARED)) for group in (~second, second))
+        shared = (data.spread(np.where(group, 1.0, SHARED)) for group in (~second, second))
         first, other = (by.held_out(weight, ridge).log_prob for by, weight in zip(scorers, shared, strict=True))
         log_ratio = first - other
-        closer = problem.sum_steps(log_ratio) < 0
+        closer = data.sum_steps(log_ratio) < 0
         if (closer == second).all():
             break
         second = closer
     if 2 * second.sum() > len(second):
         second, log_ratio = ~second, -log_ratio
-    found = _compared(problem, ~second, second, log_ratio, seed)
+    found = _compared(data, ~second, second, log_ratio, seed)
     if found is None:
         return None
-    alone = [scorer.anew().held_out(problem.spread(group.astype(float)), ridge).log_prob for group in (~second, second)]
-    own, other = (np.array([_gain(problem, alone[k], ~second), _gain(problem, alone[1 - k], second)]) for k in (0, 1))
+    alone = [scorer.anew().held_out(data.spread(group.astype(float)), ridge).log_prob for group in (~second, second)]
+    own, other = (np.array([_gain(data, alone[k], ~second), _gain(data, alone[1 - k], second)]) for k in (0, 1))
     if not own.min() > GAIN * own.max():
         return None
     return replace(found, opposed=bool((other <= OTHERWISE * own).all()))
 
 
-def sides(problem: Problem, ridge: float) -> Array:
+def sides(data: FitData, ridge: float) -> Array:
     """On which side of their first principal component the demonstrations' gradients are, (M,) bool."""
-    features, weight = np.asarray(problem.features, dtype=float), np.ones(len(problem.features))
+    features, weight = np.asarray(data.features, dtype=float), np.ones(len(data.features))
     if not ridge:  # features of the user's policy: neither scaled nor with a constant
         features, ridge = np.column_stack([standardised(features), weight]), 1e-3
-    discrete = problem.space.kind == "discrete"
-    n_classes = getattr(problem.space, "n", 0)
-    actions = one_hot(problem.actions, weight, n_classes) if discrete else standardised(problem.actions)
+    discrete = data.space.kind == "discrete"
+    n_classes = getattr(data.space, "n", 0)
+    actions = one_hot(data.actions, weight, n_classes) if discrete else standardised(data.actions)
     gram, product, total = moments(features, actions, weight)
     errors = actions - linear(features, solve_ridge(gram, product, total, ridge))
     if not discrete:  # as Student's errors count
         errors = errors / (1 + (errors / (errors.std(axis=0) + 1e-12)) ** 2)
     gram[np.diag_indices_from(gram)] += ridge * total
-    pieces = zip(problem.offsets[:-1], problem.offsets[1:], strict=True)
-    gradients = np.stack([features[a:b].T @ errors[a:b] for a, b in pieces], axis=1) / np.sqrt(problem.lengths)[:, None]
+    pieces = zip(data.offsets[:-1], data.offsets[1:], strict=True)
+    gradients = np.stack([features[a:b].T @ errors[a:b] for a, b in pieces], axis=1) / np.sqrt(data.lengths)[:, None]
     white = solve_triangular(cholesky(gram, lower=True), gradients.reshape(len(gram), -1), lower=True)
-    white = white.reshape(gradients.shape).transpose(1, 0, 2).reshape(problem.n_demonstrations, -1)
+    white = white.reshape(gradients.shape).transpose(1, 0, 2).reshape(data.n_demonstrations, -1)
     component = np.linalg.svd(white - white.mean(axis=0), full_matrices=False)[0][:, 0]
     order = np.sort(component)
     within = [order[:k].var() * k + order[k:].var() * (len(order) - k) for k in range(1, len(order))]
     return component > order[int(np.argmin(within))]
 
 
-def _gain(problem: Problem, log_prob: Array, group: Array) -> float:
+def _gain(data: FitData, log_prob: Array, group: Array) -> float:
     """Nats a step, in the median demonstration of a `group` (M,) bool, over not looking at the state."""
-    return float(np.median(mean_steps(problem, log_prob - reference(problem, group))[group]))
+    return float(np.median(mean_steps(data, log_prob - reference(data, group))[group]))
 
 
-def _compared(problem: Problem, trusted: Array, rival: Array, log_ratio: Array, seed: int) -> Rival | None:
+def _compared(data: FitData, trusted: Array, rival: Array, log_ratio: Array, seed: int) -> Rival | None:
     """Two groups (M,) bool as trusted and rival, if each is explained better by its own policy, in the same states."""
-    nats = problem.sum_steps(log_ratio)
+    nats = data.sum_steps(log_ratio)
     if min(trusted.sum(), rival.sum()) < FEWEST:
         return None
     if np.median(nats[trusted]) < DISTINCT or np.median(-nats[rival]) < DISTINCT:
         return None
     found = np.flatnonzero(trusted), np.flatnonzero(rival)
-    return Rival(*found, log_ratio) if state_overlap(problem, *found, seed) >= OVERLAP else None
+    return Rival(*found, log_ratio) if state_overlap(data, *found, seed) >= OVERLAP else None
 
 
-def state_overlap(problem: Problem, first: Array, second: Array, seed: int) -> float:
+def state_overlap(data: FitData, first: Array, second: Array, seed: int) -> float:
     """Mean over the steps of the demonstrations `second` of min(1, p(s | first) / p(s | second)), held out."""
-    both = problem.select(np.sort(np.concatenate([first, second])), unlabelled=True)
+    both = data.select(np.sort(np.concatenate([first, second])), unlabelled=True)
     is_first = both.spread(np.isin(np.sort(np.concatenate([first, second])), first))
     columns = np.column_stack([standardised(np.asarray(both.features, dtype=float)), np.ones(len(is_first))])
-    states = Problem(columns, is_first.astype(int), both.offsets, Discrete(2), both.labels)
+    states = FitData(columns, is_first.astype(int), both.offsets, Discrete(2), both.labels)
     fold = both.spread(deal(states, min(5, states.n_demonstrations), seed))
     ratio = np.ones(len(is_first))
     balance = np.where(is_first, 0.5 / is_first.sum(), 0.5 / (~is_first).sum()) * len(is_first)

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from rpil.data.fit_data import Problem
+from rpil.data.fit_data import FitData
 from rpil.inference.held_out import scorer
 from rpil.inference.judgement import Settings, judge
 from rpil.mixture.adversaries.named import adversary
@@ -58,7 +58,7 @@ Progress = Callable[[str], None]
 
 
 def fit(
-    problem: Problem,
+    data: FitData,
     setting: Setting,
     which: str | Adversary,
     progress: Progress = lambda _: None,
@@ -72,74 +72,74 @@ def fit(
     def begin(named: tuple[str, Array]) -> Result:
         start, weight = named
         progress(f"start: {start}")
-        return _begin(problem, setting, which, weight, grow=(weight > 0).mean() < 0.5)
+        return _begin(data, setting, which, weight, grow=(weight > 0).mean() < 0.5)
 
     def rank(result: Result) -> tuple[int, float]:
-        return _contradicted(problem, setting, result), -result.objective
+        return _contradicted(data, setting, result), -result.objective
 
-    begun = in_parallel(begin, starts(problem, setting).items(), problem.features)
+    begun = in_parallel(begin, starts(data, setting).items(), data.features)
     best = min(begun, key=rank)
     if best.converged:
         return best
     mode, max_iter, tol = setting.mode, setting.max_iter, setting.tol
-    more = run(problem, best.state, outputs=best.posterior.outputs, mode=mode, max_iter=max_iter, tol=tol)
+    more = run(data, best.state, outputs=best.posterior.outputs, mode=mode, max_iter=max_iter, tol=tol)
     return replace(more, history=np.concatenate([best.history, more.history[1:]]))
 
 
-def starts(problem: Problem, setting: Setting) -> dict[str, Array]:
+def starts(data: FitData, setting: Setting) -> dict[str, Array]:
     """Weights of the demonstrations (M,) from which the policy of each start is fitted.
 
     Without a known expert, the demonstrations that agree best, as the default judge finds them, are a start, and so is
     each of the `_SINGLE` that they explain best.
     """
-    labels = problem.labels
+    labels = data.labels
     possible = (labels >= 0).astype(float)
-    found = {"pooled": possible, "equal": possible * problem.lengths.mean() / problem.lengths}
+    found = {"pooled": possible, "equal": possible * data.lengths.mean() / data.lengths}
     if (labels < 0).any():
-        found |= _unlike(problem, setting, labels < 0)
+        found |= _unlike(data, setting, labels < 0)
     if (labels > 0).any():
         return {"known experts": (labels > 0).astype(float), **found}
-    judged = judge(problem, scorer(problem, setting.seed), Settings(setting.seed))
+    judged = judge(data, scorer(data, setting.seed), Settings(setting.seed))
     best = np.argsort(-judged.scores.score, kind="stable")[:_SINGLE]
     single = {f"single {m}": (np.arange(len(labels)) == m).astype(float) for m in best}
     return found | {"agreeing": judged.teachers.astype(float)} | single
 
 
-def _unlike(problem: Problem, setting: Setting, adversaries: Array) -> dict[str, Array]:
+def _unlike(data: FitData, setting: Setting, adversaries: Array) -> dict[str, Array]:
     """Weight 1 for the demonstrations that the policy of the known `adversaries` (M,) explains worst: half of the
     others, and, because experts may be few, only one."""
-    policy, outputs = _taught(problem, setting, adversaries.astype(float))
-    explained = problem.sum_steps(policy.log_prob(outputs, problem.actions)) / problem.lengths
+    policy, outputs = _taught(data, setting, adversaries.astype(float))
+    explained = data.sum_steps(policy.log_prob(outputs, data.actions)) / data.lengths
     explained[adversaries] = np.inf
     half = explained <= np.median(explained[~adversaries])
     return {"unlike known adversaries": half.astype(float), "most unlike": (explained == explained.min()).astype(float)}
 
 
-def _begin(problem: Problem, setting: Setting, which: str | Adversary, weight: Array, grow: bool) -> Result:
+def _begin(data: FitData, setting: Setting, which: str | Adversary, weight: Array, grow: bool) -> Result:
     """A few iterations of EM from the policy of demonstrations weighted by `weight` (M,).
 
     With `grow`, demonstrations that this policy explains join them first: a few alone teach too little.
     """
-    policy, outputs = _taught(problem, setting, weight)
-    first = adversary(which, problem.space, setting.policy)
+    policy, outputs = _taught(data, setting, weight)
+    first = adversary(which, data.space, setting.policy)
     state = State(policy, first, setting.prior)
     if grow:
-        agreeing = np.maximum(weight, e_step(problem, state, outputs).expert)
-        policy, outputs = _taught(problem, setting, agreeing)
+        agreeing = np.maximum(weight, e_step(data, state, outputs).expert)
+        policy, outputs = _taught(data, setting, agreeing)
         state = replace(state, policy=policy)
-    return run(problem, state, outputs=outputs, mode=setting.mode, max_iter=_SHORT, tol=setting.tol)
+    return run(data, state, outputs=outputs, mode=setting.mode, max_iter=_SHORT, tol=setting.tol)
 
 
-def _contradicted(problem: Problem, setting: Setting, result: Result) -> int:
+def _contradicted(data: FitData, setting: Setting, result: Result) -> int:
     """How many labels a run disagrees with, when labelled experts do not teach the policy that judges them."""
-    if not problem.labels.any():
+    if not data.labels.any():
         return 0
-    others = np.where(problem.labels > 0, 0.0, result.posterior.expert)
-    policy, outputs = _taught(problem, setting, others)
-    log_odds = e_step(problem, replace(result.state, policy=policy), outputs).log_odds
-    return int((problem.labels * np.sign(log_odds) < 0).sum())
+    others = np.where(data.labels > 0, 0.0, result.posterior.expert)
+    policy, outputs = _taught(data, setting, others)
+    log_odds = e_step(data, replace(result.state, policy=policy), outputs).log_odds
+    return int((data.labels * np.sign(log_odds) < 0).sum())
 
 
-def _taught(problem: Problem, setting: Setting, weight: Array) -> tuple[Policy, Array]:
+def _taught(data: FitData, setting: Setting, weight: Array) -> tuple[Policy, Array]:
     """The policy of demonstrations weighted by `weight` (M,), roughly, and its outputs (N, ...)."""
-    return setting.policy.learn(problem, problem.spread(weight), tol=1e-3, max_iter=20, max_cg=20)
+    return setting.policy.fit(data, data.spread(weight), tol=1e-3, max_iter=20, max_cg=20)

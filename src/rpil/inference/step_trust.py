@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rpil.data.fit_data import Problem
+from rpil.data.fit_data import FitData
 from rpil.numerics.blocks import Array
 
 N_NODES = 21
@@ -37,22 +37,22 @@ class StepTrust:
     step: Array
 
 
-def step_trust(problem: Problem, log_ratio: Array, power: Array) -> StepTrust:
+def step_trust(data: FitData, log_ratio: Array, power: Array) -> StepTrust:
     """Trust in steps with `log_ratio` log pi - log q (N,).
 
     A step of demonstration m is worth `power` (M,) independent steps, which widens the interval.
     """
     log_odds = np.log(_NODES) - np.log1p(-_NODES)
-    evidence = np.empty((problem.n_demonstrations, N_NODES))
+    evidence = np.empty((data.n_demonstrations, N_NODES))
     clipped = np.clip(log_ratio, -50.0, 50.0)
     for j, rho in enumerate(_NODES):
         mixture = np.logaddexp(np.log(rho) + clipped, np.log1p(-rho))
-        evidence[:, j] = problem.sum_steps(mixture)
-    posterior, tempered = (_normalised(log) for log in (evidence, power[:, None] * evidence))
-    cumulated = tempered.cumsum(axis=1)
+        evidence[:, j] = data.sum_steps(mixture)
+    posterior, with_temperature = (_normalised(log) for log in (evidence, power[:, None] * evidence))
+    cumulated = with_temperature.cumsum(axis=1)
     ends = [_NODES[np.minimum((cumulated < q).sum(axis=1), N_NODES - 1)] for q in (0.025, 0.975)]
     reliability = posterior @ _NODES
-    at = problem.spread(np.interp(reliability, _NODES, log_odds))
+    at = data.spread(np.interp(reliability, _NODES, log_odds))
     step = 1 / (1 + np.exp(-np.clip(at + clipped, -50.0, 50.0)))
     return StepTrust(reliability, np.stack(ends, axis=1), step)
 

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rpil.data.fit_data import Problem
+from rpil.data.fit_data import FitData
 from rpil.inference.held_out import Scored, Scorer
 from rpil.numerics.blocks import Array
 
@@ -52,21 +52,21 @@ class Taught:
     history: Array
 
 
-def mean_steps(problem: Problem, values: Array) -> Array:
+def mean_steps(data: FitData, values: Array) -> Array:
     """Means over the steps of each demonstration, (N,) -> (M,)."""
-    means: Array = problem.sum_steps(values) / problem.lengths
+    means: Array = data.sum_steps(values) / data.lengths
     return means
 
 
-def choose_ridge(problem: Problem, scorer: Scorer, possible: Array) -> float:
+def choose_ridge(data: FitData, scorer: Scorer, possible: Array) -> float:
     """The ridge, a step, that explains the median of the `possible` (M,) demonstrations best, held out.
 
     The median, because a mean would be decided by the one that is explained worst.
     """
-    weight = problem.spread(possible.astype(float))
+    weight = data.spread(possible.astype(float))
 
     def explained(ridge: float) -> float:
-        return float(np.median(mean_steps(problem, scorer.held_out(weight, ridge).log_prob)[possible]))
+        return float(np.median(mean_steps(data, scorer.held_out(weight, ridge).log_prob)[possible]))
 
     return max(scorer.ridges, key=explained, default=0.0)
 
@@ -77,34 +77,34 @@ def shares(n_demonstrations: int) -> list[float]:
     return halved[:1] + [share for share in halved[1:] if round(share * n_demonstrations) >= FEWEST_TEACHERS]
 
 
-def concentrate(problem: Problem, scorer: Scorer, teachers: Array, ridge: float, share: float) -> Taught:
+def concentrate(data: FitData, scorer: Scorer, teachers: Array, ridge: float, share: float) -> Taught:
     """Concentrate on a `share` of the demonstrations, from `teachers` (M,) bool on.
 
     Labelled experts always teach, labelled adversaries never do.
     """
-    n_taught, history = max(2, round(share * problem.n_demonstrations)), []
+    n_taught, history = max(2, round(share * data.n_demonstrations)), []
     for rounds_left in range(ROUNDS, -1, -1):
-        found = scorer.held_out(problem.spread(teachers.astype(float)), ridge)
-        score = mean_steps(problem, found.log_prob)
+        found = scorer.held_out(data.spread(teachers.astype(float)), ridge)
+        score = mean_steps(data, found.log_prob)
         history.append(float(score[teachers].mean()))
-        chosen = best(problem, score, n_taught)
+        chosen = best(data, score, n_taught)
         if not rounds_left or (chosen == teachers).all():
             break
         teachers = chosen
     return Taught(found, teachers, ridge, np.array(history))
 
 
-def taught_by(problem: Problem, scorer: Scorer, group: Array, ridge: float) -> Taught:
+def taught_by(data: FitData, scorer: Scorer, group: Array, ridge: float) -> Taught:
     """What policies of the demonstrations `group` (indices) say, without concentration."""
-    teachers = np.zeros(problem.n_demonstrations, dtype=bool)
+    teachers = np.zeros(data.n_demonstrations, dtype=bool)
     teachers[group] = True
-    found = scorer.held_out(problem.spread(teachers.astype(float)), ridge)
-    return Taught(found, teachers, ridge, np.array([mean_steps(problem, found.log_prob)[teachers].mean()]))
+    found = scorer.held_out(data.spread(teachers.astype(float)), ridge)
+    return Taught(found, teachers, ridge, np.array([mean_steps(data, found.log_prob)[teachers].mean()]))
 
 
-def best(problem: Problem, score: Array, count: int) -> Array:
+def best(data: FitData, score: Array, count: int) -> Array:
     """The `count` demonstrations with the best `score` (M,), labels before scores, (M,) bool."""
-    ranked = np.where(problem.labels > 0, np.inf, np.where(problem.labels < 0, -np.inf, score))
+    ranked = np.where(data.labels > 0, np.inf, np.where(data.labels < 0, -np.inf, score))
     chosen = np.zeros(len(score), dtype=bool)
     chosen[np.argsort(-ranked, kind="stable")[:count]] = True
-    return (chosen & (problem.labels >= 0)) | (problem.labels > 0)
+    return (chosen & (data.labels >= 0)) | (data.labels > 0)

@@ -16,7 +16,7 @@ import numpy as np
 from scipy.special import logsumexp
 
 from rpil.data.archive import stored
-from rpil.data.fit_data import Problem
+from rpil.data.fit_data import FitData
 from rpil.mixture.adversaries.protocol import Adversary
 from rpil.mixture.expert_prior import Share
 from rpil.numerics.blocks import Array
@@ -77,14 +77,14 @@ class Result:
         return float(self.history[-1])
 
 
-def e_step(problem: Problem, state: State, outputs: Array) -> Posterior:
+def e_step(data: FitData, state: State, outputs: Array) -> Posterior:
     """Posterior over the two groups."""
-    log_pi = state.policy.log_prob(outputs, problem.actions)
-    log_psi = state.adversary.log_prob(problem.features, outputs, problem.actions)
-    log_joint = state.prior.log + np.stack([problem.sum_steps(log_pi), problem.sum_steps(log_psi)], axis=1)
+    log_pi = state.policy.log_prob(outputs, data.actions)
+    log_psi = state.adversary.log_prob(data.features, outputs, data.actions)
+    log_joint = state.prior.log + np.stack([data.sum_steps(log_pi), data.sum_steps(log_psi)], axis=1)
     log_odds = log_joint[:, 0] - log_joint[:, 1]
-    log_joint[problem.labels > 0, 1] = -np.inf
-    log_joint[problem.labels < 0, 0] = -np.inf
+    log_joint[data.labels > 0, 1] = -np.inf
+    log_joint[data.labels < 0, 0] = -np.inf
     log_evidence = logsumexp(log_joint, 1)
     expert = np.exp(log_joint[:, 0] - log_evidence)
     return Posterior(log_odds, expert, log_evidence, log_pi - log_psi, outputs)
@@ -97,24 +97,24 @@ def lower_bound(state: State, posterior: Posterior) -> float:
 
 
 def m_step(
-    problem: Problem, state: State, posterior: Posterior, mode: MStep = "joint", max_iter: int = 1, max_cg: int = 10
+    data: FitData, state: State, posterior: Posterior, mode: MStep = "joint", max_iter: int = 1, max_cg: int = 10
 ) -> tuple[State, Array]:
     """One convex problem for the policy, closed forms for the rest; also the new policy's outputs (N, ...).
 
     ``mode="expert_only"`` drops the adversary's term from the policy's problem, as the paper's own code does.
     """
-    expert, lesson = problem.spread(posterior.expert), None
+    expert, soft_targets = data.spread(posterior.expert), None
     adversary = 1 - expert
     if mode == "joint":
-        intended = state.adversary.intended(posterior.outputs, problem.actions)
-        lesson = None if intended is None else adversary[:, None] * intended
-    policy, outputs = state.policy.learn(problem, expert, lesson, max_iter=max_iter, max_cg=max_cg)
-    fitted = state.adversary.fit(problem, posterior.outputs, adversary)
+        intended = state.adversary.intended(posterior.outputs, data.actions)
+        soft_targets = None if intended is None else adversary[:, None] * intended
+    policy, outputs = state.policy.fit(data, expert, soft_targets, max_iter=max_iter, max_cg=max_cg)
+    fitted = state.adversary.fit(data, posterior.outputs, adversary)
     return State(policy, fitted, state.prior.fit(posterior.expert)), outputs
 
 
 def run(
-    problem: Problem,
+    data: FitData,
     state: State,
     *,
     mode: MStep = "joint",
@@ -129,16 +129,16 @@ def run(
     Nothing moves when the objective gains less than `tol` nats a demonstration; or less than ten times that while no
     responsibility changes by `_STEADY`: then only the policy's confidence still grows.
     """
-    outputs = state.policy.outputs(problem.features) if outputs is None else outputs
-    posterior = e_step(problem, state, outputs)
+    outputs = state.policy.outputs(data.features) if outputs is None else outputs
+    posterior = e_step(data, state, outputs)
     history = [lower_bound(state, posterior)]
     converged = False
     for _ in range(max_iter):
         before = posterior.expert
-        state, outputs = m_step(problem, state, posterior, mode, m_iter, m_cg)
-        posterior = e_step(problem, state, outputs)
+        state, outputs = m_step(data, state, posterior, mode, m_iter, m_cg)
+        posterior = e_step(data, state, outputs)
         history.append(lower_bound(state, posterior))
-        gain = abs(history[-1] - history[-2]) / problem.n_demonstrations
+        gain = abs(history[-1] - history[-2]) / data.n_demonstrations
         converged = gain <= tol or (gain <= 10 * tol and np.abs(posterior.expert - before).max() <= _STEADY)
         if converged:
             break

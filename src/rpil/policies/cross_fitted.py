@@ -17,7 +17,7 @@ from sklearn.utils import get_tags
 from sklearn.utils.validation import has_fit_parameter
 
 from rpil.data.errors import DataError
-from rpil.data.fit_data import Problem
+from rpil.data.fit_data import FitData
 from rpil.data.spaces import Box, Space
 from rpil.numerics.blocks import Array, log_softmax
 from rpil.policies.student import StudentPolicy
@@ -66,19 +66,19 @@ class ClassifierPolicy:
         """log pi(a_n|s_n) of the actions taken, (N,)."""
         return np.take_along_axis(outputs, actions[:, None], axis=1)[:, 0]
 
-    def learn(self, problem: Problem, weight: Array) -> tuple[ClassifierPolicy, Array]:
+    def fit(self, data: FitData, weight: Array) -> tuple[ClassifierPolicy, Array]:
         """Models for folds of demonstrations, and what each says of the demonstrations that it did not see."""
-        models, proba = [], np.empty((len(problem.actions), self.n_actions))
-        for held in _folds(problem):
-            model = _fitted(self.estimator, problem.features[~held], problem.actions[~held], weight[~held])
-            proba[held] = self._proba(model, problem.features[held])
+        models, proba = [], np.empty((len(data.actions), self.n_actions))
+        for held in _folds(data):
+            model = _fitted(self.estimator, data.features[~held], data.actions[~held], weight[~held])
+            proba[held] = self._proba(model, data.features[held])
             models.append(model)
-        policy = replace(self, models=tuple(models))._calibrated(proba, problem.actions, weight)
+        policy = replace(self, models=tuple(models))._calibrated(proba, data.actions, weight)
         return policy, policy._tempered(proba)
 
-    def finished(self, problem: Problem, weight: Array) -> ClassifierPolicy:
+    def fit_all(self, data: FitData, weight: Array) -> ClassifierPolicy:
         """One model fitted to all steps by weight: what a user takes home."""
-        return replace(self, models=(_fitted(self.estimator, problem.features, problem.actions, weight),))
+        return replace(self, models=(_fitted(self.estimator, data.features, data.actions, weight),))
 
     def _proba(self, model: Any, features: Array) -> Array:
         """Of all K actions, also of those that a model has not seen."""
@@ -132,23 +132,23 @@ class RegressorPolicy:
         """log pi(a_n|s_n), a density, (N,)."""
         return self.noise.log_prob(np.zeros((1, outputs.shape[1])), actions - outputs)
 
-    def learn(self, problem: Problem, weight: Array) -> tuple[RegressorPolicy, Array]:
+    def fit(self, data: FitData, weight: Array) -> tuple[RegressorPolicy, Array]:
         """Models for folds of demonstrations, and what each says of the demonstrations that it did not see."""
-        models, mean = [], np.zeros_like(problem.actions)
-        for held in _folds(problem):
-            model = _fitted(self.estimator, problem.features[~held], problem.actions[~held], weight[~held])
+        models, mean = [], np.zeros_like(data.actions)
+        for held in _folds(data):
+            model = _fitted(self.estimator, data.features[~held], data.actions[~held], weight[~held])
             if held.any():
-                mean[held] = model.predict(problem.features[held]).reshape(-1, mean.shape[1])
+                mean[held] = model.predict(data.features[held]).reshape(-1, mean.shape[1])
             models.append(model)
         if not np.isfinite(mean).all():
             raise DataError(f"{type(self.estimator).__name__}.predict gave NaN; scale its inputs or regularise.")
-        errors = Problem.of_steps(np.ones((len(mean), 1)), problem.actions - mean, problem.space)
-        noise, _ = replace(self.noise, weights=np.zeros_like(self.noise.weights)).learn(errors, weight, tol=1e-6)
+        errors = FitData.of_steps(np.ones((len(mean), 1)), data.actions - mean, data.space)
+        noise, _ = replace(self.noise, weights=np.zeros_like(self.noise.weights)).fit(errors, weight, tol=1e-6)
         return replace(self, models=tuple(models), noise=noise), mean + noise.weights
 
-    def finished(self, problem: Problem, weight: Array) -> RegressorPolicy:
+    def fit_all(self, data: FitData, weight: Array) -> RegressorPolicy:
         """One model fitted to all steps by weight."""
-        return replace(self, models=(_fitted(self.estimator, problem.features, problem.actions, weight),))
+        return replace(self, models=(_fitted(self.estimator, data.features, data.actions, weight),))
 
 
 def estimator_policy(estimator: Any, space: Space, n_steps: int) -> Any:
@@ -184,16 +184,16 @@ def estimator_policy(estimator: Any, space: Space, n_steps: int) -> Any:
     return ClassifierPolicy(estimator, getattr(space, "n", 0))
 
 
-def _folds(problem: Problem) -> list[Array]:
+def _folds(data: FitData) -> list[Array]:
     """Steps (N,) bool to hold out together: whole demonstrations, about as many steps in each fold."""
-    order = np.argsort(-problem.lengths, kind="stable")
-    n_folds = min(N_FOLDS, problem.n_demonstrations)
-    fold = np.empty(problem.n_demonstrations, dtype=int)
+    order = np.argsort(-data.lengths, kind="stable")
+    n_folds = min(N_FOLDS, data.n_demonstrations)
+    fold = np.empty(data.n_demonstrations, dtype=int)
     load = np.zeros(n_folds)
     for m in order:  # the longest first, each to the smallest fold so far
         fold[m] = int(np.argmin(load))
-        load[fold[m]] += problem.lengths[m]
-    of_step = problem.spread(fold)
+        load[fold[m]] += data.lengths[m]
+    of_step = data.spread(fold)
     return [of_step == k for k in range(n_folds)] if n_folds > 1 else [np.zeros(len(of_step), dtype=bool)]
 
 

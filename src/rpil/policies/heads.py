@@ -12,7 +12,7 @@ from typing import Any, Protocol, Self
 import numpy as np
 from scipy.special import logsumexp
 
-from rpil.data.fit_data import Problem
+from rpil.data.fit_data import FitData
 from rpil.data.spaces import Box
 from rpil.numerics.blocks import Array, log_softmax
 from rpil.policies.networks import Loss, needs_torch, on_device
@@ -40,10 +40,10 @@ class Head(Protocol):
     def log_prob(self, outputs: Array, actions: Array) -> Array:
         """Of the actions taken, (N,)."""
 
-    def loss(self, problem: Problem, weight: Array, device: str) -> Loss:
+    def loss(self, data: FitData, weight: Array, device: str) -> Loss:
         """What to train with."""
 
-    def fit(self, problem: Problem, weight: Array, outputs: Array) -> Self:
+    def fit(self, data: FitData, weight: Array, outputs: Array) -> Self:
         """The head that suits outputs (N, O) which were not trained on these steps."""
 
 
@@ -63,12 +63,12 @@ class SoftmaxHead:
     def log_prob(self, outputs: Array, actions: Array) -> Array:
         return np.take_along_axis(outputs, actions[:, None], axis=1)[:, 0]
 
-    def loss(self, problem: Problem, weight: Array, device: str) -> Loss:
+    def loss(self, data: FitData, weight: Array, device: str) -> Loss:
         torch = needs_torch()
-        targets = on_device(one_hot(problem.actions, weight, self.width), device)
+        targets = on_device(one_hot(data.actions, weight, self.width), device)
         return lambda raw, rows: -(targets[rows] * torch.log_softmax(raw, dim=-1)).sum(dim=-1)
 
-    def fit(self, problem: Problem, weight: Array, outputs: Array) -> SoftmaxHead:
+    def fit(self, data: FitData, weight: Array, outputs: Array) -> SoftmaxHead:
         return self
 
 
@@ -117,11 +117,11 @@ class StudentHead:
     def log_prob(self, outputs: Array, actions: Array) -> Array:
         return self.noise.log_prob(outputs, actions)
 
-    def loss(self, problem: Problem, weight: Array, device: str) -> Loss:
+    def loss(self, data: FitData, weight: Array, device: str) -> Loss:
         torch = needs_torch()
         middle, half = self._units
         inverse, freedom = np.linalg.inv(self.noise.cholesky), self.noise.freedom
-        white = (problem.actions - middle) @ inverse.T, half[:, None] * inverse.T, weight
+        white = (data.actions - middle) @ inverse.T, half[:, None] * inverse.T, weight
         actions, shrink, weights = (on_device(values, device) for values in white)
         factor = 0.5 * (freedom + self.width)
 
@@ -131,12 +131,12 @@ class StudentHead:
 
         return loss
 
-    def fit(self, problem: Problem, weight: Array, outputs: Array) -> StudentHead:
+    def fit(self, data: FitData, weight: Array, outputs: Array) -> StudentHead:
         if self.fixed or not weight.any():
             return self
         # Features of zero: nothing of what is left over can be predicted, there is only its distribution.
-        left = replace(problem, features=np.zeros((len(outputs), 1)), actions=problem.actions - outputs)
-        return replace(self, noise=self.noise.learn(left, weight)[0])
+        left = replace(data, features=np.zeros((len(outputs), 1)), actions=data.actions - outputs)
+        return replace(self, noise=self.noise.fit(left, weight)[0])
 
     @property
     def _units(self) -> tuple[Array, Array]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any, Protocol, Self
 
-from rpil.data.fit_data import Problem
+from rpil.data.fit_data import FitData
 from rpil.numerics.blocks import Array, Sums
 
 
@@ -21,11 +21,11 @@ class Policy(Protocol):
     def log_prob(self, outputs: Array, actions: Array) -> Array:
         """log pi(a_n|s_n) of the actions taken, (N,): a probability, or a density."""
 
-    def learn(
+    def fit(
         self,
-        problem: Problem,
+        data: FitData,
         weight: Array,
-        lesson: Array | None = None,
+        soft_targets: Array | None = None,
         *,
         tol: float = ...,
         max_iter: int = ...,
@@ -33,31 +33,31 @@ class Policy(Protocol):
     ) -> tuple[Self, Array]:
         """A policy that explains the steps, each counted with `weight` (N,), no worse; and its outputs for them.
 
-        A `lesson` is what the adversary's steps teach besides, as `Adversary.intended` gives it times their weight.
-        ``max_iter=1`` asks for one improving step.
+        A `soft_targets` is what the adversary's steps teach besides, as `Adversary.intended` gives it times their
+        weight. ``max_iter=1`` asks for one improving step.
         """
 
     def penalty(self) -> float:
         """What regularisation takes off the log-likelihood."""
 
-    def tempered(self, temperature: float) -> Self:
+    def with_temperature(self, temperature: float) -> Self:
         """The same, surer above 1 and less sure below, where a policy knows how."""
 
 
 class AdditivePolicy(Policy, Protocol):
     """A policy that can also learn from sums over parts of the data, which may lie in many places."""
 
-    def primed(self, problem: Problem, weight: Array, ridge: Array, factor: float) -> tuple[Self, Any]:
+    def with_preconditioner(self, data: FitData, weight: Array, ridge: Array, factor: float) -> tuple[Self, Any]:
         """Ready for sums over `factor` times as many steps as these, weighted, with `ridge` (D,) for all of them; and a
         Hessian, or whatever else helps to improve."""
 
-    def study(self, problem: Problem, weight: Array) -> tuple[Array, Sums]:
-        """log pi of the actions taken, (N,), and the sums over weighted steps that `improved` needs."""
+    def collect_suff_stats(self, data: FitData, weight: Array) -> tuple[Array, Sums]:
+        """log pi of the actions taken, (N,), and the sums over weighted steps that `m_step` needs."""
 
-    def improved(self, statistics: Sums, radius: float, hessian: Any, path: Array) -> tuple[Self, Array]:
+    def m_step(self, statistics: Sums, radius: float, hessian: Any, path: Array) -> tuple[Self, Array]:
         """The policy after one improving step, given the sums over all steps of the data, and what it remembers of the
         way to here, see `rpil.numerics.newton.newton_step`; a finite `radius` says that a step without it went down,
         and how far a coefficient may move."""
 
-    def slope(self, statistics: Sums) -> float:
+    def gradient_norm(self, statistics: Sums) -> float:
         """How far from the best it still is: the largest entry of the gradient, or nats where these say more."""

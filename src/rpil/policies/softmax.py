@@ -9,7 +9,7 @@ from functools import partial
 import numpy as np
 
 from rpil.data.archive import stored
-from rpil.data.fit_data import Problem
+from rpil.data.fit_data import FitData
 from rpil.numerics.blocks import Array, Sums, linear, log_softmax, softmax_pass
 from rpil.numerics.newton import REMEMBERED, Preconditioner, fit_softmax, newton_step
 
@@ -60,24 +60,24 @@ class SoftmaxPolicy:
         """log pi(a_n|s_n) of the actions taken, (N,), given the log-probabilities of all."""
         return np.take_along_axis(outputs, actions[:, None], axis=1)[:, 0]
 
-    def learn(
+    def fit(
         self,
-        problem: Problem,
+        data: FitData,
         weight: Array,
-        lesson: Array | None = None,
+        soft_targets: Array | None = None,
         *,
         tol: float = 1e-6,
         max_iter: int = 100,
         max_cg: int = 200,
     ) -> tuple[SoftmaxPolicy, Array]:
-        """The policy for actions taken with `weight` (N,), and for soft targets `lesson` (N, K) besides; and its
+        """The policy for actions taken with `weight` (N,), and for soft targets `soft_targets` (N, K) besides; and its
         log-probabilities (N, K)."""
-        targets = one_hot(problem.actions, weight, self.weights.shape[1])
-        if lesson is not None:
-            targets += lesson
+        targets = one_hot(data.actions, weight, self.weights.shape[1])
+        if soft_targets is not None:
+            targets += soft_targets
         reuse = self._preconditioner if self._age < _PRECONDITIONER_FITS else None
         fit = fit_softmax(
-            problem.features,
+            data.features,
             targets,
             self.ridge,
             start=self.weights,
@@ -89,40 +89,40 @@ class SoftmaxPolicy:
         age = self._age + 1 if fit.preconditioner is reuse else 0
         return SoftmaxPolicy(fit.weights, self.ridge, fit.preconditioner, age), fit.log_proba
 
-    def primed(
-        self, problem: Problem, weight: Array, ridge: Array, factor: float
+    def with_preconditioner(
+        self, data: FitData, weight: Array, ridge: Array, factor: float
     ) -> tuple[SoftmaxPolicy, Preconditioner]:
         """The same for sums over `factor` times as many steps, and their Hessian as these have it; `ridge` is for all
         of them."""
-        proba = np.exp(self.log_proba(problem.features))
-        hessian = Preconditioner(problem.features, proba, factor * weight, ridge, _UNSEEN * factor)
+        proba = np.exp(self.log_proba(data.features))
+        hessian = Preconditioner(data.features, proba, factor * weight, ridge, _UNSEEN * factor)
         return SoftmaxPolicy(self.weights, ridge), hessian
 
-    def study(self, problem: Problem, weight: Array) -> tuple[Array, Sums]:
+    def collect_suff_stats(self, data: FitData, weight: Array) -> tuple[Array, Sums]:
         """log pi of the actions taken, (N,), and the gradient of the log-likelihood, (D, K), in one reading."""
-        taken, slope = softmax_pass(problem.features, self.weights, problem.actions, weight)
+        taken, slope = softmax_pass(data.features, self.weights, data.actions, weight)
         return taken, (slope - slope.mean(axis=1, keepdims=True),)  # what all actions share is rounding
 
-    def improved(
+    def m_step(
         self, statistics: Sums, radius: float, hessian: Callable[..., Array], path: Array
     ) -> tuple[SoftmaxPolicy, Array]:
         """One Newton step, and the path with this place."""
         # Rows contiguous, as arrays are kept: the order in which an array is summed shows in the last bit.
-        path = np.array([*path[-REMEMBERED:], (self.weights, self.penalised(statistics))])
+        path = np.array([*path[-REMEMBERED:], (self.weights, self.penalised_gradient(statistics))])
         step = newton_step(path, hessian if len(path) > 1 else partial(hessian, radius=radius))
         step *= min(1.0, radius / max(float(np.abs(step).max()), 1e-300))
         return SoftmaxPolicy(self.weights + step, self.ridge), path
 
-    def slope(self, statistics: Sums) -> float:
+    def gradient_norm(self, statistics: Sums) -> float:
         """Largest entry of the gradient of the penalised log-likelihood."""
-        return float(np.abs(self.penalised(statistics)).max())
+        return float(np.abs(self.penalised_gradient(statistics)).max())
 
-    def penalised(self, statistics: Sums) -> Array:
+    def penalised_gradient(self, statistics: Sums) -> Array:
         """The gradient of the penalised log-likelihood, (D, K)."""
         gradient: Array = statistics[0] - self.ridge[:, None] * self.weights
         return gradient
 
-    def tempered(self, temperature: float) -> SoftmaxPolicy:
+    def with_temperature(self, temperature: float) -> SoftmaxPolicy:
         """The same order of preferences, surer above 1 and less sure below."""
         return SoftmaxPolicy(temperature * self.weights, self.ridge)
 

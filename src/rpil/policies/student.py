@@ -22,7 +22,7 @@ from scipy.linalg import cho_factor, cho_solve, solve_triangular
 from scipy.special import gammaln
 
 from rpil.data.archive import stored
-from rpil.data.fit_data import Problem
+from rpil.data.fit_data import FitData
 from rpil.data.spaces import Box
 from rpil.numerics.blocks import Array, Sums, blocks, linear
 
@@ -95,18 +95,18 @@ class StudentPolicy:
         """log pi(a_n|s_n), (N,): a density within the bounds; at one, no more than the likelihood of `_errors`."""
         return self._log_density(self._distance(self._errors(outputs, actions)[0]), self.freedom)
 
-    def learn(
+    def fit(
         self,
-        problem: Problem,
+        data: FitData,
         weight: Array,
-        lesson: Array | None = None,
+        soft_targets: Array | None = None,
         *,
         tol: float = 1e-6,
         max_iter: int = 100,
         max_cg: int = 0,
     ) -> tuple[StudentPolicy, Array]:
         """Weighted least squares until the objective gains less than `tol` nats a step."""
-        features, actions = problem.features, problem.actions
+        features, actions = data.features, data.actions
         total = weight.sum()
         policy, outputs = self, self.outputs(features)
         if not total > 0.0:  # nothing to learn from, so nothing to forget
@@ -119,7 +119,7 @@ class StudentPolicy:
                 break
         return policy, outputs
 
-    def tempered(self, temperature: float) -> StudentPolicy:
+    def with_temperature(self, temperature: float) -> StudentPolicy:
         """The same: how sure it is was fitted, too."""
         return self
 
@@ -128,23 +128,25 @@ class StudentPolicy:
         root = np.vstack([np.sqrt(self.ridge)[:, None] * self.weights, np.diag(self.least)])
         return float(0.5 * self._distance(root).sum())
 
-    def primed(self, problem: Problem, weight: Array, ridge: Array, factor: float) -> tuple[StudentPolicy, None]:
+    def with_preconditioner(
+        self, data: FitData, weight: Array, ridge: Array, factor: float
+    ) -> tuple[StudentPolicy, None]:
         """The same for `factor` times as many steps; what it needs of a Hessian is in the sums."""
         return replace(self, ridge=ridge, least=self.least * np.sqrt(factor)), None
 
-    def study(self, problem: Problem, weight: Array) -> tuple[Array, Sums]:
+    def collect_suff_stats(self, data: FitData, weight: Array) -> tuple[Array, Sums]:
         """log pi of the actions taken, (N,), and sums: X^T W X of every part and the slope, see `_least_squares`,
         R^T W R for the errors R, the likelihood of every nu, the weights, and how many errors count for less."""
-        outputs = self.outputs(problem.features)
-        errors, counts = self._errors(outputs, problem.actions)
+        outputs = self.outputs(data.features)
+        errors, counts = self._errors(outputs, data.actions)
         distance = self._distance(errors)
         trust = self._trust(distance, weight)
         likelihood = np.array([weight @ self._log_density(distance, freedom) for freedom in _FREEDOM])
-        sums = _least_squares(problem.features, errors, counts, trust, self._precision)
+        sums = _least_squares(data.features, errors, counts, trust, self._precision)
         spread = (errors.T * trust) @ errors, likelihood, weight.sum(), (counts < 1.0).sum()
-        return self.log_prob(outputs, problem.actions), (*sums, *spread)
+        return self.log_prob(outputs, data.actions), (*sums, *spread)
 
-    def improved(self, statistics: Sums, radius: float, hessian: None, path: Array) -> tuple[StudentPolicy, Array]:
+    def m_step(self, statistics: Sums, radius: float, hessian: None, path: Array) -> tuple[StudentPolicy, Array]:
         """One step of weighted least squares, no entry longer than `radius` spreads; nu is the best for what was there
         before, unless `radius` is finite. No such step goes down while no action is at a bound."""
         moments, slope, scatter, likelihood, total, beyond = statistics
@@ -161,7 +163,7 @@ class StudentPolicy:
         freedom = float(_FREEDOM[int(np.argmax(likelihood))]) if radius == np.inf else self.freedom
         return replace(self, weights=weights, cholesky=np.linalg.cholesky(scatter / total), freedom=freedom), path
 
-    def slope(self, statistics: Sums) -> float:
+    def gradient_norm(self, statistics: Sums) -> float:
         """Largest entry of the gradient of the penalised log-likelihood, in units of the spread; or what a better
         Sigma or nu would gain, in nats, where that is more."""
         _, slope, scatter, likelihood, total, _ = statistics

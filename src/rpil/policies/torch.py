@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from rpil.data.errors import DataError
-from rpil.data.fit_data import Problem
+from rpil.data.fit_data import FitData
 from rpil.data.spaces import Space
 from rpil.numerics.blocks import Array
 from rpil.policies.heads import HEADS, Head
@@ -142,7 +142,7 @@ class TorchPolicy:
         head = self.trained.head if self.trained else HEADS[self._known_space.kind](self._known_space, 1.0, self.scale)
         return head.log_prob(outputs, actions)
 
-    def learn(self, problem: Problem, weight: Array) -> tuple[TorchPolicy, Array]:
+    def fit(self, data: FitData, weight: Array) -> tuple[TorchPolicy, Array]:
         """A policy for steps with `weight` (N,), and its outputs (N, ...), each from a network that did not see it.
 
         The networks are new ones. Fewer than three demonstrations are cut into pieces, each counting as one.
@@ -154,33 +154,33 @@ class TorchPolicy:
         MissingExtraError
             Where torch is not installed.
         """
-        number = self._numbers(problem)
-        now = self._untrained(problem, number)
+        number = self._numbers(data)
+        now = self._untrained(data, number)
         for phase in range(now.head.phases):
-            now, _ = self._taught(now, problem, number, weight, self.epochs, phase)
-            raw = raw_outputs(now.networks, _standard(now, problem.features), self.device)
+            now, _ = self._taught(now, data, number, weight, self.epochs, phase)
+            raw = raw_outputs(now.networks, _standard(now, data.features), self.device)
             outputs = now.head.read(raw[number % len(raw), np.arange(len(number))])
-            now = replace(now, head=now.head.fit(problem, weight, outputs))
-        return replace(self, space=problem.space, trained=now), outputs
+            now = replace(now, head=now.head.fit(data, weight, outputs))
+        return replace(self, space=data.space, trained=now), outputs
 
-    def finished(self, problem: Problem, weight: Array) -> TorchPolicy:
+    def fit_all(self, data: FitData, weight: Array) -> TorchPolicy:
         """The policy of one new network that all steps by their `weight` (N,) have trained, for predicting.
 
         It is trained for as long as is best for new networks that are cross-fitted.
         """
-        number = self._numbers(problem)
-        start = self._untrained(problem, number)
+        number = self._numbers(data)
+        start = self._untrained(data, number)
         if self.trained is not None:
             start = replace(start, head=self.trained.head)  # it knows how far held-out actions are off
         elif start.head.phases > 1:
-            start = replace(start, head=self.learn(problem, weight)[0].trained.head)  # type: ignore[union-attr]
+            start = replace(start, head=self.fit(data, weight)[0].trained.head)  # type: ignore[union-attr]
         epochs = self.epochs
         if self.patience is not None:
-            epochs = max(self._taught(start, problem, number, weight, epochs)[1], 1)
-        single = replace(self, n_folds=1, space=problem.space, patience=None)
-        start = replace(single._untrained(problem, number), head=start.head)
-        final, _ = single._taught(start, problem, number, weight, epochs)
-        return replace(self, n_folds=1, space=problem.space, trained=final)
+            epochs = max(self._taught(start, data, number, weight, epochs)[1], 1)
+        single = replace(self, n_folds=1, space=data.space, patience=None)
+        start = replace(single._untrained(data, number), head=start.head)
+        final, _ = single._taught(start, data, number, weight, epochs)
+        return replace(self, n_folds=1, space=data.space, trained=final)
 
     @property
     def _known_space(self) -> Space:
@@ -188,28 +188,28 @@ class TorchPolicy:
             raise DataError("TorchPolicy: it has not learned yet, and does not know the actions; call learn first.")
         return self.space
 
-    def _untrained(self, problem: Problem, number: Array) -> _Trained:
-        features = np.asarray(problem.features, dtype=float)
+    def _untrained(self, data: FitData, number: Array) -> _Trained:
+        features = np.asarray(data.features, dtype=float)
         center, spread = features.mean(axis=0), features.std(axis=0)
         spread = np.where(spread > 1e-9 * np.maximum(np.abs(center), 1.0), spread, 1.0)
-        head = HEADS[problem.space.kind](problem.space, len(problem.actions), self.scale)
+        head = HEADS[data.space.kind](data.space, len(data.actions), self.scale)
         n_networks = min(self.n_folds, int(number.max()) + 1)
         sizes = (features.shape[1], *self.hidden, head.width)
         networks = untrained(sizes, n_networks, np.random.default_rng([self.seed, 0]))
         return _Trained(networks, center, spread, head)
 
-    def _numbers(self, problem: Problem) -> Array:
+    def _numbers(self, data: FitData) -> Array:
         """The number of the unit of each step, (N,), which says who is held out of which network.
 
         It comes from what the unit holds, so that it does not depend on the order and copies share a fold.
         """
-        units, keys = _units(problem)
+        units, keys = _units(data)
         distinct, at = np.unique(keys, return_inverse=True)
         place = np.random.default_rng([self.seed, 1]).permutation(len(distinct))
         return np.repeat(place[at], np.diff(units))
 
     def _taught(
-        self, now: _Trained, problem: Problem, number: Array, weight: Array, epochs: int, phase: int = 0
+        self, now: _Trained, data: FitData, number: Array, weight: Array, epochs: int, phase: int = 0
     ) -> tuple[_Trained, int]:
         """Networks after up to so many `epochs`, and how many were best; `number` (N,) is that of each step's unit."""
         n_folds = len(now.networks[0])
@@ -219,8 +219,8 @@ class TorchPolicy:
             learn = ~unseen if n_folds > 1 else np.ones_like(learn)
         networks, when = train(
             now.networks,
-            _standard(now, problem.features),
-            now.head.loss(problem, weight, self.device),
+            _standard(now, data.features),
+            now.head.loss(data, weight, self.device),
             weight,
             learn,
             judge,
@@ -234,12 +234,12 @@ def _standard(trained: _Trained, features: Array) -> Array:
     return (features - trained.center) / trained.spread
 
 
-def _units(problem: Problem) -> tuple[Array, list[int]]:
+def _units(data: FitData) -> tuple[Array, list[int]]:
     """Where the units begin that are held out as a whole, and the end, (U + 1,); and a key to the contents of each."""
-    offsets = problem.offsets
+    offsets = data.offsets
     if len(offsets) < 4:
-        offsets = np.unique(np.linspace(0, len(problem.actions), _N_PIECES + 1).astype(int))
-    columns = np.ascontiguousarray(problem.features), np.ascontiguousarray(problem.actions)
+        offsets = np.unique(np.linspace(0, len(data.actions), _N_PIECES + 1).astype(int))
+    columns = np.ascontiguousarray(data.features), np.ascontiguousarray(data.actions)
     keys = []
     for start, stop in pairwise(offsets):
         digest = blake2b(digest_size=8)

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from rpil.data.archive import stored
-from rpil.data.fit_data import Problem
+from rpil.data.fit_data import FitData
 from rpil.numerics.blocks import Array, Sums
 from rpil.scale.protocol import Shards
 
@@ -39,7 +39,7 @@ _PATIENCE = 10
 
 @stored(history="iterations 2", path="places 2 rows columns")
 @dataclass(frozen=True, eq=False)
-class Polished:
+class AscentState:
     """How far passes over everything have come: a policy; objective and gradient at all places before, (T, 2); how far
     a step may go from here; and what the policy remembers of its path, see `rpil.numerics.newton.newton_step`."""
 
@@ -67,21 +67,21 @@ def gathered(pieces: Iterator[tuple[Array, Array]], n_steps: int, on_disk: bool)
     return one, other, total
 
 
-def clone_pass(lesson: tuple[Problem, Array, Array], policy: Any) -> Sums:
+def clone_pass(weighted: tuple[FitData, Array, Array], policy: Any) -> Sums:
     """Log-likelihood and weight of weighted steps, and what the policy must know to improve."""
-    problem, weight, _ = lesson
-    log_prob, statistics = policy.study(problem, weight)
+    data, weight, _ = weighted
+    log_prob, statistics = policy.collect_suff_stats(data, weight)
     return weight @ log_prob, statistics, weight.sum()
 
 
 def clone(
     shards: Shards,
-    start: Polished,
+    start: AscentState,
     hessian: Any,
     tol: float,
     max_iter: int,
     progress: Callable[[str], None],
-    keep: Callable[[Polished], None],
+    keep: Callable[[AscentState], None],
 ) -> Any:
     """The policy fitted to weighted steps until the gradient is nowhere above `tol` a step.
 
@@ -98,24 +98,24 @@ def clone(
     here, history, radius, path = start.state, start.history, start.radius, start.path
     value, sums = measure(here)
     while len(history) < max_iter:
-        history = np.vstack([history, [value, here.slope(sums[1])]])
+        history = np.vstack([history, [value, here.gradient_norm(sums[1])]])
         seconds = (time.perf_counter() - begun) / (len(history) - len(start.history))
         left = _time_left(history[:, 1], tol * sums[2], seconds)
         progress(f"pass {len(history)} over everything, objective {value:.6g}{left}")
         if history[-1, 1] <= tol * sums[2] or _stuck(history):
             break
         before = path
-        there, path = here.improved(sums[1], radius, hessian, before)
+        there, path = here.m_step(sums[1], radius, hessian, before)
         new_value, new_sums = measure(there)
         while not new_value >= value - _ROUNDING * abs(value):
             radius = min(_RADIUS, radius / 8)
             if radius < _SHORTEST:
                 return here
-            there, path = here.improved(sums[1], radius, hessian, before)
+            there, path = here.m_step(sums[1], radius, hessian, before)
             new_value, new_sums = measure(there)
         here, value, sums = there, new_value, new_sums
         radius = 2.0 * radius if radius < _FAR else np.inf
-        keep(Polished(here, history, radius, path))
+        keep(AscentState(here, history, radius, path))
     return here
 
 

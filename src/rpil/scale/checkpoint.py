@@ -13,7 +13,7 @@ from rpil.data.archive import VERSION, Decoder, encode, read_archive, rpil_versi
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
 from rpil.numerics.blocks import Array
-from rpil.scale.ascent import Polished
+from rpil.scale.ascent import AscentState
 
 SCHEMA = "rpil checkpoint"
 _NOT_SETTINGS = ("progress", "engine", "checkpoint")
@@ -42,7 +42,7 @@ class Checkpoint:
             digest.update(np.ascontiguousarray(array).tobytes())
         return cls(Path(path), digest.hexdigest())
 
-    def keep(self, polished: Polished) -> None:
+    def keep(self, polished: AscentState) -> None:
         """Write where the passes are."""
         arrays: dict[str, Array] = {}
         header = {
@@ -54,7 +54,7 @@ class Checkpoint:
         }
         write_archive(self.path, header, arrays)
 
-    def read(self) -> Polished | None:
+    def read(self) -> AscentState | None:
         """What `keep` wrote last; None where there is no file.
 
         Raises
@@ -69,7 +69,7 @@ class Checkpoint:
             raise DataError(f"{self.path}: it is of other data, or other settings; delete it to start anew.")
         try:
             polished = Decoder(arrays).value(header["polished"])
-            if not isinstance(polished, Polished):
+            if not isinstance(polished, AscentState):
                 raise TypeError(type(polished))
         except (KeyError, TypeError, ValueError, IndexError, AttributeError) as error:
             raise DataError(f"{self.path}: its parts do not belong together; delete it to start anew.") from error

@@ -20,7 +20,7 @@ from rpil.audit.summary import longest, step_weight, typical_reliability
 from rpil.data.coding import known_actions
 from rpil.data.demonstrations import Demonstrations, Piece
 from rpil.data.demonstrators import Company
-from rpil.data.fit_data import Problem
+from rpil.data.fit_data import FitData
 from rpil.data.spaces import Space
 from rpil.inference.fitted_judge import SCALES, FittedJudge, mean_variance
 from rpil.inference.groups import SURE, fit_groups
@@ -31,7 +31,7 @@ from rpil.numerics.blocks import Array
 from rpil.policies.features import N_LANDMARKS, FeatureMap, ridge_of
 from rpil.policies.linear import linear_policy
 from rpil.policies.selection import Choice
-from rpil.scale.ascent import Polished, clone, gathered
+from rpil.scale.ascent import AscentState, clone, gathered
 from rpil.scale.memory import InMemory
 from rpil.scale.protocol import Engine
 
@@ -101,10 +101,10 @@ class Prepare:
     space: Space
     classes: Array
 
-    def __call__(self, piece: Piece) -> tuple[Piece, Problem]:
+    def __call__(self, piece: Piece) -> tuple[Piece, FitData]:
         codes = known_actions(self.classes, piece.actions, "the demonstrations")
         design = self.features.design(piece.observations, single=True)
-        return piece, Problem(design, codes, piece.offsets, self.space, np.zeros(len(piece.offsets) - 1, dtype=int))
+        return piece, FitData(design, codes, piece.offsets, self.space, np.zeros(len(piece.offsets) - 1, dtype=int))
 
 
 class Measured(NamedTuple):
@@ -117,20 +117,20 @@ class Measured(NamedTuple):
     interval: Array
 
 
-def measure(ready: tuple[Piece, Problem], judge: FittedJudge) -> Measured:
+def measure(ready: tuple[Piece, FitData], judge: FittedJudge) -> Measured:
     """The scores of demonstrations under the policy of a sample."""
-    problem = ready[1]
-    worth, _, trust = _in_steps(problem, judge)
-    score = problem.sum_steps(worth) / problem.lengths
-    squares = problem.sum_steps((worth - problem.spread(score)) ** 2)
+    data = ready[1]
+    worth, _, trust = _in_steps(data, judge)
+    score = data.sum_steps(worth) / data.lengths
+    squares = data.sum_steps((worth - data.spread(score)) ** 2)
     return Measured(score, squares, trust.reliability, trust.interval)
 
 
-def _in_steps(problem: Problem, judge: FittedJudge) -> tuple[Array, Array, StepTrust]:
+def _in_steps(data: FitData, judge: FittedJudge) -> tuple[Array, Array, StepTrust]:
     """The measure of each step, its log-ratio, and the trust in it."""
-    worth, log_ratio = judge.scale.measure(problem.features, problem.actions)
-    power = np.full(problem.n_demonstrations, min(judge.independent, 1.0))
-    return worth, log_ratio, step_trust(problem, log_ratio, power)
+    worth, log_ratio = judge.scale.measure(data.features, data.actions)
+    power = np.full(data.n_demonstrations, min(judge.independent, 1.0))
+    return worth, log_ratio, step_trust(data, log_ratio, power)
 
 
 @dataclass(frozen=True, eq=False)
@@ -167,16 +167,16 @@ class Weigh:
         """The same for `those` demonstrations."""
         return replace(self, trust=self.trust[those], first=those.start)
 
-    def __call__(self, ready: tuple[Piece, Problem]) -> tuple[Problem, Array, Array]:
-        piece, problem = ready
+    def __call__(self, ready: tuple[Piece, FitData]) -> tuple[FitData, Array, Array]:
+        piece, data = ready
         begin = piece.first - self.first
-        weight, log_ratio = self.weight(problem, self.trust[begin : begin + problem.n_demonstrations])
-        return (self.final(piece)[1] if self.final else problem), weight, log_ratio
+        weight, log_ratio = self.weight(data, self.trust[begin : begin + data.n_demonstrations])
+        return (self.final(piece)[1] if self.final else data), weight, log_ratio
 
-    def weight(self, problem: Problem, trust: Array) -> tuple[Array, Array]:
+    def weight(self, data: FitData, trust: Array) -> tuple[Array, Array]:
         """Weights of the steps of demonstrations with such `trust` (M,), and their log-ratios."""
-        _, log_ratio, steps = _in_steps(problem, self.judge)
-        return step_weight(problem.lengths, trust, steps.reliability, steps.step, self.typical), log_ratio
+        _, log_ratio, steps = _in_steps(data, self.judge)
+        return step_weight(data.lengths, trust, steps.reliability, steps.step, self.typical), log_ratio
 
 
 def is_large(model: Any, data: Source) -> bool:
@@ -199,7 +199,7 @@ class Sampled:
     Attributes
     ----------
     few : Demonstrations
-    problem : Problem
+    data : FitData
     chosen : (S,) int array
         Their numbers among all.
     judge : FittedJudge
@@ -207,20 +207,20 @@ class Sampled:
     """
 
     few: Demonstrations
-    problem: Problem
+    data: FitData
     chosen: Array
     judge: FittedJudge
     judgement: Judgement
 
 
-def judge_all(sampled: Sampled, problem: Problem, measured: list[Measured], minority: str) -> Judgement:
-    """The judgement of all demonstrations, `problem` without their steps, from what was `measured` of them."""
+def judge_all(sampled: Sampled, data: FitData, measured: list[Measured], minority: str) -> Judgement:
+    """The judgement of all demonstrations, `data` without their steps, from what was `measured` of them."""
     score, squares, reliability, interval = map(np.concatenate, zip(*measured, strict=True))
-    judge, lengths = sampled.judge, problem.lengths
+    judge, lengths = sampled.judge, data.lengths
     score[sampled.chosen] = sampled.judgement.scores.score  # held out, as the scores of all others are
     effective = judge.independent * lengths
     variance = mean_variance(squares, lengths, judge.pooled, effective)
-    groups = fit_groups(score, variance, problem.labels, effective, lengths)
+    groups = fit_groups(score, variance, data.labels, effective, lengths)
     rival = sampled.judgement.rival
     if rival is not None and sampled.judgement.groups.p_two < SURE:  # nothing says which style the others have
         rival = replace(rival, trusted=sampled.chosen[rival.trusted], rival=sampled.chosen[rival.rival])
@@ -231,7 +231,7 @@ def judge_all(sampled: Sampled, problem: Problem, measured: list[Measured], mino
     none = np.empty(0)
     scores = replace(sampled.judgement.scores, score=score, variance=variance, groups=groups, effective=effective)
     teachers = np.zeros(len(score), dtype=bool)
-    return conclude(problem, scores, StepTrust(reliability, interval, none), none, teachers, rival, minority)
+    return conclude(data, scores, StepTrust(reliability, interval, none), none, teachers, rival, minority)
 
 
 def fit_large(model: Any, data: Source, labels: Array, company: Company, engine: Engine) -> None:
@@ -253,7 +253,7 @@ def fit_large(model: Any, data: Source, labels: Array, company: Company, engine:
     ready = engine.place(data.parts(engine.n_parts)).then(prepare)
     progress("a pass over everything: scores")
     none = np.empty(0)
-    everybody = Problem(none, none, data.offsets, model.space_, labels, company=company)
+    everybody = FitData(none, none, data.offsets, model.space_, labels, company=company)
     measured = list(ready.map(partial(measure, judge=sampled.judge)))
     judgement = judge_all(sampled, everybody, measured, model.minority)
     # Their steps are weighed in the next pass; until then the audit is of demonstrations without steps.
@@ -275,26 +275,26 @@ def _read_sample(model: Any, data: Source, labels: Array, progress: Callable[[st
     few, space = data.select(chosen), model.space_
     codes = known_actions(model.classes_, few.actions, data.source)
     features = model.judge_map(few)
-    problem = Problem(features.design(few.observations, single=True), codes, few.offsets, space, labels[chosen])
+    fit_data = FitData(features.design(few.observations, single=True), codes, few.offsets, space, labels[chosen])
     # Which group to distrust is decided here; a group to trust is reported, and trusted among all demonstrations.
     settings = Settings(model.random_state, "ask" if model.minority == "trust" else model.minority)
-    judgement = judge(problem, scorer(problem, model.random_state), settings, progress)
-    fitted = judgement.keep(problem, SCALES[space.kind])
-    return Sampled(few, problem, chosen, fitted, judgement), Prepare(features, space, model.classes_)
+    judgement = judge(fit_data, scorer(fit_data, model.random_state), settings, progress)
+    fitted = judgement.keep(fit_data, SCALES[space.kind])
+    return Sampled(few, fit_data, chosen, fitted, judgement), Prepare(features, space, model.classes_)
 
 
 def _longest_of_groups(sampled: Sampled) -> tuple[Any, ...]:
     """Ids of one demonstration of each group, of those that were compared: all others may be in either."""
     rival = sampled.judgement.rival
     assert rival is not None
-    return tuple(sampled.few.ids[m] for m in longest(sampled.problem, (rival.trusted, rival.rival)))
+    return tuple(sampled.few.ids[m] for m in longest(sampled.data, (rival.trusted, rival.rival)))
 
 
 def _fit_policy(
     model: Any, data: Source, sampled: Sampled, prepare: Prepare, ready: Any, in_memory: bool, progress: Any
 ) -> None:
     """Weigh all steps and fit the final policy to them."""
-    space, few, some = model.space_, sampled.few, sampled.problem
+    space, few, some = model.space_, sampled.few, sampled.data
     weigh = Weigh.of(model.audit_, sampled.judge)
     weight = weigh.weight(some, weigh.trust[sampled.chosen])[0]
     choice, read = model._choice(few, some.actions, weight), prepare.features
@@ -303,18 +303,18 @@ def _fit_policy(
         read = FeatureMap.fit(choice.kind, few.observations[trusted], weight[trusted], choice.ridge)
         weigh = replace(weigh, final=replace(prepare, features=read))
         some = replace(some, features=read.design(few.observations, single=True))
-    lessons = ready.then(weigh)
-    log_ratio, step_weights, total = gathered(lessons.map(_of_steps), int(data.offsets[-1]), not in_memory)
+    weighted_steps = ready.then(weigh)
+    log_ratio, step_weights, total = gathered(weighted_steps.map(_of_steps), int(data.offsets[-1]), not in_memory)
     model.audit_ = replace(model.audit_, step_log_ratio=log_ratio, step_weight=step_weights)
     ridge, final_ridge = (ridge_of(read, model.C, steps, space) for steps in (weight.sum(), total))
-    first: Any = linear_policy(space, ridge, weight.sum()).learn(some, weight)[0]
+    first: Any = linear_policy(space, ridge, weight.sum()).fit(some, weight)[0]
 
-    primed, hessian = first.primed(some, weight, final_ridge, total / weight.sum())
+    with_preconditioner, hessian = first.with_preconditioner(some, weight, final_ridge, total / weight.sum())
     checkpoint = _checkpoint(model, data, few)
-    start = (checkpoint.read() if checkpoint else None) or Polished(primed)
+    start = (checkpoint.read() if checkpoint else None) or AscentState(with_preconditioner)
     keep = checkpoint.keep if checkpoint else lambda _: None
-    policy = clone(lessons, start, hessian, REFIT_TOL, model.max_iter, progress, keep)
-    model.features_, model.policy_ = read, policy.tempered(choice.temperature)
+    policy = clone(weighted_steps, start, hessian, REFIT_TOL, model.max_iter, progress, keep)
+    model.features_, model.policy_ = read, policy.with_temperature(choice.temperature)
     if checkpoint:
         checkpoint.done()
 
@@ -327,5 +327,5 @@ def _checkpoint(model: Any, data: Source, few: Demonstrations) -> Any:
     return Checkpoint.of(model.checkpoint, model, data.offsets, few, model.audit_.expert_proba)
 
 
-def _of_steps(lesson: tuple[Problem, Array, Array]) -> tuple[Array, Array]:
-    return lesson[2], lesson[1]
+def _of_steps(weighted: tuple[FitData, Array, Array]) -> tuple[Array, Array]:
+    return weighted[2], weighted[1]

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from rpil.data.archive import stored
-from rpil.data.fit_data import Problem
+from rpil.data.fit_data import FitData
 from rpil.data.spaces import Box
 from rpil.mixture.adversaries.protocol import Fixed
 from rpil.numerics.blocks import Array
@@ -54,8 +54,8 @@ class MarginalBox(Fixed):
     def log_prob(self, features: Array, outputs: Array, actions: Array) -> Array:
         return np.take_along_axis(self.log_density, self._bins(actions).T, axis=1).sum(axis=0)
 
-    def fit(self, problem: Problem, outputs: Array, weight: Array) -> MarginalBox:
-        bins = self._bins(problem.actions)
+    def fit(self, data: FitData, outputs: Array, weight: Array) -> MarginalBox:
+        bins = self._bins(data.actions)
         counts = 1.0 + np.stack([np.bincount(column, weight, minlength=_N_BINS) for column in bins.T])
         share = counts / counts.sum(axis=1, keepdims=True)
         return replace(self, log_density=np.log(share) - np.log(self.width)[:, None])

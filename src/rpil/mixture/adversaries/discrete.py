@@ -11,7 +11,7 @@ from scipy.special import logsumexp
 
 from rpil.data.archive import stored
 from rpil.data.errors import DataError
-from rpil.data.fit_data import Problem
+from rpil.data.fit_data import FitData
 from rpil.mixture.adversaries.protocol import Fixed
 from rpil.numerics.blocks import Array
 
@@ -56,8 +56,8 @@ class Marginal(Fixed):
     def log_prob(self, features: Array, outputs: Array, actions: Array) -> Array:
         return self.log_frequency[actions]
 
-    def fit(self, problem: Problem, outputs: Array, weight: Array) -> Marginal:
-        counts = 1.0 + np.bincount(problem.actions, weight, minlength=len(self.log_frequency))
+    def fit(self, data: FitData, outputs: Array, weight: Array) -> Marginal:
+        counts = 1.0 + np.bincount(data.actions, weight, minlength=len(self.log_frequency))
         return replace(self, log_frequency=np.log(counts / counts.sum()))
 
     def log_prior(self) -> float:
@@ -139,11 +139,11 @@ class Confusion(Fixed):
             joint - np.where(np.isfinite(total), total, 0.0)
         )  # an action of probability 0 has no intended action
 
-    def fit(self, problem: Problem, outputs: Array, weight: Array) -> Confusion:
+    def fit(self, data: FitData, outputs: Array, weight: Array) -> Confusion:
         if not self.learned:
             return self
-        intended = weight[:, None] * self.intended(outputs, problem.actions)
-        expected = [intended[problem.actions == k].sum(axis=0) for k in range(len(self.log_matrix))]
+        intended = weight[:, None] * self.intended(outputs, data.actions)
+        expected = [intended[data.actions == k].sum(axis=0) for k in range(len(self.log_matrix))]
         counts = self.pseudo_count + np.stack(expected, axis=1)
         return replace(self, log_matrix=np.log(counts / counts.sum(axis=1, keepdims=True)))
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from rpil.data.errors import DataError
-from rpil.data.fit_data import Problem
+from rpil.data.fit_data import FitData
 from rpil.data.spaces import Discrete, Space
 from rpil.mixture.adversaries.box import MarginalBox, UniformBox
 from rpil.mixture.adversaries.discrete import Complement, Confusion, Constant, Marginal, Uniform
@@ -56,7 +56,7 @@ def adversary(which: str | Adversary, space: Space, policy: Policy) -> Adversary
     return known[which](space, policy)
 
 
-def marginal(problem: Problem, policy: Policy) -> Adversary:
+def marginal(data: FitData, policy: Policy) -> Adversary:
     """The marginal of the actions of all demonstrations."""
-    start = adversary("marginal", problem.space, policy)
-    return start.fit(problem, problem.features, np.ones(len(problem.actions)))  # it asks for no outputs
+    start = adversary("marginal", data.space, policy)
+    return start.fit(data, data.features, np.ones(len(data.actions)))  # it asks for no outputs

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from rpil.data.archive import stored
-from rpil.data.fit_data import Problem
+from rpil.data.fit_data import FitData
 from rpil.mixture.adversaries.protocol import Fixed
 from rpil.numerics.blocks import Array
 
@@ -25,8 +25,8 @@ class OwnPolicy(Fixed):
     def log_prob(self, features: Array, outputs: Array, actions: Array) -> Array:
         return self.policy.log_prob(self.policy.outputs(features), actions)
 
-    def fit(self, problem: Problem, outputs: Array, weight: Array) -> OwnPolicy:
-        policy, _ = self.policy.learn(problem, weight, max_iter=2, max_cg=20)
+    def fit(self, data: FitData, outputs: Array, weight: Array) -> OwnPolicy:
+        policy, _ = self.policy.fit(data, weight, max_iter=2, max_cg=20)
         return replace(self, policy=policy)
 
     def log_prior(self) -> float:

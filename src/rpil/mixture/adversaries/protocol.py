@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Protocol, Self
 
-from rpil.data.fit_data import Problem
+from rpil.data.fit_data import FitData
 from rpil.numerics.blocks import Array
 
 
@@ -26,7 +26,7 @@ class Adversary(Protocol):
     def intended(self, outputs: Array, actions: Array) -> Array | None:
         """P(intended action | action taken, state), (N, K); None where the steps teach the policy nothing."""
 
-    def fit(self, problem: Problem, outputs: Array, weight: Array) -> Self:
+    def fit(self, data: FitData, outputs: Array, weight: Array) -> Self:
         """The adversary that explains the steps no worse, each counted with `weight` (N,)."""
 
     def log_prior(self) -> float:
@@ -40,7 +40,7 @@ class Fixed:
     def intended(self, outputs: Array, actions: Array) -> Array | None:
         return None
 
-    def fit(self, problem: Problem, outputs: Array, weight: Array) -> Self:
+    def fit(self, data: FitData, outputs: Array, weight: Array) -> Self:
         return self
 
     def log_prior(self) -> float:
