@@ -3,8 +3,12 @@
 from __future__ import annotations
 
 import pytest
+from jaxtyping import install_import_hook
+from typecheck import ROOMS
 
-from rpil.scale import fit as large
+install_import_hook(ROOMS, "typecheck.check")  # before anything of rpil is imported
+
+from rpil.scale import fit as large  # noqa: E402
 
 
 @pytest.fixture

@@ -14,7 +14,7 @@ import numpy as np
 from scipy.optimize import minimize
 from scipy.special import log_expit
 
-from rpil.numerics.blocks import Array
+from rpil.numerics.types import Array
 
 FEWEST = 4
 """Labels needed, at least."""

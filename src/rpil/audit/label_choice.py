@@ -18,7 +18,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from rpil.numerics.blocks import Array
+from rpil.numerics.types import Array
 
 NEXT = {
     "told apart": "Look at the worst steps of a few adversaries, and label a demonstration whose verdict is wrong.",

@@ -14,12 +14,11 @@ from rpil.data.demonstrators import Company, Demonstrators
 from rpil.data.fit_data import FitData
 from rpil.inference.judgement import Judgement
 from rpil.mixture.em import Result
+from rpil.numerics.types import Array
 
 WHOLE = 0.9
 """Reliability, relative to that of a typical expert, from which every step of a demonstration is trained on: a few odd
 steps are a misfit of the policy, and leaving them out would bias the policy to where it fits."""
-
-Array = NDArray[Any]
 
 
 def audit_of(judgement: Judgement, data: FitData, ids: Sequence[Any]) -> Audit:

@@ -15,7 +15,7 @@ from rpil.data.errors import DataError
 from rpil.data.formats.dataset import Dataset
 from rpil.data.formats.labels import match_given
 from rpil.data.spaces import Box, Discrete, Space
-from rpil.numerics.blocks import Array
+from rpil.numerics.types import Array
 
 
 def coded_actions(

@@ -14,7 +14,7 @@ from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
 from rpil.data.formats.dataset import Dataset
 from rpil.data.formats.table import check_ids
-from rpil.numerics.blocks import Array
+from rpil.numerics.types import Array
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ import numpy as np
 
 from rpil.data.demonstrators import Company, Strangers
 from rpil.data.spaces import Space
-from rpil.numerics.blocks import Array
+from rpil.numerics.types import Array
 
 
 @dataclass(frozen=True, eq=False)

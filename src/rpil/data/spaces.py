@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal, Protocol
+from typing import Literal, Protocol, runtime_checkable
 
 import numpy as np
 
 from rpil.data.archive import stored
-from rpil.numerics.blocks import Array
+from rpil.numerics.types import Array
 
 
+@runtime_checkable
 class Space(Protocol):
     """What the parts of a model need to know of the actions."""
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from sklearn.base import BaseEstimator, ClassifierMixin
 from sklearn.metrics import accuracy_score, r2_score
 from sklearn.utils.validation import _check_sample_weight, check_is_fitted
@@ -17,12 +17,11 @@ from rpil.data.errors import DataError
 from rpil.data.fit_data import FitData
 from rpil.data.spaces import Space
 from rpil.estimators.validation import checked_rows, observations_and_actions, source_of
+from rpil.numerics.types import Array
 from rpil.policies.features import FeatureMap, ridge_of
 from rpil.policies.linear import linear_policy
 from rpil.policies.protocol import Policy
 from rpil.policies.selection import Choice, choose
-
-Array = NDArray[Any]
 
 LARGE = 1_000_000
 """Entries of a design matrix that is read in single precision: it no longer stays in cache."""

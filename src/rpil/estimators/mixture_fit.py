@@ -12,7 +12,7 @@ from rpil.data.fit_data import FitData
 from rpil.inference.judgement import MINORITY
 from rpil.inference.search import Setting, fit
 from rpil.mixture.expert_prior import as_prior
-from rpil.numerics.blocks import Array
+from rpil.numerics.types import Array
 from rpil.policies.features import ridge_of
 from rpil.policies.linear import linear_policy
 

@@ -18,8 +18,8 @@ from rpil.data.errors import DataError
 from rpil.data.fit_data import FitData
 from rpil.inference.held_out import LAPSE, Scored, deal, reference
 from rpil.inference.judgement import FINDINGS, MINORITY, Settings, judge
-from rpil.numerics.blocks import Array
 from rpil.numerics.regression import units
+from rpil.numerics.types import Array
 from rpil.policies.features import FeatureMap
 
 _PATIENCE = 3

@@ -30,8 +30,8 @@ from rpil.data.errors import DataError
 from rpil.data.fit_data import FitData
 from rpil.estimators.cloning import PolicyEstimator
 from rpil.estimators.validation import as_demonstrations
-from rpil.numerics.blocks import Array
 from rpil.numerics.parallel import in_parallel
+from rpil.numerics.types import Array
 from rpil.policies.features import FeatureMap, ridge_of
 from rpil.policies.linear import linear_policy
 from rpil.policies.protocol import Policy

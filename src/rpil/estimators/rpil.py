@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from sklearn.utils.validation import check_is_fitted
 from threadpoolctl import threadpool_limits
 
@@ -28,14 +28,13 @@ from rpil.inference.held_out import PolicyScorer, Scorer, scored, scorer
 from rpil.inference.judgement import Judgement, Settings, judge
 from rpil.mixture.adversaries.protocol import Adversary
 from rpil.mixture.em import State, e_step
+from rpil.numerics.types import Array
 from rpil.policies.cross_fitted import estimator_policy
 from rpil.policies.features import FeatureMap, Untouched
 from rpil.scale.disk import Streamed
 from rpil.scale.fit import REFIT_TOL, fit_large, is_large
 from rpil.scale.memory import InMemory
 from rpil.scale.protocol import Engine
-
-Array = NDArray[Any]
 
 SINGLE = 50_000
 """Entries of the observations from which the judge reads discrete actions in single precision: trust needs no more

@@ -14,7 +14,7 @@ from sklearn.utils.validation import validate_data
 from rpil.data.arrays import are_whole
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
-from rpil.numerics.blocks import Array
+from rpil.numerics.types import Array
 
 
 def source_of(X: Any) -> str:

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from rpil.numerics.blocks import Array
+from rpil.numerics.types import Array
 
 MOST_LAGS = 1_000
 """Lags beyond which nothing is summed: there a long memory is not told from a drift."""

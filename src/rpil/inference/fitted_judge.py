@@ -11,8 +11,9 @@ from rpil.data.archive import stored
 from rpil.data.fit_data import FitData
 from rpil.inference.groups import Groups
 from rpil.inference.held_out import fit_weighted, frequencies, scored
-from rpil.numerics.blocks import Array, linear, log_softmax
+from rpil.numerics.blocks import linear, log_softmax
 from rpil.numerics.regression import error_scale, moments, solve_ridge, student
+from rpil.numerics.types import Array
 
 SHRINKAGE = 20.0
 """Steps' worth of the variance of all steps that each demonstration's own is averaged with."""

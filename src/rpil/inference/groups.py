@@ -22,7 +22,7 @@ from scipy.special import betainc, expit, logit
 from scipy.special import logsumexp as log_sum_exp
 
 from rpil.data.archive import stored
-from rpil.numerics.blocks import Array
+from rpil.numerics.types import Array
 
 SURE = 0.9
 """P(two groups) from which they are told apart; below, no demonstration gets a verdict."""

@@ -11,12 +11,12 @@ again and again with other weights: it starts each fit where the last one ended.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
 from rpil.data.fit_data import FitData
-from rpil.numerics.blocks import Array, log_softmax
+from rpil.numerics.blocks import log_softmax
 from rpil.numerics.newton import Preconditioner, fit_softmax
 from rpil.numerics.parallel import in_parallel
 from rpil.numerics.regression import (
@@ -28,6 +28,7 @@ from rpil.numerics.regression import (
     student,
     units,
 )
+from rpil.numerics.types import Array
 from rpil.policies.protocol import Policy
 from rpil.policies.softmax import one_hot
 
@@ -58,6 +59,7 @@ class Scored:
     residual: Array
 
 
+@runtime_checkable
 class Scorer(Protocol):
     """Held-out log-probabilities for any weights of the steps."""
 

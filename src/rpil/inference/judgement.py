@@ -19,8 +19,8 @@ from rpil.inference.rivals import Rival, find_rival, find_style
 from rpil.inference.step_trust import StepTrust, step_trust
 from rpil.inference.teachers import Taught, choose_ridge, concentrate, mean_steps, shares, taught_by
 from rpil.mixture.demonstrator_prior import borrow, intervals
-from rpil.numerics.blocks import Array
 from rpil.numerics.regression import units
+from rpil.numerics.types import Array
 
 FINDINGS = {
     "told apart": "The demonstrations fall into two groups; the one that agrees best is taken for the experts'.",

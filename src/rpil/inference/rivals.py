@@ -37,8 +37,9 @@ from rpil.data.fit_data import FitData
 from rpil.data.spaces import Discrete
 from rpil.inference.held_out import Scorer, deal, fit_weighted, reference
 from rpil.inference.teachers import mean_steps
-from rpil.numerics.blocks import Array, linear
+from rpil.numerics.blocks import linear
 from rpil.numerics.regression import moments, solve_ridge, standardised
+from rpil.numerics.types import Array
 from rpil.policies.softmax import one_hot
 
 GAIN = 0.45

@@ -18,8 +18,8 @@ from rpil.mixture.adversaries.named import adversary
 from rpil.mixture.adversaries.protocol import Adversary
 from rpil.mixture.em import MStep, Result, State, e_step, run
 from rpil.mixture.expert_prior import Share
-from rpil.numerics.blocks import Array
 from rpil.numerics.parallel import in_parallel
+from rpil.numerics.types import Array
 from rpil.policies.protocol import Policy
 
 _SINGLE = 8

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from rpil.data.fit_data import FitData
-from rpil.numerics.blocks import Array
+from rpil.numerics.types import Array
 
 N_NODES = 21
 

@@ -17,7 +17,7 @@ import numpy as np
 
 from rpil.data.fit_data import FitData
 from rpil.inference.held_out import Scored, Scorer
-from rpil.numerics.blocks import Array
+from rpil.numerics.types import Array
 
 SHARE = 0.6
 """Of the demonstrations that teach at first; benchmarks/ablations.py has others beside it."""

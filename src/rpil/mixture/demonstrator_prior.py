@@ -21,7 +21,7 @@ import numpy as np
 from scipy.special import log_expit, logsumexp
 
 from rpil.data.demonstrators import Demonstrators
-from rpil.numerics.blocks import Array
+from rpil.numerics.types import Array
 
 SPREADS = np.array([0.0, 0.5, 1.0, 2.0, 4.0, 8.0])
 """tau: from 0, persons do not differ, to 8, all demonstrations of a person are alike; equally likely a priori."""

@@ -19,7 +19,7 @@ from rpil.data.archive import stored
 from rpil.data.fit_data import FitData
 from rpil.mixture.adversaries.protocol import Adversary
 from rpil.mixture.expert_prior import Share
-from rpil.numerics.blocks import Array
+from rpil.numerics.types import Array
 from rpil.policies.protocol import Policy
 
 MStep = Literal["joint", "expert_only"]

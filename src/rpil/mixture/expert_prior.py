@@ -9,7 +9,7 @@ from scipy.special import betaincinv
 
 from rpil.data.archive import stored
 from rpil.data.errors import DataError
-from rpil.numerics.blocks import Array
+from rpil.numerics.types import Array
 
 
 @stored()

@@ -14,9 +14,8 @@ from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[Any]
+from rpil.numerics.types import Array
 
 Sums = tuple[Any, ...]
 """Arrays, and tuples of such, that add up over parts of the data."""

@@ -12,7 +12,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rpil.numerics.blocks import Array, gradient, hessian_product, linear, log_softmax
+from rpil.numerics.blocks import gradient, hessian_product, linear, log_softmax
+from rpil.numerics.types import Array
 
 _PRECONDITIONER_ROWS = 8192
 """At least so many steps, and four a feature, give the preconditioner."""

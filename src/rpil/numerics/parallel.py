@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 from typing import Any, TypeVar
 
-from rpil.numerics.blocks import Array
+from rpil.numerics.types import Array
 
 Item = TypeVar("Item")
 Answer = TypeVar("Answer")

@@ -6,7 +6,7 @@ import numpy as np
 from scipy.linalg import solve
 from scipy.special import gammaln
 
-from rpil.numerics.blocks import Array
+from rpil.numerics.types import Array
 
 FREEDOM = 4.0
 """Degrees of freedom of the errors of continuous actions."""

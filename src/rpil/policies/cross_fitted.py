@@ -19,7 +19,8 @@ from sklearn.utils.validation import has_fit_parameter
 from rpil.data.errors import DataError
 from rpil.data.fit_data import FitData
 from rpil.data.spaces import Box, Space
-from rpil.numerics.blocks import Array, log_softmax
+from rpil.numerics.blocks import log_softmax
+from rpil.numerics.types import Array
 from rpil.policies.student import StudentPolicy
 
 N_FOLDS = 5

@@ -18,7 +18,7 @@ from rpil.data.archive import stored
 from rpil.data.arrays import LARGEST
 from rpil.data.errors import DataError
 from rpil.data.spaces import Discrete, Space
-from rpil.numerics.blocks import Array
+from rpil.numerics.types import Array
 
 KINDS = ("raw", "folded", "spline", "poly", "nystroem")
 """The kinds of maps."""

@@ -7,19 +7,21 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any, Protocol, Self
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 from scipy.special import logsumexp
 
 from rpil.data.fit_data import FitData
 from rpil.data.spaces import Box
-from rpil.numerics.blocks import Array, log_softmax
+from rpil.numerics.blocks import log_softmax
+from rpil.numerics.types import Array
 from rpil.policies.networks import Loss, needs_torch, on_device
 from rpil.policies.softmax import one_hot
 from rpil.policies.student import StudentPolicy
 
 
+@runtime_checkable
 class Head(Protocol):
     """What a neural policy needs of its head."""
 
@@ -43,7 +45,7 @@ class Head(Protocol):
     def loss(self, data: FitData, weight: Array, device: str) -> Loss:
         """What to train with."""
 
-    def fit(self, data: FitData, weight: Array, outputs: Array) -> Self:
+    def fit(self, data: FitData, weight: Array, outputs: Array) -> Head:
         """The head that suits outputs (N, O) which were not trained on these steps."""
 
 

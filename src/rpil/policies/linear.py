@@ -6,7 +6,7 @@ from collections.abc import Callable
 from typing import Any
 
 from rpil.data.spaces import Space
-from rpil.numerics.blocks import Array
+from rpil.numerics.types import Array
 from rpil.policies.protocol import Policy
 from rpil.policies.softmax import SoftmaxPolicy
 from rpil.policies.student import StudentPolicy

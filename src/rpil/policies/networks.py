@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from rpil.data.errors import DataError, MissingExtraError
-from rpil.numerics.blocks import Array
+from rpil.numerics.types import Array
 
 Networks = tuple[Array, ...]
 """Weights (k, in, out) and biases (k, 1, out) of each layer in turn, float32."""

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Any, Protocol, Self
+from typing import Any, Protocol, runtime_checkable
 
 from rpil.data.fit_data import FitData
-from rpil.numerics.blocks import Array, Sums
+from rpil.numerics.blocks import Sums
+from rpil.numerics.types import Array
 
 
+@runtime_checkable
 class Policy(Protocol):
     """What a fit needs of a policy; instances are immutable.
 
@@ -30,7 +32,7 @@ class Policy(Protocol):
         tol: float = ...,
         max_iter: int = ...,
         max_cg: int = ...,
-    ) -> tuple[Self, Array]:
+    ) -> tuple[Policy, Array]:
         """A policy that explains the steps, each counted with `weight` (N,), no worse; and its outputs for them.
 
         A `soft_targets` is what the adversary's steps teach besides, as `Adversary.intended` gives it times their
@@ -40,21 +42,24 @@ class Policy(Protocol):
     def penalty(self) -> float:
         """What regularisation takes off the log-likelihood."""
 
-    def with_temperature(self, temperature: float) -> Self:
+    def with_temperature(self, temperature: float) -> Policy:
         """The same, surer above 1 and less sure below, where a policy knows how."""
 
 
+@runtime_checkable
 class AdditivePolicy(Policy, Protocol):
     """A policy that can also learn from sums over parts of the data, which may lie in many places."""
 
-    def with_preconditioner(self, data: FitData, weight: Array, ridge: Array, factor: float) -> tuple[Self, Any]:
+    def with_preconditioner(
+        self, data: FitData, weight: Array, ridge: Array, factor: float
+    ) -> tuple[AdditivePolicy, Any]:
         """Ready for sums over `factor` times as many steps as these, weighted, with `ridge` (D,) for all of them; and a
         Hessian, or whatever else helps to improve."""
 
     def collect_suff_stats(self, data: FitData, weight: Array) -> tuple[Array, Sums]:
         """log pi of the actions taken, (N,), and the sums over weighted steps that `m_step` needs."""
 
-    def m_step(self, statistics: Sums, radius: float, hessian: Any, path: Array) -> tuple[Self, Array]:
+    def m_step(self, statistics: Sums, radius: float, hessian: Any, path: Array) -> tuple[AdditivePolicy, Array]:
         """The policy after one improving step, given the sums over all steps of the data, and what it remembers of the
         way to here, see `rpil.numerics.newton.newton_step`; a finite `radius` says that a step without it went down,
         and how far a coefficient may move."""

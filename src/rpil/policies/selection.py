@@ -21,9 +21,10 @@ from scipy.linalg import solve
 from scipy.optimize import minimize_scalar
 
 from rpil.data.spaces import Discrete, Space
-from rpil.numerics.blocks import Array, linear, log_softmax
+from rpil.numerics.blocks import linear, log_softmax
 from rpil.numerics.newton import fit_softmax
 from rpil.numerics.regression import FREEDOM, LEAST_SCALE, LEAST_WEIGHT, moments, units
+from rpil.numerics.types import Array
 from rpil.policies.features import KINDS, RIDGE_PER_STEP, FeatureMap, ridge_of
 from rpil.policies.softmax import one_hot
 

@@ -10,8 +10,9 @@ import numpy as np
 
 from rpil.data.archive import stored
 from rpil.data.fit_data import FitData
-from rpil.numerics.blocks import Array, Sums, linear, log_softmax, softmax_pass
+from rpil.numerics.blocks import Sums, linear, log_softmax, softmax_pass
 from rpil.numerics.newton import REMEMBERED, Preconditioner, fit_softmax, newton_step
+from rpil.numerics.types import Array
 
 _PRECONDITIONER_FITS = 10
 """Warm-started fits that one preconditioner serves: the steps of EM are small."""

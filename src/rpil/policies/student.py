@@ -24,7 +24,8 @@ from scipy.special import gammaln
 from rpil.data.archive import stored
 from rpil.data.fit_data import FitData
 from rpil.data.spaces import Box
-from rpil.numerics.blocks import Array, Sums, blocks, linear
+from rpil.numerics.blocks import Sums, blocks, linear
+from rpil.numerics.types import Array
 
 _FREEDOM = np.array([1.0, 2.0, 3.0, 5.0, 8.0, 15.0, 30.0, 100.0])
 """Degrees of freedom to choose from: Cauchy's distribution to all but a Gaussian."""

@@ -17,7 +17,7 @@ import numpy as np
 from rpil.data.errors import DataError
 from rpil.data.fit_data import FitData
 from rpil.data.spaces import Space
-from rpil.numerics.blocks import Array
+from rpil.numerics.types import Array
 from rpil.policies.heads import HEADS, Head
 from rpil.policies.networks import Networks, Plan, raw_outputs, train, untrained
 

@@ -17,7 +17,8 @@ import numpy as np
 
 from rpil.data.archive import stored
 from rpil.data.fit_data import FitData
-from rpil.numerics.blocks import Array, Sums
+from rpil.numerics.blocks import Sums
+from rpil.numerics.types import Array
 from rpil.scale.protocol import Shards
 
 _ROUNDING = 1e-8

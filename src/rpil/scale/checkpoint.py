@@ -12,7 +12,7 @@ import numpy as np
 from rpil.data.archive import VERSION, Decoder, encode, read_archive, rpil_version, write_archive
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
-from rpil.numerics.blocks import Array
+from rpil.numerics.types import Array
 from rpil.scale.ascent import AscentState
 
 SCHEMA = "rpil checkpoint"

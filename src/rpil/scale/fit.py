@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 
@@ -27,7 +27,7 @@ from rpil.inference.groups import SURE, fit_groups
 from rpil.inference.held_out import scorer
 from rpil.inference.judgement import Judgement, Settings, conclude, judge
 from rpil.inference.step_trust import StepTrust, step_trust
-from rpil.numerics.blocks import Array
+from rpil.numerics.types import Array
 from rpil.policies.features import N_LANDMARKS, FeatureMap, ridge_of
 from rpil.policies.linear import linear_policy
 from rpil.policies.selection import Choice
@@ -50,6 +50,7 @@ REFIT_TOL = 1e-6
 """Gradient, a step, at which the final policy is done: its actions have long stopped changing."""
 
 
+@runtime_checkable
 class Source(Protocol):
     """Demonstrations in memory, or on disk."""
 

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from typing import Any, Protocol, TypeVar
+from typing import Any, Protocol, TypeVar, runtime_checkable
 
 from rpil.numerics.blocks import Sums
 
 Result = TypeVar("Result")
 
 
+@runtime_checkable
 class Shards(Protocol):
     """Something of every piece of the data, kept where the engine wants it."""
 
@@ -27,6 +28,7 @@ class Shards(Protocol):
         """The sum of the results for all shards, always added up in the same order."""
 
 
+@runtime_checkable
 class Engine(Protocol):
     """Where shards live; `n_parts` is how many parts the data are best cut into."""
 

@@ -6,7 +6,7 @@ Either kind knows how to draw an action, how to mirror and turn one, and what it
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from rpil.data.errors import DataError
 
 
+@runtime_checkable
 class ActionSpace(Protocol):
     """What drivers, corruptions and rollouts ask of either kind; arrays of actions have one entry or row per step."""
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +19,7 @@ from rpil.simulation.actions import ActionSpace
 from rpil.simulation.environments import actions_of, make
 
 
+@runtime_checkable
 class Policy(Protocol):
     """Anything that maps observations (n, D) to actions (n,) or (n, A): an expert, an estimator, a classifier."""
 

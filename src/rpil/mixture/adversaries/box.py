@@ -10,7 +10,7 @@ from rpil.data.archive import stored
 from rpil.data.fit_data import FitData
 from rpil.data.spaces import Box
 from rpil.mixture.adversaries.protocol import Fixed
-from rpil.numerics.blocks import Array
+from rpil.numerics.types import Array
 
 _N_BINS = 20
 

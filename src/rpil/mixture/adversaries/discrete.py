@@ -13,7 +13,7 @@ from rpil.data.archive import stored
 from rpil.data.errors import DataError
 from rpil.data.fit_data import FitData
 from rpil.mixture.adversaries.protocol import Fixed
-from rpil.numerics.blocks import Array
+from rpil.numerics.types import Array
 
 
 @stored()

@@ -8,7 +8,7 @@ from typing import Any
 from rpil.data.archive import stored
 from rpil.data.fit_data import FitData
 from rpil.mixture.adversaries.protocol import Fixed
-from rpil.numerics.blocks import Array
+from rpil.numerics.types import Array
 
 
 @stored()

@@ -7,12 +7,13 @@ what are its own parameters given its steps.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol, Self
+from typing import Protocol, TypeVar, runtime_checkable
 
 from rpil.data.fit_data import FitData
-from rpil.numerics.blocks import Array
+from rpil.numerics.types import Array
 
 
+@runtime_checkable
 class Adversary(Protocol):
     """What EM needs of an adversary; instances are immutable."""
 
@@ -26,11 +27,14 @@ class Adversary(Protocol):
     def intended(self, outputs: Array, actions: Array) -> Array | None:
         """P(intended action | action taken, state), (N, K); None where the steps teach the policy nothing."""
 
-    def fit(self, data: FitData, outputs: Array, weight: Array) -> Self:
+    def fit(self, data: FitData, outputs: Array, weight: Array) -> Adversary:
         """The adversary that explains the steps no worse, each counted with `weight` (N,)."""
 
     def log_prior(self) -> float:
         """What the prior on its own parameters adds to the objective."""
+
+
+FixedAdversary = TypeVar("FixedAdversary", bound="Fixed")
 
 
 @dataclass(frozen=True)
@@ -40,7 +44,7 @@ class Fixed:
     def intended(self, outputs: Array, actions: Array) -> Array | None:
         return None
 
-    def fit(self, data: FitData, outputs: Array, weight: Array) -> Self:
+    def fit(self: FixedAdversary, data: FitData, outputs: Array, weight: Array) -> FixedAdversary:
         return self
 
     def log_prior(self) -> float:

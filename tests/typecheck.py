@@ -1,0 +1,10 @@
+"""Types and shapes of every call of the rooms in `ROOMS` are checked while the tests run: jaxtyping by beartype."""
+
+from __future__ import annotations
+
+from beartype import BeartypeConf, beartype
+
+ROOMS = ("rpil.numerics",)
+
+check = beartype(conf=BeartypeConf(is_pep484_tower=True))
+"""An int is a float, as for type checkers."""
