@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pytest
 from jaxtyping import install_import_hook
+
 from typecheck import ROOMS
 
 install_import_hook(ROOMS, "typecheck.check")  # before anything of rpil is imported
