@@ -17,7 +17,7 @@ from sklearn.ensemble import RandomForestRegressor
 from sklearn.linear_model import LogisticRegression
 from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import StandardScaler
-from zoo import audited, described, many, simulated, toy
+from zoo import answers, audited, described, many, simulated, toy
 
 import rpil
 
@@ -163,7 +163,7 @@ def refused(folder: Path) -> dict[str, Array]:
 
 
 def commanded(words: str, kind: str, folder: Path) -> dict[str, Array]:
-    """What the command prints, and the bytes of the files that it writes."""
+    """What the command prints, and what is in the files that it writes."""
     rpil.write(folder / "data.npz", simulated("MountainCar-v0", kind))
     scripts = tomllib.loads((Path(rpil.__file__).parents[2] / "pyproject.toml").read_text())["project"]["scripts"]
     module, _, main = scripts["rpil"].partition(":")  # of the code to test, whatever is installed
@@ -172,11 +172,17 @@ def commanded(words: str, kind: str, folder: Path) -> dict[str, Array]:
     done = subprocess.run(command, cwd=folder, capture_output=True, text=True, env=os.environ | {"COLUMNS": "100"})
     if done.returncode:
         raise RuntimeError(done.stderr[-500:])
-    found = {"stdout": np.array(done.stdout)}
-    made = sorted(path for path in folder.iterdir() if path.name != "data.npz")
-    found |= {path.name: np.frombuffer(path.read_bytes(), np.uint8) for path in made if path.suffix != ".html"}
-    reports = {path.name: path.read_text().splitlines() for path in made if path.suffix == ".html"}
-    return found | {name: np.array([s for s in lines if "<dt>Time</dt>" not in s]) for name, lines in reports.items()}
+    found = {"stdout.json" if "--json" in words else "stdout": np.array(done.stdout)}
+    for path in folder.iterdir():
+        if path.suffix == ".html":
+            lines = path.read_text().splitlines()
+            found["report"] = np.array([line for line in lines if "<dt>Time</dt>" not in line])
+        elif path.suffix == ".csv":
+            found["weights"] = np.genfromtxt(path, delimiter=",", skip_header=1)
+            found["columns"] = np.array(path.read_text().splitlines()[0])
+        elif path.suffix == ".rpil":
+            found |= answers(rpil.load(path), simulated("MountainCar-v0", kind))
+    return found
 
 
 CASES: dict[str, Callable[[Path], dict[str, Array]]] = {"files": files, "mistakes": refused, "calibrated": calibrated}

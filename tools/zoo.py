@@ -61,10 +61,11 @@ def many(continuous: bool = False) -> Any:
 
 def audited(audit: Any) -> dict[str, Array]:
     """Every field of an audit, as numbers or text."""
-    found = {f.name: getattr(audit, f.name) for f in fields(audit)}
-    found = {
-        k: v if isinstance(v, np.ndarray) else np.array(v if k == "verdicts" else repr(v)) for k, v in found.items()
-    }
+    found = {}
+    for name in (field.name for field in fields(audit)):
+        value = getattr(audit, name)
+        if name not in ("prior", "demonstrators"):  # to_dict has these as numbers
+            found[name] = np.asarray(value if isinstance(value, np.ndarray) or name == "verdicts" else repr(value))
     found |= {"to_dict.json": np.array(json.dumps(audit.to_dict())), "ranking": audit.ranking()}
     return {f"audit.{k}": v for k, v in (found | {"suggested": np.array(audit.suggest_labels(4))}).items()}
 
