@@ -80,3 +80,8 @@ def test_a_checkpoint_is_gone_on_from(action, tmp_path, monkeypatch):
         pytest.skip("another machine rounds otherwise: it goes on from its own checkpoints only")
     assert not path.exists()
     assert next(stage.partition(" over")[0] for stage in stages if stage.startswith("pass ")) == "pass 3"
+
+
+def test_a_file_of_the_version_before_is_refused_in_one_sentence():
+    with pytest.raises(rpil.DataError, match=r"discrete_rment\.rpil: rpil .* saved it in version 4 of the format"):
+        rpil.load(GOLDEN / "version_4" / "discrete_rment.rpil")

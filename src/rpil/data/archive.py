@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from rpil.data.errors import DataError
 from rpil.data.files import StrPath, replacing
 
-VERSION = 4
+VERSION = 5
 """Of the format: a file of another version is refused."""
 
 _HEADER = "header.json"
