@@ -51,14 +51,14 @@ def test_bundled_overcooked_is_the_original() -> None:
     original = Path(__file__).parents[2] / "shared" / "data" / demo.OVERCOOKED
     if not original.exists():
         pytest.skip("needs the shared data")
-    with np.load(original) as theirs, np.load(str(files("rpil") / "data" / demo.OVERCOOKED)) as ours:
+    with np.load(original) as theirs, np.load(str(files("rpil.cli") / "bundled" / demo.OVERCOOKED)) as ours:
         for name in ("observations", "actions", "episode_ids", "episode_quality", "is_good"):
             assert ours[name].dtype == theirs[name].dtype
             np.testing.assert_array_equal(ours[name], theirs[name])
 
 
 def test_the_bundle_is_small_and_says_whose_it_is() -> None:
-    folder = files("rpil") / "data"
+    folder = files("rpil.cli") / "bundled"
     notice = (folder / "NOTICE").read_text(encoding="utf-8")
     for words in ("overcooked-ai 1.1.0", "MIT License", "Copyright (c) 2019 Center for Human-Compatible AI", "AS IS"):
         assert words in notice

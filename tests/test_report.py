@@ -18,7 +18,7 @@ from matplotlib.image import imread
 from audits import make_audit
 from rpil.audit.html import page as report
 from rpil.audit.html import wording
-from rpil.audit.html.pictures import POINTS, Timelines
+from rpil.audit.html.pictures import POINTS, Timelines, returns_figure
 from rpil.audit.label_choice import NEXT, P_EXPERT
 from rpil.audit.record import Audit
 from rpil.data.errors import DataError
@@ -129,7 +129,7 @@ def test_the_parts_of_the_log_odds_are_columns_that_add_up(page: Page) -> None:
 
 
 def test_the_page_needs_nothing_from_elsewhere(audit: Audit) -> None:
-    text = render(audit, sections=[("Returns", report.returns_figure([("all", 1.0, 0.0, 2.0)]))])
+    text = render(audit, sections=[("Returns", returns_figure([("all", 1.0, 0.0, 2.0)]))])
     assert not re.search(r"https?:|//[a-z]|@import|url\((?!#)|srcset", text.replace("// ", ""), re.IGNORECASE)
     for tag, attributes in Page(text).tags:
         assert tag not in ("link", "iframe", "object", "embed", "base")
@@ -237,7 +237,7 @@ def test_sections_come_before_the_ranking_and_only_markup_is_taken_as_html(audit
 
 def test_returns_are_drawn_and_told(audit: Audit) -> None:
     rows = [("R-PIL", -104.25, -110.0, -98.5), ("Trusting <all>", -128.0, -140.0, -116.0)]
-    figure = report.returns_figure(rows)
+    figure = returns_figure(rows)
     (svg,) = Page(figure).all("svg")
     assert svg["aria-label"] == "Mean returns: R-PIL −104.2 (−110.0 to −98.5); Trusting <all> −128.0 (−140.0 to −116.0)"
     assert "−104.2" in Page(figure).text

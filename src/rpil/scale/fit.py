@@ -104,7 +104,8 @@ class Prepare:
 
     def __call__(self, piece: Piece) -> tuple[Piece, FitData]:
         codes = known_actions(self.classes, piece.actions, "the demonstrations")
-        design = self.features.design(piece.observations, single=True)
+        # Columns read from Parquet lie one after another; in the order of rows, sums round as they do in memory.
+        design = self.features.design(np.ascontiguousarray(piece.observations), single=True)
         return piece, FitData(design, codes, piece.offsets, self.space, np.zeros(len(piece.offsets) - 1, dtype=int))
 
 
