@@ -2,17 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
-import pytest
-
-BENCHMARKS = Path(__file__).parents[1] / "benchmarks"
-
-
-@pytest.fixture(autouse=True)
-def on_path(monkeypatch):
-    monkeypatch.syspath_prepend(BENCHMARKS)
-
 
 def real_row(name: str, ours: float, pooled: float, **changed):
     ranking = {"rpil": ours, "rpil without length": ours - 0.02, "pooled": pooled, "length": 0.99}

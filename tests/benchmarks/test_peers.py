@@ -2,22 +2,18 @@
 
 from __future__ import annotations
 
-import sys
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 from scipy.optimize import approx_fprime
 from sklearn.metrics import roc_auc_score
 
+import peers
+from peers import METHODS, Answer, Task
 from problems import make, make_continuous
 from rpil.data.errors import DataError
 from rpil.estimators.cloning import BehavioralCloning
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks"))
-import peers
-from peers import METHODS, Answer, Task
 
 RANKS = set(METHODS) - {"trust all", "oracle", "length", "random"}
 DISCRETE_ONLY = {"paper's recipe", "ILEED", "BCND", "median of means", "cleanlab"}

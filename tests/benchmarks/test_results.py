@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-BENCHMARKS = Path(__file__).parents[1] / "benchmarks"
+BENCHMARKS = Path(__file__).parents[2] / "benchmarks"
 ORIGIN = {
     "commit": "0123456789ab",
     "dirty": False,
@@ -22,11 +22,6 @@ ORIGIN = {
     "cores": 2,
     "system": "Linux x86_64",
 }
-
-
-@pytest.fixture(autouse=True)
-def on_path(monkeypatch):
-    monkeypatch.syspath_prepend(BENCHMARKS)
 
 
 def row(method: str, name: str, auroc: float | None, **more: object) -> dict:

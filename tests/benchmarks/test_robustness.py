@@ -4,20 +4,17 @@ from __future__ import annotations
 
 import json
 import sys
-from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from scipy import stats
 
-BENCHMARKS = Path(__file__).parents[1] / "benchmarks"
 CAR = "MountainCar-v0"
 
 
 @pytest.fixture
 def robustness(monkeypatch):
-    monkeypatch.syspath_prepend(str(BENCHMARKS))
     import robustness
 
     return robustness

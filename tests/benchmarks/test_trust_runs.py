@@ -13,13 +13,7 @@ from sklearn.metrics import roc_auc_score
 
 from rpil.data.errors import DataError
 
-BENCHMARKS = Path(__file__).parents[1] / "benchmarks"
 WORLDS = ["well-specified 20 x 10 uniform 0", "well-specified 20 x 10 uniform 1"]
-
-
-@pytest.fixture(autouse=True)
-def on_path(monkeypatch):
-    monkeypatch.syspath_prepend(BENCHMARKS)
 
 
 # ---- data on disk ----------------------------------------------------------------------------------------------------

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -11,13 +10,7 @@ import pytest
 from scipy.stats import beta, norm, spearmanr
 from sklearn.metrics import brier_score_loss, roc_auc_score
 
-BENCHMARKS = Path(__file__).parents[1] / "benchmarks"
 GOOD = np.array([1, 1, 1, 0, 0, -1, 1, 0])
-
-
-@pytest.fixture(autouse=True)
-def on_path(monkeypatch):
-    monkeypatch.syspath_prepend(BENCHMARKS)
 
 
 # ---- worlds ----------------------------------------------------------------------------------------------------------

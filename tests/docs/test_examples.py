@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-EXAMPLES = Path(__file__).parents[1] / "examples"
+EXAMPLES = Path(__file__).parents[2] / "examples"
 LEAST = {"plot_torch_loop.py": 0.88, "plot_weighted_sampler.py": 0.9}
 """Of the right actions, on the last line that is printed."""
 

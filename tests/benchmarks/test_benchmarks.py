@@ -14,11 +14,10 @@ import pytest
 from rpil import BehavioralCloning, Demonstrations
 from rpil.simulation.corruptions import KINDS
 
-BENCHMARKS = Path(__file__).parents[1] / "benchmarks"
+BENCHMARKS = Path(__file__).parents[2] / "benchmarks"
 
 
 def test_quick_acceptance(tmp_path, capsys, monkeypatch):
-    monkeypatch.syspath_prepend(BENCHMARKS)
     main = runpy.run_path(str(BENCHMARKS / "acceptance.py"))["main"]
     path = tmp_path / "acceptance.json"
     main(["--quick", "--json", str(path)])
@@ -61,7 +60,6 @@ def test_smallest_paper(tmp_path, capsys, monkeypatch):
         "RM-ENT": policy,
         "length": nothing,
     }
-    monkeypatch.syspath_prepend(BENCHMARKS)
     monkeypatch.setitem(sys.modules, "peers", SimpleNamespace(METHODS=known, Task=task))
     script = runpy.run_path(str(BENCHMARKS / "paper.py"))
     path, folder = tmp_path / "paper.json", tmp_path / "paper"
@@ -80,7 +78,6 @@ def test_smallest_paper(tmp_path, capsys, monkeypatch):
 
 
 def test_quick_features(tmp_path, capsys, monkeypatch):
-    monkeypatch.syspath_prepend(BENCHMARKS)
     script = runpy.run_path(str(BENCHMARKS / "features.py"))
     path = tmp_path / "features.json"
     assert script["main"](["--quick", "--json", str(path)]) == 0
@@ -94,7 +91,6 @@ def test_quick_features(tmp_path, capsys, monkeypatch):
 
 
 def test_quick_calibration(tmp_path, capsys, monkeypatch):
-    monkeypatch.syspath_prepend(BENCHMARKS)
     path = tmp_path / "calibration.json"
     script = runpy.run_path(str(BENCHMARKS / "calibration.py"))
     assert script["main"](["--quick", "--json", str(path)]) == 0
@@ -112,14 +108,12 @@ def test_quick_calibration(tmp_path, capsys, monkeypatch):
 @pytest.mark.parametrize(("env", "seed"), [("Acrobot-v1", 800), ("LunarLander-v3", 803)])
 def test_who_is_alike_by_chance_accuses_nobody(env, seed, monkeypatch):
     """Of these demonstrations of random actions a few predict each other rather well, if asked by hearsay."""
-    monkeypatch.syspath_prepend(BENCHMARKS)
     without_signal = runpy.run_path(str(BENCHMARKS / "calibration.py"))["without_signal"]
     assert without_signal(env, "all random", seed)["accused"] == 0
 
 
 def test_expected_calibration_error(monkeypatch):
     """Right on average in every bin is calibrated; sure and wrong is not."""
-    monkeypatch.syspath_prepend(BENCHMARKS)
     of = runpy.run_path(str(BENCHMARKS / "calibration.py"))["expected_calibration_error"]
     assert of(np.full(10, 0.75), np.arange(10) < 8) == pytest.approx(0.05)
     assert of(np.array([0.95, 0.05]), np.array([False, True])) == pytest.approx(0.95)
@@ -128,7 +122,6 @@ def test_expected_calibration_error(monkeypatch):
 
 def test_shuffled_demonstrations_do_not_differ(monkeypatch):
     """All states and actions stay, lengths too; what belongs together is lost."""
-    monkeypatch.syspath_prepend(BENCHMARKS)
     shuffled = runpy.run_path(str(BENCHMARKS / "calibration.py"))["shuffled"]
     state = np.arange(60.0)
     made = Demonstrations(state[:, None], state.astype(int) % 3, np.array([0, 10, 30, 60]))
@@ -142,7 +135,6 @@ def test_shuffled_demonstrations_do_not_differ(monkeypatch):
 
 
 def test_quick_labels(tmp_path, capsys, monkeypatch):
-    monkeypatch.syspath_prepend(BENCHMARKS)
     script = runpy.run_path(str(BENCHMARKS / "labels.py"))
     path = tmp_path / "labels.json"
     assert script["main"](["--quick", "--json", str(path)]) == 0
@@ -163,7 +155,6 @@ def test_quick_labels(tmp_path, capsys, monkeypatch):
 
 def test_quick_speed(tmp_path, capsys, monkeypatch):
     """Every row is there, or says why not; nothing is asserted of the time."""
-    monkeypatch.syspath_prepend(BENCHMARKS)
     script = runpy.run_path(str(BENCHMARKS / "speed.py"))
     path = tmp_path / "speed.json"
     assert script["main"](["--quick", "--json", str(path)]) == 0
@@ -193,7 +184,6 @@ def test_the_norm_that_fits_are_compared_by(monkeypatch):
     """Is zero at scikit-learn's optimum, and the gradient by finite differences elsewhere."""
     from sklearn.linear_model import LogisticRegression
 
-    monkeypatch.syspath_prepend(BENCHMARKS)
     from speed_fits import gradient_norm
 
     rng = np.random.default_rng(0)
@@ -216,14 +206,12 @@ def test_the_norm_that_fits_are_compared_by(monkeypatch):
 
 
 def test_unknown_rows_are_refused(monkeypatch, capsys):
-    monkeypatch.syspath_prepend(BENCHMARKS)
     with pytest.raises(SystemExit):
         runpy.run_path(str(BENCHMARKS / "speed.py"))["main"](["--rows", "A,X"])
     assert "no row X" in capsys.readouterr().err
 
 
 def test_quick_demonstrators(tmp_path, capsys, monkeypatch):
-    monkeypatch.syspath_prepend(BENCHMARKS)
     script = runpy.run_path(str(BENCHMARKS / "demonstrators.py"))
     path = tmp_path / "demonstrators.json"
     assert script["main"](["--quick", "--json", str(path)]) == 0
@@ -237,7 +225,6 @@ def test_quick_demonstrators(tmp_path, capsys, monkeypatch):
 
 
 def test_what_is_cut_out_of_demonstrations(monkeypatch):
-    monkeypatch.syspath_prepend(BENCHMARKS)
     cut = runpy.run_path(str(BENCHMARKS / "demonstrators.py"))["cut"]
     state = np.arange(60.0)
     made = Demonstrations(state[:, None], state.astype(int) % 3, np.array([0, 5, 30, 60]), ids=("c", "a", "b"))
@@ -265,7 +252,6 @@ def test_what_is_cut_out_of_demonstrations(monkeypatch):
     ],
 )
 def test_bad_options_are_one_sentence(script, arguments, match, capsys, monkeypatch, tmp_path):
-    monkeypatch.syspath_prepend(BENCHMARKS)
     monkeypatch.chdir(tmp_path)
     main = runpy.run_path(str(BENCHMARKS / f"{script}.py"))["main"]
     with pytest.raises(SystemExit) as end:
@@ -275,7 +261,6 @@ def test_bad_options_are_one_sentence(script, arguments, match, capsys, monkeypa
 
 
 def test_json_is_never_half_written(tmp_path, monkeypatch):
-    monkeypatch.syspath_prepend(BENCHMARKS)
     write_json = runpy.run_path(str(BENCHMARKS / "options.py"))["write_json"]
     path = tmp_path / "found.json"
     write_json(path, {"rows": [1]})

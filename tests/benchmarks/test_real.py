@@ -19,7 +19,6 @@ from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
 from rpil.estimators.cloning import BehavioralCloning
 
-BENCHMARKS = Path(__file__).parents[1] / "benchmarks"
 LENGTHS = (4, 9, 5, 7, 6, 8, 3, 10, 5, 7)
 IS_GOOD = np.array([1, 0, 1, -1, 1, 0, 1, 1, 0, 1])
 QUALITY = np.array([9.0, 1, 8, 4, 7, 2, 6, 9, 0, 8])
@@ -69,7 +68,6 @@ def judged(demonstrations, task):
 @pytest.fixture
 def real(monkeypatch):
     """The script, with a few methods in the place of peers.py."""
-    monkeypatch.syspath_prepend(BENCHMARKS)
     methods = {"rpil": judged, "trust all": cloned, "oracle": cloned, "length": length}
     monkeypatch.setitem(sys.modules, "peers", SimpleNamespace(METHODS=methods, Task=Task, Answer=Answer))
     import real

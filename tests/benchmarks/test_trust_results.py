@@ -2,17 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
-import pytest
-
-BENCHMARKS = Path(__file__).parents[1] / "benchmarks"
-
-
-@pytest.fixture(autouse=True)
-def on_path(monkeypatch):
-    monkeypatch.syspath_prepend(BENCHMARKS)
-
 
 def labels_result(suggested: float, random: float) -> dict:
     def of(how: str, auroc: float) -> dict:
