@@ -247,7 +247,7 @@ def test_audit_chooses_no_features_for_a_policy_that_is_not_kept(folder, monkeyp
 
     folded = ok("audit", folder / "good.parquet", "--json", "--features", "folded").stdout
     chosen = rpil.RPIL("auto").fit(formats.read(folder / "good.parquet")).audit_.to_dict()
-    monkeypatch.setattr("rpil.estimators.cloning.choose", never)
+    monkeypatch.setattr("rpil.estimators.cloning.choose_features", never)
     assert ok("audit", folder / "good.parquet", "--json").stdout == folded
     assert json.loads(folded)["demonstrations"] == chosen["demonstrations"]
 

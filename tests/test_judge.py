@@ -23,7 +23,7 @@ from rpil.inference.judgement import FINDINGS, Settings, judge
 from rpil.inference.rivals import find_rival, find_style, sides, state_overlap
 from rpil.inference.step_trust import step_trust
 from rpil.inference.teachers import best, choose_ridge, concentrate, mean_steps, shares
-from rpil.numerics.regression import error_scale, standardised, student
+from rpil.numerics.regression import error_scale, standardise, student_log_density
 
 STEPS = (40, 60)
 
@@ -101,14 +101,14 @@ def test_ridge_scores_are_those_of_scikit_learn_on_the_other_folds():
     weight = np.random.default_rng(0).random(len(problem.actions))
     found = RidgeScorer(problem, deal(problem, 3, 0))
     scored = found.held_out(weight, 1e-2)
-    fold, actions = problem.spread(found.fold), standardised(problem.actions)
+    fold, actions = problem.spread(found.fold), standardise(problem.actions)
     errors = np.empty_like(actions)
     for k in range(3):
         train, test = fold != k, fold == k
         model = Ridge(1e-2 * weight[train].sum())
         model.fit(problem.features[train][:, :-1], actions[train], sample_weight=weight[train])
         errors[test] = actions[test] - model.predict(problem.features[test][:, :-1]).reshape(-1, actions.shape[1])
-    np.testing.assert_allclose(scored.log_prob, student(errors, error_scale(errors, weight)), atol=1e-6)
+    np.testing.assert_allclose(scored.log_prob, student_log_density(errors, error_scale(errors, weight)), atol=1e-6)
 
 
 def test_a_demonstration_never_teaches_the_policy_that_scores_it():

@@ -130,7 +130,7 @@ def test_an_own_policy_finds_two_groups():
 def test_the_same_seed_and_several_threads_change_no_bit(monkeypatch):
     problem = make("noisy", 0).problem()
     one = fitted(problem, "confusion", 3)
-    monkeypatch.setattr(parallel, "_WORTH_A_THREAD", 0)
+    monkeypatch.setattr(parallel, "THREADING_MIN_SIZE", 0)
     several = fitted(problem, "confusion", 3)
     np.testing.assert_array_equal(one.posterior.log_odds, several.posterior.log_odds)
     np.testing.assert_array_equal(one.state.policy.weights, several.state.policy.weights)

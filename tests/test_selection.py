@@ -10,7 +10,7 @@ from rpil.data.spaces import Discrete
 from rpil.estimators.cloning import BehavioralCloning
 from rpil.estimators.rpil import RPIL
 from rpil.policies.features import RIDGE_PER_STEP, FeatureMap
-from rpil.policies.selection import RIDGES, Choice, _least_squares, _median, choose
+from rpil.policies.selection import RIDGES, Choice, _least_squares, _median, choose_features
 
 
 def told(rule, n_demonstrations: int = 8, n_steps: int = 120, seed: int = 0):
@@ -36,7 +36,7 @@ def wavy(o):
 @pytest.mark.parametrize("seed", [0, 1])
 def test_the_kind_that_can_follow_the_rule_is_chosen(rule, kinds, seed):
     observations, codes, offsets = told(rule, seed=seed)
-    found = choose(observations, codes, offsets, np.ones(len(codes)), Discrete(2))
+    found = choose_features(observations, codes, offsets, np.ones(len(codes)), Discrete(2))
     assert found.kind in kinds
     assert found.ridge in RIDGES
 
@@ -56,9 +56,9 @@ def test_the_untrusted_do_not_choose():
     observations, codes, offsets = told(curved, 16)
     bad = np.arange(len(codes)) >= offsets[4]  # three of four demonstrations follow another rule
     codes = np.where(bad, wavy(observations), codes)
-    everyone = choose(observations, codes, offsets, np.ones(len(codes)), Discrete(2))
-    trusted = choose(observations, codes, offsets, np.where(bad, 0.0, 1.0), Discrete(2))
-    hardly = choose(observations, codes, offsets, np.where(bad, 0.05, 1.0), Discrete(2))
+    everyone = choose_features(observations, codes, offsets, np.ones(len(codes)), Discrete(2))
+    trusted = choose_features(observations, codes, offsets, np.where(bad, 0.0, 1.0), Discrete(2))
+    hardly = choose_features(observations, codes, offsets, np.where(bad, 0.05, 1.0), Discrete(2))
     assert trusted.kind == hardly.kind == "poly"
     assert everyone.kind != "poly"
 
@@ -67,13 +67,13 @@ def test_a_demonstration_like_no_other_does_not_choose():
     observations, codes, offsets = told(curved, 9)
     observations[offsets[8] :] += 30.0  # where nobody else was, and with random actions
     codes[offsets[8] :] = np.random.default_rng(1).integers(2, size=120)
-    assert choose(observations, codes, offsets, np.ones(len(codes)), Discrete(2)).kind in ("poly", "nystroem")
+    assert choose_features(observations, codes, offsets, np.ones(len(codes)), Discrete(2)).kind in ("poly", "nystroem")
 
 
 @pytest.mark.parametrize("n_demonstrations", [1, 2, 3])
 def test_few_demonstrations_are_enough(n_demonstrations):
     observations, codes, offsets = told(curved, n_demonstrations, 300)
-    assert choose(observations, codes, offsets, np.ones(len(codes)), Discrete(2)).kind == "poly"
+    assert choose_features(observations, codes, offsets, np.ones(len(codes)), Discrete(2)).kind == "poly"
 
 
 def test_steps_far_off_do_not_teach_which_numbers_are_due():
@@ -89,7 +89,9 @@ def test_steps_far_off_do_not_teach_which_numbers_are_due():
 
 
 def test_few_steps_are_enough():
-    found = choose(np.arange(6.0)[:, None], np.array([0, 0, 0, 1, 1, 1]), np.array([0, 3, 6]), np.ones(6), Discrete(2))
+    found = choose_features(
+        np.arange(6.0)[:, None], np.array([0, 0, 0, 1, 1, 1]), np.array([0, 3, 6]), np.ones(6), Discrete(2)
+    )
     assert isinstance(found, Choice)
 
 
@@ -108,7 +110,7 @@ def test_a_noisy_rule_makes_a_policy_less_sure():
 def test_cloning_takes_what_is_chosen():
     observations, codes, offsets = told(curved)
     data = Demonstrations.from_arrays(observations, codes, offsets)
-    chosen = choose(observations, codes, offsets, np.ones(len(codes)), Discrete(2))
+    chosen = choose_features(observations, codes, offsets, np.ones(len(codes)), Discrete(2))
     model = BehavioralCloning("auto").fit(data)
     assert (model.features_.kind, model.features_.ridge_per_step) == (chosen.kind, chosen.ridge)
     fixed = BehavioralCloning("poly").fit(data)
@@ -146,7 +148,7 @@ def test_wide_kinds_are_left_out():
     rng = np.random.default_rng(0)
     observations = rng.normal(size=(400, 120))
     codes = (observations[:, 0] > 0).astype(int)
-    found = choose(observations, codes, np.arange(0, 401, 50), np.ones(400), Discrete(2))
+    found = choose_features(observations, codes, np.arange(0, 401, 50), np.ones(400), Discrete(2))
     assert found.kind in ("raw", "folded", "nystroem")
 
 

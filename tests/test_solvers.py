@@ -13,7 +13,7 @@ from sklearn.preprocessing import SplineTransformer
 from problems import make
 from rpil.estimators.cloning import BehavioralCloning
 from rpil.numerics import blocks as passes
-from rpil.numerics.newton import fit_softmax
+from rpil.numerics.newton import NewtonSettings, fit_softmax
 
 
 def soft_problem(
@@ -77,16 +77,16 @@ def test_columns_that_are_nearly_the_same():
     features, targets, penalty = soft_problem(3)
     features[:, 1] = features[:, 0] + 1e-6 * rng.normal(size=len(features))
     penalty[:-1] = 1e-6
-    fit = fit_softmax(features, targets, penalty, tol=1e-10)
+    fit = fit_softmax(features, targets, penalty, NewtonSettings(tol=1e-10))
     assert fit.converged
     # Newton's step from there would gain nothing.
-    again = fit_softmax(features, targets, penalty, start=fit.weights, tol=0.0, max_iter=5, max_cg=1000)
+    again = fit_softmax(features, targets, penalty, NewtonSettings(tol=0.0, max_iter=5, max_cg=1000), start=fit.weights)
     assert fit.objective - again.objective <= 1e-6
 
 
 def test_objective_is_its_definition_and_log_proba_belongs_to_the_weights():
     features, targets, penalty = soft_problem(0)
-    fit = fit_softmax(features, targets, penalty, max_iter=2)
+    fit = fit_softmax(features, targets, penalty, NewtonSettings(max_iter=2))
     assert fit.objective == pytest.approx(objective(fit.weights, features, targets, penalty), rel=1e-12)
     np.testing.assert_allclose(fit.log_proba, log_softmax(features @ fit.weights, axis=1), atol=1e-12)
 
@@ -113,7 +113,7 @@ def test_gradient_and_hessian_product_agree_with_finite_differences():
 @pytest.mark.parametrize("seed", range(3))
 def test_gradient_is_zero_at_the_optimum_of_soft_targets(seed):
     features, targets, penalty = soft_problem(seed)
-    fit = fit_softmax(features, targets, penalty, tol=1e-10)
+    fit = fit_softmax(features, targets, penalty, NewtonSettings(tol=1e-10))
     proba = softmax(features @ fit.weights, axis=1)
     slope = features.T @ (targets.sum(axis=1, keepdims=True) * proba - targets) + penalty[:, None] * fit.weights
     assert fit.converged
@@ -128,7 +128,7 @@ def test_never_above_the_start():
         before = objective(start, features, targets, penalty)
         previous = before
         for max_iter in (0, 1, 2, 5):
-            fit = fit_softmax(features, targets, penalty, start=start, max_iter=max_iter, max_cg=3)
+            fit = fit_softmax(features, targets, penalty, NewtonSettings(max_iter=max_iter, max_cg=3), start=start)
             assert fit.objective <= previous + 1e-9 * abs(before)
             previous = fit.objective
 
@@ -193,7 +193,7 @@ def test_blocks_cover_every_row_once():
 def test_float32_features():
     features, targets, penalty = soft_problem(4, n=2000)
     double = fit_softmax(features, targets, penalty)
-    single = fit_softmax(features.astype(np.float32), targets, penalty, tol=1e-5)
+    single = fit_softmax(features.astype(np.float32), targets, penalty, NewtonSettings(tol=1e-5))
     assert single.converged
     assert single.objective == pytest.approx(double.objective, rel=1e-5)
     np.testing.assert_allclose(single.weights, double.weights, atol=1e-3)

@@ -21,7 +21,7 @@ from rpil.numerics.types import Array
 from rpil.policies.features import FeatureMap, ridge_of
 from rpil.policies.linear import linear_policy
 from rpil.policies.protocol import Policy
-from rpil.policies.selection import Choice, choose
+from rpil.policies.selection import Choice, choose_features
 
 LARGE = 1_000_000
 """Entries of a design matrix that is read in single precision: it no longer stays in cache."""
@@ -101,7 +101,7 @@ class PolicyEstimator(ClassifierMixin, BaseEstimator):
         """The kind of features that was asked for, or that the trusted choose."""
         if self.features != "auto":
             return Choice(self.features)
-        return choose(data.observations, codes, data.offsets, weight, self.space_, self.C)
+        return choose_features(data.observations, codes, data.offsets, weight, self.space_, self.C)
 
     def _learn(self, data: Demonstrations, codes: Array, weight: Array, trusted: Array, tol: float) -> None:
         """Choose the features and fit their map, both to the `trusted` (N,) steps, and the policy to all by weight."""

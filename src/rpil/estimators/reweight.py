@@ -18,7 +18,7 @@ from rpil.data.errors import DataError
 from rpil.data.fit_data import FitData
 from rpil.inference.held_out import LAPSE, Scored, deal, reference
 from rpil.inference.judgement import FINDINGS, MINORITY, Settings, judge
-from rpil.numerics.regression import units
+from rpil.numerics.regression import column_scales
 from rpil.numerics.types import Array
 from rpil.policies.features import FeatureMap
 
@@ -111,7 +111,7 @@ class _Theirs:
             elif n - when >= _PATIENCE:
                 break
         if not self.data.is_discrete:  # densities of actions in standard deviations, as the reference has them
-            best = best + np.log(units(self.data.actions)).sum()
+            best = best + np.log(column_scales(self.data.actions)).sum()
         q = reference(self.fit_data, np.ones(len(self.data), dtype=bool))
         log_prob = np.logaddexp(np.log1p(-LAPSE) + best, np.log(LAPSE) + q)  # an expert, too, may do anything at times
         return Scored(log_prob, log_prob - np.average(log_prob, weights=weight)), when

@@ -29,8 +29,8 @@ from rpil.inference.judgement import Judgement, Settings, judge
 from rpil.mixture.adversaries.protocol import Adversary
 from rpil.mixture.em import State, e_step
 from rpil.numerics.types import Array
-from rpil.policies.cross_fitted import estimator_policy
-from rpil.policies.features import FeatureMap, Untouched
+from rpil.policies.cross_fitted import cross_fitted_policy
+from rpil.policies.features import FeatureMap, IdentityMap
 from rpil.scale.disk import Streamed
 from rpil.scale.fit import REFIT_TOL, fit_large, is_large
 from rpil.scale.memory import InMemory
@@ -197,7 +197,7 @@ class RPIL(PolicyEstimator):
         if len(demonstrations) < 2:
             raise DataError(f"{source}: one demonstration alone (n_samples=1) cannot be compared; give at least two.")
         if self.policy is not None:
-            estimator_policy(self.policy, self.space_, len(codes))  # a wrong one is refused before any work
+            cross_fitted_policy(self.policy, self.space_, len(codes))  # a wrong one is refused before any work
         known = known_labels(labels if labels is not None else self.labels, demonstrations)
         company = who_gave(demonstrators, demonstrations)
         with threadpool_limits(1, "blas"):  # thin products gain nothing from threads, and can lose a lot
@@ -252,7 +252,7 @@ class RPIL(PolicyEstimator):
             self._learn(demonstrations, codes, weight, weight > 0.5 * weight.max(), REFIT_TOL)
         else:
             # Cross-fitted once more, by the final weights: that says how sure it may be.
-            start = estimator_policy(self.policy, self.space_, len(codes)).fit(data, weight)[0]
+            start = cross_fitted_policy(self.policy, self.space_, len(codes)).fit(data, weight)[0]
             self.features_, self.policy_ = self.judge_features_, start.fit_all(data, weight)
         tell(self, data, demonstrations.source)
 
@@ -300,10 +300,10 @@ class RPIL(PolicyEstimator):
             return self.policy_.log_prob(outputs, codes) + np.log(of).sum()
         return scored(outputs, of, codes).log_prob - np.log(of)[codes]
 
-    def judge_map(self, demonstrations: Demonstrations) -> FeatureMap | Untouched:
+    def judge_map(self, demonstrations: Demonstrations) -> FeatureMap | IdentityMap:
         """What the policy sees while trust is decided."""
         if self.policy is not None:
-            return Untouched()
+            return IdentityMap()
         kind = self.search_features
         if kind == "auto":
             kind = self.features if self.features not in ("raw", "auto") else "folded"
@@ -316,7 +316,7 @@ class RPIL(PolicyEstimator):
         if self.policy is None:
             measure = scorer(data, self.random_state)
         else:
-            measure = PolicyScorer(data, estimator_policy(self.policy, self.space_, len(data.actions)))
+            measure = PolicyScorer(data, cross_fitted_policy(self.policy, self.space_, len(data.actions)))
         judgement = judge(data, measure, settings, self.progress or (lambda _: None))
         return judgement, judgement.keep(data, SCALES[self.space_.kind] if self.policy is None else None)
 

@@ -12,7 +12,7 @@ from rpil.data.fit_data import FitData
 from rpil.inference.groups import Groups
 from rpil.inference.held_out import fit_weighted, frequencies, scored
 from rpil.numerics.blocks import linear, log_softmax
-from rpil.numerics.regression import error_scale, moments, solve_ridge, student
+from rpil.numerics.regression import error_scale, normal_equations, solve_ridge, student_log_density
 from rpil.numerics.types import Array
 
 SHRINKAGE = 20.0
@@ -77,7 +77,7 @@ class StudentScale:
         location, spread = raw.mean(axis=0), raw.std(axis=0)
         spread = np.where(spread > 0, spread, 1.0)
         actions, rows = (raw - location) / spread, weight > 0
-        weights = solve_ridge(*moments(data.features[rows], actions[rows], weight[rows]), ridge)
+        weights = solve_ridge(*normal_equations(data.features[rows], actions[rows], weight[rows]), ridge)
         errors = actions - linear(data.features, weights)
         center = np.median(actions, axis=0)
         width = error_scale(actions - center, np.ones(len(actions)))
@@ -86,8 +86,8 @@ class StudentScale:
     def measure(self, features: Array, actions: Array) -> tuple[Array, Array]:
         """What each step counts for the score of its demonstration, and log pi - log q, (N,) each, nats."""
         units = (actions - self.location) / self.spread
-        log_prob = student(units - linear(features, self.weights), self.scale)
-        return log_prob, log_prob - student(units - self.center, self.width)
+        log_prob = student_log_density(units - linear(features, self.weights), self.scale)
+        return log_prob, log_prob - student_log_density(units - self.center, self.width)
 
 
 SCALES: dict[str, Any] = {"discrete": SoftmaxScale, "continuous": StudentScale}

@@ -17,16 +17,16 @@ import numpy as np
 
 from rpil.data.fit_data import FitData
 from rpil.numerics.blocks import log_softmax
-from rpil.numerics.newton import Preconditioner, fit_softmax
+from rpil.numerics.newton import NewtonSettings, Preconditioner, fit_softmax
 from rpil.numerics.parallel import in_parallel
 from rpil.numerics.regression import (
-    LEAST_WEIGHT,
+    MIN_WEIGHT,
+    column_scales,
     error_scale,
-    moments,
+    normal_equations,
     solve_ridge,
-    standardised,
-    student,
-    units,
+    standardise,
+    student_log_density,
 )
 from rpil.numerics.types import Array
 from rpil.policies.protocol import Policy
@@ -39,7 +39,7 @@ LAPSE = 0.01
 """Share of its steps in which an expert may do anything, after the frequencies of the actions: bounds what one step
 can cost, as Student's tails do for continuous actions."""
 
-_LIMITS = {"tol": 1e-3, "max_iter": 15, "max_cg": 30}
+_LIMITS = NewtonSettings(tol=1e-3, max_iter=15, max_cg=30)
 """Of a fit that decides about trust; the policy that is returned is fitted further."""
 
 
@@ -80,7 +80,7 @@ RIDGES = (1e-1, 1e-2, 1e-3, 1e-4)
 def deal(data: FitData, n_folds: int, seed: int) -> Array:
     """The fold of each demonstration, (M,): drawn, but the same for a demonstration wherever it stands in the data."""
     keys = data.sum_steps(np.asarray(data.features[:, :-1], dtype=float)).sum(axis=1)
-    columns = standardised(np.asarray(data.actions, dtype=float).reshape(len(data.actions), -1))
+    columns = standardise(np.asarray(data.actions, dtype=float).reshape(len(data.actions), -1))
     actions = data.sum_steps(columns).sum(axis=1)
     # Rounded, because sums over the same values in another order differ in their last digits.
     order = np.lexsort((np.round(keys, 6), np.round(actions, 6), data.lengths))
@@ -130,8 +130,8 @@ def fit_weighted(
     n_actions = data.space.n  # type: ignore[attr-defined]
     features = data.features[rows]
     targets = one_hot(data.actions[rows], weight, n_actions)
-    penalty = np.append(np.full(features.shape[1] - 1, ridge * max(float(weight.sum()), LEAST_WEIGHT)), 0.0)
-    fit = fit_softmax(features, targets, penalty, start=start, preconditioner=preconditioner, **_LIMITS)  # type: ignore[arg-type]
+    penalty = np.append(np.full(features.shape[1] - 1, ridge * max(float(weight.sum()), MIN_WEIGHT)), 0.0)
+    fit = fit_softmax(features, targets, penalty, _LIMITS, start=start, preconditioner=preconditioner)
     return fit.weights, fit.preconditioner
 
 
@@ -158,7 +158,7 @@ class RidgeScorer:
     ridges: tuple[float, ...] = RIDGES
 
     def __post_init__(self) -> None:
-        self.actions = standardised(self.data.actions)
+        self.actions = standardise(self.data.actions)
 
     def anew(self) -> RidgeScorer:
         return self
@@ -167,13 +167,13 @@ class RidgeScorer:
         errors = np.empty_like(self.actions)
         of_step = self.data.spread(self.fold)
         tests = [of_step == k for k in range(int(self.fold.max()) + 1)]
-        parts = [moments(self.data.features[test], self.actions[test], weight[test]) for test in tests]
+        parts = [normal_equations(self.data.features[test], self.actions[test], weight[test]) for test in tests]
         gram, product, total = (sum(part) for part in zip(*parts, strict=True))
         for test, (own_gram, own_product, own_total) in zip(tests, parts, strict=True):
             mean = solve_ridge(gram - own_gram, product - own_product, total - own_total, ridge)
             errors[test] = self.actions[test] - self.data.features[test] @ mean
-        log_prob = student(errors, error_scale(errors, weight))
-        return Scored(log_prob, log_prob - np.average(log_prob, weights=np.maximum(weight, LEAST_WEIGHT)))
+        log_prob = student_log_density(errors, error_scale(errors, weight))
+        return Scored(log_prob, log_prob - np.average(log_prob, weights=np.maximum(weight, MIN_WEIGHT)))
 
 
 @dataclass(eq=False)
@@ -188,12 +188,12 @@ class PolicyScorer:
         return self
 
     def held_out(self, weight: Array, ridge: float) -> Scored:
-        self.policy, outputs = self.policy.fit(self.data, np.maximum(weight, LEAST_WEIGHT))
+        self.policy, outputs = self.policy.fit(self.data, np.maximum(weight, MIN_WEIGHT))
         if self.data.space.kind == "discrete":
             return scored(outputs, frequencies(self.data), self.data.actions)
         log_prob = self.policy.log_prob(outputs, self.data.actions)
-        log_prob = log_prob + np.log(units(self.data.actions)).sum()  # in standard deviations, as everything else
-        return Scored(log_prob, log_prob - np.average(log_prob, weights=np.maximum(weight, LEAST_WEIGHT)))
+        log_prob = log_prob + np.log(column_scales(self.data.actions)).sum()  # in standard deviations, as all else
+        return Scored(log_prob, log_prob - np.average(log_prob, weights=np.maximum(weight, MIN_WEIGHT)))
 
 
 _SCORERS: dict[str, Any] = {"discrete": SoftmaxScorer, "continuous": RidgeScorer}
@@ -213,6 +213,6 @@ def reference(data: FitData, group: Array) -> Array:
     if data.space.kind == "discrete":
         counts = np.bincount(data.actions, weight, data.space.n) + 1.0  # type: ignore[attr-defined]
         return np.asarray(np.log(counts / counts.sum())[data.actions])
-    actions = standardised(data.actions)
+    actions = standardise(data.actions)
     errors = actions - np.median(actions[weight > 0], axis=0)
-    return student(errors, error_scale(errors, weight))
+    return student_log_density(errors, error_scale(errors, weight))

@@ -19,7 +19,7 @@ from rpil.inference.rivals import Rival, find_rival, find_style
 from rpil.inference.step_trust import StepTrust, step_trust
 from rpil.inference.teachers import Taught, choose_ridge, concentrate, mean_steps, shares, taught_by
 from rpil.mixture.demonstrator_prior import borrow, intervals
-from rpil.numerics.regression import units
+from rpil.numerics.regression import column_scales
 from rpil.numerics.types import Array
 
 FINDINGS = {
@@ -142,7 +142,7 @@ class Judgement:
         weight = data.spread(self.teachers.astype(float))
         measured = None if scale is None else scale.fit(data, weight, self.scores.ridge)
         independent = float(self.scores.effective.sum() / data.lengths.sum())
-        of = frequencies(data) if data.space.kind == "discrete" else units(data.actions)
+        of = frequencies(data) if data.space.kind == "discrete" else column_scales(data.actions)
         return FittedJudge(measured, self.groups, self.scores.pooled, independent, None if measured else of)
 
 

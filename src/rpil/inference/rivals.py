@@ -38,7 +38,7 @@ from rpil.data.spaces import Discrete
 from rpil.inference.held_out import Scorer, deal, fit_weighted, reference
 from rpil.inference.teachers import mean_steps
 from rpil.numerics.blocks import linear
-from rpil.numerics.regression import moments, solve_ridge, standardised
+from rpil.numerics.regression import normal_equations, solve_ridge, standardise
 from rpil.numerics.types import Array
 from rpil.policies.softmax import one_hot
 
@@ -142,11 +142,11 @@ def sides(data: FitData, ridge: float) -> Array:
     """On which side of their first principal component the demonstrations' gradients are, (M,) bool."""
     features, weight = np.asarray(data.features, dtype=float), np.ones(len(data.features))
     if not ridge:  # features of the user's policy: neither scaled nor with a constant
-        features, ridge = np.column_stack([standardised(features), weight]), 1e-3
+        features, ridge = np.column_stack([standardise(features), weight]), 1e-3
     discrete = data.space.kind == "discrete"
     n_classes = getattr(data.space, "n", 0)
-    actions = one_hot(data.actions, weight, n_classes) if discrete else standardised(data.actions)
-    gram, product, total = moments(features, actions, weight)
+    actions = one_hot(data.actions, weight, n_classes) if discrete else standardise(data.actions)
+    gram, product, total = normal_equations(features, actions, weight)
     errors = actions - linear(features, solve_ridge(gram, product, total, ridge))
     if not discrete:  # as Student's errors count
         errors = errors / (1 + (errors / (errors.std(axis=0) + 1e-12)) ** 2)
@@ -181,7 +181,7 @@ def state_overlap(data: FitData, first: Array, second: Array, seed: int) -> floa
     """Mean over the steps of the demonstrations `second` of min(1, p(s | first) / p(s | second)), held out."""
     both = data.select(np.sort(np.concatenate([first, second])), unlabelled=True)
     is_first = both.spread(np.isin(np.sort(np.concatenate([first, second])), first))
-    columns = np.column_stack([standardised(np.asarray(both.features, dtype=float)), np.ones(len(is_first))])
+    columns = np.column_stack([standardise(np.asarray(both.features, dtype=float)), np.ones(len(is_first))])
     states = FitData(columns, is_first.astype(int), both.offsets, Discrete(2), both.labels)
     fold = both.spread(deal(states, min(5, states.n_demonstrations), seed))
     ratio = np.ones(len(is_first))

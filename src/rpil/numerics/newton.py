@@ -8,6 +8,7 @@ preconditioner from the exact class blocks of the Hessian on a subsample of step
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -21,11 +22,30 @@ _PRECONDITIONER_ROWS = 8192
 _PRECONDITIONER_STEPS = 4
 """Newton steps that one preconditioner serves."""
 
-REMEMBERED = 30
+HISTORY_LENGTH = 30
 """Steps of a path that a Newton step takes into account."""
 
 _LARGEST = 1_500
 """Coefficients up to which the whole Hessian is inverted where it serves many passes over much data."""
+
+
+@dataclass(frozen=True)
+class NewtonSettings:
+    """When `fit_softmax` stops.
+
+    Attributes
+    ----------
+    tol : float
+        Largest entry of the gradient, divided by the total weight of the steps, at which the fit has converged.
+    max_iter : int
+        Newton steps at most; 1 is one improving step.
+    max_cg : int
+        Hessian products in each Newton step at most.
+    """
+
+    tol: float = 1e-6
+    max_iter: int = 100
+    max_cg: int = 200
 
 
 class SoftmaxFit(NamedTuple):
@@ -54,11 +74,9 @@ def fit_softmax(
     features: Array,
     targets: Array,
     penalty: Array,
+    settings: NewtonSettings = NewtonSettings(),
     *,
     start: Array | None = None,
-    tol: float = 1e-6,
-    max_iter: int = 100,
-    max_cg: int = 200,
     preconditioner: Preconditioner | None = None,
 ) -> SoftmaxFit:
     """Minimise -sum_nk T_nk log softmax(x_n W)_k + 1/2 sum_dk penalty_d W_dk^2.
@@ -71,12 +89,9 @@ def fit_softmax(
         Non-negative soft targets; a row's sum is the weight of the step.
     penalty : (D,) array
         Ridge penalty of each feature (0 for the constant).
+    settings : NewtonSettings
     start : (D, K) array, optional
         Where to start; zero by default.
-    tol : float
-        Stop when no entry of the gradient is larger, divided by the total weight of the steps.
-    max_iter, max_cg : int
-        Most Newton steps, and most Hessian products in each. ``max_iter=1`` is one improving step.
     preconditioner : Preconditioner, optional
         Of a problem nearby, for the first Newton steps.
 
@@ -93,15 +108,15 @@ def fit_softmax(
     log_proba = log_softmax(logits)
     objective = _objective(log_proba, targets, weights, ridge)
 
-    for n_iter in range(max_iter + 1):
+    for n_iter in range(settings.max_iter + 1):
         proba = np.exp(log_proba)
         slope = gradient(features, weight[:, None] * proba - targets) + ridge * weights
         norm = float(np.abs(slope).max()) / scale
-        if norm <= tol or n_iter == max_iter:
-            return SoftmaxFit(weights, log_proba, objective, norm <= tol, preconditioner)
+        if norm <= settings.tol or n_iter == settings.max_iter:
+            return SoftmaxFit(weights, log_proba, objective, norm <= settings.tol, preconditioner)
         if preconditioner is None or (n_iter and n_iter % _PRECONDITIONER_STEPS == 0):
             preconditioner = Preconditioner(features, proba, weight, penalty)
-        step = _newton_direction(features, proba, weight, ridge, slope, preconditioner, max_cg)
+        step = _newton_direction(features, proba, weight, ridge, slope, preconditioner, settings.max_cg)
 
         # Logits move on a line, so that a trial length costs no pass over the features.
         step_logits = linear(features, step)
@@ -115,7 +130,7 @@ def fit_softmax(
                 break
             length *= 0.5
             if length < 1e-10:  # rounding is all that is left to gain
-                return SoftmaxFit(weights, log_proba, objective, norm <= 100 * tol, preconditioner)
+                return SoftmaxFit(weights, log_proba, objective, norm <= 100 * settings.tol, preconditioner)
         weights, log_proba, objective = trial, trial_log_proba, trial_objective
         logits = logits + length * step_logits
     raise AssertionError("unreachable")
@@ -153,7 +168,7 @@ def _newton_direction(
     return step if step.any() else -slope
 
 
-def newton_step(path: Array, precondition: Callable[[Array], Array]) -> Array:
+def lbfgs_step(path: Array, precondition: Callable[[Array], Array]) -> Array:
     """Uphill from the end of a path, (D, K): gradients along the way tell of the Hessian, beside a preconditioner
     (L-BFGS, Nocedal 1980). `path` (T, 2, D, K) holds places, and the gradient of the objective at each."""
     moves = np.diff(path, axis=0)

@@ -17,7 +17,7 @@ from rpil.numerics.types import Array
 Item = TypeVar("Item")
 Answer = TypeVar("Answer")
 
-_WORTH_A_THREAD = 400_000
+THREADING_MIN_SIZE = 400_000
 """Entries of the design matrix from which array loops, not the interpreter, take the time."""
 
 
@@ -33,7 +33,7 @@ def in_parallel(function: Callable[[Item], Answer], items: Iterable[Item], featu
     """
     items = list(items)
     workers = min(cores(), len(items))
-    if workers < 2 or features.size < _WORTH_A_THREAD:
+    if workers < 2 or features.size < THREADING_MIN_SIZE:
         return [function(item) for item in items]
     with ThreadPoolExecutor(workers) as pool:
         return list(pool.map(function, items))

@@ -152,7 +152,7 @@ class RegressorPolicy:
         return replace(self, models=(_fitted(self.estimator, data.features, data.actions, weight),))
 
 
-def estimator_policy(estimator: Any, space: Space, n_steps: int) -> Any:
+def cross_fitted_policy(estimator: Any, space: Space, n_steps: int) -> Any:
     """The policy that `estimator` makes before it has seen data; `TorchPolicy` is one, and only told of the actions.
 
     Raises

@@ -207,7 +207,7 @@ class FeatureMap:
 
 
 @dataclass(frozen=True)
-class Untouched:
+class IdentityMap:
     """Observations as they are, for policies that make their own features of them."""
 
     kind: str = "the policy's own"

@@ -61,7 +61,7 @@ class AdditivePolicy(Policy, Protocol):
 
     def m_step(self, statistics: Sums, radius: float, hessian: Any, path: Array) -> tuple[AdditivePolicy, Array]:
         """The policy after one improving step, given the sums over all steps of the data, and what it remembers of the
-        way to here, see `rpil.numerics.newton.newton_step`; a finite `radius` says that a step without it went down,
+        way to here, see `rpil.numerics.newton.lbfgs_step`; a finite `radius` says that a step without it went down,
         and how far a coefficient may move."""
 
     def gradient_norm(self, statistics: Sums) -> float:

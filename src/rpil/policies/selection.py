@@ -22,8 +22,8 @@ from scipy.optimize import minimize_scalar
 
 from rpil.data.spaces import Discrete, Space
 from rpil.numerics.blocks import linear, log_softmax
-from rpil.numerics.newton import fit_softmax
-from rpil.numerics.regression import FREEDOM, LEAST_SCALE, LEAST_WEIGHT, moments, units
+from rpil.numerics.newton import NewtonSettings, fit_softmax
+from rpil.numerics.regression import FREEDOM, LEAST_SCALE, MIN_WEIGHT, column_scales, normal_equations
 from rpil.numerics.types import Array
 from rpil.policies.features import KINDS, RIDGE_PER_STEP, FeatureMap, ridge_of
 from rpil.policies.softmax import one_hot
@@ -63,7 +63,7 @@ class _Held(NamedTuple):
     accuracy: Array
 
 
-def choose(
+def choose_features(
     observations: NDArray[Any], codes: Array, offsets: Array, weight: Array, space: Space, C: float | None = None
 ) -> Choice:
     """The features under which held-out demonstrations are most likely.
@@ -140,21 +140,21 @@ def _softmax(design: Array, targets: Array, weight: Array, penalties: list[Array
     """Coefficients (D, K) for each penalty."""
     start: Array | None = None
     for penalty in penalties:
-        fit = fit_softmax(design, targets * weight[:, None], penalty, start=start, tol=1e-3, max_iter=20, max_cg=30)
+        fit = fit_softmax(design, targets * weight[:, None], penalty, NewtonSettings(1e-3, 20, 30), start=start)
         start = fit.weights
         yield start
 
 
 def _least_squares(design: Array, actions: Array, weight: Array, penalties: list[Array]) -> Iterator[Array]:
     """Coefficients (D, A) for each penalty; steps that are far off count for less, as under Student's errors."""
-    weight = np.maximum(weight, LEAST_WEIGHT)  # a fold may have no step of any weight
-    trust, least = weight, (LEAST_SCALE * units(actions)) ** 2
+    weight = np.maximum(weight, MIN_WEIGHT)  # a fold may have no step of any weight
+    trust, least = weight, (LEAST_SCALE * column_scales(actions)) ** 2
     for _ in range(_ROUNDS):
-        gram, product, _ = moments(design, actions, trust)
+        gram, product, _ = normal_equations(design, actions, trust)
         squares = (actions - design @ solve(gram + np.diag(penalties[-1]), product, assume_a="pos")) ** 2
         distance = squares / ((trust @ squares) / weight.sum() + least)
         trust = weight * (FREEDOM + actions.shape[1]) / (FREEDOM + distance.sum(axis=1))
-    gram, product, _ = moments(design, actions, trust)
+    gram, product, _ = normal_equations(design, actions, trust)
     for penalty in penalties:
         yield solve(gram + np.diag(penalty), product, assume_a="pos")
 
@@ -170,7 +170,7 @@ def _judge_logits(choice: Choice, logits: Array, targets: Array, average: Averag
 
 def _judge_numbers(choice: Choice, mean: Array, actions: Array, average: Average, trust: Array) -> _Held:
     """Within the box no single demonstration can make squared errors infinite, so that their mean decides."""
-    loss = average((((actions - mean) / units(actions)) ** 2).mean(axis=1))
+    loss = average((((actions - mean) / column_scales(actions)) ** 2).mean(axis=1))
     return _Held(choice, -float(np.average(loss, weights=trust)), -loss)
 
 

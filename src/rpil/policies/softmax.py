@@ -11,7 +11,7 @@ import numpy as np
 from rpil.data.archive import stored
 from rpil.data.fit_data import FitData
 from rpil.numerics.blocks import Sums, linear, log_softmax, softmax_pass
-from rpil.numerics.newton import REMEMBERED, Preconditioner, fit_softmax, newton_step
+from rpil.numerics.newton import HISTORY_LENGTH, NewtonSettings, Preconditioner, fit_softmax, lbfgs_step
 from rpil.numerics.types import Array
 
 _PRECONDITIONER_FITS = 10
@@ -77,16 +77,8 @@ class SoftmaxPolicy:
         if soft_targets is not None:
             targets += soft_targets
         reuse = self._preconditioner if self._age < _PRECONDITIONER_FITS else None
-        fit = fit_softmax(
-            data.features,
-            targets,
-            self.ridge,
-            start=self.weights,
-            tol=tol,
-            max_iter=max_iter,
-            max_cg=max_cg,
-            preconditioner=reuse,
-        )
+        settings = NewtonSettings(tol, max_iter, max_cg)
+        fit = fit_softmax(data.features, targets, self.ridge, settings, start=self.weights, preconditioner=reuse)
         age = self._age + 1 if fit.preconditioner is reuse else 0
         return SoftmaxPolicy(fit.weights, self.ridge, fit.preconditioner, age), fit.log_proba
 
@@ -109,8 +101,8 @@ class SoftmaxPolicy:
     ) -> tuple[SoftmaxPolicy, Array]:
         """One Newton step, and the path with this place."""
         # Rows contiguous, as arrays are kept: the order in which an array is summed shows in the last bit.
-        path = np.array([*path[-REMEMBERED:], (self.weights, self.penalised_gradient(statistics))])
-        step = newton_step(path, hessian if len(path) > 1 else partial(hessian, radius=radius))
+        path = np.array([*path[-HISTORY_LENGTH:], (self.weights, self.penalised_gradient(statistics))])
+        step = lbfgs_step(path, hessian if len(path) > 1 else partial(hessian, radius=radius))
         step *= min(1.0, radius / max(float(np.abs(step).max()), 1e-300))
         return SoftmaxPolicy(self.weights + step, self.ridge), path
 

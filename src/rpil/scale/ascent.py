@@ -42,7 +42,7 @@ _PATIENCE = 10
 @dataclass(frozen=True, eq=False)
 class AscentState:
     """How far passes over everything have come: a policy; objective and gradient at all places before, (T, 2); how far
-    a step may go from here; and what the policy remembers of its path, see `rpil.numerics.newton.newton_step`."""
+    a step may go from here; and what the policy remembers of its path, see `rpil.numerics.newton.lbfgs_step`."""
 
     state: Any
     history: Array = field(default_factory=lambda: np.empty((0, 2)))
