@@ -69,8 +69,8 @@ def measure(data: Dataset, path: Path, repetitions: int) -> dict[str, Any]:
     model = RPIL(engine=Streamed(), progress=stages.append, random_state=SEED).fit(data)
     n, maps = data.n_steps, (model.judge_features_, model.features_)
     prepare, final = (Prepare(features, model.space_, model.classes_) for features in maps)
-    pieces = [piece for part in data.parts() for piece in part]
-    ready = [prepare(piece) for piece in pieces]
+    blocks = [block for shard in data.shards() for block in shard]
+    ready = [prepare(block) for block in blocks]
     scoring = partial(score, judge=model.judge_)
     weigh = replace(Weigh.of(model.audit_, model.judge_), final=final)
     lessons = [weigh(one) for one in ready]
@@ -78,12 +78,12 @@ def measure(data: Dataset, path: Path, repetitions: int) -> dict[str, Any]:
     seen, design, weights = ready[0][1].features, lessons[0][0].features, model.policy_.weights.astype(np.float32)
     with threadpool_limits(1, "blas"):
 
-        def each(function: Callable[[Any], Any], shards: list[Any]) -> float:
-            return 1e9 * seconds(lambda: [function(shard) and None for shard in shards], repetitions) / n
+        def each(function: Callable[[Any], Any], blocks: list[Any]) -> float:
+            return 1e9 * seconds(lambda: [function(block) and None for block in blocks], repetitions) / n
 
         return {
-            "read_ns": 1e9 * seconds(lambda: [None for part in data.parts() for _ in part], repetitions) / n,
-            "prepare_ns": each(prepare, pieces),
+            "read_ns": 1e9 * seconds(lambda: [None for shard in data.shards() for _ in shard], repetitions) / n,
+            "prepare_ns": each(prepare, blocks),
             "score_ns": each(scoring, ready),
             "weigh_ns": each(weigh, ready),
             "pass_ns": each(one_pass, lessons),
@@ -176,8 +176,8 @@ def render(found: dict[str, Any]) -> str:
         "",
         "| what | bytes |",
         "|---|---|",
-        f"| a function with its parameters, for each part and pass | {cost['parameter_bytes']:,} |",
-        f"| sums that come back, for each part and pass | {cost['sum_bytes']:,} |",
+        f"| a function with its parameters, for each shard and pass | {cost['parameter_bytes']:,} |",
+        f"| sums that come back, for each shard and pass | {cost['sum_bytes']:,} |",
         f"| scores, for each demonstration, once | {cost['verdict_bytes']:.0f} |",
         "",
         f"This fit took {cost['passes']} passes; Dask takes {1e3 * cost['dispatch_s']:.1f} ms for a task.",

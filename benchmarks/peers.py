@@ -21,7 +21,7 @@ from scipy.optimize import minimize
 from scipy.special import expit, logsumexp
 from threadpoolctl import threadpool_limits
 
-from rpil.data.coding import action_codes
+from rpil.data.coding import class_codes
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import AmbiguousWarning
 from rpil.data.fit_data import FitData
@@ -169,7 +169,7 @@ def ileed(data: Demonstrations, task: Task) -> Answer:
             start = np.concatenate([pooled.weights.ravel(), embedding.ravel() / np.sqrt(len(ridge)), expertise.ravel()])
             ends.append(minimize(ileed_loss, start, (problem, ridge), "L-BFGS-B", jac=True, options={"maxiter": 300}))
     weights, embedding, expertise = unpacked(min(ends, key=lambda end: end.fun).x, shapes)
-    rho = expit(((problem.features @ embedding) * problem.spread(expertise)).sum(axis=1))
+    rho = expit(((problem.features @ embedding) * problem.per_step(expertise)).sum(axis=1))
     return Answer(_mean(data, rho), Ensemble(((features, SoftmaxPolicy(weights, ridge)),), classes))
 
 
@@ -192,7 +192,7 @@ def ileed_loss(parameters: Array, problem: FitData, ridge: Array) -> tuple[float
     log_proba = log_softmax(problem.features @ weights)
     proba, log_pi = np.exp(log_proba), taken(problem, log_proba)
     pi, others = np.exp(log_pi), -np.expm1(log_pi)
-    embedded, own = problem.features @ embedding, problem.spread(expertise)
+    embedded, own = problem.features @ embedding, problem.per_step(expertise)
     rho = expit((embedded * own).sum(axis=1))
     likelihood = np.maximum(rho * pi + (1 - rho) * others / n_others, np.finfo(float).tiny)
     penalty = 0.5 * ((ridge[:, None] * weights**2).sum() + (ridge[:, None] * embedding**2).sum() + (expertise**2).sum())
@@ -215,7 +215,7 @@ def bcnd(data: Demonstrations, task: Task) -> Answer:
     the likelihood of its action under the mean policy of the iteration before; K = 5, 5 iterations. Guessed: the split
     is at random and by steps. Adapted: each fit is carried to its optimum. The score is the mean of the final weights.
     """
-    action_codes(data.actions, data.source)
+    class_codes(data.actions, data.source)
     kind = _kind(data, task)
     part = np.random.default_rng(task.seed).permutation(data.n_steps) % BCND_POLICIES
     weight = np.ones(data.n_steps)
@@ -280,7 +280,7 @@ def cleanlab(data: Demonstrations, task: Task) -> Answer:
     from cleanlab.filter import find_label_issues
     from cleanlab.rank import get_label_quality_scores
 
-    classes, codes = action_codes(data.actions, data.source)
+    classes, codes = class_codes(data.actions, data.source)
     proba = np.empty((data.n_steps, len(classes)))
     for held_out, policy in _cross_fitted(data, task):
         proba[held_out] = policy.predict_proba(data.observations[held_out])
@@ -346,7 +346,7 @@ def _cloned(data: Demonstrations, kind: str, weight: Array | None = None) -> Beh
 
 def _problem(data: Demonstrations, kind: str) -> tuple[FitData, FeatureMap, Array]:
     """The demonstrations behind a feature map, for methods with an optimiser of their own; the map; the actions."""
-    classes, codes = action_codes(data.actions, data.source)
+    classes, codes = class_codes(data.actions, data.source)
     features = FeatureMap.fit(kind, data.observations)
     nobody = np.zeros(len(data), dtype=int)
     return (

@@ -34,7 +34,7 @@ def named(name: str, n_actions: int, ridge: tuple[float, ...] = (0.3, 0.3, 0.0))
 
 def learn(found, features, log_policy, actions, weight):
     """An adversary fitted to steps."""
-    return found.fit(FitData.of_steps(features, actions, Discrete(log_policy.shape[1])), log_policy, weight)
+    return found.fit(FitData.from_steps(features, actions, Discrete(log_policy.shape[1])), log_policy, weight)
 
 
 def fitted(name: str, n_actions: int, seed: int = 0):

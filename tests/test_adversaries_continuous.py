@@ -137,7 +137,7 @@ def test_fit_never_loses(name, seed):
 def test_the_marginal_is_the_mode_under_its_prior_of_a_step_in_each_bin():
     box = Box(np.array([0.0]), np.array([20.0]))
     actions, weight = np.array([[0.5], [0.7], [19.9]]), np.array([1.0, 0.5, 2.0])
-    problem = FitData.of_steps(np.ones((3, 1)), actions, box)
+    problem = FitData.from_steps(np.ones((3, 1)), actions, box)
     found = MarginalBox.start(box).fit(problem, actions, weight)
     counts = np.ones(20)
     counts[[0, 19]] += 1.5, 2.0

@@ -18,7 +18,7 @@ from problems import make, make_continuous
 from rpil import RPIL, DaskEngine, DataError, open_dataset
 from rpil.cli import main as cli
 from rpil.data import formats
-from rpil.data.demonstrations import Demonstrations, Piece
+from rpil.data.demonstrations import Block, Demonstrations
 from rpil.data.fit_data import FitData
 from rpil.scale import dask as engine
 from rpil.scale import fit as large
@@ -93,11 +93,12 @@ def test_a_worker_that_is_killed_costs_time_only(small, cluster, tmp_path, on_di
 
 def test_each_worker_holds_a_share(small, cluster):
     cluster.wait_for_workers(2, timeout=30)
-    placed = DaskEngine(cluster, n_parts=4).place(demonstrations().parts(4))
+    placed = DaskEngine(cluster, n_parts=4).place(demonstrations().shards(4))
     keys = [future.key for future in placed.futures]
     where = cluster.who_has(placed.futures)
     assert [len([k for k in keys if w in where[k]]) for w in cluster.nthreads()] == [2, 2]
-    held = sum(piece.observations.nbytes + piece.actions.nbytes for part in demonstrations().parts() for piece in part)
+    blocks = [block for shard in demonstrations().shards() for block in shard]
+    held = sum(block.observations.nbytes + block.actions.nbytes for block in blocks)
     assert sum(cluster.nbytes(keys, summary=False).values()) == pytest.approx(held, rel=0.05)
 
 
@@ -111,27 +112,27 @@ def test_only_parameters_and_sums_travel(small, cluster):
     policy, hessian = model.policy_.with_preconditioner(problem, weight, model.policy_.ridge, 1.0)
     policy, _ = policy.m_step(policy.collect_suff_stats(problem, weight)[1], np.inf, hessian, np.empty((0, 2, 0, 0)))
     assert size(partial(clone_pass, policy=policy)) < 2 * policy.weights.nbytes + 4000
-    # What a part is told of demonstrations is of its own.
+    # What a shard is told of demonstrations is of its own.
     weigh = large.Weigh(model.judge_, np.arange(120.0), 1.0)
-    parts = data.parts(4)
-    told = [engine._only(weigh, part) for part in parts]
+    shards = data.shards(4)
+    told = [engine._only(weigh, shard) for shard in shards]
     assert sum(len(one.trust) for one in told) == 120
-    for part, one in zip(parts, told, strict=True):
-        for piece in part:
-            at = piece.first - one.first
+    for shard, one in zip(shards, told, strict=True):
+        for block in shard:
+            at = block.first - one.first
             np.testing.assert_array_equal(
-                one.trust[at : at + len(piece.offsets) - 1], weigh.trust[piece.demonstrations]
+                one.trust[at : at + len(block.offsets) - 1], weigh.trust[block.demonstrations]
             )
-    # And sums over the pieces of a part are added up where they are.
-    placed = DaskEngine(cluster, n_parts=2).place(parts[:2])
-    steps = [float(len(p.actions)) for part in parts[:2] for p in part]
+    # And sums over the blocks of a shard are added up where they are.
+    placed = DaskEngine(cluster, n_parts=2).place(shards[:2])
+    steps = [float(len(p.actions)) for shard in shards[:2] for p in shard]
     assert list(placed.map(_steps)) == steps
     assert placed.total(_steps) == sum(steps)
     assert len(list(placed._each(engine._sums, _steps))) == 2
 
 
-def _steps(piece: Piece) -> float:
-    return float(len(piece.actions))
+def _steps(block: Block) -> float:
+    return float(len(block.actions))
 
 
 def size(value):
@@ -143,7 +144,7 @@ def test_a_path_that_workers_cannot_read(small, cluster, tmp_path):
     data = open_dataset(tmp_path / "a.parquet")
     groups = tuple(replace(group, path="/nowhere/a.parquet") for group in data.store.groups)
     lost = replace(data, store=replace(data.store, groups=groups))
-    placed = DaskEngine(cluster).place(lost.parts(2))
+    placed = DaskEngine(cluster).place(lost.shards(2))
     with pytest.raises(
         DataError, match=r"A worker of the cluster cannot read the data .*/nowhere/a.parquet.*same path"
     ):

@@ -6,6 +6,7 @@ import json
 import pickle
 import subprocess
 import sys
+from itertools import chain
 from pathlib import Path
 
 import numpy as np
@@ -98,10 +99,10 @@ def test_everything_is_there_in_order(small, tmp_path, case):
     same(data.select(slice(None)), memory)
     some = [100, 3, 4, 50, 119, 0]
     same(data.select(some), memory.select(some))
-    for n_parts in (1, 3, 1000):
-        parts, wanted = data.parts(n_parts), memory.parts(n_parts)
-        assert [len(list(part)) for part in parts] == [len(part) for part in wanted]
-        for ours, theirs in zip((p for part in parts for p in part), (p for part in wanted for p in part), strict=True):
+    for n_shards in (1, 3, 1000):
+        shards, wanted = data.shards(n_shards), memory.shards(n_shards)
+        assert [len(list(shard)) for shard in shards] == [len(shard) for shard in wanted]
+        for ours, theirs in zip(chain(*shards), chain(*wanted), strict=True):
             assert ours.first == theirs.first
             for name in ("observations", "actions", "offsets"):
                 np.testing.assert_array_equal(getattr(ours, name), getattr(theirs, name))
@@ -201,7 +202,7 @@ def test_a_file_that_changes_or_goes_while_it_is_read(small, tmp_path):
     data = open_dataset(spread(table, tmp_path / "many"))
     pq.write_table(table.slice(0, 50), tmp_path / "many" / "0.parquet")
     with pytest.raises(DataError, match=r"0.parquet: it has changed since the data set was opened"):
-        list(data.parts()[0])
+        list(data.shards()[0])
     (tmp_path / "many" / "0.parquet").unlink()
     with pytest.raises(DataError, match=r"0.parquet: there is no such file here"):
         data.select([0])
@@ -220,15 +221,15 @@ def test_a_damaged_page_is_refused(small, tmp_path):
     content[place.data_page_offset + place.total_compressed_size - 40] ^= 4
     (tmp_path / "a.parquet").write_bytes(content)
     with pytest.raises(DataError, match=r"a.parquet: not a Parquet file, or a damaged"):
-        list(data.parts()[0])
+        list(data.shards()[0])
 
 
-def test_parts_travel(small, tmp_path):
+def test_a_shard_can_be_pickled(small, tmp_path):
     data = open_dataset(spread(flat.from_demonstrations(demonstrations(), {}), tmp_path / "many"))
-    part = data.parts(4)[2]
-    sent = pickle.dumps(part)
+    shard = data.shards(4)[2]
+    sent = pickle.dumps(shard)
     assert len(sent) < 4000
-    for ours, theirs in zip(pickle.loads(sent), part, strict=True):  # noqa: S301
+    for ours, theirs in zip(pickle.loads(sent), shard, strict=True):  # noqa: S301
         np.testing.assert_array_equal(ours.observations, theirs.observations)
 
 
@@ -333,7 +334,7 @@ print(peak() - before)
 def test_memory_does_not_grow_with_the_data(tmp_path):
     """Six times the steps in hardly more memory."""
     taken = []
-    for n_steps in (400_000, 2_400_000):  # each is many pieces, of which a few are in memory
+    for n_steps in (400_000, 2_400_000):  # each is many blocks, of which a few are in memory
         path = tmp_path / f"{n_steps}.parquet"
         rng = np.random.default_rng(0)
         x = rng.standard_normal((n_steps, 40), dtype=np.float32)

@@ -13,7 +13,7 @@ from scipy.special import log_expit, logsumexp
 from problems import make
 from rpil import RPIL, DataError, load, save
 from rpil.data import formats
-from rpil.data.demonstrators import Demonstrators, Strangers, company
+from rpil.data.demonstrators import Demonstrators
 from rpil.mixture.demonstrator_prior import _LOG_WEIGHT, _POINTS, SPREADS, borrow, intervals
 
 NOBODY = np.zeros(6, dtype=int)
@@ -23,14 +23,14 @@ def log_prior(found: Demonstrators, log_odds: np.ndarray, expert: tuple[int, ...
     """log P(who is an expert), every tau and tendency on its own."""
     z = log_odds[:, None, None] + SPREADS[:, None] * _POINTS
     each = np.where(np.array(expert)[:, None, None], log_expit(z), log_expit(-z))
-    people = [logsumexp(each[found.of == u].sum(axis=0) + _LOG_WEIGHT, axis=1) for u in range(len(found.names))]
+    people = [logsumexp(each[found.index == u].sum(axis=0) + _LOG_WEIGHT, axis=1) for u in range(len(found.names))]
     return float(logsumexp(np.sum(people, axis=0)) - np.log(len(SPREADS)))
 
 
 @pytest.mark.parametrize("labels", [NOBODY, np.array([0, 0, 1, 0, -1, 0])], ids=["unlabelled", "labelled"])
 def test_against_brute_force(labels):
     rng = np.random.default_rng(0)
-    found = company("aabbbc")
+    found = Demonstrators.from_names("aabbbc")
     ratio, log_odds = 2 * rng.normal(size=6), np.zeros(6)
     lent = borrow(found, ratio, log_odds, labels)
     everybody = list(product([0, 1], repeat=6))
@@ -48,7 +48,7 @@ def test_against_brute_force(labels):
 
 def test_shrinkage_both_ways():
     """Two good ones say less of the next than eight do; who gave one is judged by the population."""
-    found = company(["many"] * 9 + ["few"] * 3 + ["one"] + ["bad"] * 6)
+    found = Demonstrators.from_names(["many"] * 9 + ["few"] * 3 + ["one"] + ["bad"] * 6)
     ratio = np.array([30.0] * 8 + [0.0] + [30.0] * 2 + [0.0] + [0.0] + [-30.0] * 6)
     base = np.full(19, -0.3)
     lent = borrow(found, ratio, base, np.zeros(19, dtype=int))
@@ -66,16 +66,20 @@ def test_shrinkage_both_ways():
 def test_meaningless_demonstrators_do_next_to_no_harm():
     rng = np.random.default_rng(0)
     ratio = rng.permutation(np.repeat([20.0, -20.0], 30))
-    lent = borrow(company(list(rng.integers(6, size=60))), ratio, np.zeros(60), np.zeros(60, dtype=int))
+    demonstrators = Demonstrators.from_names(rng.integers(6, size=60).tolist())
+    lent = borrow(demonstrators, ratio, np.zeros(60), np.zeros(60, dtype=int))
     assert np.abs(lent.log_odds).max() < 0.8
     assert np.abs(lent.log_odds).mean() < 0.25
 
 
-def test_who_gave_what_tells_nothing():
-    assert company("aaaa").said == "One demonstrator, 'a', gave all demonstrations, so who gave them tells nothing."
-    assert company("abcd").said == "No demonstrator gave two demonstrations, so who gave them tells nothing."
-    assert isinstance(company([None] * 4), Strangers)  # nobody is known: not one and the same
-    assert company(["a", None, "a", None]).of.tolist() == [0, 1, 0, 2]
+def test_demonstrators_inform_only_where_two_or_more_gave_two_or_more():
+    for names, reason in (("aaaa", "One demonstrator, 'a', gave all"), ("abcd", "No demonstrator gave two")):
+        assert not Demonstrators.from_names(names).informative
+        assert reason in Demonstrators.from_names(names).note
+    assert Demonstrators.from_names("aab").informative
+    assert not Demonstrators().note
+    assert not Demonstrators.from_names([None] * 4).informative  # unknown demonstrators are not one and the same
+    assert Demonstrators.from_names(["a", None, "a", None]).index.tolist() == [0, 1, 0, 2]
 
 
 # --- a fit ----------------------------------------------------------------------------------------------------------
@@ -211,7 +215,6 @@ def _npz(folder):
 def test_impossible_actions():
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        found = borrow(
-            company("aab"), np.array([np.inf, -np.inf, 0.0]), np.array([-40.0, 40.0, 0.0]), np.zeros(3, dtype=int)
-        )
+        ratio, log_odds = np.array([np.inf, -np.inf, 0.0]), np.array([-40.0, 40.0, 0.0])
+        found = borrow(Demonstrators.from_names("aab"), ratio, log_odds, np.zeros(3, dtype=int))
     assert not np.isnan(np.concatenate([found.log_odds, found.share.ravel(), found.weight.ravel()])).any()

@@ -182,7 +182,7 @@ def test_m_step_uses_soft_targets_or_the_experts_term_alone():
     problem = tiny().problem()
     state = tiny_state(problem, "complement")
     posterior = e_step(problem, state, state.policy.log_proba(problem.features))
-    r, taken = problem.spread(posterior.expert), np.eye(3)[problem.actions]
+    r, taken = problem.per_step(posterior.expert), np.eye(3)[problem.actions]
     q = state.adversary.intended(posterior.outputs, problem.actions)
     for mode, targets in (
         ("joint", r[:, None] * taken + (1 - r)[:, None] * q),

@@ -37,7 +37,7 @@ def saturated(n: int, noise: float, seed: int = 0) -> tuple[FitData, NDArray]:
     wanted = features @ np.array([[2.0, 1.0], [-3.0, 0.5], [0.5, -0.3]])
     errors = rng.normal(size=(n, 2)) @ np.array([[noise, 0.8 * noise], [0.0, 0.6 * noise]])
     box = Box(-np.ones(2), np.ones(2))
-    return FitData.of_steps(features, box.bounded(wanted + errors), box), wanted
+    return FitData.from_steps(features, box.bounded(wanted + errors), box), wanted
 
 
 def some_steps(n: int, n_parts: int, seed: int = 1) -> tuple[NDArray, NDArray]:
@@ -176,7 +176,7 @@ def test_it_recovers_how_heavy_the_tails_are():
     rng = np.random.default_rng(0)
     features, _ = some_steps(20_000, 1)
     actions = features @ np.array([[1.0], [-2.0], [0.5]]) + 0.4 * rng.standard_t(3.0, size=(20_000, 1))
-    problem = FitData.of_steps(features, actions, Box.around(actions))
+    problem = FitData.from_steps(features, actions, Box.around(actions))
     start = StudentPolicy.zero(Box(np.array([-10.0]), np.array([10.0])), np.zeros(3), 1.0)
     policy, _ = start.fit(problem, np.ones(20_000), tol=1e-9)
     np.testing.assert_allclose(policy.weights[:, 0], [1.0, -2.0, 0.5], atol=0.02)
@@ -223,7 +223,7 @@ def test_no_policy_is_surer_than_a_hundredth_of_the_box():
 def test_a_weight_of_two_is_a_step_taken_twice():
     problem = ZOO["noisy"].problem()
     rows = np.repeat(np.arange(len(problem.actions)), 2)
-    twice = FitData.of_steps(problem.features[rows], problem.actions[rows], problem.space)
+    twice = FitData.from_steps(problem.features[rows], problem.actions[rows], problem.space)
     one, _ = zero(problem).fit(problem, np.full(len(problem.actions), 2.0))
     two, _ = zero(problem).fit(twice, np.ones(len(rows)))
     np.testing.assert_allclose(one.weights, two.weights, atol=1e-9)
@@ -235,7 +235,7 @@ def test_steps_without_weight_do_not_count():
     problem = toy.problem()
     good = toy.is_good[toy.groups]
     weighted, _ = zero(problem).fit(problem, good.astype(float))
-    alone = FitData.of_steps(problem.features[good], problem.actions[good], problem.space)
+    alone = FitData.from_steps(problem.features[good], problem.actions[good], problem.space)
     selected, _ = zero(problem).fit(alone, np.ones(good.sum()))
     np.testing.assert_allclose(weighted.weights, selected.weights, atol=1e-9)
 
@@ -279,7 +279,7 @@ def test_columns_that_are_no_columns_are_survived():
     """Two columns alike and no ridge: least squares without a unique solution."""
     features, actions = some_steps(50, 1)
     features = np.column_stack([features[:, 0], features[:, 0], np.ones(50)])
-    problem = FitData.of_steps(features, actions, Box.around(actions))
+    problem = FitData.from_steps(features, actions, Box.around(actions))
     policy, outputs = StudentPolicy.zero(problem.space, np.zeros(3), 50).fit(problem, np.ones(50))
     expected, _ = StudentPolicy.zero(problem.space, np.zeros(2), 50).fit(
         replace(problem, features=features[:, 1:]), np.ones(50)

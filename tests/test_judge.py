@@ -83,7 +83,7 @@ def test_softmax_scores_are_those_of_scikit_learn_on_the_other_folds():
     weight = np.random.default_rng(0).random(len(problem.actions))
     found = SoftmaxScorer(problem, deal(problem, 3, 0))
     scored = found.held_out(weight, 1e-2)
-    fold, q = problem.spread(found.fold), frequencies(problem)
+    fold, q = problem.per_step(found.fold), frequencies(problem)
     for k in range(3):
         train, test = fold != k, fold == k
         C = 1 / (1e-2 * weight[train].sum())
@@ -101,7 +101,7 @@ def test_ridge_scores_are_those_of_scikit_learn_on_the_other_folds():
     weight = np.random.default_rng(0).random(len(problem.actions))
     found = RidgeScorer(problem, deal(problem, 3, 0))
     scored = found.held_out(weight, 1e-2)
-    fold, actions = problem.spread(found.fold), standardise(problem.actions)
+    fold, actions = problem.per_step(found.fold), standardise(problem.actions)
     errors = np.empty_like(actions)
     for k in range(3):
         train, test = fold != k, fold == k
@@ -115,7 +115,7 @@ def test_a_demonstration_never_teaches_the_policy_that_scores_it():
     problem = problem_of(make("random", 0, steps=STEPS))
     other = replace(problem, actions=problem.actions.copy())
     fold = deal(problem, 3, 0)
-    changed = problem.spread(fold) == 1
+    changed = problem.per_step(fold) == 1
     other.actions[changed] = (other.actions[changed] + 1) % problem.space.n
     weight = np.ones(len(problem.actions))
     one, two = (SoftmaxScorer(p, fold).held_out(weight, 1e-2) for p in (problem, other))
@@ -297,7 +297,7 @@ def test_a_policy_in_other_states_is_no_rival():
     toy = make("shifted", 1, steps=STEPS)
     problem = problem_of(toy)
     away = problem.features.copy()
-    away[problem.spread(~toy.is_good), 0] += 20.0
+    away[problem.per_step(~toy.is_good), 0] += 20.0
     moved = replace(problem, features=away)
     first, second = np.flatnonzero(toy.is_good), np.flatnonzero(~toy.is_good)
     assert state_overlap(problem, first, second, 0) > 0.8

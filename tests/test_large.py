@@ -12,7 +12,7 @@ from sklearn.metrics import roc_auc_score
 
 from problems import make, make_continuous
 from rpil import RPIL, DataError, load, save
-from rpil.data.demonstrations import PIECE_STEPS, Demonstrations
+from rpil.data.demonstrations import Demonstrations
 from rpil.data.fit_data import FitData
 from rpil.scale import fit as large
 from rpil.scale.ascent import _time_left
@@ -192,17 +192,16 @@ def test_where_no_demonstration_is_trusted_the_likeliest_steps_count(small):
         assert np.ptp(weight[mine]) > 0
 
 
-def test_parts_hold_everything_once_in_order(small):
+def test_shards_hold_every_step_once_in_order(small):
     _, data = demonstrations()
-    for n_parts in (1, 3, 1000):
-        parts = data.parts(n_parts)
-        pieces = [piece for part in parts for piece in part]
-        assert len(parts) == min(n_parts, len(pieces))
-        np.testing.assert_array_equal(np.concatenate([p.actions for p in pieces]), data.actions)
-        np.testing.assert_array_equal(np.concatenate([np.diff(p.offsets) for p in pieces]), data.lengths)
-        assert all(after.demonstrations.start == before.demonstrations.stop for before, after in pairwise(pieces))
-        assert pieces[0].first == 0
-    assert PIECE_STEPS > 0
+    for n_shards in (1, 3, 1000):
+        shards = data.shards(n_shards)
+        blocks = [block for shard in shards for block in shard]
+        assert len(shards) == min(n_shards, len(blocks))
+        np.testing.assert_array_equal(np.concatenate([p.actions for p in blocks]), data.actions)
+        np.testing.assert_array_equal(np.concatenate([np.diff(p.offsets) for p in blocks]), data.lengths)
+        assert all(after.demonstrations.start == before.demonstrations.stop for before, after in pairwise(blocks))
+        assert blocks[0].first == 0
 
 
 def test_a_sample_holds_every_label():

@@ -52,7 +52,7 @@ def test_exact_against_all_subsets(seed):
     for subset in combinations(range(8), 4):
         weight = np.isin(np.arange(8), subset) / lengths
         design = model.features_.design(toy.observations)
-        steps = problem.spread(weight)
+        steps = problem.per_step(weight)
         targets = one_hot(problem.actions, steps, problem.space.n)
         zero = SoftmaxPolicy.zero(toy.space.n, penalty / lengths.mean())
         policy, log_proba = zero.fit(replace(problem, features=design), steps, tol=1e-10)

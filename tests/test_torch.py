@@ -56,7 +56,7 @@ def judged(problem: FitData, policy: TorchPolicy) -> tuple[np.ndarray, TorchPoli
     """Log-odds of the demonstrations, and the policy of those that are trusted."""
     policy = policy.for_space(problem.space)
     log_odds = judge(problem, PolicyScorer(problem, policy), Settings()).log_odds
-    return log_odds, policy.fit(problem, problem.spread(expit(log_odds)))[0]
+    return log_odds, policy.fit(problem, problem.per_step(expit(log_odds)))[0]
 
 
 def accuracy(policy: TorchPolicy, n_idle: int = 0) -> float:
@@ -92,8 +92,8 @@ def test_instances_do_not_change():
     problem, _ = nonlinear(0, n=6, n_bad=2)
     policy, _ = TorchPolicy(hidden=(8,), epochs=2).fit(problem, np.ones(len(problem.actions)))
     before = policy.outputs(problem.features)
-    policy.fit(problem, problem.spread(np.arange(6.0)))
-    policy.fit_all(problem, problem.spread(np.arange(6.0)))
+    policy.fit(problem, problem.per_step(np.arange(6.0)))
+    policy.fit_all(problem, problem.per_step(np.arange(6.0)))
     np.testing.assert_array_equal(policy.outputs(problem.features), before)
     with pytest.raises(FrozenInstanceError):
         policy.seed = 1
@@ -109,10 +109,10 @@ def test_outputs_are_those_of_networks_that_did_not_see_the_step():
     policy, outputs = hasty.fit(problem, everybody)
     number = hasty._numbers(problem)[problem.offsets[:-1]]
     m = int(np.flatnonzero(number % 3 == 1)[0])
-    without = np.where(problem.spread(np.arange(9) == m), 0.0, everybody)
+    without = np.where(problem.per_step(np.arange(9) == m), 0.0, everybody)
     mine = slice(problem.offsets[m], problem.offsets[m + 1])
     _, changed = hasty.fit(problem, without)
-    same_fold = problem.spread(number % 3 == 1)
+    same_fold = problem.per_step(number % 3 == 1)
     # Batches are drawn among the steps that count, so it is what was learned that is compared, not the bits.
     np.testing.assert_allclose(np.exp(changed[mine]), np.exp(outputs[mine]), atol=0.2)
     networks = policy.trained.networks
@@ -172,10 +172,10 @@ def test_steps_count_by_their_weight():
     """Two demonstrators who contradict each other: the weights say whom to believe."""
     problem, _ = nonlinear(0, n=20, n_bad=0)
     opposed = replace(
-        problem, actions=np.where(problem.spread(np.arange(20) % 2), problem.actions, 2 - problem.actions)
+        problem, actions=np.where(problem.per_step(np.arange(20) % 2), problem.actions, 2 - problem.actions)
     )
     quick = TorchPolicy(hidden=(32,))
-    trust = opposed.spread((np.arange(20) % 2).astype(float))
+    trust = opposed.per_step((np.arange(20) % 2).astype(float))
     assert accuracy(quick.fit_all(opposed, trust)) > 0.85
 
 
@@ -185,8 +185,8 @@ def test_a_nonlinear_expert_among_many_who_act_at_random(seed):
     log_odds, policy = judged(problem, TorchPolicy(seed=seed, n_folds=3))
     assert roc_auc_score(good, log_odds) > 0.99
     assert ((log_odds > 0) == good).mean() > 0.95
-    weight = problem.spread(expit(log_odds))
-    clean = accuracy(TorchPolicy(seed=seed).fit_all(problem, problem.spread(good.astype(float))))
+    weight = problem.per_step(expit(log_odds))
+    clean = accuracy(TorchPolicy(seed=seed).fit_all(problem, problem.per_step(good.astype(float))))
     assert accuracy(policy.fit_all(problem, weight)) > clean - 0.02
     assert clean > 0.9
 
@@ -194,7 +194,7 @@ def test_a_nonlinear_expert_among_many_who_act_at_random(seed):
 def test_a_large_network_memorises_bad_data_only_in_sample():
     """Eighteen useless observations are enough to remember every single step by."""
     problem, good = nonlinear(0, n_idle=18)
-    bad = problem.spread(~good)
+    bad = problem.per_step(~good)
 
     def explained(policy: TorchPolicy) -> float:
         """Mean log-probability of the bad steps, where all teach."""
@@ -214,7 +214,7 @@ def test_continuous_actions():
     assert roc_auc_score(good, log_odds) == 1.0
     noise = policy.trained.head.noise
     assert np.sqrt(np.diag(noise.cholesky @ noise.cholesky.T)) == pytest.approx([0.1, 0.1], abs=0.08)
-    final = policy.fit_all(problem, problem.spread(expit(log_odds)))
+    final = policy.fit_all(problem, problem.per_step(expit(log_odds)))
     x = np.random.default_rng(9).uniform(-1.5, 1.5, size=(2000, 2))
     assert np.abs(final.outputs(x) - wave(x)).mean() < 0.1
 
@@ -245,13 +245,13 @@ def test_few_demonstrations_are_cut_into_pieces(n):
     policy, outputs = TorchPolicy(hidden=(32,)).fit(problem, np.ones(len(problem.actions)))
     assert len(np.unique(policy._numbers(problem))) == 20
     assert np.isfinite(outputs).all()
-    steps = FitData.of_steps(problem.features, problem.actions, problem.space)
+    steps = FitData.from_steps(problem.features, problem.actions, problem.space)
     assert accuracy(policy.fit_all(steps, np.ones(len(problem.actions)))) > 0.7
 
 
 def test_a_single_trusted_demonstration_teaches_what_it_can():
     problem, _ = nonlinear(0, steps=150, n_bad=0)
-    policy, _ = TorchPolicy(hidden=(32,)).fit(problem, problem.spread((np.arange(30) == 3).astype(float)))
+    policy, _ = TorchPolicy(hidden=(32,)).fit(problem, problem.per_step((np.arange(30) == 3).astype(float)))
     assert accuracy(policy) > 0.6
     _, nothing = TorchPolicy().fit(problem, np.zeros(len(problem.actions)))
     np.testing.assert_allclose(nothing, -np.log(3), rtol=1e-6)

@@ -14,7 +14,7 @@ import pytest
 from sklearn.metrics import r2_score, roc_auc_score
 
 from rpil.data import formats
-from rpil.data.coding import action_codes
+from rpil.data.coding import class_codes
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
 from rpil.estimators.cloning import BehavioralCloning
@@ -57,7 +57,7 @@ def cloned(demonstrations, task):
 
 
 def judged(demonstrations, task):
-    action_codes(demonstrations.actions, demonstrations.source)
+    class_codes(demonstrations.actions, demonstrations.source)
     verdicts = np.where(demonstrations.lengths > 5, "expert", "adversary")
     audit = SimpleNamespace(verdicts=tuple(verdicts))
     policy = Constant(1)

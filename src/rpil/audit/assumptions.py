@@ -32,8 +32,8 @@ def assumptions(model: Any, data: FitData) -> list[str]:
         said.append(f"The share of experts was given as {model.prior}.")
     if labelled:
         said.append(f"{labelled} labels were taken as certain.")
-    if data.company.said:
-        said.append(data.company.said)
+    if data.demonstrators.note:
+        said.append(data.demonstrators.note)
     return said
 
 

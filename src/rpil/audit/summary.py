@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.special import expit
 
 from rpil.audit.record import Audit, Demonstrator, Interval, Verdict, verdict, with_labels
-from rpil.data.demonstrators import Company, Demonstrators
+from rpil.data.demonstrators import Demonstrators
 from rpil.data.fit_data import FitData
 from rpil.inference.judgement import Judgement
 from rpil.mixture.em import Result
@@ -50,7 +50,7 @@ def audit_of(judgement: Judgement, data: FitData, ids: Sequence[Any]) -> Audit:
         to_label=tuple(ids[m] for m in longest(data, groups)),
         adversary="frequent actions" if data.space.kind == "discrete" else "any action",
         history=judgement.scores.history,
-        demonstrators=people(data.company, judgement.people, verdicts),
+        demonstrators=people(data.demonstrators, judgement.people, verdicts),
         labelled=tuple(ids[m] for m in np.flatnonzero(data.labels).tolist()),
     )
 
@@ -80,7 +80,7 @@ def summarise(data: FitData, result: Result, share: Interval, ids: Sequence[Any]
         reliability_interval=np.stack([proba, proba], axis=1),
         verdicts=tuple(verdict(p, contested=False) for p in proba),
         step_log_ratio=posterior.log_ratio,
-        step_weight=data.spread(proba),
+        step_weight=data.per_step(proba),
         prior=share,
         adversary=result.state.adversary.name,
         history=result.history,
@@ -109,13 +109,13 @@ def typical_reliability(reliability: Array, trust: Array) -> float:
     return float(reliability[order][np.searchsorted(np.cumsum(trust[order]), 0.5 * trust.sum())])
 
 
-def people(company: Company, trust: Array, verdicts: Sequence[Verdict]) -> tuple[Demonstrator, ...]:
+def people(demonstrators: Demonstrators, trust: Array, verdicts: Sequence[Verdict]) -> tuple[Demonstrator, ...]:
     """The demonstrators, the most trusted first; `trust` (U, 3) is the mean and the 95 % interval of each."""
-    if not isinstance(company, Demonstrators):
+    if not demonstrators.informative:
         return ()
     found = []
-    for u, name in enumerate(company.names):
-        own = [verdicts[m] for m in np.flatnonzero(company.of == u).tolist()]
+    for u, name in enumerate(demonstrators.names):
+        own = [verdicts[m] for m in np.flatnonzero(demonstrators.index == u).tolist()]
         counts = [own.count(of) for of in ("expert", "adversary", "uncertain")]
         if name is not None:
             found.append(Demonstrator(name, Interval(*map(float, trust[u])), len(own), *counts))

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 
 _SHARE = 0.25
-"""Of the memory that is free: what a file may take there before it is read piece by piece instead."""
+"""Of the memory that is free: what a file may take there before it is read block by block instead."""
 
 
 class Commands(click.Group):

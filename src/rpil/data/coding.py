@@ -18,14 +18,14 @@ from rpil.data.spaces import Box, Discrete, Space
 from rpil.numerics.types import Array
 
 
-def coded_actions(
+def code_actions(
     demonstrations: Demonstrations, box: tuple[ArrayLike, ArrayLike] | None = None
 ) -> tuple[Space, Array, Array]:
     """The space of the actions, the K classes where they are discrete (else none), and codes or numbers, (N, ...)."""
     actions, source = demonstrations.actions, demonstrations.source
     if demonstrations.is_discrete:
         _no_box(box, source)
-        classes, codes = action_codes(actions, source)
+        classes, codes = class_codes(actions, source)
         return Discrete(len(classes)), classes, codes
     actions = np.asarray(actions, dtype=float)
     space = _box(np.stack([actions.min(axis=0), actions.max(axis=0)]), box, source)
@@ -37,12 +37,12 @@ def coded_actions(
     return space, np.empty(0), actions
 
 
-def known_space(data: Dataset, box: tuple[ArrayLike, ArrayLike] | None = None) -> tuple[Space, Array]:
+def action_space(data: Dataset, box: tuple[ArrayLike, ArrayLike] | None = None) -> tuple[Space, Array]:
     """The space of the actions on disk, and the K classes where they are discrete, else none."""
     source = data.source
     if data.is_discrete:
         _no_box(box, source)
-        return Discrete(len(data.classes)), action_codes(data.classes, source)[0]
+        return Discrete(len(data.classes)), class_codes(data.classes, source)[0]
     span = np.stack([data.low, data.high]).astype(float)
     space = _box(span, box, source)
     outside = (span < space.low) | (span > space.high)
@@ -81,7 +81,7 @@ def _declared(box: tuple[ArrayLike, ArrayLike], n_parts: int, source: str) -> Bo
     return Box(low, high)
 
 
-def action_codes(actions: Array, source: str) -> tuple[Array, Array]:
+def class_codes(actions: Array, source: str) -> tuple[Array, Array]:
     """The distinct actions (K,), and the code of each step's (N,)."""
     if np.ndim(actions) != 1:
         raise DataError(f"{source}: the actions are continuous, which it is not made for; give discrete ones.")
@@ -94,7 +94,7 @@ def action_codes(actions: Array, source: str) -> tuple[Array, Array]:
     return classes, codes
 
 
-def known_actions(classes: Array, actions: Array, where: str) -> Array:
+def encode_actions(classes: Array, actions: Array, where: str) -> Array:
     """Codes (N,) of actions among `classes` (K,); where there are no classes, continuous actions (N, A) as they are."""
     if not len(classes):
         return np.asarray(actions, dtype=float)
@@ -112,8 +112,8 @@ def known_actions(classes: Array, actions: Array, where: str) -> Array:
     return codes
 
 
-def coded_like(classes: Array, n_parts: int, demonstrations: Demonstrations) -> Array:
-    """`known_actions` of demonstrations that were not fitted."""
+def encode_demonstrations(classes: Array, n_parts: int, demonstrations: Demonstrations) -> Array:
+    """`encode_actions` of demonstrations that were not fitted."""
     if demonstrations.is_discrete != bool(len(classes)):
         other = "continuous" if len(classes) else "discrete"
         raise DataError(f"{demonstrations.source}: the actions are {other}, and the fitted ones were not.")
@@ -124,11 +124,11 @@ def coded_like(classes: Array, n_parts: int, demonstrations: Demonstrations) -> 
         )
     parts = zip(demonstrations.ids, demonstrations, strict=True)
     return np.concatenate(
-        [known_actions(classes, actions, f"{demonstrations.source}, demonstration {m!r}") for m, (_, actions) in parts]
+        [encode_actions(classes, actions, f"{demonstrations.source}, demonstration {m!r}") for m, (_, actions) in parts]
     )
 
 
-def known_labels(labels: Mapping[Any, str] | None, demonstrations: Demonstrations | Dataset) -> Array:
+def label_codes(labels: Mapping[Any, str] | None, demonstrations: Demonstrations | Dataset) -> Array:
     """1 for known experts, -1 for known adversaries, 0 for the rest, (M,)."""
     known = np.zeros(len(demonstrations), dtype=int)
     for m, expert in match_given(labels or {}, demonstrations.ids).items():

@@ -25,12 +25,12 @@ from rpil.data.errors import DataError
 SOURCE = "the demonstrations"
 
 
-PIECE_STEPS = 65_536
-"""Steps of a piece, unless a single demonstration is longer."""
+BLOCK_STEPS = 65_536
+"""Steps of a block, unless a single demonstration is longer."""
 
 
 @dataclass(frozen=True, eq=False)
-class Piece:
+class Block:
     """Whole demonstrations that follow one another: a stretch of what was checked already.
 
     Attributes
@@ -52,9 +52,9 @@ class Piece:
         return slice(self.first, self.first + len(self.offsets) - 1)
 
 
-def piece_cuts(offsets: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Demonstrations that pieces begin with, and how many there are."""
-    ends = np.searchsorted(offsets, np.arange(PIECE_STEPS, offsets[-1] + PIECE_STEPS, PIECE_STEPS))
+def block_bounds(offsets: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Demonstrations that blocks begin with, and how many there are."""
+    ends = np.searchsorted(offsets, np.arange(BLOCK_STEPS, offsets[-1] + BLOCK_STEPS, BLOCK_STEPS))
     cuts: NDArray[np.int64] = np.unique(np.clip(np.append(0, ends), 0, len(offsets) - 1))
     return cuts
 
@@ -264,16 +264,16 @@ class Demonstrations:
             self.source,
         )
 
-    def parts(self, n_parts: int = 1) -> list[list[Piece]]:
-        """All demonstrations in order, without copying: parts of about as many steps, each a list of pieces."""
-        cuts = piece_cuts(self.offsets)
-        pieces = []
+    def shards(self, n_shards: int = 1) -> list[list[Block]]:
+        """All demonstrations in order, without copying: shards of about as many steps, each a list of blocks."""
+        cuts = block_bounds(self.offsets)
+        blocks = []
         for first, last in zip(cuts[:-1].tolist(), cuts[1:].tolist(), strict=True):
             steps = slice(self.offsets[first], self.offsets[last])
             offsets = self.offsets[first : last + 1] - self.offsets[first]
-            pieces.append(Piece(first, self.observations[steps], self.actions[steps], offsets))
-        bounds = np.linspace(0, len(pieces), min(n_parts, len(pieces)) + 1).astype(int).tolist()
-        return [pieces[a:b] for a, b in itertools.pairwise(bounds)]
+            blocks.append(Block(first, self.observations[steps], self.actions[steps], offsets))
+        bounds = np.linspace(0, len(blocks), min(n_shards, len(blocks)) + 1).astype(int).tolist()
+        return [blocks[a:b] for a, b in itertools.pairwise(bounds)]
 
     def episode(self, m: int) -> tuple[NDArray[Any], NDArray[Any]]:
         """``(observations (T, D), actions (T,) or (T, A))`` of demonstration number `m`, as views."""

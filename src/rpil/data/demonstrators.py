@@ -1,12 +1,11 @@
-"""Demonstrators: the groups of demonstrations that one person, or one robot, gave."""
+"""Demonstrators: the groups of demonstrations that one person, robot or program gave."""
 
 from __future__ import annotations
 
 import warnings
 from collections.abc import Hashable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 
@@ -17,86 +16,90 @@ from rpil.data.formats.table import check_ids
 from rpil.numerics.types import Array
 
 
-@dataclass(frozen=True)
-class Strangers:
-    """It is not known who gave what, or it tells nothing.
-
-    Attributes
-    ----------
-    said : str
-        Why it tells nothing, in one sentence; empty where demonstrators were not given.
-    """
-
-    said: str = ""
-
-
 @dataclass(frozen=True, eq=False)
 class Demonstrators:
-    """Who gave which demonstration.
+    """The demonstrator of each demonstration; without arguments: demonstrators were not given.
 
     Attributes
     ----------
-    of : (M,) int array
-        Demonstrator of each demonstration, 0 .. U-1.
+    index : (M,) int array
+        Demonstrator of each demonstration, 0 .. U-1; empty where demonstrators were not given.
     names : tuple
-        Of the U demonstrators; None for an unknown one, who gave one demonstration.
+        Names of the U demonstrators; None for an unknown one, who gave one demonstration.
     """
 
-    of: Array
-    names: tuple[Any, ...]
-    said: str = "Demonstrations of one person speak for each other, as far as people were found to differ."
+    index: Array = field(default_factory=lambda: np.empty(0, dtype=int))
+    names: tuple[Hashable, ...] = ()
+
+    @classmethod
+    def from_names(cls, names: Sequence[Hashable]) -> Demonstrators:
+        """From the name of each of M demonstrations' demonstrator; None is an unknown one, another each time."""
+        keys = [(name, m if name is None else -1) for m, name in enumerate(names)]
+        numbers = {key: u for u, key in enumerate(dict.fromkeys(keys))}
+        return cls(np.array([numbers[key] for key in keys]), tuple(name for name, _ in numbers))
+
+    @property
+    def informative(self) -> bool:
+        """Whether there are two demonstrators or more, one with two demonstrations or more: else they are not used."""
+        return 1 < len(self.names) < len(self.index)
+
+    @property
+    def note(self) -> str:
+        """How the demonstrators are used, or why they are not, in one sentence; empty where they were not given."""
+        if self.informative:
+            return "Demonstrations of one person speak for each other, as far as people were found to differ."
+        if not self.names:
+            return ""
+        if len(self.names) < len(self.index):
+            return f"One demonstrator, {self.names[0]!r}, gave all demonstrations, so demonstrators are not used."
+        return "No demonstrator gave two demonstrations, so demonstrators are not used."
 
     @cached_property
     def indicator(self) -> Array:
-        """1 where demonstrator u gave demonstration m, (U, M)."""
-        return (np.arange(len(self.names))[:, None] == self.of).astype(float)
+        """1 where demonstrator u gave demonstration m, else 0, (U, M)."""
+        return (np.arange(len(self.names))[:, None] == self.index).astype(float)
 
     @property
     def counts(self) -> Array:
-        """Demonstrations of each, (U,)."""
-        return np.bincount(self.of, minlength=len(self.names))
+        """Number of demonstrations of each demonstrator, (U,)."""
+        return np.bincount(self.index, minlength=len(self.names))
 
 
-Company = Demonstrators | Strangers
+def group_by_demonstrator(
+    demonstrators: Mapping[Hashable, Hashable] | Sequence[Hashable] | Array | None,
+    demonstrations: Demonstrations | Dataset,
+) -> Demonstrators:
+    """The demonstrators as a caller gave them: by id of the demonstration, or one for each demonstration in order.
 
+    Warns where they carry no information.
 
-def company(names: Sequence[Any]) -> Company:
-    """Who gave each of M demonstrations, None for an unknown person; `Strangers` where that tells nothing: one gave
-    all, or each gave one."""
-    people = [(name, m if name is None else -1) for m, name in enumerate(names)]
-    distinct = {who: u for u, who in enumerate(dict.fromkeys(people))}
-    if len(distinct) == 1:
-        return Strangers(f"One demonstrator, {names[0]!r}, gave all demonstrations, so who gave them tells nothing.")
-    if len(distinct) == len(people):
-        return Strangers("No demonstrator gave two demonstrations, so who gave them tells nothing.")
-    return Demonstrators(np.array([distinct[who] for who in people]), tuple(name for name, _ in distinct))
-
-
-def who_gave(
-    demonstrators: Mapping[Any, Any] | Sequence[Any] | Array | None, demonstrations: Demonstrations | Dataset
-) -> Company:
-    """Who gave each demonstration; a warning where that tells nothing."""
+    Raises
+    ------
+    DataError
+        On unknown ids, a wrong number of demonstrators, or one that is no name.
+    """
     source, ids = demonstrations.source, demonstrations.ids
     if demonstrators is None:
-        return Strangers()
-    names: list[Any]
+        return Demonstrators()
+    names: list[Hashable]
     if isinstance(demonstrators, Mapping):
-        known = {str(name): who for name, who in demonstrators.items()}
-        check_ids(known, ids, source, "the demonstrators")
-        names = [known.get(str(m)) for m in ids]
+        by_id = {str(m): name for m, name in demonstrators.items()}
+        check_ids(by_id, ids, source, "the demonstrators")
+        names = [by_id.get(str(m)) for m in ids]
     else:
-        names = np.asarray(demonstrators).tolist() if np.ndim(demonstrators) == 1 else []
-        if len(names) != len(ids):
+        array = np.asarray(demonstrators)
+        if array.shape != (len(ids),):
             raise DataError(
-                f"{source}: demonstrators has the shape {np.shape(demonstrators)}; give one for each of the {len(ids)} "
+                f"{source}: demonstrators has the shape {array.shape}; give one for each of the {len(ids)} "
                 "demonstrations, in their order."
             )
-    for m, who in zip(ids, names, strict=True):
-        if not isinstance(who, Hashable):
+        names = array.tolist()
+    for m, name in zip(ids, names, strict=True):
+        if not isinstance(name, Hashable):
             raise DataError(
-                f"{source}, demonstration {m!r}: the demonstrator {who!r} is no name; give text or a number."
+                f"{source}, demonstration {m!r}: the demonstrator {name!r} is no name; give text or a number."
             )
-    found = company(names)
-    if isinstance(found, Strangers):
-        warnings.warn(f"{source}: {found.said}", UserWarning, stacklevel=3)
-    return found
+    groups = Demonstrators.from_names(names)
+    if not groups.informative:
+        warnings.warn(f"{source}: {groups.note}", UserWarning, stacklevel=3)
+    return groups

@@ -1,4 +1,4 @@
-"""The data of one fit, and how they fall into demonstrations."""
+"""The data of one fit, and where each demonstration begins and ends."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from rpil.data.demonstrators import Company, Strangers
+from rpil.data.demonstrators import Demonstrators
 from rpil.data.spaces import Space
 from rpil.numerics.types import Array
 
@@ -27,8 +27,8 @@ class FitData:
         Of the actions.
     labels : (M,) int array
         1 known expert, -1 known adversary, 0 unknown.
-    company : Company
-        Who gave which demonstration.
+    demonstrators : Demonstrators
+        The demonstrator of each demonstration.
     """
 
     features: Array
@@ -36,11 +36,11 @@ class FitData:
     offsets: Array
     space: Space
     labels: Array
-    company: Company = field(default_factory=Strangers)
+    demonstrators: Demonstrators = field(default_factory=Demonstrators)
 
     @classmethod
-    def of_steps(cls, features: Array, actions: Array, space: Space) -> FitData:
-        """Steps of which nobody needs to know the demonstration."""
+    def from_steps(cls, features: Array, actions: Array, space: Space) -> FitData:
+        """From steps alone, as one unlabelled demonstration: for what needs no demonstrations."""
         return cls(features, actions, np.array([0, len(actions)]), space, np.zeros(1, dtype=int))
 
     @property
@@ -55,12 +55,12 @@ class FitData:
         """Sums over the steps of each demonstration, (N, ...) -> (M, ...)."""
         return np.add.reduceat(values, self.offsets[:-1], axis=0)
 
-    def spread(self, values: Array) -> Array:
-        """A value of each demonstration, repeated for its steps, (M, ...) -> (N, ...)."""
+    def per_step(self, values: Array) -> Array:
+        """The value of each demonstration repeated for each of its steps, (M, ...) -> (N, ...)."""
         return np.repeat(values, self.lengths, axis=0)
 
     def select(self, demonstrations: Array, unlabelled: bool = False) -> FitData:
-        """The same problem with some of the demonstrations only."""
+        """The data of the demonstrations with these numbers, without demonstrators; without labels if `unlabelled`."""
         steps = np.concatenate([np.arange(self.offsets[m], self.offsets[m + 1]) for m in demonstrations])
         offsets = np.concatenate([[0], np.cumsum(self.lengths[demonstrations])])
         return replace(
@@ -69,5 +69,5 @@ class FitData:
             actions=self.actions[steps],
             offsets=offsets,
             labels=np.zeros(len(demonstrations), dtype=int) if unlabelled else self.labels[demonstrations],
-            company=Strangers(),
+            demonstrators=Demonstrators(),
         )

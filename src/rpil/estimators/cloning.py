@@ -11,7 +11,7 @@ from sklearn.metrics import accuracy_score, r2_score
 from sklearn.utils.validation import _check_sample_weight, check_is_fitted
 from threadpoolctl import threadpool_limits
 
-from rpil.data.coding import coded_actions, known_actions
+from rpil.data.coding import code_actions, encode_actions
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
 from rpil.data.fit_data import FitData
@@ -78,7 +78,7 @@ class PolicyEstimator(ClassifierMixin, BaseEstimator):
             Where an action is not among `classes_`.
         """
         outputs = self._outputs(X)
-        return self.policy_.log_prob(outputs, known_actions(self.classes_, np.asarray(y), "the steps"))
+        return self.policy_.log_prob(outputs, encode_actions(self.classes_, np.asarray(y), "the steps"))
 
     def _outputs(self, X: ArrayLike) -> Array:
         check_is_fitted(self)
@@ -112,7 +112,7 @@ class PolicyEstimator(ClassifierMixin, BaseEstimator):
         # A design matrix that no longer stays in cache is read in single precision, which is as good as 1e-6.
         large = used.sum() * self.features_.n_columns > LARGE
         design = self.features_.design(data.observations[used], single=large)
-        fit_data = FitData.of_steps(design, codes[used], self.space_)
+        fit_data = FitData.from_steps(design, codes[used], self.space_)
         policy: Policy = linear_policy(self.space_, ridge, weight.sum())
         policy, _ = policy.fit(fit_data, weight[used], tol=max(tol, _SINGLE_TOL) if large else tol)
         self.policy_ = policy.with_temperature(choice.temperature)
@@ -163,7 +163,7 @@ class BehavioralCloning(PolicyEstimator):
         if not weight.any():
             raise DataError(f"{source_of(X)}: sample_weight is zero everywhere; give at least one step some weight.")
         rows = X if isinstance(X, Demonstrations) else Demonstrations(*data, np.arange(len(data[0]) + 1))
-        self.space_, self.classes_, codes = coded_actions(rows)
+        self.space_, self.classes_, codes = code_actions(rows)
         with threadpool_limits(1, "blas"):  # thin products gain nothing from threads, and can lose a lot
             self._learn(rows, codes, weight, weight > 0.0, self.tol)
         return self

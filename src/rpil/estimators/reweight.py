@@ -12,7 +12,7 @@ import numpy as np
 from rpil.audit.label_choice import P_EXPERT
 from rpil.audit.record import Audit
 from rpil.audit.summary import audit_of
-from rpil.data.coding import coded_actions, known_labels
+from rpil.data.coding import code_actions, label_codes
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
 from rpil.data.fit_data import FitData
@@ -225,14 +225,14 @@ def reweight(
         raise DataError(f"max_rounds={max_rounds!r} must be 1 or more.")
     if minority not in MINORITY:
         raise DataError(f"There is no minority {minority!r}; choose {' or '.join(MINORITY)}.")
-    space, _, codes = coded_actions(demonstrations, action_box)
+    space, _, codes = code_actions(demonstrations, action_box)
     states = FeatureMap.fit("folded", demonstrations.observations).design(demonstrations.observations)
-    data = FitData(states, codes, demonstrations.offsets, space, known_labels(labels, demonstrations))
-    fold = data.spread(deal(data, n_folds, random_state))
+    data = FitData(states, codes, demonstrations.offsets, space, label_codes(labels, demonstrations))
+    fold = data.per_step(deal(data, n_folds, random_state))
     theirs = _Theirs(policy, data, demonstrations, log_prob, train, fold, max_rounds, progress)
     judgement = judge(data, theirs, Settings(random_state, minority), progress)
     audit = audit_of(judgement, data, demonstrations.ids)
-    n_rounds = theirs.found[data.spread(judgement.teachers.astype(float)).tobytes()][1]
+    n_rounds = theirs.found[data.per_step(judgement.teachers.astype(float)).tobytes()][1]
     for n in range(n_rounds):
         progress(f"training the policy: {n + 1} of {n_rounds}")
         policy = theirs.teach(policy, np.arange(len(codes)), audit.step_weight)

@@ -24,7 +24,7 @@ from sklearn.exceptions import ConvergenceWarning
 from sklearn.utils import Tags
 from threadpoolctl import threadpool_limits
 
-from rpil.data.coding import coded_actions
+from rpil.data.coding import code_actions
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
 from rpil.data.fit_data import FitData
@@ -78,7 +78,7 @@ def fitted(data: FitData, policy: Policy, kept: Array, tol: float) -> Trimmed:
     """The policy, from `policy` on, of the demonstrations `kept` (M,), each counting as one of average length."""
     weight = kept * data.lengths.mean() / data.lengths
     trusted = data.select(np.flatnonzero(kept))
-    policy, _ = policy.fit(trusted, trusted.spread(weight[kept]), tol=tol)
+    policy, _ = policy.fit(trusted, trusted.per_step(weight[kept]), tol=tol)
     taken = policy.log_prob(policy.outputs(data.features), data.actions)
     log_likelihood = data.sum_steps(taken) / data.lengths
     penalty = policy.penalty() / data.lengths.mean()
@@ -207,7 +207,7 @@ class RMEnt(PolicyEstimator):
         """
         demonstrations = as_demonstrations(self, X, y, groups)
         source = demonstrations.source
-        self.space_, self.classes_, codes = coded_actions(demonstrations)
+        self.space_, self.classes_, codes = code_actions(demonstrations)
         if len(demonstrations) < 2:
             raise DataError(f"{source}: one demonstration alone (n_samples=1) cannot be compared; give at least two.")
         n_trusted = self._number_trusted(len(demonstrations), source)

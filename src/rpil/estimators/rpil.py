@@ -13,9 +13,9 @@ from threadpoolctl import threadpool_limits
 from rpil.audit.assumptions import tell
 from rpil.audit.record import Audit
 from rpil.audit.summary import audit_of
-from rpil.data.coding import coded_actions, coded_like, known_labels, known_space
+from rpil.data.coding import action_space, code_actions, encode_demonstrations, label_codes
 from rpil.data.demonstrations import Demonstrations
-from rpil.data.demonstrators import Company, Demonstrators, who_gave
+from rpil.data.demonstrators import Demonstrators, group_by_demonstrator
 from rpil.data.errors import DataError
 from rpil.data.files import StrPath
 from rpil.data.fit_data import FitData
@@ -193,34 +193,34 @@ class RPIL(PolicyEstimator):
             return self._fit_dataset(X, labels, demonstrators)
         demonstrations = as_demonstrations(self, X, y, groups)
         source = demonstrations.source
-        self.space_, self.classes_, codes = coded_actions(demonstrations, self.action_box)
+        self.space_, self.classes_, codes = code_actions(demonstrations, self.action_box)
         if len(demonstrations) < 2:
             raise DataError(f"{source}: one demonstration alone (n_samples=1) cannot be compared; give at least two.")
         if self.policy is not None:
             cross_fitted_policy(self.policy, self.space_, len(codes))  # a wrong one is refused before any work
-        known = known_labels(labels if labels is not None else self.labels, demonstrations)
-        company = who_gave(demonstrators, demonstrations)
+        known = label_codes(labels if labels is not None else self.labels, demonstrations)
+        people = group_by_demonstrator(demonstrators, demonstrations)
         with threadpool_limits(1, "blas"):  # thin products gain nothing from threads, and can lose a lot
             if not self._judges:
-                if isinstance(company, Demonstrators) or self.policy is not None:
+                if people.informative or self.policy is not None:
                     raise DataError("A named adversary knows neither demonstrators= nor policy=; leave out one.")
                 data, weight = fit_mixture(self, demonstrations, codes, known)
                 self._finish(demonstrations, codes, data, weight)
             elif self.policy is None and is_large(self, demonstrations):
-                fit_large(self, demonstrations, known, company, self.engine or InMemory())
+                fit_large(self, demonstrations, known, people, self.engine or InMemory())
             else:
-                self._fit_judged(demonstrations, codes, known, company)
+                self._fit_judged(demonstrations, codes, known, people)
         return self
 
     def _fit_dataset(self, data: Dataset, labels: Mapping[Any, str] | None, demonstrators: Any) -> RPIL:
         """What is small is read, and fitted as anything else."""
-        self.space_, self.classes_ = known_space(data, self.action_box)
+        self.space_, self.classes_ = action_space(data, self.action_box)
         with threadpool_limits(1, "blas"):
             if self.policy is not None or not self._judges or not is_large(self, data):
                 return self.fit(data.select(slice(None)), labels=labels, demonstrators=demonstrators)
             self.n_features_in_, self.observation_names_ = data.n_observations, data.observation_names
-            known = known_labels(labels if labels is not None else self.labels, data)
-            fit_large(self, data, known, who_gave(demonstrators, data), self.engine or Streamed())
+            known = label_codes(labels if labels is not None else self.labels, data)
+            fit_large(self, data, known, group_by_demonstrator(demonstrators, data), self.engine or Streamed())
         return self
 
     @property
@@ -228,7 +228,7 @@ class RPIL(PolicyEstimator):
         """Whether the judge decides, and not the mixture with a named adversary."""
         return isinstance(self.adversary, str) and self.adversary == "auto"
 
-    def _fit_judged(self, demonstrations: Demonstrations, codes: Array, known: Array, company: Company) -> None:
+    def _fit_judged(self, demonstrations: Demonstrations, codes: Array, known: Array, people: Demonstrators) -> None:
         """The judge reads everything."""
         progress = self.progress or (lambda _: None)
         progress("features")
@@ -236,7 +236,7 @@ class RPIL(PolicyEstimator):
         n_entries = demonstrations.n_steps * demonstrations.n_observations
         single = self.space_.kind == "discrete" and n_entries > SINGLE
         design = features.design(demonstrations.observations, single=single)
-        data = FitData(design, codes, demonstrations.offsets, self.space_, known, company=company)
+        data = FitData(design, codes, demonstrations.offsets, self.space_, known, demonstrators=people)
         judgement, fitted = self.judge_problem(data)
         self.keep_judgement(judgement, fitted, data, demonstrations.ids)
         self.judge_features_ = features
@@ -280,7 +280,7 @@ class RPIL(PolicyEstimator):
         """
         check_is_fitted(self)
         demonstrations = as_demonstrations(self, X, y, groups, reset=False)
-        codes = coded_like(self.classes_, self.space_.n_parts, demonstrations)
+        codes = encode_demonstrations(self.classes_, self.space_.n_parts, demonstrations)
         design = self.judge_features_.design(demonstrations.observations)
         nobody = np.zeros(len(demonstrations), dtype=int)
         data = FitData(design, codes, demonstrations.offsets, self.space_, nobody)

@@ -104,7 +104,7 @@ class SoftmaxScorer:
     def held_out(self, weight: Array, ridge: float) -> Scored:
         n_actions = self.data.space.n  # type: ignore[attr-defined]
         log_proba = np.empty((len(weight), n_actions))
-        of_step = self.data.spread(self.fold)
+        of_step = self.data.per_step(self.fold)
 
         def one(k: int) -> None:
             start, preconditioner = self._starts.get(k, (None, None))
@@ -165,7 +165,7 @@ class RidgeScorer:
 
     def held_out(self, weight: Array, ridge: float) -> Scored:
         errors = np.empty_like(self.actions)
-        of_step = self.data.spread(self.fold)
+        of_step = self.data.per_step(self.fold)
         tests = [of_step == k for k in range(int(self.fold.max()) + 1)]
         parts = [normal_equations(self.data.features[test], self.actions[test], weight[test]) for test in tests]
         gram, product, total = (sum(part) for part in zip(*parts, strict=True))
@@ -209,7 +209,7 @@ def scorer(data: FitData, seed: int) -> Scorer:
 def reference(data: FitData, group: Array) -> Array:
     """Log-probability of every step under what the demonstrations `group` (M,) bool do whatever the state, (N,):
     frequencies of the actions, or one Student distribution."""
-    weight = data.spread(group.astype(float))
+    weight = data.per_step(group.astype(float))
     if data.space.kind == "discrete":
         counts = np.bincount(data.actions, weight, data.space.n) + 1.0  # type: ignore[attr-defined]
         return np.asarray(np.log(counts / counts.sum())[data.actions])

@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 from scipy.special import expit
 
-from rpil.data.demonstrators import Demonstrators
 from rpil.data.fit_data import FitData
 from rpil.inference.effective_steps import autocovariances, effective_steps
 from rpil.inference.fitted_judge import FittedJudge, mean_variance
@@ -139,7 +138,7 @@ class Judgement:
     def keep(self, data: FitData, scale: Any) -> FittedJudge:
         """What is needed to judge other demonstrations, with `scale` the class of `rpil.inference.fitted_judge.SCALES`,
         or None where a policy of the user's measures."""
-        weight = data.spread(self.teachers.astype(float))
+        weight = data.per_step(self.teachers.astype(float))
         measured = None if scale is None else scale.fit(data, weight, self.scores.ridge)
         independent = float(self.scores.effective.sum() / data.lengths.sum())
         of = frequencies(data) if data.space.kind == "discrete" else column_scales(data.actions)
@@ -157,7 +156,7 @@ def judge(
     q = reference(data, np.ones(data.n_demonstrations, dtype=bool))
     progress("ridge")
     ridge = choose_ridge(data, scorer, possible)
-    gain = mean_steps(data, scorer.held_out(data.spread(possible.astype(float)), ridge).log_prob - q)
+    gain = mean_steps(data, scorer.held_out(data.per_step(possible.astype(float)), ridge).log_prob - q)
     learned = bool(gain.mean() > SIGNIFICANT * gain.std() / np.sqrt(len(gain)))
     progress("policies of the best explained")
     taught, scores = _tell_apart(data, scorer, possible, ridge, q, learned)
@@ -228,10 +227,10 @@ def measured(data: FitData, taught: Taught, q: Array, learned: bool) -> Scores:
     """
     worth = taught.scored.log_prob - (q if data.space.kind == "discrete" else 0.0)
     score = mean_steps(data, worth)
-    squares = data.sum_steps((worth - data.spread(score)) ** 2)
+    squares = data.sum_steps((worth - data.per_step(score)) ** 2)
     pooled = float(squares.sum()) / max(len(worth) - data.n_demonstrations, 1)
     teach = data.select(np.flatnonzero(taught.teachers))
-    residual = taught.scored.residual[data.spread(taught.teachers)]
+    residual = taught.scored.residual[data.per_step(taught.teachers)]
     effective = effective_steps(autocovariances(residual - residual.mean(), teach.offsets), data.lengths)
     variance = mean_variance(squares, data.lengths, pooled, effective)
     groups = fit_groups(score, variance, data.labels, effective, data.lengths)
@@ -312,8 +311,8 @@ def conclude(
     actions = groups.bounded(actions) if decided is None else decided
     apart = groups.p_two >= SURE or bool((np.abs(actions) >= UNSURE).any())
     demonstrator, people = np.zeros(len(actions)), np.empty((0, 3))
-    if isinstance(data.company, Demonstrators):
-        lent = borrow(data.company, actions, np.zeros(len(actions)), data.labels)
+    if data.demonstrators.informative:
+        lent = borrow(data.demonstrators, actions, np.zeros(len(actions)), data.labels)
         demonstrator, people = lent.log_odds, intervals(lent.share, lent.weight)
     if rival is not None and rival.opposed and minority == "ask":
         finding = "cannot be known"

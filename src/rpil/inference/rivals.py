@@ -90,11 +90,11 @@ def find_rival(data: FitData, scorer: Scorer, trusted: Array, ridge: float, seed
     """The group that acts alike, otherwise than the `trusted` (M,) bool, which scores told apart; None without one."""
     if not FEWEST <= trusted.sum() <= len(trusted) - FEWEST:
         return None
-    explained = scorer.held_out(data.spread(trusted.astype(float)), ridge).log_prob
+    explained = scorer.held_out(data.per_step(trusted.astype(float)), ridge).log_prob
     second, own = scorer.anew(), mean_steps(data, explained)
     rival = ~trusted & (own <= np.median(own[~trusted]))  # those least like the trusted
     for _ in range(ROUNDS):
-        explained_rival = second.held_out(data.spread(rival.astype(float)), ridge).log_prob
+        explained_rival = second.held_out(data.per_step(rival.astype(float)), ridge).log_prob
         other = mean_steps(data, explained_rival)
         closer = (other > own) & ~trusted
         if closer.sum() < FEWEST:
@@ -119,7 +119,7 @@ def find_style(data: FitData, scorer: Scorer, ridge: float, seed: int) -> Rival 
     for _ in range(ROUNDS):
         if not FEWEST <= second.sum() <= len(second) - FEWEST:
             return None
-        shared = (data.spread(np.where(group, 1.0, SHARED)) for group in (~second, second))
+        shared = (data.per_step(np.where(group, 1.0, SHARED)) for group in (~second, second))
         first, other = (by.held_out(weight, ridge).log_prob for by, weight in zip(scorers, shared, strict=True))
         log_ratio = first - other
         closer = data.sum_steps(log_ratio) < 0
@@ -131,7 +131,7 @@ def find_style(data: FitData, scorer: Scorer, ridge: float, seed: int) -> Rival 
     found = _compared(data, ~second, second, log_ratio, seed)
     if found is None:
         return None
-    alone = [scorer.anew().held_out(data.spread(group.astype(float)), ridge).log_prob for group in (~second, second)]
+    alone = [scorer.anew().held_out(data.per_step(group.astype(float)), ridge).log_prob for group in (~second, second)]
     own, other = (np.array([_gain(data, alone[k], ~second), _gain(data, alone[1 - k], second)]) for k in (0, 1))
     if not own.min() > GAIN * own.max():
         return None
@@ -180,10 +180,10 @@ def _compared(data: FitData, trusted: Array, rival: Array, log_ratio: Array, see
 def state_overlap(data: FitData, first: Array, second: Array, seed: int) -> float:
     """Mean over the steps of the demonstrations `second` of min(1, p(s | first) / p(s | second)), held out."""
     both = data.select(np.sort(np.concatenate([first, second])), unlabelled=True)
-    is_first = both.spread(np.isin(np.sort(np.concatenate([first, second])), first))
+    is_first = both.per_step(np.isin(np.sort(np.concatenate([first, second])), first))
     columns = np.column_stack([standardise(np.asarray(both.features, dtype=float)), np.ones(len(is_first))])
     states = FitData(columns, is_first.astype(int), both.offsets, Discrete(2), both.labels)
-    fold = both.spread(deal(states, min(5, states.n_demonstrations), seed))
+    fold = both.per_step(deal(states, min(5, states.n_demonstrations), seed))
     ratio = np.ones(len(is_first))
     balance = np.where(is_first, 0.5 / is_first.sum(), 0.5 / (~is_first).sum()) * len(is_first)
     for k in range(int(fold.max()) + 1):

@@ -142,4 +142,4 @@ def _contradicted(data: FitData, setting: Setting, result: Result) -> int:
 
 def _taught(data: FitData, setting: Setting, weight: Array) -> tuple[Policy, Array]:
     """The policy of demonstrations weighted by `weight` (M,), roughly, and its outputs (N, ...)."""
-    return setting.policy.fit(data, data.spread(weight), tol=1e-3, max_iter=20, max_cg=20)
+    return setting.policy.fit(data, data.per_step(weight), tol=1e-3, max_iter=20, max_cg=20)

@@ -52,7 +52,7 @@ def step_trust(data: FitData, log_ratio: Array, power: Array) -> StepTrust:
     cumulated = with_temperature.cumsum(axis=1)
     ends = [_NODES[np.minimum((cumulated < q).sum(axis=1), N_NODES - 1)] for q in (0.025, 0.975)]
     reliability = posterior @ _NODES
-    at = data.spread(np.interp(reliability, _NODES, log_odds))
+    at = data.per_step(np.interp(reliability, _NODES, log_odds))
     step = 1 / (1 + np.exp(-np.clip(at + clipped, -50.0, 50.0)))
     return StepTrust(reliability, np.stack(ends, axis=1), step)
 

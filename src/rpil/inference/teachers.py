@@ -63,7 +63,7 @@ def choose_ridge(data: FitData, scorer: Scorer, possible: Array) -> float:
 
     The median, because a mean would be decided by the one that is explained worst.
     """
-    weight = data.spread(possible.astype(float))
+    weight = data.per_step(possible.astype(float))
 
     def explained(ridge: float) -> float:
         return float(np.median(mean_steps(data, scorer.held_out(weight, ridge).log_prob)[possible]))
@@ -84,7 +84,7 @@ def concentrate(data: FitData, scorer: Scorer, teachers: Array, ridge: float, sh
     """
     n_taught, history = max(2, round(share * data.n_demonstrations)), []
     for rounds_left in range(ROUNDS, -1, -1):
-        found = scorer.held_out(data.spread(teachers.astype(float)), ridge)
+        found = scorer.held_out(data.per_step(teachers.astype(float)), ridge)
         score = mean_steps(data, found.log_prob)
         history.append(float(score[teachers].mean()))
         chosen = best(data, score, n_taught)
@@ -98,7 +98,7 @@ def taught_by(data: FitData, scorer: Scorer, group: Array, ridge: float) -> Taug
     """What policies of the demonstrations `group` (indices) say, without concentration."""
     teachers = np.zeros(data.n_demonstrations, dtype=bool)
     teachers[group] = True
-    found = scorer.held_out(data.spread(teachers.astype(float)), ridge)
+    found = scorer.held_out(data.per_step(teachers.astype(float)), ridge)
     return Taught(found, teachers, ridge, np.array([mean_steps(data, found.log_prob)[teachers].mean()]))
 
 

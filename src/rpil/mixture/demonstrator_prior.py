@@ -71,10 +71,10 @@ def borrow(demonstrators: Demonstrators, log_ratio: Array, log_odds: Array, labe
     together = logsumexp(each, 2)  # (U, T)
     of_spread = together.sum(axis=0)  # (T,)
     # The others of the same demonstrator: everything but the demonstration's own factor.
-    others = (of_spread - together)[demonstrators.of][:, :, None] + each[demonstrators.of] - own
+    others = (of_spread - together)[demonstrators.index][:, :, None] + each[demonstrators.index] - own
     log_expert, log_adversary = (logsumexp(others + part, (1, 2)) for part in (log_p, adversary))
     alone = (
-        demonstrators.counts[demonstrators.of] == 1
+        demonstrators.counts[demonstrators.index] == 1
     )  # whose others are strangers: the population's share, to the last bit
     lent = np.where(alone, log_odds, log_expert - log_adversary)
     weight = (of_spread - together)[:, :, None] + each

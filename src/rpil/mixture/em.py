@@ -103,7 +103,7 @@ def m_step(
 
     ``mode="expert_only"`` drops the adversary's term from the policy's problem, as the paper's own code does.
     """
-    expert, soft_targets = data.spread(posterior.expert), None
+    expert, soft_targets = data.per_step(posterior.expert), None
     adversary = 1 - expert
     if mode == "joint":
         intended = state.adversary.intended(posterior.outputs, data.actions)

@@ -143,7 +143,7 @@ class RegressorPolicy:
             models.append(model)
         if not np.isfinite(mean).all():
             raise DataError(f"{type(self.estimator).__name__}.predict gave NaN; scale its inputs or regularise.")
-        errors = FitData.of_steps(np.ones((len(mean), 1)), data.actions - mean, data.space)
+        errors = FitData.from_steps(np.ones((len(mean), 1)), data.actions - mean, data.space)
         noise, _ = replace(self.noise, weights=np.zeros_like(self.noise.weights)).fit(errors, weight, tol=1e-6)
         return replace(self, models=tuple(models), noise=noise), mean + noise.weights
 
@@ -194,7 +194,7 @@ def _folds(data: FitData) -> list[Array]:
     for m in order:  # the longest first, each to the smallest fold so far
         fold[m] = int(np.argmin(load))
         load[fold[m]] += data.lengths[m]
-    of_step = data.spread(fold)
+    of_step = data.per_step(fold)
     return [of_step == k for k in range(n_folds)] if n_folds > 1 else [np.zeros(len(of_step), dtype=bool)]
 
 

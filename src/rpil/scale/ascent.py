@@ -50,15 +50,15 @@ class AscentState:
     path: Array = field(default_factory=lambda: np.empty((0, 2, 0, 0)))
 
 
-def gathered(pieces: Iterator[tuple[Array, Array]], n_steps: int, on_disk: bool) -> tuple[Array, Array, float]:
+def gathered(blocks: Iterator[tuple[Array, Array]], n_steps: int, on_disk: bool) -> tuple[Array, Array, float]:
     """Log-ratios and weights of all steps, (N,) each, in a temporary file where memory should not hold them; and the
     sum of the weights."""
     if not on_disk:
-        log_ratio, weight = zip(*pieces, strict=True)
+        log_ratio, weight = zip(*blocks, strict=True)
         return np.concatenate(log_ratio), np.concatenate(weight), sum(float(one.sum()) for one in weight)
     total = 0.0
     with tempfile.TemporaryFile() as first, tempfile.TemporaryFile() as second:
-        for both in pieces:
+        for both in blocks:
             total += float(both[1].sum())
             for file, values in zip((first, second), both, strict=True):
                 file.write(values.astype(np.float32).tobytes())

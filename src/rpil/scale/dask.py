@@ -1,6 +1,6 @@
 """A cluster: Dask's workers keep the data; only functions with their parameters, and sums, travel.
 
-A part is placed once. One that is on disk is read by a worker, and by another one should that worker die: Dask itself
+A shard is placed once. One that is on disk is read by a worker, and by another one should that worker die: Dask itself
 remembers how. One that is in memory is sent, and sent again by the engine should its worker die.
 """
 
@@ -33,7 +33,7 @@ _KEPT_BYTES = 1 << 25
 """What `mallopt` of the GNU C library calls them, and the most that it takes for the second."""
 
 _TRIES = 5
-"""How often a part is asked for before a cluster that loses it time and again is given up."""
+"""How often a shard is asked for before a cluster that loses it time and again is given up."""
 
 _PATIENCE = 60.0
 """Seconds without any worker after which none is expected to come back."""
@@ -74,7 +74,7 @@ class DaskEngine:
     ----------
     client : distributed.Client
     n_parts : int, optional
-        Into how many parts to cut the data; two for each thread of a worker by default.
+        Into how many shards to cut the data; two for each thread of a worker by default.
 
     Raises
     ------
@@ -90,50 +90,50 @@ class DaskEngine:
     def n_parts(self) -> int:
         return self._n_parts or max(1, _PARTS_PER_THREAD * sum(self.client.nthreads().values()))
 
-    def place(self, parts: Sequence[Iterable[Any]]) -> Placed:
+    def place(self, shards: Sequence[Iterable[Any]]) -> Placed:
         _wait_for_workers(self.client)
 
         def made(k: int) -> Any:
-            if isinstance(parts[k], list):  # data themselves
-                return self.client.scatter(Kept.of(parts[k]), hash=False)
-            return self.client.submit(_read, parts[k], pure=False)
+            if isinstance(shards[k], list):  # data themselves
+                return self.client.scatter(Kept.of(shards[k]), hash=False)
+            return self.client.submit(_read, shards[k], pure=False)
 
-        return Placed(self.client, parts, made)
+        return Placed(self.client, shards, made)
 
 
 class Placed:
-    """Shards that workers hold.
+    """Blocks that workers hold.
 
     Parameters
     ----------
     client : distributed.Client
-    parts : sequence
+    shards : sequence
     made : callable
-        Gives the future of the shards of a part, by its number.
+        Gives the future of the blocks of a shard, by its number.
     before : Placed, optional
-        The shards that these are made from.
+        The blocks that these are made from.
     """
 
     def __init__(
-        self, client: Any, parts: Sequence[Any], made: Callable[[int], Any], before: Placed | None = None
+        self, client: Any, shards: Sequence[Any], made: Callable[[int], Any], before: Placed | None = None
     ) -> None:
-        self.client, self.parts, self._made, self._before = client, parts, made, before
-        self.futures = [made(k) for k in range(len(parts))]
+        self.client, self.shards, self._made, self._before = client, shards, made, before
+        self.futures = [made(k) for k in range(len(shards))]
 
     def map(self, function: Callable[[Any], R]) -> Iterator[R]:
-        """All parts are worked on, and come back in order."""
+        """All shards are worked on, and come back in order."""
         for found in self._each(_results, function):
             yield from found
 
     def total(self, function: Callable[[Any], Sums]) -> Sums:
-        """A part is added up where it is."""
+        """A shard is added up where it is."""
         return reduce(add, self._each(_sums, function))
 
     def then(self, function: Callable[[Any], Any]) -> Placed:
         def made(k: int) -> Any:
-            return self.client.submit(_further, self.futures[k], _only(function, self.parts[k]), pure=False)
+            return self.client.submit(_further, self.futures[k], _only(function, self.shards[k]), pure=False)
 
-        return Placed(self.client, self.parts, made, self)
+        return Placed(self.client, self.shards, made, self)
 
     def _each(self, task: Callable[..., R], function: Callable[[Any], Any]) -> Iterator[R]:
         killed = _distributed().scheduler.KilledWorker
@@ -147,7 +147,7 @@ class Placed:
                     self._make_again(k)
                     tasks[k] = self.client.submit(task, self.futures[k], function, pure=False)
             else:
-                raise DataError(f"The cluster lost part {k} of the data {_TRIES} times; give its workers more memory.")
+                raise DataError(f"The cluster lost shard {k} of the data {_TRIES} times; give its workers more memory.")
             tasks[k] = None  # so that workers forget it
             yield found
 
@@ -159,7 +159,7 @@ class Placed:
                 _wait_for_workers(self.client)
 
     def _make_again(self, k: int) -> None:
-        """Part `k` is lost: make it again, from the beginning."""
+        """Shard `k` is lost: make it again, from the beginning."""
         if self._before:
             self._before._make_again(k)
         self.futures[k] = self._made(k)
@@ -167,26 +167,26 @@ class Placed:
 
 @dataclass(frozen=True, eq=False)
 class Kept:
-    """What a worker holds of a part: shards, and the bytes that they hold besides those of another such."""
+    """What a worker holds of a shard: blocks, and the bytes that they hold besides those of another such."""
 
-    shards: list[Any]
+    blocks: list[Any]
     nbytes: int
 
     @classmethod
-    def of(cls, shards: Iterable[Any], besides: Sequence[Any] = ()) -> Kept:
-        """Shards, of which those `besides` are kept anyway."""
-        shards = list(shards)
+    def of(cls, blocks: Iterable[Any], besides: Sequence[Any] = ()) -> Kept:
+        """Blocks, of which those `besides` are kept anyway."""
+        blocks = list(blocks)
         known = _arrays(besides)
-        return cls(shards, sum(array.nbytes for key, array in _arrays(shards).items() if key not in known))
+        return cls(blocks, sum(array.nbytes for key, array in _arrays(blocks).items() if key not in known))
 
     def __sizeof__(self) -> int:
         return self.nbytes  # by which Dask knows what it costs to move
 
 
-def _read(part: Iterable[Any]) -> Kept:
-    """On a worker: the pieces of a part."""
+def _read(shard: Iterable[Any]) -> Kept:
+    """On a worker: the blocks of a shard."""
     try:
-        return Kept.of(part)
+        return Kept.of(shard)
     except DataError as error:
         if not isinstance(error.__cause__, OSError):
             raise
@@ -195,14 +195,14 @@ def _read(part: Iterable[Any]) -> Kept:
 
 
 def _further(kept: Kept, function: Callable[[Any], Any]) -> Kept:
-    """On a worker: something of each shard, to be kept."""
-    return Kept.of(_results(kept, function), besides=kept.shards)
+    """On a worker: something of each block, to be kept."""
+    return Kept.of(_results(kept, function), besides=kept.blocks)
 
 
 def _results(kept: Kept, function: Callable[[Any], Any]) -> list[Any]:
-    """On a worker: something of each shard, to be sent."""
+    """On a worker: something of each block, to be sent."""
     _at_work()
-    return [function(shard) for shard in kept.shards]
+    return [function(block) for block in kept.blocks]
 
 
 def _sums(kept: Kept, function: Callable[[Any], Sums]) -> Sums:
@@ -211,7 +211,7 @@ def _sums(kept: Kept, function: Callable[[Any], Sums]) -> Sums:
 
 @cache
 def _at_work() -> None:
-    """A worker's threads are busy with a part each, so BLAS gets one; and memory that is free stays theirs.
+    """A worker's threads are busy with a shard each, so BLAS gets one; and memory that is free stays theirs.
 
     Dask has it handed back to the system after every array, from where NumPy's temporaries come back page by page: that
     made passes ten times slower.
@@ -229,22 +229,22 @@ def _wait_for_workers(client: Any) -> None:
         raise DataError("The cluster has no workers left; start some, and fit again.") from error
 
 
-def _only(function: Any, part: Any) -> Any:
-    """`function` with what it needs to know of the demonstrations of `part`, and of no others."""
+def _only(function: Any, shard: Any) -> Any:
+    """`function` with what it needs to know of the demonstrations of `shard`, and of no others."""
     if not hasattr(function, "only"):
         return function
-    ends = part if isinstance(part, list) else [part]
+    ends = shard if isinstance(shard, list) else [shard]
     return function.only(slice(ends[0].demonstrations.start, ends[-1].demonstrations.stop))
 
 
 def _arrays(value: Any) -> dict[int, np.ndarray[Any, Any]]:
-    """All arrays within shards, by identity."""
+    """All arrays within blocks, by identity."""
     if isinstance(value, np.ndarray):
         return {id(value): value}
     if is_dataclass(value):
         value = [getattr(value, f.name) for f in fields(value)]
-    parts = value if isinstance(value, list | tuple) else ()
-    return {key: array for part in parts for key, array in _arrays(part).items()}
+    members = value if isinstance(value, list | tuple) else ()
+    return {key: array for member in members for key, array in _arrays(member).items()}
 
 
 def _distributed() -> Any:

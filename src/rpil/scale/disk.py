@@ -1,4 +1,4 @@
-"""Data that stay on disk: read anew for every pass, the next piece while this one computes."""
+"""Data that stay on disk: read anew for every pass, the next block while this one computes."""
 
 from __future__ import annotations
 
@@ -16,24 +16,24 @@ from rpil.numerics.parallel import cores
 R = TypeVar("R")
 
 
-def _same(piece: Any) -> Any:
-    return piece
+def _same(block: Any) -> Any:
+    return block
 
 
 @dataclass(frozen=True)
 class Stream:
-    """Pieces of parts, and what becomes of each before a pass sees it."""
+    """Blocks of shards, and what becomes of each before a pass sees it."""
 
-    parts: Sequence[Iterable[Any]]
+    shards: Sequence[Iterable[Any]]
     prepare: Callable[[Any], Any]
 
     def map(self, function: Callable[[Any], R]) -> Iterator[R]:
-        """One piece is read while as many as there are cores are worked on: so many are in memory, and one more."""
+        """One block is read while as many as there are cores are worked on: so many are in memory, and one more."""
         at_work: deque[Future[R]] = deque()
         with ThreadPoolExecutor(cores()) as pool:
-            for piece in chain.from_iterable(self.parts):
-                at_work.append(pool.submit(lambda one: function(self.prepare(one)), piece))
-                del piece
+            for block in chain.from_iterable(self.shards):
+                at_work.append(pool.submit(lambda one: function(self.prepare(one)), block))
+                del block
                 if len(at_work) > cores():
                     yield at_work.popleft().result()
             while at_work:
@@ -41,7 +41,7 @@ class Stream:
 
     def then(self, function: Callable[[Any], Any]) -> Stream:
         prepare = self.prepare
-        return Stream(self.parts, lambda piece: function(prepare(piece)))
+        return Stream(self.shards, lambda block: function(prepare(block)))
 
     def total(self, function: Callable[[Any], Sums]) -> Sums:
         return reduce(add, self.map(function))
@@ -53,5 +53,5 @@ class Streamed:
 
     n_parts: int = 1
 
-    def place(self, parts: Sequence[Iterable[Any]]) -> Stream:
-        return Stream(parts, _same)
+    def place(self, shards: Sequence[Iterable[Any]]) -> Stream:
+        return Stream(shards, _same)

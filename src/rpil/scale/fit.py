@@ -17,9 +17,9 @@ import numpy as np
 from rpil.audit.assumptions import tell
 from rpil.audit.record import Audit
 from rpil.audit.summary import longest, step_weight, typical_reliability
-from rpil.data.coding import known_actions
-from rpil.data.demonstrations import Demonstrations, Piece
-from rpil.data.demonstrators import Company
+from rpil.data.coding import encode_actions
+from rpil.data.demonstrations import Block, Demonstrations
+from rpil.data.demonstrators import Demonstrators
 from rpil.data.fit_data import FitData
 from rpil.data.spaces import Space
 from rpil.inference.fitted_judge import SCALES, FittedJudge, mean_variance
@@ -63,8 +63,8 @@ class Source(Protocol):
     @property
     def source(self) -> str: ...
 
-    def parts(self, n_parts: int = 1) -> list[Any]:
-        """All demonstrations in order: parts, each to be iterated over for its pieces."""
+    def shards(self, n_shards: int = 1) -> list[Any]:
+        """All demonstrations in order: shards, each to be iterated over for its blocks."""
 
     def select(self, indices: Any) -> Demonstrations:
         """Some of them, in memory."""
@@ -89,7 +89,7 @@ def sample(lengths: Array, labels: Array, n_steps: int, rng: np.random.Generator
 
 @dataclass(frozen=True, eq=False)
 class Prepare:
-    """A piece of demonstrations as the data of a fit, in single precision; nothing here needs their labels.
+    """A block of demonstrations as the data of a fit, in single precision; nothing here needs their labels.
 
     Attributes
     ----------
@@ -102,11 +102,11 @@ class Prepare:
     space: Space
     classes: Array
 
-    def __call__(self, piece: Piece) -> tuple[Piece, FitData]:
-        codes = known_actions(self.classes, piece.actions, "the demonstrations")
+    def __call__(self, block: Block) -> tuple[Block, FitData]:
+        codes = encode_actions(self.classes, block.actions, "the demonstrations")
         # Columns read from Parquet lie one after another; in the order of rows, sums round as they do in memory.
-        design = self.features.design(np.ascontiguousarray(piece.observations), single=True)
-        return piece, FitData(design, codes, piece.offsets, self.space, np.zeros(len(piece.offsets) - 1, dtype=int))
+        design = self.features.design(np.ascontiguousarray(block.observations), single=True)
+        return block, FitData(design, codes, block.offsets, self.space, np.zeros(len(block.offsets) - 1, dtype=int))
 
 
 class Measured(NamedTuple):
@@ -119,12 +119,12 @@ class Measured(NamedTuple):
     interval: Array
 
 
-def measure(ready: tuple[Piece, FitData], judge: FittedJudge) -> Measured:
+def measure(ready: tuple[Block, FitData], judge: FittedJudge) -> Measured:
     """The scores of demonstrations under the policy of a sample."""
     data = ready[1]
     worth, _, trust = _in_steps(data, judge)
     score = data.sum_steps(worth) / data.lengths
-    squares = data.sum_steps((worth - data.spread(score)) ** 2)
+    squares = data.sum_steps((worth - data.per_step(score)) ** 2)
     return Measured(score, squares, trust.reliability, trust.interval)
 
 
@@ -137,7 +137,7 @@ def _in_steps(data: FitData, judge: FittedJudge) -> tuple[Array, Array, StepTrus
 
 @dataclass(frozen=True, eq=False)
 class Weigh:
-    """What the final policy learns from a piece, the weights of its steps, and their log-ratios.
+    """What the final policy learns from a block, the weights of its steps, and their log-ratios.
 
     Attributes
     ----------
@@ -169,11 +169,11 @@ class Weigh:
         """The same for `those` demonstrations."""
         return replace(self, trust=self.trust[those], first=those.start)
 
-    def __call__(self, ready: tuple[Piece, FitData]) -> tuple[FitData, Array, Array]:
-        piece, data = ready
-        begin = piece.first - self.first
+    def __call__(self, ready: tuple[Block, FitData]) -> tuple[FitData, Array, Array]:
+        block, data = ready
+        begin = block.first - self.first
         weight, log_ratio = self.weight(data, self.trust[begin : begin + data.n_demonstrations])
-        return (self.final(piece)[1] if self.final else data), weight, log_ratio
+        return (self.final(block)[1] if self.final else data), weight, log_ratio
 
     def weight(self, data: FitData, trust: Array) -> tuple[Array, Array]:
         """Weights of the steps of demonstrations with such `trust` (M,), and their log-ratios."""
@@ -236,7 +236,7 @@ def judge_all(sampled: Sampled, data: FitData, measured: list[Measured], minorit
     return conclude(data, scores, StepTrust(reliability, interval, none), none, teachers, rival, minority)
 
 
-def fit_large(model: Any, data: Source, labels: Array, company: Company, engine: Engine) -> None:
+def fit_large(model: Any, data: Source, labels: Array, demonstrators: Demonstrators, engine: Engine) -> None:
     """`RPIL.fit`, of which `model` has the settings and gets the attributes.
 
     Parameters
@@ -245,17 +245,17 @@ def fit_large(model: Any, data: Source, labels: Array, company: Company, engine:
     data : Source
     labels : (M,) array
         Of all demonstrations.
-    company : Company
+    demonstrators : Demonstrators
         Which demonstrator gave which of them.
     engine : Engine
         Runs the passes.
     """
     progress = model.progress or (lambda _: None)
     sampled, prepare = _read_sample(model, data, labels, progress)
-    ready = engine.place(data.parts(engine.n_parts)).then(prepare)
+    ready = engine.place(data.shards(engine.n_parts)).then(prepare)
     progress("a pass over everything: scores")
     none = np.empty(0)
-    everybody = FitData(none, none, data.offsets, model.space_, labels, company=company)
+    everybody = FitData(none, none, data.offsets, model.space_, labels, demonstrators=demonstrators)
     measured = list(ready.map(partial(measure, judge=sampled.judge)))
     judgement = judge_all(sampled, everybody, measured, model.minority)
     # Their steps are weighed in the next pass; until then the audit is of demonstrations without steps.
@@ -275,7 +275,7 @@ def _read_sample(model: Any, data: Source, labels: Array, progress: Callable[[st
     rng = np.random.default_rng(model.random_state)
     chosen = sample(np.diff(data.offsets), labels, _budget(model, data), rng)
     few, space = data.select(chosen), model.space_
-    codes = known_actions(model.classes_, few.actions, data.source)
+    codes = encode_actions(model.classes_, few.actions, data.source)
     features = model.judge_map(few)
     fit_data = FitData(features.design(few.observations, single=True), codes, few.offsets, space, labels[chosen])
     # Which group to distrust is decided here; a group to trust is reported, and trusted among all demonstrations.

@@ -17,16 +17,16 @@ R = TypeVar("R")
 
 @dataclass(frozen=True)
 class Held:
-    """Shards in a list. Several are worked on at a time, which changes no bit: each is summed on its own."""
+    """Blocks in a list. Several are worked on at a time, which changes no bit: each is summed on its own."""
 
-    shards: list[Any]
+    blocks: list[Any]
 
     def map(self, function: Callable[[Any], R]) -> Iterator[R]:
-        if min(cores(), len(self.shards)) < 2:
-            yield from map(function, self.shards)
+        if min(cores(), len(self.blocks)) < 2:
+            yield from map(function, self.blocks)
             return
         with ThreadPoolExecutor(cores()) as pool:
-            yield from pool.map(function, self.shards)
+            yield from pool.map(function, self.blocks)
 
     def then(self, function: Callable[[Any], Any]) -> Held:
         return Held(list(self.map(function)))
@@ -37,9 +37,9 @@ class Held:
 
 @dataclass(frozen=True)
 class InMemory:
-    """Reads every part once, and keeps it."""
+    """Reads every shard once, and keeps it."""
 
     n_parts: int = 1
 
-    def place(self, parts: Sequence[Iterable[Any]]) -> Held:
-        return Held(list(chain.from_iterable(parts)))
+    def place(self, shards: Sequence[Iterable[Any]]) -> Held:
+        return Held(list(chain.from_iterable(shards)))

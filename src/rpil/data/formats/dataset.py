@@ -1,7 +1,7 @@
 """`Dataset`: demonstrations in Parquet files that are never all in memory.
 
 To open one is to read which demonstration each row is from, and what was done; the observations are read when they are
-needed, a piece at a time, as often as that may be.
+needed, a block at a time, as often as that may be.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rpil.data.arrays import are_whole, as_actions, as_ids, check_any, check_finite
-from rpil.data.demonstrations import Demonstrations, Piece, piece_cuts
+from rpil.data.demonstrations import Block, Demonstrations, block_bounds
 from rpil.data.errors import DataError
 from rpil.data.files import StrPath
 from rpil.data.formats import table as flat
@@ -24,14 +24,14 @@ from rpil.data.formats.store import Store, describe, find_files, shifted
 
 
 @dataclass(frozen=True, eq=False)
-class Part:
-    """A stretch of a data set; to iterate over it is to read it, `Piece` by `Piece`.
+class Shard:
+    """A stretch of a data set; to iterate over it is to read it, `Block` by `Block`.
 
     Attributes
     ----------
     store : Store
     cuts : tuple of int
-        Demonstrations that the pieces begin with, and where the last ends.
+        Demonstrations that the blocks begin with, and where the last ends.
     offsets : int array
         Rows at which demonstrations ``cuts[0]`` .. ``cuts[-1]`` begin.
     ids : tuple
@@ -48,35 +48,35 @@ class Part:
         """Which demonstrations it holds."""
         return slice(self.cuts[0], self.cuts[-1])
 
-    def __iter__(self) -> Iterator[Piece]:
+    def __iter__(self) -> Iterator[Block]:
         store, row = self.store, int(self.offsets[0])
         tables = store.tables(row, int(self.offsets[-1]), store.data_columns, self._whose)
         begin, table, where = next(tables)
         for first, end in itertools.pairwise(self.cuts):
             offsets = self.offsets[first - self.cuts[0] : end - self.cuts[0] + 1]
-            piece = Piece(first, *store.empty(int(offsets[-1] - offsets[0])), offsets - offsets[0])
+            block = Block(first, *store.empty(int(offsets[-1] - offsets[0])), offsets - offsets[0])
             while row < offsets[-1]:
                 if row == begin + len(table):
                     begin, table, where = next(tables)
                 stop = min(int(offsets[-1]), begin + len(table))
                 rows, some = slice(row - int(offsets[0]), stop - int(offsets[0])), table.slice(row - begin, stop - row)
-                store.fill(piece.observations[rows], piece.actions[rows], some, shifted(where, row - begin))
+                store.fill(block.observations[rows], block.actions[rows], some, shifted(where, row - begin))
                 row = stop
-            self._check(piece, int(offsets[0]))
-            yield piece
+            self._check(block, int(offsets[0]))
+            yield block
 
     def _whose(self, row: int) -> str:
         return f", demonstration {self.ids[int(np.searchsorted(self.offsets, row, side='right')) - 1]!r}"
 
-    def _check(self, piece: Piece, row: int) -> None:
-        columns = [(piece.observations, [f"observation {name!r}" for name in self.store.names])]
+    def _check(self, block: Block, row: int) -> None:
+        columns = [(block.observations, [f"observation {name!r}" for name in self.store.names])]
         if self.store.n_parts:
-            columns.append((piece.actions, [f"action {a}" for a in range(self.store.n_parts)]))
+            columns.append((block.actions, [f"action {a}" for a in range(self.store.n_parts)]))
         for values, names in columns:
             finite = np.isfinite(values)
             if not finite.all():
                 source = self.store.file_of(row + int(np.argwhere(~finite)[0, 0]))
-                check_finite(values, tuple(names), piece.offsets, self.ids[piece.first - self.cuts[0] :], source)
+                check_finite(values, tuple(names), block.offsets, self.ids[block.first - self.cuts[0] :], source)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -142,19 +142,19 @@ class Dataset:
         step = self.n_observations * np.dtype(self.store.observation).itemsize
         return self.n_steps * (step + max(self.store.n_parts, 1) * np.dtype(self.store.action).itemsize)
 
-    def parts(self, n_parts: int = 1) -> list[Part]:
-        """All demonstrations in order: parts of about as many steps, each to be iterated over for its pieces.
+    def shards(self, n_shards: int = 1) -> list[Shard]:
+        """All demonstrations in order: shards of about as many steps, each to be iterated over for its blocks.
 
-        A part can be sent to where it is read, and is read anew each time. Its pieces are those of `Demonstrations`,
-        however many parts there are.
+        A shard can be sent to where it is read, and is read anew each time. Its blocks are those of `Demonstrations`,
+        however many shards there are.
         """
-        cuts = piece_cuts(self.offsets)
-        bounds = np.linspace(0, len(cuts) - 1, min(n_parts, len(cuts) - 1) + 1).astype(int).tolist()
-        return [self._part(cuts[a : b + 1].tolist()) for a, b in itertools.pairwise(bounds)]
+        cuts = block_bounds(self.offsets)
+        bounds = np.linspace(0, len(cuts) - 1, min(n_shards, len(cuts) - 1) + 1).astype(int).tolist()
+        return [self._shard(cuts[a : b + 1].tolist()) for a, b in itertools.pairwise(bounds)]
 
-    def _part(self, cuts: Sequence[int]) -> Part:
+    def _shard(self, cuts: Sequence[int]) -> Shard:
         offsets = self.offsets[cuts[0] : cuts[-1] + 1]
-        return Part(
+        return Shard(
             self.store.between(int(offsets[0]), int(offsets[-1])), tuple(cuts), offsets, self.ids[cuts[0] : cuts[-1]]
         )
 
@@ -171,7 +171,7 @@ class Dataset:
         heads = np.flatnonzero(np.diff(order, prepend=-2) != 1)
         begins = self.offsets[order[heads]]
         ends = self.offsets[order[np.append(heads[1:], len(order)) - 1] + 1]
-        whose = self._part([0, len(self)])._whose
+        whose = self._shard([0, len(self)])._whose
         for group in self.store.groups:
             inside = np.flatnonzero((begins < group.last) & (ends > group.first)).tolist()
             if not inside:

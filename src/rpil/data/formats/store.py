@@ -74,7 +74,7 @@ class Store:
 
     @property
     def data_columns(self) -> list[str]:
-        """What a piece is made of."""
+        """The columns that a block holds."""
         return [*self.columns.actions, *self.columns.observations]
 
     def file_of(self, row: int) -> str:
