@@ -63,7 +63,7 @@ def test_log_odds_are_finite():
 
 def test_where_two_groups_compete_all_are_uncertain_and_one_of_each_is_asked_about():
     toy = make("shifted", 1, steps=(40, 60))
-    with pytest.warns(UserWarning, match="act alike"):
+    with pytest.warns(UserWarning, match="two groups of demonstrations"):
         found = RPIL().fit(toy.demonstrations).audit_
     assert set(found.verdicts) == {"uncertain"}
     assert (found.expert_proba == 0.5).all()

@@ -19,7 +19,8 @@ from click.testing import CliRunner
 
 import rpil
 from audits import make_audit
-from rpil.audit.label_choice import NEXT, P_EXPERT
+from rpil.audit.assumptions import P_EXPERT
+from rpil.audit.label_choice import NEXT
 from rpil.cli import main as cli
 from rpil.cli import terminal
 from rpil.data import formats

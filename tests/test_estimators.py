@@ -233,7 +233,7 @@ def test_cross_validate_does_not_pass_groups_unless_asked_to_and_that_is_loud():
 
 def test_labels():
     toy = make("shifted", 1, steps=STEPS)
-    with pytest.warns(AmbiguousWarning, match="two groups of demonstrations each act alike") as caught:
+    with pytest.warns(AmbiguousWarning, match="two groups of demonstrations") as caught:
         blind = RPIL().fit(toy.demonstrations)
     assert not blind.audit_.identifiable
     assert set(blind.audit_.verdicts) == {"uncertain"}

@@ -16,10 +16,11 @@ from markupsafe import Markup
 from matplotlib.image import imread
 
 from audits import make_audit
+from rpil.audit.assumptions import P_EXPERT
 from rpil.audit.html import page as report
 from rpil.audit.html import wording
 from rpil.audit.html.pictures import POINTS, Timelines, returns_figure
-from rpil.audit.label_choice import NEXT, P_EXPERT
+from rpil.audit.label_choice import NEXT
 from rpil.audit.record import Audit
 from rpil.data.errors import DataError
 from rpil.inference.judgement import FINDINGS

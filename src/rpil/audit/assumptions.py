@@ -1,52 +1,102 @@
-"""What an audit assumed, in words."""
+"""The assumptions of an audit, one sentence each, and the warnings that a fit gives to its user."""
 
 from __future__ import annotations
 
+import sys
 import warnings
-from dataclasses import replace
-from typing import Any
 
 from sklearn.exceptions import ConvergenceWarning
 
-from rpil.audit.label_choice import P_EXPERT
+from rpil.audit.record import Audit
 from rpil.data.errors import AmbiguousWarning
-from rpil.data.fit_data import FitData
 from rpil.inference.judgement import FINDINGS
 
+P_EXPERT = (
+    "P(expert) is the probability that a demonstration belongs to the group of demonstrations that agree best with "
+    "each other; that this group is good is an assumption."
+)
+"""The meaning of P(expert), for tables and reports."""
 
-def assumptions(model: Any, data: FitData) -> list[str]:
-    """What was found and what was assumed, one sentence each."""
-    labelled = int((data.labels != 0).sum())
-    said = [FINDINGS[model.audit_.finding], P_EXPERT]
-    if model.judge_ is not None:
-        said.append(f"P(two groups of scores) is {model.judge_.groups.p_two:.2f}.")
-    said.append(
-        f"The policy is linear in {model.features_.kind} features."
-        if model.policy is None
-        else f"The policy is a {type(model.policy).__name__}; each demonstration was judged by one fitted to others."
+IN_SAMPLE_POLICY = (
+    "The policy was scored on the steps that it was trained on; this assumes that it cannot memorise actions."
+)
+
+
+def linear_policy(feature_kind: str) -> str:
+    """The assumption of the policy of `rpil.policies.linear`, with features of this kind."""
+    return f"The policy is linear in {feature_kind} features."
+
+
+def custom_policy(type_name: str) -> str:
+    """The assumption of a policy that the user gave."""
+    return f"The policy is a {type_name}; each demonstration was scored by a copy that was fitted without it."
+
+
+def assumption_sentences(
+    finding: str,
+    policy: str = "",
+    *,
+    p_two_groups: float | None = None,
+    whole_demonstrations: bool = False,
+    expert_share: float | None = None,
+    n_labels: int = 0,
+    demonstrators: str = "",
+) -> tuple[str, ...]:
+    """The finding, the meaning of P(expert), and all that an audit assumed, as sentences for `Audit.assumptions`.
+
+    Parameters
+    ----------
+    finding : str
+        A key of `rpil.inference.judgement.FINDINGS`.
+    policy : str
+        A sentence about the policy, such as `linear_policy` returns; empty for none.
+    p_two_groups : float, optional
+        The judge's probability that there are two groups of scores.
+    whole_demonstrations : bool
+        Whether a demonstration was taken as good or bad as a whole, as in the mixture with a named adversary.
+    expert_share : float, optional
+        The prior probability of an expert, where the user fixed it.
+    n_labels : int
+        Number of labels.
+    demonstrators : str
+        A sentence about the demonstrators; empty where none were given.
+    """
+    sentences = (
+        FINDINGS[finding],
+        P_EXPERT,
+        "" if p_two_groups is None else f"P(two groups of scores) is {p_two_groups:.2f}.",
+        policy,
+        "The order of demonstrations, their lengths and any reward were not used.",
+        "A demonstration is good or bad as a whole." if whole_demonstrations else "",
+        "" if expert_share is None else f"The share of experts was fixed at {expert_share}.",
+        f"{n_labels} labels were taken as certain." if n_labels else "",
+        demonstrators,
     )
-    said.append("The order of demonstrations, their lengths and any reward were not used.")
-    if model.state_ is not None:
-        said.append("A demonstration is good or bad as a whole.")
-    if isinstance(model.prior, float):
-        said.append(f"The share of experts was given as {model.prior}.")
-    if labelled:
-        said.append(f"{labelled} labels were taken as certain.")
-    if data.demonstrators.note:
-        said.append(data.demonstrators.note)
-    return said
+    return tuple(filter(None, sentences))
 
 
-def tell(model: Any, data: FitData, source: str) -> None:
-    """Put the assumptions into the audit of `model`, and warn of what the user should know before using it."""
-    model.audit_ = replace(model.audit_, assumptions=tuple(assumptions(model, data)))
-    if not model.converged_:
-        warnings.warn("EM stopped at max_iter; raise max_iter or tol.", ConvergenceWarning, stacklevel=5)
-    if not model.audit_.identifiable:
-        which = " or ".join(repr(m) for m in model.audit_.to_label)
-        warnings.warn(
-            f"{source}: two groups of demonstrations each act alike, differently, in the same states, and nothing "
-            f"says which is the expert; label one demonstration, say {which}.",
-            AmbiguousWarning,
-            stacklevel=5,
-        )
+def warn_if_not_converged(converged: bool) -> None:
+    """Warn of a fit that ended before it converged."""
+    if not converged:
+        message = "EM stopped at max_iter before it converged; raise max_iter or tol."
+        warnings.warn(message, ConvergenceWarning, stacklevel=_user_stack_level())
+
+
+def warn_if_ambiguous(audit: Audit, source: str) -> None:
+    """Warn that nothing in the data, called `source`, says which of two groups of demonstrations is the expert's."""
+    if audit.identifiable:
+        return
+    choices = " or ".join(repr(name) for name in audit.to_label)
+    message = (
+        f"{source}: two groups of demonstrations act in two different ways in the same states, and nothing in the data "
+        f"says which of them is the expert; label one demonstration, say {choices}."
+    )
+    warnings.warn(message, AmbiguousWarning, stacklevel=_user_stack_level())
+
+
+def _user_stack_level() -> int:
+    """The `stacklevel` for `warnings.warn` in the calling function with which a warning points at the user's code."""
+    level, frame = 1, sys._getframe(1)
+    while frame.f_back is not None and frame.f_globals.get("__name__", "").partition(".")[0] == "rpil":
+        level, frame = level + 1, frame.f_back
+    return level

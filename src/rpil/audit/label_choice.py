@@ -29,11 +29,6 @@ NEXT = {
 }
 """What to do next, by finding."""
 
-P_EXPERT = (
-    "P(expert) says how surely a demonstration acts as the group does that agrees best; that this group is good is "
-    "assumed."
-)
-
 
 def middle(log_odds: Array) -> Array:
     """Indices (M,), those in the middle of the order first, its ends last."""

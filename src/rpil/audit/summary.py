@@ -95,18 +95,26 @@ def step_weight(
     the demonstration is as reliable as a `typical` expert's."""
     if not len(step):  # steps are not kept
         return step
-    typical = typical_reliability(reliability, proba) if typical is None else typical
+    typical = typical_reliability(reliability, proba, lengths) if typical is None else typical
     whole = reliability >= WHOLE * typical
     weight: NDArray[np.float64] = np.repeat(proba, lengths) * np.where(np.repeat(whole, lengths), 1.0, step)
     return weight
 
 
-def typical_reliability(reliability: Array, trust: Array) -> float:
-    """Median reliability weighted by `trust` (M,), or 1 where no demonstration is trusted."""
-    if trust.sum() < 1.0:
+def is_anyone_trusted(expert_proba: Array, lengths: Array) -> bool:
+    """Whether at least one step is expected to be in an expert's demonstration: sum_m P(expert_m) N_m >= 1.
+
+    Where this is false no demonstration is trusted, and policies learn from single steps instead.
+    """
+    return bool(expert_proba @ lengths >= 1.0)
+
+
+def typical_reliability(reliability: Array, expert_proba: Array, lengths: Array) -> float:
+    """Median reliability (M,) weighted by P(expert) (M,), or 1 where no demonstration is trusted."""
+    if not is_anyone_trusted(expert_proba, lengths):
         return 1.0
     order = np.argsort(reliability)
-    return float(reliability[order][np.searchsorted(np.cumsum(trust[order]), 0.5 * trust.sum())])
+    return float(reliability[order][np.searchsorted(np.cumsum(expert_proba[order]), 0.5 * expert_proba.sum())])
 
 
 def people(demonstrators: Demonstrators, trust: Array, verdicts: Sequence[Verdict]) -> tuple[Demonstrator, ...]:

@@ -133,7 +133,7 @@ def finding(audit: Audit) -> str:
 
 def show_audit(audit: Audit) -> None:
     """All of an audit: the finding, the ranking, what P(expert) means, the demonstrators, how many can be trusted."""
-    from rpil.audit.label_choice import P_EXPERT
+    from rpil.audit.assumptions import P_EXPERT
 
     click.echo(f"{finding(audit)}\n")
     _show_ranking(audit)

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from rpil.audit.label_choice import P_EXPERT
+from rpil.audit.assumptions import IN_SAMPLE_POLICY, assumption_sentences
 from rpil.audit.record import Audit
 from rpil.audit.summary import audit_of
 from rpil.data.coding import code_actions, label_codes
@@ -17,7 +17,7 @@ from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
 from rpil.data.fit_data import FitData
 from rpil.inference.held_out import LAPSE, Scored, deal, reference
-from rpil.inference.judgement import FINDINGS, MINORITY, Settings, judge
+from rpil.inference.judgement import MINORITY, Settings, judge
 from rpil.numerics.regression import column_scales
 from rpil.numerics.types import Array
 from rpil.policies.features import FeatureMap
@@ -30,8 +30,6 @@ _GAIN = 1e-3
 
 _NEGLIGIBLE = 1e-6
 """Where no weight is larger, a policy is not trained."""
-
-_IN_SAMPLE = "The policy was judged by what it was trained on: it cannot memorise actions."
 
 LogProb = Callable[[Any, Array, Array], Any]
 Train = Callable[[Any, Array, Array, Array], Any]
@@ -236,10 +234,5 @@ def reweight(
     for n in range(n_rounds):
         progress(f"training the policy: {n + 1} of {n_rounds}")
         policy = theirs.teach(policy, np.arange(len(codes)), audit.step_weight)
-    said = (
-        FINDINGS[judgement.finding],
-        P_EXPERT,
-        "The order of demonstrations, their lengths and any reward were not used.",
-        *((_IN_SAMPLE,) if n_folds == 1 else ()),
-    )
-    return Reweighted(policy, replace(audit, assumptions=said), n_rounds, n_rounds < max_rounds)
+    sentences = assumption_sentences(judgement.finding, IN_SAMPLE_POLICY if n_folds == 1 else "")
+    return Reweighted(policy, replace(audit, assumptions=sentences), n_rounds, n_rounds < max_rounds)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -10,9 +11,15 @@ from numpy.typing import ArrayLike
 from sklearn.utils.validation import check_is_fitted
 from threadpoolctl import threadpool_limits
 
-from rpil.audit.assumptions import tell
+from rpil.audit.assumptions import (
+    assumption_sentences,
+    custom_policy,
+    linear_policy,
+    warn_if_ambiguous,
+    warn_if_not_converged,
+)
 from rpil.audit.record import Audit
-from rpil.audit.summary import audit_of
+from rpil.audit.summary import audit_of, is_anyone_trusted
 from rpil.data.coding import action_space, code_actions, encode_demonstrations, label_codes
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.demonstrators import Demonstrators, group_by_demonstrator
@@ -241,8 +248,8 @@ class RPIL(PolicyEstimator):
         self.keep_judgement(judgement, fitted, data, demonstrations.ids)
         self.judge_features_ = features
         weight = self.audit_.step_weight
-        if weight.sum() < 1.0:  # no demonstration is trusted: learn from the steps that are most likely an expert's
-            weight = judgement.steps.step
+        if not is_anyone_trusted(self.audit_.expert_proba, data.lengths):
+            weight = judgement.steps.step  # learn from the steps that are most likely an expert's
         progress("the policy")
         self._finish(demonstrations, codes, data, weight)
 
@@ -254,7 +261,7 @@ class RPIL(PolicyEstimator):
             # Cross-fitted once more, by the final weights: that says how sure it may be.
             start = cross_fitted_policy(self.policy, self.space_, len(codes)).fit(data, weight)[0]
             self.features_, self.policy_ = self.judge_features_, start.fit_all(data, weight)
-        tell(self, data, demonstrations.source)
+        self.explain(data, demonstrations.source)
 
     @property
     def log_odds_(self) -> Array:
@@ -327,3 +334,19 @@ class RPIL(PolicyEstimator):
         self.lower_bound_ = float(judgement.scores.history[-1])
         self.converged_ = True
         self.audit_ = audit_of(judgement, data, ids)
+
+    def explain(self, data: FitData, source: str) -> None:
+        """Add the assumptions to the audit, and warn of what the user should know before using it."""
+        linear = self.policy is None
+        sentences = assumption_sentences(
+            self.audit_.finding,
+            linear_policy(self.features_.kind) if linear else custom_policy(type(self.policy).__name__),
+            p_two_groups=None if self.judge_ is None else self.judge_.groups.p_two,
+            whole_demonstrations=self.state_ is not None,
+            expert_share=self.prior if isinstance(self.prior, float) else None,
+            n_labels=int((data.labels != 0).sum()),
+            demonstrators=data.company.said,
+        )
+        self.audit_ = replace(self.audit_, assumptions=sentences)
+        warn_if_not_converged(self.converged_)
+        warn_if_ambiguous(self.audit_, source)

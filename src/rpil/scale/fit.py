@@ -14,9 +14,8 @@ from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 
-from rpil.audit.assumptions import tell
 from rpil.audit.record import Audit
-from rpil.audit.summary import longest, step_weight, typical_reliability
+from rpil.audit.summary import is_anyone_trusted, longest, step_weight, typical_reliability
 from rpil.data.coding import encode_actions
 from rpil.data.demonstrations import Block, Demonstrations
 from rpil.data.demonstrators import Demonstrators
@@ -161,9 +160,9 @@ class Weigh:
     def of(cls, audit: Audit, judge: FittedJudge) -> Weigh:
         """As the demonstrations are trusted; where none is, the steps that are most likely an expert's count."""
         trust = audit.expert_proba
-        if trust @ audit.lengths < 1.0:
+        if not is_anyone_trusted(trust, audit.lengths):
             return cls(judge, np.ones(len(trust)), np.inf)
-        return cls(judge, trust, typical_reliability(audit.reliability, trust))
+        return cls(judge, trust, typical_reliability(audit.reliability, trust, audit.lengths))
 
     def only(self, those: slice) -> Weigh:
         """The same for `those` demonstrations."""
@@ -267,7 +266,7 @@ def fit_large(model: Any, data: Source, labels: Array, demonstrators: Demonstrat
     model.judge_features_ = prepare.features
     progress("the policy")
     _fit_policy(model, data, sampled, prepare, ready, isinstance(engine, InMemory), progress)
-    tell(model, everybody, data.source)
+    model.explain(everybody, data.source)
 
 
 def _read_sample(model: Any, data: Source, labels: Array, progress: Callable[[str], None]) -> tuple[Sampled, Prepare]:

@@ -11,9 +11,10 @@ import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
+from rpil.audit.assumptions import P_EXPERT
 from rpil.audit.html.pictures import Timelines, inline_svg
 from rpil.audit.html.wording import count, number, percent
-from rpil.audit.label_choice import NEXT, P_EXPERT
+from rpil.audit.label_choice import NEXT
 from rpil.audit.plots import HistoryDisplay, LengthDisplay
 from rpil.audit.record import Audit
 from rpil.data.files import replacing
