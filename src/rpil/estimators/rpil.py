@@ -11,13 +11,7 @@ from numpy.typing import ArrayLike
 from sklearn.utils.validation import check_is_fitted
 from threadpoolctl import threadpool_limits
 
-from rpil.audit.assumptions import (
-    assumption_sentences,
-    custom_policy,
-    linear_policy,
-    warn_if_ambiguous,
-    warn_if_not_converged,
-)
+from rpil.audit import assumptions
 from rpil.audit.record import Audit
 from rpil.audit.summary import audit_of, is_anyone_trusted
 from rpil.data.coding import action_space, code_actions, encode_demonstrations, label_codes
@@ -337,16 +331,19 @@ class RPIL(PolicyEstimator):
 
     def explain(self, data: FitData, source: str) -> None:
         """Add the assumptions to the audit, and warn of what the user should know before using it."""
-        linear = self.policy is None
-        sentences = assumption_sentences(
+        if self.policy is None:
+            policy = assumptions.linear_policy(self.features_.kind)
+        else:
+            policy = assumptions.custom_policy(type(self.policy).__name__)
+        sentences = assumptions.assumption_sentences(
             self.audit_.finding,
-            linear_policy(self.features_.kind) if linear else custom_policy(type(self.policy).__name__),
+            policy,
             p_two_groups=None if self.judge_ is None else self.judge_.groups.p_two,
             whole_demonstrations=self.state_ is not None,
             expert_share=self.prior if isinstance(self.prior, float) else None,
-            n_labels=int((data.labels != 0).sum()),
+            n_labels=int(np.count_nonzero(data.labels)),
             demonstrators=data.company.said,
         )
         self.audit_ = replace(self.audit_, assumptions=sentences)
-        warn_if_not_converged(self.converged_)
-        warn_if_ambiguous(self.audit_, source)
+        assumptions.warn_if_not_converged(self.converged_)
+        assumptions.warn_if_ambiguous(self.audit_, source)
