@@ -342,7 +342,7 @@ class RPIL(PolicyEstimator):
             whole_demonstrations=self.state_ is not None,
             expert_share=self.prior if isinstance(self.prior, float) else None,
             n_labels=int(np.count_nonzero(data.labels)),
-            demonstrators=data.company.said,
+            demonstrators=data.demonstrators.note,
         )
         self.audit_ = replace(self.audit_, assumptions=sentences)
         assumptions.warn_if_not_converged(self.converged_)
