@@ -32,6 +32,9 @@ _TYPES: dict[str, tuple[type, ...]] = {"offsets": (np.int64,), "step_log_ratio":
 
 Class = TypeVar("Class", bound=type)
 
+NOT_STORED = {"stored": False}
+"""Metadata of a dataclass field that files do not hold; it has a default."""
+
 
 @dataclass(frozen=True)
 class Stored:
@@ -123,7 +126,9 @@ def is_stored(value: Any) -> bool:
 
 def _field_names(known: type) -> list[str]:
     """What an object is made of; private fields are what a computation remembers for speed."""
-    return [field.name for field in fields(known) if not field.name.startswith("_")]
+    return [
+        field.name for field in fields(known) if not field.name.startswith("_") and field.metadata.get("stored", True)
+    ]
 
 
 class Decoder:

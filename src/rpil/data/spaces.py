@@ -1,89 +1,170 @@
-"""What actions there are: one of K, or a point of a box."""
+"""Spaces of actions: one of n numbered actions, or any point of a box of A numbers.
+
+A space tells the model how many numbers an action has and what may be done, and tells the simulator how to draw an
+action uniformly, how to turn one into a wrong one (`flip`, `shift`), and which answers of a policy it accepts.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Literal, Protocol, runtime_checkable
+from dataclasses import dataclass, field
+from typing import Literal
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from rpil.data.archive import stored
+from rpil.data.archive import NOT_STORED, stored
+from rpil.data.errors import DataError
 from rpil.numerics.types import Array
-
-
-@runtime_checkable
-class Space(Protocol):
-    """What the parts of a model need to know of the actions."""
-
-    @property
-    def kind(self) -> Literal["discrete", "continuous"]:
-        """Which policies and adversaries there are for it."""
-
-    @property
-    def n_parts(self) -> int:
-        """Numbers in one action: A."""
-
-    def bounded(self, outputs: Array) -> Array:
-        """Outputs of a policy as far as they can be acted upon."""
-
-    def act(self, outputs: Array) -> Array:
-        """What to do where a policy has these `outputs` (N, ...): codes (N,), or numbers (N, A)."""
 
 
 @stored()
 @dataclass(frozen=True)
 class Discrete:
-    """K actions, with the codes 0 .. K - 1."""
+    """The actions `start` .. `start` + `n` - 1. Models use their codes, 0 .. n - 1."""
 
     n: int
+    start: int = field(default=0, metadata=NOT_STORED)
     kind: Literal["discrete"] = "discrete"
 
     @property
     def n_parts(self) -> int:
+        """Numbers in one action: 1."""
         return 1
 
+    @property
+    def classes(self) -> Array:
+        """All actions, (n,)."""
+        return np.arange(self.start, self.start + self.n)
+
+    @property
+    def expected(self) -> str:
+        """What a policy must return for an observation, for messages."""
+        return f"one action {self.start} to {self.start + self.n - 1}"
+
     def bounded(self, outputs: Array) -> Array:
-        """Log-probabilities know their bounds."""
+        """The `outputs` of a policy as they are: log-probabilities need no bounds."""
         return outputs
 
     def act(self, outputs: Array) -> Array:
-        """The most likely action."""
+        """Codes (N,) of the most likely actions under log-probabilities (N, n)."""
         best: Array = outputs.argmax(axis=1)
         return best
+
+    def draw(self, n_steps: int, rng: np.random.Generator) -> Array:
+        """Uniform draws (n_steps,)."""
+        return rng.integers(self.start, self.start + self.n, size=n_steps)
+
+    def flip(self, actions: Array) -> Array:
+        """Swap the first and the last action; those between stay."""
+        swapped = self.classes
+        swapped[[0, -1]] = swapped[[-1, 0]]
+        return swapped[actions - self.start]
+
+    def shift(self, actions: Array) -> Array:
+        """Replace every action by the next one, the last by the first."""
+        return (actions - self.start + 1) % self.n + self.start
+
+    def executed(self, answer: Array, n_steps: int) -> Array | None:
+        """The `answer` of a policy as int64 actions (n_steps,); None unless it is whole numbers among the actions."""
+        if answer.shape != (n_steps,) or answer.dtype.kind not in "iufb":
+            return None
+        # Compared before the cast: NaN and infinity have no integer.
+        if not np.all((answer >= self.start) & (answer < self.start + self.n)):
+            return None
+        actions = answer.astype(np.int64)
+        return actions if np.array_equal(actions, answer) else None
+
+    def __str__(self) -> str:
+        return f"the actions {self.start} to {self.start + self.n - 1}"
 
 
 @stored(low="A", high="A")
 @dataclass(frozen=True, eq=False)
 class Box:
-    """Actions with A numbers, each within its bounds.
+    """Actions of A numbers, each between its bounds.
 
     Attributes
     ----------
     low, high : (A,) arrays
+        Float32 for the actions of an environment, which takes no other precision; float64 for models.
     """
 
     low: Array
     high: Array
     kind: Literal["continuous"] = "continuous"
 
-    @property
-    def n_parts(self) -> int:
-        return len(self.low)
-
     @classmethod
     def around(cls, actions: Array) -> Box:
-        """The smallest box that holds `actions` (N, A); a dimension in which nothing moves gets a width of 1."""
+        """The smallest box that holds `actions` (N, A); a constant part of the actions gets a width of 1."""
         low, high = actions.min(axis=0), actions.max(axis=0)
-        still = high <= low
-        return cls(np.where(still, low - 0.5, low), np.where(still, high + 0.5, high))
+        constant = high <= low
+        return cls(np.where(constant, low - 0.5, low), np.where(constant, high + 0.5, high))
 
-    def bounded(self, outputs: Array) -> Array:
-        """The closest that the box holds."""
-        return np.clip(outputs, self.low, self.high)
+    @classmethod
+    def single(cls, low: ArrayLike, high: ArrayLike) -> Box:
+        """A box in single precision, as Gymnasium's are."""
+        return cls(np.asarray(low, dtype=np.float32), np.asarray(high, dtype=np.float32))
 
-    act = bounded
+    @property
+    def n_parts(self) -> int:
+        """Numbers in one action: A."""
+        return len(self.low)
+
+    @property
+    def classes(self) -> Array:
+        """Empty: continuous actions cannot be listed."""
+        return np.empty(0, dtype=np.int64)
+
+    @property
+    def expected(self) -> str:
+        """What a policy must return for an observation, for messages."""
+        return "one finite number" if self.n_parts == 1 else f"{self.n_parts} finite numbers"
 
     @property
     def log_volume(self) -> float:
-        """Of the box: minus the log-density of an action that may be anything."""
+        """Log of the volume: minus the log-density of the uniform distribution in the box."""
         return float(np.log(self.high - self.low).sum())
+
+    def bounded(self, outputs: Array) -> Array:
+        """The closest points (N, A) of the box, in its precision."""
+        # Clipped before the cast: what is far beyond the box may be beyond its precision too.
+        return np.clip(outputs, self.low, self.high).astype(self.low.dtype, copy=False)
+
+    act = bounded
+
+    def draw(self, n_steps: int, rng: np.random.Generator) -> Array:
+        """Uniform draws (n_steps, A).
+
+        Raises
+        ------
+        DataError
+            Where a bound is infinite.
+        """
+        if not np.isfinite([self.low, self.high]).all():
+            raise DataError(f"No action can be drawn uniformly from {self}: give every number two finite bounds.")
+        return rng.uniform(self.low, self.high, size=(n_steps, self.n_parts)).astype(self.low.dtype)
+
+    def flip(self, actions: Array) -> Array:
+        """Mirror every number at the middle of its bounds: a becomes low + high - a."""
+        return self.bounded(self.low + self.high - actions)
+
+    def shift(self, actions: Array) -> Array:
+        """Add half of its range to every number, modulo the range: low + (a - low + range / 2) mod range."""
+        span = self.high - self.low
+        return self.bounded(self.low + (actions - self.low + span / 2) % span)
+
+    def executed(self, answer: Array, n_steps: int) -> Array | None:
+        """The `answer` of a policy, (n_steps, A) or (n_steps,) where A is 1, clipped to the box; None unless it is
+        finite numbers."""
+        if answer.shape == (n_steps,) and self.n_parts == 1:
+            answer = answer[:, None]
+        if answer.shape != (n_steps, self.n_parts) or answer.dtype.kind not in "iuf" or not np.isfinite(answer).all():
+            return None
+        return self.bounded(answer)
+
+    def __str__(self) -> str:
+        bounds = ", ".join(f"{low:g} to {high:g}" for low, high in zip(self.low, self.high, strict=True))
+        return f"continuous actions ({bounds})"
+
+
+Space = Discrete | Box

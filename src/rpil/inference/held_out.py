@@ -102,7 +102,7 @@ class SoftmaxScorer:
         return SoftmaxScorer(self.data, self.fold, self.ridges)
 
     def held_out(self, weight: Array, ridge: float) -> Scored:
-        n_actions = self.data.space.n  # type: ignore[attr-defined]
+        n_actions = self.data.space.n  # type: ignore[union-attr]
         log_proba = np.empty((len(weight), n_actions))
         of_step = self.data.per_step(self.fold)
 
@@ -127,7 +127,7 @@ def fit_weighted(
     preconditioner: Preconditioner | None = None,
 ) -> tuple[Array, Preconditioner | None]:
     """Weights (D, K) of a softmax policy fitted to the `rows` of a problem, and its preconditioner."""
-    n_actions = data.space.n  # type: ignore[attr-defined]
+    n_actions = data.space.n  # type: ignore[union-attr]
     features = data.features[rows]
     targets = one_hot(data.actions[rows], weight, n_actions)
     penalty = np.append(np.full(features.shape[1] - 1, ridge * max(float(weight.sum()), MIN_WEIGHT)), 0.0)
@@ -137,7 +137,7 @@ def fit_weighted(
 
 def frequencies(data: FitData) -> Array:
     """How often each action is taken, (K,), with one step of each added."""
-    counts = np.bincount(data.actions, minlength=data.space.n) + 1.0  # type: ignore[attr-defined]
+    counts = np.bincount(data.actions, minlength=data.space.n) + 1.0  # type: ignore[union-attr]
     found: Array = counts / counts.sum()
     return found
 
@@ -211,7 +211,7 @@ def reference(data: FitData, group: Array) -> Array:
     frequencies of the actions, or one Student distribution."""
     weight = data.per_step(group.astype(float))
     if data.space.kind == "discrete":
-        counts = np.bincount(data.actions, weight, data.space.n) + 1.0  # type: ignore[attr-defined]
+        counts = np.bincount(data.actions, weight, data.space.n) + 1.0
         return np.asarray(np.log(counts / counts.sum())[data.actions])
     actions = standardise(data.actions)
     errors = actions - np.median(actions[weight > 0], axis=0)

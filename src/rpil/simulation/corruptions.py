@@ -13,18 +13,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rpil.simulation.actions import ActionSpace
+from rpil.data.spaces import Space
 
 Rows = NDArray[Any]
-Corruption = Callable[[Rows, Rows, ActionSpace, np.random.Generator], tuple[Rows, Rows]]
+Corruption = Callable[[Rows, Rows, Space, np.random.Generator], tuple[Rows, Rows]]
 
 
-def corrupted(observations: Rows, actions: Rows, space: ActionSpace, rng: np.random.Generator) -> tuple[Rows, Rows]:
+def corrupted(observations: Rows, actions: Rows, space: Space, rng: np.random.Generator) -> tuple[Rows, Rows]:
     """Replace every action by a uniform draw; the states stay those of the expert, who drove."""
     return observations.copy(), space.draw(len(actions), rng)
 
 
-def flip(observations: Rows, actions: Rows, space: ActionSpace, rng: np.random.Generator) -> tuple[Rows, Rows]:
+def flip(observations: Rows, actions: Rows, space: Space, rng: np.random.Generator) -> tuple[Rows, Rows]:
     """Swap the first and the last action, 0 and K-1; those between stay. In a box, mirror: low + high - action.
 
     For Mountain Car and Acrobot (K = 3) that is left and right, for Lunar Lander (K = 4) "nothing" and "right engine".
@@ -32,25 +32,25 @@ def flip(observations: Rows, actions: Rows, space: ActionSpace, rng: np.random.G
     return observations.copy(), space.flip(actions)
 
 
-def shift(observations: Rows, actions: Rows, space: ActionSpace, rng: np.random.Generator) -> tuple[Rows, Rows]:
+def shift(observations: Rows, actions: Rows, space: Space, rng: np.random.Generator) -> tuple[Rows, Rows]:
     """Turn every action k into (k + 1) mod K. In a box, move every number on by half of its range, around."""
     return observations.copy(), space.shift(actions)
 
 
-def noisy(observations: Rows, actions: Rows, space: ActionSpace, rng: np.random.Generator) -> tuple[Rows, Rows]:
+def noisy(observations: Rows, actions: Rows, space: Space, rng: np.random.Generator) -> tuple[Rows, Rows]:
     """Replace half of the actions (rounded up), at steps chosen at random, by uniform draws."""
     steps = rng.choice(len(actions), size=_half(len(actions)), replace=False)
     return observations.copy(), _redraw(actions, steps, space, rng)
 
 
-def window(observations: Rows, actions: Rows, space: ActionSpace, rng: np.random.Generator) -> tuple[Rows, Rows]:
+def window(observations: Rows, actions: Rows, space: Space, rng: np.random.Generator) -> tuple[Rows, Rows]:
     """Replace the actions of one unbroken half of the steps (rounded up), at a random place, by uniform draws."""
     length = _half(len(actions))
     start = int(rng.integers(len(actions) - length + 1))
     return observations.copy(), _redraw(actions, slice(start, start + length), space, rng)
 
 
-def sensor(observations: Rows, actions: Rows, space: ActionSpace, rng: np.random.Generator) -> tuple[Rows, Rows]:
+def sensor(observations: Rows, actions: Rows, space: Space, rng: np.random.Generator) -> tuple[Rows, Rows]:
     """Replace the observations by Gaussian noise with the mean and sd, per column, of this episode's; keep the actions.
 
     A column that never changes in the episode stays as it is.
@@ -82,7 +82,7 @@ def _half(n_steps: int) -> int:
     return (n_steps + 1) // 2
 
 
-def _redraw(actions: Rows, steps: NDArray[np.int64] | slice, space: ActionSpace, rng: np.random.Generator) -> Rows:
+def _redraw(actions: Rows, steps: NDArray[np.int64] | slice, space: Space, rng: np.random.Generator) -> Rows:
     spoiled = actions.copy()
     spoiled[steps] = space.draw(len(spoiled[steps]), rng)
     return spoiled

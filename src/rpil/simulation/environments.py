@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rpil.data.errors import DataError, MissingExtraError
-from rpil.simulation.actions import ActionBox, ActionSpace, NumberedActions
+from rpil.data.spaces import Box, Discrete, Space
 
 DISCRETISED: dict[str, tuple[str, NDArray[np.float32]]] = {
     "rpil/DiscretePendulum-v1": ("Pendulum-v1", np.linspace([-2.0], [2.0], 5, dtype=np.float32)),
@@ -40,7 +40,7 @@ def make(env_id: str) -> Any:
         import gymnasium
     except ImportError as error:
         raise MissingExtraError("Playing a policy", "gym") from error
-    from gymnasium.spaces import Discrete
+    from gymnasium import spaces
     from gymnasium.wrappers import FlattenObservation, TransformAction
 
     base_id, choices = DISCRETISED.get(env_id, (env_id, None))
@@ -54,17 +54,17 @@ def make(env_id: str) -> Any:
             f"Gymnasium has no environment {env_id!r}: check the name and its version with gymnasium.pprint_registry()."
         ) from error
     if choices is not None:
-        env = TransformAction(env, choices.__getitem__, Discrete(len(choices)))
-    return FlattenObservation(env) if isinstance(env.observation_space, Discrete) else env
+        env = TransformAction(env, choices.__getitem__, spaces.Discrete(len(choices)))
+    return FlattenObservation(env) if isinstance(env.observation_space, spaces.Discrete) else env
 
 
-def actions_of(env: Any) -> ActionSpace | None:
+def actions_of(env: Any) -> Space | None:
     """What one can do in a Gymnasium environment; None for spaces of other kinds than Discrete and flat float Box."""
-    from gymnasium.spaces import Box, Discrete
+    from gymnasium import spaces
 
     space = env.action_space
-    if isinstance(space, Discrete):
-        return NumberedActions(int(space.n), int(space.start))
-    if isinstance(space, Box) and len(space.shape) == 1 and space.dtype.kind == "f":
-        return ActionBox(space.low, space.high)
+    if isinstance(space, spaces.Discrete):
+        return Discrete(int(space.n), int(space.start))
+    if isinstance(space, spaces.Box) and len(space.shape) == 1 and space.dtype.kind == "f":
+        return Box(space.low, space.high)
     return None

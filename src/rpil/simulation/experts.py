@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rpil.data.errors import DataError
-from rpil.simulation.actions import ActionBox, ActionSpace, NumberedActions
+from rpil.data.spaces import Box, Discrete, Space
 
 
 @dataclass(frozen=True)
@@ -27,7 +27,7 @@ class Expert:
         The id, as `rpil.simulation.environments.make` knows it, that the formula was made for.
     n_features_in_ : int
         D, the length of an observation.
-    actions : ActionSpace
+    actions : Space
         The environment's: K numbered actions, or a box of A continuous ones.
     rule : callable
         Maps observations (n, D) to actions (n,) or, unclipped, (n, A).
@@ -35,13 +35,13 @@ class Expert:
 
     env_id: str
     n_features_in_: int
-    actions: ActionSpace
+    actions: Space
     rule: Callable[[NDArray[np.floating]], NDArray[Any]]
 
     @property
     def classes_(self) -> NDArray[np.int64]:
         """The actions 0 .. K-1, under scikit-learn's name for them; empty where actions are continuous."""
-        return self.actions.classes_
+        return self.actions.classes
 
     def predict(self, observations: ArrayLike) -> NDArray[Any]:
         """Actions (n,), or (n, A) float32 within the box, for observations (n, D) as the environment gives them."""
@@ -183,13 +183,13 @@ def _mountain_car_force(observations: NDArray[np.floating]) -> NDArray[np.floati
 EXPERTS: dict[str, Expert] = {
     name: Expert(name, n_features, actions, rule)
     for name, n_features, actions, rule in (
-        ("MountainCar-v0", 2, NumberedActions(3), _mountain_car),
-        ("Acrobot-v1", 6, NumberedActions(3), _acrobot),
-        ("LunarLander-v3", 8, NumberedActions(4), _lunar_lander),
-        ("CartPole-v1", 4, NumberedActions(2), _cart_pole),
-        ("rpil/DiscretePendulum-v1", 3, NumberedActions(5), _pendulum),
-        ("Pendulum-v1", 3, ActionBox.of([-2], [2]), _pendulum_torque),
-        ("MountainCarContinuous-v0", 2, ActionBox.of([-1], [1]), _mountain_car_force),
-        ("LunarLanderContinuous-v3", 8, ActionBox.of([-1, -1], [1, 1]), _lander_throttles),
+        ("MountainCar-v0", 2, Discrete(3), _mountain_car),
+        ("Acrobot-v1", 6, Discrete(3), _acrobot),
+        ("LunarLander-v3", 8, Discrete(4), _lunar_lander),
+        ("CartPole-v1", 4, Discrete(2), _cart_pole),
+        ("rpil/DiscretePendulum-v1", 3, Discrete(5), _pendulum),
+        ("Pendulum-v1", 3, Box.single([-2], [2]), _pendulum_torque),
+        ("MountainCarContinuous-v0", 2, Box.single([-1], [1]), _mountain_car_force),
+        ("LunarLanderContinuous-v3", 8, Box.single([-1, -1], [1, 1]), _lander_throttles),
     )
 }

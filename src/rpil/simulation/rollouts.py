@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from scipy.special import stdtrit
 
 from rpil.data.errors import DataError
+from rpil.data.spaces import Space
 from rpil.numerics.parallel import in_processes
-from rpil.simulation.actions import ActionSpace
 from rpil.simulation.environments import actions_of, make
 
 
@@ -31,8 +31,8 @@ class RandomPolicy:
 
     The draws come from one stream, which a later `predict` of the same object continues."""
 
-    def __init__(self, actions: ActionSpace, seed: int) -> None:
-        self.classes_ = actions.classes_
+    def __init__(self, actions: Space, seed: int) -> None:
+        self.classes_ = actions.classes
         self._actions = actions
         self._rng = np.random.default_rng(seed)
 
@@ -228,7 +228,7 @@ def _play(policy: Policy, env_id: str, seeds: Sequence[int]) -> Iterator[_Step]:
             env.close()
 
 
-def _actions_that_fit(policy: Policy, env_id: str, env: Any) -> ActionSpace:
+def _actions_that_fit(policy: Policy, env_id: str, env: Any) -> Space:
     """What the policy can do in `env`; refuses spaces that are not supported, and a policy from another environment."""
     from gymnasium.spaces import Box
 
@@ -248,7 +248,7 @@ def _actions_that_fit(policy: Policy, env_id: str, env: Any) -> ActionSpace:
         )
     known = getattr(policy, "classes_", None)
     if known is not None:
-        theirs, ours = np.asarray(known).tolist(), actions.classes_.tolist()
+        theirs, ours = np.asarray(known).tolist(), actions.classes.tolist()
         if bool(theirs) != bool(ours) or not set(theirs) <= set(ours):
             raise DataError(
                 f"{env_id} has {actions} but {name} knows {theirs or 'continuous ones'}: "
@@ -257,13 +257,13 @@ def _actions_that_fit(policy: Policy, env_id: str, env: Any) -> ActionSpace:
     return actions
 
 
-def _actions(policy: Policy, observations: NDArray[Any], env_id: str, space: ActionSpace) -> NDArray[Any]:
+def _actions(policy: Policy, observations: NDArray[Any], env_id: str, space: Space) -> NDArray[Any]:
     """Ask the policy once for all running episodes, and refuse an answer that the environments would misread."""
     answer = np.asarray(policy.predict(observations))
     actions = space.executed(answer, len(observations))
     if actions is None:
         raise DataError(
             f"In {env_id} the policy answered {len(observations)} observations with {answer.dtype} of shape "
-            f"{answer.shape}: predict must return {space.wanted} for each."
+            f"{answer.shape}: predict must return {space.expected} for each."
         )
     return actions

@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from rpil.simulation.actions import ActionBox, NumberedActions
+from rpil.data.spaces import Box, Discrete
 from rpil.simulation.corruptions import CORRUPTIONS, KINDS, RANDOM
 
 N, D, K = 2001, 3, 4
-NUMBERED = NumberedActions(K)
+NUMBERED = Discrete(K)
 # One range around zero and one far from it.
-BOX = ActionBox.of([-2, 10], [2, 11])
+BOX = Box.single([-2, 10], [2, 11])
 
 
 @pytest.fixture
@@ -84,7 +84,7 @@ def test_corrupted_draws_uniformly_whatever_the_expert_did(episode):
 @pytest.mark.parametrize(("n_actions", "wanted"), [(2, [1, 0]), (3, [2, 1, 0]), (4, [3, 1, 2, 0])])
 def test_flip_swaps_first_and_last(n_actions, wanted):
     actions = np.arange(n_actions)
-    space = NumberedActions(n_actions)
+    space = Discrete(n_actions)
     flipped = CORRUPTIONS["flip"](np.zeros((n_actions, 1)), actions, space, np.random.default_rng(0))[1]
     np.testing.assert_array_equal(flipped, wanted)
 

@@ -1,4 +1,4 @@
-"""The two kinds of actions: what is drawn, mirrored, turned, and accepted from a policy."""
+"""Spaces of actions: what a model and the simulator ask of them."""
 
 from __future__ import annotations
 
@@ -6,57 +6,79 @@ import numpy as np
 import pytest
 
 from rpil.data.errors import DataError
-from rpil.simulation.actions import ActionBox, NumberedActions
+from rpil.data.spaces import Box, Discrete
 
 
-def test_numbered_actions_may_start_anywhere():
-    space = NumberedActions(3, start=5)
-    np.testing.assert_array_equal(space.classes_, [5, 6, 7])
+def test_the_most_likely_of_k_actions():
+    outputs = np.log([[0.2, 0.5, 0.3], [0.6, 0.1, 0.3]])
+    np.testing.assert_array_equal(Discrete(3).act(outputs), [1, 0])
+    assert Discrete(3).bounded(outputs) is outputs
+    assert Discrete(3) == Discrete(3) != Discrete(2)
+
+
+def test_a_box_keeps_what_is_done_within_its_bounds():
+    box = Box(np.array([-1.0, 0.0]), np.array([1.0, 4.0]))
+    outputs = np.array([[-3.0, 2.0], [0.5, 9.0]])
+    for kept in (box.act(outputs), box.bounded(outputs)):
+        np.testing.assert_array_equal(kept, [[-1.0, 2.0], [0.5, 4.0]])
+    assert box.log_volume == pytest.approx(np.log(8.0))
+
+
+def test_the_box_around_actions_has_a_volume_also_where_a_part_never_moves():
+    box = Box.around(np.array([[1.0, 7.0], [3.0, 7.0], [-2.0, 7.0]]))
+    np.testing.assert_array_equal(box.low, [-2.0, 6.5])
+    np.testing.assert_array_equal(box.high, [3.0, 7.5])
+    assert box.log_volume == pytest.approx(np.log(5.0))
+
+
+def test_discrete_actions_may_start_anywhere():
+    space = Discrete(3, start=5)
+    np.testing.assert_array_equal(space.classes, [5, 6, 7])
     np.testing.assert_array_equal(space.flip(np.array([5, 6, 7])), [7, 6, 5])
     np.testing.assert_array_equal(space.shift(np.array([5, 6, 7])), [6, 7, 5])
     assert set(space.draw(200, np.random.default_rng(0))) == {5, 6, 7}
     assert str(space) == "the actions 5 to 7"
-    assert space.wanted == "one action 5 to 7"
+    assert space.expected == "one action 5 to 7"
 
 
-def test_numbered_draws_are_the_generators_own_integers():
+def test_discrete_draws_are_the_generators_own_integers():
     wanted = np.random.default_rng(3).integers(4, size=50)
-    np.testing.assert_array_equal(NumberedActions(4).draw(50, np.random.default_rng(3)), wanted)
+    np.testing.assert_array_equal(Discrete(4).draw(50, np.random.default_rng(3)), wanted)
 
 
 @pytest.mark.parametrize("answer", [[5, 7], [5.0, 7.0], np.array([5, 7], dtype=np.uint8)])
 def test_whole_numbers_among_the_actions_are_executed(answer):
-    actions = NumberedActions(3, start=5).executed(np.asarray(answer), 2)
+    actions = Discrete(3, start=5).executed(np.asarray(answer), 2)
     assert actions.dtype == np.int64
     np.testing.assert_array_equal(actions, [5, 7])
 
 
 @pytest.mark.parametrize("answer", [[0, 5], [5, 8], [5.5, 6], [np.nan, 5], [np.inf, 5], ["5", "6"], [[5], [6]], [5]])
 def test_other_answers_are_not_executed(answer):
-    assert NumberedActions(3, start=5).executed(np.asarray(answer), 2) is None
+    assert Discrete(3, start=5).executed(np.asarray(answer), 2) is None
 
 
 def test_a_box_clips_and_takes_the_precision_of_its_bounds():
-    box = ActionBox.of([-1, 0], [1, 10])
+    box = Box.single([-1, 0], [1, 10])
     actions = box.executed(np.array([[-3.0, 4.0], [0.25, 1e300]]), 2)
     assert actions.dtype == np.float32
     np.testing.assert_array_equal(actions, [[-1, 4], [0.25, 10]])
     np.testing.assert_array_equal(box.executed(np.array([[3, 4]]), 1), [[1, 4]])
     assert box.executed(np.empty((0, 2)), 0).shape == (0, 2)
-    assert len(box.classes_) == 0
+    assert len(box.classes) == 0
     assert str(box) == "continuous actions (-1 to 1, 0 to 10)"
-    assert box.wanted == "2 finite numbers"
+    assert box.expected == "2 finite numbers"
 
 
 @pytest.mark.parametrize(
     "answer", [[0.0, 0.0], [[0.0]], [[0.0, np.nan]], [[-np.inf, 0.0]], [["a", "b"]], [[True, False]]]
 )
 def test_a_box_takes_one_row_of_finite_numbers_per_step(answer):
-    assert ActionBox.of([-1, 0], [1, 10]).executed(np.asarray(answer), 1) is None
+    assert Box.single([-1, 0], [1, 10]).executed(np.asarray(answer), 1) is None
 
 
 def test_flip_and_shift_stay_in_the_box_and_undo_themselves():
-    box = ActionBox.of([-0.1, 3], [0.3, 1000])
+    box = Box.single([-0.1, 3], [0.3, 1000])
     actions = box.draw(5000, np.random.default_rng(1))
     for turn in (box.flip, box.shift):
         turned = turn(actions)
@@ -69,4 +91,4 @@ def test_flip_and_shift_stay_in_the_box_and_undo_themselves():
 
 def test_no_uniform_draw_without_bounds():
     with pytest.raises(DataError, match=r"from continuous actions \(-1 to inf\): give .* two finite bounds\.$"):
-        ActionBox.of([-1], [np.inf]).draw(3, np.random.default_rng(0))
+        Box.single([-1], [np.inf]).draw(3, np.random.default_rng(0))

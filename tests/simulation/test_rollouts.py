@@ -12,8 +12,8 @@ from scipy import stats
 
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError, MissingExtraError
+from rpil.data.spaces import Box, Discrete
 from rpil.estimators.cloning import BehavioralCloning
-from rpil.simulation.actions import ActionBox, NumberedActions
 from rpil.simulation.experts import expert
 from rpil.simulation.rollouts import RandomPolicy, Returns, record, rollout
 from rpil.simulation.simulate import simulate
@@ -96,7 +96,7 @@ def test_discretised_pendulum_takes_the_torque_of_each_choice():
 
 def test_same_seed_same_bits_and_another_seed_others():
     first, again, other = (
-        record(RandomPolicy(NumberedActions(4), 7), "LunarLander-v3", n_episodes=4, seed=seed) for seed in (1, 1, 2)
+        record(RandomPolicy(Discrete(4), 7), "LunarLander-v3", n_episodes=4, seed=seed) for seed in (1, 1, 2)
     )
     for one, two in zip(first, again, strict=True):
         np.testing.assert_array_equal(one.observations, two.observations)
@@ -162,15 +162,15 @@ def test_progress_counts_up_to_the_number_of_episodes():
 
 
 def test_random_policy_is_uniform_and_seeded():
-    draws = RandomPolicy(NumberedActions(4), 0).predict(np.zeros((40_000, 2)))
-    np.testing.assert_array_equal(draws, RandomPolicy(NumberedActions(4), 0).predict(np.zeros((40_000, 2))))
-    assert (draws != RandomPolicy(NumberedActions(4), 1).predict(np.zeros((40_000, 2)))).any()
+    draws = RandomPolicy(Discrete(4), 0).predict(np.zeros((40_000, 2)))
+    np.testing.assert_array_equal(draws, RandomPolicy(Discrete(4), 0).predict(np.zeros((40_000, 2))))
+    assert (draws != RandomPolicy(Discrete(4), 1).predict(np.zeros((40_000, 2)))).any()
     # Four standard errors of a share of 1/4.
     np.testing.assert_allclose(np.bincount(draws, minlength=4) / 40_000, 0.25, atol=4 * np.sqrt(0.1875 / 40_000))
 
 
 def test_random_policy_of_a_box_is_uniform_and_seeded():
-    box = ActionBox.of([-1, 0], [1, 10])
+    box = Box.single([-1, 0], [1, 10])
     draws = RandomPolicy(box, 0).predict(np.zeros((40_000, 2)))
     assert draws.shape == (40_000, 2)
     np.testing.assert_array_equal(draws, RandomPolicy(box, 0).predict(np.zeros((40_000, 2))))
@@ -224,8 +224,8 @@ def one_sentence(error):
         (Always(0), "not an id", "no environment 'not an id'"),
         (Always(0), "no_such_module:Thing-v0", "no environment 'no_such_module:Thing-v0'"),
         (expert("CartPole-v1"), "Pendulum-v1", r"Pendulum-v1 has .* shape \(3,\) .* shape \(4,\)"),
-        (RandomPolicy(NumberedActions(2), 0), "Pendulum-v1", r"has continuous actions \(-2 to 2\) .* knows \[0, 1\]"),
-        (RandomPolicy(ActionBox.of([-2], [2]), 0), "CartPole-v1", "has the actions 0 to 1 .* knows continuous ones"),
+        (RandomPolicy(Discrete(2), 0), "Pendulum-v1", r"has continuous actions \(-2 to 2\) .* knows \[0, 1\]"),
+        (RandomPolicy(Box.single([-2], [2]), 0), "CartPole-v1", "has the actions 0 to 1 .* knows continuous ones"),
         (Always([0.5]), "CartPole-v1", r"shape \(2, 1\): predict must return one action 0 to 1"),
         (Always([0, 0]), "Pendulum-v1", r"shape \(2, 2\): predict must return one finite number for each"),
         (Always(0.5), "LunarLanderContinuous-v3", r"shape \(2,\): predict must return 2 finite numbers for each"),
@@ -234,7 +234,7 @@ def one_sentence(error):
         (Always(["left"]), "Pendulum-v1", "one finite number"),
         (Always(0), "Blackjack-v1", "Blackjack-v1 has Tuple .* only flat Box or Discrete observations"),
         (expert("Acrobot-v1"), "MountainCar-v0", r"MountainCar-v0 has .* shape \(2,\) .* shape \(6,\)"),
-        (RandomPolicy(NumberedActions(3), 0), "CartPole-v1", r"CartPole-v1 has the actions 0 to 1 .* \[0, 1, 2\]"),
+        (RandomPolicy(Discrete(3), 0), "CartPole-v1", r"CartPole-v1 has the actions 0 to 1 .* \[0, 1, 2\]"),
         (SimpleNamespace(classes_=np.array(["left"]), predict=None), "CartPole-v1", r"CartPole-v1 .* \['left'\]"),
         (Always(2), "CartPole-v1", r"CartPole-v1 .* one action 0 to 1"),
         (Always(-1), "CartPole-v1", r"CartPole-v1 .* one action 0 to 1"),

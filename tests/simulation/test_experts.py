@@ -9,7 +9,7 @@ import pytest
 from gymnasium.envs.box2d.lunar_lander import heuristic
 
 from rpil.data.errors import DataError
-from rpil.simulation.actions import ActionBox
+from rpil.data.spaces import Box
 from rpil.simulation.environments import actions_of, make
 from rpil.simulation.experts import EXPERTS, expert
 from rpil.simulation.rollouts import record, rollout
@@ -150,7 +150,7 @@ def test_continuous_mountain_car_pushes_along_the_motion():
     assert (np.diff(actions) > 0).all()
 
 
-CONTINUOUS = [env_id for env_id in EXPERTS if isinstance(expert(env_id).actions, ActionBox)]
+CONTINUOUS = [env_id for env_id in EXPERTS if isinstance(expert(env_id).actions, Box)]
 
 
 @pytest.mark.parametrize("env_id", EXPERTS)
@@ -159,7 +159,7 @@ def test_actions_and_observations_are_the_environments(env_id):
     theirs, ours = actions_of(env), expert(env_id).actions
     assert type(theirs) is type(ours)
     assert str(theirs) == str(ours)
-    np.testing.assert_array_equal(theirs.classes_, ours.classes_)
+    np.testing.assert_array_equal(theirs.classes, ours.classes)
     assert env.observation_space.shape == (expert(env_id).n_features_in_,)
     env.close()
 
