@@ -1,8 +1,8 @@
 """Weighted, soft-target, ridge-penalised softmax regression by truncated Newton.
 
-One solver serves behavioural cloning (hard targets), every M-step of EM (soft targets, warm start, few steps) and the
-final refit (weights). Newton directions come from preconditioned conjugate gradients on Hessian products, the
-preconditioner from the exact class blocks of the Hessian on a subsample of steps.
+One solver serves behavioural cloning (hard targets), every M-step of EM (soft targets, warm start, one step) and the
+final policy (weights). Newton directions come from preconditioned conjugate gradients on Hessian products; the
+preconditioner is made of the exact class blocks of the Hessian on a subsample of the steps.
 """
 
 from __future__ import annotations
@@ -14,19 +14,22 @@ from typing import NamedTuple
 import numpy as np
 
 from rpil.numerics.blocks import gradient, hessian_product, linear, log_softmax
-from rpil.numerics.types import Array
+from rpil.numerics.types import Array, Float
 
-_PRECONDITIONER_ROWS = 8192
-"""At least so many steps, and four a feature, give the preconditioner."""
+PRECONDITIONER_MIN_STEPS = 8192
+"""Steps in the subsample of a preconditioner, at least; and at least four a feature."""
 
-_PRECONDITIONER_STEPS = 4
-"""Newton steps that one preconditioner serves."""
+PRECONDITIONER_NEWTON_STEPS = 4
+"""Newton steps after which the preconditioner is made again."""
+
+FULL_HESSIAN_MAX_COEFFICIENTS = 1_500
+"""Coefficients up to which the Hessian of a sample is inverted as a whole, not by class blocks."""
 
 HISTORY_LENGTH = 30
-"""Steps of a path that a Newton step takes into account."""
+"""Points of a `CurvatureHistory` that L-BFGS uses."""
 
-_LARGEST = 1_500
-"""Coefficients up to which the whole Hessian is inverted where it serves many passes over much data."""
+CurvatureHistory = Float[Array, "T 2 D K"]
+"""T points of an ascent, and the gradient of the objective at each: their differences tell the curvature (L-BFGS)."""
 
 
 @dataclass(frozen=True)
@@ -49,7 +52,7 @@ class NewtonSettings:
 
 
 class SoftmaxFit(NamedTuple):
-    """Where the solver stopped.
+    """Result of `fit_softmax`.
 
     Attributes
     ----------
@@ -63,20 +66,20 @@ class SoftmaxFit(NamedTuple):
         The last one made: good enough for a problem nearby.
     """
 
-    weights: Array
-    log_proba: Array
+    weights: Float[Array, "D K"]
+    log_proba: Float[Array, "N K"]
     objective: float
     converged: bool
     preconditioner: Preconditioner | None
 
 
 def fit_softmax(
-    features: Array,
-    targets: Array,
-    penalty: Array,
+    features: Float[Array, "N D"],
+    targets: Float[Array, "N K"],
+    penalty: Float[Array, " D"],
     settings: NewtonSettings = NewtonSettings(),
     *,
-    start: Array | None = None,
+    start: Float[Array, "D K"] | None = None,
     preconditioner: Preconditioner | None = None,
 ) -> SoftmaxFit:
     """Minimise -sum_nk T_nk log softmax(x_n W)_k + 1/2 sum_dk penalty_d W_dk^2.
@@ -100,8 +103,7 @@ def fit_softmax(
     SoftmaxFit
         Its objective is never above the one at `start`.
     """
-    ridge = penalty[:, None]
-    weight = targets.sum(axis=1)
+    ridge, weight = penalty[:, None], targets.sum(axis=1)
     scale = max(float(weight.sum()), np.finfo(float).tiny)
     weights = np.zeros((features.shape[1], targets.shape[1])) if start is None else np.array(start, dtype=float)
     logits = linear(features, weights)
@@ -114,7 +116,7 @@ def fit_softmax(
         norm = float(np.abs(slope).max()) / scale
         if norm <= settings.tol or n_iter == settings.max_iter:
             return SoftmaxFit(weights, log_proba, objective, norm <= settings.tol, preconditioner)
-        if preconditioner is None or (n_iter and n_iter % _PRECONDITIONER_STEPS == 0):
+        if preconditioner is None or (n_iter and n_iter % PRECONDITIONER_NEWTON_STEPS == 0):
             preconditioner = Preconditioner(features, proba, weight, penalty)
         step = _newton_direction(features, proba, weight, ridge, slope, preconditioner, settings.max_cg)
 
@@ -129,7 +131,7 @@ def fit_softmax(
             if trial_objective <= objective + 1e-4 * length * descent:
                 break
             length *= 0.5
-            if length < 1e-10:  # rounding is all that is left to gain
+            if length < 1e-10:  # only rounding is left to gain
                 return SoftmaxFit(weights, log_proba, objective, norm <= 100 * settings.tol, preconditioner)
         weights, log_proba, objective = trial, trial_log_proba, trial_objective
         logits = logits + length * step_logits
@@ -168,20 +170,24 @@ def _newton_direction(
     return step if step.any() else -slope
 
 
-def lbfgs_step(path: Array, precondition: Callable[[Array], Array]) -> Array:
-    """Uphill from the end of a path, (D, K): gradients along the way tell of the Hessian, beside a preconditioner
-    (L-BFGS, Nocedal 1980). `path` (T, 2, D, K) holds places, and the gradient of the objective at each."""
-    moves = np.diff(path, axis=0)
+def lbfgs_step(
+    history: CurvatureHistory, precondition: Callable[[Float[Array, "D K"]], Float[Array, "D K"]]
+) -> Float[Array, "D K"]:
+    """Ascent step from the last point of `history`, by the two loops of L-BFGS (Nocedal 1980).
+
+    `precondition` applies the inverse Hessian with which the loops begin.
+    """
+    moves = np.diff(history, axis=0)
     pairs = [(step, -change, -float((step * change).sum())) for step, change in moves]
     pairs = [pair for pair in pairs if pair[2] > 0.0]
-    rest, shares = path[-1, 1], []
-    for step, fall, curvature in reversed(pairs):
-        shares.append(float((step * rest).sum()) / curvature)
-        rest = rest - shares[-1] * fall
-    found = precondition(rest)
-    for (step, fall, curvature), share in zip(pairs, reversed(shares), strict=True):
-        found = found + (share - float((fall * found).sum()) / curvature) * step
-    return found
+    rest, factors = history[-1, 1], []
+    for step, decrease, curvature in reversed(pairs):
+        factors.append(float((step * rest).sum()) / curvature)
+        rest = rest - factors[-1] * decrease
+    ascent = precondition(rest)
+    for (step, decrease, curvature), factor in zip(pairs, reversed(factors), strict=True):
+        ascent = ascent + (factor - float((decrease * ascent).sum()) / curvature) * step
+    return ascent
 
 
 class Preconditioner:
@@ -191,24 +197,31 @@ class Preconditioner:
     ----------
     features : (N, D) array
     proba : (N, K) array
-        The policy's.
+        Probabilities p of the policy.
     weight : (N,) array
+        Weights s of the steps.
     penalty : (D,) array
-    doubt : float, optional
-        Curvature that may be anywhere without these steps knowing. Where it is given the steps are few
-        and the matrix serves many passes: all are read, and the whole Hessian is inverted where it has no more than
-        `_LARGEST` rows.
+    unseen_curvature : float, optional
+        Given for a sample of the data, whose Hessian serves many passes: curvature that a direction may have in all
+        data although the sample has none there. Then all steps are used, and the Hessian is inverted as a whole where
+        it has no more than `FULL_HESSIAN_MAX_COEFFICIENTS` rows.
     """
 
     def __init__(
-        self, features: Array, proba: Array, weight: Array, penalty: Array, doubt: float | None = None
+        self,
+        features: Float[Array, "N D"],
+        proba: Float[Array, "N K"],
+        weight: Float[Array, " N"],
+        penalty: Float[Array, " D"],
+        unseen_curvature: float | None = None,
     ) -> None:
-        self.doubt = doubt
+        self.unseen_curvature = unseen_curvature
+        of_sample = bool(unseen_curvature)
         n_steps, n_features = features.shape
-        stride = 1 if doubt else max(1, n_steps // max(_PRECONDITIONER_ROWS, 4 * n_features))
+        stride = 1 if of_sample else max(1, n_steps // max(PRECONDITIONER_MIN_STEPS, 4 * n_features))
         x, p, s = features[::stride], proba[::stride], stride * weight[::stride]
-        if doubt and n_features * p.shape[1] <= _LARGEST:
-            hessian = _coupled(x.astype(float, copy=False), p, s)[None]
+        if of_sample and n_features * p.shape[1] <= FULL_HESSIAN_MAX_COEFFICIENTS:
+            hessian = _full_hessian(x.astype(float, copy=False), p, s)[None]
             penalty = np.tile(penalty, p.shape[1])
         else:
             curvature = (s[:, None] * p * (1 - p)).astype(x.dtype, copy=False)
@@ -217,34 +230,36 @@ class Preconditioner:
         diagonal = np.einsum("kdd->kd", hessian)
         # The floor keeps a class that the subsample hardly sees invertible, and is above the product's rounding.
         diagonal += penalty + floor * (1e-8 + diagonal.max(axis=1, keepdims=True))
-        if doubt and len(hessian) > 1:
+        if of_sample and len(hessian) > 1:
             # Class blocks underestimate the curvature between two actions by up to a half: steps of 2/3 of their length
             # are never far too long nor far too short.
             hessian *= 1.5
         self.inverse = np.linalg.inv(hessian)
-        self.hessian = hessian if doubt else None
+        self.hessian = hessian if of_sample else None
 
-    def __call__(self, residual: Array, radius: float = np.inf) -> Array:
-        """The step H^-1 residual; with a finite radius (H + c I)^-1 residual, where c is `doubt` / `radius` at least
-        and makes no entry larger than `radius`."""
+    def __call__(self, residual: Float[Array, "D K"], radius: float = np.inf) -> Float[Array, "D K"]:
+        """The step H^-1 residual; with a finite radius, (H + c I)^-1 residual without an entry above the radius.
+
+        c begins at `unseen_curvature` / `radius` and is quadrupled until the step is short enough.
+        """
         n_features, n_actions = residual.shape
-        parts = residual.T.reshape(len(self.inverse), -1, 1)
+        blocks = residual.T.reshape(len(self.inverse), -1, 1)
 
-        def step(inverse: Array) -> Array:
-            return (inverse @ parts).reshape(n_actions, n_features).T
+        def solve(inverse: Array) -> Array:
+            return (inverse @ blocks).reshape(n_actions, n_features).T
 
         if radius == np.inf:
-            return step(self.inverse)
+            return solve(self.inverse)
         assert self.hessian is not None
-        assert self.doubt is not None
-        axes, c = np.eye(parts.shape[1]), self.doubt / radius
-        while np.abs(found := step(np.linalg.inv(self.hessian + c * axes))).max() > radius:
+        assert self.unseen_curvature is not None
+        identity, c = np.eye(blocks.shape[1]), self.unseen_curvature / radius
+        while np.abs(step := solve(np.linalg.inv(self.hessian + c * identity))).max() > radius:
             c *= 4.0
-        return found
+        return step
 
 
-def _coupled(features: Array, proba: Array, weight: Array) -> Array:
-    """The Hessian, (K D, K D), whose blocks are X^T diag(s p_k (1[k = l] - p_l)) X."""
+def _full_hessian(features: Array, proba: Array, weight: Array) -> Array:
+    """The Hessian (K D, K D) with the blocks X^T diag(s p_k (1[k = l] - p_l)) X."""
     n_features, n_actions = features.shape[1], proba.shape[1]
     hessian = np.empty((n_actions, n_features, n_actions, n_features))
     for k in range(n_actions):

@@ -1,7 +1,7 @@
 """Independent work on the machine's cores.
 
-Fits share threads: NumPy lets go of the interpreter in its loops. What Python itself has to do, environments above
-all, needs processes.
+Fits share threads: NumPy releases the interpreter lock in its loops. Work in Python itself, environments above all,
+needs processes.
 """
 
 from __future__ import annotations
@@ -10,42 +10,53 @@ import multiprocessing
 import os
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
-from typing import Any, TypeVar
+from typing import TypeVar
 
-from rpil.numerics.types import Array
+from rpil.numerics.types import Array, Float
 
 Item = TypeVar("Item")
-Answer = TypeVar("Answer")
+Result = TypeVar("Result")
 
 THREADING_MIN_SIZE = 400_000
-"""Entries of the design matrix from which array loops, not the interpreter, take the time."""
+"""Entries of the design matrix from which array loops take most of the time, and threads are worth starting."""
 
 
 def cores() -> int:
-    """How many this process may use."""
+    """The number of cores that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-def in_parallel(function: Callable[[Item], Answer], items: Iterable[Item], features: Array) -> list[Answer]:
-    """``[function(item) for item in items]``, on all cores where a pass over `features` (N, D) is long enough.
+def in_parallel(
+    function: Callable[[Item], Result],
+    items: Iterable[Item],
+    features: Float[Array, "N D"],
+    min_size: int = THREADING_MIN_SIZE,
+) -> list[Result]:
+    """``[function(item) for item in items]``, in threads if `features` has at least `min_size` entries.
 
-    The answers are the same bits either way: nothing is summed across threads.
+    The results are the same bits either way: nothing is summed across threads.
     """
     items = list(items)
     workers = min(cores(), len(items))
-    if workers < 2 or features.size < THREADING_MIN_SIZE:
+    if workers < 2 or features.size < min_size:
         return [function(item) for item in items]
     with ThreadPoolExecutor(workers) as pool:
         return list(pool.map(function, items))
 
 
 def in_processes(
-    function: Callable[..., Answer], jobs: Sequence[tuple[Any, ...]], processes: int | None = None
-) -> Iterator[Answer]:
-    """``function(*job)`` for every job, in their order, each as soon as it and those before it are done.
+    function: Callable[..., Result], jobs: Sequence[tuple[object, ...]], processes: int | None = None
+) -> Iterator[Result]:
+    """``function(*job)`` for every job, in order, each as soon as it and all jobs before it are done.
 
-    Other Python processes share the work, one for each core by default; 1 is none. `function` and what jobs hold must
-    be such that another process finds them: functions of a module, not local ones.
+    Parameters
+    ----------
+    function : callable
+        A function of a module, so that another process can import it.
+    jobs : sequence of tuple
+        Arguments of each call, which can be pickled.
+    processes : int, optional
+        Python processes that share the work, one for each core by default; with 1 this process works alone.
     """
     workers = min(cores() if processes is None else processes, len(jobs))
     if workers < 2:
@@ -54,7 +65,7 @@ def in_processes(
     # Spawned, because a fork of a process with threads may hang.
     with ProcessPoolExecutor(workers, multiprocessing.get_context("spawn")) as pool:
         try:
-            yield from (answer.result() for answer in [pool.submit(function, *job) for job in jobs])
+            yield from (future.result() for future in [pool.submit(function, *job) for job in jobs])
         except BaseException:
             pool.shutdown(cancel_futures=True)
             raise

@@ -1,62 +1,90 @@
-"""Weighted ridge regression, and errors with Student's t distribution."""
+"""Weighted ridge regression, and errors with Student's t distribution.
+
+a_j = x w_j + sigma_j e_j,    e_j ~ t_nu independent over the parts j of an action
+"""
 
 from __future__ import annotations
+
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.linalg import solve
 from scipy.special import gammaln
 
-from rpil.numerics.types import Array
-
-FREEDOM = 4.0
-"""Degrees of freedom of the errors of continuous actions."""
-
-LEAST_SCALE = 0.03
-"""Standard deviations of an action that its error's scale is enlarged by: a policy that is exact has no density."""
+from rpil.numerics.types import Array, Float, Num
 
 MIN_WEIGHT = 1e-6
-"""Of a step that teaches nothing, so that a fold without teachers is no division by zero."""
+"""Lower bound of the weight of steps, so that a fold without weight is no division by zero."""
 
 
-def standardise(actions: Array) -> Array:
-    """Actions (N, A) less their mean, in standard deviations; an action that never changes stays zero."""
-    result: Array = (actions - actions.mean(axis=0)) / column_scales(actions)
-    return result
+@dataclass(frozen=True)
+class ErrorSettings:
+    """The errors of actions that are standardised.
+
+    Attributes
+    ----------
+    degrees_of_freedom : float
+        nu. docs/tried.md: 2 and 1 were no better.
+    min_scale : float
+        Added to the scale of the errors, in standard deviations of the action: a policy without errors has no density.
+        Chosen by hand, not tuned.
+    """
+
+    degrees_of_freedom: float = 4.0
+    min_scale: float = 0.03
 
 
-def column_scales(actions: Array) -> Array:
-    """Standard deviation of each part of actions (N, A), 1 where it never changes, (A,)."""
+def standardise(actions: Num[Array, "N A"]) -> Float[Array, "N A"]:
+    """Actions less their mean, in standard deviations; a part that never changes is zero."""
+    standardised: Array = (actions - actions.mean(axis=0)) / column_scales(actions)
+    return standardised
+
+
+def column_scales(actions: Num[Array, "N A"]) -> Float[Array, " A"]:
+    """Standard deviation of each part of the actions, 1 where it never changes."""
     spread = actions.std(axis=0)
     return np.where(spread > 0, spread, 1.0)
 
 
-def normal_equations(features: Array, actions: Array, weight: Array) -> tuple[Array, Array, float]:
-    """X^T W X (D, D), X^T W Y (D, A) and the sum of the weights."""
+def normal_equations(
+    features: Float[Array, "N D"], actions: Float[Array, "N A"], weight: Float[Array, " N"]
+) -> tuple[Float[Array, "D D"], Float[Array, "D A"], float]:
+    """X^T W X, X^T W Y and the sum of the weights: the sums from which `solve_ridge` fits."""
     weighted = features * weight[:, None]
     return weighted.T @ features, weighted.T @ actions, float(weight.sum())
 
 
-def solve_ridge(gram: Array, product: Array, total: float, ridge: float) -> Array:
-    """Coefficients (D, A) of weighted ridge regression, the constant (last column) without a penalty."""
+def solve_ridge(
+    gram: Float[Array, "D D"], product: Float[Array, "D A"], total: float, ridge: float
+) -> Float[Array, "D A"]:
+    """Coefficients of weighted ridge regression; the constant, the last column, has no penalty.
+
+    `ridge` is the penalty a step, `total` the sum of the weights; see `normal_equations`.
+    """
     total = max(total, MIN_WEIGHT)
     penalised = np.asarray(gram, dtype=float).copy()
     penalised[np.diag_indices_from(penalised)] += np.append(np.full(len(gram) - 1, ridge * total), 1e-9 * total)
-    found: Array = solve(penalised, product, assume_a="pos")
-    return found
+    coefficients: Array = solve(penalised, product, assume_a="pos")
+    return coefficients
 
 
-def error_scale(errors: Array, weight: Array) -> Array:
-    """Robust scale of each part's errors (N, A), by weighted median, (A,)."""
+def error_scale(
+    errors: Float[Array, "N A"], weight: Float[Array, " N"], settings: ErrorSettings = ErrorSettings()
+) -> Float[Array, " A"]:
+    """Robust scale of the errors of each part: 1.35 times their weighted median, plus `min_scale`."""
     order = np.argsort(np.abs(errors), axis=0)
     total = np.cumsum(np.maximum(weight, MIN_WEIGHT)[order], axis=0)
     middle = (total < 0.5 * total[-1]).sum(axis=0)
     parts = np.arange(errors.shape[1])
-    return 1.35 * np.abs(errors[order[middle, parts], parts]) + LEAST_SCALE
+    return 1.35 * np.abs(errors[order[middle, parts], parts]) + settings.min_scale
 
 
-def student_log_density(errors: Array, scale: Array) -> Array:
-    """Log-density of independent Student errors (N, A), summed over the parts, (N,), nats."""
-    constant = gammaln((FREEDOM + 1) / 2) - gammaln(FREEDOM / 2) - 0.5 * np.log(FREEDOM * np.pi)
-    each = constant - np.log(scale) - (FREEDOM + 1) / 2 * np.log1p((errors / scale) ** 2 / FREEDOM)
-    total: Array = each.sum(axis=1)
-    return total
+def student_log_density(
+    errors: Float[Array, "N A"], scale: Float[Array, " A"], settings: ErrorSettings = ErrorSettings()
+) -> Float[Array, " N"]:
+    """Log-density of independent Student errors, summed over the parts, in nats."""
+    nu = settings.degrees_of_freedom
+    constant = gammaln((nu + 1) / 2) - gammaln(nu / 2) - 0.5 * np.log(nu * np.pi)
+    of_parts: Array = constant - np.log(scale) - (nu + 1) / 2 * np.log1p((errors / scale) ** 2 / nu)
+    log_density: Array = of_parts.sum(axis=1)
+    return log_density

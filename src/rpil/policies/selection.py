@@ -23,7 +23,7 @@ from scipy.optimize import minimize_scalar
 from rpil.data.spaces import Discrete, Space
 from rpil.numerics.blocks import linear, log_softmax
 from rpil.numerics.newton import NewtonSettings, fit_softmax
-from rpil.numerics.regression import FREEDOM, LEAST_SCALE, MIN_WEIGHT, column_scales, normal_equations
+from rpil.numerics.regression import MIN_WEIGHT, ErrorSettings, column_scales, normal_equations
 from rpil.numerics.types import Array
 from rpil.policies.features import KINDS, RIDGE_PER_STEP, FeatureMap, ridge_of
 from rpil.policies.softmax import one_hot
@@ -148,12 +148,12 @@ def _softmax(design: Array, targets: Array, weight: Array, penalties: list[Array
 def _least_squares(design: Array, actions: Array, weight: Array, penalties: list[Array]) -> Iterator[Array]:
     """Coefficients (D, A) for each penalty; steps that are far off count for less, as under Student's errors."""
     weight = np.maximum(weight, MIN_WEIGHT)  # a fold may have no step of any weight
-    trust, least = weight, (LEAST_SCALE * column_scales(actions)) ** 2
+    trust, least = weight, (ErrorSettings().min_scale * column_scales(actions)) ** 2
     for _ in range(_ROUNDS):
         gram, product, _ = normal_equations(design, actions, trust)
         squares = (actions - design @ solve(gram + np.diag(penalties[-1]), product, assume_a="pos")) ** 2
         distance = squares / ((trust @ squares) / weight.sum() + least)
-        trust = weight * (FREEDOM + actions.shape[1]) / (FREEDOM + distance.sum(axis=1))
+        trust = weight * (ErrorSettings().degrees_of_freedom + actions.shape[1]) / (ErrorSettings().degrees_of_freedom + distance.sum(axis=1))
     gram, product, _ = normal_equations(design, actions, trust)
     for penalty in penalties:
         yield solve(gram + np.diag(penalty), product, assume_a="pos")

@@ -1,0 +1,62 @@
+"""Behavioural cloning is scikit-learn's logistic regression, whatever the units and the amount of data."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.special import log_softmax
+from sklearn.linear_model import LogisticRegression
+from sklearn.preprocessing import SplineTransformer
+
+from problems import make
+from rpil.estimators.cloning import BehavioralCloning
+
+
+def regression_objective(coef, intercept, columns, actions, sample_weight, C):
+    """What scikit-learn's LogisticRegression minimises, divided by C."""
+    scores = columns @ coef.T + intercept
+    if len(coef) == 1:
+        scores = np.column_stack([np.zeros(len(scores)), scores])
+    loss = -(sample_weight * log_softmax(scores, axis=1)[np.arange(len(actions)), actions]).sum()
+    return loss + 0.5 / C * (coef**2).sum()
+
+
+@pytest.mark.parametrize("n_actions", [2, 3, 5])
+@pytest.mark.parametrize("features", ["raw", "spline"])
+@pytest.mark.parametrize("weighted", [False, True])
+@pytest.mark.parametrize("C", [0.1, 100.0])
+def test_cloning_agrees_with_scikit_learn(n_actions, features, weighted, C):
+    toy = make("random", 1, n_actions=n_actions, n_observations=3)
+    X = toy.observations * [1.0, 30.0, 0.2] + [0.0, 50.0, -3.0]
+    weight = np.random.default_rng(2).gamma(2.0, size=len(X)) if weighted else np.ones(len(X))
+    ours = BehavioralCloning(features=features, C=C).fit(X, toy.actions, sample_weight=weight)
+    columns = X
+    if features == "spline":
+        knots = np.linspace(X.min(axis=0), X.max(axis=0), 8)
+        columns = SplineTransformer(degree=3, knots=knots, extrapolation="linear").fit_transform(X)
+    theirs = LogisticRegression(C=C, solver="newton-cholesky", tol=1e-12, max_iter=1000)
+    theirs.fit(columns, toy.actions, sample_weight=weight)
+    found, best = (
+        regression_objective(model.coef_, model.intercept_, columns, toy.actions, weight, C) for model in (ours, theirs)
+    )
+    assert abs(found - best) <= 1e-6 * max(1.0, best)
+    np.testing.assert_allclose(ours.coef_, theirs.coef_, atol=1e-4 * np.abs(theirs.coef_).max())
+    np.testing.assert_allclose(ours.predict_proba(X), theirs.predict_proba(columns), atol=1e-5)
+
+
+@pytest.mark.parametrize("units", [[1e-6, 1.0, 1e6], [1e-15, 1.0, 1e15]])
+@pytest.mark.parametrize("features", ["raw", "spline", "poly"])
+def test_cloning_does_not_depend_on_units(units, features):
+    toy = make("random", 3, n_observations=3)
+    X, Z = toy.observations, toy.observations * units
+    plain, scaled = (BehavioralCloning(features).fit(x, toy.actions) for x in (X, Z))
+    np.testing.assert_allclose(scaled.predict_log_proba(Z), plain.predict_log_proba(X), rtol=1e-4, atol=1e-6)
+
+
+def test_cloning_does_not_depend_on_the_amount_of_data():
+    toy = make("random", 0)
+    once = BehavioralCloning().fit(toy.observations, toy.actions)
+    twice = BehavioralCloning().fit(np.repeat(toy.observations, 2, axis=0), np.repeat(toy.actions, 2))
+    np.testing.assert_allclose(
+        once.predict_log_proba(toy.observations), twice.predict_log_proba(toy.observations), rtol=1e-4, atol=1e-6
+    )

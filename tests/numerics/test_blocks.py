@@ -1,0 +1,62 @@
+"""Passes in blocks equal the products of whole matrices."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.special import log_softmax as reference_log_softmax
+
+from rpil.numerics import blocks
+from rpil.numerics.blocks import BLOCK_BYTES
+
+ROWS = BLOCK_BYTES // (7 * 8)
+"""Rows in one block of seven columns."""
+
+
+@pytest.mark.parametrize("n", [1, 63, ROWS - 1, ROWS, ROWS + 1, 3 * ROWS + 5])
+def test_passes_equal_products_of_whole_matrices(n):
+    rng = np.random.default_rng(n)
+    features, weights = rng.normal(size=(n, 7)), rng.normal(size=(7, 3))
+    proba, weight, direction = rng.dirichlet(np.ones(3), n), rng.random(n), rng.normal(size=(7, 3))
+    assert len(list(blocks.blocks(features))) == -(-n // ROWS)
+    z = features @ direction
+    jacobian = weight[:, None] * proba * (z - (proba * z).sum(axis=1, keepdims=True))
+    for found, expected in (
+        (blocks.linear(features, weights), features @ weights),
+        (blocks.gradient(features, proba), features.T @ proba),
+        (blocks.hessian_product(features, proba, weight, direction), features.T @ jacobian),
+    ):
+        np.testing.assert_allclose(found, expected, rtol=1e-10, atol=1e-10)
+
+
+@pytest.mark.parametrize("n", [1, 2 * ROWS + 3])
+def test_softmax_pass_is_log_probability_and_gradient(n):
+    rng = np.random.default_rng(n)
+    features, weights = rng.normal(size=(n, 7)), rng.normal(size=(7, 3))
+    actions, weight = rng.integers(3, size=n), rng.random(n)
+    taken, slope = blocks.softmax_pass(features, weights, actions, weight)
+    log_proba = reference_log_softmax(features @ weights, axis=1)
+    np.testing.assert_allclose(taken, log_proba[np.arange(n), actions], atol=1e-12)
+    residual = weight[:, None] * (np.eye(3)[actions] - np.exp(log_proba))
+    np.testing.assert_allclose(slope, features.T @ residual, atol=1e-10)
+
+
+def test_blocks_cover_every_row_once():
+    features = np.zeros((100_003, 9))
+    rows = np.concatenate([np.arange(b.start, b.stop) for b in blocks.blocks(features)])
+    np.testing.assert_array_equal(rows, np.arange(len(features)))
+
+
+def test_log_softmax_neither_overflows_nor_underflows():
+    logits = np.array([[1e4, 0.0, -1e4], [-1e4, -1e4, -1e4]])
+    np.testing.assert_allclose(blocks.log_softmax(logits), [[0, -1e4, -2e4], [-np.log(3)] * 3])
+
+
+def test_add_adds_entry_by_entry():
+    first, second = (np.arange(3.0), (1, np.ones((2, 2)))), (np.ones(3), (2, np.eye(2)))
+    total = blocks.add(first, second)
+    np.testing.assert_array_equal(total[0], [1.0, 2.0, 3.0])
+    assert total[1][0] == 3
+    np.testing.assert_array_equal(total[1][1], np.ones((2, 2)) + np.eye(2))
+    with pytest.raises(ValueError, match="zip"):
+        blocks.add(first, second[:1])

@@ -1,0 +1,157 @@
+"""Softmax regression by Newton's method: the optimum, the descent, and the steps from a history of gradients."""
+
+from __future__ import annotations
+
+from functools import partial
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.optimize import approx_fprime, minimize
+from scipy.special import log_softmax, softmax
+
+from rpil.numerics.blocks import gradient, hessian_product
+from rpil.numerics.newton import NewtonSettings, Preconditioner, fit_softmax, lbfgs_step
+
+Array = NDArray[np.float64]
+
+
+def soft_problem(seed: int, n: int = 300, n_features: int = 4, n_actions: int = 3) -> tuple[Array, Array, Array]:
+    """Design matrix, soft targets of unequal weight, penalty."""
+    rng = np.random.default_rng(seed)
+    features = np.column_stack([rng.normal(size=(n, n_features)), np.ones(n)])
+    targets = rng.dirichlet(np.ones(n_actions), size=n) * rng.gamma(1.0, size=(n, 1))
+    return features, targets, np.append(np.full(n_features, 0.7), 0.0)
+
+
+def objective(weights, features, targets, penalty):
+    """The definition, by SciPy's log_softmax."""
+    return -(targets * log_softmax(features @ weights, axis=1)).sum() + 0.5 * (penalty[:, None] * weights**2).sum()
+
+
+def slope(weights, features, targets, penalty):
+    residual = targets.sum(axis=1, keepdims=True) * softmax(features @ weights, axis=1) - targets
+    return gradient(features, residual) + penalty[:, None] * weights
+
+
+def test_fit_softmax_survives_nearly_equal_columns():
+    rng = np.random.default_rng(0)
+    features, targets, penalty = soft_problem(3)
+    features[:, 1] = features[:, 0] + 1e-6 * rng.normal(size=len(features))
+    penalty[:-1] = 1e-6
+    fit = fit_softmax(features, targets, penalty, NewtonSettings(tol=1e-10))
+    assert fit.converged
+    # Newton's step from there would gain nothing.
+    again = fit_softmax(features, targets, penalty, NewtonSettings(tol=0.0, max_iter=5, max_cg=1000), start=fit.weights)
+    assert fit.objective - again.objective <= 1e-6
+
+
+def test_fit_softmax_returns_objective_and_log_proba_at_the_weights():
+    features, targets, penalty = soft_problem(0)
+    fit = fit_softmax(features, targets, penalty, NewtonSettings(max_iter=2))
+    assert fit.objective == pytest.approx(objective(fit.weights, features, targets, penalty), rel=1e-12)
+    np.testing.assert_allclose(fit.log_proba, log_softmax(features @ fit.weights, axis=1), atol=1e-12)
+
+
+def test_gradient_and_hessian_product_agree_with_finite_differences():
+    features, targets, penalty = soft_problem(1)
+    weights, direction = np.random.default_rng(0).normal(size=(2, 5, 3))
+    numeric = approx_fprime(weights.ravel(), lambda w: objective(w.reshape(5, 3), features, targets, penalty), 1e-6)
+    np.testing.assert_allclose(slope(weights, features, targets, penalty).ravel(), numeric, rtol=1e-4, atol=1e-3)
+    proba, weight = softmax(features @ weights, axis=1), targets.sum(axis=1)
+    product = hessian_product(features, proba, weight, direction) + penalty[:, None] * direction
+    h = 1e-5
+    ahead, behind = (slope(weights + sign * h * direction, features, targets, penalty) for sign in (1, -1))
+    np.testing.assert_allclose(product, (ahead - behind) / (2 * h), rtol=1e-6, atol=1e-6)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_fit_softmax_ends_where_the_gradient_is_zero(seed):
+    features, targets, penalty = soft_problem(seed)
+    fit = fit_softmax(features, targets, penalty, NewtonSettings(tol=1e-10))
+    assert fit.converged
+    assert np.abs(slope(fit.weights, features, targets, penalty)).max() <= 1e-9 * targets.sum()
+
+
+def test_fit_softmax_is_never_above_the_start():
+    rng = np.random.default_rng(0)
+    for seed in range(20):
+        features, targets, penalty = soft_problem(seed, n=40)
+        start = rng.normal(size=(5, 3)) * 10 ** rng.uniform(-2, 3)
+        before = objective(start, features, targets, penalty)
+        previous = before
+        for max_iter in (0, 1, 2, 5):
+            fit = fit_softmax(features, targets, penalty, NewtonSettings(max_iter=max_iter, max_cg=3), start=start)
+            assert fit.objective <= previous + 1e-9 * abs(before)
+            previous = fit.objective
+
+
+def test_fit_softmax_does_not_change_its_start():
+    features, targets, penalty = soft_problem(0)
+    start = np.ones((5, 3))
+    fit_softmax(features, targets, penalty, start=start)
+    np.testing.assert_array_equal(start, 1.0)
+
+
+def test_fit_softmax_of_separable_classes_is_finite():
+    x = np.linspace(-1, 1, 50)
+    features = np.column_stack([x, np.ones(50)])
+    fit = fit_softmax(features, np.eye(2)[(x > 0).astype(int)], np.array([1e-6, 0.0]))
+    assert fit.converged
+    assert np.isfinite(fit.weights).all()
+    assert (fit.log_proba.argmax(axis=1) == (x > 0)).all()
+
+
+def test_fit_softmax_with_an_action_never_taken_and_steps_of_weight_zero():
+    features, targets, penalty = soft_problem(0)
+    targets[:, 2] = 0.0
+    targets[:100] = 0.0
+    fit = fit_softmax(features, targets, penalty)
+    rest = fit_softmax(features[100:], targets[100:], penalty)
+    assert np.isfinite(fit.weights).all()
+    assert fit.objective == pytest.approx(rest.objective, rel=1e-6)
+    assert np.exp(fit.log_proba[:, 2]).max() < 1e-3
+
+
+def test_fit_softmax_in_single_precision():
+    features, targets, penalty = soft_problem(4, n=2000)
+    double = fit_softmax(features, targets, penalty)
+    single = fit_softmax(features.astype(np.float32), targets, penalty, NewtonSettings(tol=1e-5))
+    assert single.converged
+    assert single.objective == pytest.approx(double.objective, rel=1e-5)
+    np.testing.assert_allclose(single.weights, double.weights, atol=1e-3)
+
+
+def test_lbfgs_steps_reach_the_optimum():
+    features, targets, penalty = soft_problem(5)
+    problem = features, targets, penalty
+    best = minimize(lambda w: objective(w.reshape(5, 3), *problem), np.zeros(15), tol=1e-12).fun
+    proba, weight = np.full(targets.shape, 1 / 3), targets.sum(axis=1)
+    precondition = Preconditioner(features, proba, weight, penalty, unseen_curvature=0.25)
+    weights, history = np.zeros((5, 3)), np.empty((0, 2, 5, 3))
+    for _ in range(12):
+        history = np.array([*history, (weights, -slope(weights, *problem))])
+        weights = weights + lbfgs_step(history, precondition)
+    assert objective(weights, *problem) == pytest.approx(best, rel=1e-8)
+
+
+def test_a_sample_preconditioner_inverts_the_whole_hessian():
+    features, targets, penalty = soft_problem(6)
+    penalty = penalty + 0.1
+    proba, weight = softmax(features[:, :3], axis=1), targets.sum(axis=1)
+    precondition = Preconditioner(features, proba, weight, penalty, unseen_curvature=1.0)
+    direction = np.random.default_rng(0).normal(size=(5, 3))
+    product = hessian_product(features, proba, weight, direction) + penalty[:, None] * direction
+    np.testing.assert_allclose(precondition(product), direction, atol=1e-5)
+
+
+def test_a_finite_radius_bounds_every_entry_of_the_step():
+    features, targets, penalty = soft_problem(6)
+    proba, weight = np.full(targets.shape, 1 / 3), targets.sum(axis=1)
+    precondition = Preconditioner(features, proba, weight, penalty, unseen_curvature=1.0)
+    residual = 1e4 * np.random.default_rng(0).normal(size=(5, 3))
+    assert np.abs(precondition(residual)).max() > 0.5
+    for radius in (0.5, 0.01):
+        step = partial(precondition, radius=radius)(residual)
+        assert 0 < np.abs(step).max() <= radius
+        assert (step * residual).sum() > 0  # uphill

@@ -1,0 +1,57 @@
+"""Weighted ridge regression and Student's errors."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.stats import norm
+from scipy.stats import t as student
+
+from rpil.numerics.regression import (
+    ErrorSettings,
+    error_scale,
+    normal_equations,
+    solve_ridge,
+    standardise,
+    student_log_density,
+)
+
+RNG = np.random.default_rng(0)
+
+
+def test_standardise_leaves_a_constant_part_at_zero():
+    actions = np.column_stack([RNG.normal(5.0, 3.0, 100), np.full(100, 7.0)])
+    found = standardise(actions)
+    np.testing.assert_allclose(found.mean(axis=0), 0.0, atol=1e-12)
+    np.testing.assert_allclose(found.std(axis=0), [1.0, 0.0])
+
+
+def test_solve_ridge_minimises_the_penalised_squares():
+    features = np.column_stack([RNG.normal(size=(50, 2)), np.ones(50)])
+    actions, weight = RNG.normal(size=(50, 2)) + 3.0, RNG.random(50)
+    found = solve_ridge(*normal_equations(features, actions, weight), 0.1)
+    penalty = 0.1 * weight.sum() * np.array([[1.0], [1.0], [0.0]])
+    slope = features.T @ (weight[:, None] * (features @ found - actions)) + penalty * found
+    np.testing.assert_allclose(slope, 0.0, atol=1e-6)
+
+
+def test_solve_ridge_without_weight_is_zero():
+    features, actions = np.ones((4, 2)), np.ones((4, 1))
+    np.testing.assert_array_equal(solve_ridge(*normal_equations(features, actions, np.zeros(4)), 0.1), 0.0)
+
+
+def test_error_scale_is_robust_and_weighted():
+    errors = RNG.normal(0.0, 2.0, (10_000, 1))
+    clean = error_scale(errors, np.ones(10_000), ErrorSettings(min_scale=0.0))
+    assert clean == pytest.approx(1.35 * 2.0 * norm.ppf(0.75), rel=0.03)
+    spoiled = np.where(np.arange(10_000)[:, None] < 1_000, 1e6, errors)
+    assert error_scale(spoiled, np.ones(10_000)) < 1.3 * clean
+    ignored = error_scale(spoiled, (np.arange(10_000) >= 1_000).astype(float))
+    assert ignored == pytest.approx(clean + 0.03, rel=0.05)
+
+
+@pytest.mark.parametrize("nu", [1.0, 4.0, 30.0])
+def test_student_log_density_is_scipys(nu):
+    errors, scale = RNG.normal(size=(20, 2)), np.array([0.5, 3.0])
+    found = student_log_density(errors, scale, ErrorSettings(degrees_of_freedom=nu))
+    np.testing.assert_allclose(found, student.logpdf(errors, nu, scale=scale).sum(axis=1))
