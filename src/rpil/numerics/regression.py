@@ -76,7 +76,8 @@ def error_scale(
     total = np.cumsum(np.maximum(weight, MIN_WEIGHT)[order], axis=0)
     middle = (total < 0.5 * total[-1]).sum(axis=0)
     parts = np.arange(errors.shape[1])
-    return 1.35 * np.abs(errors[order[middle, parts], parts]) + settings.min_scale
+    scale: Array = 1.35 * np.abs(errors[order[middle, parts], parts]) + settings.min_scale
+    return scale
 
 
 def student_log_density(
@@ -85,6 +86,6 @@ def student_log_density(
     """Log-density of independent Student errors, summed over the parts, in nats."""
     nu = settings.degrees_of_freedom
     constant = gammaln((nu + 1) / 2) - gammaln(nu / 2) - 0.5 * np.log(nu * np.pi)
-    of_parts: Array = constant - np.log(scale) - (nu + 1) / 2 * np.log1p((errors / scale) ** 2 / nu)
+    of_parts = constant - np.log(scale) - (nu + 1) / 2 * np.log1p((errors / scale) ** 2 / nu)
     log_density: Array = of_parts.sum(axis=1)
     return log_density

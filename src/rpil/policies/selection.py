@@ -147,13 +147,14 @@ def _softmax(design: Array, targets: Array, weight: Array, penalties: list[Array
 
 def _least_squares(design: Array, actions: Array, weight: Array, penalties: list[Array]) -> Iterator[Array]:
     """Coefficients (D, A) for each penalty; steps that are far off count for less, as under Student's errors."""
-    weight = np.maximum(weight, MIN_WEIGHT)  # a fold may have no step of any weight
-    trust, least = weight, (ErrorSettings().min_scale * column_scales(actions)) ** 2
+    weight, errors = np.maximum(weight, MIN_WEIGHT), ErrorSettings()  # a fold may have no step of any weight
+    trust, least = weight, (errors.min_scale * column_scales(actions)) ** 2
+    nu = errors.degrees_of_freedom
     for _ in range(_ROUNDS):
         gram, product, _ = normal_equations(design, actions, trust)
         squares = (actions - design @ solve(gram + np.diag(penalties[-1]), product, assume_a="pos")) ** 2
         distance = squares / ((trust @ squares) / weight.sum() + least)
-        trust = weight * (ErrorSettings().degrees_of_freedom + actions.shape[1]) / (ErrorSettings().degrees_of_freedom + distance.sum(axis=1))
+        trust = weight * (nu + actions.shape[1]) / (nu + distance.sum(axis=1))
     gram, product, _ = normal_equations(design, actions, trust)
     for penalty in penalties:
         yield solve(gram + np.diag(penalty), product, assume_a="pos")
