@@ -31,7 +31,7 @@ from real import files, interval, stream, truth, wins
 from rpil import RPIL, Demonstrations, simulate
 from rpil.data import formats
 from rpil.data.errors import DataError
-from rpil.data.formats.demonstrators import read_demonstrators
+from rpil.data.formats.id_values import read_demonstrators
 from tables import table
 
 Array = NDArray[Any]

@@ -367,7 +367,7 @@ def test_labels_json(tmp_path):
     [
         ("l.csv", "id,label\n7,great\n", "demonstration '7': unknown label 'great'; write 'expert' or 'adversary'"),
         ("l.csv", "id,label\n7,\n", "unknown label ''"),
-        ("l.csv", "id,label\n7\n", "demonstration '7': unknown label None"),
+        ("l.csv", "id,label\n7\n", "demonstration '7': unknown label ''"),
         ("l.csv", "id,label\n7,good\n7,bad\n", "demonstration '7': it is labelled twice"),
         ("l.csv", "id,label\n", "labels no demonstration"),
         ("l.csv", "7,good\n", "must be id and label .*'7', 'good'"),

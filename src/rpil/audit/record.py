@@ -14,7 +14,7 @@ from rpil.audit.calibration import FEWEST, Recalibration
 from rpil.audit.label_choice import suggest
 from rpil.data.archive import stored
 from rpil.data.errors import DataError
-from rpil.data.formats.labels import match_given
+from rpil.data.formats.id_values import match_labels
 
 SURE = 0.9
 """Probability from which a demonstration is called an expert's, or an adversary's."""
@@ -193,7 +193,7 @@ class Audit:
         """
         if not self.identifiable:
             raise DataError("Two groups compete for being the expert; fit with one label before calibrating.")
-        expert = match_given(labels, self.ids)
+        expert = match_labels(labels, self.ids)
         index = np.array([m for m in expert if self.ids[m] not in self.labelled], dtype=int)
         if len(index) < FEWEST:
             raise DataError(

@@ -13,7 +13,7 @@ from rpil.data.arrays import LARGEST
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
 from rpil.data.formats.dataset import Dataset
-from rpil.data.formats.labels import match_given
+from rpil.data.formats.id_values import match_labels
 from rpil.data.spaces import Box, Discrete, Space
 from rpil.numerics.types import Array
 
@@ -131,7 +131,7 @@ def encode_demonstrations(classes: Array, n_parts: int, demonstrations: Demonstr
 def label_codes(labels: Mapping[Any, str] | None, demonstrations: Demonstrations | Dataset) -> Array:
     """1 for known experts, -1 for known adversaries, 0 for the rest, (M,)."""
     known = np.zeros(len(demonstrations), dtype=int)
-    for m, expert in match_given(labels or {}, demonstrations.ids).items():
+    for m, expert in match_labels(labels or {}, demonstrations.ids).items():
         known[m] = 1 if expert else -1
     if (known < 0).all():
         raise DataError(

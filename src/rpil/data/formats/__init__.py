@@ -13,8 +13,7 @@ from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
 from rpil.data.files import StrPath, check_readable
 from rpil.data.formats import csv, npz, parquet
-from rpil.data.formats.demonstrators import read_demonstrators
-from rpil.data.formats.labels import Label, match_labels, read_labels
+from rpil.data.formats.id_values import Label, match_labels, read_demonstrators, read_labels
 from rpil.data.formats.table import is_data
 from rpil.data.formats.weights import write_weights
 
