@@ -11,7 +11,7 @@ from sklearn.metrics import roc_auc_score
 
 from problems import make, make_continuous
 from rpil import RPIL, DataError
-from rpil.audit.summary import longest
+from rpil.audit.summary import longest_unlabelled
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.fit_data import FitData
 from rpil.data.spaces import Discrete
@@ -471,11 +471,11 @@ def test_no_labelled_demonstration_is_asked_for():
         first = RPIL().fit(toy.demonstrations).audit_.to_label
     assert len(first) == 2
     problem = problem_of(toy, np.array([m == first[0] for m in toy.ids], dtype=int))
-    again = longest(problem, (np.arange(6), np.arange(6, 12)))
+    again = longest_unlabelled(problem, (np.arange(6), np.arange(6, 12)))
     assert len(again) == 2
     assert f"d{again[0]}" not in first or f"d{again[1]}" not in first
-    assert longest(problem.select(again[:1]), (np.zeros(1, dtype=int),)) == [0]
-    assert longest(replace(problem, labels=np.ones(12, dtype=int)), (np.arange(6),)) == []
+    assert longest_unlabelled(problem.select(again[:1]), (np.zeros(1, dtype=int),)) == [0]
+    assert longest_unlabelled(replace(problem, labels=np.ones(12, dtype=int)), (np.arange(6),)) == []
 
 
 def test_a_minority_that_is_trusted_stays_trusted_where_an_expert_is_labelled():

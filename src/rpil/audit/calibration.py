@@ -1,10 +1,4 @@
-"""P(expert) corrected by demonstrations of known quality that the fit was not told about.
-
-The log-odds of an audit rest on the assumption that the group that agrees best is good, and on a model of its scores;
-where these are wrong they may rank well and be too sure, or not sure enough. Labels that were kept back tell: a slope
-and an offset of the log-odds are fitted to them (Platt 1999), both under a prior that keeps them at 1 and 0, so that
-few labels change little.
-"""
+"""Calibration of P(expert) by demonstrations of known quality whose labels the fit did not see."""
 
 from __future__ import annotations
 
@@ -14,52 +8,55 @@ import numpy as np
 from scipy.optimize import minimize
 from scipy.special import log_expit
 
-from rpil.numerics.types import Array
-
-FEWEST = 4
-"""Labels needed, at least."""
-
-_SURE = 20.0
-"""Log-odds from which all are alike: as good as certain. Beyond, they keep their order and no more."""
-
-_SLOPE_SPREAD = 1.0
-_OFFSET_SPREAD = 2.0
-"""Standard deviations of log slope and offset beforehand."""
-
-_ORDER = 1e-3
+from rpil.audit.settings import AUDIT_SETTINGS, CalibrationSettings
+from rpil.numerics.types import Array, Bool, Float
 
 
 @dataclass(frozen=True)
-class Recalibration:
-    """logit P(expert) = slope * log-odds + offset.
+class PlattCalibration:
+    """Platt scaling (Platt 1999) of log-odds z with a prior on its two parameters.
+
+        logit P(expert) = slope z + offset,    log slope ~ N(0, log_slope_sd^2),    offset ~ N(0, offset_sd^2)
+
+    The prior keeps slope and offset near 1 and 0 where there are few labels.
 
     Attributes
     ----------
     slope : float
-        Below 1 where the log-odds are too sure.
+        Below 1 where the log-odds are too far from zero: overconfident.
     offset : float
-        Above 0 where they trust too few.
+        Nats. Above 0 where too few demonstrations have positive log-odds.
+    settings : CalibrationSettings
     """
 
     slope: float = 1.0
     offset: float = 0.0
+    settings: CalibrationSettings = AUDIT_SETTINGS.calibration
 
     @classmethod
-    def fit(cls, log_odds: Array, expert: Array) -> Recalibration:
-        """The most likely one for demonstrations with these `log_odds` (L,), `expert` (L,) bool being true of them."""
-        z, sign = np.clip(log_odds, -_SURE, _SURE), np.where(expert, 1.0, -1.0)
+    def fit(
+        cls,
+        log_odds: Float[Array, " L"],
+        is_expert: Bool[Array, " L"],
+        settings: CalibrationSettings = AUDIT_SETTINGS.calibration,
+    ) -> PlattCalibration:
+        """The maximum of the posterior, given the log-odds of L labelled demonstrations and their labels."""
+        z = np.clip(log_odds, -settings.max_log_odds, settings.max_log_odds)
+        sign = np.where(is_expert, 1.0, -1.0)
 
-        def loss(at: Array) -> float:
-            log_slope, offset = at
-            missed = -log_expit(sign * (np.exp(log_slope) * z + offset)).sum()
-            return float(missed + 0.5 * (log_slope / _SLOPE_SPREAD) ** 2 + 0.5 * (offset / _OFFSET_SPREAD) ** 2)
+        def negative_log_posterior(parameters: Array) -> float:
+            log_slope, offset = parameters
+            loss = -log_expit(sign * (np.exp(log_slope) * z + offset)).sum()
+            loss += 0.5 * (log_slope / settings.log_slope_sd) ** 2
+            loss += 0.5 * (offset / settings.offset_sd) ** 2
+            return float(loss)
 
-        log_slope, offset = minimize(loss, np.zeros(2), method="BFGS").x
-        return cls(float(np.exp(log_slope)), float(offset))
+        log_slope, offset = minimize(negative_log_posterior, np.zeros(2), method="BFGS").x
+        return cls(float(np.exp(log_slope)), float(offset), settings)
 
-    def log_odds(self, log_odds: Array) -> Array:
-        """What `log_odds` (M,) should have been, in the same order."""
-        z = np.clip(log_odds, -_SURE, _SURE)
-        beyond = _ORDER * np.sign(z) * np.log1p(np.abs(log_odds - z))
-        corrected: Array = self.slope * z + self.offset + beyond
-        return corrected
+    def log_odds(self, log_odds: Float[Array, " M"]) -> Float[Array, " M"]:
+        """Calibrated log-odds, in the same order."""
+        z = np.clip(log_odds, -self.settings.max_log_odds, self.settings.max_log_odds)
+        tie_break = self.settings.tie_break * np.sign(z) * np.log1p(np.abs(log_odds - z))
+        calibrated: Array = self.slope * z + self.offset + tie_break
+        return calibrated

@@ -1,15 +1,15 @@
-"""What to do after an audit, and which labels would tell most about the other demonstrations.
+"""Which demonstrations to label, and what to do after an audit.
 
-A label settles every pair that its demonstration is one of: in the right order, or in the wrong one. So those labels
-are asked for that settle most of the pairs which may be wrong. The order of an audit deserves more trust than its
-probabilities, which may be too sure, and rest on a share of experts that is not known. Should the order mean anything,
-and the share be any, the demonstration of rank r (0 for the least trusted, 1 for the most) is an expert's with
-probability r. Then of all demonstrations the share
+A label settles every pair of demonstrations that contains the labelled one: the pair is in the right order or in the
+wrong one. So the labels to ask for are those that settle the most pairs in the wrong order. The order of an audit is
+more reliable than its probabilities, which may be overconfident and depend on the unknown share of experts. Suppose
+that nothing is known of this share, and that the order is informative: then the demonstration of rank r (0 for the
+least trusted, 1 for the most) is an expert's with probability r, and the share of all demonstrations that form a pair
+in the wrong order with it is
 
-    r * int_r^1 (1 - s) ds + (1 - r) * int_0^r s ds = r (1 - r) / 2
+    r * int_r^1 (1 - s) ds + (1 - r) * int_0^r s ds = r (1 - r) / 2.
 
-makes a pair with it that is in the wrong order: those in the middle are asked about. They are not those of which the
-audit is most uncertain: where it trusts too many these are at the bottom, where most are as bad as it says.
+This is largest in the middle of the ranking.
 """
 
 from __future__ import annotations
@@ -18,38 +18,38 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from rpil.numerics.types import Array
+from rpil.numerics.types import Array, Float, Int
 
-NEXT = {
+NEXT_STEPS = {
     "told apart": "Look at the worst steps of a few adversaries, and label a demonstration whose verdict is wrong.",
     "cannot be known": "Label one demonstration of either group, or choose minority=trust if both groups are good.",
     "nobody stands out": "Look at the lowest ranked demonstrations, and label those that you can judge.",
-    "nothing could be learned": "Check that the observations hold what the actions depend on, or give more "
+    "nothing could be learned": "Check that the observations contain what the actions depend on, or give more "
     "demonstrations.",
 }
 """What to do next, by finding."""
 
 
-def middle(log_odds: Array) -> Array:
-    """Indices (M,), those in the middle of the order first, its ends last."""
+def middle_first(log_odds: Float[Array, " M"]) -> Int[Array, " M"]:
+    """Indices of the demonstrations by their distance from the middle of the ranking, the nearest first."""
     order = np.argsort(log_odds, kind="stable")
-    away = np.abs(2 * np.arange(len(order)) - (len(order) - 1))
-    found: Array = order[np.argsort(away, kind="stable")]
-    return found
+    distance = np.abs(2 * np.arange(len(order)) - (len(order) - 1))
+    indices: Array = order[np.argsort(distance, kind="stable")]
+    return indices
 
 
-def suggest(log_odds: Array, first: Sequence[int], labelled: Sequence[int], k: int) -> list[int]:
-    """Up to `k` demonstrations to label, the most telling first.
+def choose_labels(log_odds: Float[Array, " M"], first: Sequence[int], labelled: Sequence[int], k: int) -> list[int]:
+    """Indices of up to `k` demonstrations to label, the most informative first.
 
     Parameters
     ----------
     log_odds : (M,) array
-        Of which the order counts.
+        Of which only the order matters.
     first : sequence of int
-        To be asked for before all others.
+        Demonstrations to label before all others.
     labelled : sequence of int
-        Not to be asked for again.
+        Demonstrations that have a label already.
     k : int
     """
-    free = np.setdiff1d(np.arange(len(log_odds)), [*labelled, *first])
-    return [*(m for m in first if m not in labelled), *free[middle(log_odds[free])].tolist()][:k]
+    others = np.setdiff1d(np.arange(len(log_odds)), [*labelled, *first])
+    return [*(m for m in first if m not in labelled), *others[middle_first(log_odds[others])].tolist()][:k]

@@ -1,31 +1,27 @@
-"""What the user is told: ranking, verdicts, the steps to look at, and what cannot be known."""
+"""`Audit`: the ranking of the demonstrations, their verdicts, the weights of their steps, and what was assumed."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Hashable, Mapping
 from dataclasses import asdict, dataclass, replace
-from typing import Any, Literal
+from typing import Literal, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import expit
 
-from rpil.audit.calibration import FEWEST, Recalibration
-from rpil.audit.label_choice import suggest
+from rpil.audit.calibration import PlattCalibration
+from rpil.audit.label_choice import choose_labels
+from rpil.audit.settings import AUDIT_SETTINGS, AuditSettings
 from rpil.data.archive import stored
 from rpil.data.errors import DataError
 from rpil.data.formats.id_values import match_labels
+from rpil.numerics.types import Array, Float, Int
 
-SURE = 0.9
-"""Probability from which a demonstration is called an expert's, or an adversary's."""
-
-_LABEL_LOG_ODDS = 20.0
-"""What a label is worth at least: as good as certain, and finite."""
-
-_MOST_LOG_ODDS = 1e9
-"""Instead of infinity, which JSON does not know: of steps that a given adversary can never take."""
+MAX_LOG_ODDS = 1e9
+"""Nats. Infinite log-odds become this, because JSON has no infinity: of steps that an adversary can never take."""
 
 Verdict = Literal["expert", "adversary", "uncertain"]
+Id = TypeVar("Id", bound=Hashable)
 
 
 @stored()
@@ -41,19 +37,19 @@ class Interval:
 @stored()
 @dataclass(frozen=True)
 class Demonstrator:
-    """How far somebody can be trusted who gave several demonstrations.
+    """Trust in a demonstrator who gave several demonstrations.
 
     Attributes
     ----------
-    name : Any
+    name : hashable
     trust : Interval
-        P(expert) of such demonstrations as they gave.
+        Probability that a demonstration of this demonstrator is an expert's.
     n_demonstrations : int
     experts, adversaries, uncertain : int
-        Verdicts on them.
+        Number of demonstrations with each verdict.
     """
 
-    name: Any
+    name: Hashable
     trust: Interval
     n_demonstrations: int
     experts: int
@@ -76,139 +72,146 @@ class Demonstrator:
 )
 @dataclass(frozen=True, eq=False)
 class Audit:
-    """How far each demonstration can be trusted.
+    """The result about the demonstrations: M of them, with N steps in all.
 
     Attributes
     ----------
     ids : tuple
-        Demonstration ids, in the order of the data (M of them).
+        Ids of the demonstrations, in the order of the data.
     offsets : (M + 1,) int array
-        Demonstration m owns the steps ``offsets[m]:offsets[m + 1]``.
+        Demonstration m has the steps ``offsets[m]:offsets[m + 1]``.
     finding : str
-        What the audit comes to: "told apart", "cannot be known", "nobody stands out" or "nothing could be learned"; see
-        `rpil.inference.judgement.FINDINGS`. Verdicts are given where demonstrations were told apart.
+        "told apart", "cannot be known", "nobody stands out" or "nothing could be learned"; see
+        `rpil.inference.judgement.FINDINGS`. Verdicts are given only where demonstrations were told apart.
     log_odds : (M,) array
-        Log-odds of expert against adversary, in nats; the primary output. The sum of `evidence`.
+        log P(expert) - log P(adversary), in nats; the sum of `evidence`.
     from_actions, from_demonstrator, from_label : (M,) arrays
-        The parts of `log_odds`: what the demonstration's own actions say, what the other demonstrations of its
-        demonstrator say, and what a label adds.
+        The parts of `log_odds`, in nats: from the actions of the demonstration itself, from the other demonstrations of
+        its demonstrator, and from its label.
     expert_proba : (M,) array
-        P(expert): ``sigmoid(log_odds)``, or 0.5 where it cannot be known which of two groups is the expert. It says how
-        surely a demonstration acts as the group does that agrees best; that this group is good is assumed.
+        P(expert) = ``sigmoid(log_odds)``, or 0.5 where the finding is "cannot be known" or "nothing could be learned".
+        It is the probability that the demonstration belongs to the group that agrees best; that this group is good is
+        an assumption.
     reliability : (M,) array
-        Posterior mean share of the demonstration's steps that are the expert's.
+        Share of the steps of the demonstration that are an expert's: posterior mean.
     reliability_interval : (M, 2) array
         Its 95 % posterior interval.
     verdicts : tuple of {"expert", "adversary", "uncertain"}
     step_log_ratio : (N,) array
-        ``log pi(a|s) - log psi(a|s)`` per step, in nats.
+        ``log pi(a|s) - log psi(a|s)`` of each step, in nats.
     step_weight : (N,) array
         Weight of each step for training a policy, in [0, 1].
     prior : Interval
         Share of expert demonstrations.
     identifiable : bool
-        False where several groups of demonstrations each agree among themselves and nothing says which one is the
-        expert; then ``competing`` holds the groups and ``to_label`` the ids whose labels would settle it.
+        False where two groups of demonstrations each agree among themselves and nothing says which one is the expert's.
+        Then `competing` holds the groups, and `to_label` the ids of demonstrations whose labels would decide.
     competing : tuple of tuple of ids
-        Two such groups; or two styles, which act differently in some states, where `identifiable` is true.
+        Two such groups; where `identifiable` is true, two styles, which differ in some states only.
     to_label : tuple of ids
-        One of each group.
+        One demonstration of each group.
     adversary : str
-        What experts are compared with: the adversary of the mixture, or the reference of the judge.
+        Name of the adversary of the mixture, or of the reference of the judge.
     history : (T,) array
-        The mean log-likelihood of the teachers each round, or the objective of EM at each iteration.
+        Mean log-likelihood of the training group in each round, or the objective of EM in each iteration, in nats.
     assumptions : tuple of str
-        What the audit took for granted, one sentence each.
+        The assumptions of the audit, one sentence each.
     demonstrators : tuple of Demonstrator
         The most trusted first; empty where demonstrators were not given.
     labelled : tuple of ids
         Demonstrations whose label was given.
     """
 
-    ids: tuple[Any, ...]
-    offsets: NDArray[np.int64]
+    ids: tuple[Hashable, ...]
+    offsets: Int[Array, " M+1"]
     finding: str
-    log_odds: NDArray[np.float64]
-    from_actions: NDArray[np.float64]
-    from_demonstrator: NDArray[np.float64]
-    from_label: NDArray[np.float64]
-    expert_proba: NDArray[np.float64]
-    reliability: NDArray[np.float64]
-    reliability_interval: NDArray[np.float64]
+    log_odds: Float[Array, " M"]
+    from_actions: Float[Array, " M"]
+    from_demonstrator: Float[Array, " M"]
+    from_label: Float[Array, " M"]
+    expert_proba: Float[Array, " M"]
+    reliability: Float[Array, " M"]
+    reliability_interval: Float[Array, "M 2"]
     verdicts: tuple[Verdict, ...]
-    step_log_ratio: NDArray[np.float64]
-    step_weight: NDArray[np.float64]
+    step_log_ratio: Float[Array, " N"]
+    step_weight: Float[Array, " N"]
     prior: Interval
     adversary: str
-    history: NDArray[np.float64]
+    history: Float[Array, " T"]
     identifiable: bool = True
-    competing: tuple[tuple[Any, ...], ...] = ()
-    to_label: tuple[Any, ...] = ()
+    competing: tuple[tuple[Hashable, ...], ...] = ()
+    to_label: tuple[Hashable, ...] = ()
     assumptions: tuple[str, ...] = ()
     demonstrators: tuple[Demonstrator, ...] = ()
-    labelled: tuple[Any, ...] = ()
+    labelled: tuple[Hashable, ...] = ()
 
     @property
-    def evidence(self) -> dict[str, NDArray[np.float64]]:
-        """The parts that `log_odds` is the sum of, (M,) each, in nats."""
+    def evidence(self) -> dict[str, Float[Array, " M"]]:
+        """The parts of `log_odds` by name, in nats."""
         return {"actions": self.from_actions, "demonstrator": self.from_demonstrator, "label": self.from_label}
 
     @property
-    def lengths(self) -> NDArray[np.int64]:
-        """Steps per demonstration, (M,)."""
+    def lengths(self) -> Int[Array, " M"]:
+        """Steps of each demonstration."""
         return np.diff(self.offsets)
 
-    def ranking(self) -> NDArray[np.int64]:
+    def ranking(self) -> Int[Array, " M"]:
         """Indices of the demonstrations, the most trusted first."""
         return np.argsort(-self.log_odds, kind="stable")
 
-    def suggest_labels(self, k: int = 3) -> tuple[Any, ...]:
-        """Ids of the `k` demonstrations whose labels would tell most about the others, the most telling first.
+    def suggest_labels(self, k: int = 3) -> tuple[Hashable, ...]:
+        """Ids of up to `k` unlabelled demonstrations whose labels would say most about the others, the best first.
 
-        Of groups that compete one of each comes first (`to_label`); then those in the middle of the ranking, see
-        `rpil.audit.label_choice`. Fewer where fewer are unlabelled.
+        First one of each group in `to_label`, then the demonstrations in the middle of the ranking; see
+        `rpil.audit.label_choice`.
 
         Raises
         ------
         DataError
-            Where `k` is not positive.
+            If `k` is not positive.
         """
         if k < 1:
             raise DataError(f"k={k!r} labels cannot be suggested; ask for one at least.")
         index = {name: m for m, name in enumerate(self.ids)}
         first, labelled = ([index[name] for name in names] for names in (self.to_label, self.labelled))
-        return tuple(self.ids[m] for m in suggest(self.log_odds, first, labelled, k))
+        return tuple(self.ids[m] for m in choose_labels(self.log_odds, first, labelled, k))
 
-    def calibrated(self, labels: Mapping[Any, str]) -> Audit:
-        """The same audit with P(expert) corrected by `labels`, id to "expert" or "adversary", that `fit` did not see.
+    def calibrated(self, labels: Mapping[Id, str], settings: AuditSettings = AUDIT_SETTINGS) -> Audit:
+        """The same audit with P(expert) calibrated by labels that `fit` did not see.
 
-        A slope and an offset of the log-odds are fitted to them, see `rpil.audit.calibration`; verdicts and weights
-        follow. The ranking of demonstrations without a label stays.
+        A slope and an offset of the log-odds are fitted to the labels, see `rpil.audit.calibration`; verdicts and step
+        weights follow. The order of the demonstrations without a label stays the same.
+
+        Parameters
+        ----------
+        labels : mapping of id to {"expert", "adversary"}
+        settings : AuditSettings
 
         Raises
         ------
         DataError
-            Where fewer than four are labelled that were not in the fit, where groups compete, or an id or a label is
-            unknown.
+            If two groups compete, an id or a label is unknown, or fewer labels are new than the calibration needs.
         """
         if not self.identifiable:
             raise DataError("Two groups compete for being the expert; fit with one label before calibrating.")
-        expert = match_labels(labels, self.ids)
-        index = np.array([m for m in expert if self.ids[m] not in self.labelled], dtype=int)
-        if len(index) < FEWEST:
+        is_expert = match_labels(labels, self.ids)
+        index = np.array([m for m in is_expert if self.ids[m] not in self.labelled], dtype=int)
+        if len(index) < settings.calibration.min_labels:
             raise DataError(
-                f"{len(index)} labels that the fit did not see are too few to calibrate with; give {FEWEST} at least, "
-                "to calibrated() alone and not to fit()."
+                f"{len(index)} labels that the fit did not see are too few to calibrate with; give at least "
+                f"{settings.calibration.min_labels}, to calibrated() alone and not to fit()."
             )
-        given = np.zeros(len(self.ids), dtype=np.int64)
-        given[index] = [1 if expert[m] else -1 for m in index.tolist()]
-        before = np.array([name in self.labelled for name in self.ids])
-        found = Recalibration.fit(self.log_odds[index], given[index] > 0)
-        corrected = np.where(before, self.log_odds, found.log_odds(self.log_odds))
-        log_odds = with_labels(corrected, given)
-        proba = expit(log_odds)
-        old = np.repeat(self.expert_proba, self.lengths)
-        within = np.divide(self.step_weight, old, out=np.ones(len(old)), where=old > 0)
+        signs = np.zeros(len(self.ids), dtype=np.int64)
+        signs[index] = [1 if is_expert[m] else -1 for m in index.tolist()]
+        calibration = PlattCalibration.fit(self.log_odds[index], signs[index] > 0, settings.calibration)
+        in_fit = np.array([name in self.labelled for name in self.ids])
+        corrected = np.where(in_fit, self.log_odds, calibration.log_odds(self.log_odds))
+        log_odds = apply_labels(corrected, signs, settings)
+        proba, old_proba = expit(log_odds), np.repeat(self.expert_proba, self.lengths)
+        relative_weight = np.divide(self.step_weight, old_proba, out=np.ones(len(old_proba)), where=old_proba > 0)
+        sentence = (
+            f"Calibrated on {len(index)} labels: log-odds times {calibration.slope:.2f}, {calibration.offset:+.2f}."
+        )
         return replace(
             self,
             log_odds=log_odds,
@@ -216,22 +219,19 @@ class Audit:
             from_actions=self.from_actions + corrected - self.log_odds,
             from_label=self.from_label + log_odds - corrected,
             expert_proba=proba,
-            verdicts=tuple(verdict(p, contested=False) for p in proba),
-            step_weight=np.repeat(proba, self.lengths) * np.minimum(within, 1.0),
+            verdicts=tuple(verdict(p, settings) for p in proba),
+            step_weight=np.repeat(proba, self.lengths) * np.minimum(relative_weight, 1.0),
             labelled=(*self.labelled, *(self.ids[m] for m in index.tolist())),
-            assumptions=(
-                *self.assumptions,
-                f"Calibrated on {len(index)} labels: log-odds times {found.slope:.2f}, {found.offset:+.2f}.",
-            ),
+            assumptions=(*self.assumptions, sentence),
         )
 
     def worst_steps(self, index: int, k: int = 5) -> list[int]:
-        """Up to `k` steps of demonstration `index` (counted from 0 within it) that speak most against an expert."""
+        """Up to `k` steps of demonstration `index` with the lowest log-ratios below 0, counted from its first step."""
         ratio = self.step_log_ratio[self.steps(index)]
         worst = np.argsort(ratio, kind="stable")[:k]
         return [int(n) for n in worst if ratio[n] < 0]
 
-    def index(self, demonstration: Any) -> int:
+    def index(self, demonstration: Hashable) -> int:
         """Index of the demonstration with this id.
 
         Raises
@@ -248,8 +248,8 @@ class Audit:
         """The rows of demonstration `index`."""
         return slice(int(self.offsets[index]), int(self.offsets[index + 1]))
 
-    def to_dict(self) -> dict[str, Any]:
-        """The audit as plain numbers and text, as ``rpil audit --json`` prints it; most trusted first."""
+    def to_dict(self) -> dict[str, object]:
+        """The audit as numbers, text, lists and dicts, as ``rpil audit --json`` prints it; the most trusted first."""
         return {
             "n_demonstrations": len(self.ids),
             "n_steps": int(self.offsets[-1]),
@@ -273,18 +273,21 @@ class Audit:
                 }
                 for m in self.ranking().tolist()
             ],
-            "demonstrators": [asdict(who) for who in self.demonstrators],
+            "demonstrators": [asdict(demonstrator) for demonstrator in self.demonstrators],
         }
 
 
-def with_labels(log_odds: NDArray[np.float64], labels: NDArray[np.int64]) -> NDArray[np.float64]:
-    """Log-odds (M,) where `labels` (M,), 1 expert, -1 adversary, 0 unknown, are as good as certain."""
-    log_odds = np.clip(log_odds, -_MOST_LOG_ODDS, _MOST_LOG_ODDS)
-    return np.where(labels == 0, log_odds, labels * np.maximum(np.abs(log_odds), _LABEL_LOG_ODDS))
+def apply_labels(
+    log_odds: Float[Array, " M"], labels: Int[Array, " M"], settings: AuditSettings = AUDIT_SETTINGS
+) -> Float[Array, " M"]:
+    """Log-odds in which labels (1 expert, -1 adversary, 0 unknown) are as good as certain; all become finite."""
+    log_odds = np.clip(log_odds, -MAX_LOG_ODDS, MAX_LOG_ODDS)
+    labelled: Array = labels * np.maximum(np.abs(log_odds), settings.min_label_log_odds)
+    return np.where(labels == 0, log_odds, labelled)
 
 
-def verdict(proba: float, contested: bool) -> Verdict:
-    """What to call a demonstration with this P(expert); "uncertain" where it is `contested`."""
-    if contested or 1 - SURE < proba < SURE:
-        return "uncertain"
-    return "expert" if proba >= SURE else "adversary"
+def verdict(expert_proba: float, settings: AuditSettings = AUDIT_SETTINGS) -> Verdict:
+    """The verdict on a demonstration that can be told apart."""
+    if expert_proba >= settings.min_verdict_proba:
+        return "expert"
+    return "adversary" if expert_proba <= 1 - settings.min_verdict_proba else "uncertain"

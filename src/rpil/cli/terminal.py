@@ -208,9 +208,9 @@ def headline(audit: Audit) -> str:
 
 def advice(audit: Audit) -> str:
     """What to do next, in a sentence."""
-    from rpil.audit.label_choice import NEXT
+    from rpil.audit.label_choice import NEXT_STEPS
 
-    said = f"Next: {NEXT[audit.finding]}"
+    said = f"Next: {NEXT_STEPS[audit.finding]}"
     if not audit.competing:
         return said
     groups = "; ".join(f"{_LETTERS[k]}: {_listed(members)}" for k, members in enumerate(audit.competing))

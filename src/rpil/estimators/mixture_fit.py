@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from rpil.audit.record import Interval
-from rpil.audit.summary import summarise
+from rpil.audit.summary import audit_from_mixture
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
 from rpil.data.fit_data import FitData
@@ -28,7 +28,7 @@ def fit_mixture(model: Any, demonstrations: Demonstrations, codes: Array, known:
     setting = Setting(policy, as_prior(model.prior), model.m_step, model.random_state, model.max_iter, model.tol)
     result = fit(data, setting, model.adversary, model.progress or (lambda _: None))
     share = Interval(*result.state.prior.interval(result.posterior.expert))
-    model.audit_ = summarise(data, result, share, demonstrations.ids)
+    model.audit_ = audit_from_mixture(data, result, share, demonstrations.ids)
     model.state_, model.judge_, model.judge_features_ = result.state, None, features
     model.n_iter_ = max(1, len(result.history) - 1)
     model.lower_bound_, model.converged_ = result.objective, result.converged

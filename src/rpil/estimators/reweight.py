@@ -11,7 +11,7 @@ import numpy as np
 
 from rpil.audit.assumptions import IN_SAMPLE_POLICY, assumption_sentences
 from rpil.audit.record import Audit
-from rpil.audit.summary import audit_of
+from rpil.audit.summary import audit_from_judgement
 from rpil.data.coding import code_actions, label_codes
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
@@ -229,7 +229,7 @@ def reweight(
     fold = data.per_step(deal(data, n_folds, random_state))
     theirs = _Theirs(policy, data, demonstrations, log_prob, train, fold, max_rounds, progress)
     judgement = judge(data, theirs, Settings(random_state, minority), progress)
-    audit = audit_of(judgement, data, demonstrations.ids)
+    audit = audit_from_judgement(judgement, data, demonstrations.ids)
     n_rounds = theirs.found[data.per_step(judgement.teachers.astype(float)).tobytes()][1]
     for n in range(n_rounds):
         progress(f"training the policy: {n + 1} of {n_rounds}")

@@ -13,7 +13,7 @@ from threadpoolctl import threadpool_limits
 
 from rpil.audit import assumptions
 from rpil.audit.record import Audit
-from rpil.audit.summary import audit_of, is_anyone_trusted
+from rpil.audit.summary import audit_from_judgement, is_anyone_trusted
 from rpil.data.coding import action_space, code_actions, encode_demonstrations, label_codes
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.demonstrators import Demonstrators, group_by_demonstrator
@@ -327,7 +327,7 @@ class RPIL(PolicyEstimator):
         self.n_iter_ = len(judgement.scores.history)
         self.lower_bound_ = float(judgement.scores.history[-1])
         self.converged_ = True
-        self.audit_ = audit_of(judgement, data, ids)
+        self.audit_ = audit_from_judgement(judgement, data, ids)
 
     def explain(self, data: FitData, source: str) -> None:
         """Add the assumptions to the audit, and warn of what the user should know before using it."""

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple, Protocol, runtime_checkable
 import numpy as np
 
 from rpil.audit.record import Audit
-from rpil.audit.summary import is_anyone_trusted, longest, step_weight, typical_reliability
+from rpil.audit.summary import is_anyone_trusted, longest_unlabelled, step_weight, typical_reliability
 from rpil.data.coding import encode_actions
 from rpil.data.demonstrations import Block, Demonstrations
 from rpil.data.demonstrators import Demonstrators
@@ -288,7 +288,7 @@ def _longest_of_groups(sampled: Sampled) -> tuple[Any, ...]:
     """Ids of one demonstration of each group, of those that were compared: all others may be in either."""
     rival = sampled.judgement.rival
     assert rival is not None
-    return tuple(sampled.few.ids[m] for m in longest(sampled.data, (rival.trusted, rival.rival)))
+    return tuple(sampled.few.ids[m] for m in longest_unlabelled(sampled.data, (rival.trusted, rival.rival)))
 
 
 def _fit_policy(

@@ -14,7 +14,7 @@ from markupsafe import Markup
 from rpil.audit.assumptions import P_EXPERT
 from rpil.audit.html.pictures import Timelines, inline_svg
 from rpil.audit.html.wording import count, number, percent
-from rpil.audit.label_choice import NEXT
+from rpil.audit.label_choice import NEXT_STEPS
 from rpil.audit.plots import HistoryDisplay, LengthDisplay
 from rpil.audit.record import Audit
 from rpil.data.files import replacing
@@ -113,7 +113,7 @@ def summarise(audit: Audit, prefix: str = "") -> dict[str, Any]:
     return {
         "audit": audit,
         "finding_says": FINDINGS[audit.finding],
-        "next": NEXT[audit.finding],
+        "next": NEXT_STEPS[audit.finding],
         "p_expert": P_EXPERT,
         "parts": list(parts),
         "rows": rows,

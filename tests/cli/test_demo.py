@@ -11,10 +11,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from html_page import Page
 from rpil.cli import demo
 from rpil.data.errors import DataError, MissingExtraError
 from rpil.inference.judgement import FINDINGS
-from test_report import Page
 
 POLICIES = {"trust_all", "rpil", "oracle", "expert"}
 
@@ -48,7 +48,7 @@ def test_bundled_data_hold_what_was_recorded(name: str, size: int, steps: int, w
 
 
 def test_bundled_overcooked_is_the_original() -> None:
-    original = Path(__file__).parents[2] / "shared" / "data" / demo.OVERCOOKED
+    original = Path(__file__).parents[3] / "shared" / "data" / demo.OVERCOOKED
     if not original.exists():
         pytest.skip("needs the shared data")
     with np.load(original) as theirs, np.load(str(files("rpil.cli") / "bundled" / demo.OVERCOOKED)) as ours:

@@ -20,7 +20,7 @@ from click.testing import CliRunner
 import rpil
 from audits import make_audit
 from rpil.audit.assumptions import P_EXPERT
-from rpil.audit.label_choice import NEXT
+from rpil.audit.label_choice import NEXT_STEPS
 from rpil.cli import main as cli
 from rpil.cli import terminal
 from rpil.data import formats
@@ -161,7 +161,7 @@ def test_audit_says_the_finding_first_then_the_ranking_and_what_to_do(folder):
     assert result.stdout.count(P_EXPERT) == 1
     *_, headline, following = result.stdout.splitlines()
     assert headline == "Of 12 demonstrations (1,160 steps), 6 can be trusted, 6 cannot, and 0 remain uncertain."
-    assert following == f"Next: {NEXT['told apart']}"
+    assert following == f"Next: {NEXT_STEPS['told apart']}"
     assert "Next" not in ok("audit", folder / "good.parquet", "--quiet").stdout
     assert result.stderr == ""
 
@@ -195,7 +195,7 @@ def test_where_nothing_is_told_apart_the_ranking_gives_no_verdicts():
     assert result.stdout.startswith(f"Nobody stands out: {FINDINGS['nobody stands out']}\n")
     assert "\n20 demonstrations (1,200 steps) are ranked; the ranking gives no verdicts.\n" in result.stdout
     assert "trusted" not in result.stdout
-    assert result.stdout.endswith(f"Next: {NEXT['nobody stands out']}\n")
+    assert result.stdout.endswith(f"Next: {NEXT_STEPS['nobody stands out']}\n")
     assert {row[5] for row in ranked(result)[1]} == {"uncertain"}
     assert len({row[3] for row in ranked(result)[1]}) > 5  # P(expert) is graded
 
@@ -208,7 +208,7 @@ def test_every_finding_has_its_sentence_and_what_to_do(finding, capsys):
     assert lines[0] == f"{finding.capitalize()}: {FINDINGS[finding]}"
     said = "10 demonstrations (100 steps) are ranked; the ranking gives no verdicts beyond the labels."
     assert lines[-1] == said
-    assert terminal.advice(make_audit(finding=finding)) == f"Next: {NEXT[finding]}"
+    assert terminal.advice(make_audit(finding=finding)) == f"Next: {NEXT_STEPS[finding]}"
 
 
 def test_audit_as_json(folder):

@@ -7,7 +7,6 @@ import re
 import shutil
 import subprocess
 from dataclasses import replace
-from html.parser import HTMLParser
 from pathlib import Path
 
 import numpy as np
@@ -16,52 +15,15 @@ from markupsafe import Markup
 from matplotlib.image import imread
 
 from audits import make_audit
+from html_page import Page
 from rpil.audit.assumptions import P_EXPERT
 from rpil.audit.html import page as report
 from rpil.audit.html import wording
 from rpil.audit.html.pictures import POINTS, Timelines, returns_figure
-from rpil.audit.label_choice import NEXT
+from rpil.audit.label_choice import NEXT_STEPS
 from rpil.audit.record import Audit
 from rpil.data.errors import DataError
 from rpil.inference.judgement import FINDINGS
-
-VOID = {"meta", "input", "br", "hr", "img", "link"}
-
-
-class Page(HTMLParser):
-    """Tags, attributes and words of a page; complains where tags do not close in order."""
-
-    def __init__(self, page: str) -> None:
-        super().__init__()
-        self.tags: list[tuple[str, dict[str, str | None]]] = []
-        self.words: list[str] = []
-        self.open: list[str] = []
-        self.feed(page)
-        self.close()
-        assert self.open == []
-
-    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
-        self.tags.append((tag, dict(attrs)))
-        if tag not in VOID:
-            self.open.append(tag)
-
-    def handle_startendtag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
-        self.tags.append((tag, dict(attrs)))
-
-    def handle_endtag(self, tag: str) -> None:
-        assert self.open.pop() == tag
-
-    def handle_data(self, data: str) -> None:
-        if self.open and self.open[-1] not in ("style", "script"):
-            self.words.append(data)
-
-    def all(self, tag: str, **attributes: str) -> list[dict[str, str | None]]:
-        wanted = attributes.items()
-        return [found for name, found in self.tags if name == tag and all(found.get(k) == v for k, v in wanted)]
-
-    @property
-    def text(self) -> str:
-        return " ".join(" ".join(self.words).split())
 
 
 def render(audit: Audit, **options: object) -> str:
@@ -95,7 +57,7 @@ def unknown() -> Audit:
 def test_the_answer_comes_first(page: Page) -> None:
     assert f"An audit Told apart. {FINDINGS['told apart']} 10 demonstrations:" in page.text
     assert "10 demonstrations: 5 expert , 4 adversary , 1 uncertain ." in page.text
-    assert f"Next: {NEXT['told apart']}" in page.text
+    assert f"Next: {NEXT_STEPS['told apart']}" in page.text
     assert "Share of experts 55 % 95 % interval 31 % to 77 %" in page.text
     assert "Compared with uniform" in page.text
     assert "Time 1.25 s" in page.text
@@ -108,7 +70,7 @@ def test_where_nothing_is_told_apart_the_ranking_gives_no_verdicts(finding: str)
     text = Page(render(audit)).text
     assert f"{finding.capitalize()}. {FINDINGS[finding]} 10 demonstrations, ranked below; the ranking gives no" in text
     assert "gives no verdicts. Next:" in text
-    assert NEXT[finding] in text
+    assert NEXT_STEPS[finding] in text
     assert "0 adversary" not in text
     labelled = Page(render(make_audit(("uncertain",) * 9 + ("expert",), finding=finding, labelled=(9,)))).text
     assert "the ranking gives no verdicts beyond the labels." in labelled

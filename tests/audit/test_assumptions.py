@@ -1,0 +1,55 @@
+"""The sentences about the assumptions, and the warnings of a fit."""
+
+from __future__ import annotations
+
+import warnings
+
+import pytest
+from sklearn.exceptions import ConvergenceWarning
+
+from audits import make_audit
+from rpil.audit import assumptions
+from rpil.data.errors import AmbiguousWarning
+from rpil.inference.judgement import FINDINGS
+
+
+@pytest.mark.parametrize("finding", FINDINGS)
+def test_sentences_begin_with_the_finding_and_the_meaning_of_p_expert(finding):
+    sentences = assumptions.assumption_sentences(finding)
+    assert sentences[:2] == (FINDINGS[finding], assumptions.P_EXPERT)
+    assert len(sentences) == 3
+    assert all(sentence.endswith(".") for sentence in sentences)
+
+
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [
+        ({"policy": assumptions.linear_policy("spline")}, "spline"),
+        ({"policy": assumptions.custom_policy("TorchPolicy")}, "TorchPolicy"),
+        ({"p_two_groups": 0.256}, "0.26"),
+        ({"whole_demonstrations": True}, "whole"),
+        ({"expert_share": 0.75}, "0.75"),
+        ({"n_labels": 3}, "3 labels"),
+        ({"demonstrators": "Ann gave all."}, "Ann gave all."),
+    ],
+)
+def test_each_fact_adds_one_sentence(given, words):
+    plain, more = (assumptions.assumption_sentences("told apart", **options) for options in ({}, given))
+    (added,) = set(more) - set(plain)
+    assert words in added
+
+
+def test_nothing_is_warned_of_after_a_good_fit():
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assumptions.warn_if_not_converged(True)
+        assumptions.warn_if_ambiguous(make_audit(), "data.csv")
+
+
+def test_warnings_name_the_remedy_and_point_at_the_caller():
+    audit = make_audit(identifiable=False, to_label=("d0", "d9"))
+    with pytest.warns(ConvergenceWarning, match="raise max_iter or tol") as caught:
+        assumptions.warn_if_not_converged(False)
+    with pytest.warns(AmbiguousWarning, match=r"^data\.csv: .* say 'd0' or 'd9'\.$") as also_caught:
+        assumptions.warn_if_ambiguous(audit, "data.csv")
+    assert {record.filename for record in [*caught, *also_caught]} == {__file__}
