@@ -27,12 +27,12 @@ import numpy as np
 
 from options import at_least, output
 from provenance import provenance
-from real import wins
 from rpil.data.files import replacing
 from rpil.estimators.rpil import RPIL
 from rpil.inference import groups, held_out, judgement
 from rpil.inference import teachers as concentrate
 from rpil.numerics.parallel import in_processes
+from scoring import auroc
 from tables import table
 from trust_data import data_cells
 from trust_worlds import Cell, cells
@@ -40,6 +40,7 @@ from trust_worlds import Cell, cells
 Array = Any
 Row = dict[str, Any]
 DEFAULT = "the default"
+QUICK = ("simulated MountainCar-v0 noisy 50 % 1000", "simulated MountainCar-v0 flip 75 % 1000")
 DIFFERENCE = 0.03
 """Of loss, below which two variants are alike."""
 
@@ -107,7 +108,7 @@ def measure(variant: str, cell: Cell) -> Row:
     both = len(np.unique(good[known])) == 2
     return {
         "family": world.family,
-        "auroc": float(wins(audit.log_odds[good == 1], audit.log_odds[good == 0]).mean()) if both else None,
+        "auroc": auroc(audit.log_odds[good == 1], audit.log_odds[good == 0]) if both else None,
         "wrong": wrong,
         "given": int((verdicts[known] != "uncertain").sum()),
         "of": int(known.sum()),
@@ -118,9 +119,8 @@ def measure(variant: str, cell: Cell) -> Row:
 def chosen_cells(data: Path | None, quick: bool) -> dict[str, Cell]:
     """Every data set, and the first draw of the generated worlds with K actions."""
     if quick:
-        names = ("simulated MountainCar-v0 noisy 50 % 1000", "simulated MountainCar-v0 flip 75 % 1000")
         everything = cells()
-        return {name: everything[name] for name in names}
+        return {name: everything[name] for name in QUICK}
     families = ("simulated", "styles", "nothing")
     generated = {name: cell for name, cell in cells(families).items() if name.split()[-1] in ("0", "1000")}
     generated = {name: cell for name, cell in generated.items() if "ontinuous" not in name and "Pendulum" not in name}

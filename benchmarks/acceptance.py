@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 from sklearn.metrics import roc_auc_score
 
+from grid import ENVIRONMENTS, LABELS, N_GOOD
 from options import at_least, output, write_json
 from provenance import provenance
 from rpil.audit.record import Audit
@@ -30,9 +31,7 @@ from rpil.numerics.parallel import in_processes
 from rpil.simulation.rollouts import rollout
 from rpil.simulation.simulate import simulate
 
-ENVIRONMENTS = ("MountainCar-v0", "Acrobot-v1", "LunarLander-v3")
 PAPER, PARTLY, COHERENT = ("corrupted", "random"), ("noisy", "window"), "shift"
-N_GOOD = N_BAD = 10
 POLICIES = ("rpil", "oracle", "trust_all")
 SECONDS = {"raw": 1.0, "spline": 5.0}
 Row = dict[str, Any]
@@ -73,7 +72,7 @@ def main(arguments: list[str] | None = None) -> int:
 
 def one_draw(env_id: str, kind: str, seed: int, features: str, rollouts: int) -> Row:
     """Everything that one draw of the data tells."""
-    made = simulate(env_id, kind, n_good=N_GOOD, n_bad=N_BAD, seed=seed)
+    made = simulate(env_id, kind, n_good=N_GOOD, n_bad=N_GOOD, seed=seed)
     good = made.is_good == 1
     demonstrations = Demonstrations.from_episodes(made.episodes)
     model = RPIL(features=features)
@@ -94,8 +93,7 @@ def one_draw(env_id: str, kind: str, seed: int, features: str, rollouts: int) ->
         "auroc": float(roc_auc_score(good, model.log_odds_)),
     }
     if kind == COHERENT:
-        labels = {0: "expert", N_GOOD: "adversary"}
-        row["wrong_labelled"] = wrong(RPIL(features=features).fit(demonstrations, labels=labels).audit_, good)
+        row["wrong_labelled"] = wrong(RPIL(features=features).fit(demonstrations, labels=LABELS).audit_, good)
     if kind in PAPER:
         policies = {
             "rpil": model,

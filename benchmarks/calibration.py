@@ -24,9 +24,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from grid import ENVIRONMENTS, LABELS, N_GOOD, SHARES, n_bad, unknowable
 from options import at_least, output, write_json
 from provenance import provenance
-from robustness_report import unknowable
 from rpil.audit.record import Audit
 from rpil.data.demonstrations import Demonstrations
 from rpil.estimators.rpil import RPIL
@@ -34,9 +34,7 @@ from rpil.simulation.corruptions import KINDS
 from rpil.simulation.simulate import simulate
 from tables import table
 
-ENVIRONMENTS = ("MountainCar-v0", "Acrobot-v1", "LunarLander-v3")
-SHARES = (50, 75, 90)
-N_GOOD, N_ALIKE, N_BINS = 10, 20, 10
+N_ALIKE, N_BINS = 20, 10
 ONE_POLICY = {"all good": ("corrupted", 1), "all random": ("random", 0), "all noisy": ("noisy", 0)}
 SHUFFLED = ("actions shuffled", "steps shuffled")
 Array = NDArray[Any]
@@ -81,9 +79,8 @@ def measure(environments: Sequence[str], kinds: Sequence[str], shares: Sequence[
 
 def with_signal(env: str, kind: str, share: int, seed: int) -> Row:
     """What the audit of one draw claims, and what is true."""
-    n_bad = round(N_GOOD * share / (100 - share))
-    made = simulate(env, kind, n_good=N_GOOD, n_bad=n_bad, seed=seed)
-    labels = {0: "expert", N_GOOD: "adversary"} if unknowable(kind, share) else {}
+    made = simulate(env, kind, n_good=N_GOOD, n_bad=n_bad(share), seed=seed)
+    labels = LABELS if unknowable(kind, share) else {}
     audit = fitted(Demonstrations.from_episodes(made.episodes), labels)
     asked = np.setdiff1d(np.arange(len(made.episodes)), list(labels))
     return {

@@ -14,9 +14,7 @@ together, and over demonstrations within them.
 from __future__ import annotations
 
 import argparse
-import sys
 import tempfile
-import time
 import warnings
 from collections.abc import Iterable, Iterator
 from pathlib import Path
@@ -27,11 +25,11 @@ from numpy.typing import NDArray
 
 from options import at_least, output, write_json
 from provenance import provenance
-from real import files, interval, stream, truth, wins
-from rpil import RPIL, Demonstrations, simulate
-from rpil.data import formats
+from recorded import add_data_options, check_data_options, npz_files, sets_with_both, write_simulated
+from rpil import RPIL, Demonstrations
 from rpil.data.errors import DataError
 from rpil.data.formats.id_values import read_demonstrators
+from scoring import interval, pair_wins, stream
 from tables import table
 
 Array = NDArray[Any]
@@ -43,8 +41,7 @@ N_RESAMPLES = 1000
 
 def main(arguments: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--data", type=Path, metavar="DIR", help="where the NPZ files are")
-    parser.add_argument("--sets", action="append", metavar="NAME", help="may be repeated; default all that say who")
+    add_data_options(parser, "that name the demonstrators")
     parser.add_argument("--steps", type=at_least(1), default=10, help="that are left of a demonstration cut short")
     parser.add_argument("--draws", type=at_least(1), default=5, help="of the place where they are cut")
     parser.add_argument("--adversary", default="auto", help="as RPIL takes it; one by name takes half the time")
@@ -52,13 +49,14 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--quick", action="store_true", help="the simulated set, one draw; needs no DIR")
     parser.add_argument("--json", type=output, help="where to write all figures")
     options = parser.parse_args(arguments)
-    if not (options.data or options.quick):
-        parser.error("say where the NPZ files are: --data DIR.")
+    check_data_options(parser, options)
     with tempfile.TemporaryDirectory() as made:
-        five_people(Path(made) / "mountaincar_five_people.npz", options.seed)
+        # Two people give the expert's demonstrations; half of the actions of the other three are random.
+        five_people = Path(made) / "mountaincar_five_people.npz"
+        write_simulated(five_people, "noisy", 8, 12, options.seed, **{COLUMN: np.repeat(np.arange(5), 4)})
         result: Row = {}
         try:
-            paths = [*files(Path(made)), *([] if options.quick else files(options.data))]
+            paths = [five_people, *([] if options.quick else npz_files(options.data))]
             paths = [path for path in paths if path.stem in (options.sets or [path.stem])]
             draws = 1 if options.quick else options.draws
             for result in measure(paths, options.steps, draws, options.adversary, options.seed):
@@ -72,27 +70,13 @@ def main(arguments: list[str] | None = None) -> int:
     return 0
 
 
-def five_people(path: Path, seed: int) -> None:
-    """Two people who give the expert's demonstrations of Mountain Car, and three half of whose actions are random."""
-    made = simulate("MountainCar-v0", "noisy", n_good=8, n_bad=12, seed=seed)
-    known = {
-        "is_good": made.is_good,
-        "episode_quality": made.is_good.astype(float),
-        COLUMN: np.repeat(np.arange(5), 4),
-    }
-    formats.write(path, Demonstrations.from_episodes(made.episodes), known)
-
-
 def measure(paths: Iterable[Path], steps: int, draws: int, adversary: str, seed: int) -> Iterator[Row]:
     """All figures so far, after each data set."""
     rows: list[Row] = []
-    for path in paths:
-        demonstrations = formats.read(path)
-        known = truth(path, demonstrations)
+    for path, demonstrations, known in sets_with_both(paths):
         who = names(path, demonstrations)
-        if who is None or not (known.good.any() and known.bad.any()):
+        if who is None:
             continue
-        begun = time.perf_counter()
         rng = stream(seed, path.stem)
         versions = [(WHOLE, demonstrations)] + [(steps, cut(demonstrations, steps, rng)) for _ in range(draws)]
         scores = [(of, judged(data, adversary, None), judged(data, adversary, who)) for of, data in versions]
@@ -102,7 +86,6 @@ def measure(paths: Iterable[Path], steps: int, draws: int, adversary: str, seed:
                 for way in (1, 2)
             )
             rows.append(summary(path.stem, of, without, knowing) | {"people": len(set(who))})
-        print(f"{path.stem}: {time.perf_counter() - begun:.0f} s", file=sys.stderr, flush=True)
         yield {"provenance": provenance(seed), "adversary": adversary, "steps": steps, "draws": draws, "rows": rows}
 
 
@@ -138,7 +121,7 @@ def judged(demonstrations: Demonstrations, adversary: str, who: list[str] | None
 
 def score(log_odds: Array, good: Array, bad: Array, who: list[str], rng: np.random.Generator) -> tuple[float, Array]:
     """AUROC, and its bootstrap draws: people with replacement, then the demonstrations of each."""
-    won = wins(log_odds[good], log_odds[bad])
+    won = pair_wins(log_odds[good], log_odds[bad])
     _, of = np.unique(who, return_inverse=True)
     people = np.bincount(of)
     draws = np.empty(N_RESAMPLES)

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 from scipy.stats import t as student
 
+from grid import ENVIRONMENTS, N_GOOD
 from options import at_least, output, write_json
 from provenance import provenance
 from rpil.data.demonstrations import Demonstrations
@@ -25,8 +26,7 @@ from rpil.simulation.experts import expert
 from rpil.simulation.rollouts import RandomPolicy, rollout
 from rpil.simulation.simulate import simulate
 
-GOALS = {"MountainCar-v0": 0.98, "Acrobot-v1": 0.98, "LunarLander-v3": 0.98, "CartPole-v1": None}
-N_GOOD = 10
+GOALS = dict.fromkeys(ENVIRONMENTS, 0.98) | {"CartPole-v1": None}
 Row = dict[str, Any]
 
 

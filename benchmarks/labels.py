@@ -15,9 +15,7 @@ every k.
 from __future__ import annotations
 
 import argparse
-import sys
 import tempfile
-import time
 import warnings
 from collections.abc import Iterable, Iterator
 from pathlib import Path
@@ -28,42 +26,35 @@ from numpy.typing import NDArray
 
 from options import at_least, output, write_json
 from provenance import provenance
-from real import Truth, files, stream, truth, wins
-from rpil import RPIL, Demonstrations, simulate
+from recorded import Truth, add_data_options, check_data_options, npz_files, sets_with_both, write_simulated
+from rpil import RPIL, Demonstrations
 from rpil.audit.record import Audit
-from rpil.data import formats
 from rpil.data.errors import DataError
+from scoring import auroc, stream
 from tables import table
 
 Array = NDArray[Any]
 Row = dict[str, Any]
 SUGGESTED, RANDOM = "suggested", "random"
-QUICK = "mountaincar_flip", ("MountainCar-v0", "flip", 8, 12, 1)
-"""Name; environment, kind, how many good and bad, seed."""
 
 
 def main(arguments: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--data", type=Path, metavar="DIR", help="where the NPZ files are")
-    parser.add_argument(
-        "--sets", action="append", metavar="NAME", help="may be repeated, in that order; default all with good and bad"
-    )
+    add_data_options(parser, "with good and bad")
     parser.add_argument("--labels", type=at_least(1), nargs="+", default=[1, 3, 5], metavar="K")
     parser.add_argument("--draws", type=at_least(1), default=10)
     parser.add_argument("--adversary", default="auto", help="as RPIL takes it; one by name takes half the time")
     parser.add_argument("--seed", type=at_least(0), default=0)
-    parser.add_argument("--quick", action="store_true", help="one simulated data set, two draws; needs no DIR")
+    parser.add_argument("--quick", action="store_true", help="one simulated set, one label, one draw; needs no DIR")
     parser.add_argument("--json", type=output, help="where to write all figures")
     options = parser.parse_args(arguments)
-    if not (options.data or options.quick):
-        parser.error("say where the NPZ files are: --data DIR.")
+    check_data_options(parser, options)
     with tempfile.TemporaryDirectory() as made:
-        name, what = QUICK
         try:
             if options.quick:
-                simulated(Path(made) / f"{name}.npz", *what)
-            paths = files(Path(made) if options.quick else options.data, options.sets)
-            ks, draws = ((1, 3), 2) if options.quick else (options.labels, options.draws)
+                write_simulated(Path(made) / "mountaincar_flip.npz", "flip", n_good=8, n_bad=12, seed=1)
+            paths = npz_files(Path(made) if options.quick else options.data, options.sets)
+            ks, draws = ([1], 1) if options.quick else (options.labels, options.draws)
             result: Row = {}
             for result in measure(paths, ks, draws, options.adversary, options.seed):
                 if options.json:  # after every data set: what is done is not lost
@@ -76,21 +67,10 @@ def main(arguments: list[str] | None = None) -> int:
     return 0
 
 
-def simulated(path: Path, env_id: str, kind: str, n_good: int, n_bad: int, seed: int) -> None:
-    made = simulate(env_id, kind, n_good=n_good, n_bad=n_bad, seed=seed)
-    known = {"is_good": made.is_good, "episode_quality": made.is_good.astype(float)}
-    formats.write(path, Demonstrations.from_episodes(made.episodes), known)
-
-
 def measure(paths: Iterable[Path], ks: Iterable[int], draws: int, adversary: str, seed: int) -> Iterator[Row]:
     """All figures so far, as plain numbers and text, after each data set."""
     rows: list[Row] = []
-    for path in paths:
-        demonstrations = formats.read(path)
-        known = truth(path, demonstrations)
-        if not (known.good.any() and known.bad.any()):
-            continue
-        begun = time.perf_counter()
+    for path, demonstrations, known in sets_with_both(paths):
         fits = {frozenset(): fitted(demonstrations, adversary, {})}
         alone = fits[frozenset()]
         orders = {(SUGGESTED, 0): [alone.index(name) for name in alone.suggest_labels(len(demonstrations))]}
@@ -108,7 +88,6 @@ def measure(paths: Iterable[Path], ks: Iterable[int], draws: int, adversary: str
                     fits[same] = fitted(demonstrations, adversary, told)
                 score = scored(fits[same], alone, known, asked)
                 rows.append({"set": path.stem, "how": how, "draw": draw, "k": k, "asked": asked, **score})
-        print(f"{path.stem}: {time.perf_counter() - begun:.0f} s", file=sys.stderr)
         yield {
             "provenance": provenance(seed),
             "adversary": adversary,
@@ -145,14 +124,11 @@ def scored(found: Audit, alone: Audit, known: Truth, asked: list[int]) -> Row:
     wrong = int((verdicts[good] == "adversary").sum() + (verdicts[bad] == "expert").sum())
     row: Row = {"questions": len(asked), "wrong": wrong, "auroc": None, "without": None}
     answered = np.where(rest, found.log_odds, np.where(known.good, np.inf, -np.inf))
-    row["all"] = auroc(answered, known.good, known.bad)
+    row["all"] = auroc(answered[known.good], answered[known.bad])
     if good.any() and bad.any():
-        row |= {"auroc": auroc(found.log_odds, good, bad), "without": auroc(alone.log_odds, good, bad)}
+        row["auroc"] = auroc(found.log_odds[good], found.log_odds[bad])
+        row["without"] = auroc(alone.log_odds[good], alone.log_odds[bad])
     return row
-
-
-def auroc(log_odds: Array, good: Array, bad: Array) -> float:
-    return float(wins(log_odds[good], log_odds[bad]).mean())
 
 
 def mean_over_sets(rows: list[Row], how: str, k: int) -> Row:

@@ -9,100 +9,38 @@ are told a part of it: the oracle and RM-ENT.
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
-from functools import lru_cache
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
-from scipy.optimize import minimize
-from scipy.special import expit, logsumexp
 from threadpoolctl import threadpool_limits
 
+from peers_common import (
+    Answer,
+    Array,
+    Ensemble,
+    Method,
+    Task,
+    cloned,
+    cross_fitted,
+    fit_data,
+    kind_of,
+    pooled_policy,
+    step_mean,
+    taken,
+)
+from peers_ileed import ileed
 from rpil.data.coding import class_codes
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import AmbiguousWarning
-from rpil.data.fit_data import FitData
-from rpil.data.spaces import Discrete
-from rpil.estimators.cloning import BehavioralCloning
 from rpil.estimators.rment import RMEnt
 from rpil.estimators.rpil import RPIL
 from rpil.numerics.blocks import log_softmax
-from rpil.policies.features import FeatureMap, ridge_of
+from rpil.policies.features import ridge_of
 from rpil.policies.softmax import SoftmaxPolicy, one_hot
 from study.recipe import PaperRecipe
 
-Array = NDArray[Any]
-N_FOLDS = 5
-ILEED_STARTS, ILEED_DIMENSIONS = 5, 2
 BCND_POLICIES, BCND_ITERATIONS = 5, 5
 MOM_STEPS = 1000
-
-
-@dataclass(frozen=True, eq=False)
-class Task:
-    """What a method is told beside the demonstrations.
-
-    Attributes
-    ----------
-    features : str
-        Kind of features, the same for all methods of a run.
-    seed : int
-    prior : float
-        P(expert), for the paper's recipe alone: it gives .2 for Mountain Car, .5 for Lunar Lander, .75 for Acrobot.
-    n_trusted : int, optional
-        How many demonstrations are good: RM-ENT alone is told, and takes half of them where it is not.
-    good : (M,) bool array, optional
-        Which ones: the oracle alone is told.
-    """
-
-    features: str = "raw"
-    seed: int = 0
-    prior: float = 0.5
-    n_trusted: int | None = None
-    good: Array | None = None
-
-
-@dataclass(frozen=True, eq=False)
-class Answer:
-    """What a method finds.
-
-    Attributes
-    ----------
-    scores : (M,) array or None
-        Higher is more trusted; None where the method does not rank.
-    policy : Any or None
-        Has `predict`, `predict_log_proba` and `classes_`; None where the method only ranks.
-    """
-
-    scores: Array | None
-    policy: Any | None
-
-
-Method = Callable[[Demonstrations, Task], Answer]
-
-
-@dataclass(frozen=True, eq=False)
-class Ensemble:
-    """The mean of softmax policies, pi(k|s) = 1/E sum_e pi_e(k|s); often E = 1."""
-
-    members: tuple[tuple[FeatureMap, SoftmaxPolicy], ...]
-    classes_: Array
-
-    def predict_log_proba(self, X: Array) -> Array:
-        """log pi(k|s), (N, K)."""
-        each = np.stack([policy.log_proba(features.design(X)) for features, policy in self.members])
-        return logsumexp(each, 0) - np.log(len(each))
-
-    def predict(self, X: Array) -> Array:
-        """The most likely action, (N,)."""
-        return self.classes_[self.predict_log_proba(X).argmax(axis=1)]
-
-    def log_prob(self, X: Array, y: Array) -> Array:
-        """log pi(a|s) of the actions y taken in X, (N,)."""
-        return self.predict_log_proba(X)[np.arange(len(X)), np.searchsorted(self.classes_, y)]
 
 
 def rpil(data: Demonstrations, task: Task) -> Answer:
@@ -115,12 +53,12 @@ def rpil(data: Demonstrations, task: Task) -> Answer:
 
 def trust_all(data: Demonstrations, task: Task) -> Answer:
     """Behavioural cloning of everything."""
-    return Answer(None, _cloned(data, _kind(data, task)))
+    return Answer(None, cloned(data, kind_of(data, task)))
 
 
 def oracle(data: Demonstrations, task: Task) -> Answer:
     """Behavioural cloning of the demonstrations that are good: the truth is given."""
-    return Answer(None, _cloned(data.select(task.good), _kind(data, task)))
+    return Answer(None, cloned(data.select(task.good), kind_of(data, task)))
 
 
 def papers_recipe(data: Demonstrations, task: Task) -> Answer:
@@ -142,70 +80,8 @@ def rm_ent(data: Demonstrations, task: Task) -> Answer:
     starts, see `rpil.estimators.rment`. The paper ranks nothing; the score is the mean log-likelihood under the final
     policy.
     """
-    model = RMEnt(task.n_trusted or 0.5, features=_kind(data, task), random_state=task.seed).fit(data)
+    model = RMEnt(task.n_trusted or 0.5, features=kind_of(data, task), random_state=task.seed).fit(data)
     return Answer(model.log_likelihood_, model)
-
-
-def ileed(data: Demonstrations, task: Task) -> Answer:
-    """Imitation learning by estimating the expertise of demonstrators (Beliaev et al., ICML 2022).
-
-    As published: demonstrator i masters state s to the degree rho_i(s) = sigmoid(<f(s), w_i>), and the policy, the
-    embedding f and all w_i maximise one likelihood; of several random starts the likeliest wins. For discrete actions
-    in the form of the authors' code: the action pi means with probability rho, else one of the other K - 1, which is
-    rho' pi + (1 - rho') / K with rho' = (K rho - 1) / (K - 1). Adapted: every demonstration is its own demonstrator,
-    policy and embedding (of 2 dimensions) are linear in the features, L-BFGS takes the place of Adam, a weak ridge and
-    w_i ~ N(0, 1) keep the optimum finite, 5 starts instead of 20 and each from the pooled policy. The score, the mean
-    expertise of a demonstration over its own states, is ours.
-    """
-    problem, features, classes = _problem(data, _kind(data, task))
-    rng = np.random.default_rng(task.seed)
-    ridge = ridge_of(features, None, data.n_steps, problem.space)
-    shapes = ileed_shapes(problem)
-    with threadpool_limits(1, "blas"):
-        pooled = _pooled(problem, ridge)
-        ends = []
-        for _ in range(ILEED_STARTS):
-            embedding, expertise = (rng.normal(size=shape) for shape in shapes[1:])
-            start = np.concatenate([pooled.weights.ravel(), embedding.ravel() / np.sqrt(len(ridge)), expertise.ravel()])
-            ends.append(minimize(ileed_loss, start, (problem, ridge), "L-BFGS-B", jac=True, options={"maxiter": 300}))
-    weights, embedding, expertise = unpacked(min(ends, key=lambda end: end.fun).x, shapes)
-    rho = expit(((problem.features @ embedding) * problem.per_step(expertise)).sum(axis=1))
-    return Answer(_mean(data, rho), Ensemble(((features, SoftmaxPolicy(weights, ridge)),), classes))
-
-
-def ileed_shapes(problem: FitData) -> list[tuple[int, int]]:
-    """Of the policy's weights, of the embedding, of the expertise."""
-    n_columns = problem.features.shape[1]
-    return [(n_columns, problem.space.n), (n_columns, ILEED_DIMENSIONS), (problem.n_demonstrations, ILEED_DIMENSIONS)]
-
-
-def unpacked(parameters: Array, shapes: list[tuple[int, int]]) -> list[Array]:
-    """One vector as arrays of these shapes."""
-    ends = np.cumsum([rows * columns for rows, columns in shapes])
-    return [part.reshape(shape) for part, shape in zip(np.split(parameters, ends[:-1]), shapes, strict=True)]
-
-
-def ileed_loss(parameters: Array, problem: FitData, ridge: Array) -> tuple[float, Array]:
-    """Penalised negative log-likelihood of ILEED, and its gradient."""
-    weights, embedding, expertise = unpacked(parameters, ileed_shapes(problem))
-    n_others = problem.space.n - 1
-    log_proba = log_softmax(problem.features @ weights)
-    proba, log_pi = np.exp(log_proba), taken(problem, log_proba)
-    pi, others = np.exp(log_pi), -np.expm1(log_pi)
-    embedded, own = problem.features @ embedding, problem.per_step(expertise)
-    rho = expit((embedded * own).sum(axis=1))
-    likelihood = np.maximum(rho * pi + (1 - rho) * others / n_others, np.finfo(float).tiny)
-    penalty = 0.5 * ((ridge[:, None] * weights**2).sum() + (ridge[:, None] * embedding**2).sum() + (expertise**2).sum())
-
-    by_logit = (rho - (1 - rho) / n_others) * pi / likelihood  # d log p / d log pi
-    by_skill = rho * (1 - rho) * (pi - others / n_others) / likelihood  # d log p / d <f(s), w>
-    hot_by_logit = one_hot(problem.actions, by_logit, problem.space.n)
-    slopes = (
-        ridge[:, None] * weights - problem.features.T @ (hot_by_logit - by_logit[:, None] * proba),
-        ridge[:, None] * embedding - problem.features.T @ (by_skill[:, None] * own),
-        expertise - problem.sum_steps(by_skill[:, None] * embedded),
-    )
-    return float(penalty - np.log(likelihood).sum()), np.concatenate([slope.ravel() for slope in slopes])
 
 
 def bcnd(data: Demonstrations, task: Task) -> Answer:
@@ -216,14 +92,14 @@ def bcnd(data: Demonstrations, task: Task) -> Answer:
     is at random and by steps. Adapted: each fit is carried to its optimum. The score is the mean of the final weights.
     """
     class_codes(data.actions, data.source)
-    kind = _kind(data, task)
+    kind = kind_of(data, task)
     part = np.random.default_rng(task.seed).permutation(data.n_steps) % BCND_POLICIES
     weight = np.ones(data.n_steps)
     for _ in range(BCND_ITERATIONS):
-        policies = [_cloned(data, kind, weight * (part == k)) for k in range(BCND_POLICIES)]
+        policies = [cloned(data, kind, weight * (part == k)) for k in range(BCND_POLICIES)]
         policy = Ensemble(tuple((one.features_, one.policy_) for one in policies), policies[0].classes_)
         weight = np.exp(policy.log_prob(data.observations, data.actions))
-    return Answer(_mean(data, weight), policy)
+    return Answer(step_mean(data, weight), policy)
 
 
 def median_of_means(data: Demonstrations, task: Task) -> Answer:
@@ -236,7 +112,7 @@ def median_of_means(data: Demonstrations, task: Task) -> Answer:
     the path is returned. The paper ranks nothing, and how often a demonstration is the median says little, the best
     being as far from it as the worst: the score is the mean log-likelihood under the final policy.
     """
-    problem, features, classes = _problem(data, _kind(data, task))
+    problem, features, classes = fit_data(data, kind_of(data, task))
     ridge = ridge_of(features, None, 1.0, problem.space)
     hot = one_hot(problem.actions, np.ones(data.n_steps), problem.space.n)
     with threadpool_limits(1, "blas"):
@@ -252,7 +128,7 @@ def median_of_means(data: Demonstrations, task: Task) -> Answer:
             slope = rows.T @ (np.exp(log_softmax(rows @ weights)) - hot[steps]) / len(rows) + ridge[:, None] * weights
             return weights - cho_solve(factor, slope)
 
-        weights = _pooled(problem, ridge * data.n_steps).weights
+        weights = pooled_policy(problem, ridge * data.n_steps).weights
         rival, path = np.zeros_like(weights), []
         ours_losses, rivals_losses = losses(weights), losses(rival)
         for _ in range(MOM_STEPS):
@@ -282,24 +158,24 @@ def cleanlab(data: Demonstrations, task: Task) -> Answer:
 
     classes, codes = class_codes(data.actions, data.source)
     proba = np.empty((data.n_steps, len(classes)))
-    for held_out, policy in _cross_fitted(data, task):
+    for held_out, policy in cross_fitted(data, task):
         proba[held_out] = policy.predict_proba(data.observations[held_out])
     quality = get_label_quality_scores(codes, proba)
     kept = ~find_label_issues(codes, proba, n_jobs=1)
-    return Answer(_mean(data, quality), _cloned(data, _kind(data, task), kept.astype(float)))
+    return Answer(step_mean(data, quality), cloned(data, kind_of(data, task), kept.astype(float)))
 
 
 def mean_log_likelihood(data: Demonstrations, task: Task) -> Answer:
     """How well one policy, cloned from everything, explains a demonstration: the mean over its steps."""
-    return Answer(_mean(data, _cloned(data, _kind(data, task)).log_prob(data.observations, data.actions)), None)
+    return Answer(step_mean(data, cloned(data, kind_of(data, task)).log_prob(data.observations, data.actions)), None)
 
 
 def cross_fitted_log_likelihood(data: Demonstrations, task: Task) -> Answer:
     """The same with policies that have not seen the demonstration: 5 folds of whole demonstrations."""
     log_prob = np.empty(data.n_steps)
-    for held_out, policy in _cross_fitted(data, task):
+    for held_out, policy in cross_fitted(data, task):
         log_prob[held_out] = policy.log_prob(data.observations[held_out], data.actions[held_out])
-    return Answer(_mean(data, log_prob), None)
+    return Answer(step_mean(data, log_prob), None)
 
 
 def length(data: Demonstrations, task: Task) -> Answer:
@@ -327,54 +203,3 @@ METHODS: dict[str, Method] = {
     "length": length,
     "random": random,
 }
-
-
-def _kind(data: Demonstrations, task: Task) -> str:
-    """The kind of features, the same for every method; "auto" is what cloning chooses on all demonstrations."""
-    return _chosen(data) if task.features == "auto" else task.features
-
-
-@lru_cache(maxsize=1)
-def _chosen(data: Demonstrations) -> str:
-    return BehavioralCloning(features="auto").fit(data).features_.kind
-
-
-def _cloned(data: Demonstrations, kind: str, weight: Array | None = None) -> BehavioralCloning:
-    """Our policy; `weight` (N,) may leave steps out, and their actions are still known."""
-    return BehavioralCloning(features=kind).fit(data, sample_weight=weight)
-
-
-def _problem(data: Demonstrations, kind: str) -> tuple[FitData, FeatureMap, Array]:
-    """The demonstrations behind a feature map, for methods with an optimiser of their own; the map; the actions."""
-    classes, codes = class_codes(data.actions, data.source)
-    features = FeatureMap.fit(kind, data.observations)
-    nobody = np.zeros(len(data), dtype=int)
-    return (
-        FitData(features.design(data.observations), codes, data.offsets, Discrete(len(classes)), nobody),
-        features,
-        classes,
-    )
-
-
-def _pooled(problem: FitData, ridge: Array) -> SoftmaxPolicy:
-    """The policy that trusts every step."""
-    return SoftmaxPolicy.zero(problem.space.n, ridge).fit(problem, np.ones(len(problem.actions)))[0]
-
-
-def taken(problem: FitData, log_proba: Array) -> Array:
-    """Log-probability of the action taken, (N, K) -> (N,)."""
-    return np.take_along_axis(log_proba, problem.actions[:, None], axis=1)[:, 0]
-
-
-def _mean(data: Demonstrations, values: Array) -> Array:
-    """Means over the steps of each demonstration, (N,) -> (M,)."""
-    return np.add.reduceat(values, data.offsets[:-1]) / data.lengths
-
-
-def _cross_fitted(data: Demonstrations, task: Task) -> Iterator[tuple[Array, BehavioralCloning]]:
-    """Folds of whole demonstrations, as steps (N,) bool, and policies cloned from the others."""
-    kind = _kind(data, task)
-    folds = np.random.default_rng(task.seed).permutation(len(data)) % N_FOLDS
-    for fold in range(min(N_FOLDS, len(data))):
-        held_out = (folds == fold)[data.groups]
-        yield held_out, _cloned(data, kind, (~held_out).astype(float))

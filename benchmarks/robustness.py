@@ -36,27 +36,24 @@ import numpy as np
 from sklearn.metrics import roc_auc_score
 
 import rpil
+from grid import ENVIRONMENTS, LABELS, N_GOOD, SHARES, n_bad, unknowable
 from options import at_least, write_json
 from provenance import provenance
-from robustness_report import LABELLED, OURS, REFERENCE, Row, heat_map, summary, table, unknowable
+from robustness_report import LABELLED, OURS, REFERENCE, Row, heat_map, summary, table
 from rpil.data.demonstrations import Demonstrations
 from rpil.estimators.cloning import BehavioralCloning
 from rpil.estimators.rpil import RPIL
 from rpil.numerics.parallel import cores, in_processes
-from rpil.policies.features import FEATURES
 from rpil.simulation.corruptions import KINDS
 from rpil.simulation.experts import expert
 from rpil.simulation.rollouts import RandomPolicy, rollout
 from rpil.simulation.simulate import simulate
 from study.experiments import EXPERIMENTS
 
-CHOSEN = "auto" if "auto" in FEATURES else "spline"
+CHOSEN = "auto"
 """The features of everything here: the one setting that is not the library's default."""
 
-MAIN = ("MountainCar-v0", "Acrobot-v1", "LunarLander-v3")
 MORE = ("CartPole-v1", "rpil/DiscretePendulum-v1")
-SHARES = (50, 75, 90)
-N_GOOD = 10
 FACES = ("cli", "html", "formats")
 """Packages of the library that no figure here depends on."""
 
@@ -93,9 +90,9 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--quick", action="store_true", help="MountainCar, corrupted and shift, half bad, one draw")
     options = parser.parse_args(arguments)
     default = (
-        (MAIN[:1], ("corrupted", "shift"), SHARES[:1], 1, 10)
+        (ENVIRONMENTS[:1], ("corrupted", "shift"), SHARES[:1], 1, 10)
         if options.quick
-        else (MAIN + MORE, KINDS, SHARES, 10, 100)
+        else (ENVIRONMENTS + MORE, KINDS, SHARES, 10, 100)
     )
     for name, value in zip(("environments", "kinds", "shares", "draws", "rollouts"), default, strict=True):
         if getattr(options, name) is None:
@@ -157,8 +154,7 @@ def run(job: Job, rollouts: int) -> list[Row]:
     if job.methods == (REFERENCE,):
         methods: dict[str, Callable[[], Row]] = {REFERENCE: partial(reference, job.env, job.seed, rollouts)}
     else:
-        n_bad = round(N_GOOD * job.share / (100 - job.share))
-        made = simulate(job.env, job.kind, n_good=N_GOOD, n_bad=n_bad, seed=job.seed)
+        made = simulate(job.env, job.kind, n_good=N_GOOD, n_bad=n_bad(job.share), seed=job.seed)
         given = (job, Demonstrations.from_episodes(made.episodes), made.is_good == 1, rollouts)
         methods = {name: partial(OWN.get(name, partial(peer, name)), *given) for name in job.methods}
     rows = []
@@ -190,7 +186,7 @@ def unlabelled(job: Job, demonstrations: Demonstrations, good: np.ndarray, rollo
 
 
 def labelled(job: Job, demonstrations: Demonstrations, good: np.ndarray, rollouts: int) -> Row:
-    model, found = fitted(demonstrations, good, {0: "expert", N_GOOD: "adversary"})
+    model, found = fitted(demonstrations, good, LABELS)
     return found | {"return": play(model, job.env, rollouts, job.seed)}
 
 

@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 
+from grid import unknowable
 from rpil.simulation.corruptions import KINDS
 from rpil.simulation.rollouts import Returns
 
-COHERENT = ("flip", "shift")
 RETURN, AUROC, WRONG = 0.95, 0.99, 0.01
 GOALS = {
     "return": f"normalised return of {RETURN} at least",
@@ -27,11 +27,6 @@ PANELS = (
 """Goal, score, its format, and what is shown palest and darkest."""
 
 Row = dict[str, Any]
-
-
-def unknowable(kind: str, share: int) -> bool:
-    """Whether the bad demonstrations agree as well as the good ones do, and are as many at least."""
-    return kind in COHERENT and share >= 50
 
 
 def summary(rows: list[Row], n_wanted: int) -> Row:

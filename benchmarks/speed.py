@@ -65,21 +65,21 @@ class Data:
 
 DATA = Data()
 _LARGE = {"steps": 1_000_000, "features": 64, "actions": 6}
-_SMALL = {"steps": 6_000, "features": 8, "actions": 3}
+_SMALL = {"steps": 2_000, "features": 4, "actions": 3}
 ROWS = {
     "A": Row("RPIL over LogisticRegression", speed_fits.plain, _LARGE, _SMALL, {"A": 1.0}),
     "B": Row(
         "the same, ill-conditioned splines",
         speed_fits.ill_conditioned,
         {"demonstrations": 200},
-        {"demonstrations": 8},
+        {"demonstrations": 4},
         {"B": 0.3, "B_newton_cg": 1.0},
     ),
     "C": Row(
         "a cell of the paper, over the paper's recipe",
         speed_fits.recipe,
         {"demonstrations": 20, "iterations": 101},
-        {"demonstrations": 8, "iterations": 2},
+        {"demonstrations": 4, "iterations": 1},
         {"C": 1 / 30},
     ),
     "D": Row("a pass over two matrix products", speed_fits.one_pass, _LARGE, _SMALL, {"D": 2.0}),
@@ -87,7 +87,7 @@ ROWS = {
         "from disk: GiB, and time over in memory",
         speed_systems.from_disk,
         {"steps": 20_000_000, "subset": 2_000_000, "features": 32, "actions": 4},
-        {"steps": 60_000, "subset": 50_000, "features": 8, "actions": 3},
+        {"steps": 20_000, "subset": 15_000, "features": 4, "actions": 3},
         {"E_rss_gib": 1.0, "E_time": 1.5},
     ),
     "F": Row(
@@ -101,7 +101,7 @@ ROWS = {
         "Dask, two processes, over in memory",
         speed_systems.cluster,
         {"steps": 10_000_000, "features": 32, "actions": 4},
-        {"steps": 50_000, "features": 8, "actions": 3},
+        {"steps": 20_000, "features": 4, "actions": 3},
         {"G": 1.5},
     ),
     "H": Row(

@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 
 import rpil
+from grid import ENVIRONMENTS
 from rpil.data.demonstrations import Demonstrations
 from rpil.estimators.cloning import BehavioralCloning
 from rpil.estimators.rpil import RPIL
@@ -31,7 +32,6 @@ from rpil.simulation.simulate import simulate
 from speed_data import softmax_expert
 from speed_timing import Measured, Skipped, in_turns, peak_gib
 
-ENVIRONMENTS = ("MountainCar-v0", "Acrobot-v1", "LunarLander-v3")
 PROCESSES = 2
 _SHARD_STEPS = 1_000_000
 _COLUMN = "observation.{}"

@@ -266,12 +266,13 @@ def code_of(our_method: bool) -> tuple[Path, ...]:
     if our_method:
         return every
     parts = (path for path in every if path.relative_to(LIBRARY).parts[0] in PEER_PARTS)
-    return (*parts, HERE / "peers.py", HERE / "trust_peers.py")
+    return (*parts, *sorted(HERE.glob("peers*.py")), HERE / "trust_peers.py")
 
 
 @cache
 def code_of_worlds() -> tuple[Path, ...]:
     return (
+        HERE / "grid.py",
         HERE / "trust_worlds.py",
         HERE / "trust_operators.py",
         *sorted((LIBRARY / "simulation").glob("*.py")),

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy.special import expit
 from scipy.stats import binomtest, rankdata, spearmanr
 
-from real import interval, resampled_auroc, stream, wins
+from scoring import auroc, interval, pair_wins, resampled_auroc, stream
 from trust_peers import LENGTHENED, WITH_LENGTH, add_length
 
 OURS = "rpil"
@@ -63,7 +63,7 @@ def ranking(scores: Array, good: Array, quality: Array | None, rng: np.random.Ge
     """AUROC of good against bad and Spearman's correlation with quality; None where there is nothing to compare."""
     found: Row = dict.fromkeys(("auroc", "auroc_ci95", "spearman", "spearman_ci95"))
     if {0, 1} <= set(good.tolist()):
-        won = wins(scores[good == 1], scores[good == 0])
+        won = pair_wins(scores[good == 1], scores[good == 0])
         found |= {"auroc": float(won.mean()), "auroc_ci95": interval(resampled_auroc(won, rng))}
     if quality is not None and np.ptp(quality) > 0 and np.ptp(scores) > 0:
         draws = resampled_spearman(scores, quality, good, rng)
@@ -144,7 +144,7 @@ def beyond(truth: Row, ours: Row) -> Row:
         asked = np.setdiff1d(np.arange(len(good)), [int(m) for m in labelled["labels"]])
         answers = {name: np.array(labelled[name])[asked] for name in ("scores", "verdicts", "expert_proba")}
         found["labelled"] = judged(answers, good[asked], np.random.default_rng(0))
-        found["labelled"]["auroc"] = float(wins(*by_kind(answers["scores"], good[asked])).mean())
+        found["labelled"]["auroc"] = auroc(*by_kind(answers["scores"], good[asked]))
     return found
 
 
@@ -178,7 +178,7 @@ def of_styles(extra: Row, ours: Row) -> Row:
         asked = np.setdiff1d(np.arange(len(style)), [int(m) for m in ours["labelled"]["labels"]])
         if len(set(style[asked])) == 2:
             for name, scores in (("label", ours["labelled"]["scores"]), ("oracle", extra["style_log_ratio"])):
-                found[f"{name}_auroc"] = float(wins(*by_kind(np.array(scores)[asked], style[asked] == 0)).mean())
+                found[f"{name}_auroc"] = auroc(*by_kind(np.array(scores)[asked], style[asked] == 0))
     return found
 
 

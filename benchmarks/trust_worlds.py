@@ -20,16 +20,15 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import log_softmax
 
-from robustness_report import unknowable
+from grid import ENVIRONMENTS, N_GOOD, SHARES, n_bad, unknowable
 from rpil.data.demonstrations import Demonstrations
 from rpil.simulation.corruptions import KINDS
 from rpil.simulation.simulate import simulate
 from trust_operators import N_ACTIONS, N_CONTROLS, N_STATES, Operators, drawn, wandering
 
-DISCRETE = ("MountainCar-v0", "Acrobot-v1", "LunarLander-v3")
 CONTINUOUS = ("Pendulum-v1", "MountainCarContinuous-v0", "LunarLanderContinuous-v3")
 CONTINUOUS_KINDS = ("corrupted", "random", "noisy", "window", "sensor")
-BAD_SHARES, SIMULATED_SEEDS, N_GOOD = (50, 75, 90), (1000, 1001), 10
+SIMULATED_SEEDS = (1000, 1001)
 
 DIFFERENCES, STYLE_SHARES, STYLE_STEPS, STYLE_SIZES = (5, 10, 30), (50, 70, 90), (40, 200, 1000), (6, 20, 60)
 STYLE_SEEDS, NOTHING_SEEDS, WELL_SPECIFIED_SEEDS = range(2), range(3), range(5)
@@ -101,7 +100,7 @@ class Cell:
 
 def simulated(env: str, kind: str, share: int, seed: int) -> World:
     """Ten good demonstrations, and as many bad ones of one kind as make up a share in percent."""
-    made = simulate(env, kind, n_good=N_GOOD, n_bad=round(N_GOOD * share / (100 - share)), seed=seed)
+    made = simulate(env, kind, n_good=N_GOOD, n_bad=n_bad(share), seed=seed)
     order = np.random.default_rng(seed).permutation(len(made.episodes))
     observations, actions = (np.concatenate([made.episodes[m][part] for m in order]) for part in (0, 1))
     lengths = [len(made.episodes[m][1]) for m in order]
@@ -250,12 +249,12 @@ def cells(families: Iterable[str] = FAMILIES) -> dict[str, Cell]:
 
 def simulated_cells() -> list[Cell]:
     """Both grids, draw by draw."""
-    grids = ((DISCRETE, KINDS), (CONTINUOUS, CONTINUOUS_KINDS))
+    grids = ((ENVIRONMENTS, KINDS), (CONTINUOUS, CONTINUOUS_KINDS))
     every = [
         (env, kind, share, seed)
         for seed in SIMULATED_SEEDS
         for environments, kinds in grids
-        for env, kind, share in product(environments, kinds, BAD_SHARES)
+        for env, kind, share in product(environments, kinds, SHARES)
     ]
     return [Cell(simulated_name(*of), "simulated", simulated, of) for of in every]
 

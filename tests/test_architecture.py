@@ -133,6 +133,7 @@ for name in sys.argv[1:]:
 """
 
 
+@pytest.mark.slow
 def test_every_public_name_is_what_it_says_and_no_module():
     names = sorted(set(rpil.__all__) - {"__version__"})
     found = subprocess.run([sys.executable, "-W", "error", "-c", FRESH, *names], check=False)

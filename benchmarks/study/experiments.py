@@ -6,13 +6,14 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
+from grid import N_GOOD
 from rpil.data.demonstrations import Demonstrations
 from rpil.estimators.cloning import BehavioralCloning
 from rpil.estimators.rpil import RPIL
 from study.recipe import NO_PENALTY, PaperRecipe
 
 OUR_FEATURES = "auto"
-N_GOOD = N_BAD = 10
+N_BAD = N_GOOD
 EXPERT, RECIPE, OURS = "expert", "paper's recipe", "rpil"
 TRUST_ALL, RAW_TRUST_ALL, ORACLE, RAW_ORACLE = "trust all", "raw trust all", "oracle", "raw oracle"
 

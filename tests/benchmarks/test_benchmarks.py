@@ -1,132 +1,103 @@
-"""The scripts run, and what they write is true on the smallest cells."""
+"""The parts of the scripts, on results built by hand."""
 
 from __future__ import annotations
 
+import importlib
 import json
-import runpy
-import sys
-from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from rpil import BehavioralCloning, Demonstrations
-from rpil.simulation.corruptions import KINDS
-
-BENCHMARKS = Path(__file__).parents[2] / "benchmarks"
-
-
-def test_quick_acceptance(tmp_path, capsys, monkeypatch):
-    main = runpy.run_path(str(BENCHMARKS / "acceptance.py"))["main"]
-    path = tmp_path / "acceptance.json"
-    main(["--quick", "--json", str(path)])
-    printed = capsys.readouterr().out
-    found = json.loads(path.read_text())
-    assert found["provenance"]["seeds"] == "1000 to 1001"
-    cells = {cell["kind"]: cell for cell in found["cells"]}
-    assert set(cells) == {"corrupted", "random", "noisy", "window", "shift"}
-    assert all(kind in printed for kind in cells)
-    assert len(found["draws"]) == 2 * len(cells)
-    for kind in ("corrupted", "random"):
-        assert cells[kind]["auroc"] == pytest.approx(1.0)
-        assert cells[kind]["wrong"] == 0
-        assert cells[kind]["rpil"]["mean"] > cells[kind]["trust_all"]["mean"]
-        assert cells[kind]["oracle"] == cells["random"]["oracle"]  # the good demonstrations do not depend on the kind
-    assert cells["noisy"]["auroc"] == pytest.approx(1.0)
-    assert cells["window"]["auroc"] == pytest.approx(1.0)
-    assert cells["shift"]["ambiguous"] == 2
-    assert cells["shift"]["wrong_labelled"] == 0
+import acceptance
+import calibration
+import demonstrators
+import features
+import labels
+import options
+import speed
+from rpil import Demonstrations
+from speed_fits import gradient_norm
 
 
-def test_smallest_paper(tmp_path, capsys, monkeypatch):
-    asked = []
-
-    def task(**told):
-        asked.append(told)
-        return SimpleNamespace(**told)
-
-    def policy(demonstrations, task):
-        return SimpleNamespace(policy=BehavioralCloning().fit(demonstrations))
-
-    def nothing(demonstrations, task):
-        return SimpleNamespace(policy=None)
-
-    known = {
-        "rpil": None,
-        "oracle": None,
-        "trust all": None,
-        "paper's recipe": None,
-        "RM-ENT": policy,
-        "length": nothing,
-    }
-    monkeypatch.setitem(sys.modules, "peers", SimpleNamespace(METHODS=known, Task=task))
-    script = runpy.run_path(str(BENCHMARKS / "paper.py"))
-    path, folder = tmp_path / "paper.json", tmp_path / "paper"
-    size = ["--env", "MountainCar-v0", "--draws", "2", "--rollouts", "2", "--seed", "3", "--processes", "1"]
-    assert script["main"]([*size, "--peers", "--json", str(path), "--output", str(folder)]) == 0
-    printed, found = capsys.readouterr().out, json.loads(path.read_text())
-    assert [table["table"] for table in found["tables"]] == [1, 2]
-    assert all(f"Table {n}. MountainCar-v0" in printed for n in (1, 2))
-    for table in found["tables"]:
-        assert "RM-ENT" in table["policies"]
-        assert "length" not in table["policies"]
-        assert table["policies"]["rpil"]["wrong"] == 0
-    assert [(told["seed"], told["n_trusted"]) for told in asked] == [(seed, 10) for seed in (3, 4) for _ in range(4)]
-    assert len(list(folder.glob("*.png"))) == 8
-    assert "RM-ENT" in (folder / "tables.md").read_text(encoding="utf-8")
+def acceptance_row(kind: str, seed: int, **changed: object) -> dict:
+    row = {"features": "raw", "env": "MountainCar-v0", "kind": kind, "seed": seed, "seconds": 0.5, "auroc": 1.0}
+    row |= {"wrong": 0, "identifiable": True, "rpil": -100.0, "oracle": -100.0 + seed, "trust_all": -150.0}
+    return row | changed
 
 
-def test_quick_features(tmp_path, capsys, monkeypatch):
-    script = runpy.run_path(str(BENCHMARKS / "features.py"))
-    path = tmp_path / "features.json"
-    assert script["main"](["--quick", "--json", str(path)]) == 0
-    result = json.loads(path.read_text())
-    cells = {cell["features"]: cell for cell in result["cells"]}
-    printed = capsys.readouterr().out
-    assert all(kind in printed for kind in cells)
-    assert cells["auto"]["share"] >= 0.98 > cells["raw"]["share"]
-    assert sum(cells["auto"]["chosen"].values()) == cells["auto"]["draws"] == 2
-    assert "98% of the expert's return reached" in script["markdown"](result)
+def test_acceptance_goals_of_a_cell():
+    def missed(kind: str, **changed: object) -> list[str]:
+        return acceptance.summary([acceptance_row(kind, seed, **changed) for seed in (0, 1)])["missed"]
+
+    assert missed("corrupted") == []
+    assert missed("corrupted", wrong=1) == ["verdicts"]
+    assert missed("random", rpil=-101.0) == ["return"]  # one standard error of the oracle is 0.5
+    assert missed("random", seconds=1.1) == ["time"]
+    assert missed("noisy", auroc=0.989) == ["auroc"]
+    assert missed("shift", wrong_labelled=0) == ["ambiguous"]
+    assert missed("shift", wrong_labelled=1, identifiable=False) == ["labelled"]
 
 
-def test_quick_calibration(tmp_path, capsys, monkeypatch):
-    path = tmp_path / "calibration.json"
-    script = runpy.run_path(str(BENCHMARKS / "calibration.py"))
-    assert script["main"](["--quick", "--json", str(path)]) == 0
-    found = json.loads(path.read_text())
-    assert found["ece"] <= 0.05
-    sizes = {row["kind"]: len(row["good"]) for row in found["signal"]}
-    assert sizes == {kind: 18 if kind in ("flip", "shift") else 20 for kind in KINDS}  # without the labelled ones
-    assert found["n_judged"] == sum(len(row["good"]) for row in found["signal"] if not row["ambiguous"])
-    assert sum(of["n"] for of in found["bins"]) == found["n_judged"]
-    assert set(found["accused"]) == {"all good", "all random", "all noisy", "actions shuffled", "steps shuffled"}
-    assert sum(map(sum, found["accused"].values())) <= 5  # of 100
-    assert "Expected calibration error over" in capsys.readouterr().out
+def test_acceptance_table_has_a_line_for_each_cell():
+    cells = [acceptance.summary([acceptance_row("random", seed, wrong=1) for seed in (0, 1)])]
+    cells += [acceptance.summary([acceptance_row("shift", s, wrong_labelled=3, identifiable=False) for s in (0, 1)])]
+    _, played, coherent = acceptance.table(cells).splitlines()
+    assert played.split()[:3] == ["raw", "MountainCar-v0", "random"]
+    assert played.endswith("verdicts")
+    assert "-100.0 ± 0.0" in played
+    assert "ambiguous 2/2" in coherent
 
 
+def test_features_goal_for_the_share_of_the_experts_return():
+    def row(kind: str, seed: int, value: float) -> dict:
+        found = {"env": "Acrobot-v1", "seed": seed, "features": kind, "seconds": 1.0, "chosen": "spline", "ridge": 0.01}
+        return found | {"return": value, "expert": -80.0, "random": -480.0, "share": (value + 480) / 400}
+
+    rows = [row("auto", seed, value) for seed, value in ((0, -80.0), (1, -100.0))]
+    cell = features.summary("Acrobot-v1", "auto", rows)
+    assert cell["share"] == pytest.approx(0.975)  # 1 and .95
+    assert (cell["worst"], cell["missed"], cell["chosen"]) == (pytest.approx(0.95), True, {"spline 1e-02": 2})
+    assert "missed (0.975)" in features.markdown({"cells": [cell]})
+    assert "0.975" in features.table([cell])
+
+
+def test_speed_table_says_what_is_reached_missed_and_skipped():
+    found = {"A": 0.5, "H": 0.5, "details": {"C": {"skipped": "no data"}}, "peak_gib": 20.0, "quick": True}
+    lines = speed.table(found, ["A", "H", "C"]).splitlines()
+    assert [line.split()[0] for line in lines[1:4]] == ["A", "H", "C"]
+    assert lines[1].endswith("reached")  # at most 1
+    assert lines[2].endswith("missed")  # at least .6
+    assert lines[3].endswith("skipped: no data")
+    assert "above" in lines[-1]
+
+
+def test_labels_asks_until_enough_questions_are_answered():
+    known = labels.Truth(np.array([True, False, False, True]), np.array([False, False, True, False]), np.zeros(4))
+    assert labels.questions([1, 2, 0, 3], known, 2) == [1, 2, 0]  # demonstration 1 is neither good nor bad
+    assert labels.questions([3, 1, 0, 2], known, 9) == [3, 1, 0, 2]
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize(("env", "seed"), [("Acrobot-v1", 800), ("LunarLander-v3", 803)])
-def test_who_is_alike_by_chance_accuses_nobody(env, seed, monkeypatch):
-    """Of these demonstrations of random actions a few predict each other rather well, if asked by hearsay."""
-    without_signal = runpy.run_path(str(BENCHMARKS / "calibration.py"))["without_signal"]
-    assert without_signal(env, "all random", seed)["accused"] == 0
+def test_random_demonstrations_are_not_accused(env, seed):
+    """In these draws a few random demonstrations predict each other well by chance."""
+    assert calibration.without_signal(env, "all random", seed)["accused"] == 0
 
 
-def test_expected_calibration_error(monkeypatch):
+def test_expected_calibration_error():
     """Right on average in every bin is calibrated; sure and wrong is not."""
-    of = runpy.run_path(str(BENCHMARKS / "calibration.py"))["expected_calibration_error"]
+    of = calibration.expected_calibration_error
     assert of(np.full(10, 0.75), np.arange(10) < 8) == pytest.approx(0.05)
     assert of(np.array([0.95, 0.05]), np.array([False, True])) == pytest.approx(0.95)
     assert of(np.array([1.0, 0.0]), np.array([True, False])) == 0.0
 
 
-def test_shuffled_demonstrations_do_not_differ(monkeypatch):
+def test_shuffled_keeps_all_states_actions_and_lengths():
     """All states and actions stay, lengths too; what belongs together is lost."""
-    shuffled = runpy.run_path(str(BENCHMARKS / "calibration.py"))["shuffled"]
     state = np.arange(60.0)
     made = Demonstrations(state[:, None], state.astype(int) % 3, np.array([0, 10, 30, 60]))
     for name in ("actions shuffled", "steps shuffled"):
-        found = shuffled(made, name, np.random.default_rng(0))
+        found = calibration.shuffled(made, name, np.random.default_rng(0))
         np.testing.assert_array_equal(found.lengths, made.lengths)
         np.testing.assert_array_equal(np.sort(found.observations[:, 0]), state)
         np.testing.assert_array_equal(np.sort(found.actions), np.sort(made.actions))
@@ -134,57 +105,9 @@ def test_shuffled_demonstrations_do_not_differ(monkeypatch):
         assert kept == (name == "steps shuffled")
 
 
-def test_quick_labels(tmp_path, capsys, monkeypatch):
-    script = runpy.run_path(str(BENCHMARKS / "labels.py"))
-    path = tmp_path / "labels.json"
-    assert script["main"](["--quick", "--json", str(path)]) == 0
-    result = json.loads(path.read_text())
-    curve = {(row["how"], row["k"]): row for row in result["curve"]}
-    assert set(curve) == {(how, k) for how in ("suggested", "random") for k in (1, 3)}
-    assert curve["suggested", 1]["auroc"] == pytest.approx(1.0)  # most are bad, and of one mind: a label settles it
-    assert curve["suggested", 1]["without"] < 0.5
-    assert curve["suggested", 1]["all"] == pytest.approx(1.0)
-    assert curve["random", 3]["without"] < 0.5
-    for row in result["rows"]:
-        assert len(set(row["asked"])) == row["k"] == row["questions"]
-    known = script["Truth"](np.array([True, False, False, True]), np.array([False, False, True, False]), np.zeros(4))
-    assert script["questions"]([1, 2, 0, 3], known, 2) == [1, 2, 0]  # nobody knows of 1
-    assert script["questions"]([3, 1, 0, 2], known, 9) == [3, 1, 0, 2]
-    assert "mountaincar_flip" in capsys.readouterr().out
-
-
-def test_quick_speed(tmp_path, capsys, monkeypatch):
-    """Every row is there, or says why not; nothing is asserted of the time."""
-    script = runpy.run_path(str(BENCHMARKS / "speed.py"))
-    path = tmp_path / "speed.json"
-    assert script["main"](["--quick", "--json", str(path)]) == 0
-    printed, found = capsys.readouterr().out, json.loads(path.read_text())
-    assert found["quick"]
-    assert set(found["threads"].values()) == {1}
-    assert found["provenance"]["seeds"] == 0
-    assert 0 < found["peak_gib"] < 16
-    for letter, row in script["ROWS"].items():
-        details = found["details"][letter]
-        for key in row.goals:
-            assert f"\n{key} " in printed
-            assert ("skipped" in details) == (key not in found)
-        if "skipped" in details:
-            assert f"skipped: {details['skipped']}" in printed
-        else:
-            assert np.isfinite([found[letter], *(found[key] for key in row.goals)]).all()
-    for letter in "AB":  # the same problem, solved as well by both: else the ratio would compare nothing
-        details = found["details"][letter]
-        norms, names = details["gradient_norms"], details["compared_with"].values()
-        assert details["same_norm"]
-        assert max(norms[name] for name in names) <= 2 * norms["ours"] <= 2e-6
-        assert details["auroc"] == 1.0
-
-
-def test_the_norm_that_fits_are_compared_by(monkeypatch):
+def test_gradient_norm_is_zero_at_the_optimum_and_agrees_with_finite_differences():
     """Is zero at scikit-learn's optimum, and the gradient by finite differences elsewhere."""
     from sklearn.linear_model import LogisticRegression
-
-    from speed_fits import gradient_norm
 
     rng = np.random.default_rng(0)
     x, codes, weight = rng.normal(size=(300, 4)), rng.integers(0, 3, size=300), rng.random(300)
@@ -205,30 +128,16 @@ def test_the_norm_that_fits_are_compared_by(monkeypatch):
     assert found == pytest.approx(np.abs(slopes).max() / weight.sum(), rel=1e-5)
 
 
-def test_unknown_rows_are_refused(monkeypatch, capsys):
+def test_unknown_rows_are_refused(capsys):
     with pytest.raises(SystemExit):
-        runpy.run_path(str(BENCHMARKS / "speed.py"))["main"](["--rows", "A,X"])
+        speed.main(["--rows", "A,X"])
     assert "no row X" in capsys.readouterr().err
 
 
-def test_quick_demonstrators(tmp_path, capsys, monkeypatch):
-    script = runpy.run_path(str(BENCHMARKS / "demonstrators.py"))
-    path = tmp_path / "demonstrators.json"
-    assert script["main"](["--quick", "--json", str(path)]) == 0
-    result = json.loads(path.read_text())
-    whole, short = result["rows"]
-    assert (whole["steps"], short["steps"], whole["people"]) == (None, 10, 5)
-    assert whole["knowing"] == pytest.approx(1.0)
-    assert short["knowing"] > short["without"]  # ten steps borrow from the thirty of the same person
-    assert "mountaincar five people" in capsys.readouterr().out
-    assert "Whole demonstrations: 1.000 without, 1.000 knowing" in script["markdown"](result)
-
-
-def test_what_is_cut_out_of_demonstrations(monkeypatch):
-    cut = runpy.run_path(str(BENCHMARKS / "demonstrators.py"))["cut"]
+def test_cut_keeps_consecutive_steps_of_each_demonstration():
     state = np.arange(60.0)
     made = Demonstrations(state[:, None], state.astype(int) % 3, np.array([0, 5, 30, 60]), ids=("c", "a", "b"))
-    found = cut(made, 10, np.random.default_rng(0))
+    found = demonstrators.cut(made, 10, np.random.default_rng(0))
     assert tuple(found.ids) == ("c", "a", "b")
     np.testing.assert_array_equal(found.lengths, [5, 10, 10])
     for (observations, actions), low, high in zip(found, made.offsets, made.offsets[1:], strict=False):
@@ -251,20 +160,19 @@ def test_what_is_cut_out_of_demonstrations(monkeypatch):
         ("real", ["--json", "no/real.json"], "--json: no/real.json: there is no folder no; make it first"),
     ],
 )
-def test_bad_options_are_one_sentence(script, arguments, match, capsys, monkeypatch, tmp_path):
+def test_bad_options_give_a_message(script, arguments, match, capsys, monkeypatch, tmp_path):
     monkeypatch.chdir(tmp_path)
-    main = runpy.run_path(str(BENCHMARKS / f"{script}.py"))["main"]
+    main = importlib.import_module(script).main
     with pytest.raises(SystemExit) as end:
         main(arguments)
     assert end.value.code == 2
     assert match in capsys.readouterr().err
 
 
-def test_json_is_never_half_written(tmp_path, monkeypatch):
-    write_json = runpy.run_path(str(BENCHMARKS / "options.py"))["write_json"]
+def test_json_is_replaced_only_when_complete(tmp_path):
     path = tmp_path / "found.json"
-    write_json(path, {"rows": [1]})
+    options.write_json(path, {"rows": [1]})
     with pytest.raises(TypeError):
-        write_json(path, {"rows": [1, object()]})
+        options.write_json(path, {"rows": [1, object()]})
     assert json.loads(path.read_text()) == {"rows": [1]}
     assert [file.name for file in tmp_path.iterdir()] == ["found.json"]

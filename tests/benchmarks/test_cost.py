@@ -10,6 +10,7 @@ ROOT = Path(__file__).parents[2]
 import cost  # noqa: E402
 
 
+@pytest.mark.slow
 def test_it_measures_and_predicts(monkeypatch):
     monkeypatch.setattr("rpil.scale.fit.SAMPLE_STEPS", 1000)
     monkeypatch.setattr("rpil.scale.fit.STEPS_PER_COEFFICIENT", 20)

@@ -13,6 +13,9 @@ import numpy as np
 import pytest
 from sklearn.metrics import r2_score, roc_auc_score
 
+import real_scores
+import recorded
+import scoring
 from rpil.data import formats
 from rpil.data.coding import class_codes
 from rpil.data.demonstrations import Demonstrations
@@ -94,30 +97,30 @@ def save(directory: Path, name: str = "made", leave_out: tuple[str, ...] = (), *
 # ---- scores ----------------------------------------------------------------------------------------------------------
 
 
-def test_auroc_by_hand(real):
+def test_auroc_by_pairs_agrees_with_sklearn(real):
     # pairs won: 3 over 1 and 2, 2 over 1 and half of 2: 3.5 of 4
-    assert real.wins(np.array([3.0, 2.0]), np.array([1.0, 2.0])).mean() == 3.5 / 4
-    assert real.wins(np.array([0.0]), np.array([0.0])).mean() == 0.5
+    assert scoring.pair_wins(np.array([3.0, 2.0]), np.array([1.0, 2.0])).mean() == 3.5 / 4
+    assert scoring.pair_wins(np.array([0.0]), np.array([0.0])).mean() == 0.5
     rng = np.random.default_rng(0)
     good, bad = rng.integers(5, size=30), rng.integers(4, size=20)
     expected = roc_auc_score(np.repeat([1, 0], [30, 20]), np.append(good, bad))
-    assert real.wins(good, bad).mean() == pytest.approx(expected)
+    assert scoring.pair_wins(good, bad).mean() == pytest.approx(expected)
 
 
 def test_resamples_are_stratified_and_centred(real):
     rng = np.random.default_rng(1)
-    won = real.wins(rng.normal(1.0, size=25), rng.normal(size=15))
-    draws = real.resampled_auroc(won, np.random.default_rng(2))
+    won = scoring.pair_wins(rng.normal(1.0, size=25), rng.normal(size=15))
+    draws = scoring.resampled_auroc(won, np.random.default_rng(2))
     assert draws.mean() == pytest.approx(won.mean(), abs=4 * draws.std() / np.sqrt(len(draws)))
     # the same the slow way: draw each class with replacement
     slow = [won[np.ix_(rng.integers(25, size=25), rng.integers(15, size=15))].mean() for _ in range(2000)]
     assert draws.std() == pytest.approx(np.std(slow), rel=0.1)
-    perfect = real.resampled_auroc(np.ones((3, 1)), rng)  # one bad one alone is in every resample
+    perfect = scoring.resampled_auroc(np.ones((3, 1)), rng)  # one bad one alone is in every resample
     assert np.allclose(perfect, 1.0)
 
 
-def test_in_between_counts_for_spearman_only(real):
-    known = real.Truth(IS_GOOD == 1, IS_GOOD == 0, QUALITY)
+def test_demonstrations_in_between_count_for_spearman_only(real):
+    known = recorded.Truth(IS_GOOD == 1, IS_GOOD == 0, QUALITY)
     low, high = QUALITY.copy(), QUALITY.copy()
     low[3], high[3] = -99, 99
     rows = [real.ranking(real.Reply(0.0, scores), known, np.random.default_rng(0))[0] for scores in (low, high)]
@@ -128,7 +131,7 @@ def test_in_between_counts_for_spearman_only(real):
 
 
 def test_infinite_scores_rank_and_missing_ones_do_not(real):
-    known = real.Truth(IS_GOOD == 1, IS_GOOD == 0, QUALITY)
+    known = recorded.Truth(IS_GOOD == 1, IS_GOOD == 0, QUALITY)
     scores = np.where(IS_GOOD == 1, np.inf, -np.inf)
     row, _ = real.ranking(real.Reply(0.0, scores), known, np.random.default_rng(0))
     assert row["auroc"] == 1.0
@@ -138,13 +141,12 @@ def test_infinite_scores_rank_and_missing_ones_do_not(real):
     assert (row["auroc"], row["said"], draws) == (None, "a score is missing", None)
 
 
-def test_the_order_of_episodes_in_the_file_is_no_matter(real, tmp_path):
+def test_truth_is_matched_by_episode_id(real, tmp_path):
     shown = arrays()
     steps = np.argsort(-shown["episode_ids"], kind="stable")
     path = save(tmp_path, **{name: shown[name][steps] for name in ("observations", "actions", "episode_ids")})
-    demonstrations = formats.read(path)
+    demonstrations, known = recorded.read_set(path)
     assert demonstrations.ids[0] == len(LENGTHS) - 1
-    known = real.truth(path, demonstrations)
     np.testing.assert_array_equal(known.quality, QUALITY[::-1])
     np.testing.assert_array_equal(known.good, IS_GOOD[::-1] == 1)
 
@@ -174,7 +176,7 @@ def test_r2_agrees_with_sklearn(real):
     folds = []
     for fold in (np.arange(0, 10, 2), np.arange(1, 10, 2)):
         folds.append((fold, real.Reply(0.0, predicted=noisy[np.isin(demonstrations.groups, fold)])))
-    loss, scale = real.losses(folds, demonstrations, good)
+    loss, scale = real_scores.losses(folds, demonstrations, good)
     steps = np.isin(demonstrations.groups, np.flatnonzero(good))
     expected = r2_score(shown["actions"][steps], noisy[steps], multioutput="variance_weighted")
     assert 1 - loss.sum() / scale.sum() == pytest.approx(expected)
@@ -183,7 +185,7 @@ def test_r2_agrees_with_sklearn(real):
 # ---- what methods are told -------------------------------------------------------------------------------------------
 
 
-def test_truth_reaches_nobody_but_the_oracle_and_rment(real, tmp_path, monkeypatch):
+def test_truth_reaches_only_the_oracle_and_rment(real, tmp_path, monkeypatch):
     path = save(tmp_path)
     expected = arrays()
     seen = []
@@ -217,16 +219,16 @@ def test_truth_reaches_nobody_but_the_oracle_and_rment(real, tmp_path, monkeypat
     assert {row["method"] for row in found["ranking"]} == {"rpil", "trust all", "RM-ENT", "ILEED"}
 
 
-def test_methods_run_without_any_truth_in_the_file(real, tmp_path):
+def test_methods_need_no_truth_in_the_file(real, tmp_path):
     path = save(tmp_path, leave_out=("is_good", "episode_quality", "rewards", "demonstrator_ids"))
     reply = real.answer(real.Job(path, "length", Task()))
     np.testing.assert_array_equal(reply.scores, LENGTHS)
 
 
-def test_continuous_actions_are_predicted_and_a_method_that_cannot_says_so(real, tmp_path, capsys):
+def test_continuous_actions_are_predicted_or_refused_with_a_message(real, tmp_path, capsys):
     save(tmp_path, "swings", actions=arrays(continuous=True)["actions"])
     save(tmp_path, "steps")
-    real.main(["--data", str(tmp_path), "--json", str(tmp_path / "real.json")])
+    real.main(["--data", str(tmp_path), "--features", "raw", "--json", str(tmp_path / "real.json")])
     found = json.loads((tmp_path / "real.json").read_text())
     rows = {(row["method"], row["set"]): row for row in found["ranking"]}
     assert rows["length", "swings"]["auroc"] == rows["length", "steps"]["auroc"]
@@ -246,7 +248,7 @@ def test_continuous_actions_are_predicted_and_a_method_that_cannot_says_so(real,
     assert "Goal for R² on swings: not measured." in printed
 
 
-def test_goals_where_actions_are_continuous(real):
+def test_goals_for_continuous_actions(real):
     sets = {name: {"discrete": name == "steps"} for name in ("rilco_hopper_mix", "other", "steps")}
     ranked = [
         {"set": name, "method": method, "auroc": auroc}
@@ -277,7 +279,7 @@ def test_goals_where_actions_are_continuous(real):
 # ---- what cannot be scored -------------------------------------------------------------------------------------------
 
 
-def test_nobody_bad_counts_verdicts(real, tmp_path):
+def test_without_bad_demonstrations_verdicts_are_counted(real, tmp_path):
     path = save(tmp_path, leave_out=("is_good",))
     found = real.measure([path], ["rpil", "length"], "raw", 0)
     rows = {row["method"]: row for row in found["ranking"]}
@@ -297,7 +299,7 @@ def test_nobody_bad_counts_verdicts(real, tmp_path):
         ((), {"episode_ids": arrays()["episode_ids"] + 1}, "truth is by episode, 0 to 9"),
     ],
 )
-def test_missing_columns_are_one_sentence(real, tmp_path, capsys, leave_out, changed, said):
+def test_missing_columns_give_a_message(real, tmp_path, capsys, leave_out, changed, said):
     save(tmp_path, "made", leave_out, **changed)
     with pytest.raises(SystemExit):
         real.main(["--data", str(tmp_path)])
@@ -307,12 +309,12 @@ def test_missing_columns_are_one_sentence(real, tmp_path, capsys, leave_out, cha
     assert str(tmp_path) not in message
 
 
-def test_unknown_names_are_one_sentence(real, tmp_path):
+def test_unknown_names_give_a_message(real, tmp_path):
     with pytest.raises(DataError, match=r"no file \*.npz; found none"):
-        real.files(tmp_path)
+        recorded.npz_files(tmp_path)
     save(tmp_path)
     with pytest.raises(DataError, match=r"no file other.npz; found made"):
-        real.files(tmp_path, ["made", "other"])
+        recorded.npz_files(tmp_path, ["made", "other"])
     with pytest.raises(SystemExit):
         real.main(["--data", str(tmp_path), "--methods", "nobody"])
 
@@ -320,7 +322,7 @@ def test_unknown_names_are_one_sentence(real, tmp_path):
 # ---- the whole -------------------------------------------------------------------------------------------------------
 
 
-def test_means_and_the_goal(real, tmp_path):
+def test_mean_aurocs_and_the_goal(real, tmp_path):
     paths = [save(tmp_path, "a"), save(tmp_path, "b", is_good=np.roll(IS_GOOD, 1))]
     found = real.measure(paths, ["rpil", "length"], "raw", 0)
     aurocs = {
@@ -339,12 +341,3 @@ def test_means_and_the_goal(real, tmp_path):
     assert not real.goal({"rpil": {"mean": 0.95}, "length": {"mean": 0.95}})["reached"]
     assert not real.goal({"rpil": {"mean": 0.89}, "length": {"mean": 0.5}})["reached"]
     assert not real.goal({"rpil": {"mean": None}, "length": {"mean": 0.5}})["reached"]
-
-
-def test_quick(real, tmp_path, capsys):
-    real.main(["--quick", "--json", str(tmp_path / "real.json")])
-    found = json.loads((tmp_path / "real.json").read_text())
-    assert list(found["sets"]) == ["mountaincar_corrupted", "mountaincar_noisy"]
-    assert {row["method"] for row in found["ranking"]} == {"rpil", "length"}
-    assert found["provenance"]["seeds"] == 0
-    assert "mountaincar" in capsys.readouterr().out

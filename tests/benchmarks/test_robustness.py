@@ -11,6 +11,7 @@ import pytest
 from scipy import stats
 
 CAR = "MountainCar-v0"
+EPISODES = [(np.zeros((2, 1)), np.array([0, 1]))]
 
 
 @pytest.fixture
@@ -29,37 +30,61 @@ def rows_of(directory):
     return sorted(rows, key=lambda row: (row["seed"], row["kind"], row["method"]))
 
 
-def test_broken_off_and_resumed_is_the_same_as_one_go(robustness, tmp_path, capsys):
+@pytest.fixture
+def stubbed(robustness, monkeypatch):
+    """The grid with figures that are computed from the seed alone, without any fit."""
+
+    def fit(job, demonstrations, good, rollouts):
+        found = row(job.methods[0], job.kind, job.seed, job.share, auroc=1.0, identifiable=job.kind != "shift")
+        return {key: found[key] for key in found if key not in ("method", "env", "kind", "seed", "share")}
+
+    def labelled(*given):
+        return fit(*given) | {"return": -100.0}
+
+    methods = {robustness.OURS: labelled, robustness.LABELLED: labelled}
+    monkeypatch.setattr(robustness, "OWN", methods)
+    monkeypatch.setattr(robustness, "reference", lambda env, seed, rollouts: reference(seed))
+    monkeypatch.setattr(robustness, "simulate", lambda *given, **sizes: SimpleNamespace(episodes=EPISODES, is_good=[]))
+    return robustness
+
+
+def test_interrupted_run_is_resumed(stubbed, tmp_path, capsys):
     whole, broken = tmp_path / "whole", tmp_path / "broken"
-    arguments = ["--quick", "--draws", "2"]
-    status = robustness.main([*arguments, "--processes", "2", "--output", str(whole)])
+    arguments = ["--quick", "--draws", "2", "--processes", "1", "--output"]
+    status = stubbed.main([*arguments, str(whole)])
     assert "AUROC of 0.99 at least: reached" in capsys.readouterr().out
+    rows = rows_of(whole)
+    assert [row["method"] for row in rows if row["seed"] == 1000] == ["reference", "rpil", "rpil", "rpil, two labels"]
 
     lines = sorted((whole / "draws.jsonl").read_bytes().splitlines(keepends=True), key=lambda line: b"1001" in line)
     broken.mkdir()
     kept = b"".join(lines[:5])
     (broken / "draws.jsonl").write_bytes(kept + lines[5][:40])
-    assert robustness.main([*arguments, "--processes", "1", "--output", str(broken)]) == status
+    assert stubbed.main([*arguments, str(broken)]) == status
     assert (broken / "draws.jsonl").read_bytes().startswith(kept)
-    assert rows_of(broken) == rows_of(whole)
+    assert rows_of(broken) == rows
     assert (broken / "robustness.png").read_bytes().startswith(b"\x89PNG")
 
-    rows = rows_of(whole)
-    assert [row["method"] for row in rows if row["seed"] == 1000] == ["reference", "rpil", "rpil", "rpil, two labels"]
-    alone = next(row for row in rows if row["kind"] == "corrupted")
-    assert alone["good"] == [1] * 10 + [0] * 10
-    assert np.mean((np.array(alone["expert_proba"]) > 0.5) == alone["good"]) == 1 - alone["wrong"]
-    known = next(row for row in rows if row["method"] == "rpil, two labels")
-    assert known["good"] == [1] * 9 + [0] * 9  # a label is not scored
-    assert "return" in known
-    assert "return" not in next(row for row in rows if row["kind"] == "shift")
-
     stamp = (broken / "draws.jsonl").stat().st_mtime_ns
-    robustness.main([*arguments, "--processes", "1", "--output", str(broken)])
+    stubbed.main([*arguments, str(broken)])
     assert (broken / "draws.jsonl").stat().st_mtime_ns == stamp
 
 
-def test_lines_of_another_configuration_are_left_alone(robustness, tmp_path):
+@pytest.mark.slow
+def test_rows_of_one_draw(robustness):
+    reference, *_ = robustness.run(robustness.Job(CAR, "", 0, 1000, ("reference",)), 2)
+    assert reference["expert"] > reference["random"]
+    (alone,) = robustness.run(robustness.Job(CAR, "corrupted", 50, 1000, ("rpil",)), 2)
+    assert alone["good"] == [1] * 10 + [0] * 10
+    assert np.mean((np.array(alone["expert_proba"]) > 0.5) == alone["good"]) == 1 - alone["wrong"]
+    assert "return" in alone
+    unlabelled, labelled = robustness.run(robustness.Job(CAR, "shift", 50, 1000, ("rpil", "rpil, two labels")), 2)
+    assert labelled["good"] == [1] * 9 + [0] * 9  # a labelled demonstration is not scored
+    assert "return" in labelled
+    assert "return" not in unlabelled
+
+
+def test_rows_of_another_configuration_are_ignored(robustness, tmp_path):
     path = tmp_path / "draws.jsonl"
     key = {"env": CAR, "kind": "noisy", "share": 50, "seed": 1, "method": "rpil"}
     for features in ("raw", "spline"):
@@ -72,7 +97,7 @@ def test_lines_of_another_configuration_are_left_alone(robustness, tmp_path):
     assert len(path.read_text().splitlines()) == 4
 
 
-def test_a_file_of_something_else_is_refused(robustness, tmp_path):
+def test_other_file_is_refused(robustness, tmp_path):
     path = tmp_path / "draws.jsonl"
     path.write_text("not ours\n")
     with pytest.raises(SystemExit, match=r"draws\.jsonl, line 1"):
@@ -80,7 +105,7 @@ def test_a_file_of_something_else_is_refused(robustness, tmp_path):
     assert path.read_text() == "not ours\n"
 
 
-def test_all_cells_advance_together_and_peers_come_last(robustness):
+def test_jobs_go_draw_by_draw_and_peers_come_last(robustness):
     options = SimpleNamespace(
         environments=[CAR], kinds=["noisy", "flip"], shares=[25, 75], first_seed=7, draws=2, peer_draws=1
     )
@@ -134,7 +159,7 @@ def test_means_intervals_and_goals_of_a_cell(robustness):
     assert "wrong verdicts of 1 % at most: reached" in told
 
 
-def test_where_nobody_can_know_labels_are_scored_and_silence_is_asked_for(robustness):
+def test_unknowable_cells_score_the_labelled_fit_and_ask_for_ambiguity(robustness):
     def rows(*identifiable):
         seeds = range(len(identifiable))
         return [
@@ -151,7 +176,7 @@ def test_where_nobody_can_know_labels_are_scored_and_silence_is_asked_for(robust
     assert guessed["missed"] == {"return": [], "AUROC": [], "verdicts": [], "ambiguous": [f"{CAR} flip 50 %"]}
 
 
-def test_nothing_is_reached_while_work_is_missing_or_the_oracle_is_no_better_than_chance(robustness):
+def test_goals_are_missed_while_work_is_missing_or_the_oracle_plays_like_chance(robustness):
     rows = [reference(0), row() | {"return": -100.0}]
     assert robustness.summary(rows, 2)["reached"]
     unfinished = robustness.summary(rows, 3)
@@ -162,7 +187,7 @@ def test_nothing_is_reached_while_work_is_missing_or_the_oracle_is_no_better_tha
     assert blind["cells"][0]["missed"] == ["return"]
 
 
-def test_methods_are_compared_on_the_draws_that_all_have_and_that_can_be_known(robustness):
+def test_methods_are_compared_on_shared_knowable_draws(robustness):
     rows = [
         reference(0),
         reference(1),
@@ -181,7 +206,7 @@ def test_methods_are_compared_on_the_draws_that_all_have_and_that_can_be_known(r
     assert theirs["normalised"] is None
 
 
-def test_heat_map_frames_what_is_missed(robustness, tmp_path):
+def test_heat_map_frames_missed_cells(robustness, tmp_path):
     rows = [reference(0)]
     rows += [row(kind=kind, auroc=0.9) | {"return": -100.0} for kind in ("noisy", "window")]
     rows += [row(kind="flip"), row("rpil, two labels", "flip") | {"return": -100.0}]
@@ -194,9 +219,8 @@ def test_heat_map_frames_what_is_missed(robustness, tmp_path):
     assert [label.get_text() for label in wrong.get_xticklabels()] == ["flip*", "noisy", "window"]
 
 
-def test_peers_run_through_their_interface_and_one_that_fails_is_written_down(
-    robustness, tmp_path, monkeypatch, capsys
-):
+@pytest.mark.slow
+def test_peers_run_and_failures_are_written_down(robustness, tmp_path, monkeypatch, capsys):
     def fails(demonstrations, task):
         assert not hasattr(task, "good")
         raise ValueError("not today")

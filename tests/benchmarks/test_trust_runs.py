@@ -109,6 +109,7 @@ def test_held_out_likelihoods_agree_with_scikit_learn():
         np.testing.assert_array_equal(mixed, np.bincount(group)[::-1])
 
 
+@pytest.mark.slow
 def test_the_best_three_fifths_teach(monkeypatch):
     import trust_peers
     from trust_worlds import well_specified
@@ -128,6 +129,7 @@ def test_the_best_three_fifths_teach(monkeypatch):
     assert roc_auc_score(world.is_good, score) == 1.0
 
 
+@pytest.mark.slow
 def test_peers_answer_or_say_that_they_cannot():
     from trust_peers import PEERS
     from trust_worlds import styles, well_specified
@@ -263,24 +265,3 @@ def test_labels_are_the_truth_about_who_is_asked():
     asked = trust.labels_for(world, SimpleNamespace(to_label=()))
     assert [(world.extra["style"][m], label) for m, label in asked.items()] == [(1, "adversary")]
     assert trust.labels_for(styles(5, 50, 40, 6, False, 0), SimpleNamespace(to_label=(0,))) == {}
-
-
-# ---- the whole ------------------------------------------------------------------------------------------------------
-
-
-def test_quick(tmp_path, capsys):
-    import trust
-
-    path = tmp_path / "trust.json"
-    trust.main(["--quick", "--json", str(path)])
-    printed, found = capsys.readouterr().out, json.loads(path.read_text())
-    assert [row["set"] for row in found["sets"]] == list(found["worlds"])
-    assert set(found["worlds"]) == set(trust.QUICK)
-    assert {row["method"] for row in found["rows"]} == {"rpil", "trimmed"}
-    assert not any(row["failed"] or row["said"] for row in found["sets"])
-    rows = {row["set"]: row for row in found["sets"]}
-    assert rows[trust.QUICK[0]]["ranking"]["rpil"]["auroc"] == 1.0
-    assert rows[trust.QUICK[1]]["labelled"]["auroc"] == 1.0
-    for part in ("Simulated", "Styles, all good", "Nothing to learn", "Well-specified", "Goals"):
-        assert f"### {part}" in printed
-    assert found["provenance"]["seeds"] == "in the names of worlds"

@@ -15,6 +15,7 @@ LEAST = {"plot_torch_loop.py": 0.88, "plot_weighted_sampler.py": 0.9}
 """Of the right actions, on the last line that is printed."""
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", LEAST)
 def test_example(name):
     pytest.importorskip("torch", reason="torch is not installed: pip install 'rpil[torch]'")

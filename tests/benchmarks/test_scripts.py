@@ -1,0 +1,191 @@
+"""Every script runs on its smallest input, and benchmarks/results.py makes a page of what they wrote."""
+
+from __future__ import annotations
+
+import importlib
+import json
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+import ablations
+import acceptance
+import calibration
+import paper
+import peers
+import results
+import speed
+import trust
+from rpil import BehavioralCloning
+from study import experiments
+from study.experiments import METHODS, OURS, TRUST_ALL
+
+pytestmark = pytest.mark.slow
+PAPER = ["--env", "MountainCar-v0", "--draws", "2", "--rollouts", "2", "--seed", "3", "--processes", "1", "--peers"]
+ARGUMENTS = {
+    "acceptance": ["--quick"],
+    "features": ["--quick", "--features", "raw", "--features", "auto"],
+    "calibration": ["--quick", "--kinds", "corrupted", "shift"],
+    "labels": ["--quick"],
+    "demonstrators": ["--quick"],
+    "real": ["--quick", "--features", "raw", "--sets", "mountaincar_noisy"],
+    "trust": ["--quick"],
+    "ablations": ["--quick"],
+    "paper": PAPER,
+    "speed": ["--quick", "--rows", "A,B,D,F,H,I,J,K"],  # not those that start a cluster or other interpreters
+}
+TRUST_WORLDS = (
+    "simulated MountainCar-v0 flip 50 % 1000",
+    "nothing shuffled actions discrete 0",
+    "well-specified 20 x 10 uniform 0",
+)
+
+
+@pytest.fixture(scope="module")
+def written(tmp_path_factory):
+    """Results by script: each script runs once."""
+    folder, kept = tmp_path_factory.mktemp("scripts"), {}
+
+    def run(script: str) -> dict:
+        if script not in kept:
+            path = folder / f"{script}.json"
+            assert importlib.import_module(script).main([*ARGUMENTS[script], "--json", str(path)]) in (0, 1)
+            kept[script] = json.loads(path.read_text())
+        return kept[script]
+
+    return SimpleNamespace(run=run, folder=folder, kept=kept)
+
+
+def test_acceptance(written, monkeypatch):
+    monkeypatch.setattr(acceptance, "PAPER", ("corrupted",))
+    monkeypatch.setattr(acceptance, "PARTLY", ())
+    found = written.run("acceptance")
+    assert found["provenance"]["seeds"] == "1000 to 1001"
+    corrupted, shift = found["cells"]
+    assert len(found["draws"]) == 4
+    assert corrupted["auroc"] == pytest.approx(1.0)
+    assert corrupted["wrong"] == shift["wrong_labelled"] == 0
+    assert corrupted["rpil"]["mean"] > corrupted["trust_all"]["mean"]
+    assert shift["ambiguous"] == 2
+
+
+def test_paper(written, monkeypatch):
+    """Peers see the number of good demonstrations; those that give no policy have no row."""
+    tasks = []
+
+    def task(**told):
+        tasks.append(told)
+        return SimpleNamespace(**told)
+
+    methods = {
+        "rpil": None,  # rpil and the oracle are in the tables without peers.py
+        "oracle": None,
+        "RM-ENT": lambda demonstrations, _: SimpleNamespace(policy=BehavioralCloning().fit(demonstrations)),
+        "length": lambda demonstrations, _: SimpleNamespace(policy=None),
+    }
+    monkeypatch.setattr(peers, "METHODS", methods)
+    monkeypatch.setattr(peers, "Task", task)
+    monkeypatch.setattr(paper, "METHODS", {name: METHODS[name] for name in (TRUST_ALL, OURS)})
+    monkeypatch.setattr(experiments, "OUR_FEATURES", "raw")
+    found = written.run("paper")
+    assert [table["table"] for table in found["tables"]] == [1, 2]
+    for table in found["tables"]:
+        assert "RM-ENT" in table["policies"]
+        assert "length" not in table["policies"]
+        assert table["policies"]["rpil"]["wrong"] == 0
+    assert [(told["seed"], told["n_trusted"]) for told in tasks] == [(seed, 10) for seed in (3, 4) for _ in range(4)]
+
+
+def test_features(written):
+    cells = {cell["features"]: cell for cell in written.run("features")["cells"]}
+    assert cells["auto"]["share"] >= 0.98 > cells["raw"]["share"]
+    assert sum(cells["auto"]["chosen"].values()) == cells["auto"]["draws"] == 2
+
+
+def test_calibration(written, monkeypatch):
+    monkeypatch.setattr(calibration, "ONE_POLICY", {"all random": ("random", 0)})
+    found = written.run("calibration")
+    assert found["ece"] <= 0.05
+    sizes = {row["kind"]: len(row["good"]) for row in found["signal"]}
+    assert sizes == {"corrupted": 20, "shift": 18}  # labelled demonstrations are not scored
+    assert found["n_judged"] == sum(len(row["good"]) for row in found["signal"] if not row["ambiguous"])
+    assert sum(row["n"] for row in found["bins"]) == found["n_judged"]
+    assert set(found["accused"]) == {"all random", "actions shuffled", "steps shuffled"}
+    assert sum(map(sum, found["accused"].values())) <= 3  # of 60
+
+
+def test_labels(written):
+    """More than half of the demonstrations are flipped: one label tells which group is good."""
+    found = written.run("labels")
+    curve = {row["how"]: row for row in found["curve"]}
+    assert set(curve) == {"suggested", "random"}
+    assert curve["suggested"]["all"] == curve["suggested"]["auroc"] == pytest.approx(1.0)
+    assert curve["suggested"]["without"] < 0.5
+    for row in found["rows"]:
+        assert len(set(row["asked"])) == row["k"] == row["questions"]
+
+
+def test_demonstrators(written):
+    whole, short = written.run("demonstrators")["rows"]
+    assert (whole["steps"], short["steps"], whole["people"]) == (None, 10, 5)
+    assert whole["knowing"] == pytest.approx(1.0)
+    assert short["knowing"] > short["without"]  # ten steps, and thirty more of the same person
+
+
+def test_real(written):
+    found = written.run("real")
+    assert list(found["sets"]) == ["mountaincar_noisy"]
+    assert {row["method"] for row in found["ranking"]} == {"rpil", "length"}
+
+
+def test_trust(written, monkeypatch):
+    monkeypatch.setattr(trust, "QUICK", TRUST_WORLDS)
+    found = written.run("trust")
+    assert {row["set"] for row in found["sets"]} == set(TRUST_WORLDS)
+    assert {row["method"] for row in found["rows"]} == {"rpil", "trimmed"}
+    assert not any(row["failed"] or row["said"] for row in found["sets"])
+    rows = {row["set"]: row for row in found["sets"]}
+    assert rows[TRUST_WORLDS[0]]["labelled"]["auroc"] == 1.0
+    assert found["provenance"]["seeds"] == "in the names of worlds"
+
+
+def test_ablations(written, monkeypatch):
+    name = "well-specified 20 x 10 uniform 0"
+    monkeypatch.setattr(ablations, "QUICK", (name,))
+    chosen = (ablations.DEFAULT, "no rivals", "ten folds")
+    monkeypatch.setattr(ablations, "VARIANTS", {variant: ablations.VARIANTS[variant] for variant in chosen})
+    found = written.run("ablations")["results"]
+    assert tuple(found) == chosen
+    assert found[ablations.DEFAULT][name]["auroc"] > 0.9
+    assert found["ten folds"][name] != found[ablations.DEFAULT][name]
+
+
+def test_speed(written):
+    """Every row has a number or says why not; nothing is asserted of the time."""
+    found = written.run("speed")
+    assert found["quick"]
+    assert set(found["threads"].values()) == {1}
+    assert 0 < found["peak_gib"] < 16
+    for letter, row in ((letter, speed.ROWS[letter]) for letter in found["details"]):
+        details = found["details"][letter]
+        for key in row.goals:
+            assert ("skipped" in details) == (key not in found)
+        if "skipped" not in details:
+            assert np.isfinite([found[letter], *(found[key] for key in row.goals)]).all()
+    for letter in "AB":  # both fits reach the same optimum: otherwise the ratio would compare nothing
+        details = found["details"][letter]
+        norms, names = details["gradient_norms"], details["compared_with"].values()
+        assert details["same_norm"]
+        assert max(norms[name] for name in names) <= 2 * norms["ours"] <= 2e-6
+        assert details["auroc"] == 1.0
+
+
+def test_results_page(written, capsys):
+    """Every section of the page comes from the JSON that its script wrote."""
+    if not written.kept:
+        pytest.skip("no script has run: run the whole file")
+    names = [name for name in written.kept if name in results.SECTIONS]
+    results.main([word for name in names for word in (f"--{name}", str(written.folder / f"{name}.json"))])
+    page = capsys.readouterr().out
+    assert page.count("\n## ") >= len(names)
