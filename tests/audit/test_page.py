@@ -1,4 +1,4 @@
-"""The report is one complete, offline page that says what the audit says, and no more."""
+"""The report is one complete page that needs no network and shows the values of the audit."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ from matplotlib.image import imread
 from audits import make_audit
 from html_page import Page
 from rpil.audit.assumptions import P_EXPERT
-from rpil.audit.html import page as report
-from rpil.audit.html import wording
-from rpil.audit.html.pictures import POINTS, Timelines, returns_figure
+from rpil.audit.html.number_format import format_number, format_percent
+from rpil.audit.html.page import Article, render_page, write_page
+from rpil.audit.html.pictures import MAX_CURVE_POINTS, Timelines, returns_figure
 from rpil.audit.label_choice import NEXT_STEPS
 from rpil.audit.record import Audit
 from rpil.data.errors import DataError
@@ -27,8 +27,8 @@ from rpil.inference.judgement import FINDINGS
 
 
 def render(audit: Audit, **options: object) -> str:
-    part = report.Part(**({"title": "An audit", "audit": audit, "source": "demos.parquet"} | options))
-    return report.render([part])
+    article = Article(**({"title": "An audit", "audit": audit, "source": "demos.parquet"} | options))
+    return render_page([article])
 
 
 @pytest.fixture(scope="module")
@@ -54,7 +54,7 @@ def unknown() -> Audit:
     )
 
 
-def test_the_answer_comes_first(page: Page) -> None:
+def test_page_begins_with_the_finding_and_the_next_step(page: Page) -> None:
     assert f"An audit Told apart. {FINDINGS['told apart']} 10 demonstrations:" in page.text
     assert "10 demonstrations: 5 expert , 4 adversary , 1 uncertain ." in page.text
     assert f"Next: {NEXT_STEPS['told apart']}" in page.text
@@ -65,7 +65,7 @@ def test_the_answer_comes_first(page: Page) -> None:
 
 
 @pytest.mark.parametrize("finding", ["nobody stands out", "nothing could be learned"])
-def test_where_nothing_is_told_apart_the_ranking_gives_no_verdicts(finding: str) -> None:
+def test_page_without_groups_gives_no_verdicts(finding: str) -> None:
     audit = make_audit(("uncertain",) * 10, finding=finding)
     text = Page(render(audit)).text
     assert f"{finding.capitalize()}. {FINDINGS[finding]} 10 demonstrations, ranked below; the ranking gives no" in text
@@ -76,12 +76,12 @@ def test_where_nothing_is_told_apart_the_ranking_gives_no_verdicts(finding: str)
     assert "the ranking gives no verdicts beyond the labels." in labelled
 
 
-def test_the_parts_of_the_log_odds_are_columns_that_add_up(page: Page) -> None:
+def test_parts_of_the_log_odds_are_columns_that_add_up(page: Page) -> None:
     audit = make_audit()
     label = np.where(np.arange(10) == 3, 12.0, 0.0)
     text = render(make_audit(log_odds=audit.log_odds + label, from_actions=audit.log_odds, from_label=label))
     parsed = Page(text)
-    assert "the sum of the parts beside them: actions, label." in parsed.text
+    assert "the sum of the columns to their right: actions, label." in parsed.text
     values = [attributes["data-value"] for attributes in parsed.all("td") if "data-value" in attributes]
     order = (-(audit.log_odds + label)).argsort(kind="stable")
     actions, labels = (np.array(values[k::6], dtype=float) for k in (1, 2))
@@ -91,7 +91,7 @@ def test_the_parts_of_the_log_odds_are_columns_that_add_up(page: Page) -> None:
     assert "Log-odds P(expert)" in page.text  # one part alone is the log-odds
 
 
-def test_the_page_needs_nothing_from_elsewhere(audit: Audit) -> None:
+def test_page_needs_no_network(audit: Audit) -> None:
     text = render(audit, sections=[("Returns", returns_figure([("all", 1.0, 0.0, 2.0)]))])
     assert not re.search(r"https?:|//[a-z]|@import|url\((?!#)|srcset", text.replace("// ", ""), re.IGNORECASE)
     for tag, attributes in Page(text).tags:
@@ -100,11 +100,11 @@ def test_the_page_needs_nothing_from_elsewhere(audit: Audit) -> None:
         assert (attributes.get("href") or "#").startswith("#")
 
 
-def test_the_page_is_the_same_every_time(audit: Audit) -> None:
+def test_page_is_reproducible(audit: Audit) -> None:
     assert render(audit) == render(audit)
 
 
-def test_every_link_and_label_leads_somewhere(page: Page) -> None:
+def test_every_link_and_label_has_a_target(page: Page) -> None:
     ids = [attributes["id"] for _, attributes in page.tags if "id" in attributes]
     assert len(ids) == len(set(ids))
     used = [attributes["href"][1:] for _, attributes in page.tags if "href" in attributes]
@@ -113,14 +113,14 @@ def test_every_link_and_label_leads_somewhere(page: Page) -> None:
     assert set(used) <= set(ids)
 
 
-def test_pictures_are_described_and_headings_have_a_scope(page: Page, audit: Audit) -> None:
+def test_pictures_have_descriptions_and_headers_a_scope(page: Page, audit: Audit) -> None:
     for attributes in page.all("svg"):
         assert attributes.get("aria-label") or attributes.get("aria-hidden") == "true"
     assert len(page.all("th", scope="row")) == len(audit.ids)
     assert len(page.all("th")) == len(page.all("th", scope="row")) + len(page.all("th", scope="col"))
 
 
-def test_the_ranking_tells_what_the_audit_holds(page: Page, audit: Audit) -> None:
+def test_ranking_shows_the_values_of_the_audit(page: Page, audit: Audit) -> None:
     order = audit.ranking()
     values = [attributes["data-value"] for attributes in page.all("td") if "data-value" in attributes]
     minus_rank, proba, reliability, steps = (np.array(values[k::4], dtype=float) for k in range(4))
@@ -128,26 +128,26 @@ def test_the_ranking_tells_what_the_audit_holds(page: Page, audit: Audit) -> Non
     np.testing.assert_array_equal(proba, audit.expert_proba[order])
     np.testing.assert_array_equal(reliability, audit.reliability[order])
     np.testing.assert_array_equal(steps, audit.lengths[order])
-    assert wording.number(audit.log_odds[order[0]]) in page.text
+    assert format_number(audit.log_odds[order[0]]) in page.text
 
 
-def test_the_worst_steps_are_named_marked_and_linked(page: Page, audit: Audit) -> None:
+def test_worst_steps_are_named_marked_and_linked(page: Page, audit: Audit) -> None:
     index = int(audit.ranking()[-1])
-    said = [(n, wording.number(audit.step_log_ratio[audit.offsets[index] + n])) for n in audit.worst_steps(index)]
-    assert f"Worst steps: {' , '.join(f'{n} ({value})' for n, value in said)} ." in page.text
-    assert {f"step {n}: {value} nats" for n, value in said} <= {
+    worst = [(n, format_number(audit.step_log_ratio[audit.offsets[index] + n])) for n in audit.worst_steps(index)]
+    assert f"Worst steps: {' , '.join(f'{n} ({value})' for n, value in worst)} ." in page.text
+    assert {f"step {n}: {value} nats" for n, value in worst} <= {
         mark["title"] for mark in page.all("span", **{"class": "mark"})
     }
     assert len(page.all("a", href=f"#demonstration-{index}")) == 3
 
 
-def test_a_timeline_marks_steps_where_they_are() -> None:
+def test_timeline_places_curves_and_marks_at_their_steps() -> None:
     audit = make_audit(("expert", "adversary"), lengths=[40, 1000])
     timelines = Timelines(audit)
-    shown = timelines.one(1)
+    shown = timelines.timeline(1)
     band = np.array([point.split(",") for point in shown["band"].split()], dtype=float)
     mean = np.array([point.split(",") for point in shown["mean"].split()], dtype=float)
-    assert len(mean) == POINTS + 2
+    assert len(mean) == MAX_CURVE_POINTS + 2
     assert len(band) == 2 * len(mean)
     assert mean.min() >= 0
     assert mean.max() <= 1000
@@ -160,27 +160,27 @@ def test_a_timeline_marks_steps_where_they_are() -> None:
         assert mark["value"] == audit.step_log_ratio[40 + step]
 
 
-def test_a_demonstration_of_one_step_has_a_timeline() -> None:
-    shown = Timelines(make_audit(("expert", "adversary"), lengths=[1, 5])).one(0)
+def test_timeline_of_one_step_has_the_full_width() -> None:
+    shown = Timelines(make_audit(("expert", "adversary"), lengths=[1, 5])).timeline(0)
     first, *_, last = shown["mean"].split()
     assert first.startswith("0,")
     assert last.startswith("1000,")
 
 
-def test_the_box_of_what_cannot_be_known_shows_the_groups_and_what_to_label(unknown: Audit, page: Page) -> None:
+def test_competing_groups_are_listed_with_what_to_label(unknown: Audit, page: Page) -> None:
     text = Page(render(unknown)).text
     assert f"Cannot be known. {FINDINGS['cannot be known']} 30 demonstrations, ranked below" in text
-    assert "Which of two groups is the expert cannot be known Each group acts alike" in text
+    assert "It cannot be known which of two groups is the expert" in text
     assert "Group A 4 demonstrations: d0, d1, d2, d3 Group B 26 demonstrations: d4," in text
     assert "and 6 more" in text
-    assert "To label, say, d0 or d9 , write its id" in text
+    assert "Look at demonstration d0 or d9 and label it" in text
     assert "rpil audit FILE --labels labels.csv" in text
     assert "Next:" not in text
-    assert "Which of two groups is the expert cannot be known" not in page.text
+    assert "It cannot be known which of two groups is the expert" not in page.text
     assert "Group" not in page.text
 
 
-def test_whatever_comes_from_outside_is_escaped() -> None:
+def test_text_from_the_data_is_escaped() -> None:
     evil = "<script>alert(1)</script>"
     ids = (evil, '"><img src=x>')
     changes = {"assumptions": (evil,), "adversary": evil, "competing": ((ids[0],), (ids[1],)), "to_label": ids}
@@ -193,12 +193,12 @@ def test_whatever_comes_from_outside_is_escaped() -> None:
     assert text.count("&lt;script&gt;") >= 9
 
 
-def test_sections_come_before_the_ranking_and_only_markup_is_taken_as_html(audit: Audit) -> None:
+def test_sections_precede_the_ranking_and_only_markup_is_html(audit: Audit) -> None:
     text = render(audit, sections=[("One", Markup("<em>kept</em>")), ("Two", "a < b")])
     assert text.index("<em>kept</em>") < text.index("<p>a &lt; b</p>") < text.index('id="ranking"')
 
 
-def test_returns_are_drawn_and_told(audit: Audit) -> None:
+def test_returns_figure_has_its_numbers_in_the_description(audit: Audit) -> None:
     rows = [("R-PIL", -104.25, -110.0, -98.5), ("Trusting <all>", -128.0, -140.0, -116.0)]
     figure = returns_figure(rows)
     (svg,) = Page(figure).all("svg")
@@ -209,60 +209,60 @@ def test_returns_are_drawn_and_told(audit: Audit) -> None:
     assert "currentColor" in figure
 
 
-def test_infinite_log_odds_of_a_labelled_demonstration_can_be_read() -> None:
+def test_infinite_log_odds_are_shown_as_infinity() -> None:
     text = Page(render(make_audit(("expert", "adversary"), log_odds=np.array([np.inf, -np.inf])))).text
     assert "∞" in text
     assert "−∞" in text
     assert "inf " not in text
 
 
-def test_two_hundred_demonstrations_of_two_hundred_steps_stay_small() -> None:
+def test_page_of_two_hundred_demonstrations_is_small() -> None:
     text = render(make_audit(("expert", "adversary") * 100, lengths=[200] * 200))
     assert len(Page(text).all("details")) == 200
     assert len(text.encode()) < 3_000_000
 
 
-def test_beyond_two_hundred_demonstrations_timelines_are_those_of_the_least_trusted() -> None:
+def test_long_page_has_timelines_of_the_least_trusted_demonstrations() -> None:
     audit = make_audit(("expert",) * 150 + ("adversary",) * 100, lengths=[6] * 250)
     page = Page(render(audit))
     shown = {attributes["id"] for attributes in page.all("details")}
     assert shown == {f"demonstration-{m}" for m in audit.ranking()[50:]}
-    assert "Drawn for the 200 least trusted of 250 demonstrations." in page.text
+    assert "Shown are the 200 least trusted of 250 demonstrations." in page.text
     assert len(page.all("th", scope="row")) == 250
 
 
-def test_write_replaces_a_file_only_when_the_report_is_complete(tmp_path: Path, audit: Audit, monkeypatch) -> None:
+def test_write_page_replaces_a_file_only_when_the_page_is_complete(tmp_path: Path, audit: Audit, monkeypatch) -> None:
     path = tmp_path / "report.html"
-    part = report.Part("Été", audit, "demos.parquet")
-    report.write(path, [part])
+    part = Article("Été", audit, "demos.parquet")
+    write_page(path, [part])
     assert path.read_text(encoding="utf-8") == render(audit, title="Été")
     with pytest.raises(TypeError):
-        report.write(path, [replace(part, sections=[None])])
+        write_page(path, [replace(part, sections=[None])])
     assert path.read_text(encoding="utf-8") == render(audit, title="Été")
     assert list(tmp_path.iterdir()) == [path]
 
 
-def test_write_says_where_there_is_no_such_folder(tmp_path: Path, audit: Audit) -> None:
+def test_write_page_names_a_missing_folder(tmp_path: Path, audit: Audit) -> None:
     with pytest.raises(DataError, match="nowhere"):
-        report.write(tmp_path / "nowhere" / "report.html", [report.Part("", audit, "")])
+        write_page(tmp_path / "nowhere" / "report.html", [Article("", audit, "")])
 
 
 @pytest.mark.parametrize(
-    ("value", "said"), [(-3.14159, "−3.1"), (-0.04, "0.0"), (12345.6, "12,346"), (np.inf, "∞"), (-np.inf, "−∞")]
+    ("value", "text"), [(-3.14159, "−3.1"), (-0.04, "0.0"), (12345.6, "12,346"), (np.inf, "∞"), (-np.inf, "−∞")]
 )
-def test_numbers(value: float, said: str) -> None:
-    assert wording.number(value) == said
+def test_format_number(value: float, text: str) -> None:
+    assert format_number(value) == text
 
 
 @pytest.mark.parametrize(
-    ("share", "said"), [(0.0, "0 %"), (0.001, "<1 %"), (0.5, "50 %"), (0.999, ">99 %"), (1.0, "100 %")]
+    ("share", "text"), [(0.0, "0 %"), (0.001, "<1 %"), (0.5, "50 %"), (0.999, ">99 %"), (1.0, "100 %")]
 )
-def test_percents(share: float, said: str) -> None:
-    assert wording.percent(share) == said
+def test_format_percent(share: float, text: str) -> None:
+    assert format_percent(share) == text
 
 
 @pytest.mark.skipif(shutil.which("chromium") is None, reason="needs a chromium binary on PATH")
-def test_the_page_works_in_a_browser(tmp_path: Path, unknown: Audit) -> None:
+def test_page_works_in_a_browser(tmp_path: Path, unknown: Audit) -> None:
     # The probe acts as a reader does, and leaves what it saw in the title.
     probe = """<script>
     const head = [...document.querySelectorAll("thead button")].find((one) => one.textContent === "Steps");
@@ -289,8 +289,8 @@ def test_the_page_works_in_a_browser(tmp_path: Path, unknown: Audit) -> None:
         assert "CONSOLE" not in done.stderr
         return done.stdout
 
-    told = json.loads(re.search("<title>(.*?)</title>", run("--dump-dom", probed.as_uri()))[1])
+    seen = json.loads(re.search("<title>(.*?)</title>", run("--dump-dom", probed.as_uri()))[1])
     lengths = sorted(unknown.lengths.tolist())
-    assert told == {"up": lengths, "down": lengths[::-1], "opened": 2, "all": 30, "sort": "descending", "wide": False}
+    assert seen == {"up": lengths, "down": lengths[::-1], "opened": 2, "all": 30, "sort": "descending", "wide": False}
     run(f"--screenshot={picture}", plain.as_uri())
     assert imread(picture).std() > 0.05

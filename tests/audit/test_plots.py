@@ -1,4 +1,4 @@
-"""The pictures show the numbers they are given, and draw where they are told."""
+"""The pictures show the numbers of the audit, on the axes that they are given."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ def test_importing_plots_does_not_import_matplotlib() -> None:
 
 
 @pytest.mark.parametrize("display", AUDIT_DISPLAYS)
-def test_a_display_draws_on_the_axes_it_is_given_without_pyplot(display: type) -> None:
+def test_display_draws_on_given_axes_without_pyplot(display: type) -> None:
     import matplotlib.pyplot as plt
 
     ax = Figure().subplots()
@@ -65,7 +65,7 @@ def test_a_display_draws_on_the_axes_it_is_given_without_pyplot(display: type) -
 
 
 @pytest.mark.parametrize("display", AUDIT_DISPLAYS)
-def test_a_display_brings_its_own_figure_and_can_be_drawn_again(display: type) -> None:
+def test_display_makes_a_new_figure_at_each_plot(display: type) -> None:
     shown = display.from_audit(make_audit())
     first = shown.figure_
     assert shown.plot() is shown
@@ -120,7 +120,7 @@ def test_ranking_by_log_odds_keeps_labelled_demonstrations_in_the_picture() -> N
     np.testing.assert_array_equal(drawn, [8.0, 4.0, -8.0])
 
 
-def test_ranking_of_many_demonstrations_counts_ranks_instead_of_naming_ids() -> None:
+def test_ranking_of_many_demonstrations_shows_ranks_and_no_ids() -> None:
     ax = plots.RankingDisplay.from_audit(make_audit(("expert", "adversary") * 50)).ax_
     assert ax.get_ylabel() == "Rank"
     assert len(ax.get_yticks()) < 20
@@ -152,13 +152,13 @@ def test_timeline_marks_the_worst_steps_of_the_demonstration_asked_for() -> None
     assert ax.get_title() == "Demonstration h"
 
 
-def test_timeline_shows_the_least_trusted_demonstration_unless_told_otherwise() -> None:
+def test_timeline_shows_the_least_trusted_demonstration_by_default() -> None:
     audit = make_audit()
     ax = plots.TimelineDisplay.from_audit(audit).ax_
     assert ax.get_title() == f"Demonstration {audit.ids[audit.ranking()[-1]]}"
 
 
-def test_timeline_names_ids_where_there_is_no_such_demonstration() -> None:
+def test_timeline_of_an_unknown_demonstration_is_refused() -> None:
     with pytest.raises(DataError, match=r"No demonstration is called 'x'; choose one of the ids 0, 1, 2, 3, 4, \.\.\."):
         plots.TimelineDisplay.from_audit(make_audit(), demonstration="x")
 
@@ -211,14 +211,14 @@ def test_continuous_demonstrations_are_coloured_by_their_first_component() -> No
 
 
 @pytest.mark.parametrize("feature", [3, -1, "height"])
-def test_an_unknown_observation_column_is_named_with_those_there_are(
+def test_unknown_observation_column_is_refused_with_the_known_ones(
     demonstrations: Demonstrations, feature: int | str
 ) -> None:
     with pytest.raises(DataError, match=f"no observation column {feature!r}: .* position, speed, wind"):
         plots.DemonstrationDisplay.from_demonstrations(demonstrations, features=(0, feature))
 
 
-def test_actions_beyond_the_palette_still_have_colours_of_their_own(demonstrations: Demonstrations) -> None:
+def test_more_actions_than_the_palette_have_different_colours(demonstrations: Demonstrations) -> None:
     many = Demonstrations.from_arrays(demonstrations.observations, np.arange(60) % 12, [0, 60])
     (dots,) = plots.DemonstrationDisplay.from_demonstrations(many).ax_.collections
     assert len({to_hex(dots.cmap(code)) for code in range(12)}) == 12

@@ -7,41 +7,61 @@ so that either can be changed afterwards. Matplotlib is imported when something 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Hashable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Literal, Self
+from typing import TYPE_CHECKING, Any, Literal, Protocol, Self
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
+from rpil.numerics.types import Array, Float
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.cm import ScalarMappable
+    from matplotlib.figure import Figure, SubFigure
+
     from rpil.audit.record import Audit, Verdict
 
 
-# Okabe and Ito's palette: told apart by readers with any of the common colour deficiencies.
+# The palette of Okabe and Ito, which readers with any of the common colour deficiencies can distinguish.
 COLOURS: dict[Verdict, str] = {"expert": "#0072b2", "uncertain": "#7f8790", "adversary": "#d55e00"}
 ACTION_COLOURS = ("#0072b2", "#e69f00", "#009e73", "#cc79a7", "#56b4e9", "#d55e00", "#f0e442", "#7f8790")
-MOST_NAMES = 40
-Features = tuple[int | str, int | str]
+MAX_NAMED_ROWS = 40
+Columns = tuple[int | str, int | str]
 
 
-def running_mean(values: NDArray[np.float64], window: int | None = None) -> NDArray[np.float64]:
+class HasAudit(Protocol):
+    """A fitted estimator with an audit, such as `rpil.RPIL`."""
+
+    audit_: Audit
+
+
+class HasPredict(Protocol):
+    """A fitted policy."""
+
+    def predict(self, X: Array) -> ArrayLike: ...
+
+
+def running_mean(values: Float[Array, " N"], window: int | None = None) -> Float[Array, " N"]:
     """Centred running mean, over fewer values at both ends; by default over a twentieth of the values."""
     width = max(window or len(values) // 20, 1)
     totals = np.concatenate([[0.0], np.cumsum(values)])
-    here = np.arange(len(values))
-    start, stop = np.maximum(here - (width - 1) // 2, 0), np.minimum(here + width // 2 + 1, len(values))
-    return (totals[stop] - totals[start]) / (stop - start)
+    centre = np.arange(len(values))
+    start, stop = np.maximum(centre - (width - 1) // 2, 0), np.minimum(centre + width // 2 + 1, len(values))
+    means: Array = (totals[stop] - totals[start]) / (stop - start)
+    return means
 
 
 class _Display:
-    """What every picture shares: axes of its own where the caller brings none."""
+    """The axes of a picture: those of the caller, or new ones."""
 
-    ax_: Any
-    figure_: Any
+    ax_: Axes
+    figure_: Figure | SubFigure
 
-    def _start(self, ax: Any, size: tuple[float, float] = (6.4, 3.6)) -> Any:
+    def _prepare_axes(self, ax: Axes | None, size: tuple[float, float] = (6.4, 3.6)) -> Axes:
         if ax is None:
             import matplotlib.pyplot as plt
 
@@ -51,7 +71,7 @@ class _Display:
         return ax
 
 
-def _legend(ax: Any) -> None:
+def _add_legend(ax: Axes) -> None:
     # Above the axes, so that nothing is covered.
     if ax.get_legend_handles_labels()[0]:
         ax.legend(loc="lower left", bbox_to_anchor=(-0.02, 1.0), ncols=6, frameon=False, handletextpad=0.2)
@@ -59,7 +79,7 @@ def _legend(ax: Any) -> None:
 
 @dataclass(eq=False)
 class _AuditDisplay(_Display, ABC):
-    """A picture that needs nothing but the audit."""
+    """A picture of an audit."""
 
     audit: Audit
 
@@ -68,12 +88,12 @@ class _AuditDisplay(_Display, ABC):
         """Draw the picture."""
 
     @classmethod
-    def from_audit(cls, audit: Audit, *, ax: Any = None, **options: Any) -> Self:
+    def from_audit(cls, audit: Audit, *, ax: Axes | None = None, **options: Any) -> Self:
         """Draw the picture from an `Audit`; `options` are those of ``plot``."""
         return cls(audit).plot(ax, **options)
 
     @classmethod
-    def from_estimator(cls, estimator: Any, *, ax: Any = None, **options: Any) -> Self:
+    def from_estimator(cls, estimator: HasAudit, *, ax: Axes | None = None, **options: Any) -> Self:
         """Draw the picture from a fitted `RPIL`; `options` are those of ``plot``."""
         from sklearn.utils.validation import check_is_fitted
 
@@ -84,61 +104,63 @@ class _AuditDisplay(_Display, ABC):
 class RankingDisplay(_AuditDisplay):
     """Every demonstration, the most trusted at the top, coloured by its verdict."""
 
-    def plot(self, ax: Any = None, *, quantity: Literal["reliability", "log_odds"] = "reliability") -> Self:
+    def plot(self, ax: Axes | None = None, *, quantity: Literal["reliability", "log_odds"] = "reliability") -> Self:
         """Draw the reliability with its 95 % interval, or the log-odds."""
         if quantity not in ("reliability", "log_odds"):
             raise ValueError(f"quantity is 'reliability' or 'log_odds', not {quantity!r}.")
         audit, order = self.audit, self.audit.ranking()
-        size, named = len(order), len(order) <= MOST_NAMES
-        ax = self._start(ax, (6.4, 1.2 + 0.2 * min(size, MOST_NAMES)))
+        size, has_names = len(order), len(order) <= MAX_NAMED_ROWS
+        ax = self._prepare_axes(ax, (6.4, 1.2 + 0.2 * min(size, MAX_NAMED_ROWS)))
         rows, verdicts = np.arange(size), np.array(audit.verdicts)[order]
         values, intervals = getattr(audit, quantity)[order], audit.reliability_interval[order]
-        # A label can make log-odds infinite: drawn beyond all others rather than not at all.
+        # Infinite log-odds are drawn beyond all others.
         bound = 2 * np.abs(values[np.isfinite(values)]).max(initial=1)
         values = values.clip(-bound, bound)
         for verdict, colour in COLOURS.items():
-            here = verdicts == verdict
+            mask = verdicts == verdict
             if quantity == "reliability":
-                ax.hlines(rows[here], *intervals[here].T, color=colour, alpha=0.4, linewidth=2)
-            if here.any():
-                ax.plot(values[here], rows[here], "o", color=colour, markersize=4.5, label=f"{verdict} ({here.sum()})")
+                ax.hlines(rows[mask], *intervals[mask].T, color=colour, alpha=0.4, linewidth=2)
+            if mask.any():
+                ax.plot(values[mask], rows[mask], "o", color=colour, markersize=4.5, label=f"{verdict} ({mask.sum()})")
         if quantity == "reliability":
             ax.set(xlim=(-0.02, 1.02), xlabel="Reliability (share of expert steps, 95 % interval)")
         else:
-            # They grow with the number of steps: hundreds of nats beside the few that are in doubt.
+            # Log-odds grow with the number of steps: some are hundreds of nats, others near 0.
             ax.set_xscale("symlog", linthresh=10)
             ax.axvline(0, color=COLOURS["uncertain"], linewidth=0.8)
             ax.set(xlabel="Log-odds of expert against adversary (nats, logarithmic beyond 10)")
-        if named:
+        if has_names:
             ax.set_yticks(rows, [str(audit.ids[m]) for m in order])
-        ax.set(ylim=(size - 0.5, -0.5), ylabel="Demonstration" if named else "Rank")
-        _legend(ax)
+        ax.set(ylim=(size - 0.5, -0.5), ylabel="Demonstration" if has_names else "Rank")
+        _add_legend(ax)
         return self
 
 
 class LengthDisplay(_AuditDisplay):
-    """Reliability against the number of steps: is trust merely a matter of length?"""
+    """Reliability against the number of steps."""
 
-    def plot(self, ax: Any = None) -> Self:
+    def plot(self, ax: Axes | None = None) -> Self:
         """Draw one dot and its 95 % interval for each demonstration."""
-        ax = self._start(ax)
+        ax = self._prepare_axes(ax)
         audit, lengths, verdicts = self.audit, self.audit.lengths, np.array(self.audit.verdicts)
         for verdict, colour in COLOURS.items():
-            here = verdicts == verdict
-            if here.any():
-                ax.vlines(lengths[here], *audit.reliability_interval[here].T, color=colour, alpha=0.25, linewidth=1.5)
-                ax.plot(lengths[here], audit.reliability[here], "o", color=colour, markersize=4.5, label=verdict)
+            mask = verdicts == verdict
+            if mask.any():
+                ax.vlines(lengths[mask], *audit.reliability_interval[mask].T, color=colour, alpha=0.25, linewidth=1.5)
+                ax.plot(lengths[mask], audit.reliability[mask], "o", color=colour, markersize=4.5, label=verdict)
         if lengths.max() > 20 * lengths.min() > 0:
             ax.set_xscale("log")
         ax.set(ylim=(-0.03, 1.03), xlabel="Steps", ylabel="Reliability")
-        _legend(ax)
+        _add_legend(ax)
         return self
 
 
 class TimelineDisplay(_AuditDisplay):
-    """How much each step of one demonstration speaks for an expert: ``log pi(a|s) - log psi(a|s)``."""
+    """The log-ratio ``log pi(a|s) - log psi(a|s)`` of each step of one demonstration, in nats."""
 
-    def plot(self, ax: Any = None, *, demonstration: Any = None, window: int | None = None, worst: int = 5) -> Self:
+    def plot(
+        self, ax: Axes | None = None, *, demonstration: Hashable = None, window: int | None = None, worst: int = 5
+    ) -> Self:
         """Draw the steps, their running mean over `window` steps and the `worst` ones.
 
         Parameters
@@ -148,7 +170,7 @@ class TimelineDisplay(_AuditDisplay):
         window : int
             By default a twentieth of the steps.
         """
-        ax = self._start(ax, (9.0, 2.8))
+        ax = self._prepare_axes(ax, (9.0, 2.8))
         index = int(self.audit.ranking()[-1]) if demonstration is None else self.audit.index(demonstration)
         ratio = self.audit.step_log_ratio[self.audit.steps(index)]
         steps, mean, marks = np.arange(len(ratio)), running_mean(ratio, window), self.audit.worst_steps(index, worst)
@@ -158,33 +180,33 @@ class TimelineDisplay(_AuditDisplay):
             ax.fill_between(steps, mean, where=side, interpolate=True, color=colour, alpha=0.25, linewidth=0)
         ax.plot(steps, mean, color="#4a5158", linewidth=1.2)
         ax.plot(marks, ratio[marks], "o", color=COLOURS["adversary"], markersize=6, fillstyle="none")
-        # Bad steps come in runs: one number a run can be read, five on top of each other cannot.
+        # Bad steps are often neighbours, so that their numbers would overlap: one number for each run of them.
         labelled: list[int] = []
         for step in marks:
             if all(abs(step - other) > len(steps) / 20 for other in labelled):
                 labelled.append(step)
-                style: Any = {"ha": "center", "va": "top", "fontsize": "small", "color": COLOURS["adversary"]}
-                ax.text(step, ratio[step], f"\n{step}", linespacing=0.8, **style)
+                text = ax.text(step, ratio[step], f"\n{step}", ha="center", va="top", linespacing=0.8)
+                text.set(fontsize="small", color=COLOURS["adversary"])
         ax.margins(x=0.01, y=0.12)
         ax.set(xlabel="Step", ylabel="Log-ratio (nats)", title=f"Demonstration {self.audit.ids[index]}")
         return self
 
 
 class HistoryDisplay(_AuditDisplay):
-    """What was maximised, each round: the log-likelihood of the teachers' steps, or the mixture's objective."""
+    """The objective of each round: the log-likelihood of the training group, or the objective of EM."""
 
-    def plot(self, ax: Any = None) -> Self:
+    def plot(self, ax: Axes | None = None) -> Self:
         """Draw the objective against the round."""
         from matplotlib.ticker import MaxNLocator
 
-        ax, history = self._start(ax), self.audit.history
+        ax, history = self._prepare_axes(ax), self.audit.history
         ax.plot(np.arange(1, len(history) + 1), history, "-o", color=COLOURS["expert"], markersize=2.5)
         ax.xaxis.set_major_locator(MaxNLocator(integer=True))
         ax.set(xlabel="Round", ylabel="Objective (nats)")
         return self
 
 
-def _columns(features: Features, names: tuple[str, ...]) -> tuple[int, int]:
+def _column_indices(features: Columns, names: tuple[str, ...]) -> tuple[int, int]:
     """Two observation columns, each given by its number or its name."""
     for feature in features:
         if feature not in (range(len(names)) if isinstance(feature, int) else names):
@@ -210,14 +232,14 @@ class _ActionDisplay(_Display):
         The discrete actions in order; None where an action is a number.
     """
 
-    x: NDArray[Any]
-    y: NDArray[Any]
-    actions: NDArray[Any]
+    x: Array
+    y: Array
+    actions: Array
     names: tuple[str, str]
-    classes: NDArray[Any] | None
+    classes: Array | None
 
-    def _colours(self) -> tuple[NDArray[Any], dict[str, Any]]:
-        """The number to draw for each action, and how numbers become colours."""
+    def _colours(self) -> tuple[Array, dict[str, Any]]:
+        """The number to draw for each action, and the options that map numbers to colours."""
         from matplotlib import colormaps, colors
 
         if self.classes is None:
@@ -227,14 +249,14 @@ class _ActionDisplay(_Display):
         codes = np.searchsorted(self.classes, self.actions)
         return codes, {"cmap": colors.ListedColormap(list(colours)), "vmin": -0.5, "vmax": size - 0.5}
 
-    def _label(self, ax: Any, drawn: Any) -> None:
+    def _label(self, ax: Axes, drawn: ScalarMappable) -> None:
         ax.set(xlabel=self.names[0], ylabel=self.names[1])
         if self.classes is None:
             ax.figure.colorbar(drawn, ax=ax, label="Action")
             return
         for code, name in enumerate(self.classes):
             ax.plot([], [], "s", color=drawn.cmap(code), label=f"action {name}")
-        _legend(ax)
+        _add_legend(ax)
 
 
 class PolicyMapDisplay(_ActionDisplay):
@@ -247,49 +269,52 @@ class PolicyMapDisplay(_ActionDisplay):
     @classmethod
     def from_estimator(
         cls,
-        estimator: Any,
+        estimator: HasPredict,
         X: ArrayLike,
         *,
-        features: Features = (0, 1),
+        features: Columns = (0, 1),
         grid: int = 100,
         observation_names: tuple[str, ...] | None = None,
-        ax: Any = None,
+        ax: Axes | None = None,
     ) -> Self:
-        """Ask the estimator for its action at each point of a grid that spans the observations `X`."""
+        """The actions of an estimator at each point of a grid over the range of the observations `X`."""
         observations = np.asarray(X)
         names = observation_names or tuple(f"observation {d}" for d in range(observations.shape[1]))
-        i, j = _columns(features, names)
+        i, j = _column_indices(features, names)
         x, y = (np.linspace(observations[:, d].min(), observations[:, d].max(), grid) for d in (i, j))
         points = np.tile(np.median(observations, axis=0), (grid * grid, 1))
         points[:, i], points[:, j] = np.tile(x, grid), np.repeat(y, grid)
         actions = np.asarray(estimator.predict(points)).reshape(grid, grid, -1)[..., 0]
-        known = getattr(estimator, "classes_", None)
-        return cls(x, y, actions, (names[i], names[j]), known if known is not None and len(known) else None).plot(ax)
+        classes = getattr(estimator, "classes_", None)
+        has_classes = classes is not None and len(classes) > 0
+        return cls(x, y, actions, (names[i], names[j]), classes if has_classes else None).plot(ax)
 
-    def plot(self, ax: Any = None) -> Self:
+    def plot(self, ax: Axes | None = None) -> Self:
         """Draw the map."""
-        ax = self._start(ax)
+        ax = self._prepare_axes(ax)
         values, colours = self._colours()
         self._label(ax, ax.pcolormesh(self.x, self.y, values, shading="nearest", rasterized=True, **colours))
         return self
 
 
 class DemonstrationDisplay(_ActionDisplay):
-    """What was demonstrated: one dot a step over two observation columns, coloured by its action."""
+    """One dot for each demonstrated step over two observation columns, coloured by its action."""
 
     @classmethod
-    def from_demonstrations(cls, demonstrations: Any, *, features: Features = (0, 1), ax: Any = None) -> Self:
-        """Draw every step of some `Demonstrations`; of an action that is a vector the first component."""
+    def from_demonstrations(
+        cls, demonstrations: Demonstrations, *, features: Columns = (0, 1), ax: Axes | None = None
+    ) -> Self:
+        """Draw every step; of an action that is a vector, the first component."""
         names = demonstrations.observation_names
-        i, j = _columns(features, names)
+        i, j = _column_indices(features, names)
         discrete = demonstrations.actions.ndim == 1
         actions = demonstrations.actions if discrete else demonstrations.actions[:, 0]
         x, y = demonstrations.observations[:, i], demonstrations.observations[:, j]
         return cls(x, y, actions, (names[i], names[j]), np.unique(actions) if discrete else None).plot(ax)
 
-    def plot(self, ax: Any = None) -> Self:
+    def plot(self, ax: Axes | None = None) -> Self:
         """Draw the dots."""
-        ax = self._start(ax)
+        ax = self._prepare_axes(ax)
         values, colours = self._colours()
         # Rasterized: 40,000 dots would make a vector file that no viewer opens.
         self._label(ax, ax.scatter(self.x, self.y, c=values, s=6, linewidths=0, rasterized=True, **colours))

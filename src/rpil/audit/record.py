@@ -150,6 +150,11 @@ class Audit:
         """The parts of `log_odds` by name, in nats."""
         return {"actions": self.from_actions, "demonstrator": self.from_demonstrator, "label": self.from_label}
 
+    def evidence_columns(self) -> dict[str, Float[Array, " M"]]:
+        """The parts of `log_odds` that a table shows: those that are not all 0, and none where there is only one."""
+        parts = {name: part for name, part in self.evidence.items() if part.any()}
+        return parts if len(parts) > 1 else {}
+
     @property
     def lengths(self) -> Int[Array, " M"]:
         """Steps of each demonstration."""

@@ -14,9 +14,9 @@ from markupsafe import Markup
 from numpy.typing import NDArray
 from scipy.stats import spearmanr
 
-from rpil.audit.html.page import Part, write
+from rpil.audit.html.number_format import format_number, format_percent
+from rpil.audit.html.page import Article, write_page
 from rpil.audit.html.pictures import returns_figure, score_figure
-from rpil.audit.html.wording import number, percent
 from rpil.audit.record import Audit
 from rpil.data import formats
 from rpil.data.demonstrations import Demonstrations
@@ -104,13 +104,13 @@ class Demo:
 
     def write_report(self, path: str | os.PathLike[str]) -> None:
         """Write both audits and their scores to `path` as one self-contained HTML file."""
-        write(
+        write_page(
             path,
             [_overcooked_part(self.overcooked), _lunarlander_part(self.lunarlander)],
             title="rpil demo",
             headline="Which demonstrations can be trusted?",
-            lead="Two sets of demonstrations of unknown quality. R-PIL sees observations and actions, nothing else: no "
-            "rewards, no scores, no labels. Afterwards its ranking and its verdicts are compared with the truth.",
+            introduction="Two sets of demonstrations of unknown quality. R-PIL sees observations and actions, nothing "
+            "else: no rewards, no scores, no labels. Afterwards its ranking and its verdicts are compared with the truth.",
         )
 
 
@@ -223,7 +223,7 @@ _VERDICTS = (
 )
 
 
-def _overcooked_part(found: Overcooked) -> Part:
+def _overcooked_part(found: Overcooked) -> Article:
     low, high = found.auroc_ci95
     what = _paragraphs(
         f"{len(found.quality)} people played the kitchen game Overcooked in pairs, each steering one cook: fetch "
@@ -238,13 +238,13 @@ def _overcooked_part(found: Overcooked) -> Part:
         "The score is what a player got done: a point for each onion put into a pot, three for each soup fetched and "
         "three for each soup served.",
         "Take a player of the best third and one of the worst: the better one is ranked higher in "
-        f"{percent(found.auroc)} of such pairs (AUROC {found.auroc:.2f}). These are {found.n_scored} people only: "
+        f"{format_percent(found.auroc)} of such pairs (AUROC {found.auroc:.2f}). These are {found.n_scored} people only: "
         f"95\u00a0% bootstrap interval {low:.2f} to {high:.2f}.",
         f"Over all {len(found.quality)} players the rank correlation (Spearman) is {found.spearman:.2f}.",
         f"For comparison: the number of steps alone has AUROC {found.auroc_of_length:.2f} here, because players who "
         f"press more keys get more done{': these data do not show which of the two ranks better' if close else ''}.",
     )
-    return Part(
+    return Article(
         title="Overcooked: real people",
         audit=found.audit,
         source="cramped_room",
@@ -270,7 +270,7 @@ _POLICIES = {
 }
 
 
-def _lunarlander_part(found: LunarLander) -> Part:
+def _lunarlander_part(found: LunarLander) -> Article:
     size, wrong, episodes = len(found.audit.ids), found.wrong_verdicts, len(found.returns["rpil"].returns)
     all_, ours = found.returns["trust_all"].mean, found.returns["rpil"].mean
     verdicts = f"{wrong} of {size} verdicts are wrong (“uncertain” would count as wrong)"
@@ -286,12 +286,12 @@ def _lunarlander_part(found: LunarLander) -> Part:
     )
     rows = [(*_POLICIES[key], returns.mean, *returns.ci95) for key, returns in found.returns.items()]
     figure = returns_figure([(name, mean, low, high) for name, _, mean, low, high in rows])
-    return Part(
+    return Article(
         title="LunarLander: half of the demonstrations corrupted",
         audit=found.audit,
         source=LANDER,
-        summary=f"{found.audit.finding.capitalize()}; {wrong} of {size} verdicts wrong. Mean return {number(ours)}, "
-        f"against {number(all_)} when all are trusted.",
+        summary=f"{found.audit.finding.capitalize()}; {wrong} of {size} verdicts wrong. Mean return {format_number(ours)}, "
+        f"against {format_number(all_)} when all are trusted.",
         sections=[("What this is", what), ("What trust is worth", _beside(worth, figure) + _returns_table(rows))],
         seconds=found.seconds,
     )
@@ -302,7 +302,7 @@ def _returns_table(rows: Sequence[tuple[str, str, float, float, float]]) -> Mark
     body = Markup("\n").join(
         Markup(
             '<tr><th scope="row">{}</th><td>{}</td><td class="right">{}</td><td class="right">{} to {}</td></tr>'
-        ).format(name, source, *map(number, values))
+        ).format(name, source, *map(format_number, values))
         for name, source, *values in rows
     )
     head = Markup("").join(

@@ -134,9 +134,9 @@ def audit(
             write_weights(weights, found.ids, found.offsets, found.step_weight, found.expert_proba, found.log_odds)
         if report:
             progress("writing the report")
-            from rpil.audit.html.page import Part, write
+            from rpil.audit.html.page import Article, write_page
 
-            write(report, [Part(f"Audit of {Path(file).name}", found, file, seconds=seconds)])
+            write_page(report, [Article(f"Audit of {Path(file).name}", found, file, seconds=seconds)])
     if json_wanted:
         click.echo(as_json(found.to_dict() | ({"suggested": found.suggest_labels(suggest)} if suggest else {})))
     else:

@@ -1,31 +1,34 @@
-"""One HTML file that tells a reader which demonstrations to trust; it needs no network and no server."""
+"""The report: audits as one HTML file that needs no network and no server."""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
 from rpil.audit.assumptions import P_EXPERT
+from rpil.audit.html.number_format import format_count, format_number, format_percent
 from rpil.audit.html.pictures import Timelines, inline_svg
-from rpil.audit.html.wording import count, number, percent
 from rpil.audit.label_choice import NEXT_STEPS
 from rpil.audit.plots import HistoryDisplay, LengthDisplay
 from rpil.audit.record import Audit
+from rpil.audit.settings import AUDIT_SETTINGS
 from rpil.data.files import replacing
 from rpil.inference.judgement import FINDINGS
 
-# A page with more timelines than this is slow to open; the least trusted demonstrations are the ones to look at.
-MOST_TIMELINES = 200
+MAX_TIMELINES = 200
+"""Timelines on a page, those of the least trusted demonstrations: a page with more is slow to open."""
+
+GROUP_LETTERS = "AB"
+"""Names of two competing groups, in the order of `Audit.competing`."""
 
 
 @dataclass(frozen=True, eq=False)
-class Part:
+class Article:
     """One audit on a page.
 
     Attributes
@@ -35,11 +38,11 @@ class Part:
     source : str
         Where the demonstrations came from: a file name or another name for the data.
     summary : str
-        One sentence for the head of a page of several parts, which leads to this one.
+        One sentence for the list of articles at the top of a page.
     sections : sequence of (heading, body)
-        Blocks to show before the ranking; a body that is `Markup` is taken as HTML, any other text is escaped.
+        Sections to show before the ranking. A body that is `Markup` is HTML; any other text is escaped.
     seconds : float, optional
-        How long the audit took.
+        Duration of the audit.
     """
 
     title: str
@@ -50,99 +53,106 @@ class Part:
     seconds: float | None = None
 
 
-def render(parts: Sequence[Part], *, title: str = "", headline: str = "", lead: str = "") -> str:
-    """Audits as one self-contained HTML page.
-
-    Parameters
-    ----------
-    parts : sequence of Part
-        In the order of the page.
-    title, headline, lead : str
-        What the page is, if not the title of its first part; of several parts, what they say in a sentence, and a
-        paragraph below it.
-    """
+def html_environment(package: str, folder: str) -> Environment:
+    """The environment of the Jinja templates in a folder of a package; what they insert is escaped."""
     environment = Environment(
-        loader=PackageLoader("rpil.audit", "html"),
+        loader=PackageLoader(package, folder),
         autoescape=True,
         undefined=StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.filters |= {"number": number, "percent": percent, "count": count}
-    article = environment.get_template("audit.html")
-    shown = []
-    for k, part in enumerate(parts, start=1):
+    environment.filters |= {"number": format_number, "percent": format_percent, "count": format_count}
+    return environment
+
+
+def render_page(articles: Sequence[Article], *, title: str = "", headline: str = "", introduction: str = "") -> str:
+    """Audits as one self-contained HTML page.
+
+    Parameters
+    ----------
+    articles : sequence of Article
+        In the order of the page.
+    title : str
+        By default the title of the first article.
+    headline, introduction : str
+        A sentence, and a paragraph below it, for the top of a page of several articles.
+    """
+    environment = html_environment("rpil.audit", "html")
+    template = environment.get_template("article.html")
+    rendered = []
+    for k, article in enumerate(articles, start=1):
         # No two ids on a page are the same.
-        level, prefix = (1, "") if len(parts) == 1 else (2, f"part-{k}-")
-        html = article.render(summarise(part.audit, prefix), part=part, prefix=prefix, level=level)
-        shown.append({"title": part.title, "summary": part.summary, "html": Markup(html)})
-    page = environment.get_template("template.html")
-    return page.render(title=title or parts[0].title, headline=headline, lead=lead, parts=shown)
+        level, prefix = (1, "") if len(articles) == 1 else (2, f"part-{k}-")
+        html = template.render(_template_values(article.audit, prefix), article=article, prefix=prefix, level=level)
+        rendered.append({"title": article.title, "summary": article.summary, "html": Markup(html)})
+    return environment.get_template("page.html").render(
+        title=title or articles[0].title,
+        headline=headline,
+        introduction=introduction,
+        articles=rendered,
+        threshold=AUDIT_SETTINGS.min_verdict_proba,
+    )
 
 
-def write(path: str | os.PathLike[str], parts: Sequence[Part], **words: str) -> None:
-    """Write what `render` returns to `path`, which is replaced only once the new report is complete."""
-    page = render(parts, **words)
+def write_page(path: str | os.PathLike[str], articles: Sequence[Article], **texts: str) -> None:
+    """Write the page of `render_page` to `path`, which is replaced only once the new page is complete."""
+    page = render_page(articles, **texts)
     with replacing(path) as temporary, open(temporary, "w", encoding="utf-8") as stream:
         stream.write(page)
 
 
-def summarise(audit: Audit, prefix: str = "") -> dict[str, Any]:
-    """All that the page shows of an audit, as plain values, texts and pictures; `prefix` starts every id."""
-    order = audit.ranking()
+def _template_values(audit: Audit, prefix: str) -> dict[str, object]:
+    """The values that article.html inserts; `prefix` starts every id."""
+    parts = audit.evidence_columns()
+    length = inline_svg(
+        LengthDisplay(audit).plot,
+        size=(4.6, 3),
+        description="Reliability of each demonstration against its number of steps, coloured by verdict.",
+        salt=f"{prefix}length",
+    )
+    history = inline_svg(
+        HistoryDisplay(audit).plot, size=(4.6, 3), description="The objective of each round.", salt=f"{prefix}history"
+    )
     timelines = Timelines(audit)
-    # The group of a demonstration, A or B, in the order of `competing`.
-    groups = {name: "AB"[g] for g, members in enumerate(audit.competing) for name in members}
-    parts = {name: part for name, part in audit.evidence.items() if part.any()}
-    if len(parts) == 1:
-        parts = {}  # it is the log-odds
-
-    def picture(display: Any, name: str, label: str) -> Markup:
-        return inline_svg(display(audit).plot, size=(4.6, 3), label=label, salt=f"{prefix}{name}")
-
-    rows = [
-        _row(audit, m, f"{prefix}demonstration-{m}")
-        | {
-            "rank": rank,
-            "group": groups.get(audit.ids[m], ""),
-            "parts": [float(part[m]) for part in parts.values()],
-            "timeline": timelines.one(m) if rank > len(order) - MOST_TIMELINES else None,
-        }
-        for rank, m in enumerate(map(int, order), start=1)
-    ]
     return {
         "audit": audit,
-        "finding_says": FINDINGS[audit.finding],
-        "next": NEXT_STEPS[audit.finding],
+        "finding_sentence": FINDINGS[audit.finding],
+        "next_step": NEXT_STEPS[audit.finding],
         "p_expert": P_EXPERT,
         "parts": list(parts),
-        "rows": rows,
+        "rows": _rows(audit, parts, timelines, prefix),
         "verdicts": {verdict: audit.verdicts.count(verdict) for verdict in ("expert", "uncertain", "adversary")},
-        "steps": int(audit.offsets[-1]),
-        "weight": float(np.mean(audit.step_weight)),
-        "iterations": len(audit.history),
-        "groups": [{"letter": "AB"[g], "ids": members} for g, members in enumerate(audit.competing)],
+        "n_steps": int(audit.offsets[-1]),
+        "mean_weight": float(np.mean(audit.step_weight)),
+        "n_rounds": len(audit.history),
+        "groups": dict(zip(GROUP_LETTERS, audit.competing, strict=False)),
         "scale": timelines,
-        "length_picture": picture(
-            LengthDisplay,
-            "length",
-            "Reliability of each demonstration against its number of steps, coloured by verdict.",
-        ),
-        "history_picture": picture(HistoryDisplay, "history", "The objective of each round."),
+        "length_picture": length,
+        "history_picture": history,
     }
 
 
-def _row(audit: Audit, m: int, anchor: str) -> dict[str, Any]:
-    """What the audit says of demonstration `m`."""
-    return {
-        "anchor": anchor,
-        "id": audit.ids[m],
-        "verdict": audit.verdicts[m],
-        "log_odds": float(audit.log_odds[m]),
-        "expert_proba": float(audit.expert_proba[m]),
-        "reliability": float(audit.reliability[m]),
-        "low": float(audit.reliability_interval[m, 0]),
-        "high": float(audit.reliability_interval[m, 1]),
-        "steps": int(audit.lengths[m]),
-        "worst": audit.worst_steps(m),
-    }
+def _rows(audit: Audit, parts: Mapping[str, np.ndarray], timelines: Timelines, prefix: str) -> list[dict[str, object]]:
+    """The rows of the ranking, the most trusted first; `parts` are those of the log-odds."""
+    letters = {name: GROUP_LETTERS[g] for g, group in enumerate(audit.competing) for name in group}
+    order = audit.ranking().tolist()
+    return [
+        {
+            "anchor": f"{prefix}demonstration-{m}",
+            "id": audit.ids[m],
+            "rank": rank,
+            "group": letters.get(audit.ids[m], ""),
+            "verdict": audit.verdicts[m],
+            "log_odds": float(audit.log_odds[m]),
+            "parts": [float(part[m]) for part in parts.values()],
+            "expert_proba": float(audit.expert_proba[m]),
+            "reliability": float(audit.reliability[m]),
+            "low": float(audit.reliability_interval[m, 0]),
+            "high": float(audit.reliability_interval[m, 1]),
+            "n_steps": int(audit.lengths[m]),
+            "worst": audit.worst_steps(m),
+            "timeline": timelines.timeline(m) if rank > len(order) - MAX_TIMELINES else None,
+        }
+        for rank, m in enumerate(order, start=1)
+    ]
