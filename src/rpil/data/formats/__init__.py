@@ -28,14 +28,15 @@ __all__ = [
     "write_weights",
 ]
 
-_FORMATS: dict[str, ModuleType] = {".parquet": parquet, ".csv": csv, ".npz": npz}
+FORMATS: dict[str, ModuleType] = {".parquet": parquet, ".csv": csv, ".npz": npz}
+"""Extension -> module with `read(path)` and `write(path, demonstrations, truth)`."""
 
 
 def check_format(path: StrPath) -> Path:
     """`path`, or a `DataError` naming the known extensions where it has none of them."""
     path = Path(path)
-    if path.suffix.lower() not in _FORMATS:
-        raise DataError(f"{path}: unknown extension {path.suffix!r}; use one of {', '.join(_FORMATS)}.")
+    if path.suffix.lower() not in FORMATS:
+        raise DataError(f"{path}: unknown extension {path.suffix!r}; use one of {', '.join(FORMATS)}.")
     return path
 
 
@@ -48,7 +49,7 @@ def read(path: StrPath) -> Demonstrations:
         One sentence naming the file, the demonstration where there is one, and the remedy.
     """
     path = check_readable(check_format(path))
-    return _FORMATS[path.suffix.lower()].read(path)
+    return FORMATS[path.suffix.lower()].read(path)
 
 
 def write(path: StrPath, demonstrations: Demonstrations, truth: Mapping[str, ArrayLike] | None = None) -> None:
@@ -74,4 +75,4 @@ def write(path: StrPath, demonstrations: Demonstrations, truth: Mapping[str, Arr
             raise DataError(f"{path}: truth {name!r} needs one value for each of {len(demonstrations)} demonstrations.")
         if is_data(name):
             raise DataError(f"{path}: truth {name!r} would be taken for data; give it another name.")
-    _FORMATS[path.suffix.lower()].write(path, demonstrations, arrays)
+    FORMATS[path.suffix.lower()].write(path, demonstrations, arrays)

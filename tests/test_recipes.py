@@ -1,0 +1,173 @@
+"""The recipes of docs/architecture.md, each done with code of its own."""
+
+from __future__ import annotations
+
+import importlib
+import json
+import sys
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from functools import reduce
+from itertools import chain
+from typing import Any
+
+import numpy as np
+import pytest
+from sklearn.base import BaseEstimator, ClassifierMixin
+
+from audits import make_audit
+from problems import make
+from rpil import RPIL, Demonstrations, load, save
+from rpil.audit.html.page import Part, render
+from rpil.data import formats
+from rpil.data.archive import CLASSES, stored
+from rpil.mixture.adversaries.named import ADVERSARIES
+from rpil.mixture.adversaries.protocol import Fixed
+from rpil.numerics.blocks import add
+from rpil.scale.memory import InMemory
+from rpil.scale.protocol import Engine, Shards
+
+
+class BySigns(ClassifierMixin, BaseEstimator):
+    """pi(a|s) depends on the signs of the first two observations."""
+
+    def fit(self, X, y, sample_weight):
+        self.classes_ = np.unique(y)
+        counts = np.ones((4, len(self.classes_)))
+        np.add.at(counts, (self._cell(X), np.searchsorted(self.classes_, y)), sample_weight)
+        self.proba_ = counts / counts.sum(axis=1, keepdims=True)
+        return self
+
+    def predict_proba(self, X):
+        return self.proba_[self._cell(X)]
+
+    def _cell(self, X):
+        return 2 * (X[:, 0] > 0) + (X[:, 1] > 0)
+
+
+def demonstrations_by_signs() -> tuple[Demonstrations, np.ndarray]:
+    """Twelve experts whose action is the cell of `BySigns`, and eight demonstrations of random actions."""
+    rng, is_good, episodes = np.random.default_rng(0), np.arange(20) < 12, []
+    for good in is_good:
+        x = rng.normal(size=(40, 2))
+        episodes.append((x, BySigns()._cell(x) if good else rng.integers(4, size=40)))
+    return Demonstrations.from_episodes(episodes), is_good
+
+
+def test_policy_recipe():
+    demonstrations, is_good = demonstrations_by_signs()
+    model = RPIL(policy=BySigns()).fit(demonstrations)
+    assert model.audit_.verdicts == tuple("expert" if good else "adversary" for good in is_good)
+    steps = np.repeat(is_good, demonstrations.lengths)
+    assert (model.predict(demonstrations.observations) == demonstrations.actions)[steps].mean() > 0.99
+
+
+@dataclass(frozen=True)
+class MostlyZero(Fixed):
+    """psi(0|s) = 0.9; the other actions share the rest."""
+
+    name: str = "mostly zero"
+
+    def log_prob(self, features, outputs, actions):
+        return np.log(np.where(actions == 0, 0.9, 0.1 / (outputs.shape[1] - 1)))
+
+
+def test_adversary_recipe(monkeypatch, tmp_path):
+    monkeypatch.setitem(ADVERSARIES["discrete"], "mostly zero", lambda space, policy: MostlyZero())
+    monkeypatch.setattr("rpil.data.archive.CLASSES", CLASSES.copy())  # as it was, once the test is over
+    stored()(MostlyZero)
+    toy = make("random", 0, n_good=8, n_bad=4, steps=(40, 60))
+    rng = np.random.default_rng(0)
+    bad = ~toy.is_good[toy.groups].astype(bool)
+    toy.actions[bad] = np.where(rng.random(bad.sum()) < 0.9, 0, rng.integers(3, size=bad.sum()))
+    model = RPIL(adversary="mostly zero").fit(toy.demonstrations)
+    assert model.audit_.adversary == "mostly zero"
+    assert ((model.log_odds_ > 0) == toy.is_good).all()
+    save(model, tmp_path / "model.rpil")
+    assert load(tmp_path / "model.rpil").state_.adversary == MostlyZero()
+
+
+JSON_LINES = """
+import json
+from rpil import Demonstrations
+from rpil.data.files import replacing
+
+
+def read(path):
+    rows = [json.loads(line) for line in path.read_text().splitlines()]
+    columns = ([row[name] for row in rows] for name in ("observation", "action", "episode"))
+    return Demonstrations.from_groups(*columns, source=path.name)
+
+
+def write(path, demonstrations, truth):
+    with replacing(path) as temporary:
+        rows = (
+            {"observation": x.tolist(), "action": int(a), "episode": demonstrations.ids[m]}
+            | {name: values[m].item() for name, values in truth.items()}
+            for x, a, m in zip(demonstrations.observations, demonstrations.actions, demonstrations.groups)
+        )
+        temporary.write_text("".join(json.dumps(row) + "\\n" for row in rows))
+"""
+
+
+def test_format_recipe(monkeypatch, tmp_path):
+    (tmp_path / "json_lines.py").write_text(JSON_LINES)
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.delitem(sys.modules, "json_lines", raising=False)
+    monkeypatch.setitem(formats.FORMATS, ".jsonl", importlib.import_module("json_lines"))
+    toy = make("random", 0, n_good=2, n_bad=2, steps=(4, 6)).demonstrations
+    formats.write(tmp_path / "toy.jsonl", toy, {"is_good": [1, 1, 0, 0]})
+    again = formats.read(tmp_path / "toy.jsonl")
+    np.testing.assert_array_equal(again.observations, toy.observations)
+    np.testing.assert_array_equal(again.actions, toy.actions)
+    assert again.ids == toy.ids
+    assert json.loads((tmp_path / "toy.jsonl").read_text().splitlines()[-1])["is_good"] == 0
+
+
+@dataclass(frozen=True)
+class Listed:
+    """Blocks in a list, and a record of what is done with them."""
+
+    blocks: list[Any]
+    calls: list[str]
+
+    def map(self, function: Callable[[Any], Any]) -> Iterator[Any]:
+        self.calls.append("map")
+        return map(function, self.blocks)
+
+    def then(self, function: Callable[[Any], Any]) -> Listed:
+        self.calls.append("then")
+        return Listed([function(block) for block in self.blocks], self.calls)
+
+    def total(self, function: Callable[[Any], Any]) -> Any:
+        self.calls.append("total")
+        return reduce(add, map(function, self.blocks))
+
+
+@dataclass(frozen=True)
+class OneByOne:
+    """An engine that reads all blocks, and works on them one by one."""
+
+    n_parts: int = 2
+    calls: list[str] = field(default_factory=list)
+
+    def place(self, shards: Any) -> Listed:
+        return Listed(list(chain.from_iterable(shards)), self.calls)
+
+
+@pytest.mark.slow
+def test_engine_recipe(small):
+    engine = OneByOne()
+    assert isinstance(engine, Engine)
+    assert isinstance(engine.place([[1]]), Shards)
+    toy = make("noisy", 0, n_good=60, n_bad=30, steps=(20, 60)).demonstrations
+    here, there = RPIL(engine=InMemory()).fit(toy), RPIL(engine=engine).fit(toy)
+    assert set(engine.calls) == {"map", "then", "total"}
+    np.testing.assert_allclose(there.log_odds_, here.log_odds_, rtol=1e-9)
+    np.testing.assert_allclose(there.coef_, here.coef_, rtol=1e-6, atol=1e-9)
+
+
+def test_report_section_recipe():
+    page = render([Part("Audit", make_audit(), "toy.csv", sections=[("Who recorded this", "Five people & a robot.")])])
+    assert "Who recorded this" in page
+    assert "Five people &amp; a robot." in page
