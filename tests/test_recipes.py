@@ -18,7 +18,7 @@ from sklearn.base import BaseEstimator, ClassifierMixin
 from audits import make_audit
 from problems import make
 from rpil import RPIL, Demonstrations, load, save
-from rpil.audit.html.page import Part, render
+from rpil.audit.html.page import Article, render_page
 from rpil.data import formats
 from rpil.data.archive import CLASSES, stored
 from rpil.mixture.adversaries.named import ADVERSARIES
@@ -168,6 +168,8 @@ def test_engine_recipe(small):
 
 
 def test_report_section_recipe():
-    page = render([Part("Audit", make_audit(), "toy.csv", sections=[("Who recorded this", "Five people & a robot.")])])
+    page = render_page(
+        [Article("Audit", make_audit(), "toy.csv", sections=[("Who recorded this", "Five people & a robot.")])]
+    )
     assert "Who recorded this" in page
     assert "Five people &amp; a robot." in page
