@@ -18,6 +18,8 @@ import os
 import sys
 import warnings
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -25,12 +27,14 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before NumPy; worker proce
 
 import numpy as np
 
+import rpil.estimators.rpil
 from options import at_least, output
 from provenance import provenance
 from rpil.data.files import replacing
 from rpil.estimators.rpil import RPIL
-from rpil.inference import groups, held_out, judgement
-from rpil.inference import teachers as concentrate
+from rpil.inference import groups, scores, trimming, trust
+from rpil.inference.held_out import held_out_model
+from rpil.inference.settings import GroupSettings, HeldOutSettings, JudgeSettings, TrimmingSettings
 from rpil.numerics.parallel import in_processes
 from scoring import auroc
 from tables import table
@@ -52,39 +56,69 @@ def _normal(score: Array, variance: Array) -> float:
     return float((-0.5 * np.log(2 * np.pi * spread) - 0.5 * (score - score.mean()) ** 2 / spread).sum())
 
 
-def _first_taught(problem: Any, scorer: Any, _: Array, ridge: float) -> concentrate.Taught:
-    """Taught by the first share, whatever the upper group: the scores that it would have changed remain."""
-    everybody = np.ones(problem.n_demonstrations, dtype=bool)
-    return concentrate.concentrate(problem, scorer, everybody, ridge, concentrate.SHARE)
+def _first_fit(scoring: scores.Scoring, _: Array) -> trimming.TrimmedFit:
+    """The fit to the first share, whatever the upper group."""
+    everybody, settings = np.ones(scoring.data.n_demonstrations, dtype=bool), TrimmingSettings()
+    return trimming.fit_trimmed(
+        scoring.data, scoring.model, everybody, scoring.ridge, settings.share, settings.max_iter
+    )
 
 
-VARIANTS: dict[str, tuple[dict[str, Any], list[tuple[Any, str, Any]]]] = {
-    DEFAULT: ({}, []),
-    "all demonstrations teach": ({}, [(concentrate, "SHARE", 1.0)]),
-    "30 % teach": ({}, [(concentrate, "SHARE", 0.3)]),
-    "80 % teach": ({}, [(concentrate, "SHARE", 0.8)]),
-    "the share is not halved": ({}, [(concentrate, "HALVINGS", 0)]),
-    "the upper group does not teach again": ({}, [(judgement, "taught_by", _first_taught)]),
-    "one ridge, 1e-4": ({}, [(judgement, "choose_ridge", lambda *_: 1e-4)]),
-    "raw features": ({"search_features": "raw"}, []),
-    "steps are independent": ({}, [(judgement, "effective_steps", lambda covariances, lengths: lengths.astype(float))]),
-    "error bars as they are (c = 1)": ({}, [(groups, "NOISE", (1.0,))]),
-    "one group is normal": ({}, [(groups, "one_group", _normal)]),
-    "no prior on the spread of a group": ({}, [(groups, "PRIOR_SPREAD", 1e-6)]),
-    "two groups may have one centre": ({}, [(groups, "LEAST_APART", 0.0)]),
-    "no odd experts": ({}, [(groups, "TAIL", 1e-12)]),
-    "no rivals": ({}, [(judgement, "find_rival", lambda *_: None)]),
-    "no styles": ({}, [(judgement, "find_style", lambda *_: None)]),
-    "ranks are worth nothing": ({}, [(groups, "RANK_WORTH", 0.0)]),
-    "ten folds": ({}, [(held_out, "N_FOLDS", {"discrete": 10, "continuous": 10})]),
-    "five folds": ({}, [(held_out, "N_FOLDS", {"discrete": 5, "continuous": 5})]),
+def _trimming(**changed: Any) -> JudgeSettings:
+    return JudgeSettings(trimming=TrimmingSettings(**changed))
+
+
+def _groups(**changed: Any) -> JudgeSettings:
+    return JudgeSettings(groups=GroupSettings(**changed))
+
+
+def _folds(n: int) -> JudgeSettings:
+    return JudgeSettings(held_out=HeldOutSettings(max_folds_discrete=n, max_folds_continuous=n))
+
+
+@dataclass(frozen=True)
+class Variant:
+    """The judge with other settings, other parameters of `RPIL`, or a function replaced: module, name, function."""
+
+    settings: JudgeSettings = JudgeSettings()
+    parameters: dict[str, Any] = field(default_factory=dict)
+    function: tuple[Any, str, Any] | None = None
+
+
+VARIANTS: dict[str, Variant] = {
+    DEFAULT: Variant(),
+    "all demonstrations teach": Variant(_trimming(share=1.0)),
+    "30 % teach": Variant(_trimming(share=0.3)),
+    "80 % teach": Variant(_trimming(share=0.8)),
+    "the share is not halved": Variant(_trimming(halvings=0)),
+    "the upper group does not teach again": Variant(function=(scores.Scoring, "fit_group", _first_fit)),
+    "one ridge, 1e-4": Variant(JudgeSettings(held_out=HeldOutSettings(ridges=(1e-4,)))),
+    "raw features": Variant(parameters={"search_features": "raw"}),
+    "steps are independent": Variant(
+        function=(scores, "effective_steps", lambda covariances, lengths: lengths.astype(float))
+    ),
+    "error bars as they are (c = 1)": Variant(_groups(noise_shares=(1.0,))),
+    "one group is normal": Variant(function=(groups, "one_group", _normal)),
+    "no prior on the spread of a group": Variant(_groups(prior_spread=1e-6)),
+    "two groups may have one centre": Variant(_groups(min_distance=0.0)),
+    "no odd experts": Variant(_groups(tail=1e-12)),
+    "no rivals": Variant(function=(trust, "find_rival", lambda *_: None)),
+    "no styles": Variant(function=(trust, "find_style", lambda *_: None)),
+    "ranks are worth nothing": Variant(_groups(rank_correlation=0.0)),
+    "ten folds": Variant(_folds(10)),
+    "five folds": Variant(_folds(5)),
 }
-"""Name -> parameters of `RPIL`, and the parts of the judge that are replaced: module, name, value."""
 
 
 @contextlib.contextmanager
-def replaced(parts: list[tuple[Any, str, Any]]) -> Iterator[None]:
-    """The judge with other parts for a while."""
+def replaced(variant: Variant) -> Iterator[None]:
+    """The judge of `RPIL` as in a variant, for a while."""
+    held_out = partial(held_out_model, settings=variant.settings.held_out)
+    parts = [
+        (rpil.estimators.rpil, "judge", partial(trust.judge, settings=variant.settings)),
+        (rpil.estimators.rpil, "held_out_model", held_out),
+        *([variant.function] if variant.function else []),
+    ]
     before = [(module, name, getattr(module, name)) for module, name, _ in parts]
     for module, name, value in parts:
         setattr(module, name, value)
@@ -98,10 +132,9 @@ def replaced(parts: list[tuple[Any, str, Any]]) -> Iterator[None]:
 def measure(variant: str, cell: Cell) -> Row:
     """AUROC and verdicts of a variant on one set."""
     world = cell.make()
-    parameters, parts = VARIANTS[variant]
-    with replaced(parts), warnings.catch_warnings():
+    with replaced(VARIANTS[variant]), warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        audit = RPIL(**parameters).fit(world.demonstrations).audit_
+        audit = RPIL(**VARIANTS[variant].parameters).fit(world.demonstrations).audit_
     good, verdicts = np.asarray(world.is_good), np.array(audit.verdicts)
     wrong = int(((good == 1) & (verdicts == "adversary")).sum() + ((good == 0) & (verdicts == "expert")).sum())
     known = good >= 0

@@ -14,7 +14,7 @@ from rpil.data.fit_data import FitData
 from rpil.data.spaces import Box, Discrete, Space
 from rpil.mixture.adversaries.named import adversary
 from rpil.mixture.em import State
-from rpil.mixture.expert_prior import Share
+from rpil.mixture.expert_prior import ExpertPrior
 from rpil.policies.features import FeatureMap
 from rpil.policies.linear import linear_policy
 
@@ -233,4 +233,4 @@ def pooled_state(problem: FitData, which: str) -> State:
     """Where EM starts by default: the policy that trusts everybody."""
     zero = linear_policy(problem.space, ridge(problem), len(problem.actions))
     policy, _ = zero.fit(problem, np.ones(len(problem.actions)))
-    return State(policy, adversary(which, problem.space, zero), Share())
+    return State(policy, adversary(which, problem.space, zero), ExpertPrior())

@@ -29,7 +29,8 @@ from rpil.estimators.rment import RMEnt
 from rpil.estimators.rpil import RPIL
 from rpil.mixture.adversaries.box import UniformBox
 from rpil.mixture.adversaries.named import ADVERSARIES
-from rpil.mixture.em import e_step, run
+from rpil.mixture.em import e_step, run_em
+from rpil.mixture.settings import MixtureSettings
 from rpil.simulation.simulate import simulate
 
 ZOO = continuous_zoo(0)
@@ -60,7 +61,7 @@ def test_the_objective_never_falls(which):
     for name, toy in ZOO.items():
         problem = toy.problem()
         state = pooled_state(problem, which)
-        history = run(problem, state, max_iter=12, tol=0.0).history
+        history = run_em(problem, state, MixtureSettings(max_iter=12, tol=0.0)).history
         assert np.isfinite(history).all(), name
         assert np.diff(history).min() >= -1e-9 * np.abs(history).max(), name
 
@@ -69,7 +70,7 @@ def test_the_objective_never_falls(which):
 def test_the_objective_never_falls_with_splines(which):
     for seed in range(3):
         problem = make_continuous("window", seed).problem("spline")
-        history = run(problem, pooled_state(problem, which), max_iter=12, tol=0.0).history
+        history = run_em(problem, pooled_state(problem, which), MixtureSettings(max_iter=12, tol=0.0)).history
         assert np.diff(history).min() >= -1e-9 * np.abs(history).max()
 
 

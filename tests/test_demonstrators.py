@@ -3,73 +3,14 @@
 from __future__ import annotations
 
 import json
-import warnings
-from itertools import product
 
 import numpy as np
 import pytest
-from scipy.special import log_expit, logsumexp
 
 from problems import make
 from rpil import RPIL, DataError, load, save
 from rpil.data import formats
 from rpil.data.demonstrators import Demonstrators
-from rpil.mixture.demonstrator_prior import _LOG_WEIGHT, _POINTS, SPREADS, borrow, intervals
-
-NOBODY = np.zeros(6, dtype=int)
-
-
-def log_prior(found: Demonstrators, log_odds: np.ndarray, expert: tuple[int, ...]) -> float:
-    """log P(who is an expert), every tau and tendency on its own."""
-    z = log_odds[:, None, None] + SPREADS[:, None] * _POINTS
-    each = np.where(np.array(expert)[:, None, None], log_expit(z), log_expit(-z))
-    people = [logsumexp(each[found.index == u].sum(axis=0) + _LOG_WEIGHT, axis=1) for u in range(len(found.names))]
-    return float(logsumexp(np.sum(people, axis=0)) - np.log(len(SPREADS)))
-
-
-@pytest.mark.parametrize("labels", [NOBODY, np.array([0, 0, 1, 0, -1, 0])], ids=["unlabelled", "labelled"])
-def test_against_brute_force(labels):
-    rng = np.random.default_rng(0)
-    found = Demonstrators.from_names("aabbbc")
-    ratio, log_odds = 2 * rng.normal(size=6), np.zeros(6)
-    lent = borrow(found, ratio, log_odds, labels)
-    everybody = list(product([0, 1], repeat=6))
-    joint = np.array([log_prior(found, log_odds, expert) for expert in everybody])
-    assert logsumexp(joint) == pytest.approx(0.0)
-    experts = np.array(everybody)
-    joint = joint + experts @ ratio
-    fits = (experts == (labels > 0)) | (labels == 0)
-    for m in range(6):
-        others = np.delete(fits, m, axis=1).all(axis=1)
-        without = joint - experts[:, m] * ratio[m]  # its own actions are left out
-        odds = [logsumexp(without[others & (experts[:, m] == z)]) for z in (1, 0)]
-        assert lent.log_odds[m] == pytest.approx(odds[0] - odds[1], abs=1e-4)
-
-
-def test_shrinkage_both_ways():
-    """Two good ones say less of the next than eight do; who gave one is judged by the population."""
-    found = Demonstrators.from_names(["many"] * 9 + ["few"] * 3 + ["one"] + ["bad"] * 6)
-    ratio = np.array([30.0] * 8 + [0.0] + [30.0] * 2 + [0.0] + [0.0] + [-30.0] * 6)
-    base = np.full(19, -0.3)
-    lent = borrow(found, ratio, base, np.zeros(19, dtype=int))
-    many, few, one, bad = lent.log_odds[[8, 11, 12, 13]]
-    assert many > few + 0.3 > one + 0.6
-    assert one == -0.3
-    assert bad < -0.8
-    trust = intervals(lent.share, lent.weight)
-    assert (np.diff(trust[:, 0]) < 0).all()
-    assert (trust[:, 1] <= trust[:, 0]).all()
-    assert (trust[:, 0] <= trust[:, 2]).all()
-    assert trust[2, 2] - trust[2, 1] > trust[0, 2] - trust[0, 1]
-
-
-def test_meaningless_demonstrators_do_next_to_no_harm():
-    rng = np.random.default_rng(0)
-    ratio = rng.permutation(np.repeat([20.0, -20.0], 30))
-    demonstrators = Demonstrators.from_names(rng.integers(6, size=60).tolist())
-    lent = borrow(demonstrators, ratio, np.zeros(60), np.zeros(60, dtype=int))
-    assert np.abs(lent.log_odds).max() < 0.8
-    assert np.abs(lent.log_odds).mean() < 0.25
 
 
 def test_demonstrators_inform_only_where_two_or_more_gave_two_or_more():
@@ -210,11 +151,3 @@ def _npz(folder):
     path = folder / "small.npz"
     np.savez(path, observations=np.eye(4), actions=np.array([0, 1, 0, 1]), episode_ids=np.repeat([0, 1], 2))
     return path
-
-
-def test_impossible_actions():
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        ratio, log_odds = np.array([np.inf, -np.inf, 0.0]), np.array([-40.0, 40.0, 0.0])
-        found = borrow(Demonstrators.from_names("aab"), ratio, log_odds, np.zeros(3, dtype=int))
-    assert not np.isnan(np.concatenate([found.log_odds, found.share.ravel(), found.weight.ravel()])).any()

@@ -15,8 +15,8 @@ from rpil import RPIL, Demonstrations, TorchPolicy, save
 from rpil.data.errors import DataError, MissingExtraError
 from rpil.data.fit_data import FitData
 from rpil.data.spaces import Box, Discrete
-from rpil.inference.held_out import PolicyScorer
-from rpil.inference.judgement import Settings, judge
+from rpil.inference.held_out import HeldOutPolicy
+from rpil.inference.trust import judge
 from rpil.policies.networks import untrained
 from rpil.policies.torch import _learn_and_judge
 
@@ -55,7 +55,7 @@ def wave(x: np.ndarray) -> np.ndarray:
 def judged(problem: FitData, policy: TorchPolicy) -> tuple[np.ndarray, TorchPolicy]:
     """Log-odds of the demonstrations, and the policy of those that are trusted."""
     policy = policy.for_space(problem.space)
-    log_odds = judge(problem, PolicyScorer(problem, policy), Settings()).log_odds
+    log_odds = judge(problem, HeldOutPolicy(problem, policy)).log_odds
     return log_odds, policy.fit(problem, problem.per_step(expit(log_odds)))[0]
 
 

@@ -14,8 +14,9 @@ from rpil.data.spaces import Discrete
 from rpil.estimators.cloning import PolicyEstimator
 from rpil.estimators.validation import as_demonstrations
 from rpil.mixture.adversaries.discrete import Complement
-from rpil.mixture.em import State, run
+from rpil.mixture.em import State, run_em
 from rpil.mixture.expert_prior import as_prior
+from rpil.mixture.settings import MixtureSettings
 from rpil.policies.features import FeatureMap, ridge_of
 from rpil.policies.softmax import SoftmaxPolicy
 
@@ -82,16 +83,10 @@ class PaperRecipe(PolicyEstimator):
             design = self.features_.design(demonstrations.observations)
             problem = FitData(design, codes, demonstrations.offsets, self.space_, nobody)
             pooled, outputs = SoftmaxPolicy.zero(self.space_.n, ridge).fit(problem, np.ones(len(codes)))
-            result = run(
-                problem,
-                State(pooled, Complement(), prior),
-                mode="expert_only",
-                outputs=outputs,
-                max_iter=self.max_iter,
-                tol=0.0,
-                m_iter=self.newton,
-                m_cg=200,
+            settings = MixtureSettings(
+                m_step="expert_only", max_iter=self.max_iter, tol=0.0, newton_iter=self.newton, cg_iter=200
             )
+            result = run_em(problem, State(pooled, Complement(), prior), settings, outputs)
         self.policy_ = result.state.policy
         self.log_odds_: NDArray[np.float64] = result.posterior.log_odds
         self.expert_proba_: NDArray[np.float64] = expit(self.log_odds_)

@@ -10,7 +10,7 @@ from sklearn.exceptions import ConvergenceWarning
 from audits import make_audit
 from rpil.audit import assumptions
 from rpil.data.errors import AmbiguousWarning
-from rpil.inference.judgement import FINDINGS
+from rpil.inference.trust import FINDINGS
 
 
 @pytest.mark.parametrize("finding", FINDINGS)

@@ -23,7 +23,7 @@ from rpil.audit.html.pictures import MAX_CURVE_POINTS, Timelines, returns_figure
 from rpil.audit.label_choice import NEXT_STEPS
 from rpil.audit.record import Audit
 from rpil.data.errors import DataError
-from rpil.inference.judgement import FINDINGS
+from rpil.inference.trust import FINDINGS
 
 
 def render(audit: Audit, **options: object) -> str:

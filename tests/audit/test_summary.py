@@ -20,7 +20,8 @@ from rpil.audit.summary import (
 from rpil.data.demonstrators import Demonstrators
 from rpil.data.fit_data import FitData
 from rpil.data.spaces import Discrete
-from rpil.mixture.em import Posterior, Result, run
+from rpil.mixture.em import Posterior, Result, run_em
+from rpil.mixture.settings import MixtureSettings
 
 SHARE = Interval(0.3, 0.2, 0.4)
 IDS = ("a", "b", "c", "d", "e")
@@ -79,7 +80,7 @@ def test_mixture_trusts_all_steps_of_a_demonstration_alike():
 def test_audit_keeps_the_history_and_the_adversary_of_em():
     toy = make("random", 0)
     data = toy.problem()
-    result = run(data, pooled_state(data, "uniform"), max_iter=5)
+    result = run_em(data, pooled_state(data, "uniform"), MixtureSettings(max_iter=5))
     audit = audit_from_mixture(data, result, SHARE, toy.ids)
     assert audit.adversary == "uniform"
     np.testing.assert_array_equal(audit.history, result.history)

@@ -14,7 +14,7 @@ import pytest
 from html_page import Page
 from rpil.cli import demo
 from rpil.data.errors import DataError, MissingExtraError
-from rpil.inference.judgement import FINDINGS
+from rpil.inference.trust import FINDINGS
 
 POLICIES = {"trust_all", "rpil", "oracle", "expert"}
 

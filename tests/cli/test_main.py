@@ -25,7 +25,7 @@ from rpil.cli import main as cli
 from rpil.cli import terminal
 from rpil.data import formats
 from rpil.estimators.persistence import load
-from rpil.inference.judgement import FINDINGS, MINORITY
+from rpil.inference.trust import FINDINGS, MINORITY
 from rpil.mixture.adversaries.named import ADVERSARIES
 from rpil.policies.features import FEATURES
 from rpil.policies.softmax import SoftmaxPolicy

@@ -9,7 +9,7 @@ from sklearn.exceptions import ConvergenceWarning
 
 from rpil.audit.record import Audit
 from rpil.data.errors import AmbiguousWarning
-from rpil.inference.judgement import FINDINGS
+from rpil.inference.trust import FINDINGS
 
 P_EXPERT = (
     "P(expert) is the probability that a demonstration belongs to the group of demonstrations that agree best with "
@@ -47,7 +47,7 @@ def assumption_sentences(
     Parameters
     ----------
     finding : str
-        A key of `rpil.inference.judgement.FINDINGS`.
+        A key of `rpil.inference.trust.FINDINGS`.
     policy : str
         A sentence about the policy, such as `linear_policy` returns; empty for none.
     p_two_groups : float, optional

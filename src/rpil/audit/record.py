@@ -82,7 +82,7 @@ class Audit:
         Demonstration m has the steps ``offsets[m]:offsets[m + 1]``.
     finding : str
         "told apart", "cannot be known", "nobody stands out" or "nothing could be learned"; see
-        `rpil.inference.judgement.FINDINGS`. Verdicts are given only where demonstrations were told apart.
+        `rpil.inference.trust.FINDINGS`. Verdicts are given only where demonstrations were told apart.
     log_odds : (M,) array
         log P(expert) - log P(adversary), in nats; the sum of `evidence`.
     from_actions, from_demonstrator, from_label : (M,) arrays

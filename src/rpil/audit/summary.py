@@ -11,7 +11,7 @@ from rpil.audit.record import MAX_LOG_ODDS, Audit, Demonstrator, Interval, Verdi
 from rpil.audit.settings import AUDIT_SETTINGS, AuditSettings
 from rpil.data.demonstrators import Demonstrators
 from rpil.data.fit_data import FitData
-from rpil.inference.judgement import Judgement
+from rpil.inference.trust import Judgement
 from rpil.mixture.em import Result
 from rpil.numerics.types import Array, Float, Int
 
@@ -20,7 +20,7 @@ def audit_from_judgement(
     judgement: Judgement, data: FitData, ids: Sequence[Hashable], settings: AuditSettings = AUDIT_SETTINGS
 ) -> Audit:
     """The audit of the judge, of demonstrations that are called `ids`."""
-    rival, steps, finding = judgement.rival, judgement.steps, judgement.finding
+    rival, steps, finding = judgement.rival, judgement.step_trust, judgement.finding
     groups = () if rival is None else (rival.trusted, rival.rival)
     unlabelled = data.labels == 0
     log_odds = apply_labels(judgement.log_odds, data.labels, settings)
@@ -35,8 +35,8 @@ def audit_from_judgement(
         offsets=np.asarray(data.offsets, dtype=np.int64),
         finding=finding,
         log_odds=log_odds,
-        from_actions=judgement.actions,
-        from_demonstrator=judgement.demonstrator,
+        from_actions=judgement.from_actions,
+        from_demonstrator=judgement.from_demonstrator,
         from_label=log_odds - judgement.log_odds,
         expert_proba=proba,
         reliability=steps.reliability,
@@ -44,13 +44,13 @@ def audit_from_judgement(
         verdicts=verdicts,
         step_log_ratio=judgement.log_ratio,
         step_weight=step_weight(data.lengths, proba, steps.reliability, steps.step, settings=settings),
-        prior=Interval(*judgement.share),
+        prior=Interval(*judgement.expert_share),
         identifiable=finding != "cannot be known",
         competing=tuple(tuple(ids[m] for m in group) for group in groups),
         to_label=tuple(ids[m] for m in longest_unlabelled(data, groups)),
         adversary="frequent actions" if data.space.kind == "discrete" else "any action",
-        history=judgement.scores.history,
-        demonstrators=rank_demonstrators(data.demonstrators, judgement.people, verdicts),
+        history=judgement.scores.fit.history,
+        demonstrators=rank_demonstrators(data.demonstrators, judgement.demonstrator_trust, verdicts),
         labelled=tuple(ids[m] for m in np.flatnonzero(data.labels).tolist()),
     )
 

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from rpil.data.demonstrations import Demonstrations
     from rpil.data.formats.dataset import Dataset
     from rpil.estimators.rpil import RPIL
+    from rpil.inference.settings import Minority
     from rpil.scale.protocol import Engine
 
 
@@ -155,7 +156,7 @@ def fit_rpil(
     demonstrators: str | None,
     features: str,
     adversary: str,
-    minority: str,
+    minority: Minority,
     seed: int,
     resume: bool,
 ) -> RPIL:

@@ -126,7 +126,7 @@ def _finite(value: Any) -> Any:
 
 def finding(audit: Audit) -> str:
     """What the audit comes to, in a sentence."""
-    from rpil.inference.judgement import FINDINGS
+    from rpil.inference.trust import FINDINGS
 
     return f"{audit.finding.capitalize()}: {FINDINGS[audit.finding]}"
 

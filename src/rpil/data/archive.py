@@ -11,7 +11,7 @@ import io
 import json
 import zipfile
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, fields, is_dataclass
+from dataclasses import dataclass, fields
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any, TypeVar
@@ -56,13 +56,16 @@ class Stored:
 
 
 CLASSES: dict[str, Stored] = {}
+"""Registered classes by their names in files."""
 
 
-def stored(*, renews: tuple[str, ...] = (), **axes: str) -> Callable[[Class], Class]:
+def stored(*, name: str | None = None, renews: tuple[str, ...] = (), **axes: str) -> Callable[[Class], Class]:
     """Register a dataclass whose objects an archive may hold.
 
     Parameters
     ----------
+    name : str, optional
+        Name of the class in files; by default its name in the code.
     renews : tuple of str
         Letters that stand for new sizes after an object of this class: those of the columns that a feature map makes.
     **axes : str
@@ -71,7 +74,7 @@ def stored(*, renews: tuple[str, ...] = (), **axes: str) -> Callable[[Class], Cl
     """
 
     def register(kind: Class) -> Class:
-        CLASSES[kind.__name__] = Stored(kind, axes, renews)
+        CLASSES[name or kind.__name__] = Stored(kind, axes, renews)
         return kind
 
     return register
@@ -112,16 +115,16 @@ def encode(value: Any, name: str, arrays: dict[str, NDArray[Any]]) -> Any:
         return [encode(item, f"{name}/{k}", arrays) for k, item in enumerate(value)]
     if isinstance(value, Mapping):
         return {"pairs": [[encode(part, name, arrays) for part in pair] for pair in value.items()]}
-    if not is_dataclass(value) or not is_stored(value):
+    class_name = stored_name(value)
+    if class_name is None:
         raise TypeError(type(value).__name__)
     content = {f: encode(getattr(value, f), f"{name}/{f}", arrays) for f in _field_names(type(value))}
-    return {"class": type(value).__name__, "fields": content}
+    return {"class": class_name, "fields": content}
 
 
-def is_stored(value: Any) -> bool:
-    """Whether an archive may hold `value`, an object."""
-    name = type(value).__name__
-    return name in CLASSES and CLASSES[name].kind is type(value)
+def stored_name(value: object) -> str | None:
+    """The name in files of the class of `value`; None where an archive may not hold it."""
+    return next((name for name, known in CLASSES.items() if known.kind is type(value)), None)
 
 
 def _field_names(known: type) -> list[str]:

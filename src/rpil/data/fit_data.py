@@ -55,6 +55,11 @@ class FitData:
         """Sums over the steps of each demonstration, (N, ...) -> (M, ...)."""
         return np.add.reduceat(values, self.offsets[:-1], axis=0)
 
+    def mean_steps(self, values: Array) -> Array:
+        """Means over the steps of each demonstration, (N,) -> (M,)."""
+        means: Array = self.sum_steps(values) / self.lengths
+        return means
+
     def per_step(self, values: Array) -> Array:
         """The value of each demonstration repeated for each of its steps, (M, ...) -> (N, ...)."""
         return np.repeat(values, self.lengths, axis=0)

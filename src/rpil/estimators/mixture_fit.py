@@ -9,9 +9,11 @@ from rpil.audit.summary import audit_from_mixture
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
 from rpil.data.fit_data import FitData
-from rpil.inference.judgement import MINORITY
-from rpil.inference.search import Setting, fit
+from rpil.inference.search import SearchSettings
+from rpil.inference.search import fit_mixture as search
+from rpil.inference.settings import MINORITY
 from rpil.mixture.expert_prior import as_prior
+from rpil.mixture.settings import MixtureSettings
 from rpil.numerics.types import Array
 from rpil.policies.features import ridge_of
 from rpil.policies.linear import linear_policy
@@ -25,8 +27,9 @@ def fit_mixture(model: Any, demonstrations: Demonstrations, codes: Array, known:
     features = model.judge_map(demonstrations)
     data = FitData(features.design(demonstrations.observations), codes, demonstrations.offsets, model.space_, known)
     policy = linear_policy(model.space_, ridge_of(features, model.C, len(codes), model.space_), len(codes))
-    setting = Setting(policy, as_prior(model.prior), model.m_step, model.random_state, model.max_iter, model.tol)
-    result = fit(data, setting, model.adversary, model.progress or (lambda _: None))
+    mixture = MixtureSettings(model.prior, model.m_step, model.max_iter, model.tol)
+    settings = SearchSettings(policy, mixture, seed=model.random_state)
+    result = search(data, settings, model.adversary, model.progress or (lambda _: None))
     share = Interval(*result.state.prior.interval(result.posterior.expert))
     model.audit_ = audit_from_mixture(data, result, share, demonstrations.ids)
     model.state_, model.judge_, model.judge_features_ = result.state, None, features

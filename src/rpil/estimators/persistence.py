@@ -13,14 +13,14 @@ import numpy as np
 from numpy.typing import NDArray
 from sklearn.utils.validation import check_is_fitted
 
-from rpil.data.archive import VERSION, Decoder, encode, is_stored, read_archive, rpil_version, write_archive
+from rpil.data.archive import VERSION, Decoder, encode, read_archive, rpil_version, stored_name, write_archive
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
 from rpil.data.files import StrPath, check_readable
 from rpil.estimators.cloning import BehavioralCloning
 from rpil.estimators.rment import RMEnt
 from rpil.estimators.rpil import RPIL
-from rpil.inference.judgement import FINDINGS
+from rpil.inference.trust import FINDINGS
 
 SCHEMA = "rpil fitted estimator"
 
@@ -58,7 +58,7 @@ def save(estimator: RPIL | RMEnt | BehavioralCloning, path: StrPath) -> None:
     if ESTIMATORS.get(kind) is not type(estimator):
         raise DataError(f"{path}: a {kind} cannot be saved; save one of {', '.join(ESTIMATORS)}.")
     check_is_fitted(estimator)
-    if not is_stored(estimator.policy_):
+    if stored_name(estimator.policy_) is None:
         made_of = getattr(estimator.policy_, "estimator", estimator.policy_)
         raise DataError(
             f"{path}: a policy made of a {type(made_of).__name__} cannot be saved without pickle; "

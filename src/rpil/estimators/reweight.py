@@ -16,8 +16,9 @@ from rpil.data.coding import code_actions, label_codes
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
 from rpil.data.fit_data import FitData
-from rpil.inference.held_out import LAPSE, Scored, deal, reference
-from rpil.inference.judgement import MINORITY, Settings, judge
+from rpil.inference.held_out import HeldOutLogProb, deal, log_reference
+from rpil.inference.settings import MINORITY, HeldOutSettings, Minority
+from rpil.inference.trust import judge
 from rpil.numerics.regression import column_scales
 from rpil.numerics.types import Array
 from rpil.policies.features import FeatureMap
@@ -75,20 +76,20 @@ class _Theirs:
     max_rounds: int
     progress: Callable[[str], None]
     ridges: tuple[float, ...] = ()
-    found: dict[bytes, tuple[Scored, int]] = field(default_factory=dict)
+    found: dict[bytes, tuple[HeldOutLogProb, int]] = field(default_factory=dict)
     """By the weights of the steps: what copies said, and after how many rounds they were the best."""
 
-    def anew(self) -> _Theirs:
+    def cold_copy(self) -> _Theirs:
         return self
 
-    def held_out(self, weight: Array, ridge: float) -> Scored:
+    def evaluate(self, weight: Array, ridge: float) -> HeldOutLogProb:
         """Of every step, by copies that were trained until it gains nothing more on the steps that teach."""
         key = weight.tobytes()
         if key not in self.found:
             self.found[key] = self._rounds(weight)
         return self.found[key][0]
 
-    def _rounds(self, weight: Array) -> tuple[Scored, int]:
+    def _rounds(self, weight: Array) -> tuple[HeldOutLogProb, int]:
         n_folds = int(self.fold.max()) + 1
         copies = [deepcopy(self.policy) for _ in range(n_folds)]
         taught = [np.flatnonzero((self.fold != k) | (n_folds == 1)) for k in range(n_folds)]
@@ -110,9 +111,9 @@ class _Theirs:
                 break
         if not self.data.is_discrete:  # densities of actions in standard deviations, as the reference has them
             best = best + np.log(column_scales(self.data.actions)).sum()
-        q = reference(self.fit_data, np.ones(len(self.data), dtype=bool))
-        log_prob = np.logaddexp(np.log1p(-LAPSE) + best, np.log(LAPSE) + q)  # an expert, too, may do anything at times
-        return Scored(log_prob, log_prob - np.average(log_prob, weights=weight)), when
+        lapse, q = HeldOutSettings().lapse, log_reference(self.fit_data, np.ones(len(self.data), dtype=bool))
+        log_prob = np.logaddexp(np.log1p(-lapse) + best, np.log(lapse) + q)  # an expert, too, may do anything at times
+        return HeldOutLogProb(log_prob, log_prob - np.average(log_prob, weights=weight)), when
 
     def teach(self, policy: Any, rows: Array, weight: Array) -> Any:
         """`policy` after a round of training on `rows`."""
@@ -166,7 +167,7 @@ def reweight(
     train: Train,
     n_folds: int = 3,
     labels: Mapping[Any, str] | None = None,
-    minority: str = "ask",
+    minority: Minority = "ask",
     max_rounds: int = 50,
     action_box: tuple[Any, Any] | None = None,
     random_state: int = 0,
@@ -228,9 +229,9 @@ def reweight(
     data = FitData(states, codes, demonstrations.offsets, space, label_codes(labels, demonstrations))
     fold = data.per_step(deal(data, n_folds, random_state))
     theirs = _Theirs(policy, data, demonstrations, log_prob, train, fold, max_rounds, progress)
-    judgement = judge(data, theirs, Settings(random_state, minority), progress)
+    judgement = judge(data, theirs, seed=random_state, minority=minority, progress=progress)
     audit = audit_from_judgement(judgement, data, demonstrations.ids)
-    n_rounds = theirs.found[data.per_step(judgement.teachers.astype(float)).tobytes()][1]
+    n_rounds = theirs.found[data.per_step(judgement.training_group.astype(float)).tobytes()][1]
     for n in range(n_rounds):
         progress(f"training the policy: {n + 1} of {n_rounds}")
         policy = theirs.teach(policy, np.arange(len(codes)), audit.step_weight)

@@ -24,9 +24,10 @@ from rpil.data.formats.dataset import Dataset
 from rpil.estimators.cloning import PolicyEstimator
 from rpil.estimators.mixture_fit import check_options, fit_mixture
 from rpil.estimators.validation import as_demonstrations
-from rpil.inference.fitted_judge import SCALES, FittedJudge
-from rpil.inference.held_out import PolicyScorer, Scorer, scored, scorer
-from rpil.inference.judgement import Judgement, Settings, judge
+from rpil.inference.fitted_judge import FittedJudge
+from rpil.inference.held_out import HeldOutModel, HeldOutPolicy, held_out_model
+from rpil.inference.settings import Minority
+from rpil.inference.trust import Judgement, judge
 from rpil.mixture.adversaries.protocol import Adversary
 from rpil.mixture.em import State, e_step
 from rpil.numerics.types import Array
@@ -141,7 +142,7 @@ class RPIL(PolicyEstimator):
         C: float | None = None,
         m_step: str = "joint",
         labels: Mapping[Any, str] | None = None,
-        minority: str = "ask",
+        minority: Minority = "ask",
         search_features: str = "auto",
         max_iter: int = 200,
         tol: float = 1e-3,
@@ -243,7 +244,7 @@ class RPIL(PolicyEstimator):
         self.judge_features_ = features
         weight = self.audit_.step_weight
         if not is_anyone_trusted(self.audit_.expert_proba, data.lengths):
-            weight = judgement.steps.step  # learn from the steps that are most likely an expert's
+            weight = judgement.step_trust.step  # learn from the steps that are most likely an expert's
         progress("the policy")
         self._finish(demonstrations, codes, data, weight)
 
@@ -294,12 +295,9 @@ class RPIL(PolicyEstimator):
         """What each step counts for the score of its demonstration, (N,)."""
         assert self.judge_ is not None
         if self.judge_.scale is not None:
-            return np.asarray(self.judge_.scale.measure(design, codes)[0])
+            return self.judge_.step_ratios(design, codes)[0]
         outputs = self.policy_.outputs(self.features_.design(demonstrations.observations))
-        of = self.judge_.reference
-        if self.space_.kind == "continuous":
-            return self.policy_.log_prob(outputs, codes) + np.log(of).sum()
-        return scored(outputs, of, codes).log_prob - np.log(of)[codes]
+        return self.judge_.step_ratios_of(self.policy_, outputs, codes)
 
     def judge_map(self, demonstrations: Demonstrations) -> FeatureMap | IdentityMap:
         """What the policy sees while trust is decided."""
@@ -312,20 +310,20 @@ class RPIL(PolicyEstimator):
 
     def judge_problem(self, data: FitData) -> tuple[Judgement, FittedJudge]:
         """The judgement of a problem, and what is kept to judge others."""
-        settings = Settings(self.random_state, self.minority)
-        measure: Scorer
+        model: HeldOutModel
         if self.policy is None:
-            measure = scorer(data, self.random_state)
+            model = held_out_model(data, self.random_state)
         else:
-            measure = PolicyScorer(data, cross_fitted_policy(self.policy, self.space_, len(data.actions)))
-        judgement = judge(data, measure, settings, self.progress or (lambda _: None))
-        return judgement, judgement.keep(data, SCALES[self.space_.kind] if self.policy is None else None)
+            model = HeldOutPolicy(data, cross_fitted_policy(self.policy, self.space_, len(data.actions)))
+        progress = self.progress or (lambda _: None)
+        judgement = judge(data, model, seed=self.random_state, minority=self.minority, progress=progress)
+        return judgement, FittedJudge.of(judgement, data, user_policy=self.policy is not None)
 
     def keep_judgement(self, judgement: Judgement, fitted: FittedJudge, data: FitData, ids: Sequence[Any]) -> None:
         """What was found about the demonstrations; their policy comes later."""
         self.state_, self.judge_ = None, fitted
-        self.n_iter_ = len(judgement.scores.history)
-        self.lower_bound_ = float(judgement.scores.history[-1])
+        self.n_iter_ = len(judgement.scores.fit.history)
+        self.lower_bound_ = float(judgement.scores.fit.history[-1])
         self.converged_ = True
         self.audit_ = audit_from_judgement(judgement, data, ids)
 

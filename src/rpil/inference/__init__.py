@@ -1,12 +1,17 @@
 """Inference: whom to trust.
 
     held_out         log pi(a|s) of every step under policies fitted to the other demonstrations
-    teachers         the demonstrations that fit the policy: those explained best, by trimmed likelihood
-    effective_steps  the number of independent steps that a demonstration is worth
+    trimming         the training group: the demonstrations that are explained best
+    effective_steps  how many independent steps the steps of a demonstration are worth
     groups           one group of scores, or two
+    scores           scores of demonstrations, their variances and their groups
     rivals           a second group of demonstrations with a policy of its own
-    judgement        whom to trust: all of the above in order
+    labels           which of two groups is the expert's
+    step_trust       which steps of a demonstration are an expert's
+    trust            the judge: all of the above in order
+    fitted_judge     judges demonstrations that were not fitted
     search           the paper's mixture, by EM from several starts
+    settings         every constant of the judge
 
 docs/model.md has the formulas.
 """

@@ -1,96 +1,107 @@
-"""The judge as it is kept: a policy of the teachers, and the groups of scores, for demonstrations yet to come."""
+"""The fitted judge: policies of the training group and the groups of scores, which judge further demonstrations."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from rpil.data.archive import stored
 from rpil.data.fit_data import FitData
 from rpil.inference.groups import Groups
-from rpil.inference.held_out import fit_weighted, frequencies, scored
+from rpil.inference.held_out import fit_weighted, frequencies, with_lapses
+from rpil.inference.scores import mean_variance
+from rpil.inference.settings import HeldOutSettings, JudgeSettings
+from rpil.inference.trust import Judgement
 from rpil.numerics.blocks import linear, log_softmax
-from rpil.numerics.regression import error_scale, normal_equations, solve_ridge, student_log_density
-from rpil.numerics.types import Array
+from rpil.numerics.regression import (
+    column_scales,
+    error_scale,
+    normal_equations,
+    solve_ridge,
+    standardise,
+    student_log_density,
+)
+from rpil.numerics.types import Array, Float, Int, Shaped
+from rpil.policies.protocol import Policy
 
-SHRINKAGE = 20.0
-"""Steps' worth of the variance of all steps that each demonstration's own is averaged with."""
+StepRatios = tuple[Float[Array, " N"], Float[Array, " N"]]
+"""Of each step, nats: the log-ratio of which the score is the mean, and log pi - log q."""
 
 
-@stored(weights="F+1 K", frequency="K")
+@stored(name="SoftmaxScale", weights="F+1 K", frequency="K")
 @dataclass(frozen=True, eq=False)
-class SoftmaxScale:
-    """log pi(a|s) of a softmax policy with lapses, and log q(a), the frequency of the action.
+class SoftmaxRatio:
+    """log pi(a|s) - log q(a) of a softmax policy with lapses, q the frequencies of the actions.
 
     Attributes
     ----------
     weights : (D, K) array
     frequency : (K,) array
+        q.
     """
 
-    weights: Array
-    frequency: Array
+    weights: Float[Array, "D K"]
+    frequency: Float[Array, " K"]
 
     @classmethod
-    def fit(cls, data: FitData, weight: Array, ridge: float) -> SoftmaxScale:
-        """Taught by steps of `weight` (N,)."""
+    def fit(cls, data: FitData, weight: Float[Array, " N"], ridge: float, settings: HeldOutSettings) -> SoftmaxRatio:
+        """Fit the policy to weighted steps, with a `ridge` a step."""
         rows = np.flatnonzero(weight > 0)
-        return cls(fit_weighted(data, rows, weight[rows], ridge)[0], frequencies(data))
+        return cls(fit_weighted(data, rows, weight[rows], ridge, settings)[0], frequencies(data))
 
-    def measure(self, features: Array, actions: Array) -> tuple[Array, Array]:
-        """What each step counts for the score of its demonstration, and log pi - log q, (N,) each, nats."""
-        log_prob = scored(log_softmax(linear(features, self.weights)), self.frequency, actions).log_prob
+    def step_ratios(
+        self, features: Float[Array, "N D"], actions: Int[Array, " N"], settings: HeldOutSettings = HeldOutSettings()
+    ) -> StepRatios:
+        """Log-ratios of the actions taken."""
+        log_proba = log_softmax(linear(features, self.weights))
+        log_prob = with_lapses(log_proba, self.frequency, actions, settings.lapse).log_prob
         log_ratio = log_prob - np.log(self.frequency)[actions]
         return log_ratio, log_ratio
 
 
-@stored(weights="F+1 A", location="A", spread="A", scale="A", center="A", width="A")
+@stored(name="StudentScale", weights="F+1 A", location="A", spread="A", scale="A", center="A", width="A")
 @dataclass(frozen=True, eq=False)
-class StudentScale:
-    """Log-densities of ridge regression with Student's errors, and of one Student distribution for all states.
+class StudentRatio:
+    """log pi(a|s) of ridge regression with Student's errors, and log q(a) of one Student distribution for all states,
+    of actions in standard deviations: (a - location) / spread.
 
     Attributes
     ----------
     weights : (D, A) array
-        For actions in standard deviations.
     location, spread : (A,) arrays
-        What actions subtract and are divided by.
+        Mean and standard deviation of the actions.
     scale : (A,) array
         Of the errors.
     center, width : (A,) arrays
-        Of the distribution that does not look at the state.
+        Location and scale of q.
     """
 
-    weights: Array
-    location: Array
-    spread: Array
-    scale: Array
-    center: Array
-    width: Array
+    weights: Float[Array, "D A"]
+    location: Float[Array, " A"]
+    spread: Float[Array, " A"]
+    scale: Float[Array, " A"]
+    center: Float[Array, " A"]
+    width: Float[Array, " A"]
 
     @classmethod
-    def fit(cls, data: FitData, weight: Array, ridge: float) -> StudentScale:
-        """Taught by steps of `weight` (N,)."""
-        raw = np.asarray(data.actions, dtype=float)
-        location, spread = raw.mean(axis=0), raw.std(axis=0)
-        spread = np.where(spread > 0, spread, 1.0)
-        actions, rows = (raw - location) / spread, weight > 0
+    def fit(cls, data: FitData, weight: Float[Array, " N"], ridge: float, settings: HeldOutSettings) -> StudentRatio:
+        """Fit the policy to weighted steps, with a `ridge` a step."""
+        actions, rows = standardise(data.actions), weight > 0
         weights = solve_ridge(*normal_equations(data.features[rows], actions[rows], weight[rows]), ridge)
         errors = actions - linear(data.features, weights)
         center = np.median(actions, axis=0)
         width = error_scale(actions - center, np.ones(len(actions)))
-        return cls(weights, location, spread, error_scale(errors, weight), center, width)
+        scale = error_scale(errors, weight)
+        return cls(weights, data.actions.mean(axis=0), column_scales(data.actions), scale, center, width)
 
-    def measure(self, features: Array, actions: Array) -> tuple[Array, Array]:
-        """What each step counts for the score of its demonstration, and log pi - log q, (N,) each, nats."""
-        units = (actions - self.location) / self.spread
-        log_prob = student_log_density(units - linear(features, self.weights), self.scale)
-        return log_prob, log_prob - student_log_density(units - self.center, self.width)
-
-
-SCALES: dict[str, Any] = {"discrete": SoftmaxScale, "continuous": StudentScale}
+    def step_ratios(
+        self, features: Float[Array, "N D"], actions: Float[Array, "N A"], settings: HeldOutSettings = HeldOutSettings()
+    ) -> StepRatios:
+        """Log-ratios of the actions taken; the reference of the score is a constant, which is left out."""
+        scaled = (actions - self.location) / self.spread
+        log_prob = student_log_density(scaled - linear(features, self.weights), self.scale)
+        return log_prob, log_prob - student_log_density(scaled - self.center, self.width)
 
 
 @stored()
@@ -100,33 +111,70 @@ class FittedJudge:
 
     Attributes
     ----------
-    scale : SoftmaxScale, StudentScale or None
-        None where a policy of the user's took its place: then that policy measures.
+    scale : SoftmaxRatio, StudentRatio or None
+        Gives the log-ratios of steps; None where the user's policy gives them.
     groups : Groups
     pooled : float
-        Variance of a step's measure within a demonstration.
+        Variance of the log-ratio of a step within a demonstration.
     independent : float
-        Independent steps that one step is worth, on average.
+        Effective steps of one step, on average.
     reference : array or None
-        Without a `scale`: the frequencies of the actions, (K,), or the units of the parts of an action, (A,).
+        Without a `scale`: the frequencies of the actions, (K,), or the standard deviations of their parts, (A,).
     """
 
-    scale: Any
+    scale: SoftmaxRatio | StudentRatio | None
     groups: Groups
     pooled: float
     independent: float
-    reference: Any = None
+    reference: Shaped[Array, " K"] | None = None
 
-    def log_odds(self, measure: Array, offsets: Array) -> Array:
-        """Log-odds of expert against adversary, (M,), of demonstrations whose steps have this `measure` (N,)."""
+    @classmethod
+    def of(
+        cls, judgement: Judgement, data: FitData, settings: JudgeSettings = JudgeSettings(), user_policy: bool = False
+    ) -> FittedJudge:
+        """Keep what a judgement of `data` found; with `user_policy` the log-ratios of steps will be given."""
+        scores, discrete = judgement.scores, data.space.kind == "discrete"
+        independent = float(scores.effective_steps.sum() / data.lengths.sum())
+        if user_policy:
+            reference = frequencies(data) if discrete else column_scales(data.actions)
+            return cls(None, scores.groups, scores.step_variance, independent, reference)
+        kind: type[SoftmaxRatio | StudentRatio] = SoftmaxRatio if discrete else StudentRatio
+        weight = data.per_step(judgement.training_group.astype(float))
+        scale = kind.fit(data, weight, scores.fit.ridge, settings.held_out)
+        return cls(scale, scores.groups, scores.step_variance, independent)
+
+    def step_ratios(
+        self, features: Float[Array, "N D"], actions: Shaped[Array, "N ..."], settings: JudgeSettings = JudgeSettings()
+    ) -> StepRatios:
+        """Log-ratios of the actions taken."""
+        assert self.scale is not None
+        return self.scale.step_ratios(features, actions, settings.held_out)
+
+    def step_ratios_of(
+        self,
+        policy: Policy,
+        outputs: Float[Array, "N ..."],
+        actions: Shaped[Array, "N ..."],
+        settings: JudgeSettings = JudgeSettings(),
+    ) -> Float[Array, " N"]:
+        """Log-ratios of the actions taken, of which scores are means, where the user's `policy` has these `outputs`."""
+        assert self.reference is not None
+        if actions.ndim > 1:
+            return policy.log_prob(outputs, actions) + np.log(self.reference).sum()
+        log_prob = with_lapses(outputs, self.reference, actions, settings.held_out.lapse).log_prob
+        return log_prob - np.log(self.reference)[actions]
+
+    def log_odds(
+        self,
+        log_ratio: Float[Array, " N"],
+        offsets: Int[Array, " M1"],
+        settings: JudgeSettings = JudgeSettings(),
+    ) -> Float[Array, " M"]:
+        """Log-odds of expert against adversary, of demonstrations whose scores are the means of `log_ratio` and that
+        have the steps ``offsets[m]:offsets[m + 1]``."""
         lengths = np.diff(offsets)
-        score = np.add.reduceat(measure, offsets[:-1]) / lengths
-        squares = np.add.reduceat((measure - np.repeat(score, lengths)) ** 2, offsets[:-1])
-        variance = mean_variance(squares, lengths, self.pooled, self.independent * lengths)
-        return self.groups.bounded(self.groups.log_odds(score, variance))
-
-
-def mean_variance(squares: Array, lengths: Array, pooled: float, effective: Array) -> Array:
-    """Variance of the mean over a demonstration's steps, (M,), from its sum of `squares` (M,) around that mean."""
-    own: Array = (squares + SHRINKAGE * pooled) / (lengths + SHRINKAGE)
-    return own / effective
+        score = np.add.reduceat(log_ratio, offsets[:-1]) / lengths
+        squares = np.add.reduceat((log_ratio - np.repeat(score, lengths)) ** 2, offsets[:-1])
+        effective = self.independent * lengths
+        variance = mean_variance(squares, lengths, self.pooled, effective, settings.variance_steps)
+        return self.groups.bounded(self.groups.log_odds(score, variance, settings.groups), settings.groups)

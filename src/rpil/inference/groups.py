@@ -1,15 +1,15 @@
-"""One group of scores or two: from M numbers with error bars to the probability of being an expert's.
+"""One group of scores or two: from M scores and their variances to P(expert).
 
 Demonstration m has the score y_m, a mean over its steps, with the variance v_m of that mean. Two models of the scores:
 
     one group    y_m ~ two-piece normal: mode mu, spreads s_L below and s_R above, each widened by c v_m
     two groups   y_m ~ p N(mu_1, t_1 + c v_m) + (1 - p) N(mu_0, t_0 + c v_m),      mu_1 > mu_0
 
-c <= 1 is the share of v_m that distinguishes demonstrations: what all of them do at the same step differs from step to
-step and not between them. The two are compared by BIC. If there are two groups, the upper one is the experts'. If there
-is one, the scores are graded: the demonstration of rank r (0 lowest, 1 highest) is an expert's where the share of
-adversaries lies below r, with probability I_r(2, 2) under a Beta(2, 2) share. A rank need not mean quality, so this is
-shrunk towards 1/2. P(expert) is the average over the two models.
+c <= 1 is the share of v_m that distinguishes demonstrations: a part of it differs between steps in the same way in all
+demonstrations. The two are compared by BIC. If there are two groups, the upper one is the experts'. If there is one, P
+is graded by rank: the demonstration of rank r (0 lowest, 1 highest) is an expert's where the share of adversaries lies
+below r, which has the probability I_r(2, 2) under a Beta(2, 2) share. Rank and quality are correlated by less than one,
+so this is shrunk towards 1/2. P(expert) is the average over the two models.
 """
 
 from __future__ import annotations
@@ -18,206 +18,194 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.optimize import minimize
-from scipy.special import betainc, expit, logit
-from scipy.special import logsumexp as log_sum_exp
+from scipy.special import betainc, betaincinv, expit, logit, logsumexp
 
 from rpil.data.archive import stored
-from rpil.numerics.types import Array
+from rpil.inference.settings import GroupSettings
+from rpil.numerics.types import Array, Float, Int
 
-SURE = 0.9
-"""P(two groups) from which they are told apart; below, no demonstration gets a verdict."""
+_PROBA_BOUND = 1e-9
+"""P(expert) stays so far from 0 and 1 that its logit is finite."""
 
-UNSURE = float(logit(SURE))
-"""Bound of the log-odds of demonstrations that were not told apart."""
-
-NOISE = (1.0, 0.3, 0.1, 0.03, 0.01)
-"""Shares c to choose from, by the likelihood, as far as the effective steps allow: see `LEAST_NOISE`."""
-
-LEAST_NOISE = 0.3
-"""Of the variance that independent steps would give: errors are not much smaller than that."""
-
-STARTS = (0.1, 0.2, 0.35, 0.5, 0.65, 0.8, 0.9)
-"""Quantiles at which EM for two groups starts to divide the scores."""
-
-PRIOR_SPREAD = 1 / 16
-"""Of the variance of all scores: what the spread of a group is worth before it is seen, one demonstration's weight."""
-
-LEAST_SPREAD = 1e-3
-"""Of the variance of all scores, which no group's spread goes below."""
-
-LEAST_APART = 1.0
-"""Distance of the two means in their root mean square spread: two groups with one centre are one group with tails."""
-
-TAIL = 0.05
-"""Share of experts whose scores are as spread as those of the wider group: a good demonstration may be odd."""
-
-FEWEST_STEPS = 8
-"""Steps of the median demonstration from which their mean is about normal."""
-
-RANK_WORTH = 0.6
-"""Correlation of a rank with quality, beforehand: P = 1/2 + RANK_WORTH (I_r(2, 2) - 1/2) where scores are graded."""
-
-MOST = 2_000
-"""Scores from which the models are fitted; of more, these quantiles."""
-
-_MOST_SURE = 1e-9
-_ORDER = 1e-3
+_TIE_LOG_ODDS = 1e-3
+"""Log-odds that keep the order of the scores where P(expert) is at its bound."""
 
 
 @stored(mean="2", spread="2", quantiles="Q")
 @dataclass(frozen=True, eq=False)
 class Groups:
-    """What M scores say.
+    """One or two groups, fitted to M scores.
 
     Attributes
     ----------
     log_bayes_factor : float
-        Two groups against one, nats; minus infinity where demonstrations are too short to tell.
+        Two groups against one, nats; minus infinity where two groups were not fitted.
     mean, spread : (2,) arrays
         Of the lower and the upper group; spread is a variance.
     share : float
         Of the upper group.
     noise : float
-        c.
+        The share c of the variance of a score.
     graded : float
-        Share of the variance of scores that is no error: 0 where all demonstrations are alike.
+        Share of the variance of the scores that is not the scores' own variance: 0 where all demonstrations are alike.
     quantiles : (Q,) array
         Of all scores, from the lowest to the highest.
     """
 
     log_bayes_factor: float
-    mean: Array
-    spread: Array
+    mean: Float[Array, " 2"]
+    spread: Float[Array, " 2"]
     share: float
     noise: float
     graded: float
-    quantiles: Array
+    quantiles: Float[Array, " Q"]
 
     @property
     def p_two(self) -> float:
         """P(two groups)."""
         return float(expit(self.log_bayes_factor))
 
-    def bounded(self, log_odds: Array) -> Array:
-        """Log-odds (M,) as they are where groups were told apart, else within `UNSURE`."""
-        return log_odds if self.p_two >= SURE else UNSURE * np.tanh(log_odds / UNSURE)
+    def told_apart(self, settings: GroupSettings = GroupSettings()) -> bool:
+        """Whether P(two groups) is large enough for verdicts."""
+        return self.p_two >= settings.min_p_two
 
-    def log_odds(self, score: Array, variance: Array) -> Array:
-        """Log-odds of expert against adversary of demonstrations with `score` and its `variance`, (M,) each."""
-        at = np.clip(score, *self.mean)  # beyond a group's mean it is no less in that group
+    def bounded(self, log_odds: Float[Array, " M"], settings: GroupSettings = GroupSettings()) -> Float[Array, " M"]:
+        """The log-odds, or b tanh(log_odds / b), b the log-odds of a verdict, where groups were not told apart."""
+        bound = settings.verdict_log_odds
+        return log_odds if self.told_apart(settings) else bound * np.tanh(log_odds / bound)
+
+    def log_odds(
+        self, score: Float[Array, " M"], variance: Float[Array, " M"], settings: GroupSettings = GroupSettings()
+    ) -> Float[Array, " M"]:
+        """Log-odds of expert against adversary, nats, of demonstrations with these scores and their variances."""
+        inside = np.clip(score, *self.mean)  # a score beyond the mean of a group counts as that mean
         widths = self.spread + self.noise * variance[:, None]
-        lower, upper = _log_normal(at[:, None], self.mean, widths).T
-        tail = _log_normal(at, self.mean[1], widths.max(axis=1))
-        upper = np.logaddexp(np.log1p(-TAIL) + upper, np.log(TAIL) + tail)
-        upper = expit(logit(self.share) + upper - lower)
+        lower, upper = _log_normal(inside[:, None], self.mean, widths).T
+        tail = _log_normal(inside, self.mean[1:], widths.max(axis=1))
+        upper = np.logaddexp(np.log1p(-settings.tail) + upper, np.log(settings.tail) + tail)
+        p_upper = expit(logit(self.share) + upper - lower)
         rank = np.interp(score, self.quantiles, np.linspace(0, 1, len(self.quantiles)))
         rank = np.where(np.ptp(self.quantiles) > 0, rank, 0.5)
-        graded = 0.5 + RANK_WORTH * self.graded * (betainc(2, 2, rank) - 0.5)
-        proba = self.p_two * upper + (1 - self.p_two) * graded
-        # Where the probability saturates the order of the scores remains.
+        graded = 0.5 + settings.rank_correlation * self.graded * (betainc(2, 2, rank) - 0.5)
+        proba = self.p_two * p_upper + (1 - self.p_two) * graded
         scale = max(float(np.ptp(self.quantiles)), 1e-300)
-        tie = _ORDER * np.tanh((score - np.median(self.quantiles)) / scale)
-        found: Array = logit(np.clip(proba, _MOST_SURE, 1 - _MOST_SURE)) + tie
-        return found
+        tie = _TIE_LOG_ODDS * np.tanh((score - np.median(self.quantiles)) / scale)
+        log_odds: Array = logit(np.clip(proba, _PROBA_BOUND, 1 - _PROBA_BOUND)) + tie
+        return log_odds
 
 
-def fit_groups(score: Array, variance: Array, labels: Array, effective: Array, lengths: Array) -> Groups:
+def fit_groups(
+    score: Float[Array, " M"],
+    variance: Float[Array, " M"],
+    labels: Int[Array, " M"],
+    effective: Float[Array, " M"],
+    lengths: Int[Array, " M"],
+    settings: GroupSettings = GroupSettings(),
+) -> Groups:
     """The groups of M scores.
 
     Parameters
     ----------
     score, variance : (M,) arrays
-        Mean of a demonstration's steps, and the variance of that mean.
+        Mean over the steps of a demonstration, and the variance of that mean.
     labels : (M,) int array
-        1 known expert, -1 known adversary, 0 unknown.
+        1 labelled expert, -1 labelled adversary, 0 unlabelled.
     effective, lengths : (M,) arrays
-        Independent steps that each demonstration is worth, and its steps.
+        Effective steps and steps of each demonstration.
+    settings : GroupSettings
     """
     quantiles = np.quantile(score, np.linspace(0, 1, min(len(score), 201)))
-    total = max(float(score.var()), np.finfo(float).tiny)
+    total = max(float(score.var()), float(np.finfo(float).tiny))
     graded = max(0.0, 1 - float(np.mean(variance)) / total)
-    alike = Groups(-np.inf, np.full(2, score.mean()), np.full(2, total), 0.5, 1.0, graded, quantiles)
-    if len(score) < 4 or float(np.median(lengths)) < FEWEST_STEPS or float(np.ptp(score)) == 0.0:
-        return alike
-    if len(score) > MOST:
-        chosen = np.argsort(score, kind="stable")[np.linspace(0, len(score) - 1, MOST).astype(int)]
+    single = Groups(-np.inf, np.full(2, score.mean()), np.full(2, total), 0.5, 1.0, graded, quantiles)
+    if len(score) < settings.min_demonstrations or float(np.median(lengths)) < settings.min_steps:
+        return single
+    if float(np.ptp(score)) == 0.0:
+        return single
+    if len(score) > settings.max_scores:
+        spaced = np.linspace(0, len(score) - 1, settings.max_scores).astype(int)
+        chosen = np.argsort(score, kind="stable")[spaced]
         score, variance, labels = score[chosen], variance[chosen], labels[chosen]
-    least = LEAST_NOISE * float(np.median(np.minimum(effective / lengths, 1.0)))
-    noises = [c for c in NOISE if c >= least]
+    min_noise = settings.min_noise * float(np.median(np.minimum(effective / lengths, 1.0)))
+    noises = [c for c in settings.noise_shares if c >= min_noise]
     one = max(one_group(score, c * variance) for c in noises)
-    fits = [two_groups(score, variance, labels, c) for c in noises]
+    fits = [two_groups(score, variance, labels, c, settings) for c in noises]
     best = max((fit for fit in fits if fit is not None), key=lambda fit: fit[0], default=None)
     if best is None:
-        return alike
+        return single
     log_likelihood, groups = best
-    factor = log_likelihood - one - np.log(len(score))  # two parameters more: BIC
-    return replace(groups, log_bayes_factor=float(factor), graded=graded, quantiles=quantiles)
+    log_bayes_factor = log_likelihood - one - np.log(len(score))  # BIC: two groups have two more parameters
+    return replace(groups, log_bayes_factor=float(log_bayes_factor), graded=graded, quantiles=quantiles)
 
 
-def one_group(score: Array, variance: Array) -> float:
-    """Log-likelihood of the two-piece normal that fits best; `variance` (M,) widens both sides."""
+def one_group(score: Float[Array, " M"], variance: Float[Array, " M"]) -> float:
+    """Log-likelihood of the best two-piece normal, whose spreads are widened by `variance`."""
     deviation = score.std()
 
-    def loss(at: Array) -> float:
-        spreads = np.sqrt(np.exp(2 * at[1:, None]) + variance)
-        z = (score - at[0]) / np.where(score < at[0], spreads[0], spreads[1])
+    def loss(scaled: Array) -> float:
+        mode, spreads = deviation * scaled[0], np.sqrt(np.exp(2 * scaled[1:, None]) + variance)
+        z = (score - mode) / np.where(score < mode, spreads[0], spreads[1])
         return float((0.5 * z * z + np.log(spreads.sum(axis=0)) - np.log(2 / np.sqrt(2 * np.pi))).sum())
 
     starts = [
-        np.array([np.quantile(score, q), np.log(deviation) + skew, np.log(deviation) - skew])
+        np.array([np.quantile(score, q) / deviation, np.log(deviation) + skew, np.log(deviation) - skew])
         for q in (0.3, 0.5, 0.7, 0.9)
         for skew in (0.0, 0.7)
     ]
     options = {"maxiter": 1000, "xatol": 1e-5, "fatol": 1e-6}
-    scale = np.array([deviation, 1.0, 1.0])
-    found = [
-        minimize(lambda at: loss(at * scale), start / scale, method="Nelder-Mead", options=options).fun
-        for start in starts
-    ]
-    return -float(min(found))
+    return -min(float(minimize(loss, start, method="Nelder-Mead", options=options).fun) for start in starts)
 
 
-def two_groups(score: Array, variance: Array, labels: Array, noise: float) -> tuple[float, Groups] | None:
-    """Log-likelihood of two normal groups, and the groups, by EM from several starts; labels fix who is in which."""
-    total = float(score.var())
-    found = [
-        _em(score, noise * variance, labels, score > cut, total)
-        for cut in np.unique(np.quantile(score, STARTS))
-        if 2 <= (score > cut).sum() <= len(score) - 2
-    ]
-    kept = [fit for fit in found if fit is not None]
-    if not kept:
+def two_groups(
+    score: Float[Array, " M"],
+    variance: Float[Array, " M"],
+    labels: Int[Array, " M"],
+    noise: float,
+    settings: GroupSettings = GroupSettings(),
+) -> tuple[float, Groups] | None:
+    """Log-likelihood of two normal groups, and the groups, by EM from several starts; a label fixes the group of its
+    demonstration. None where no start ends in two groups that are far enough apart."""
+    starts = [score > cut for cut in np.unique(np.quantile(score, settings.start_quantiles))]
+    starts = [upper for upper in starts if 2 <= upper.sum() <= len(score) - 2]
+    fits = [_two_normals(score, noise * variance, labels, upper, settings) for upper in starts]
+    best = max((fit for fit in fits if fit is not None), key=lambda fit: fit[0], default=None)
+    if best is None:
         return None
-    log_likelihood, mean, spread, share = max(kept, key=lambda fit: fit[0])
+    log_likelihood, mean, spread, share = best
     return log_likelihood, Groups(0.0, mean, spread, share, noise, 0.0, np.zeros(1))
 
 
-def _em(
-    score: Array, variance: Array, labels: Array, upper: Array, total: float, max_iter: int = 300
+def _two_normals(
+    score: Array, variance: Array, labels: Array, upper: Array, settings: GroupSettings
 ) -> tuple[float, Array, Array, float] | None:
-    known = np.where(labels[:, None] == 0, 0.0, np.where(labels[:, None] * np.array([-1, 1]) > 0, 0.0, -np.inf))
+    """EM for two normal groups from the division `upper` (M,) bool: log-likelihood, means, spreads and the share of the
+    upper group; None where a group is empty or the two are too close."""
+    total = float(score.var())
+    sides = labels[:, None] * np.array([-1, 1])
+    log_allowed = np.where(sides < 0, -np.inf, 0.0)
+    prior, min_spread = settings.prior_spread * total, settings.min_spread * total
     mean = np.array([score[~upper].mean(), score[upper].mean()])
-    spread = np.array([score[~upper].var(), score[upper].var()]) + LEAST_SPREAD * total
-    share, before = float(upper.mean()), -np.inf
-    for _ in range(max_iter):
+    spread = np.array([score[~upper].var(), score[upper].var()]) + min_spread
+    share, last = float(upper.mean()), -np.inf
+    for _ in range(settings.max_iter):
         widths = spread + variance[:, None]
-        joint = np.log([1 - share, share]) + _log_normal(score[:, None], mean, widths) + known
-        each = log_sum_exp(joint, axis=1)
-        log_likelihood = float(each.sum())
-        penalised = log_likelihood - 0.5 * float((np.log(spread) + PRIOR_SPREAD * total / spread).sum())
-        if penalised - before < 1e-4:
+        log_joint = np.log([1 - share, share]) + _log_normal(score[:, None], mean, widths) + log_allowed
+        log_evidence = logsumexp(log_joint, axis=1)
+        log_likelihood = float(log_evidence.sum())
+        penalised = log_likelihood - 0.5 * float((np.log(spread) + prior / spread).sum())
+        if penalised - last < settings.tol:
             break
-        before = penalised
-        belongs = np.exp(joint - each[:, None])
-        counts = belongs.sum(axis=0)
+        last = penalised
+        responsibility = np.exp(log_joint - log_evidence[:, None])
+        counts = responsibility.sum(axis=0)
         share = float((counts[1] + 1) / (len(score) + 2))
-        weight = belongs / widths
+        weight = responsibility / widths
         mean = (weight * score[:, None]).sum(axis=0) / np.maximum(weight.sum(axis=0), 1e-300)
-        shrink = spread / widths
-        moment = shrink * variance[:, None] + (shrink * (score[:, None] - mean)) ** 2
-        spread = ((belongs * moment).sum(axis=0) + PRIOR_SPREAD * total) / (counts + 1)
-        spread = np.maximum(spread, LEAST_SPREAD * total)
-    if counts.min() < 2 or mean[1] - mean[0] < LEAST_APART * np.sqrt(spread.mean()):
+        shrinkage = spread / widths
+        moment = shrinkage * variance[:, None] + (shrinkage * (score[:, None] - mean)) ** 2
+        spread = ((responsibility * moment).sum(axis=0) + prior) / (counts + 1)
+        spread = np.maximum(spread, min_spread)
+    if counts.min() < 2 or mean[1] - mean[0] < settings.min_distance * np.sqrt(spread.mean()):
         return None
     return log_likelihood, mean, spread, share
 
@@ -227,13 +215,11 @@ def _log_normal(value: Array, mean: Array, variance: Array) -> Array:
     return density
 
 
-def share_interval(proba: Array, p_two: float) -> tuple[float, float, float]:
-    """Mean and 95 % interval of the share of experts: of the groups, or anything a Beta(2, 2) allows."""
-    from scipy.stats import beta
-
+def expert_share_interval(proba: Float[Array, " M"], p_two: float) -> tuple[float, float, float]:
+    """Mean and 95 % interval of the share of experts, given P(expert) of each demonstration: of a Beta posterior where
+    two groups are likely, and else of Beta(2, 2)."""
     experts = float(proba.sum())
-    known = p_two >= 0.5
-    a, b = (1 + experts, 1 + len(proba) - experts) if known else (2.0, 2.0)
-    low, high = beta.ppf([0.025, 0.975], a, b)
+    a, b = (1 + experts, 1 + len(proba) - experts) if p_two >= 0.5 else (2.0, 2.0)
+    low, high = betaincinv(a, b, [0.025, 0.975])
     mean = float(proba.mean())
     return mean, min(float(low), mean), max(float(high), mean)

@@ -1,21 +1,23 @@
-"""Log-probabilities of every step under policies that did not see its demonstration.
+"""Log-probabilities of all steps by policies that were fitted without the demonstration of the step (held out).
 
-Each scorer deals the demonstrations into folds, fits a policy to the weighted steps of the other folds, and is called
-again and again with other weights: it starts each fit where the last one ended.
+    discrete      log pi(a|s) = log[(1 - eps) softmax(x W)_a + eps q_a],   q the frequencies of the actions
+    continuous    a_j | s ~ Student's t with 4 degrees of freedom around x w_j, independent over the parts j
+    any           a policy that cross-fits itself (`rpil.policies.cross_fitted`), with the same lapses eps
 
-    softmax    log pi(a|s) = log[(1 - eps) softmax(x W)_a + eps q_a],   q the frequencies of the actions
-    ridge      a_j | s ~ Student's t with 4 degrees of freedom around x w_j, independent over the parts j
-    cross-fit  what a policy that cross-fits itself says (`rpil.policies.cross_fitted`)
+Actions of continuous spaces are in standard deviations. The judge evaluates a held-out model again and again, each time
+with other weights of the steps.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any, Protocol, runtime_checkable
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 
 from rpil.data.fit_data import FitData
+from rpil.data.spaces import Discrete
+from rpil.inference.settings import HeldOutSettings
 from rpil.numerics.blocks import log_softmax
 from rpil.numerics.newton import NewtonSettings, Preconditioner, fit_softmax
 from rpil.numerics.parallel import in_parallel
@@ -28,57 +30,53 @@ from rpil.numerics.regression import (
     standardise,
     student_log_density,
 )
-from rpil.numerics.types import Array
+from rpil.numerics.types import Array, Float, Int
 from rpil.policies.protocol import Policy
 from rpil.policies.softmax import one_hot
 
-N_FOLDS = {"discrete": 5, "continuous": 50}
-"""At most: least squares leave out one demonstration of fifty as cheaply as ten, softmax policies do not."""
-
-LAPSE = 0.01
-"""Share of its steps in which an expert may do anything, after the frequencies of the actions: bounds what one step
-can cost, as Student's tails do for continuous actions."""
-
-_LIMITS = NewtonSettings(tol=1e-3, max_iter=15, max_cg=30)
-"""Of a fit that decides about trust; the policy that is returned is fitted further."""
+WarmStart = tuple[Array, Preconditioner | None]
+"""Weights (D, K) of a softmax policy, and the preconditioner of its fit."""
 
 
 @dataclass(frozen=True, eq=False)
-class Scored:
-    """What held-out policies say of N steps.
+class HeldOutLogProb:
+    """Held-out log-probabilities of N steps.
 
     Attributes
     ----------
     log_prob : (N,) array
         log pi(a_n|s_n), nats.
     residual : (N,) array
-        log pi(a_n|s_n) - E_pi log pi(.|s_n): expectation zero where the policy is right.
+        log pi(a_n|s_n) - E_pi log pi(.|s_n), whose expectation is zero where the policy is right; where pi is a
+        density, log pi less its weighted mean.
     """
 
-    log_prob: Array
-    residual: Array
+    log_prob: Float[Array, " N"]
+    residual: Float[Array, " N"]
+
+    @classmethod
+    def centred(cls, log_prob: Float[Array, " N"], weight: Float[Array, " N"]) -> HeldOutLogProb:
+        """Log-densities, with their residuals around their mean weighted by `weight`."""
+        return cls(log_prob, log_prob - np.average(log_prob, weights=np.maximum(weight, MIN_WEIGHT)))
 
 
 @runtime_checkable
-class Scorer(Protocol):
-    """Held-out log-probabilities for any weights of the steps."""
+class HeldOutModel(Protocol):
+    """A kind of policy that is fitted to weighted steps and evaluated on held-out demonstrations."""
 
     @property
     def ridges(self) -> tuple[float, ...]:
         """Ridges a step to choose from, the strongest first; empty where there is nothing to choose."""
 
-    def held_out(self, weight: Array, ridge: float) -> Scored:
-        """Of every step, where the steps teach by `weight` (N,)."""
+    def evaluate(self, weight: Float[Array, " N"], ridge: float) -> HeldOutLogProb:
+        """Held-out log-probabilities of all steps, by policies fitted to the steps with such weights."""
 
-    def anew(self) -> Scorer:
-        """The same scorer for other weights: its fits do not start where those of this one ended."""
-
-
-RIDGES = (1e-1, 1e-2, 1e-3, 1e-4)
+    def cold_copy(self) -> HeldOutModel:
+        """The same model without warm starts: its first fits do not start where earlier ones ended."""
 
 
-def deal(data: FitData, n_folds: int, seed: int) -> Array:
-    """The fold of each demonstration, (M,): drawn, but the same for a demonstration wherever it stands in the data."""
+def deal(data: FitData, n_folds: int, seed: int) -> Int[Array, " M"]:
+    """The fold of each demonstration, at random, but the same for a demonstration wherever it stands in the data."""
     keys = data.sum_steps(np.asarray(data.features[:, :-1], dtype=float)).sum(axis=1)
     columns = standardise(np.asarray(data.actions, dtype=float).reshape(len(data.actions), -1))
     actions = data.sum_steps(columns).sum(axis=1)
@@ -90,129 +88,142 @@ def deal(data: FitData, n_folds: int, seed: int) -> Array:
 
 
 @dataclass(eq=False)
-class SoftmaxScorer:
-    """Softmax policies on the design matrix of a problem with discrete actions."""
+class HeldOutSoftmax:
+    """Softmax policies with lapses, for discrete actions; `fold` (M,) is the fold of each demonstration."""
 
     data: FitData
-    fold: Array
-    ridges: tuple[float, ...] = RIDGES
-    _starts: dict[int, tuple[Array, Preconditioner | None]] = field(default_factory=dict)
+    fold: Int[Array, " M"]
+    settings: HeldOutSettings = HeldOutSettings()
+    _fits: dict[int, WarmStart] = field(default_factory=dict)
 
-    def anew(self) -> SoftmaxScorer:
-        return SoftmaxScorer(self.data, self.fold, self.ridges)
+    @property
+    def ridges(self) -> tuple[float, ...]:
+        return self.settings.ridges
 
-    def held_out(self, weight: Array, ridge: float) -> Scored:
-        n_actions = self.data.space.n  # type: ignore[union-attr]
-        log_proba = np.empty((len(weight), n_actions))
-        of_step = self.data.per_step(self.fold)
+    def cold_copy(self) -> HeldOutSoftmax:
+        return HeldOutSoftmax(self.data, self.fold, self.settings)
 
-        def one(k: int) -> None:
-            start, preconditioner = self._starts.get(k, (None, None))
-            teach = (of_step != k) & (weight > 0)
-            fit = fit_weighted(self.data, np.flatnonzero(teach), weight[teach], ridge, start, preconditioner)
-            self._starts[k] = fit
-            test = of_step == k
+    def evaluate(self, weight: Float[Array, " N"], ridge: float) -> HeldOutLogProb:
+        log_proba = np.empty((len(weight), n_actions(self.data)))
+        fold_of_step = self.data.per_step(self.fold)
+
+        def fit_fold(k: int) -> None:
+            train, test = (fold_of_step != k) & (weight > 0), fold_of_step == k
+            rows = np.flatnonzero(train)
+            fit = fit_weighted(self.data, rows, weight[train], ridge, self.settings, self._fits.get(k))
+            self._fits[k] = fit
             log_proba[test] = log_softmax(self.data.features[test] @ fit[0])
 
-        in_parallel(one, range(int(self.fold.max()) + 1), self.data.features)
-        return scored(log_proba, frequencies(self.data), self.data.actions)
+        in_parallel(fit_fold, range(int(self.fold.max()) + 1), self.data.features)
+        return with_lapses(log_proba, frequencies(self.data), self.data.actions, self.settings.lapse)
 
 
 def fit_weighted(
     data: FitData,
-    rows: Array,
-    weight: Array,
+    rows: Int[Array, " R"],
+    weight: Float[Array, " R"],
     ridge: float,
-    start: Array | None = None,
-    preconditioner: Preconditioner | None = None,
-) -> tuple[Array, Preconditioner | None]:
-    """Weights (D, K) of a softmax policy fitted to the `rows` of a problem, and its preconditioner."""
-    n_actions = data.space.n  # type: ignore[union-attr]
+    settings: HeldOutSettings,
+    start: WarmStart | None = None,
+) -> WarmStart:
+    """A softmax policy fitted to weighted `rows` of the data, from `start`, with a `ridge` a step."""
+    weights, preconditioner = start or (None, None)
     features = data.features[rows]
-    targets = one_hot(data.actions[rows], weight, n_actions)
+    targets = one_hot(data.actions[rows], weight, n_actions(data))
     penalty = np.append(np.full(features.shape[1] - 1, ridge * max(float(weight.sum()), MIN_WEIGHT)), 0.0)
-    fit = fit_softmax(features, targets, penalty, _LIMITS, start=start, preconditioner=preconditioner)
+    newton = NewtonSettings(settings.tol, settings.max_iter, settings.max_cg)
+    fit = fit_softmax(features, targets, penalty, newton, start=weights, preconditioner=preconditioner)
     return fit.weights, fit.preconditioner
 
 
-def frequencies(data: FitData) -> Array:
-    """How often each action is taken, (K,), with one step of each added."""
-    counts = np.bincount(data.actions, minlength=data.space.n) + 1.0  # type: ignore[union-attr]
-    found: Array = counts / counts.sum()
-    return found
+def n_actions(data: FitData) -> int:
+    """The number of discrete actions, K."""
+    assert isinstance(data.space, Discrete)
+    return data.space.n
 
 
-def scored(log_proba: Array, frequency: Array, actions: Array) -> Scored:
-    """`Scored` of the actions taken, where policies say `log_proba` (N, K) but lapse now and then."""
-    mixed = np.logaddexp(np.log1p(-LAPSE) + log_proba, np.log(LAPSE * frequency))
+def frequencies(data: FitData, weight: Float[Array, " N"] | None = None) -> Float[Array, " K"]:
+    """How often each discrete action is taken, with one step of each added."""
+    counts = np.bincount(data.actions, weight, n_actions(data)) + 1.0
+    share: Array = counts / counts.sum()
+    return share
+
+
+def with_lapses(
+    log_proba: Float[Array, "N K"], frequency: Float[Array, " K"], actions: Int[Array, " N"], lapse: float
+) -> HeldOutLogProb:
+    """Log-probabilities of the actions taken under (1 - lapse) pi + lapse q, with q = `frequency`."""
+    mixed = np.logaddexp(np.log1p(-lapse) + log_proba, np.log(lapse * frequency))
     taken = np.take_along_axis(mixed, actions[:, None], axis=1)[:, 0]
-    return Scored(taken, taken - np.einsum("nk,nk->n", np.exp(mixed), mixed))
+    return HeldOutLogProb(taken, taken - np.einsum("nk,nk->n", np.exp(mixed), mixed))
 
 
 @dataclass(eq=False)
-class RidgeScorer:
-    """Ridge regression with Student's errors, for continuous actions; actions are measured in standard deviations."""
+class HeldOutRidge:
+    """Ridge regression with Student's errors, for continuous actions; `fold` (M,) is the fold of each demonstration."""
 
     data: FitData
-    fold: Array
-    ridges: tuple[float, ...] = RIDGES
+    fold: Int[Array, " M"]
+    settings: HeldOutSettings = HeldOutSettings()
 
     def __post_init__(self) -> None:
         self.actions = standardise(self.data.actions)
 
-    def anew(self) -> RidgeScorer:
+    @property
+    def ridges(self) -> tuple[float, ...]:
+        return self.settings.ridges
+
+    def cold_copy(self) -> HeldOutRidge:
         return self
 
-    def held_out(self, weight: Array, ridge: float) -> Scored:
+    def evaluate(self, weight: Float[Array, " N"], ridge: float) -> HeldOutLogProb:
         errors = np.empty_like(self.actions)
-        of_step = self.data.per_step(self.fold)
-        tests = [of_step == k for k in range(int(self.fold.max()) + 1)]
-        parts = [normal_equations(self.data.features[test], self.actions[test], weight[test]) for test in tests]
-        gram, product, total = (sum(part) for part in zip(*parts, strict=True))
-        for test, (own_gram, own_product, own_total) in zip(tests, parts, strict=True):
-            mean = solve_ridge(gram - own_gram, product - own_product, total - own_total, ridge)
-            errors[test] = self.actions[test] - self.data.features[test] @ mean
-        log_prob = student_log_density(errors, error_scale(errors, weight))
-        return Scored(log_prob, log_prob - np.average(log_prob, weights=np.maximum(weight, MIN_WEIGHT)))
+        fold_of_step = self.data.per_step(self.fold)
+        tests = [fold_of_step == k for k in range(int(self.fold.max()) + 1)]
+        sums = [normal_equations(self.data.features[test], self.actions[test], weight[test]) for test in tests]
+        gram, product, total = (sum(terms) for terms in zip(*sums, strict=True))
+        for test, (own_gram, own_product, own_total) in zip(tests, sums, strict=True):
+            weights = solve_ridge(gram - own_gram, product - own_product, total - own_total, ridge)
+            errors[test] = self.actions[test] - self.data.features[test] @ weights
+        return HeldOutLogProb.centred(student_log_density(errors, error_scale(errors, weight)), weight)
 
 
 @dataclass(eq=False)
-class PolicyScorer:
+class HeldOutPolicy:
     """A policy that cross-fits itself over demonstrations, such as a scikit-learn estimator."""
 
     data: FitData
     policy: Policy
-    ridges: tuple[float, ...] = ()
+    settings: HeldOutSettings = HeldOutSettings()
 
-    def anew(self) -> PolicyScorer:
+    @property
+    def ridges(self) -> tuple[float, ...]:
+        return ()
+
+    def cold_copy(self) -> HeldOutPolicy:
         return self
 
-    def held_out(self, weight: Array, ridge: float) -> Scored:
+    def evaluate(self, weight: Float[Array, " N"], ridge: float) -> HeldOutLogProb:
         self.policy, outputs = self.policy.fit(self.data, np.maximum(weight, MIN_WEIGHT))
-        if self.data.space.kind == "discrete":
-            return scored(outputs, frequencies(self.data), self.data.actions)
-        log_prob = self.policy.log_prob(outputs, self.data.actions)
-        log_prob = log_prob + np.log(column_scales(self.data.actions)).sum()  # in standard deviations, as all else
-        return Scored(log_prob, log_prob - np.average(log_prob, weights=np.maximum(weight, MIN_WEIGHT)))
+        if isinstance(self.data.space, Discrete):
+            return with_lapses(outputs, frequencies(self.data), self.data.actions, self.settings.lapse)
+        log_density = self.policy.log_prob(outputs, self.data.actions)
+        return HeldOutLogProb.centred(log_density + np.log(column_scales(self.data.actions)).sum(), weight)
 
 
-_SCORERS: dict[str, Any] = {"discrete": SoftmaxScorer, "continuous": RidgeScorer}
+def held_out_model(data: FitData, seed: int, settings: HeldOutSettings = HeldOutSettings()) -> HeldOutModel:
+    """The linear policy for the actions of the data, with folds dealt by `seed`."""
+    if isinstance(data.space, Discrete):
+        return HeldOutSoftmax(data, deal(data, min(settings.max_folds_discrete, data.n_demonstrations), seed), settings)
+    return HeldOutRidge(data, deal(data, min(settings.max_folds_continuous, data.n_demonstrations), seed), settings)
 
 
-def scorer(data: FitData, seed: int) -> Scorer:
-    """The scorer for the actions of a problem."""
-    kind = data.space.kind
-    found: Scorer = _SCORERS[kind](data, deal(data, min(N_FOLDS[kind], data.n_demonstrations), seed))
-    return found
-
-
-def reference(data: FitData, group: Array) -> Array:
-    """Log-probability of every step under what the demonstrations `group` (M,) bool do whatever the state, (N,):
-    frequencies of the actions, or one Student distribution."""
+def log_reference(data: FitData, group: Array) -> Float[Array, " N"]:
+    """log q(a) of each step: the distribution of the actions of a `group` (M,) bool of demonstrations, whatever the
+    state. It is the frequencies of discrete actions, or one Student distribution."""
     weight = data.per_step(group.astype(float))
-    if data.space.kind == "discrete":
-        counts = np.bincount(data.actions, weight, data.space.n) + 1.0
-        return np.asarray(np.log(counts / counts.sum())[data.actions])
+    if isinstance(data.space, Discrete):
+        return np.asarray(np.log(frequencies(data, weight))[data.actions])
     actions = standardise(data.actions)
     errors = actions - np.median(actions[weight > 0], axis=0)
     return student_log_density(errors, error_scale(errors, weight))

@@ -1,28 +1,28 @@
-"""Whether a second group of demonstrations acts alike, otherwise than the first, in the same states.
+"""Rival groups and styles: whether a second group of demonstrations has a policy of its own, in the same states.
 
-Where the scores tell two groups A and B apart, B is a rival if it has a policy of its own. Noise of any kind has none:
-what it teaches explains little. Demonstrations that are simply bad often have one, but in states of their own: they
-fall, give up, or never arrive. A second way of acting has a policy that explains its demonstrations about as well as
-that of A explains A, and it acts where A is at home, too:
+Where the scores tell two groups A and B apart, B is a rival of A if it has a policy of its own. Noise has none: a
+policy fitted to it explains little. Demonstrations that are simply bad often have one, but in other states: they fall,
+give up, or never arrive. A rival group has a policy that explains it about as well as that of A explains A, in states
+that A visits, too:
 
-    gain_A = median over A of  mean_n [log pi_A - log q_A],     gain_B the same of B,    gain_B >= GAIN gain_A
+    gain_A = median over A of  mean_n [log pi_A - log q_A],     gain_B the same of B,    gain_B >= min_gain gain_A
     median over A of  mean_n [log pi_B - log q_A] <= gain_B:  a noisy version of pi_A explains A better than B
-    median over A of  sum_n [log pi_A - log pi_B] >= DISTINCT,      and the same of B
-    overlap = mean over the steps of B of  min(1, p(s | A) / p(s | B)) >= OVERLAP
+    median over A of  sum_n [log pi_A - log pi_B] >= min_log_ratio,      and the same of B
+    overlap = mean over the steps of B of  min(1, p(s | A) / p(s | B)) >= min_overlap
 
-pi_A and pi_B are policies that are taught by one of the groups, held out; q_A and q_B do not look at the state. Then
-nothing tells which of the two is the expert.
+pi_A and pi_B are fitted to one of the groups, and held out; q_A and q_B are the distributions of their actions whatever
+the state. Then nothing tells which of the two groups is the expert's.
 
-Where the scores are one group, two styles may be in it. The two sides of the direction in which the demonstrations
-differ most divide them at first:
+Where the scores are one group, it may hold two styles. At first the demonstrations are divided along the direction in
+which their gradients differ most:
 
     g_m = sum_n  L^-1 x_n (y_n - f(s_n))^T / sqrt(N_m),   L L^T = X^T X + ridge,   the first principal component of g
 
-y are the actions (standardised, or one column a class), f is their ridge regression on all steps. Then every
-demonstration goes to the policy that explains it better, in turn with the policies, which learn from the other group,
-too, with weight SHARED. Beside DISTINCT and OVERLAP, styles need gains, by policies of their own alone, of which
-neither is below GAIN times the other; they are opposed if either policy gains at most OTHERWISE times as much on the
-other group as that group's own.
+y are the actions (standardised, or one column a class), f is their ridge regression on all steps. Then in turn two
+policies are fitted, each to one group and to the other with weight `shared_weight`, and every demonstration goes to the
+policy that explains it better. Besides min_log_ratio and min_overlap, styles need gains, by policies of their own group
+alone, of which neither is below min_gain times the other. They are opposed if either policy gains on the other group at
+most max_shared_gain times as much as that group's own. All limits are `RivalSettings`.
 """
 
 from __future__ import annotations
@@ -35,162 +35,156 @@ from scipy.special import expit
 
 from rpil.data.fit_data import FitData
 from rpil.data.spaces import Discrete
-from rpil.inference.held_out import Scorer, deal, fit_weighted, reference
-from rpil.inference.teachers import mean_steps
+from rpil.inference.held_out import HeldOutModel, deal, fit_weighted, log_reference, n_actions
+from rpil.inference.settings import HeldOutSettings, JudgeSettings, RivalSettings
 from rpil.numerics.blocks import linear
 from rpil.numerics.regression import normal_equations, solve_ridge, standardise
-from rpil.numerics.types import Array
+from rpil.numerics.types import Array, Bool, Float, Int
 from rpil.policies.softmax import one_hot
-
-GAIN = 0.45
-"""Of the trusted demonstrations' gain that a rival group reaches: between what noise and what flipped or shifted
-actions reached in simulated worlds."""
-
-OTHERWISE = 0.5
-"""Of a group's gain, at most what the other's policy reaches on it where two styles are opposed."""
-
-OVERLAP = 0.6
-"""Of a rival group's steps that are where the trusted are at home: between flipped actions, recorded in the same
-states, and robot arms that fail."""
-
-DISTINCT = 5.0
-"""Nats, for the median demonstration of either group, by which its own group's policy explains it better than the other
-group's: by chance two groups divide demonstrations of one policy by one or two."""
-
-SHARED = 0.25
-"""Weight of a step of the other group for the policy of a style: two styles act alike in most states."""
-
-FEWEST = 2
-"""Demonstrations of a group."""
-
-ROUNDS = 3
 
 
 @dataclass(frozen=True, eq=False)
 class Rival:
-    """Two groups of demonstrations, each of which acts alike and differently from the other.
+    """Two groups of demonstrations, each with a policy of its own.
 
     Attributes
     ----------
     trusted, rival : int arrays
         Indices of the demonstrations.
     log_ratio : (N,) array
-        Of every step, held out: the policy of the trusted against that of the rival group.
+        Held-out log-ratio of each step: the policy of the trusted against that of the rival group. Empty where the
+        policies were not compared.
     opposed : bool
-        Whether either policy explains little of the other group, so that only one group can be the expert's.
+        Whether only one of the groups can be the expert's, because either policy explains little of the other group.
     """
 
-    trusted: Array
-    rival: Array
-    log_ratio: Array
+    trusted: Int[Array, " A"]
+    rival: Int[Array, " B"]
+    log_ratio: Float[Array, " N"]
     opposed: bool = True
 
 
-def find_rival(data: FitData, scorer: Scorer, trusted: Array, ridge: float, seed: int) -> Rival | None:
-    """The group that acts alike, otherwise than the `trusted` (M,) bool, which scores told apart; None without one."""
-    if not FEWEST <= trusted.sum() <= len(trusted) - FEWEST:
+def find_rival(
+    data: FitData, model: HeldOutModel, trusted: Bool[Array, " M"], ridge: float, settings: JudgeSettings, seed: int
+) -> Rival | None:
+    """The rival group of the `trusted` demonstrations, which scores told apart from the others; None without one."""
+    limits = settings.rivals
+    if not limits.min_group <= trusted.sum() <= len(trusted) - limits.min_group:
         return None
-    explained = scorer.held_out(data.per_step(trusted.astype(float)), ridge).log_prob
-    second, own = scorer.anew(), mean_steps(data, explained)
-    rival = ~trusted & (own <= np.median(own[~trusted]))  # those least like the trusted
-    for _ in range(ROUNDS):
-        explained_rival = second.held_out(data.per_step(rival.astype(float)), ridge).log_prob
-        other = mean_steps(data, explained_rival)
-        closer = (other > own) & ~trusted
-        if closer.sum() < FEWEST:
+    log_pi = model.evaluate(data.per_step(trusted.astype(float)), ridge).log_prob
+    rival_model, score = model.cold_copy(), data.mean_steps(log_pi)
+    rival = ~trusted & (score <= np.median(score[~trusted]))
+    for _ in range(limits.max_iter):
+        log_pi_rival = rival_model.evaluate(data.per_step(rival.astype(float)), ridge).log_prob
+        closer = ~trusted & (data.mean_steps(log_pi_rival) > score)
+        if closer.sum() < limits.min_group:
             return None
         if (closer == rival).all():
             break
         rival = closer
-    gain, gain_rival = (
-        _gain(data, log_prob, group) for log_prob, group in ((explained, trusted), (explained_rival, rival))
-    )
-    if gain <= 0 or gain_rival < GAIN * gain or _gain(data, explained_rival, trusted) > gain_rival:
+    gain, gain_rival = _gain(data, log_pi, trusted), _gain(data, log_pi_rival, rival)
+    if gain <= 0 or gain_rival < limits.min_gain * gain or _gain(data, log_pi_rival, trusted) > gain_rival:
         return None
-    return _compared(data, trusted, rival, explained - explained_rival, seed)
+    return _rival_if_distinct(data, trusted, rival, log_pi - log_pi_rival, settings, seed)
 
 
-def find_style(data: FitData, scorer: Scorer, ridge: float, seed: int) -> Rival | None:
-    """The smaller of two groups that act differently where scores tell nobody apart; None without one."""
-    if data.n_demonstrations < 2 * FEWEST:
+def find_style(data: FitData, model: HeldOutModel, ridge: float, settings: JudgeSettings, seed: int) -> Rival | None:
+    """The smaller of two styles where the scores are one group; None without one."""
+    limits = settings.rivals
+    if data.n_demonstrations < 2 * limits.min_group:
         return None
-    second = sides(data, ridge)
-    scorers = scorer.anew(), scorer.anew()
-    for _ in range(ROUNDS):
-        if not FEWEST <= second.sum() <= len(second) - FEWEST:
+    second = split_by_gradients(data, ridge)
+    models = model.cold_copy(), model.cold_copy()
+    for _ in range(limits.max_iter):
+        if not limits.min_group <= second.sum() <= len(second) - limits.min_group:
             return None
-        shared = (data.per_step(np.where(group, 1.0, SHARED)) for group in (~second, second))
-        first, other = (by.held_out(weight, ridge).log_prob for by, weight in zip(scorers, shared, strict=True))
-        log_ratio = first - other
+        weights = (data.per_step(np.where(group, 1.0, limits.shared_weight)) for group in (~second, second))
+        log_first, log_second = (m.evaluate(weight, ridge).log_prob for m, weight in zip(models, weights, strict=True))
+        log_ratio = log_first - log_second
         closer = data.sum_steps(log_ratio) < 0
         if (closer == second).all():
             break
         second = closer
     if 2 * second.sum() > len(second):
         second, log_ratio = ~second, -log_ratio
-    found = _compared(data, ~second, second, log_ratio, seed)
-    if found is None:
+    styles = _rival_if_distinct(data, ~second, second, log_ratio, settings, seed)
+    if styles is None:
         return None
-    alone = [scorer.anew().held_out(data.per_step(group.astype(float)), ridge).log_prob for group in (~second, second)]
-    own, other = (np.array([_gain(data, alone[k], ~second), _gain(data, alone[1 - k], second)]) for k in (0, 1))
-    if not own.min() > GAIN * own.max():
+    groups = ~second, second
+    alone = [model.cold_copy().evaluate(data.per_step(group.astype(float)), ridge).log_prob for group in groups]
+    own, shared = (np.array([_gain(data, alone[k], ~second), _gain(data, alone[1 - k], second)]) for k in (0, 1))
+    if not own.min() > limits.min_gain * own.max():
         return None
-    return replace(found, opposed=bool((other <= OTHERWISE * own).all()))
+    return replace(styles, opposed=bool((shared <= limits.max_shared_gain * own).all()))
 
 
-def sides(data: FitData, ridge: float) -> Array:
-    """On which side of their first principal component the demonstrations' gradients are, (M,) bool."""
-    features, weight = np.asarray(data.features, dtype=float), np.ones(len(data.features))
-    if not ridge:  # features of the user's policy: neither scaled nor with a constant
-        features, ridge = np.column_stack([standardise(features), weight]), 1e-3
-    discrete = data.space.kind == "discrete"
-    n_classes = getattr(data.space, "n", 0)
-    actions = one_hot(data.actions, weight, n_classes) if discrete else standardise(data.actions)
-    gram, product, total = normal_equations(features, actions, weight)
+def split_by_gradients(data: FitData, ridge: float) -> Bool[Array, " M"]:
+    """Two groups of demonstrations: those above and below the best cut of the first principal component of g."""
+    features, ones = np.asarray(data.features, dtype=float), np.ones(len(data.features))
+    if not ridge:  # columns of a user's policy are neither scaled nor followed by a constant
+        features, ridge = np.column_stack([standardise(features), ones]), 1e-3
+    if isinstance(data.space, Discrete):
+        actions = one_hot(data.actions, ones, n_actions(data))
+    else:
+        actions = standardise(data.actions)
+    gram, product, total = normal_equations(features, actions, ones)
     errors = actions - linear(features, solve_ridge(gram, product, total, ridge))
-    if not discrete:  # as Student's errors count
+    if not isinstance(data.space, Discrete):  # the score function of Student's errors
         errors = errors / (1 + (errors / (errors.std(axis=0) + 1e-12)) ** 2)
     gram[np.diag_indices_from(gram)] += ridge * total
-    pieces = zip(data.offsets[:-1], data.offsets[1:], strict=True)
-    gradients = np.stack([features[a:b].T @ errors[a:b] for a, b in pieces], axis=1) / np.sqrt(data.lengths)[:, None]
+    slices = zip(data.offsets[:-1], data.offsets[1:], strict=True)
+    gradients = np.stack([features[a:b].T @ errors[a:b] for a, b in slices], axis=1) / np.sqrt(data.lengths)[:, None]
     white = solve_triangular(cholesky(gram, lower=True), gradients.reshape(len(gram), -1), lower=True)
     white = white.reshape(gradients.shape).transpose(1, 0, 2).reshape(data.n_demonstrations, -1)
     component = np.linalg.svd(white - white.mean(axis=0), full_matrices=False)[0][:, 0]
     order = np.sort(component)
     within = [order[:k].var() * k + order[k:].var() * (len(order) - k) for k in range(1, len(order))]
-    return component > order[int(np.argmin(within))]
+    above: Array = component > order[int(np.argmin(within))]
+    return above
 
 
 def _gain(data: FitData, log_prob: Array, group: Array) -> float:
-    """Nats a step, in the median demonstration of a `group` (M,) bool, over not looking at the state."""
-    return float(np.median(mean_steps(data, log_prob - reference(data, group))[group]))
+    """Median over a `group` (M,) bool of the mean log-ratio against its reference, in nats a step."""
+    return float(np.median(data.mean_steps(log_prob - log_reference(data, group))[group]))
 
 
-def _compared(data: FitData, trusted: Array, rival: Array, log_ratio: Array, seed: int) -> Rival | None:
-    """Two groups (M,) bool as trusted and rival, if each is explained better by its own policy, in the same states."""
-    nats = data.sum_steps(log_ratio)
-    if min(trusted.sum(), rival.sum()) < FEWEST:
+def _rival_if_distinct(
+    data: FitData, trusted: Array, rival: Array, log_ratio: Array, settings: JudgeSettings, seed: int
+) -> Rival | None:
+    """Two groups (M,) bool, if each is explained better by its own policy and they are in the same states."""
+    limits, nats = settings.rivals, data.sum_steps(log_ratio)
+    if min(trusted.sum(), rival.sum()) < limits.min_group:
         return None
-    if np.median(nats[trusted]) < DISTINCT or np.median(-nats[rival]) < DISTINCT:
+    if min(np.median(nats[trusted]), np.median(-nats[rival])) < limits.min_log_ratio:
         return None
-    found = np.flatnonzero(trusted), np.flatnonzero(rival)
-    return Rival(*found, log_ratio) if state_overlap(data, *found, seed) >= OVERLAP else None
+    groups = np.flatnonzero(trusted), np.flatnonzero(rival)
+    overlap = state_overlap(data, *groups, seed, limits, settings.held_out)
+    return Rival(*groups, log_ratio) if overlap >= limits.min_overlap else None
 
 
-def state_overlap(data: FitData, first: Array, second: Array, seed: int) -> float:
-    """Mean over the steps of the demonstrations `second` of min(1, p(s | first) / p(s | second)), held out."""
-    both = data.select(np.sort(np.concatenate([first, second])), unlabelled=True)
-    is_first = both.per_step(np.isin(np.sort(np.concatenate([first, second])), first))
+def state_overlap(
+    data: FitData,
+    first: Int[Array, " A"],
+    second: Int[Array, " B"],
+    seed: int,
+    settings: RivalSettings = RivalSettings(),
+    held_out: HeldOutSettings = HeldOutSettings(),
+) -> float:
+    """Mean over the steps of the demonstrations `second` of min(1, p(s | first) / p(s | second)), by the held-out
+    log-odds of a logistic regression that tells the steps of `first` and `second` (indices) apart."""
+    indices = np.sort(np.concatenate([first, second]))
+    both = data.select(indices, unlabelled=True)
+    is_first = both.per_step(np.isin(indices, first))
     columns = np.column_stack([standardise(np.asarray(both.features, dtype=float)), np.ones(len(is_first))])
     states = FitData(columns, is_first.astype(int), both.offsets, Discrete(2), both.labels)
-    fold = both.per_step(deal(states, min(5, states.n_demonstrations), seed))
+    fold = both.per_step(deal(states, min(settings.overlap_folds, states.n_demonstrations), seed))
     ratio = np.ones(len(is_first))
     balance = np.where(is_first, 0.5 / is_first.sum(), 0.5 / (~is_first).sum()) * len(is_first)
     for k in range(int(fold.max()) + 1):
-        rows = np.flatnonzero(fold != k)
-        if len(np.unique(is_first[rows])) < 2:
+        train = np.flatnonzero(fold != k)
+        if len(np.unique(is_first[train])) < 2:
             continue
-        weights, _ = fit_weighted(states, rows, balance[rows], 1e-3)
+        weights, _ = fit_weighted(states, train, balance[train], settings.overlap_ridge, held_out)
         logits = columns[fold == k] @ weights
         proba = expit(logits[:, 1] - logits[:, 0])
         ratio[fold == k] = np.minimum(1.0, proba / np.maximum(1 - proba, 1e-12))

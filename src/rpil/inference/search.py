@@ -12,134 +12,126 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from rpil.data.fit_data import FitData
-from rpil.inference.held_out import scorer
-from rpil.inference.judgement import Settings, judge
+from rpil.inference.held_out import held_out_model
+from rpil.inference.settings import JudgeSettings
+from rpil.inference.trust import judge
 from rpil.mixture.adversaries.named import adversary
 from rpil.mixture.adversaries.protocol import Adversary
-from rpil.mixture.em import MStep, Result, State, e_step, run
-from rpil.mixture.expert_prior import Share
+from rpil.mixture.em import Result, State, e_step, run_em
+from rpil.mixture.expert_prior import as_prior
+from rpil.mixture.settings import MixtureSettings
 from rpil.numerics.parallel import in_parallel
-from rpil.numerics.types import Array
+from rpil.numerics.types import Array, Float
 from rpil.policies.protocol import Policy
-
-_SINGLE = 8
-"""Demonstrations of which each is a start."""
-
-_SHORT = 18
-"""EM iterations after which starts are compared."""
 
 
 @dataclass(frozen=True, eq=False)
-class Setting:
-    """What does not change during a fit.
+class SearchSettings:
+    """What stays the same in all runs of EM.
 
     Attributes
     ----------
     policy : Policy
-        The policy before it has seen data.
-    prior : Share
-    mode : {"joint", "expert_only"}
+        Before it has been fitted.
+    mixture : MixtureSettings
+    judge : JudgeSettings
+        Of the judge that proposes starts.
     seed : int
-        Of the judge that proposes a start.
-    max_iter : int
-    tol : float
-        Nats a demonstration.
+        Of its folds.
     """
 
     policy: Policy
-    prior: Share
-    mode: MStep = "joint"
+    mixture: MixtureSettings = MixtureSettings()
+    judge: JudgeSettings = JudgeSettings()
     seed: int = 0
-    max_iter: int = 200
-    tol: float = 1e-3
 
 
-Progress = Callable[[str], None]
-
-
-def fit(
+def fit_mixture(
     data: FitData,
-    setting: Setting,
+    settings: SearchSettings,
     which: str | Adversary,
-    progress: Progress = lambda _: None,
+    progress: Callable[[str], None] = lambda _: None,
 ) -> Result:
-    """The best run of EM with the adversary `which`.
+    """The best run of EM with the adversary `which`: the one that contradicts fewest labels, then the one with the best
+    objective.
 
-    A run that contradicts fewer labels is better, whatever its objective: the likelihood prefers the larger of two
-    groups, and a label says which group is right.
+    Labels come first because the likelihood prefers the larger of two groups, whichever is the expert's.
     """
 
-    def begin(named: tuple[str, Array]) -> Result:
-        start, weight = named
-        progress(f"start: {start}")
-        return _begin(data, setting, which, weight, grow=(weight > 0).mean() < 0.5)
+    def begin(start: tuple[str, Array]) -> Result:
+        name, weight = start
+        progress(f"start: {name}")
+        return _first_iterations(data, settings, which, weight)
 
     def rank(result: Result) -> tuple[int, float]:
-        return _contradicted(data, setting, result), -result.objective
+        return _contradicted_labels(data, settings, result), -result.objective
 
-    begun = in_parallel(begin, starts(data, setting).items(), data.features)
-    best = min(begun, key=rank)
+    best = min(in_parallel(begin, starts(data, settings).items(), data.features), key=rank)
     if best.converged:
         return best
-    mode, max_iter, tol = setting.mode, setting.max_iter, setting.tol
-    more = run(data, best.state, outputs=best.posterior.outputs, mode=mode, max_iter=max_iter, tol=tol)
-    return replace(more, history=np.concatenate([best.history, more.history[1:]]))
+    last = run_em(data, best.state, settings.mixture, best.posterior.outputs)
+    return replace(last, history=np.concatenate([best.history, last.history[1:]]))
 
 
-def starts(data: FitData, setting: Setting) -> dict[str, Array]:
-    """Weights of the demonstrations (M,) from which the policy of each start is fitted.
+def starts(data: FitData, settings: SearchSettings) -> dict[str, Float[Array, " M"]]:
+    """Weights of the demonstrations to which the policy of each start is fitted.
 
-    Without a known expert, the demonstrations that agree best, as the default judge finds them, are a start, and so is
-    each of the `_SINGLE` that they explain best.
+    Without a labelled expert, the training group of the judge is a start, and so is each of the `single_starts`
+    demonstrations with the best scores.
     """
     labels = data.labels
     possible = (labels >= 0).astype(float)
-    found = {"pooled": possible, "equal": possible * data.lengths.mean() / data.lengths}
+    weights = {"pooled": possible, "equal": possible * data.lengths.mean() / data.lengths}
     if (labels < 0).any():
-        found |= _unlike(data, setting, labels < 0)
+        weights |= _unlike_labelled_adversaries(data, settings)
     if (labels > 0).any():
-        return {"known experts": (labels > 0).astype(float), **found}
-    judged = judge(data, scorer(data, setting.seed), Settings(setting.seed))
-    best = np.argsort(-judged.scores.score, kind="stable")[:_SINGLE]
+        return {"known experts": (labels > 0).astype(float), **weights}
+    model = held_out_model(data, settings.seed, settings.judge.held_out)
+    judgement = judge(data, model, settings.judge, seed=settings.seed)
+    best = np.argsort(-judgement.scores.score, kind="stable")[: settings.mixture.single_starts]
     single = {f"single {m}": (np.arange(len(labels)) == m).astype(float) for m in best}
-    return found | {"agreeing": judged.teachers.astype(float)} | single
+    return weights | {"agreeing": judgement.training_group.astype(float)} | single
 
 
-def _unlike(data: FitData, setting: Setting, adversaries: Array) -> dict[str, Array]:
-    """Weight 1 for the demonstrations that the policy of the known `adversaries` (M,) explains worst: half of the
-    others, and, because experts may be few, only one."""
-    policy, outputs = _taught(data, setting, adversaries.astype(float))
-    explained = data.sum_steps(policy.log_prob(outputs, data.actions)) / data.lengths
-    explained[adversaries] = np.inf
-    half = explained <= np.median(explained[~adversaries])
+def _unlike_labelled_adversaries(data: FitData, settings: SearchSettings) -> dict[str, Array]:
+    """Weight 1 for the demonstrations that the policy of the labelled adversaries explains worst: half of the others,
+    and only one, because experts may be rare."""
+    labelled = data.labels < 0
+    policy, outputs = _fit_start(data, settings, labelled.astype(float))
+    explained = data.mean_steps(policy.log_prob(outputs, data.actions))
+    explained[labelled] = np.inf
+    half = explained <= np.median(explained[~labelled])
     return {"unlike known adversaries": half.astype(float), "most unlike": (explained == explained.min()).astype(float)}
 
 
-def _begin(data: FitData, setting: Setting, which: str | Adversary, weight: Array, grow: bool) -> Result:
-    """A few iterations of EM from the policy of demonstrations weighted by `weight` (M,).
+def _first_iterations(data: FitData, settings: SearchSettings, which: str | Adversary, weight: Array) -> Result:
+    """The first iterations of EM from the policy fitted to demonstrations of `weight` (M,).
 
-    With `grow`, demonstrations that this policy explains join them first: a few alone teach too little.
+    Where that is fewer than half of the demonstrations, the policy is fitted once more, to those that it explains too.
     """
-    policy, outputs = _taught(data, setting, weight)
-    first = adversary(which, data.space, setting.policy)
-    state = State(policy, first, setting.prior)
-    if grow:
-        agreeing = np.maximum(weight, e_step(data, state, outputs).expert)
-        policy, outputs = _taught(data, setting, agreeing)
+    policy, outputs = _fit_start(data, settings, weight)
+    start = adversary(which, data.space, settings.policy)
+    state = State(policy, start, as_prior(settings.mixture.prior))
+    if (weight > 0).mean() < 0.5:
+        policy, outputs = _fit_start(data, settings, np.maximum(weight, e_step(data, state, outputs).expert))
         state = replace(state, policy=policy)
-    return run(data, state, outputs=outputs, mode=setting.mode, max_iter=_SHORT, tol=setting.tol)
+    return run_em(data, state, replace(settings.mixture, max_iter=settings.mixture.start_iter), outputs)
 
 
-def _contradicted(data: FitData, setting: Setting, result: Result) -> int:
-    """How many labels a run disagrees with, when labelled experts do not teach the policy that judges them."""
+def _contradicted_labels(data: FitData, settings: SearchSettings, result: Result) -> int:
+    """Labels that the log-odds of a run contradict, by a policy that is refitted without labelled experts."""
     if not data.labels.any():
         return 0
-    others = np.where(data.labels > 0, 0.0, result.posterior.expert)
-    policy, outputs = _taught(data, setting, others)
+    policy, outputs = _fit_start(data, settings, np.where(data.labels > 0, 0.0, result.posterior.expert))
     log_odds = e_step(data, replace(result.state, policy=policy), outputs).log_odds
     return int((data.labels * np.sign(log_odds) < 0).sum())
 
 
-def _taught(data: FitData, setting: Setting, weight: Array) -> tuple[Policy, Array]:
-    """The policy of demonstrations weighted by `weight` (M,), roughly, and its outputs (N, ...)."""
-    return setting.policy.fit(data, data.per_step(weight), tol=1e-3, max_iter=20, max_cg=20)
+def _fit_start(data: FitData, settings: SearchSettings, weight: Array) -> tuple[Policy, Array]:
+    """The policy fitted to demonstrations of `weight` (M,), and its outputs (N, ...)."""
+    tol, max_iter, max_cg = (
+        settings.mixture.start_tol,
+        settings.mixture.start_newton_iter,
+        settings.mixture.start_cg_iter,
+    )
+    return settings.policy.fit(data, data.per_step(weight), tol=tol, max_iter=max_iter, max_cg=max_cg)

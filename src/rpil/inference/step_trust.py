@@ -1,7 +1,8 @@
-"""Which steps of a demonstration are an expert's: a_n ~ rho_m pi + (1 - rho_m) q, given held-out log-ratios.
+"""Which steps of a demonstration are an expert's:
 
-rho_m, the reliability of demonstration m, is the share of its steps that are the expert's. It lives on a grid, with a
-prior that is uniform; everything else is a sum.
+    a_n ~ rho_m pi + (1 - rho_m) q,      rho_m uniform on a grid in (0, 1)
+
+rho_m, the reliability of demonstration m, is the share of its steps that are an expert's.
 """
 
 from __future__ import annotations
@@ -9,13 +10,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.special import softmax
 
 from rpil.data.fit_data import FitData
-from rpil.numerics.types import Array
+from rpil.inference.settings import JudgeSettings
+from rpil.numerics.types import Array, Float
 
-N_NODES = 21
-
-_NODES = (np.arange(N_NODES) + 0.5) / N_NODES
+_MAX_LOG_RATIO = 50.0
+"""Log-ratios of steps, in nats, are bounded by this: exp(50) is certain."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,40 +27,37 @@ class StepTrust:
     Attributes
     ----------
     reliability : (M,) array
-        Posterior mean of the share of a demonstration's steps that are an expert's.
+        Posterior mean of rho_m.
     interval : (M, 2) array
         Its 95 % interval.
     step : (N,) array
-        P(step n is an expert's).
+        P(step n is an expert's); empty where steps are not kept.
     """
 
-    reliability: Array
-    interval: Array
-    step: Array
+    reliability: Float[Array, " M"]
+    interval: Float[Array, "M 2"]
+    step: Float[Array, " N"]
 
 
-def step_trust(data: FitData, log_ratio: Array, power: Array) -> StepTrust:
-    """Trust in steps with `log_ratio` log pi - log q (N,).
+def step_trust(
+    data: FitData,
+    log_ratio: Float[Array, " N"],
+    power: Float[Array, " M"],
+    n_nodes: int = JudgeSettings().reliability_nodes,
+) -> StepTrust:
+    """Reliability and trust in steps, given the held-out `log_ratio` log pi - log q of each step.
 
-    A step of demonstration m is worth `power` (M,) independent steps, which widens the interval.
+    A step of demonstration m counts like `power` independent steps in the interval, and `n_nodes` is the size of the
+    grid of rho.
     """
-    log_odds = np.log(_NODES) - np.log1p(-_NODES)
-    evidence = np.empty((data.n_demonstrations, N_NODES))
-    clipped = np.clip(log_ratio, -50.0, 50.0)
-    for j, rho in enumerate(_NODES):
-        mixture = np.logaddexp(np.log(rho) + clipped, np.log1p(-rho))
-        evidence[:, j] = data.sum_steps(mixture)
-    posterior, with_temperature = (_normalised(log) for log in (evidence, power[:, None] * evidence))
-    cumulated = with_temperature.cumsum(axis=1)
-    ends = [_NODES[np.minimum((cumulated < q).sum(axis=1), N_NODES - 1)] for q in (0.025, 0.975)]
-    reliability = posterior @ _NODES
-    at = data.per_step(np.interp(reliability, _NODES, log_odds))
-    step = 1 / (1 + np.exp(-np.clip(at + clipped, -50.0, 50.0)))
+    nodes = (np.arange(n_nodes) + 0.5) / n_nodes
+    evidence = np.empty((data.n_demonstrations, n_nodes))
+    clipped = np.clip(log_ratio, -_MAX_LOG_RATIO, _MAX_LOG_RATIO)
+    for j, rho in enumerate(nodes):
+        evidence[:, j] = data.sum_steps(np.logaddexp(np.log(rho) + clipped, np.log1p(-rho)))
+    cumulated = softmax(power[:, None] * evidence, axis=1).cumsum(axis=1)
+    ends = [nodes[np.minimum((cumulated < q).sum(axis=1), n_nodes - 1)] for q in (0.025, 0.975)]
+    reliability = softmax(evidence, axis=1) @ nodes
+    log_odds = data.per_step(np.interp(reliability, nodes, np.log(nodes) - np.log1p(-nodes)))
+    step = 1 / (1 + np.exp(-np.clip(log_odds + clipped, -_MAX_LOG_RATIO, _MAX_LOG_RATIO)))
     return StepTrust(reliability, np.stack(ends, axis=1), step)
-
-
-def _normalised(evidence: Array) -> Array:
-    """Probabilities, from their logarithms up to a constant in each row."""
-    proba = np.exp(evidence - evidence.max(axis=1, keepdims=True))
-    found: Array = proba / proba.sum(axis=1, keepdims=True)
-    return found

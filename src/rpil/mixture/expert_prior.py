@@ -1,4 +1,4 @@
-"""The prior P(expert): a fixed share, or one estimated under a Beta prior."""
+"""The prior P(expert) of the mixture."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ from scipy.special import betaincinv
 
 from rpil.data.archive import stored
 from rpil.data.errors import DataError
-from rpil.numerics.types import Array
+from rpil.numerics.types import Array, Float
 
 
-@stored()
+@stored(name="Share")
 @dataclass(frozen=True)
-class Share:
-    """P(expert) is the same for all: fixed, or estimated under Beta(a, b)."""
+class ExpertPrior:
+    """P(expert) = p, the same for all demonstrations: fixed, or estimated under Beta(a, b)."""
 
     p: float = 0.5
     a: float = 2.0
@@ -24,29 +24,29 @@ class Share:
 
     @property
     def log_odds(self) -> float:
-        """logit P(expert)."""
+        """logit p."""
         return float(np.log(self.p) - np.log1p(-self.p))
 
     @property
-    def log(self) -> Array:
-        """log P(expert), log P(adversary), (2,)."""
+    def log(self) -> Float[Array, " 2"]:
+        """log p and log (1 - p)."""
         return np.array([np.log(self.p), np.log1p(-self.p)])
 
-    def fit(self, expert: Array) -> Share:
-        """The posterior mode, given the responsibilities `expert` (M,)."""
+    def fit(self, expert: Float[Array, " M"]) -> ExpertPrior:
+        """With p at its posterior mode, given the responsibilities `expert`."""
         if self.fixed:
             return self
         p = (expert.sum() + self.a - 1) / (len(expert) + self.a + self.b - 2)
         return replace(self, p=float(np.clip(p, 1e-12, 1 - 1e-12)))
 
     def log_prior(self) -> float:
-        """What Beta(a, b) adds to the objective."""
+        """log density of Beta(a, b) at p, less its constant: a term of the objective."""
         return 0.0 if self.fixed else float(np.dot([self.a - 1, self.b - 1], self.log))
 
-    def interval(self, expert: Array) -> tuple[float, float, float]:
-        """Posterior mean of the share and the ends of its 95 % interval, given the responsibilities `expert` (M,).
+    def interval(self, expert: Float[Array, " M"]) -> tuple[float, float, float]:
+        """Posterior mean of p and the ends of its 95 % interval, given the responsibilities `expert`.
 
-        The expected numbers of experts and adversaries stand for the unknown true ones.
+        Their sums stand for the unknown numbers of experts and adversaries.
         """
         if self.fixed:
             return self.p, self.p, self.p
@@ -55,15 +55,21 @@ class Share:
         return a / (a + b), float(low), float(high)
 
 
-def as_prior(prior: float | tuple[float, float] | None) -> Share:
-    """P(expert): fixed, or estimated under Beta(a, b); None is Beta(2, 2)."""
+def as_prior(prior: float | tuple[float, float] | None) -> ExpertPrior:
+    """The prior that a user describes: a fixed P(expert), or (a, b) of its Beta prior; None is Beta(2, 2).
+
+    Raises
+    ------
+    DataError
+        If P(expert) is not between 0 and 1, or a or b is below 1.
+    """
     if prior is None:
-        return Share()
-    if np.ndim(prior) == 0:
-        if not 0 < float(prior) < 1:  # type: ignore[arg-type]
-            raise DataError(f"The prior {prior!r} is no probability between 0 and 1.")
-        return Share(float(prior), fixed=True)  # type: ignore[arg-type]
-    a, b = (float(value) for value in prior)  # type: ignore[union-attr]
-    if a < 1 or b < 1:
-        raise DataError(f"The Beta prior ({a}, {b}) has no single mode; give both numbers as 1 or more.")
-    return Share((a / (a + b)), a, b)
+        return ExpertPrior()
+    if isinstance(prior, tuple | list | np.ndarray):
+        a, b = (float(value) for value in prior)
+        if a < 1 or b < 1:
+            raise DataError(f"The Beta prior ({a}, {b}) has no single mode; give both numbers as 1 or more.")
+        return ExpertPrior(a / (a + b), a, b)
+    if not 0 < float(prior) < 1:
+        raise DataError(f"The prior {prior!r} is no probability between 0 and 1.")
+    return ExpertPrior(float(prior), fixed=True)

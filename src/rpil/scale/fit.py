@@ -21,11 +21,14 @@ from rpil.data.demonstrations import Block, Demonstrations
 from rpil.data.demonstrators import Demonstrators
 from rpil.data.fit_data import FitData
 from rpil.data.spaces import Space
-from rpil.inference.fitted_judge import SCALES, FittedJudge, mean_variance
-from rpil.inference.groups import SURE, fit_groups
-from rpil.inference.held_out import scorer
-from rpil.inference.judgement import Judgement, Settings, conclude, judge
+from rpil.inference.fitted_judge import FittedJudge
+from rpil.inference.groups import fit_groups
+from rpil.inference.held_out import held_out_model
+from rpil.inference.labels import Decision
+from rpil.inference.scores import mean_variance
+from rpil.inference.settings import JudgeSettings, Minority
 from rpil.inference.step_trust import StepTrust, step_trust
+from rpil.inference.trust import Judgement, conclude, judge
 from rpil.numerics.types import Array
 from rpil.policies.features import N_LANDMARKS, FeatureMap, ridge_of
 from rpil.policies.linear import linear_policy
@@ -129,7 +132,7 @@ def measure(ready: tuple[Block, FitData], judge: FittedJudge) -> Measured:
 
 def _in_steps(data: FitData, judge: FittedJudge) -> tuple[Array, Array, StepTrust]:
     """The measure of each step, its log-ratio, and the trust in it."""
-    worth, log_ratio = judge.scale.measure(data.features, data.actions)
+    worth, log_ratio = judge.step_ratios(data.features, data.actions)
     power = np.full(data.n_demonstrations, min(judge.independent, 1.0))
     return worth, log_ratio, step_trust(data, log_ratio, power)
 
@@ -214,25 +217,26 @@ class Sampled:
     judgement: Judgement
 
 
-def judge_all(sampled: Sampled, data: FitData, measured: list[Measured], minority: str) -> Judgement:
+def judge_all(sampled: Sampled, data: FitData, measured: list[Measured], minority: Minority) -> Judgement:
     """The judgement of all demonstrations, `data` without their steps, from what was `measured` of them."""
     score, squares, reliability, interval = map(np.concatenate, zip(*measured, strict=True))
-    judge, lengths = sampled.judge, data.lengths
+    judge, lengths, settings = sampled.judge, data.lengths, JudgeSettings()
     score[sampled.chosen] = sampled.judgement.scores.score  # held out, as the scores of all others are
     effective = judge.independent * lengths
-    variance = mean_variance(squares, lengths, judge.pooled, effective)
+    variance = mean_variance(squares, lengths, judge.pooled, effective, settings.variance_steps)
     groups = fit_groups(score, variance, data.labels, effective, lengths)
     rival = sampled.judgement.rival
-    if rival is not None and sampled.judgement.groups.p_two < SURE:  # nothing says which style the others have
+    if rival is not None and not sampled.judgement.groups.told_apart():  # nothing says which style the others have
         rival = replace(rival, trusted=sampled.chosen[rival.trusted], rival=sampled.chosen[rival.rival])
     elif rival is not None:  # of the others nothing says more than on which side of the boundary they are
         upper = groups.log_odds(score, variance) > 0
         upper[sampled.chosen[rival.trusted]], upper[sampled.chosen[rival.rival]] = True, False
         rival = replace(rival, trusted=np.flatnonzero(upper), rival=np.flatnonzero(~upper))
     none = np.empty(0)
-    scores = replace(sampled.judgement.scores, score=score, variance=variance, groups=groups, effective=effective)
+    scores = replace(sampled.judgement.scores, score=score, variance=variance, groups=groups, effective_steps=effective)
     teachers = np.zeros(len(score), dtype=bool)
-    return conclude(data, scores, StepTrust(reliability, interval, none), none, teachers, rival, minority)
+    decision = Decision(scores, rival, minority)
+    return conclude(data, decision, StepTrust(reliability, interval, none), none, teachers, settings)
 
 
 def fit_large(model: Any, data: Source, labels: Array, demonstrators: Demonstrators, engine: Engine) -> None:
@@ -278,9 +282,10 @@ def _read_sample(model: Any, data: Source, labels: Array, progress: Callable[[st
     features = model.judge_map(few)
     fit_data = FitData(features.design(few.observations, single=True), codes, few.offsets, space, labels[chosen])
     # Which group to distrust is decided here; a group to trust is reported, and trusted among all demonstrations.
-    settings = Settings(model.random_state, "ask" if model.minority == "trust" else model.minority)
-    judgement = judge(fit_data, scorer(fit_data, model.random_state), settings, progress)
-    fitted = judgement.keep(fit_data, SCALES[space.kind])
+    minority: Minority = "ask" if model.minority == "trust" else model.minority
+    held_out = held_out_model(fit_data, model.random_state)
+    judgement = judge(fit_data, held_out, seed=model.random_state, minority=minority, progress=progress)
+    fitted = FittedJudge.of(judgement, fit_data)
     return Sampled(few, fit_data, chosen, fitted, judgement), Prepare(features, space, model.classes_)
 
 

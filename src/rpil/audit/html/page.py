@@ -18,7 +18,7 @@ from rpil.audit.plots import HistoryDisplay, LengthDisplay
 from rpil.audit.record import Audit
 from rpil.audit.settings import AUDIT_SETTINGS
 from rpil.data.files import replacing
-from rpil.inference.judgement import FINDINGS
+from rpil.inference.trust import FINDINGS
 
 MAX_TIMELINES = 200
 """Timelines on a page, those of the least trusted demonstrations: a page with more is slow to open."""

@@ -9,60 +9,67 @@ import numpy as np
 from rpil.data.archive import stored
 from rpil.data.fit_data import FitData
 from rpil.data.spaces import Box
-from rpil.mixture.adversaries.protocol import Fixed
-from rpil.numerics.types import Array
+from rpil.mixture.adversaries.protocol import FixedAdversary
+from rpil.numerics.types import Array, Float, Int
 
-_N_BINS = 20
+N_BINS = 20
+"""Bins of the histogram of each part of an action. Chosen by hand, not tuned."""
 
 
 @stored()
 @dataclass(frozen=True)
-class UniformBox(Fixed):
-    """psi = 1 / volume: does anything within the box."""
+class UniformBox(FixedAdversary):
+    """psi = 1 / volume: uniform over the box."""
 
     log_volume: float
     name: str = "uniform"
 
-    def log_prob(self, features: Array, outputs: Array, actions: Array) -> Array:
+    def log_prob(
+        self, features: Float[Array, "N D"], outputs: Float[Array, "N ..."], actions: Float[Array, "N A"]
+    ) -> Float[Array, " N"]:
         return np.full(len(actions), -self.log_volume)
 
 
 @stored(low="A", width="A", log_density="A B")
 @dataclass(frozen=True, eq=False)
-class MarginalBox(Fixed):
-    """A histogram of each dimension: does what it likes best, whatever the state.
+class MarginalBox(FixedAdversary):
+    """psi = prod_j h_j(a_j), a histogram of each part of the action, whatever the state.
 
-    Every bin has a Dirichlet prior worth one step, so that nothing is ever impossible.
+    Every bin has a Dirichlet prior worth one step, so that no action is impossible.
 
     Attributes
     ----------
     low, width : (A,) arrays
-        Where the bins of each dimension begin, and how wide one is.
+        Where the bins of each part begin, and the width of a bin.
     log_density : (A, B) array
     """
 
-    low: Array
-    width: Array
-    log_density: Array
+    low: Float[Array, " A"]
+    width: Float[Array, " A"]
+    log_density: Float[Array, "A B"]
     name: str = "marginal"
 
     @classmethod
     def start(cls, box: Box) -> MarginalBox:
+        """The uniform density, with `N_BINS` bins a part."""
         span = box.high - box.low
-        return cls(box.low, span / _N_BINS, np.tile(-np.log(span)[:, None], (1, _N_BINS)))
+        return cls(box.low, span / N_BINS, np.tile(-np.log(span)[:, None], (1, N_BINS)))
 
-    def log_prob(self, features: Array, outputs: Array, actions: Array) -> Array:
+    def log_prob(
+        self, features: Float[Array, "N D"], outputs: Float[Array, "N ..."], actions: Float[Array, "N A"]
+    ) -> Float[Array, " N"]:
         return np.take_along_axis(self.log_density, self._bins(actions).T, axis=1).sum(axis=0)
 
-    def fit(self, data: FitData, outputs: Array, weight: Array) -> MarginalBox:
-        bins = self._bins(data.actions)
-        counts = 1.0 + np.stack([np.bincount(column, weight, minlength=_N_BINS) for column in bins.T])
+    def fit(self, data: FitData, outputs: Float[Array, "N ..."], weight: Float[Array, " N"]) -> MarginalBox:
+        n_bins = self.log_density.shape[1]
+        columns = self._bins(data.actions).T
+        counts = 1.0 + np.stack([np.bincount(column, weight, minlength=n_bins) for column in columns])
         share = counts / counts.sum(axis=1, keepdims=True)
         return replace(self, log_density=np.log(share) - np.log(self.width)[:, None])
 
     def log_prior(self) -> float:
         return float((self.log_density + np.log(self.width)[:, None]).sum())
 
-    def _bins(self, actions: Array) -> Array:
-        """The bin of each number, (N, A); what lies outside the box counts to the last one."""
-        return np.clip((actions - self.low) / self.width, 0, _N_BINS - 1).astype(np.int64)
+    def _bins(self, actions: Float[Array, "N A"]) -> Int[Array, "N A"]:
+        """The bin of each number; a number outside the box is in the first or the last bin."""
+        return np.clip((actions - self.low) / self.width, 0, self.log_density.shape[1] - 1).astype(np.int64)

@@ -1,9 +1,8 @@
-"""Adversaries with discrete actions, psi(k|s). Derivations: "Adversaries" in docs/model.md; option numbers are the
-paper's."""
+"""Adversaries with discrete actions, psi(k|s); docs/model.md has the formulas, and option numbers are the paper's."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -12,51 +11,58 @@ from scipy.special import logsumexp
 from rpil.data.archive import stored
 from rpil.data.errors import DataError
 from rpil.data.fit_data import FitData
-from rpil.mixture.adversaries.protocol import Fixed
-from rpil.numerics.types import Array
+from rpil.mixture.adversaries.protocol import FixedAdversary
+from rpil.numerics.types import Array, Float, Int
 
 
 @stored()
 @dataclass(frozen=True)
-class Constant(Fixed):
-    """psi = 1 (option 1): no distribution, so everything turns adversary without a prior that says otherwise."""
+class Constant(FixedAdversary):
+    """psi = 1 (option 1). It is no distribution: without a strong prior every demonstration is an adversary's."""
 
     name: str = "constant"
 
-    def log_prob(self, features: Array, outputs: Array, actions: Array) -> Array:
+    def log_prob(
+        self, features: Float[Array, "N D"], outputs: Float[Array, "N K"], actions: Int[Array, " N"]
+    ) -> Float[Array, " N"]:
         return np.zeros(len(actions))
 
 
 @stored()
 @dataclass(frozen=True)
-class Uniform(Fixed):
-    """psi = 1/K: presses any key."""
+class Uniform(FixedAdversary):
+    """psi = 1/K: every action is as likely as any other."""
 
     name: str = "uniform"
 
-    def log_prob(self, features: Array, outputs: Array, actions: Array) -> Array:
+    def log_prob(
+        self, features: Float[Array, "N D"], outputs: Float[Array, "N K"], actions: Int[Array, " N"]
+    ) -> Float[Array, " N"]:
         return np.full(len(actions), -np.log(outputs.shape[1]))
 
 
 @stored(log_frequency="K")
 @dataclass(frozen=True, eq=False)
-class Marginal(Fixed):
-    """psi(k) = f_k: presses keys at its own favourite frequencies, whatever the state.
+class Marginal(FixedAdversary):
+    """psi(k) = f_k: the frequencies of the actions, whatever the state.
 
-    The frequencies have a Dirichlet prior worth one step of each action, so that none is ever impossible.
+    They have a Dirichlet prior worth one step of each action, so that no action is impossible.
     """
 
-    log_frequency: Array
+    log_frequency: Float[Array, " K"]
     name: str = "marginal"
 
     @classmethod
     def start(cls, n_actions: int) -> Marginal:
+        """Equal frequencies."""
         return cls(np.full(n_actions, -np.log(n_actions)))
 
-    def log_prob(self, features: Array, outputs: Array, actions: Array) -> Array:
+    def log_prob(
+        self, features: Float[Array, "N D"], outputs: Float[Array, "N K"], actions: Int[Array, " N"]
+    ) -> Float[Array, " N"]:
         return self.log_frequency[actions]
 
-    def fit(self, data: FitData, outputs: Array, weight: Array) -> Marginal:
+    def fit(self, data: FitData, outputs: Float[Array, "N ..."], weight: Float[Array, " N"]) -> Marginal:
         counts = 1.0 + np.bincount(data.actions, weight, minlength=len(self.log_frequency))
         return replace(self, log_frequency=np.log(counts / counts.sum()))
 
@@ -66,10 +72,10 @@ class Marginal(Fixed):
 
 @stored()
 @dataclass(frozen=True)
-class Complement(Fixed):
+class Complement(FixedAdversary):
     """psi = 1 - pi (option 3, the paper's), or (1 - pi) / (K - 1), which is a distribution for every K.
 
-    1 - pi_k is a sum over the other actions, so its logarithm is a logsumexp and never a clipped difference.
+    1 - pi_k is the sum over the other actions, so its logarithm is a logsumexp and never a clipped difference.
     """
 
     normalised: bool = False
@@ -78,13 +84,15 @@ class Complement(Fixed):
     def name(self) -> str:
         return "normalised complement" if self.normalised else "complement"
 
-    def log_prob(self, features: Array, outputs: Array, actions: Array) -> Array:
+    def log_prob(
+        self, features: Float[Array, "N D"], outputs: Float[Array, "N K"], actions: Int[Array, " N"]
+    ) -> Float[Array, " N"]:
         others = outputs.copy()
         np.put_along_axis(others, actions[:, None], -np.inf, axis=1)
         scale = np.log(outputs.shape[1] - 1) if self.normalised else 0.0
         return logsumexp(others, 1) - scale
 
-    def intended(self, outputs: Array, actions: Array) -> Array | None:
+    def intended_action_proba(self, outputs: Float[Array, "N K"], actions: Int[Array, " N"]) -> Float[Array, "N K"]:
         others = outputs.copy()
         np.put_along_axis(others, actions[:, None], -np.inf, axis=1)
         others -= others.max(axis=1, keepdims=True)
@@ -94,21 +102,21 @@ class Complement(Fixed):
 
 @stored(log_matrix="K K")
 @dataclass(frozen=True, eq=False)
-class Confusion(Fixed):
-    """psi(k|s) = sum_j pi(j|s) C[j, k]: means the expert's action j and presses k.
+class Confusion(FixedAdversary):
+    """psi(k|s) = sum_j pi(j|s) C[j, k]: the adversary intends the expert's action j and takes action k.
 
-    C (K, K) is row-stochastic, given or learned. Learned rows have a Dirichlet prior of `pseudo_count` steps spread
-    evenly over the actions on top of the flat one.
+    Each row of C (K, K) is a distribution, given or learned. A learned row has a Dirichlet prior that adds
+    `pseudo_count` steps to each of its entries; one step was chosen by hand, not tuned.
     """
 
-    log_matrix: Array
+    log_matrix: Float[Array, "K K"]
     learned: bool = True
     pseudo_count: float = 1.0
-    name: str = field(default="confusion")
+    name: str = "confusion"
 
     @classmethod
     def given(cls, matrix: ArrayLike) -> Confusion:
-        """A known confusion: row j says how often each action is pressed when j is meant.
+        """A known confusion matrix: row j says how often each action is taken where j is intended.
 
         Raises
         ------
@@ -124,25 +132,26 @@ class Confusion(Fixed):
 
     @classmethod
     def start(cls, n_actions: int) -> Confusion:
-        """Half-way between pressing any key and pressing any but the expert's."""
-        anything = np.full((n_actions, n_actions), 1.0 / n_actions)
-        others = (1.0 - np.eye(n_actions)) / (n_actions - 1)
-        return cls(np.log(0.5 * anything + 0.5 * others))
+        """The mean of two adversaries: any action, and any action but the expert's."""
+        uniform = np.full((n_actions, n_actions), 1.0 / n_actions)
+        complement = (1.0 - np.eye(n_actions)) / (n_actions - 1)
+        return cls(np.log(0.5 * uniform + 0.5 * complement))
 
-    def log_prob(self, features: Array, outputs: Array, actions: Array) -> Array:
+    def log_prob(
+        self, features: Float[Array, "N D"], outputs: Float[Array, "N K"], actions: Int[Array, " N"]
+    ) -> Float[Array, " N"]:
         return logsumexp(outputs + self.log_matrix.T[actions], 1)
 
-    def intended(self, outputs: Array, actions: Array) -> Array | None:
+    def intended_action_proba(self, outputs: Float[Array, "N K"], actions: Int[Array, " N"]) -> Float[Array, "N K"]:
         joint = outputs + self.log_matrix.T[actions]
         total = logsumexp(joint, 1)[:, None]
-        return np.exp(
-            joint - np.where(np.isfinite(total), total, 0.0)
-        )  # an action of probability 0 has no intended action
+        # An action of probability 0 has no intended action: its row is zero.
+        return np.exp(joint - np.where(np.isfinite(total), total, 0.0))
 
-    def fit(self, data: FitData, outputs: Array, weight: Array) -> Confusion:
+    def fit(self, data: FitData, outputs: Float[Array, "N ..."], weight: Float[Array, " N"]) -> Confusion:
         if not self.learned:
             return self
-        intended = weight[:, None] * self.intended(outputs, data.actions)
+        intended = weight[:, None] * self.intended_action_proba(outputs, data.actions)
         expected = [intended[data.actions == k].sum(axis=0) for k in range(len(self.log_matrix))]
         counts = self.pseudo_count + np.stack(expected, axis=1)
         return replace(self, log_matrix=np.log(counts / counts.sum(axis=1, keepdims=True)))

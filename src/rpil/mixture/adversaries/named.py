@@ -1,14 +1,11 @@
-"""What an adversary does in a state: psi(a|s), one small frozen class each."""
+"""The adversaries by name."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from typing import Any
 
-import numpy as np
-
 from rpil.data.errors import DataError
-from rpil.data.fit_data import FitData
 from rpil.data.spaces import Discrete, Space
 from rpil.mixture.adversaries.box import MarginalBox, UniformBox
 from rpil.mixture.adversaries.discrete import Complement, Confusion, Constant, Marginal, Uniform
@@ -32,11 +29,11 @@ ADVERSARIES: dict[str, dict[str, Callable[[Any, Policy], Adversary]]] = {
         "own policy": lambda space, policy: OwnPolicy(policy),
     },
 }
-"""Kind of actions -> name -> start of the adversary, given the space of actions and a policy that has seen no data."""
+"""Kind of actions -> name -> the unfitted adversary, given the space of actions and an unfitted policy."""
 
 
 def adversary(which: str | Adversary, space: Space, policy: Policy) -> Adversary:
-    """The adversary called `which` before it has seen data, or `which` itself where it is one already.
+    """The unfitted adversary called `which`, or `which` itself where it is an adversary; `policy` is unfitted.
 
     Raises
     ------
@@ -54,9 +51,3 @@ def adversary(which: str | Adversary, space: Space, policy: Policy) -> Adversary
             f"There is no adversary called {which!r} for {space.kind} actions; choose auto, {', '.join(known)}."
         )
     return known[which](space, policy)
-
-
-def marginal(data: FitData, policy: Policy) -> Adversary:
-    """The marginal of the actions of all demonstrations."""
-    start = adversary("marginal", data.space, policy)
-    return start.fit(data, data.features, np.ones(len(data.actions)))  # it asks for no outputs

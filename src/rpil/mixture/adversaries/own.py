@@ -3,29 +3,31 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any
 
 from rpil.data.archive import stored
 from rpil.data.fit_data import FitData
-from rpil.mixture.adversaries.protocol import Fixed
-from rpil.numerics.types import Array
+from rpil.mixture.adversaries.protocol import FixedAdversary
+from rpil.numerics.types import Array, Float, Shaped
+from rpil.policies.protocol import Policy
 
 
 @stored()
 @dataclass(frozen=True, eq=False)
-class OwnPolicy(Fixed):
-    """psi = another policy (option 2): softmax(phi(s)^T Psi)_k, or whatever the expert's is.
+class OwnPolicy(FixedAdversary):
+    """psi is another policy of the kind of pi (option 2), such as softmax(phi(s)^T Psi)_k.
 
-    Expert and adversary are alike, so labels, the prior or the start must say which of the two is the expert.
+    Expert and adversary have the same model, so labels, the prior or the start must say which of the two is the expert.
     """
 
-    policy: Any
+    policy: Policy
     name: str = "own policy"
 
-    def log_prob(self, features: Array, outputs: Array, actions: Array) -> Array:
+    def log_prob(
+        self, features: Float[Array, "N D"], outputs: Float[Array, "N ..."], actions: Shaped[Array, "N ..."]
+    ) -> Float[Array, " N"]:
         return self.policy.log_prob(self.policy.outputs(features), actions)
 
-    def fit(self, data: FitData, outputs: Array, weight: Array) -> OwnPolicy:
+    def fit(self, data: FitData, outputs: Float[Array, "N ..."], weight: Float[Array, " N"]) -> OwnPolicy:
         policy, _ = self.policy.fit(data, weight, max_iter=2, max_cg=20)
         return replace(self, policy=policy)
 

@@ -1,8 +1,5 @@
-"""What EM asks of an adversary.
-
-How likely is the action taken, which action did the adversary *intend* (so that its steps can teach the policy), and
-what are its own parameters given its steps.
-"""
+"""What EM asks of an adversary: the probability of the action taken, the posterior of the action that was intended, and
+its own parameters given its steps."""
 
 from __future__ import annotations
 
@@ -10,41 +7,50 @@ from dataclasses import dataclass
 from typing import Protocol, TypeVar, runtime_checkable
 
 from rpil.data.fit_data import FitData
-from rpil.numerics.types import Array
+from rpil.numerics.types import Array, Float, Shaped
 
 
 @runtime_checkable
 class Adversary(Protocol):
-    """What EM needs of an adversary; instances are immutable."""
+    """A model psi(a|s) of the actions of a bad demonstrator; instances are immutable."""
 
     @property
     def name(self) -> str:
-        """As in `ADVERSARIES`."""
+        """As in `rpil.mixture.adversaries.named.ADVERSARIES`."""
 
-    def log_prob(self, features: Array, outputs: Array, actions: Array) -> Array:
-        """log psi(a_n|s_n) of the actions taken, (N,), where the policy has these `outputs` (N, ...)."""
+    def log_prob(
+        self, features: Float[Array, "N D"], outputs: Float[Array, "N ..."], actions: Shaped[Array, "N ..."]
+    ) -> Float[Array, " N"]:
+        """log psi(a_n|s_n) of the actions taken, where the expert's policy has these `outputs`."""
 
-    def intended(self, outputs: Array, actions: Array) -> Array | None:
-        """P(intended action | action taken, state), (N, K); None where the steps teach the policy nothing."""
+    def intended_action_proba(
+        self, outputs: Float[Array, "N ..."], actions: Shaped[Array, "N ..."]
+    ) -> Float[Array, "N K"] | None:
+        """P(intended action | action taken, state) of an adversary that intends the expert's action and takes another;
+        None where its steps say nothing about the expert's policy."""
 
-    def fit(self, data: FitData, outputs: Array, weight: Array) -> Adversary:
-        """The adversary that explains the steps no worse, each counted with `weight` (N,)."""
+    def fit(self, data: FitData, outputs: Float[Array, "N ..."], weight: Float[Array, " N"]) -> Adversary:
+        """The adversary after its M-step on weighted steps: it explains them no worse."""
 
     def log_prior(self) -> float:
-        """What the prior on its own parameters adds to the objective."""
+        """Log-density of the prior of its own parameters, less a constant: a term of the objective."""
 
 
-FixedAdversary = TypeVar("FixedAdversary", bound="Fixed")
+AnyAdversary = TypeVar("AnyAdversary", bound="FixedAdversary")
 
 
 @dataclass(frozen=True)
-class Fixed:
-    """An adversary that learns nothing and whose steps teach the policy nothing."""
+class FixedAdversary:
+    """An adversary without parameters, whose steps say nothing about the expert's policy."""
 
-    def intended(self, outputs: Array, actions: Array) -> Array | None:
+    def intended_action_proba(
+        self, outputs: Float[Array, "N ..."], actions: Shaped[Array, "N ..."]
+    ) -> Float[Array, "N K"] | None:
         return None
 
-    def fit(self: FixedAdversary, data: FitData, outputs: Array, weight: Array) -> FixedAdversary:
+    def fit(
+        self: AnyAdversary, data: FitData, outputs: Float[Array, "N ..."], weight: Float[Array, " N"]
+    ) -> AnyAdversary:
         return self
 
     def log_prior(self) -> float:

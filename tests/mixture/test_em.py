@@ -14,8 +14,9 @@ from rpil.data.fit_data import FitData
 from rpil.data.spaces import Discrete
 from rpil.mixture.adversaries.discrete import Complement, Uniform
 from rpil.mixture.adversaries.named import ADVERSARIES, adversary
-from rpil.mixture.em import State, e_step, lower_bound, m_step, run
-from rpil.mixture.expert_prior import Share
+from rpil.mixture.em import State, e_step, lower_bound, m_step, run_em
+from rpil.mixture.expert_prior import ExpertPrior
+from rpil.mixture.settings import MixtureSettings
 from rpil.policies.softmax import SoftmaxPolicy
 
 ZOO = zoo(0)
@@ -30,7 +31,7 @@ def tiny_state(problem: FitData, which: str, seed: int = 0) -> State:
     """Parameters at no special place."""
     rng = np.random.default_rng(seed)
     policy = SoftmaxPolicy(rng.normal(size=(problem.features.shape[1], problem.space.n)), ridge(problem))
-    return State(policy, adversary(which, problem.space, policy), Share(0.3))
+    return State(policy, adversary(which, problem.space, policy), ExpertPrior(0.3))
 
 
 def likelihoods(problem: FitData, state: State) -> tuple[NDArray, NDArray]:
@@ -109,7 +110,7 @@ def test_the_objective_never_falls(which):
     for name, toy in ZOO.items():
         problem = toy.problem()
         state = pooled_state(problem, which)
-        history = run(problem, state, max_iter=12, tol=0.0).history
+        history = run_em(problem, state, MixtureSettings(max_iter=12, tol=0.0)).history
         assert np.isfinite(history).all(), name
         assert np.diff(history).min() >= -1e-10 * np.abs(history).max(), name
 
@@ -118,7 +119,7 @@ def test_the_objective_never_falls(which):
 def test_the_objective_never_falls_with_splines(which):
     for seed in range(3):
         problem = make("noisy", seed).problem("spline")
-        history = run(problem, pooled_state(problem, which), max_iter=12, tol=0.0).history
+        history = run_em(problem, pooled_state(problem, which), MixtureSettings(max_iter=12, tol=0.0)).history
         assert np.diff(history).min() >= -1e-10 * np.abs(history).max()
 
 
@@ -128,7 +129,8 @@ def test_single_precision_costs_precision_and_nothing_else(which):
         double = toy.problem("spline")
         single = replace(double, features=double.features.astype(np.float32))
         histories = [
-            run(problem, pooled_state(double, which), max_iter=8, tol=0.0).history for problem in (double, single)
+            run_em(problem, pooled_state(double, which), MixtureSettings(max_iter=8, tol=0.0)).history
+            for problem in (double, single)
         ]
         scale = np.abs(histories[0]).max()
         assert np.diff(histories[1]).min() >= -1e-6 * scale, name
@@ -139,7 +141,7 @@ def test_single_precision_costs_precision_and_nothing_else(which):
 def test_run_ends_at_a_stationary_point(which):
     """By Fisher's identity the likelihood itself is flat in the policy where EM has converged."""
     problem = ZOO["random"].problem()
-    result = run(problem, pooled_state(problem, which), max_iter=2000, tol=1e-10, m_cg=100)
+    result = run_em(problem, pooled_state(problem, which), MixtureSettings(max_iter=2000, tol=1e-10, cg_iter=100))
     assert result.converged
     state, rng = result.state, np.random.default_rng(0)
 
@@ -159,11 +161,11 @@ def test_the_trap_of_starting_at_zero():
     toy = make("flipped", 0, n_actions=2, n_bad=3)
     problem = toy.problem()
     zero = SoftmaxPolicy.zero(2, ridge(problem))
-    trapped = State(zero, Complement(), Share())
-    result = run(problem, trapped, max_iter=20, tol=0.0)
+    trapped = State(zero, Complement(), ExpertPrior())
+    result = run_em(problem, trapped, MixtureSettings(max_iter=20, tol=0.0))
     np.testing.assert_allclose(result.state.policy.weights, 0.0, atol=1e-9)
     np.testing.assert_allclose(result.posterior.expert, 0.5)
-    free = run(problem, pooled_state(problem, "complement"), max_iter=50)
+    free = run_em(problem, pooled_state(problem, "complement"), MixtureSettings(max_iter=50, tol=1e-4))
     assert free.objective > result.objective + 50
     assert ((free.posterior.log_odds > 0) == toy.is_good).all()
 
@@ -172,7 +174,7 @@ def test_the_trap_of_starting_at_zero_with_more_actions():
     """model.md: 1 - 1/K beats 1/K at every step, so everything turns adversary."""
     problem = ZOO["random"].problem()
     zero = SoftmaxPolicy.zero(3, ridge(problem))
-    trapped = State(zero, Complement(), Share())
+    trapped = State(zero, Complement(), ExpertPrior())
     posterior = e_step(problem, trapped, zero.log_proba(problem.features))
     np.testing.assert_allclose(posterior.log_odds, -problem.lengths * np.log(2))
 
@@ -183,12 +185,12 @@ def test_m_step_uses_soft_targets_or_the_experts_term_alone():
     state = tiny_state(problem, "complement")
     posterior = e_step(problem, state, state.policy.log_proba(problem.features))
     r, taken = problem.per_step(posterior.expert), np.eye(3)[problem.actions]
-    q = state.adversary.intended(posterior.outputs, problem.actions)
+    q = state.adversary.intended_action_proba(posterior.outputs, problem.actions)
     for mode, targets in (
         ("joint", r[:, None] * taken + (1 - r)[:, None] * q),
         ("expert_only", r[:, None] * taken),
     ):
-        new, log_proba = m_step(problem, state, posterior, mode, max_iter=100, max_cg=100)
+        new, log_proba = m_step(problem, state, posterior, MixtureSettings(m_step=mode, newton_iter=100, cg_iter=100))
         best, _ = SoftmaxPolicy.zero(3, ridge(problem)).fit(problem, np.zeros(len(taken)), targets, tol=1e-10)
         np.testing.assert_allclose(log_proba, best.log_proba(problem.features), atol=1e-3)
         np.testing.assert_allclose(log_proba, new.policy.log_proba(problem.features), atol=1e-9)
@@ -198,7 +200,7 @@ def test_m_step_uses_soft_targets_or_the_experts_term_alone():
 def test_labels_hold_against_the_data():
     toy = make("random", 0)
     problem = toy.labelled({0: -1, 11: 1}).problem()
-    posterior = run(problem, pooled_state(problem, "uniform"), max_iter=30).posterior
+    posterior = run_em(problem, pooled_state(problem, "uniform"), MixtureSettings(max_iter=30, tol=1e-4)).posterior
     np.testing.assert_allclose(posterior.expert[[0, 11]], [0.0, 1.0], atol=1e-12)
     assert posterior.log_odds[0] > 0 > posterior.log_odds[11]  # what the data say, labels not counted
 
@@ -218,7 +220,7 @@ def test_recovers_the_truth():
     """Enough data from the model itself: the policy and the prior come back."""
     toy = make("random", 0, n_good=60, n_bad=20, steps=(100, 100), sharpness=2.0)
     problem = toy.problem()
-    result = run(problem, pooled_state(problem, "uniform"), max_iter=200)
+    result = run_em(problem, pooled_state(problem, "uniform"), MixtureSettings(max_iter=200, tol=1e-4))
     truth = log_softmax(toy.observations @ toy.weights[:-1] + toy.weights[-1], axis=1)
     found = result.posterior.outputs
     assert (np.exp(truth) * (truth - found)).sum(axis=1).mean() < 0.01  # Kullback-Leibler, nats

@@ -9,23 +9,23 @@ import pytest
 
 from problems import Toy, make, pooled_state, ridge, zoo
 from rpil.data.fit_data import FitData
-from rpil.inference.search import Setting, fit, starts
+from rpil.inference.search import SearchSettings, fit_mixture, starts
 from rpil.mixture.adversaries.discrete import Uniform
-from rpil.mixture.em import MStep, e_step, run
-from rpil.mixture.expert_prior import Share
+from rpil.mixture.em import e_step, run_em
+from rpil.mixture.settings import MixtureSettings, MStep
 from rpil.numerics import parallel
 from rpil.policies.softmax import SoftmaxPolicy
 
 STEPS = (40, 60)
 
 
-def setting_for(problem: FitData, mode: MStep = "joint", seed: int = 0) -> Setting:
+def setting_for(problem: FitData, mode: MStep = "joint", seed: int = 0) -> SearchSettings:
     policy = SoftmaxPolicy.zero(problem.space.n, ridge(problem) / 100)
-    return Setting(policy, Share(), mode=mode, seed=seed)
+    return SearchSettings(policy, MixtureSettings(m_step=mode), seed=seed)
 
 
 def fitted(problem: FitData, which="uniform", seed: int = 0):
-    return fit(problem, setting_for(problem, seed=seed), which)
+    return fit_mixture(problem, setting_for(problem, seed=seed), which)
 
 
 def right(toy: Toy, log_odds: np.ndarray) -> bool:
@@ -76,7 +76,7 @@ def test_a_fit_is_no_worse_than_em_from_the_pooled_start():
             continue  # a label may prefer a lower objective
         pooled = pooled_state(problem, "uniform")
         policy = SoftmaxPolicy(pooled.policy.weights, setting_for(problem).policy.ridge)
-        alone = run(problem, replace(pooled, policy=policy), max_iter=6)
+        alone = run_em(problem, replace(pooled, policy=policy), MixtureSettings(max_iter=6, tol=1e-4))
         assert fitted(problem).objective >= alone.objective - 1.0, name  # the pooled policy here is fitted to the end
 
 
@@ -140,7 +140,7 @@ def test_the_same_seed_and_several_threads_change_no_bit(monkeypatch):
 def test_every_start_is_announced():
     said: list[str] = []
     problem = make("random", 0).problem()
-    fit(problem, setting_for(problem), "uniform", said.append)
+    fit_mixture(problem, setting_for(problem), "uniform", said.append)
     assert said == [f"start: {name}" for name in starts(problem, setting_for(problem))]
 
 

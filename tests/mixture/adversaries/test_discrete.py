@@ -115,15 +115,17 @@ def test_confusion_contains_the_normalised_complement_and_the_uniform(n_actions)
         arguments = features, log_policy, actions
         np.testing.assert_allclose(confusion.log_prob(*arguments), plain.log_prob(*arguments), atol=1e-12)
     np.testing.assert_allclose(
-        others.intended(log_policy, actions), Complement().intended(log_policy, actions), atol=1e-12
+        others.intended_action_proba(log_policy, actions),
+        Complement().intended_action_proba(log_policy, actions),
+        atol=1e-12,
     )
-    np.testing.assert_allclose(anything.intended(log_policy, actions), np.exp(log_policy), atol=1e-12)
+    np.testing.assert_allclose(anything.intended_action_proba(log_policy, actions), np.exp(log_policy), atol=1e-12)
 
 
 def test_a_given_permutation_says_what_was_meant():
     swap = Confusion.given(np.eye(3)[[2, 1, 0]])
     features, log_policy, actions = steps(3)
-    np.testing.assert_allclose(swap.intended(log_policy, actions), np.eye(3)[2 - actions])
+    np.testing.assert_allclose(swap.intended_action_proba(log_policy, actions), np.eye(3)[2 - actions])
     expected = log_policy[np.arange(N), 2 - actions]
     np.testing.assert_allclose(swap.log_prob(features, log_policy, actions), expected)
 
@@ -135,7 +137,7 @@ def test_intended_is_the_posterior(name, n_actions):
     _, log_policy, actions = steps(n_actions)
     found = fitted(name, n_actions)
     emission = matrix(found) if name == "confusion" else (1 - np.eye(n_actions)) / (n_actions - 1)
-    intended = found.intended(log_policy, actions)
+    intended = found.intended_action_proba(log_policy, actions)
     for n in range(N):
         joint = [np.exp(log_policy[n, j]) * emission[j, actions[n]] for j in range(n_actions)]
         np.testing.assert_allclose(intended[n], np.array(joint) / sum(joint), atol=1e-12)
@@ -144,14 +146,14 @@ def test_intended_is_the_posterior(name, n_actions):
 
 def test_intended_where_the_policy_is_all_but_certain():
     log_policy = log_softmax(np.array([[0.0, -2000.0, -2000.0 - np.log(3)]]), axis=1)
-    intended = Complement().intended(log_policy, np.array([0]))
+    intended = Complement().intended_action_proba(log_policy, np.array([0]))
     np.testing.assert_allclose(intended, [[0.0, 0.75, 0.25]], atol=1e-12)
 
 
 @pytest.mark.parametrize("name", ["constant", "uniform", "marginal", "own policy"])
 def test_the_others_teach_nothing(name):
     _, log_policy, actions = steps(3)
-    assert fitted(name, 3).intended(log_policy, actions) is None
+    assert fitted(name, 3).intended_action_proba(log_policy, actions) is None
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -236,7 +238,7 @@ def test_what_cannot_be_pressed_was_meant_by_nobody():
     features, log_policy, _ = steps(3)
     stuck = Confusion.given([[0, 1, 0]] * 3)
     actions = np.arange(N) % 2
-    log_prob, intended = stuck.log_prob(features, log_policy, actions), stuck.intended(log_policy, actions)
+    log_prob, intended = stuck.log_prob(features, log_policy, actions), stuck.intended_action_proba(log_policy, actions)
     np.testing.assert_allclose(log_prob, np.where(actions == 1, 0.0, -np.inf), atol=1e-12)
     np.testing.assert_allclose(intended, np.where(actions[:, None] == 1, np.exp(log_policy), 0.0), atol=1e-12)
 
@@ -247,7 +249,7 @@ def test_soft_targets_bound_log_one_minus_pi_from_below():
     for n_actions in (2, 3, 5):
         old, new = log_softmax(4 * rng.normal(size=(2, 2000, n_actions)), axis=2)
         actions = rng.integers(n_actions, size=2000)
-        q = Complement().intended(old, actions)
+        q = Complement().intended_action_proba(old, actions)
         problem = FitData(
             np.empty((2000, 0)), actions, np.array([0, 2000]), Discrete(n_actions), np.zeros(1, dtype=int)
         )

@@ -15,7 +15,7 @@ from rpil.data.fit_data import FitData
 from rpil.data.spaces import Box, Discrete
 from rpil.mixture.adversaries.box import MarginalBox, UniformBox
 from rpil.mixture.adversaries.discrete import Uniform
-from rpil.mixture.adversaries.named import ADVERSARIES, adversary, marginal
+from rpil.mixture.adversaries.named import ADVERSARIES, adversary
 from rpil.mixture.adversaries.protocol import Adversary
 from rpil.policies.linear import linear_policy
 from rpil.policies.protocol import Policy
@@ -109,7 +109,7 @@ def test_the_ends_of_the_box_are_in_its_first_and_last_bins():
 @pytest.mark.parametrize("name", NAMES)
 def test_steps_teach_the_policy_nothing(name):
     found, outputs = fitted(name)
-    assert found.intended(outputs, PROBLEM.actions) is None
+    assert found.intended_action_proba(outputs, PROBLEM.actions) is None
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -151,8 +151,8 @@ def test_before_it_has_seen_data_the_marginal_is_uniform():
     np.testing.assert_allclose(start.log_prob(*steps), UniformBox(TOY.space.log_volume).log_prob(*steps))
 
 
-def test_the_marginal_of_everybody():
-    found = marginal(PROBLEM, fresh())
+def test_marginal_fit_is_a_histogram():
+    found = MarginalBox.start(TOY.space).fit(PROBLEM, PROBLEM.actions, np.ones(N))
     assert found.name == "marginal"
     share = np.exp(found.log_density[0]) * found.width[0]
     expected = np.histogram(TOY.actions[:, 0], 20, (TOY.space.low[0], TOY.space.high[0]))[0] + 1.0

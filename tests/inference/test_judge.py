@@ -16,16 +16,19 @@ from rpil.data.demonstrations import Demonstrations
 from rpil.data.fit_data import FitData
 from rpil.data.spaces import Discrete
 from rpil.inference.effective_steps import autocovariances, effective_steps
-from rpil.inference.fitted_judge import SCALES, mean_variance
+from rpil.inference.fitted_judge import FittedJudge
 from rpil.inference.groups import Groups, fit_groups, one_group, two_groups
-from rpil.inference.held_out import LAPSE, RidgeScorer, SoftmaxScorer, deal, frequencies, reference, scorer
-from rpil.inference.judgement import FINDINGS, Settings, judge
-from rpil.inference.rivals import find_rival, find_style, sides, state_overlap
+from rpil.inference.held_out import HeldOutRidge, HeldOutSoftmax, deal, frequencies, held_out_model, log_reference
+from rpil.inference.rivals import find_rival, find_style, split_by_gradients, state_overlap
+from rpil.inference.scores import mean_variance
+from rpil.inference.settings import HeldOutSettings, JudgeSettings, TrimmingSettings
 from rpil.inference.step_trust import step_trust
-from rpil.inference.teachers import best, choose_ridge, concentrate, mean_steps, shares
+from rpil.inference.trimming import best_explained, choose_ridge, fit_trimmed, group_shares
+from rpil.inference.trust import FINDINGS, judge
 from rpil.numerics.regression import error_scale, standardise, student_log_density
 
 STEPS = (40, 60)
+LAPSE = HeldOutSettings().lapse
 
 
 def problem_of(toy, labels=None) -> FitData:
@@ -81,8 +84,8 @@ def test_steps_of_a_right_policy_are_independent_however_slowly_states_move():
 def test_softmax_scores_are_those_of_scikit_learn_on_the_other_folds():
     problem = problem_of(make("noisy", 0, steps=STEPS))
     weight = np.random.default_rng(0).random(len(problem.actions))
-    found = SoftmaxScorer(problem, deal(problem, 3, 0))
-    scored = found.held_out(weight, 1e-2)
+    found = HeldOutSoftmax(problem, deal(problem, 3, 0))
+    scored = found.evaluate(weight, 1e-2)
     fold, q = problem.per_step(found.fold), frequencies(problem)
     for k in range(3):
         train, test = fold != k, fold == k
@@ -99,8 +102,8 @@ def test_softmax_scores_are_those_of_scikit_learn_on_the_other_folds():
 def test_ridge_scores_are_those_of_scikit_learn_on_the_other_folds():
     problem = problem_of(make_continuous("noisy", 0, steps=STEPS))
     weight = np.random.default_rng(0).random(len(problem.actions))
-    found = RidgeScorer(problem, deal(problem, 3, 0))
-    scored = found.held_out(weight, 1e-2)
+    found = HeldOutRidge(problem, deal(problem, 3, 0))
+    scored = found.evaluate(weight, 1e-2)
     fold, actions = problem.per_step(found.fold), standardise(problem.actions)
     errors = np.empty_like(actions)
     for k in range(3):
@@ -118,7 +121,7 @@ def test_a_demonstration_never_teaches_the_policy_that_scores_it():
     changed = problem.per_step(fold) == 1
     other.actions[changed] = (other.actions[changed] + 1) % problem.space.n
     weight = np.ones(len(problem.actions))
-    one, two = (SoftmaxScorer(p, fold).held_out(weight, 1e-2) for p in (problem, other))
+    one, two = (HeldOutSoftmax(p, fold).evaluate(weight, 1e-2) for p in (problem, other))
     q_one, q_two = frequencies(problem), frequencies(other)
     # The other steps of that fold are scored by the same policies; only the frequencies of the lapses differ.
     same = changed & (problem.actions == other.actions)
@@ -155,17 +158,17 @@ def test_the_order_of_demonstrations_does_not_matter(toy):
 def test_concentration_teaches_by_the_best_explained():
     toy = make("random", 0, n_good=10, n_bad=10, steps=STEPS)
     problem = problem_of(toy)
-    taught = concentrate(problem, scorer(problem, 0), np.ones(20, dtype=bool), 1e-2, 0.6)
-    score = mean_steps(problem, taught.scored.log_prob)
+    taught = fit_trimmed(problem, held_out_model(problem, 0), np.ones(20, dtype=bool), 1e-2, 0.6, 4)
+    score = problem.mean_steps(taught.held_out.log_prob)
     assert roc_auc_score(toy.is_good, score) == 1.0
-    assert taught.teachers.sum() == 12
-    assert taught.teachers[toy.is_good].all()
+    assert taught.group.sum() == 12
+    assert taught.group[toy.is_good].all()
     assert taught.history[-1] > taught.history[0]
 
 
 def test_labelled_experts_teach_and_labelled_adversaries_do_not():
     problem = problem_of(make("random", 0), labels=[1, -1, *[0] * 10])
-    chosen = best(problem, np.array([-9.0, 9.0, *range(10)]), 4)
+    chosen = best_explained(problem, np.array([-9.0, 9.0, *range(10)]), 4)
     assert chosen[0]
     assert not chosen[1]
     assert chosen.sum() == 4
@@ -175,9 +178,9 @@ def test_a_strong_ridge_is_chosen_where_there_is_nothing_to_learn():
     rng = np.random.default_rng(0)
     features = np.column_stack([rng.normal(size=(400, 100)), np.ones(400)])
     noise = FitData(features, rng.integers(4, size=400), np.arange(21) * 20, Discrete(4), np.zeros(20, dtype=int))
-    assert choose_ridge(noise, scorer(noise, 0), np.ones(20, dtype=bool)) == 1e-1
+    assert choose_ridge(noise, held_out_model(noise, 0), np.ones(20, dtype=bool)) == 1e-1
     clear = replace(noise, actions=(features[:, 0] > 0).astype(int))
-    assert choose_ridge(clear, scorer(clear, 0), np.ones(20, dtype=bool)) < 1e-1
+    assert choose_ridge(clear, held_out_model(clear, 0), np.ones(20, dtype=bool)) < 1e-1
 
 
 # ---- groups of scores ------------------------------------------------------------------------------------------------
@@ -258,19 +261,20 @@ def test_one_group_is_a_maximum_over_the_three_parameters():
 
 
 @pytest.mark.parametrize(("kind", "seed", "n_good", "n_bad"), [("noisy", 0, 10, 30), ("window", 1, 8, 56)])
-def test_few_experts_are_found_by_fewer_teachers(kind, seed, n_good, n_bad, monkeypatch):
+def test_few_experts_are_found_by_fewer_teachers(kind, seed, n_good, n_bad):
     toy = make(kind, seed, n_good=n_good, n_bad=n_bad, steps=STEPS)
     verdicts = np.array(RPIL().fit(toy.demonstrations).audit_.verdicts)
     assert (verdicts[toy.is_good] == "expert").all()
     assert (verdicts[~toy.is_good] == "adversary").mean() > 0.95
-    monkeypatch.setattr("rpil.inference.teachers.HALVINGS", 0)
-    assert RPIL().fit(toy.demonstrations).audit_.finding == "nobody stands out"
+    problem = toy.problem("folded")
+    settings = JudgeSettings(trimming=TrimmingSettings(halvings=0))
+    assert judge(problem, held_out_model(problem, 0), settings).finding == "nobody stands out"
 
 
 def test_shares_are_halved_while_enough_demonstrations_teach():
-    assert shares(100) == [0.6, 0.3, 0.15, 0.075]
-    assert shares(20) == [0.6, 0.3]
-    assert shares(4) == [0.6]
+    assert group_shares(100) == [0.6, 0.3, 0.15, 0.075]
+    assert group_shares(20) == [0.6, 0.3]
+    assert group_shares(4) == [0.6]
 
 
 # ---- rivals ----------------------------------------------------------------------------------------------------------
@@ -279,7 +283,7 @@ def test_shares_are_halved_while_enough_demonstrations_teach():
 @pytest.mark.parametrize("n_bad", [4, 6, 18])
 def test_a_coherent_group_in_the_same_states_is_a_rival(n_bad):
     toy = make("shifted", 1, n_bad=n_bad, steps=STEPS)
-    judgement = judge(problem_of(toy), scorer(problem_of(toy), 0), Settings())
+    judgement = judge(problem_of(toy), held_out_model(problem_of(toy), 0))
     assert judgement.finding == "cannot be known"
     assert judgement.rival is not None
     groups = {frozenset(judgement.rival.trusted.tolist()), frozenset(judgement.rival.rival.tolist())}
@@ -290,7 +294,7 @@ def test_a_coherent_group_in_the_same_states_is_a_rival(n_bad):
 def test_noise_is_no_rival(kind):
     toy = make(kind, 0, n_good=10, n_bad=10, steps=STEPS)
     problem = problem_of(toy)
-    assert find_rival(problem, scorer(problem, 0), toy.is_good, 1e-2, 0) is None
+    assert find_rival(problem, held_out_model(problem, 0), toy.is_good, 1e-2, JudgeSettings(), 0) is None
 
 
 def test_a_policy_in_other_states_is_no_rival():
@@ -318,7 +322,7 @@ def styles(seed, n_first=8, n_second=8, above=0.8, steps=400):
 @pytest.mark.parametrize("seed", range(4))
 def test_two_styles_are_listed_and_a_label_chooses(seed):
     data, second = styles(seed)
-    with pytest.warns(UserWarning, match="two groups of demonstrations each act alike"):
+    with pytest.warns(UserWarning, match="label one demonstration"):
         audit = RPIL().fit(data).audit_
     assert set(audit.verdicts) == {"uncertain"}
     assert {frozenset(group) for group in audit.competing} == {
@@ -356,12 +360,12 @@ def test_one_style_has_no_second():
         Discrete(2),
         np.zeros(12, dtype=int),
     )
-    assert find_style(problem, scorer(problem, 0), 1e-3, 0) is None
+    assert find_style(problem, held_out_model(problem, 0), 1e-3, JudgeSettings(), 0) is None
 
 
 def test_sides_part_continuous_actions_too():
     toy = make_continuous("flipped", 0, n_good=6, n_bad=6, steps=(100, 120))
-    side = sides(toy.problem("raw"), 1e-3)
+    side = split_by_gradients(toy.problem("raw"), 1e-3)
     assert (side == toy.is_good).all() or (side == ~toy.is_good).all()
 
 
@@ -370,7 +374,7 @@ def test_what_to_think_of_a_minority_is_the_users_choice(minority, finding):
     toy = make("shifted", 1, n_good=8, n_bad=4, steps=STEPS)
     audit = RPIL(minority=minority).fit(toy.demonstrations).audit_ if minority != "ask" else None
     if audit is None:
-        with pytest.warns(UserWarning, match="two groups of demonstrations each act alike"):
+        with pytest.warns(UserWarning, match="label one demonstration"):
             audit = RPIL().fit(toy.demonstrations).audit_
         assert set(audit.verdicts) == {"uncertain"}
         assert (audit.expert_proba == 0.5).all()
@@ -408,9 +412,9 @@ def test_log_odds_are_the_sum_of_their_parts():
 def test_what_is_kept_scores_as_the_judge_did():
     for toy in (make("random", 0, n_good=10, n_bad=10, steps=STEPS), make_continuous("random", 0, steps=STEPS)):
         problem = problem_of(toy)
-        judgement = judge(problem, scorer(problem, 0), Settings())
-        kept = judgement.keep(problem, SCALES[problem.space.kind])
-        measure, _ = kept.scale.measure(problem.features, problem.actions)
+        judgement = judge(problem, held_out_model(problem, 0))
+        kept = FittedJudge.of(judgement, problem)
+        measure, _ = kept.step_ratios(problem.features, problem.actions)
         score = problem.sum_steps(measure) / problem.lengths
         np.testing.assert_allclose(score, judgement.scores.score, atol=0.3 * np.ptp(judgement.scores.score))
         again = kept.log_odds(measure, problem.offsets)
@@ -421,7 +425,7 @@ def test_the_variance_of_a_mean():
     rng = np.random.default_rng(0)
     values = rng.normal(size=(4000, 25))
     squares = ((values - values.mean(axis=1, keepdims=True)) ** 2).sum(axis=1)
-    variance = mean_variance(squares, np.full(4000, 25), 1.0, np.full(4000, 25.0))
+    variance = mean_variance(squares, np.full(4000, 25), 1.0, np.full(4000, 25.0), 20.0)
     assert variance.mean() == pytest.approx(values.mean(axis=1).var(), rel=0.1)
 
 
@@ -446,8 +450,8 @@ def test_the_reference_does_not_look_at_the_state():
     problem = problem_of(make("random", 0))
     everyone = np.ones(problem.n_demonstrations, dtype=bool)
     shuffled = replace(problem, features=problem.features[::-1])
-    np.testing.assert_array_equal(reference(problem, everyone), reference(shuffled, everyone))
-    log_q = reference(problem, everyone)
+    np.testing.assert_array_equal(log_reference(problem, everyone), log_reference(shuffled, everyone))
+    log_q = log_reference(problem, everyone)
     for action in range(problem.space.n):
         share = (problem.actions == action).mean()
         assert np.exp(log_q[problem.actions == action]).mean() == pytest.approx(share, abs=0.01)
@@ -467,7 +471,7 @@ def test_any_expert_that_is_labelled_settles_which_of_two_groups_it_is(seed):
 
 def test_no_labelled_demonstration_is_asked_for():
     toy = make("flipped", 0, n_good=6, n_bad=6, steps=STEPS)
-    with pytest.warns(UserWarning, match="two groups of demonstrations each act alike"):
+    with pytest.warns(UserWarning, match="label one demonstration"):
         first = RPIL().fit(toy.demonstrations).audit_.to_label
     assert len(first) == 2
     problem = problem_of(toy, np.array([m == first[0] for m in toy.ids], dtype=int))

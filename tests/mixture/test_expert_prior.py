@@ -8,13 +8,13 @@ from scipy.special import expit
 from scipy.stats import beta
 
 from rpil.data.errors import DataError
-from rpil.mixture.expert_prior import Share, as_prior
+from rpil.mixture.expert_prior import ExpertPrior, as_prior
 
 EXPERT = np.array([1.0, 1.0, 0.5, 1.0, 1.0, 1.0, 1.0, 0.0, 0.0, 0.0])
 
 
 def test_the_share_is_the_mode():
-    found = Share(0.5, 3.0, 2.0).fit(EXPERT)
+    found = ExpertPrior(0.5, 3.0, 2.0).fit(EXPERT)
     grid = np.linspace(1e-6, 1 - 1e-6, 1_000_001)
     log_posterior = (6.5 + 3 - 1) * np.log(grid) + (3.5 + 2 - 1) * np.log1p(-grid)
     assert found.p == pytest.approx(grid[log_posterior.argmax()], abs=2e-6)
@@ -24,24 +24,24 @@ def test_the_share_is_the_mode():
 
 
 def test_a_given_share_stays():
-    fixed = Share(0.2, fixed=True)
+    fixed = ExpertPrior(0.2, fixed=True)
     assert fixed.fit(np.ones(9)).p == 0.2
     assert fixed.log_prior() == 0.0
     assert fixed.interval(np.ones(9)) == (0.2, 0.2, 0.2)
-    assert 0 < Share(0.5, 1.0, 1.0).fit(np.zeros(10)).p < 1e-9  # never exactly 0
+    assert 0 < ExpertPrior(0.5, 1.0, 1.0).fit(np.zeros(10)).p < 1e-9  # never exactly 0
 
 
 @pytest.mark.parametrize("expert", [EXPERT, np.ones(2), np.zeros(2000)])
 def test_the_interval_is_that_of_the_beta_posterior(expert):
     posterior = beta(3.0 + expert.sum(), 2.0 + len(expert) - expert.sum())
     expected = posterior.mean(), *posterior.ppf([0.025, 0.975])
-    np.testing.assert_allclose(Share(0.5, 3.0, 2.0).interval(expert), expected)
+    np.testing.assert_allclose(ExpertPrior(0.5, 3.0, 2.0).interval(expert), expected)
 
 
 def test_what_a_user_may_give():
-    assert as_prior(None) == Share()
-    assert as_prior(0.3) == Share(0.3, fixed=True)
-    assert as_prior((3.0, 1.0)) == Share(0.75, 3.0, 1.0)
+    assert as_prior(None) == ExpertPrior()
+    assert as_prior(0.3) == ExpertPrior(0.3, fixed=True)
+    assert as_prior((3.0, 1.0)) == ExpertPrior(0.75, 3.0, 1.0)
     with pytest.raises(DataError, match="no probability"):
         as_prior(1.5)
     with pytest.raises(DataError, match="no single mode"):

@@ -1,0 +1,130 @@
+"""Scores of demonstrations: means of held-out log-ratios, with their variances and groups."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from rpil.data.fit_data import FitData
+from rpil.inference.effective_steps import autocovariances, effective_steps
+from rpil.inference.groups import Groups, fit_groups
+from rpil.inference.held_out import HeldOutModel, log_reference
+from rpil.inference.settings import JudgeSettings
+from rpil.inference.trimming import TrimmedFit, choose_ridge, fit_group
+from rpil.numerics.types import Array, Bool, Float, Int
+
+
+@dataclass(frozen=True, eq=False)
+class Scores:
+    """Scores of M demonstrations.
+
+    Attributes
+    ----------
+    score, variance : (M,) arrays
+        y_m, in nats a step, and its variance v_m.
+    effective_steps : (M,) array
+        n_m of each demonstration.
+    groups : Groups
+    step_variance : float
+        Variance of the log-ratio of a step within a demonstration, pooled over demonstrations.
+    state_predicts_action : bool
+        Whether policies of all demonstrations predict held-out actions better than their frequencies do.
+    fit : TrimmedFit
+        The policies of the training group.
+    """
+
+    score: Float[Array, " M"]
+    variance: Float[Array, " M"]
+    effective_steps: Float[Array, " M"]
+    groups: Groups
+    step_variance: float
+    state_predicts_action: bool
+    fit: TrimmedFit
+
+    def log_odds(self, settings: JudgeSettings) -> Float[Array, " M"]:
+        """Log-odds of expert against adversary, nats, by the scores alone."""
+        return self.groups.log_odds(self.score, self.variance, settings.groups)
+
+    def with_two_groups(self, settings: JudgeSettings) -> Scores:
+        """The same scores where a label or the user says that there are two groups."""
+        factor = max(self.groups.log_bayes_factor, settings.known_log_bayes_factor)
+        return replace(self, groups=replace(self.groups, log_bayes_factor=factor))
+
+
+@dataclass(frozen=True, eq=False)
+class Scoring:
+    """How demonstrations are scored: everything that stays the same while the training group changes.
+
+    Attributes
+    ----------
+    data : FitData
+    model : HeldOutModel
+    settings : JudgeSettings
+    ridge : float
+        A step, chosen once (`rpil.inference.trimming.choose_ridge`).
+    log_q : (N,) array
+        log q(a) of each step, the reference.
+    state_predicts_action : bool
+    """
+
+    data: FitData
+    model: HeldOutModel
+    settings: JudgeSettings
+    ridge: float
+    log_q: Float[Array, " N"]
+    state_predicts_action: bool
+
+    @classmethod
+    def of(cls, data: FitData, model: HeldOutModel, settings: JudgeSettings) -> Scoring:
+        """Choose the ridge, and test whether the state predicts the action, by policies of all demonstrations that are
+        not labelled adversaries."""
+        group = data.labels >= 0
+        log_q = log_reference(data, np.ones(data.n_demonstrations, dtype=bool))
+        ridge = choose_ridge(data, model, group)
+        gain = data.mean_steps(model.evaluate(data.per_step(group.astype(float)), ridge).log_prob - log_q)
+        error = gain.std() / np.sqrt(len(gain))
+        return cls(data, model, settings, ridge, log_q, bool(gain.mean() > settings.min_standard_errors * error))
+
+    def fit_group(self, group: Bool[Array, " M"]) -> TrimmedFit:
+        """Policies fitted to `group`."""
+        return fit_group(self.data, self.model, group, self.ridge)
+
+    def score(self, fit: TrimmedFit) -> Scores:
+        """Scores of all demonstrations under policies of a training group.
+
+        The reference of a density is uniform over the box of the actions: a constant, which is left out.
+        """
+        return self.score_ratios(fit, fit.held_out.log_prob - (self.log_q if self.data.space.kind == "discrete" else 0))
+
+    def score_ratios(self, fit: TrimmedFit, log_ratio: Float[Array, " N"]) -> Scores:
+        """Scores that are the means of `log_ratio` over the steps of each demonstration, in place of the reference."""
+        data, settings = self.data, self.settings
+        score = data.mean_steps(log_ratio)
+        squares = data.sum_steps((log_ratio - data.per_step(score)) ** 2)
+        step_variance = float(squares.sum()) / max(len(log_ratio) - data.n_demonstrations, 1)
+        offsets = data.select(np.flatnonzero(fit.group)).offsets
+        residual = fit.held_out.residual[data.per_step(fit.group)]
+        covariances = autocovariances(residual - residual.mean(), offsets, settings.effective_steps)
+        effective = effective_steps(covariances, data.lengths)
+        variance = mean_variance(squares, data.lengths, step_variance, effective, settings.variance_steps)
+        groups = fit_groups(score, variance, data.labels, effective, data.lengths, settings.groups)
+        return Scores(score, variance, effective, groups, step_variance, self.state_predicts_action, fit)
+
+
+def mean_variance(
+    squares: Float[Array, " M"],
+    lengths: Int[Array, " M"],
+    step_variance: float,
+    effective: Float[Array, " M"],
+    variance_steps: float,
+) -> Float[Array, " M"]:
+    """Variance v_m of the mean over the steps of each demonstration,
+
+        v_m = s_m^2 / n_m,     s_m^2 = (S_m + k s^2) / (N_m + k)
+
+    with its sum of `squares` S_m around that mean, its `effective` steps n_m, and the `step_variance` s^2 of all
+    demonstrations, which counts like k = `variance_steps` steps.
+    """
+    own: Array = (squares + variance_steps * step_variance) / (lengths + variance_steps)
+    return own / effective

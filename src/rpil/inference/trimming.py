@@ -1,0 +1,95 @@
+"""The training group: the demonstrations that are explained best, to which the judge fits its policy.
+
+A policy of all demonstrations follows the majority. So the demonstrations are ranked by their mean held-out
+log-likelihood of a step, the best share h of them is the next training group T, and so on:
+
+    T <- the share h of the demonstrations with the largest  (1 / N_m) sum_n log pi_T(a_n | s_n)
+
+This is trimmed likelihood with concentration steps (Rousseeuw and Van Driessen 1999), and the paper's robust maximum
+entropy (eq. 2) with held-out likelihoods. The share of experts is unknown, so h starts at `TrimmingSettings.share` and
+is halved (`group_shares`) until the scores show two groups.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from rpil.data.fit_data import FitData
+from rpil.inference.held_out import HeldOutLogProb, HeldOutModel
+from rpil.inference.settings import TrimmingSettings
+from rpil.numerics.types import Array, Bool, Float
+
+
+@dataclass(frozen=True, eq=False)
+class TrimmedFit:
+    """Policies fitted to a training group.
+
+    Attributes
+    ----------
+    held_out : HeldOutLogProb
+        Of all steps, under policies fitted to the training group.
+    group : (M,) bool array
+        The training group.
+    ridge : float
+        A step.
+    history : (T,) array
+        Mean held-out log-likelihood of a demonstration of the training group after each concentration step, in nats a
+        step.
+    """
+
+    held_out: HeldOutLogProb
+    group: Bool[Array, " M"]
+    ridge: float
+    history: Float[Array, " T"]
+
+
+def choose_ridge(data: FitData, model: HeldOutModel, group: Bool[Array, " M"]) -> float:
+    """The ridge, a step, with the largest median over the demonstrations of `group` of the mean held-out
+    log-likelihood, under policies fitted to that group; 0 where `model` has no ridges.
+
+    The median, because the demonstration that is explained worst would decide a mean.
+    """
+    weight = data.per_step(group.astype(float))
+
+    def explained(ridge: float) -> float:
+        return float(np.median(data.mean_steps(model.evaluate(weight, ridge).log_prob)[group]))
+
+    return max(model.ridges, key=explained, default=0.0)
+
+
+def group_shares(n_demonstrations: int, settings: TrimmingSettings = TrimmingSettings()) -> list[float]:
+    """Shares of the demonstrations in the training group, from the largest to the smallest."""
+    halved = [settings.share / 2**k for k in range(1, settings.halvings + 1)]
+    return [settings.share] + [share for share in halved if round(share * n_demonstrations) >= settings.min_group]
+
+
+def fit_group(data: FitData, model: HeldOutModel, group: Bool[Array, " M"], ridge: float) -> TrimmedFit:
+    """Policies fitted to `group`, without concentration steps."""
+    held_out = model.evaluate(data.per_step(group.astype(float)), ridge)
+    return TrimmedFit(held_out, group, ridge, np.array([data.mean_steps(held_out.log_prob)[group].mean()]))
+
+
+def fit_trimmed(
+    data: FitData, model: HeldOutModel, group: Bool[Array, " M"], ridge: float, share: float, max_iter: int
+) -> TrimmedFit:
+    """Policies fitted to the best explained `share` of the demonstrations, by concentration steps from `group`."""
+    count = max(2, round(share * data.n_demonstrations))
+    fit = fit_group(data, model, group, ridge)
+    history = [fit.history]
+    for _ in range(max_iter):
+        best = best_explained(data, data.mean_steps(fit.held_out.log_prob), count)
+        if (best == fit.group).all():
+            break
+        fit = fit_group(data, model, best, ridge)
+        history.append(fit.history)
+    return TrimmedFit(fit.held_out, fit.group, ridge, np.concatenate(history))
+
+
+def best_explained(data: FitData, score: Float[Array, " M"], count: int) -> Bool[Array, " M"]:
+    """The `count` demonstrations with the largest `score`; labelled experts always, labelled adversaries never."""
+    ranked = np.where(data.labels > 0, np.inf, np.where(data.labels < 0, -np.inf, score))
+    chosen = np.zeros(len(score), dtype=bool)
+    chosen[np.argsort(-ranked, kind="stable")[:count]] = True
+    return (chosen & (data.labels >= 0)) | (data.labels > 0)

@@ -1,0 +1,84 @@
+"""The prior of demonstrators: exact sums, shrinkage, and little effect of demonstrators that are random."""
+
+from __future__ import annotations
+
+import warnings
+from itertools import product
+
+import numpy as np
+import pytest
+from scipy.special import log_expit, logsumexp
+
+from rpil.data.demonstrators import Demonstrators
+from rpil.mixture.demonstrator_prior import demonstrator_posterior
+from rpil.mixture.settings import DemonstratorSettings
+
+SPREADS = np.array([0.0, 0.5, 1.0, 2.0, 4.0, 8.0])
+NODES = np.linspace(-3.0, 3.0, 25)
+LOG_WEIGHT = -0.5 * NODES**2 - np.log(np.exp(-0.5 * NODES**2).sum())
+
+
+def log_prior(demonstrators: Demonstrators, expert: tuple[int, ...]) -> float:
+    """log P(which demonstrations are experts'), summed over each tau and each intercept."""
+    z = SPREADS[:, None] * NODES
+    each = np.where(np.array(expert)[:, None, None], log_expit(z), log_expit(-z))
+    sums = [each[demonstrators.index == u].sum(axis=0) for u in range(len(demonstrators.names))]
+    return float(logsumexp(sum(logsumexp(s + LOG_WEIGHT, axis=1) for s in sums)) - np.log(len(SPREADS)))
+
+
+@pytest.mark.parametrize("labels", [[0] * 6, [0, 0, 1, 0, -1, 0]], ids=["unlabelled", "labelled"])
+def test_log_odds_are_those_of_enumeration(labels):
+    demonstrators, labels = Demonstrators.from_names("aabbbc"), np.array(labels)
+    ratio = 2 * np.random.default_rng(0).normal(size=6)
+    posterior = demonstrator_posterior(demonstrators, ratio, labels)
+    experts = np.array(list(product([0, 1], repeat=6)))
+    joint = np.array([log_prior(demonstrators, tuple(row)) for row in experts])
+    assert logsumexp(joint) == pytest.approx(0.0)
+    joint = joint + experts @ ratio
+    fits = (experts == (labels > 0)) | (labels == 0)
+    for m in range(6):
+        others = np.delete(fits, m, axis=1).all(axis=1)
+        without = joint - experts[:, m] * ratio[m]  # without the actions of m
+        odds = [logsumexp(without[others & (experts[:, m] == z)]) for z in (1, 0)]
+        assert posterior.log_odds[m] == pytest.approx(odds[0] - odds[1], abs=1e-4)
+
+
+def test_shrinkage_by_the_number_of_demonstrations():
+    demonstrators = Demonstrators.from_names(["eight"] * 9 + ["two"] * 3 + ["none"] + ["bad"] * 6)
+    ratio = np.array([30.0] * 8 + [0.0] + [30.0] * 2 + [0.0] + [0.0] + [-30.0] * 6)
+    posterior = demonstrator_posterior(demonstrators, ratio, np.zeros(19, dtype=int))
+    eight, two, none, bad = posterior.log_odds[[8, 11, 12, 13]]
+    assert eight > two + 0.3 > none + 0.6
+    assert none == 0.0
+    assert bad < -0.8
+    mean, low, high = posterior.intervals().T
+    assert (np.diff(mean) < 0).all()
+    assert (low <= mean).all()
+    assert (mean <= high).all()
+    assert high[2] - low[2] > high[0] - low[0]
+
+
+def test_random_demonstrators_change_little():
+    rng = np.random.default_rng(0)
+    ratio = rng.permutation(np.repeat([20.0, -20.0], 30))
+    demonstrators = Demonstrators.from_names(rng.integers(6, size=60).tolist())
+    log_odds = demonstrator_posterior(demonstrators, ratio, np.zeros(60, dtype=int)).log_odds
+    assert np.abs(log_odds).max() < 0.8
+    assert np.abs(log_odds).mean() < 0.25
+
+
+def test_demonstrators_that_do_not_differ_change_nothing():
+    demonstrators = Demonstrators.from_names("aabb")
+    settings = DemonstratorSettings(spreads=(0.0,))
+    posterior = demonstrator_posterior(demonstrators, np.array([9.0, 9, -9, -9]), np.zeros(4, dtype=int), settings)
+    np.testing.assert_allclose(posterior.log_odds, 0.0, atol=1e-9)
+    np.testing.assert_allclose(posterior.intervals(), 0.5)
+
+
+def test_infinite_log_ratios_give_no_nan():
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        posterior = demonstrator_posterior(
+            Demonstrators.from_names("aab"), np.array([np.inf, -np.inf, 0.0]), np.zeros(3, dtype=int)
+        )
+    assert not np.isnan(np.concatenate([posterior.log_odds, posterior.weight.ravel()])).any()
