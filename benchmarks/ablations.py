@@ -18,8 +18,7 @@ import os
 import sys
 import warnings
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
-from functools import partial
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -27,13 +26,12 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before NumPy; worker proce
 
 import numpy as np
 
-import rpil.estimators.rpil
 from options import at_least, output
 from provenance import provenance
+from rpil import Settings
 from rpil.data.files import replacing
 from rpil.estimators.rpil import RPIL
 from rpil.inference import groups, scores, trimming, trust
-from rpil.inference.held_out import held_out_model
 from rpil.inference.settings import GroupSettings, HeldOutSettings, JudgeSettings, TrimmingSettings
 from rpil.numerics.parallel import in_processes
 from scoring import auroc
@@ -64,24 +62,27 @@ def _first_fit(scoring: scores.Scoring, _: Array) -> trimming.TrimmedFit:
     )
 
 
-def _trimming(**changed: Any) -> JudgeSettings:
-    return JudgeSettings(trimming=TrimmingSettings(**changed))
+def _trimming(**changed: Any) -> Settings:
+    return Settings(judge=JudgeSettings(trimming=TrimmingSettings(**changed)))
 
 
-def _groups(**changed: Any) -> JudgeSettings:
-    return JudgeSettings(groups=GroupSettings(**changed))
+def _groups(**changed: Any) -> Settings:
+    return Settings(judge=JudgeSettings(groups=GroupSettings(**changed)))
 
 
-def _folds(n: int) -> JudgeSettings:
-    return JudgeSettings(held_out=HeldOutSettings(max_folds_discrete=n, max_folds_continuous=n))
+def _held_out(**changed: Any) -> Settings:
+    return Settings(judge=JudgeSettings(held_out=HeldOutSettings(**changed)))
+
+
+def _folds(n: int) -> Settings:
+    return _held_out(max_folds_discrete=n, max_folds_continuous=n)
 
 
 @dataclass(frozen=True)
 class Variant:
-    """The judge with other settings, other parameters of `RPIL`, or a function replaced: module, name, function."""
+    """`RPIL` with other settings, or with a function replaced: module, name, function."""
 
-    settings: JudgeSettings = JudgeSettings()
-    parameters: dict[str, Any] = field(default_factory=dict)
+    settings: Settings = Settings()
     function: tuple[Any, str, Any] | None = None
 
 
@@ -92,8 +93,8 @@ VARIANTS: dict[str, Variant] = {
     "80 % teach": Variant(_trimming(share=0.8)),
     "the share is not halved": Variant(_trimming(halvings=0)),
     "the upper group does not teach again": Variant(function=(scores.Scoring, "fit_group", _first_fit)),
-    "one ridge, 1e-4": Variant(JudgeSettings(held_out=HeldOutSettings(ridges=(1e-4,)))),
-    "raw features": Variant(parameters={"search_features": "raw"}),
+    "one ridge, 1e-4": Variant(_held_out(ridges=(1e-4,))),
+    "raw features": Variant(Settings(search_features="raw")),
     "steps are independent": Variant(
         function=(scores, "effective_steps", lambda covariances, lengths: lengths.astype(float))
     ),
@@ -112,21 +113,17 @@ VARIANTS: dict[str, Variant] = {
 
 @contextlib.contextmanager
 def replaced(variant: Variant) -> Iterator[None]:
-    """The judge of `RPIL` as in a variant, for a while."""
-    held_out = partial(held_out_model, settings=variant.settings.held_out)
-    parts = [
-        (rpil.estimators.rpil, "judge", partial(trust.judge, settings=variant.settings)),
-        (rpil.estimators.rpil, "held_out_model", held_out),
-        *([variant.function] if variant.function else []),
-    ]
-    before = [(module, name, getattr(module, name)) for module, name, _ in parts]
-    for module, name, value in parts:
-        setattr(module, name, value)
+    """The library with the function of a variant, for a while."""
+    if variant.function is None:
+        yield
+        return
+    module, name, function = variant.function
+    before = getattr(module, name)
+    setattr(module, name, function)
     try:
         yield
     finally:
-        for module, name, value in before:
-            setattr(module, name, value)
+        setattr(module, name, before)
 
 
 def measure(variant: str, cell: Cell) -> Row:
@@ -134,7 +131,7 @@ def measure(variant: str, cell: Cell) -> Row:
     world = cell.make()
     with replaced(VARIANTS[variant]), warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        audit = RPIL(**VARIANTS[variant].parameters).fit(world.demonstrations).audit_
+        audit = RPIL(settings=VARIANTS[variant].settings).fit(world.demonstrations).audit_
     good, verdicts = np.asarray(world.is_good), np.array(audit.verdicts)
     wrong = int(((good == 1) & (verdicts == "adversary")).sum() + ((good == 0) & (verdicts == "expert")).sum())
     known = good >= 0

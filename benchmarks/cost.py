@@ -25,11 +25,11 @@ import pyarrow.parquet as pq
 from threadpoolctl import threadpool_limits
 
 from provenance import line, provenance
-from rpil import RPIL, Dataset, open_dataset
-from rpil.scale.ascent import clone_pass
+from rpil import RPIL, Dataset, Settings, open_dataset
+from rpil.scale.ascent import block_statistics
 from rpil.scale.disk import Streamed
-from rpil.scale.fit import Prepare, Weigh
-from rpil.scale.fit import measure as score
+from rpil.scale.fit import DesignMap, StepWeights
+from rpil.scale.fit import score_block as score
 
 SEED = 0
 LENGTH = 200
@@ -63,18 +63,18 @@ def seconds(function: Callable[[], Any], repetitions: int) -> float:
     return min(taken)
 
 
-def measure(data: Dataset, path: Path, repetitions: int) -> dict[str, Any]:
-    """Costs for each step, of each part of a pass."""
+def measure(data: Dataset, path: Path, repetitions: int, settings: Settings | None) -> dict[str, Any]:
+    """Costs for each step, of each shard of a pass."""
     stages: list[str] = []
-    model = RPIL(engine=Streamed(), progress=stages.append, random_state=SEED).fit(data)
+    model = RPIL(engine=Streamed(), progress=stages.append, random_state=SEED, settings=settings).fit(data)
     n, maps = data.n_steps, (model.judge_features_, model.features_)
-    prepare, final = (Prepare(features, model.space_, model.classes_) for features in maps)
+    prepare, final = (DesignMap(features, model.space_, model.classes_) for features in maps)
     blocks = [block for shard in data.shards() for block in shard]
     ready = [prepare(block) for block in blocks]
     scoring = partial(score, judge=model.judge_)
-    weigh = replace(Weigh.of(model.audit_, model.judge_), final=final)
+    weigh = replace(StepWeights.of(model.audit_, model.judge_), final=final)
     lessons = [weigh(one) for one in ready]
-    one_pass = partial(clone_pass, policy=model.policy_)
+    one_pass = partial(block_statistics, policy=model.policy_)
     seen, design, weights = ready[0][1].features, lessons[0][0].features, model.policy_.weights.astype(np.float32)
     with threadpool_limits(1, "blas"):
 
@@ -205,12 +205,19 @@ def _time(value: float) -> str:
     return f"{1e3 * value:.0f} ms"
 
 
-def run(n_steps: int, n_observations: int, n_actions: int, repetitions: int, with_dask: bool) -> dict[str, Any]:
+def run(
+    n_steps: int,
+    n_observations: int,
+    n_actions: int,
+    repetitions: int,
+    with_dask: bool,
+    settings: Settings | None = None,
+) -> dict[str, Any]:
     """Everything, as plain numbers and text."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "data.parquet"
         write(path, n_steps, n_observations, n_actions)
-        cost = measure(open_dataset(path), path, repetitions)
+        cost = measure(open_dataset(path), path, repetitions, settings)
     cost["dispatch_s"] = dispatch() if with_dask else 1e-3
     predictions = [{"n_steps": n, "n_workers": w, **predict(cost, n, w)} for n in STEPS for w in WORKERS]
     shape = {"n_steps": n_steps, "n_observations": n_observations, "n_actions": n_actions}

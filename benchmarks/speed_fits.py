@@ -14,6 +14,7 @@ from sklearn.exceptions import ConvergenceWarning
 from sklearn.linear_model import LogisticRegression
 from sklearn.metrics import roc_auc_score
 
+from rpil import Settings
 from rpil.data.demonstrations import Demonstrations
 from rpil.estimators.rpil import RPIL
 from rpil.numerics import blocks as passes
@@ -131,7 +132,7 @@ def plain_fit(design: Array, codes: Array, ridge: Array, goal: float, solver: st
 
 
 def _given(kind: str) -> RPIL:
-    return RPIL(features=kind, search_features=kind)
+    return RPIL(features=kind, settings=Settings(search_features=kind))
 
 
 def auroc(model: RPIL, data: Planted) -> float:

@@ -18,6 +18,7 @@ import numpy as np
 
 import rpil
 from grid import ENVIRONMENTS
+from rpil import Settings
 from rpil.data.demonstrations import Demonstrations
 from rpil.estimators.cloning import BehavioralCloning
 from rpil.estimators.rpil import RPIL
@@ -97,7 +98,7 @@ def cluster(size: dict[str, int], repeats: int) -> Measured | Skipped:
 
 
 def _given(**told: Any) -> RPIL:
-    return RPIL(features="raw", search_features="raw", **told)
+    return RPIL(features="raw", settings=Settings(search_features="raw"), **told)
 
 
 def write_shards(path: Path, n_steps: int, n_features: int, n_actions: int) -> Path:

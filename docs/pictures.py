@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 from sklearn.ensemble import HistGradientBoostingClassifier
 
-from rpil import RPIL, Demonstrations
+from rpil import RPIL, Demonstrations, Settings
 from rpil.audit.plots import ACTION_COLOURS, COLOURS, RankingDisplay
 
 Array = NDArray[Any]
@@ -135,7 +135,7 @@ def ring_demonstrations() -> tuple[Demonstrations, Array]:
 
 
 RIVALS: dict[str, Callable[[], RPIL]] = {
-    "a straight line": lambda: RPIL(search_features="raw"),
+    "a straight line": lambda: RPIL(settings=Settings(search_features="raw")),
     'features="auto"': lambda: RPIL(features="auto"),
     "gradient boosting": lambda: RPIL(policy=HistGradientBoostingClassifier(max_iter=10, random_state=0)),
 }

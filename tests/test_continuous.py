@@ -17,6 +17,7 @@ from sklearn.linear_model import LinearRegression, LogisticRegression
 from sklearn.metrics import r2_score, roc_auc_score
 
 from problems import Toy, continuous_zoo, make, make_continuous, pooled_state
+from rpil import Settings
 from rpil.audit import plots
 from rpil.cli import main as cli
 from rpil.data import formats
@@ -32,6 +33,7 @@ from rpil.mixture.adversaries.named import ADVERSARIES
 from rpil.mixture.em import e_step, run_em
 from rpil.mixture.settings import MixtureSettings
 from rpil.simulation.simulate import simulate
+from small import mixture
 
 ZOO = continuous_zoo(0)
 STEPS = (40, 60)
@@ -138,7 +140,7 @@ def test_a_curved_expert_needs_curved_features_and_auto_finds_them():
     curve = 3 * toy.observations[:, 0] * toy.observations[:, 1]
     actions = np.where(good, curve + 0.2 * np.random.default_rng(0).normal(size=len(good)), toy.actions[:, 0])[:, None]
     data = Demonstrations.from_arrays(toy.observations, actions, toy.offsets)
-    model = RPIL("auto", search_features="poly").fit(data)
+    model = RPIL("auto", settings=Settings(search_features="poly")).fit(data)
     assert model.features_.kind == "poly"
     assert roc_auc_score(toy.is_good, model.log_odds_) == 1.0
 
@@ -199,7 +201,7 @@ def test_every_adversary(which, kind):
 def test_an_instance_and_the_given_prior():
     toy = make_continuous("random", 0, **MANY)
     box = Box.around(toy.actions)
-    model = RPIL(adversary=UniformBox(box.log_volume), prior=0.5).fit(toy.demonstrations)
+    model = RPIL(adversary=UniformBox(box.log_volume), settings=mixture(prior=0.5)).fit(toy.demonstrations)
     assert right(model, toy)
     assert model.audit_.prior.mean == 0.5
 

@@ -15,15 +15,16 @@ import pytest
 from click.testing import CliRunner
 
 from problems import make, make_continuous
-from rpil import RPIL, DaskEngine, DataError, open_dataset
+from rpil import DaskEngine, DataError, open_dataset
 from rpil.cli import main as cli
 from rpil.data import formats
 from rpil.data.demonstrations import Block, Demonstrations
 from rpil.data.fit_data import FitData
 from rpil.scale import dask as engine
-from rpil.scale import fit as large
-from rpil.scale.ascent import clone_pass
+from rpil.scale.ascent import block_statistics
+from rpil.scale.fit import StepWeights
 from rpil.scale.memory import InMemory
+from small import SMALL, small_rpil
 
 distributed = pytest.importorskip("distributed")
 
@@ -62,18 +63,18 @@ def assert_same(one, other):
 def test_a_cluster_says_what_one_process_says(small, cluster, tmp_path, maker, on_disk):
     data = demonstrations(maker)
     labels = {0: "expert", 100: "adversary"}
-    here = RPIL(engine=InMemory(), labels=labels).fit(data)
+    here = small_rpil(engine=InMemory(), labels=labels).fit(data)
     if on_disk:
         formats.write(tmp_path / "a.parquet", data)
         data = open_dataset(tmp_path / "a.parquet")
-    there = RPIL(engine=DaskEngine(cluster, n_parts=3), labels=labels).fit(data)
+    there = small_rpil(engine=DaskEngine(cluster, n_parts=3), labels=labels).fit(data)
     assert_same(here, there)
 
 
 @pytest.mark.parametrize("on_disk", [False, True])
 def test_a_worker_that_is_killed_costs_time_only(small, cluster, tmp_path, on_disk):
     data = demonstrations()
-    here = RPIL(engine=InMemory()).fit(data)
+    here = small_rpil(engine=InMemory()).fit(data)
     if on_disk:
         formats.write(tmp_path / "a.parquet", data)
         data = open_dataset(tmp_path / "a.parquet")
@@ -86,7 +87,7 @@ def test_a_worker_that_is_killed_costs_time_only(small, cluster, tmp_path, on_di
             os.kill(pid, signal.SIGKILL)
             killed.append(pid)
 
-    there = RPIL(engine=DaskEngine(cluster, n_parts=4), progress=progress).fit(data)
+    there = small_rpil(engine=DaskEngine(cluster, n_parts=4), progress=progress).fit(data)
     assert killed
     assert_same(here, there)
 
@@ -97,23 +98,24 @@ def test_each_worker_holds_a_share(small, cluster):
     keys = [future.key for future in placed.futures]
     where = cluster.who_has(placed.futures)
     assert [len([k for k in keys if w in where[k]]) for w in cluster.nthreads()] == [2, 2]
-    blocks = [block for shard in demonstrations().shards() for block in shard]
-    held = sum(block.observations.nbytes + block.actions.nbytes for block in blocks)
+    held = sum(
+        block.observations.nbytes + block.actions.nbytes for shard in demonstrations().shards() for block in shard
+    )
     assert sum(cluster.nbytes(keys, summary=False).values()) == pytest.approx(held, rel=0.05)
 
 
 def test_only_parameters_and_sums_travel(small, cluster):
     data = demonstrations()
-    model = RPIL(engine=InMemory()).fit(data)
+    model = small_rpil(engine=InMemory()).fit(data)
     problem = FitData(
         model.features_.design(data.observations), data.actions, data.offsets, model.space_, np.zeros(120, dtype=int)
     )
     weight = model.audit_.step_weight
     policy, hessian = model.policy_.with_preconditioner(problem, weight, model.policy_.ridge, 1.0)
     policy, _ = policy.m_step(policy.collect_suff_stats(problem, weight)[1], np.inf, hessian, np.empty((0, 2, 0, 0)))
-    assert size(partial(clone_pass, policy=policy)) < 2 * policy.weights.nbytes + 4000
+    assert size(partial(block_statistics, policy=policy)) < 2 * policy.weights.nbytes + 4000
     # What a shard is told of demonstrations is of its own.
-    weigh = large.Weigh(model.judge_, np.arange(120.0), 1.0)
+    weigh = StepWeights(model.judge_, np.arange(120.0), 1.0)
     shards = data.shards(4)
     told = [engine._only(weigh, shard) for shard in shards]
     assert sum(len(one.trust) for one in told) == 120
@@ -164,7 +166,7 @@ def test_no_process_is_left(small):
     ) as cluster:
         client = engine.connect(cluster.scheduler_address)
         pids = list(client.run(os.getpid).values())
-        RPIL(engine=DaskEngine(client)).fit(demonstrations())
+        small_rpil(engine=DaskEngine(client)).fit(demonstrations())
         client.close()
     for pid in pids:
         with pytest.raises(ProcessLookupError):
@@ -176,8 +178,8 @@ def test_the_command_uses_a_cluster(small, cluster, tmp_path):
     data = demonstrations()
     formats.write(tmp_path / "a.parquet", data)
     arguments = ["audit", str(tmp_path / "a.parquet"), "--json", "--scheduler", cluster.scheduler.address]
-    result = CliRunner().invoke(cli.main, arguments)
+    result = CliRunner().invoke(cli.main, arguments, obj=SMALL)
     assert result.exit_code == 0, result.output
     found = {d["id"]: d["log_odds"] for d in json.loads(result.stdout)["demonstrations"]}
-    here = RPIL(engine=InMemory(), features="auto").fit(data)
+    here = small_rpil(engine=InMemory(), features="auto").fit(data)
     np.testing.assert_allclose([found[m] for m in here.audit_.ids], here.log_odds_, rtol=1e-6, atol=1e-6)

@@ -23,6 +23,7 @@ from rpil.data import formats
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.formats import table as flat
 from rpil.scale.memory import InMemory
+from small import SMALL, small_rpil
 
 
 @pytest.fixture
@@ -115,8 +116,8 @@ def test_a_fit_from_disk_is_the_fit_in_memory(small, tmp_path, maker):
     memory = demonstrations(maker, "noisy", single=True)
     folder = spread(flat.from_demonstrations(memory, {}), tmp_path / "many")
     labels = {3: "expert", 100: "adversary"}
-    here = RPIL(engine=InMemory(), labels=labels).fit(memory)
-    there = RPIL(labels=labels).fit(open_dataset(folder))
+    here = small_rpil(engine=InMemory(), labels=labels).fit(memory)
+    there = small_rpil(labels=labels).fit(open_dataset(folder))
     assert here.audit_.ids == there.audit_.ids
     for name in ("log_odds", "expert_proba", "step_weight", "step_log_ratio", "reliability"):
         np.testing.assert_allclose(getattr(here.audit_, name), getattr(there.audit_, name), rtol=1e-6, atol=1e-6)
@@ -172,7 +173,7 @@ def changed(table, name, row, value):
 def test_what_is_wrong_is_said_in_one_sentence(small, tmp_path, change, said):
     table = change(flat.from_demonstrations(demonstrations(), {}))
     with pytest.raises(DataError, match=said) as error:
-        RPIL().fit(open_dataset(spread(table, tmp_path / "many")))
+        small_rpil().fit(open_dataset(spread(table, tmp_path / "many")))
     assert str(error.value).count(". ") == 0
 
 
@@ -238,7 +239,7 @@ def many(tmp_path, **kind):
 
 
 def command(*arguments):
-    result = CliRunner().invoke(cli.main, [str(argument) for argument in arguments])
+    result = CliRunner().invoke(cli.main, [str(argument) for argument in arguments], obj=SMALL)
     assert result.exit_code == 0, result.output
     return result.stdout
 
@@ -249,7 +250,7 @@ def test_the_command_streams_a_folder(small, tmp_path, monkeypatch):
     outputs = ["--weights", weights, "--report", tmp_path / "r.html", "--json"]
     found = json.loads(command("audit", folder, *outputs))
     data = open_dataset(folder)
-    model = RPIL(features="auto").fit(data)
+    model = small_rpil(features="auto").fit(data)
     assert [d["id"] for d in found["demonstrations"]] == [data.ids[m] for m in model.audit_.ranking()]
     assert found["n_steps"] == data.n_steps
     assert pq.read_metadata(weights).num_row_groups > 3
@@ -317,6 +318,7 @@ def test_weights_are_written_whole_or_not_at_all(small, tmp_path, monkeypatch):
 MEASURE = """
 import re, sys
 from pathlib import Path
+from rpil.scale.settings import AscentSettings
 import rpil, rpil.estimators.rpil, rpil.data.formats.dataset, sklearn.preprocessing, pyarrow.parquet, pyarrow.fs
 
 def peak():
@@ -324,7 +326,7 @@ def peak():
 
 before = peak()
 data = rpil.open_dataset(sys.argv[1])
-model = rpil.RPIL(max_iter=3).fit(data)
+model = rpil.RPIL(settings=rpil.Settings(ascent=AscentSettings(max_passes=3))).fit(data)
 assert len(model.audit_.step_weight) == data.n_steps
 print(peak() - before)
 """

@@ -52,7 +52,7 @@ NO_WEIGHT = "The policy KNeighborsClassifier takes no sample_weight, so that tru
     ],
 )  # fmt: skip
 def test_what_cannot_be_a_policy_is_refused_before_any_work(policy, match, monkeypatch):
-    monkeypatch.setattr("rpil.estimators.rpil.judge", lambda *_: pytest.fail("too late"))
+    monkeypatch.setattr("rpil.estimators.pipeline.judge", lambda *_: pytest.fail("too late"))
     refused(RPIL(policy=policy), demonstrations(), match)
 
 

@@ -25,9 +25,10 @@ from rpil.estimators.cloning import BehavioralCloning
 from rpil.estimators.rment import RMEnt
 from rpil.estimators.rpil import RPIL
 from rpil.mixture.adversaries.discrete import Confusion
+from small import mixture
 
 STEPS = (40, 60)
-PAPER = {"adversary": "complement", "m_step": "expert_only", "prior": 0.5}
+PAPER = {"adversary": "complement", "settings": mixture(m_step="expert_only", prior=0.5)}
 
 
 @parametrize_with_checks([BehavioralCloning(), RMEnt(), RPIL()])
@@ -193,10 +194,11 @@ def test_actions_that_are_no_codes():
 
 
 def test_clone_and_parameters():
-    model = RPIL("spline", adversary="uniform", prior=(3, 2), labels={"d0": "expert"})
+    model = RPIL("spline", adversary="uniform", settings=mixture(prior=(3, 2)), labels={"d0": "expert"})
     assert clone(model).get_params() == model.get_params()
     assert model.set_params(C=2.0).C == 2.0
-    assert {"features", "adversary", "prior", "C", "m_step", "labels", "random_state"} <= set(RPIL().get_params())
+    assert {"features", "adversary", "C", "labels", "settings", "random_state"} <= set(RPIL().get_params())
+    assert len(RPIL().get_params()) == 12
     toy = make("random", 0)
     assert not hasattr(clone(model.fit(toy.demonstrations)), "audit_")
     np.testing.assert_array_equal(pickle.loads(pickle.dumps(model)).log_odds_, model.log_odds_)  # noqa: S301
@@ -293,7 +295,7 @@ def test_progress_is_reported():
 
 def test_no_convergence_is_loud():
     with pytest.warns(ConvergenceWarning, match="raise max_iter"):
-        RPIL(adversary="confusion", max_iter=1, tol=0.0).fit(make("window", 0).demonstrations)
+        RPIL(adversary="confusion", settings=mixture(max_iter=1, tol=0.0)).fit(make("window", 0).demonstrations)
 
 
 def test_unfitted():
@@ -323,9 +325,21 @@ CONTINUOUS = Demonstrations.from_arrays(TOY.observations, TOY.observations, TOY.
             "no adversary called 'evil' for discrete actions; choose auto, constant",
         ),
         (RPIL(adversary=Confusion.given(np.eye(2))), TOY.demonstrations, "2 x 2 was given for 3 actions"),
-        (RPIL(m_step="none"), TOY.demonstrations, "no m_step 'none'; choose joint or expert_only"),
-        (RPIL(prior=1.5), TOY.demonstrations, "prior 1.5 is no probability"),
-        (RPIL(prior=(0.5, 2)), TOY.demonstrations, r"Beta prior \(0.5, 2.0\) has no single mode"),
+        (
+            RPIL(settings=mixture(m_step="none")),
+            TOY.demonstrations,
+            "no m_step 'none'; choose joint or expert_only",
+        ),
+        (
+            RPIL(settings=mixture(prior=1.5)),
+            TOY.demonstrations,
+            "prior 1.5 is no probability",
+        ),
+        (
+            RPIL(settings=mixture(prior=(0.5, 2))),
+            TOY.demonstrations,
+            r"Beta prior \(0.5, 2.0\) has no single mode",
+        ),
         (RPIL(C=-1.0), TOY.demonstrations, "C=-1.0 must be a positive number"),
         (BehavioralCloning(C=0.0), TOY.demonstrations, "C=0.0 must be a positive number"),
         (RPIL(), ONE_ACTION, "every action is 0, one class only"),

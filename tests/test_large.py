@@ -11,14 +11,16 @@ import pytest
 from sklearn.metrics import roc_auc_score
 
 from problems import make, make_continuous
-from rpil import RPIL, DataError, load, save
+from rpil import DataError, load, save
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.fit_data import FitData
-from rpil.scale import fit as large
 from rpil.scale.ascent import _time_left
 from rpil.scale.disk import Streamed
-from rpil.scale.fit import Weigh, sample
+from rpil.scale.fit import StepWeights
 from rpil.scale.memory import InMemory
+from rpil.scale.sample import draw_sample, is_large, sample_steps
+from rpil.scale.settings import AscentSettings, SampleSettings
+from small import SAMPLE, SMALL, small_rpil
 
 MAKERS = [make, make_continuous]
 
@@ -28,16 +30,16 @@ def demonstrations(kind="random", seed=0, n_good=80, n_bad=40, maker=make):
     return toy, Demonstrations.from_arrays(toy.observations, toy.actions, toy.offsets, toy.ids)
 
 
-def both(data, monkeypatch, fit=None, **settings):
+def both(data, fit=None, **options):
     """A fit in which the judge reads a third of the data, and one in which it reads everything."""
-    with monkeypatch.context() as patch:
-        patch.setattr(large, "SAMPLE_STEPS", 1500)
-        patch.setattr(large, "TIMES", 2)
-        model = RPIL(**settings).fit(data, **(fit or {}))
-        assert large.is_large(model, data)
-        patch.setattr(large, "TIMES", 1e9)
-        other = RPIL(**settings).fit(data, **(fit or {}))
-        assert not large.is_large(other, data)
+    sampled, whole = (replace(SAMPLE, min_steps=1500, min_samples=times) for times in (2, 1e9))
+    n_steps = sample_steps(1, sampled)
+    assert is_large(data.offsets, n_steps, sampled)
+    assert not is_large(data.offsets, n_steps, whole)
+    model, other = (
+        small_rpil(settings=replace(SMALL, sample=sample), **options).fit(data, **(fit or {}))
+        for sample in (sampled, whole)
+    )
     return model, other
 
 
@@ -51,11 +53,11 @@ def assert_alike(model, other, most_verdicts=0):
 
 @pytest.mark.parametrize("maker", MAKERS)
 @pytest.mark.parametrize(("kind", "most_verdicts"), [("random", 0), ("noisy", 2), ("flipped", 0)])
-def test_it_says_what_the_judge_says_of_everything(small, monkeypatch, maker, kind, most_verdicts):
+def test_it_says_what_the_judge_says_of_everything(small, maker, kind, most_verdicts):
     toy, data = demonstrations(kind, maker=maker)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        model, other = both(data, monkeypatch)
+        model, other = both(data)
     assert_alike(model, other, most_verdicts)
     assert roc_auc_score(toy.is_good, model.log_odds_) > 0.99
     if maker is make:
@@ -65,10 +67,10 @@ def test_it_says_what_the_judge_says_of_everything(small, monkeypatch, maker, ki
 
 
 @pytest.mark.parametrize("maker", MAKERS)
-def test_three_quarters_that_act_alike_are_not_taken_for_the_expert(small, monkeypatch, maker):
+def test_three_quarters_that_act_alike_are_not_taken_for_the_expert(small, maker):
     toy, data = demonstrations("flipped", 1, n_good=30, n_bad=90, maker=maker)
     with pytest.warns(UserWarning, match="label one demonstration"):
-        model, other = both(data, monkeypatch)
+        model, other = both(data)
     assert_alike(model, other)
     audit = model.audit_
     assert audit.finding == "cannot be known"
@@ -83,30 +85,30 @@ def test_three_quarters_that_act_alike_are_not_taken_for_the_expert(small, monke
 
 @pytest.mark.parametrize("maker", MAKERS)
 @pytest.mark.parametrize("labels", [{"d0": "expert"}, {"d100": "adversary"}])
-def test_one_label_says_which_group_is_the_expert(small, monkeypatch, maker, labels):
+def test_one_label_says_which_group_is_the_expert(small, maker, labels):
     toy, data = demonstrations("flipped", 1, n_good=30, n_bad=90, maker=maker)
-    model, other = both(data, monkeypatch, labels=labels)
+    model, other = both(data, labels=labels)
     assert_alike(model, other)
     assert model.audit_.identifiable
     assert roc_auc_score(toy.is_good, model.log_odds_) > 0.99
 
 
 @pytest.mark.parametrize("maker", MAKERS)
-def test_what_a_minority_is_thought_to_be(small, monkeypatch, maker):
+def test_what_a_minority_is_thought_to_be(small, maker):
     toy, data = demonstrations("flipped", 1, n_good=90, n_bad=30, maker=maker)
-    distrusted, other = both(data, monkeypatch, minority="distrust")
+    distrusted, other = both(data, minority="distrust")
     assert_alike(distrusted, other)
     np.testing.assert_array_equal(np.array(distrusted.audit_.verdicts) == "expert", toy.is_good)
-    trusted, other = both(data, monkeypatch, minority="trust")
+    trusted, other = both(data, minority="trust")
     assert trusted.audit_.finding == other.audit_.finding == "told apart"
     assert set(trusted.audit_.verdicts) == set(other.audit_.verdicts) == {"expert"}
 
 
 @pytest.mark.parametrize("maker", MAKERS)
-def test_labels_count(small, monkeypatch, maker):
+def test_labels_count(small, maker):
     _, data = demonstrations(maker=maker)
     labels = {"d0": "expert", "d3": "adversary", "d100": "adversary"}  # the second is wrong, and obeyed
-    model, other = both(data, monkeypatch, labels=labels)
+    model, other = both(data, labels=labels)
     assert model.audit_.finding == other.audit_.finding == "told apart"
     assert model.audit_.verdicts == other.audit_.verdicts
     assert model.audit_.labelled == ("d0", "d3", "d100")
@@ -117,10 +119,10 @@ def test_labels_count(small, monkeypatch, maker):
 
 
 @pytest.mark.parametrize("maker", MAKERS)
-def test_demonstrators_speak_for_each_other(small, monkeypatch, maker):
+def test_demonstrators_speak_for_each_other(small, maker):
     toy, data = demonstrations("noisy", maker=maker)
     names = [f"{'good' if is_good else 'bad'} {m % 4}" for m, is_good in enumerate(toy.is_good)]
-    model, other = both(data, monkeypatch, fit={"demonstrators": names})
+    model, other = both(data, fit={"demonstrators": names})
     assert_alike(model, other, 2)
     lent = model.audit_.from_demonstrator
     assert lent[toy.is_good].min() > 0 > lent[~toy.is_good].max()
@@ -132,17 +134,17 @@ def test_demonstrators_speak_for_each_other(small, monkeypatch, maker):
 @pytest.mark.parametrize("kind", ["random", "noisy"])
 def test_where_the_data_lie_changes_nothing(small, kind, maker):
     _, data = demonstrations(kind, maker=maker)
-    here, streamed = (RPIL(engine=engine).fit(data) for engine in (InMemory(), Streamed()))
+    here, streamed = (small_rpil(engine=engine).fit(data) for engine in (InMemory(), Streamed()))
     for name in ("log_odds", "expert_proba", "step_weight", "step_log_ratio", "reliability"):
         np.testing.assert_allclose(getattr(here.audit_, name), getattr(streamed.audit_, name), rtol=1e-6, atol=1e-6)
     np.testing.assert_allclose(here.coef_, streamed.coef_, rtol=1e-6, atol=1e-6)
 
 
 @pytest.mark.parametrize("kind", ["random", "noisy"])
-def test_continuous_policies_are_learned_from_all_steps(small, monkeypatch, kind):
+def test_continuous_policies_are_learned_from_all_steps(small, kind):
     """Trust is much the same, so that a policy of all steps is, too; one of the sample alone is not."""
     _, data = demonstrations(kind, maker=make_continuous)
-    model, other = both(data, monkeypatch)
+    model, other = both(data)
     assert model.policy_.freedom == other.policy_.freedom
     np.testing.assert_allclose(model.policy_.cholesky, other.policy_.cholesky, rtol=1e-2, atol=1e-3)
     np.testing.assert_allclose(model.coef_, other.coef_, atol=5e-3)
@@ -151,14 +153,14 @@ def test_continuous_policies_are_learned_from_all_steps(small, monkeypatch, kind
 def test_what_the_sample_has_not_seen_is_learned_too(small):
     _, data = demonstrations(n_good=300, n_bad=150)
     actions, observations = np.array(data.actions), np.hstack([data.observations, np.zeros((data.n_steps, 1))])
-    chosen = sample(data.lengths, np.zeros(450, dtype=int), 600, np.random.default_rng(0))
+    chosen = draw_sample(data.lengths, np.zeros(450, dtype=int), 600, np.random.default_rng(0), SAMPLE)
     rare = data.offsets[np.setdiff1d(np.arange(300), chosen)[[10, 20, 30]]]
     actions[np.concatenate([rare, rare + 1])] = 7
     observations[rare, -1] = 1.0
     data = Demonstrations.from_arrays(observations, actions, data.offsets, data.ids)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        model = RPIL(features="raw").fit(data)
+        model = small_rpil(features="raw").fit(data)
     assert model.converged_
     # An intercept has no ridge: the policy does it as often as those it learns from.
     weight = model.audit_.step_weight
@@ -166,21 +168,21 @@ def test_what_the_sample_has_not_seen_is_learned_too(small):
     assert weight @ model.predict_proba(observations)[:, -1] == pytest.approx(weight @ (actions == 7), rel=0.02)
 
 
-def test_labels_of_one_sort_leave_room_for_the_others(small, monkeypatch, recwarn):
-    monkeypatch.setattr(large, "SAMPLE_STEPS", 1500)
+def test_labels_of_one_sort_leave_room_for_the_others(small, recwarn):
+    settings = replace(SMALL, sample=replace(SAMPLE, min_steps=1500))
     toy, data = demonstrations("random", 1, n_good=100, n_bad=100)
     labels = dict.fromkeys(toy.ids[100:160], "adversary")
-    model = RPIL(labels=labels).fit(data)
+    model = small_rpil(labels=labels, settings=settings).fit(data)
     np.testing.assert_array_equal(np.array(model.audit_.verdicts) == "expert", toy.is_good)
     assert not [w for w in recwarn if w.category is RuntimeWarning]
 
 
 def test_where_no_demonstration_is_trusted_the_likeliest_steps_count(small):
     _, data = demonstrations("noisy")
-    model = RPIL().fit(data)
+    model = small_rpil().fit(data)
     audit = model.audit_
-    assert Weigh.of(audit, model.judge_).typical < 1.0
-    weigh = Weigh.of(replace(audit, expert_proba=np.zeros(len(audit.ids))), model.judge_)
+    assert StepWeights.of(audit, model.judge_).typical < 1.0
+    weigh = StepWeights.of(replace(audit, expert_proba=np.zeros(len(audit.ids))), model.judge_)
     problem = FitData(
         model.judge_features_.design(data.observations), data.actions, data.offsets, model.space_, np.zeros(120, int)
     )
@@ -192,7 +194,7 @@ def test_where_no_demonstration_is_trusted_the_likeliest_steps_count(small):
         assert np.ptp(weight[mine]) > 0
 
 
-def test_shards_hold_every_step_once_in_order(small):
+def test_parts_hold_everything_once_in_order(small):
     _, data = demonstrations()
     for n_shards in (1, 3, 1000):
         shards = data.shards(n_shards)
@@ -208,7 +210,7 @@ def test_a_sample_holds_every_label():
     rng = np.random.default_rng(0)
     labels = np.zeros(5000, dtype=int)
     labels[[3, 4000]] = 1, -1
-    chosen = sample(np.full(5000, 200), labels, 20_000, rng)
+    chosen = draw_sample(np.full(5000, 200), labels, 20_000, rng, SampleSettings())
     assert {3, 4000} <= set(chosen.tolist())
     assert len(chosen) == 2 + 100
     assert (np.diff(chosen) > 0).all()
@@ -217,14 +219,14 @@ def test_a_sample_holds_every_label():
 def test_a_sample_holds_more_than_labels():
     rng = np.random.default_rng(0)
     labels = np.repeat([1, -1, 0], 2000)
-    chosen = sample(np.full(6000, 100), labels, 20_000, rng)
+    chosen = draw_sample(np.full(6000, 100), labels, 20_000, rng, SampleSettings())
     np.testing.assert_array_equal(np.bincount(labels[chosen] + 1), [200, 200, 200])
 
 
 @pytest.mark.parametrize("engine", [InMemory(), Streamed()])
 def test_it_is_saved(small, engine, tmp_path):
     _, data = demonstrations()
-    model = RPIL(engine=engine).fit(data)
+    model = small_rpil(engine=engine).fit(data)
     save(model, tmp_path / "policy")
     back = load(tmp_path / "policy")
     np.testing.assert_array_equal(back.audit_.step_weight, model.audit_.step_weight)
@@ -239,17 +241,17 @@ def interrupt(stage: str) -> None:
 
 
 @pytest.mark.parametrize("maker", MAKERS)
-def test_an_interrupted_fit_goes_on_to_the_same_bits(small, tmp_path, monkeypatch, maker):
-    monkeypatch.setattr(large, "REFIT_TOL", 1e-10)  # enough passes to be interrupted
+def test_an_interrupted_fit_goes_on_to_the_same_bits(small, tmp_path, maker):
+    settings = replace(SMALL, ascent=AscentSettings(tol=1e-10))  # enough passes to be interrupted
     _, data = demonstrations("noisy", 1, maker=maker)
     path = tmp_path / "so far"
     passes: list[str] = []
-    whole = RPIL(progress=passes.append).fit(data)
+    whole = small_rpil(progress=passes.append, settings=settings).fit(data)
     with pytest.raises(KeyboardInterrupt):
-        RPIL(checkpoint=path, progress=interrupt).fit(data)
+        small_rpil(checkpoint=path, progress=interrupt, settings=settings).fit(data)
     assert path.exists()
     stages: list[str] = []
-    again = RPIL(checkpoint=path, progress=stages.append).fit(data)
+    again = small_rpil(checkpoint=path, progress=stages.append, settings=settings).fit(data)
     assert not path.exists()
 
     def numbers(said):
@@ -265,12 +267,12 @@ def test_a_checkpoint_of_another_fit_is_refused(small, tmp_path):
     _, data = demonstrations("noisy", 1)
     path = tmp_path / "so far"
     with pytest.raises(KeyboardInterrupt):
-        RPIL(checkpoint=path, progress=interrupt).fit(data)
+        small_rpil(checkpoint=path, progress=interrupt).fit(data)
     with pytest.raises(DataError, match="other settings; delete it"):
-        RPIL(C=1.0, checkpoint=path).fit(data)
+        small_rpil(C=1.0, checkpoint=path).fit(data)
     path.write_bytes(b"something else")
     with pytest.raises(DataError, match="no checkpoint"):
-        RPIL(checkpoint=path).fit(data)
+        small_rpil(checkpoint=path).fit(data)
     assert path.read_bytes() == b"something else"
 
 

@@ -6,12 +6,13 @@ import zipfile
 import numpy as np
 import pytest
 
-from rpil import RPIL, BehavioralCloning, Confusion, Demonstrations, RMEnt, load, save
+from rpil import RPIL, BehavioralCloning, Confusion, Demonstrations, RMEnt, Settings, load, save
 from rpil.data.errors import DataError
 from rpil.mixture.adversaries.discrete import Uniform
 from rpil.scale.ascent import AscentState
 from rpil.scale.checkpoint import Checkpoint
 from rpil.simulation.simulate import simulate
+from small import mixture as mixture_settings
 
 
 class MyAdversary(Uniform):
@@ -90,10 +91,14 @@ def refused(path, match):
     "estimator",
     [
         RPIL(labels={"é0": "expert", "é7": "adversary"}, minority="trust", random_state=5),
-        RPIL(features="spline", search_features="poly"),
-        RPIL(prior=(3, 2), adversary="uniform"),
+        RPIL(features="spline", settings=Settings(search_features="poly")),
+        RPIL(adversary="uniform", settings=mixture_settings(prior=(3, 2))),
         RPIL(features="spline", adversary="own policy"),
-        RPIL(features="poly", adversary="marginal", prior=0.5, m_step="expert_only"),
+        RPIL(
+            features="poly",
+            adversary="marginal",
+            settings=mixture_settings(prior=0.5, m_step="expert_only"),
+        ),
         RPIL(adversary="normalised complement"),
         RPIL(adversary=Confusion.given(np.full((3, 3), 1 / 3)), progress=print),
         RMEnt(n_trusted=5, n_starts=2),
@@ -155,7 +160,7 @@ def test_the_judge_of_continuous_actions_comes_back(tmp_path):
     model = RPIL().fit(data)
     save(model, tmp_path / "p")
     loaded = load(tmp_path / "p")
-    assert type(loaded.judge_.scale).__name__ == "StudentScale"
+    assert type(loaded.judge_.scale).__name__ == "StudentRatio"
     np.testing.assert_array_equal(loaded.score_demonstrations(data), model.score_demonstrations(data))
     rewrite(tmp_path / "p", {"judge/scale/width.npy": npy(np.ones(3))})
     refused(tmp_path / "p", LOST)
@@ -255,8 +260,8 @@ def test_truncated_or_damaged_files(saved):
     ("field", "value", "match"),
     [
         ("schema", "other", "no policy that rpil saved"),
-        ("version", 1, r"version 1 of the format, but rpil .* reads version 4; use"),
-        ("version", 3, r"version 3 of the format, but rpil .* reads version 4; use"),
+        ("version", 1, r"version 1 of the format, but rpil .* reads version 5; use"),
+        ("version", 3, r"version 3 of the format, but rpil .* reads version 5; use"),
         ("version", None, "version None"),
         ("class", "GaussianPolicy", "holds a 'GaussianPolicy', which rpil .* does not know"),
     ],

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from rpil import Settings
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.spaces import Discrete
 from rpil.estimators.cloning import BehavioralCloning
@@ -136,11 +137,11 @@ def test_the_trusted_choose_in_rpil_and_twice_the_same():
     bad = np.arange(len(codes)) >= offsets[8]
     codes = np.where(bad, rng.integers(2, size=len(codes)), codes)
     data = Demonstrations.from_arrays(observations, codes, offsets)
-    model = RPIL("auto", search_features="poly").fit(data)
+    model = RPIL("auto", settings=Settings(search_features="poly")).fit(data)
     assert model.audit_.verdicts == ("expert",) * 8 + ("adversary",) * 6
     assert model.features_.kind == "poly"
     assert any("poly" in sentence for sentence in model.audit_.assumptions)
-    again = RPIL("auto", search_features="poly").fit(data)
+    again = RPIL("auto", settings=Settings(search_features="poly")).fit(data)
     np.testing.assert_array_equal(again.policy_.weights, model.policy_.weights)
 
 

@@ -25,6 +25,13 @@ Array = NDArray[Any]
 
 DISCRETE = ("constant", "uniform", "marginal", "complement", "normalised complement", "confusion", "own policy")
 CONTINUOUS = ("uniform", "marginal", "own policy")
+
+
+def mixture(**chosen: Any) -> rpil.Settings:
+    """Settings of the mixture alone."""
+    return rpil.Settings(mixture=rpil.MixtureSettings(**chosen))
+
+
 FEATURES = ("raw", "folded", "spline", "poly", "nystroem", "auto")
 ENVIRONMENTS = {
     "MountainCar-v0": ("corrupted", "random", "flip", "shift", "noisy", "window", "sensor"),
@@ -136,7 +143,7 @@ def refused(folder: Path) -> dict[str, Array]:
         "label word": lambda: rpil.RPIL(labels={"d0": "good"}).fit(data),
         "adversary": lambda: rpil.RPIL(adversary="evil").fit(data),
         "adversary of the other kind": lambda: rpil.RPIL(adversary="complement").fit(continuous),
-        "m_step": lambda: rpil.RPIL(m_step="both").fit(data),
+        "m_step": lambda: rpil.RPIL(settings=mixture(m_step="both")).fit(data),
         "minority": lambda: rpil.RPIL(minority="hope").fit(data),
         "features": lambda: rpil.RPIL(features="deep").fit(data),
         "one": lambda: rpil.RPIL().fit(data.select([0])),
@@ -213,14 +220,18 @@ for continuous, action in ((False, "discrete"), (True, "continuous")):
     for features in FEATURES:
         add(f"features {features} {action}", partial(rpil.RPIL, features=features), noisy)
         add(f"cloning {features} {action}", partial(rpil.BehavioralCloning, features=features), noisy)
-    add(f"search_features {action}", partial(rpil.RPIL, features="auto", search_features="spline"), noisy)
+    add(
+        f"search_features {action}",
+        partial(rpil.RPIL, features="auto", settings=rpil.Settings(search_features="spline")),
+        noisy,
+    )
     for adversary in CONTINUOUS if continuous else DISCRETE:
         for m_step in ("joint", "expert_only"):
             for kind in ("random", "flipped"):
-                make = partial(rpil.RPIL, adversary=adversary, m_step=m_step)
+                make = partial(rpil.RPIL, adversary=adversary, settings=mixture(m_step=m_step))
                 add(f"adversary {adversary} {m_step} {action} {kind}", make, partial(toy, kind, continuous))
     for prior in (0.6, (3.0, 2.0)):
-        make = partial(rpil.RPIL, adversary="marginal", prior=prior, features="spline")
+        make = partial(rpil.RPIL, adversary="marginal", settings=mixture(prior=prior), features="spline")
         add(f"prior {prior} {action}", make, noisy, labels={"d0": "expert", "d14": "adversary"})
     add(f"RMEnt {action}", rpil.RMEnt, noisy)
     add(f"RMEnt n_trusted {action}", partial(rpil.RMEnt, n_trusted=11, n_starts=30, features="auto"), noisy)

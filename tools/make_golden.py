@@ -34,8 +34,14 @@ def models(continuous: bool) -> dict[str, Any]:
         "rment": rpil.RMEnt(n_trusted=7, n_starts=3),
         "judge": rpil.RPIL(),
         "judge of styles": rpil.RPIL(minority="trust", random_state=5),
-        "judge with labels": rpil.RPIL(labels=LABELS, features="spline", search_features="poly"),
-        "mixture expert_only": rpil.RPIL(adversary="uniform", m_step="expert_only", prior=(3.0, 2.0), features="poly"),
+        "judge with labels": rpil.RPIL(
+            labels=LABELS, features="spline", settings=rpil.Settings(search_features="poly")
+        ),
+        "mixture expert_only": rpil.RPIL(
+            adversary="uniform",
+            settings=rpil.Settings(mixture=rpil.MixtureSettings(m_step="expert_only", prior=(3.0, 2.0))),
+            features="poly",
+        ),
     }
     unfitted |= {f"cloning {kind}": rpil.BehavioralCloning(features=kind) for kind in FEATURES}
     unfitted |= {f"mixture {name}": rpil.RPIL(adversary=name) for name in (CONTINUOUS if continuous else DISCRETE)}

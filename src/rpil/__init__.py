@@ -17,6 +17,10 @@ _HOME = {
     "Demonstrations": "rpil.data.demonstrations",
     "RMEnt": "rpil.estimators.rment",
     "RPIL": "rpil.estimators.rpil",
+    "Settings": "rpil.estimators.settings",
+    "MixtureSettings": "rpil.mixture.settings",
+    "JudgeSettings": "rpil.inference.settings",
+    "SampleSettings": "rpil.scale.settings",
     "SoftmaxPolicy": "rpil.policies.softmax",
     "TorchPolicy": "rpil.policies.torch",
     "load": "rpil.estimators.persistence",
@@ -39,7 +43,11 @@ __all__ = [
     "DataError",
     "Dataset",
     "Demonstrations",
+    "JudgeSettings",
+    "MixtureSettings",
     "RMEnt",
+    "SampleSettings",
+    "Settings",
     "SoftmaxPolicy",
     "TorchPolicy",
     "__version__",
@@ -64,10 +72,14 @@ if TYPE_CHECKING:
     from rpil.estimators.reweight import reweight
     from rpil.estimators.rment import RMEnt
     from rpil.estimators.rpil import RPIL
+    from rpil.estimators.settings import Settings
+    from rpil.inference.settings import JudgeSettings
     from rpil.mixture.adversaries.discrete import Confusion
+    from rpil.mixture.settings import MixtureSettings
     from rpil.policies.softmax import SoftmaxPolicy
     from rpil.policies.torch import TorchPolicy
     from rpil.scale.dask import DaskEngine
+    from rpil.scale.settings import SampleSettings
     from rpil.simulation.rollouts import rollout
     from rpil.simulation.simulate import simulate
 

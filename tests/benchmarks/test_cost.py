@@ -8,15 +8,13 @@ import pytest
 
 ROOT = Path(__file__).parents[2]
 import cost  # noqa: E402
+from rpil import SampleSettings, Settings  # noqa: E402
 
 
 @pytest.mark.slow
-def test_it_measures_and_predicts(monkeypatch):
-    monkeypatch.setattr("rpil.scale.fit.SAMPLE_STEPS", 1000)
-    monkeypatch.setattr("rpil.scale.fit.STEPS_PER_COEFFICIENT", 20)
-    monkeypatch.setattr("rpil.scale.fit.SAMPLE_DEMONSTRATIONS", 20)
-    monkeypatch.setattr("rpil.scale.fit.TIMES", 4)
-    found = cost.run(20_000, 3, 3, repetitions=1, with_dask=False)
+def test_it_measures_and_predicts():
+    sample = SampleSettings(min_steps=1000, steps_per_coefficient=20, n_demonstrations=20, min_samples=4)
+    found = cost.run(20_000, 3, 3, repetitions=1, with_dask=False, settings=Settings(sample=sample))
     measured = found["cost"]
     assert measured["passes"] > 1
     assert measured["judge_columns"] == 7  # three observations, folded, and the constant

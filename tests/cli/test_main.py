@@ -19,6 +19,7 @@ from click.testing import CliRunner
 
 import rpil
 from audits import make_audit
+from rpil import SampleSettings, Settings
 from rpil.audit.assumptions import P_EXPERT
 from rpil.audit.label_choice import NEXT_STEPS
 from rpil.cli import main as cli
@@ -54,20 +55,20 @@ def elsewhere(tmp_path, monkeypatch):
     monkeypatch.setattr(terminal, "_FIRST", 1e3)
 
 
-def call(*arguments):
-    return CliRunner().invoke(cli.main, [str(argument) for argument in arguments])
+def call(*arguments, obj=None):
+    return CliRunner().invoke(cli.main, [str(argument) for argument in arguments], obj=obj)
 
 
-def ok(*arguments):
-    result = call(*arguments)
+def ok(*arguments, obj=None):
+    result = call(*arguments, obj=obj)
     assert result.exit_code == 0, result.output
     return result
 
 
-def refused(match, *arguments):
+def refused(match, *arguments, obj=None):
     """Exit code 2, nothing on stdout, one sentence on stderr, and no file more, less or other than before."""
     before = {path: path.read_bytes() for path in Path().rglob("*") if path.is_file()}
-    result = call(*arguments)
+    result = call(*arguments, obj=obj)
     assert result.exit_code == 2, result.output
     assert result.stdout == ""
     assert re.fullmatch(r"rpil: [^\n]+\.\n", result.stderr)
@@ -658,15 +659,10 @@ def test_bad_options_are_refused_before_any_work(arguments, match, monkeypatch):
 
 def test_an_interrupted_run_goes_on(folder, monkeypatch):
     """Ctrl-C during the passes leaves a file, and --resume goes on to the same answer."""
-    for name, small in (
-        ("SAMPLE_STEPS", 200),
-        ("STEPS_PER_COEFFICIENT", 5),
-        ("SAMPLE_DEMONSTRATIONS", 4),
-        ("TIMES", 2),
-    ):
-        monkeypatch.setattr(f"rpil.scale.fit.{name}", small)
+    sample = SampleSettings(min_steps=200, steps_per_coefficient=5, n_demonstrations=4, min_samples=2)
+    obj = Settings(sample=sample)
     shutil.copy(folder / "good.parquet", "good.parquet")
-    whole = ok("audit", "good.parquet", "--json", "--features", "raw").stdout
+    whole = ok("audit", "good.parquet", "--json", "--features", "raw", obj=obj).stdout
     climb, so_far = SoftmaxPolicy.m_step, Path("good.parquet.rpil-checkpoint")
 
     def interrupt(*arguments):
@@ -674,14 +670,16 @@ def test_an_interrupted_run_goes_on(folder, monkeypatch):
             raise KeyboardInterrupt
         return climb(*arguments)
 
-    monkeypatch.setattr(SoftmaxPolicy, "improved", interrupt)
-    stopped = call("audit", "good.parquet", "--json", "--features", "raw")
+    monkeypatch.setattr(SoftmaxPolicy, "m_step", interrupt)
+    stopped = call("audit", "good.parquet", "--json", "--features", "raw", obj=obj)
     assert stopped.exit_code == 130
     assert "good.parquet.rpil-checkpoint; the same command with --resume goes on" in stopped.stderr
-    monkeypatch.setattr(SoftmaxPolicy, "improved", climb)
-    refused("a run was interrupted; delete it, or go on", "audit", "good.parquet", "--json", "--features", "raw")
-    assert ok("audit", "good.parquet", "--json", "--features", "raw", "--resume").stdout == whole
-    refused("nothing was interrupted here", "audit", "good.parquet", "--resume")
+    monkeypatch.setattr(SoftmaxPolicy, "m_step", climb)
+    refused(
+        "a run was interrupted; delete it, or go on", "audit", "good.parquet", "--json", "--features", "raw", obj=obj
+    )
+    assert ok("audit", "good.parquet", "--json", "--features", "raw", "--resume", obj=obj).stdout == whole
+    refused("nothing was interrupted here", "audit", "good.parquet", "--resume", obj=obj)
 
 
 def test_old_outputs_stay_when_writing_fails(folder, monkeypatch):

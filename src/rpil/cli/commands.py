@@ -190,6 +190,7 @@ def fit_rpil(
         progress=progress,
         checkpoint=so_far,
         engine=engine,
+        settings=click.get_current_context().obj,
     )
     if boxed:
         warnings.simplefilter("ignore", AmbiguousWarning)

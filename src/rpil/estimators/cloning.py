@@ -14,19 +14,10 @@ from threadpoolctl import threadpool_limits
 from rpil.data.coding import code_actions, encode_actions
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
-from rpil.data.fit_data import FitData
 from rpil.data.spaces import Space
+from rpil.estimators.final_policy import LinearPolicySpec
 from rpil.estimators.validation import checked_rows, observations_and_actions, source_of
 from rpil.numerics.types import Array
-from rpil.policies.features import FeatureMap, ridge_of
-from rpil.policies.linear import linear_policy
-from rpil.policies.protocol import Policy
-from rpil.policies.selection import Choice, choose_features
-
-LARGE = 1_000_000
-"""Entries of a design matrix that is read in single precision: it no longer stays in cache."""
-
-_SINGLE_TOL = 1e-6
 
 
 class PolicyEstimator(ClassifierMixin, BaseEstimator):
@@ -97,26 +88,6 @@ class PolicyEstimator(ClassifierMixin, BaseEstimator):
         intercepts = weights[-1] - (self.features_.center / self.features_.scale) @ weights[:-1]
         return intercepts[1:] - intercepts[:1] if len(self.classes_) == 2 else intercepts
 
-    def _choice(self, data: Demonstrations, codes: Array, weight: Array) -> Choice:
-        """The kind of features that was asked for, or that the trusted choose."""
-        if self.features != "auto":
-            return Choice(self.features)
-        return choose_features(data.observations, codes, data.offsets, weight, self.space_, self.C)
-
-    def _learn(self, data: Demonstrations, codes: Array, weight: Array, trusted: Array, tol: float) -> None:
-        """Choose the features and fit their map, both to the `trusted` (N,) steps, and the policy to all by weight."""
-        choice = self._choice(data, codes, weight)
-        self.features_ = FeatureMap.fit(choice.kind, data.observations[trusted], weight[trusted], choice.ridge)
-        ridge = ridge_of(self.features_, self.C, weight.sum(), self.space_)
-        used = weight > 0.0
-        # A design matrix that no longer stays in cache is read in single precision, which is as good as 1e-6.
-        large = used.sum() * self.features_.n_columns > LARGE
-        design = self.features_.design(data.observations[used], single=large)
-        fit_data = FitData.from_steps(design, codes[used], self.space_)
-        policy: Policy = linear_policy(self.space_, ridge, weight.sum())
-        policy, _ = policy.fit(fit_data, weight[used], tol=max(tol, _SINGLE_TOL) if large else tol)
-        self.policy_ = policy.with_temperature(choice.temperature)
-
 
 class BehavioralCloning(PolicyEstimator):
     """Trust every demonstration alike: softmax regression of actions on observations.
@@ -165,5 +136,6 @@ class BehavioralCloning(PolicyEstimator):
         rows = X if isinstance(X, Demonstrations) else Demonstrations(*data, np.arange(len(data[0]) + 1))
         self.space_, self.classes_, codes = code_actions(rows)
         with threadpool_limits(1, "blas"):  # thin products gain nothing from threads, and can lose a lot
-            self._learn(rows, codes, weight, weight > 0.0, self.tol)
+            spec = LinearPolicySpec(self.features, self.C, self.tol)
+            self.features_, self.policy_ = spec.fit(rows, codes, weight, weight > 0.0, self.space_)
         return self

@@ -29,6 +29,7 @@ from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
 from rpil.data.fit_data import FitData
 from rpil.estimators.cloning import PolicyEstimator
+from rpil.estimators.final_policy import LinearPolicySpec
 from rpil.estimators.validation import as_demonstrations
 from rpil.numerics.parallel import in_parallel
 from rpil.numerics.types import Array
@@ -213,7 +214,8 @@ class RMEnt(PolicyEstimator):
         n_trusted = self._number_trusted(len(demonstrations), source)
         with threadpool_limits(1, "blas"):  # thin products gain nothing from threads, and can lose a lot
             equal = (1.0 / demonstrations.lengths)[demonstrations.groups]
-            choice = self._choice(demonstrations, codes, np.ones(len(codes)))
+            spec = LinearPolicySpec(self.features, self.C, self.tol)
+            choice = spec.choice(demonstrations, codes, np.ones(len(codes)), self.space_)
             self.features_ = FeatureMap.fit(choice.kind, demonstrations.observations, equal, choice.ridge)
             data = FitData(
                 self.features_.design(demonstrations.observations),

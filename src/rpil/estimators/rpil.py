@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import fields, replace
 from typing import Any
 
 import numpy as np
@@ -13,34 +13,22 @@ from threadpoolctl import threadpool_limits
 
 from rpil.audit import assumptions
 from rpil.audit.record import Audit
-from rpil.audit.summary import audit_from_judgement, is_anyone_trusted
-from rpil.data.coding import action_space, code_actions, encode_demonstrations, label_codes
+from rpil.data.coding import encode_demonstrations
 from rpil.data.demonstrations import Demonstrations
-from rpil.data.demonstrators import Demonstrators, group_by_demonstrator
-from rpil.data.errors import DataError
 from rpil.data.files import StrPath
 from rpil.data.fit_data import FitData
 from rpil.data.formats.dataset import Dataset
 from rpil.estimators.cloning import PolicyEstimator
-from rpil.estimators.mixture_fit import check_options, fit_mixture
+from rpil.estimators.passes import Passes, is_sampled
+from rpil.estimators.pipeline import Fitted, Options, Task, Whole, fit
+from rpil.estimators.settings import Settings
 from rpil.estimators.validation import as_demonstrations
 from rpil.inference.fitted_judge import FittedJudge
-from rpil.inference.held_out import HeldOutModel, HeldOutPolicy, held_out_model
 from rpil.inference.settings import Minority
-from rpil.inference.trust import Judgement, judge
 from rpil.mixture.adversaries.protocol import Adversary
 from rpil.mixture.em import State, e_step
 from rpil.numerics.types import Array
-from rpil.policies.cross_fitted import cross_fitted_policy
-from rpil.policies.features import FeatureMap, IdentityMap
-from rpil.scale.disk import Streamed
-from rpil.scale.fit import REFIT_TOL, fit_large, is_large
-from rpil.scale.memory import InMemory
 from rpil.scale.protocol import Engine
-
-SINGLE = 50_000
-"""Entries of the observations from which the judge reads discrete actions in single precision: trust needs no more
-digits."""
 
 
 class RPIL(PolicyEstimator):
@@ -53,7 +41,7 @@ class RPIL(PolicyEstimator):
         y_m = (1 / N_m) sum_n [ log pi(a_n | s_n) - log q(a_n) ],
 
     and P(expert) says in which of two groups of scores it is, if there are two (`rpil.inference`). With a named
-    `adversary` it is the paper's mixture instead (eq. 7, 9, 11), for which ``m_step``, ``prior`` and ``tol`` are:
+    `adversary` it is the paper's mixture instead (eq. 7, 9, 11):
 
         p(D) = prod_m [ p prod_n pi(a_n | s_n) + (1 - p) prod_n psi(a_n | s_n) ].
 
@@ -70,28 +58,20 @@ class RPIL(PolicyEstimator):
         "auto" is the judge. Otherwise what bad demonstrators do in the paper's mixture, fitted in memory: "constant",
         "uniform", "marginal", "complement" (the paper's), "normalised complement", "confusion", "own policy", or an
         instance such as ``Confusion.given(matrix)``.
-    prior : float or (float, float), optional
-        P(expert) of the mixture: fixed, or estimated under Beta(a, b); by default under Beta(2, 2).
     C : float, optional
         Inverse ridge strength of the final policy, as in `BehavioralCloning`.
-    m_step : {"joint", "expert_only"}
-        Of the mixture: "expert_only" drops the adversary's term from the policy's M-step, as the paper's code does.
     labels : mapping of id to {"expert", "adversary"}, optional
         What is known. `fit` takes them too.
     minority : {"ask", "trust", "distrust"}
         What to think of demonstrations that act alike and otherwise than the rest, in the same states: say that it
         cannot be known and ask for a label; take them for another good style; or take the larger group for the expert.
-    search_features : str
-        What the policy sees while trust is decided: a kind of features, or "auto", which is `features`, or "folded"
-        where these are "raw" or "auto": a straight line mistakes an expert in a rare situation for an adversary.
-    max_iter : int
-        EM iterations of the mixture, and passes over much data.
-    tol : float
-        Gain of the mixture's objective, in nats a demonstration, at which EM stops.
     random_state : int
         Same seed, same bits.
     action_box : (low, high), optional
         Bounds of continuous actions, numbers or one for each part; by default what the demonstrations span.
+    settings : Settings, optional
+        What only an expert changes: the stages of the judge, the mixture (``prior``, ``m_step``, ``tol``), the sample
+        of large data, the fit of the final policy.
     progress : callable, optional
         Called with a few words at every stage of a fit.
     engine : Engine, optional
@@ -138,16 +118,12 @@ class RPIL(PolicyEstimator):
         features: str = "raw",
         policy: Any = None,
         adversary: str | Adversary = "auto",
-        prior: float | tuple[float, float] | None = None,
         C: float | None = None,
-        m_step: str = "joint",
         labels: Mapping[Any, str] | None = None,
         minority: Minority = "ask",
-        search_features: str = "auto",
-        max_iter: int = 200,
-        tol: float = 1e-3,
         random_state: int = 0,
         action_box: tuple[ArrayLike, ArrayLike] | None = None,
+        settings: Settings | None = None,
         progress: Callable[[str], None] | None = None,
         engine: Engine | None = None,
         checkpoint: StrPath | None = None,
@@ -155,16 +131,12 @@ class RPIL(PolicyEstimator):
         self.features = features
         self.policy = policy
         self.adversary = adversary
-        self.prior = prior
         self.C = C
-        self.m_step = m_step
         self.labels = labels
         self.minority = minority
-        self.search_features = search_features
-        self.max_iter = max_iter
-        self.tol = tol
         self.random_state = random_state
         self.action_box = action_box
+        self.settings = settings
         self.progress = progress
         self.engine = engine
         self.checkpoint = checkpoint
@@ -190,73 +162,49 @@ class RPIL(PolicyEstimator):
             One sentence: constant actions, or one outside the declared box, a single demonstration, unknown label
             ids, unknown ids or a wrong number of `demonstrators`, none left that may be an expert's.
         """
-        check_options(self)
-        if isinstance(X, Dataset):
-            return self._fit_dataset(X, labels, demonstrators)
-        demonstrations = as_demonstrations(self, X, y, groups)
-        source = demonstrations.source
-        self.space_, self.classes_, codes = code_actions(demonstrations, self.action_box)
-        if len(demonstrations) < 2:
-            raise DataError(f"{source}: one demonstration alone (n_samples=1) cannot be compared; give at least two.")
-        if self.policy is not None:
-            cross_fitted_policy(self.policy, self.space_, len(codes))  # a wrong one is refused before any work
-        known = label_codes(labels if labels is not None else self.labels, demonstrations)
-        people = group_by_demonstrator(demonstrators, demonstrations)
+        options = self._options()
+        options.check()
+        source = X if isinstance(X, Dataset) else as_demonstrations(self, X, y, groups)
+        task = Task.of(source, self.action_box, labels if labels is not None else self.labels, demonstrators, options)
         with threadpool_limits(1, "blas"):  # thin products gain nothing from threads, and can lose a lot
-            if not self._judges:
-                if people.informative or self.policy is not None:
-                    raise DataError("A named adversary knows neither demonstrators= nor policy=; leave out one.")
-                data, weight = fit_mixture(self, demonstrations, codes, known)
-                self._finish(demonstrations, codes, data, weight)
-            elif self.policy is None and is_large(self, demonstrations):
-                fit_large(self, demonstrations, known, people, self.engine or InMemory())
-            else:
-                self._fit_judged(demonstrations, codes, known, people)
+            found = fit(Passes(task, options) if is_sampled(task, options) else Whole(task, options), options)
+        self._keep(task, found)
+        self._explain(task, options)
         return self
 
-    def _fit_dataset(self, data: Dataset, labels: Mapping[Any, str] | None, demonstrators: Any) -> RPIL:
-        """What is small is read, and fitted as anything else."""
-        self.space_, self.classes_ = action_space(data, self.action_box)
-        with threadpool_limits(1, "blas"):
-            if self.policy is not None or not self._judges or not is_large(self, data):
-                return self.fit(data.select(slice(None)), labels=labels, demonstrators=demonstrators)
-            self.n_features_in_, self.observation_names_ = data.n_observations, data.observation_names
-            known = label_codes(labels if labels is not None else self.labels, data)
-            fit_large(self, data, known, group_by_demonstrator(demonstrators, data), self.engine or Streamed())
-        return self
+    def _explain(self, task: Task, options: Options) -> None:
+        """Add the assumptions to the audit, and warn of what the user should know before using it."""
+        prior, type_name = options.settings.mixture.prior, type(self.policy).__name__
+        linear = self.policy is None
+        sentences = assumptions.assumption_sentences(
+            self.audit_.finding,
+            assumptions.linear_policy(self.features_.kind) if linear else assumptions.custom_policy(type_name),
+            p_two_groups=None if self.judge_ is None else self.judge_.groups.p_two,
+            whole_demonstrations=self.state_ is not None,
+            expert_share=prior if isinstance(prior, float) else None,
+            n_labels=int(np.count_nonzero(task.labels)),
+            demonstrators=task.demonstrators.note,
+        )
+        self.audit_ = replace(self.audit_, assumptions=sentences)
+        assumptions.warn_if_not_converged(self.converged_)
+        assumptions.warn_if_ambiguous(self.audit_, task.source.source)
 
-    @property
-    def _judges(self) -> bool:
-        """Whether the judge decides, and not the mixture with a named adversary."""
-        return isinstance(self.adversary, str) and self.adversary == "auto"
+    def _options(self) -> Options:
+        given = self.get_params(deep=False)
+        names = [field.name for field in fields(Options) if field.name in given]
+        chosen = {name: given[name] for name in names} | {"settings": self.settings or Settings()}
+        chosen["progress"] = self.progress or (lambda _: None)
+        return Options(**chosen, seed=self.random_state)
 
-    def _fit_judged(self, demonstrations: Demonstrations, codes: Array, known: Array, people: Demonstrators) -> None:
-        """The judge reads everything."""
-        progress = self.progress or (lambda _: None)
-        progress("features")
-        features = self.judge_map(demonstrations)
-        n_entries = demonstrations.n_steps * demonstrations.n_observations
-        single = self.space_.kind == "discrete" and n_entries > SINGLE
-        design = features.design(demonstrations.observations, single=single)
-        data = FitData(design, codes, demonstrations.offsets, self.space_, known, demonstrators=people)
-        judgement, fitted = self.judge_problem(data)
-        self.keep_judgement(judgement, fitted, data, demonstrations.ids)
-        self.judge_features_ = features
-        weight = self.audit_.step_weight
-        if not is_anyone_trusted(self.audit_.expert_proba, data.lengths):
-            weight = judgement.step_trust.step  # learn from the steps that are most likely an expert's
-        progress("the policy")
-        self._finish(demonstrations, codes, data, weight)
-
-    def _finish(self, demonstrations: Demonstrations, codes: Array, data: FitData, weight: Array) -> None:
-        """The final policy, from steps of `weight` (N,), and what the user should know."""
-        if self.policy is None:
-            self._learn(demonstrations, codes, weight, weight > 0.5 * weight.max(), REFIT_TOL)
-        else:
-            # Cross-fitted once more, by the final weights: that says how sure it may be.
-            start = cross_fitted_policy(self.policy, self.space_, len(codes)).fit(data, weight)[0]
-            self.features_, self.policy_ = self.judge_features_, start.fit_all(data, weight)
-        self.explain(data, demonstrations.source)
+    def _keep(self, task: Task, found: Fitted) -> None:
+        """Copy the result of a fit."""
+        decision = found.decision
+        if isinstance(task.source, Dataset):
+            self.n_features_in_, self.observation_names_ = task.source.n_observations, task.source.observation_names
+        self.space_, self.classes_ = task.space, task.classes
+        self.features_, self.policy_, self.judge_features_ = found.features, found.policy, found.judge_features
+        self.judge_, self.state_, self.audit_ = decision.judge, decision.state, decision.audit
+        self.n_iter_, self.lower_bound_, self.converged_ = decision.n_iter, decision.lower_bound, decision.converged
 
     @property
     def log_odds_(self) -> Array:
@@ -295,53 +243,6 @@ class RPIL(PolicyEstimator):
         """What each step counts for the score of its demonstration, (N,)."""
         assert self.judge_ is not None
         if self.judge_.scale is not None:
-            return self.judge_.step_ratios(design, codes)[0]
+            return self.judge_.step_ratios(design, codes, (self.settings or Settings()).judge)[0]
         outputs = self.policy_.outputs(self.features_.design(demonstrations.observations))
         return self.judge_.step_ratios_of(self.policy_, outputs, codes)
-
-    def judge_map(self, demonstrations: Demonstrations) -> FeatureMap | IdentityMap:
-        """What the policy sees while trust is decided."""
-        if self.policy is not None:
-            return IdentityMap()
-        kind = self.search_features
-        if kind == "auto":
-            kind = self.features if self.features not in ("raw", "auto") else "folded"
-        return FeatureMap.fit(kind, demonstrations.observations)
-
-    def judge_problem(self, data: FitData) -> tuple[Judgement, FittedJudge]:
-        """The judgement of a problem, and what is kept to judge others."""
-        model: HeldOutModel
-        if self.policy is None:
-            model = held_out_model(data, self.random_state)
-        else:
-            model = HeldOutPolicy(data, cross_fitted_policy(self.policy, self.space_, len(data.actions)))
-        progress = self.progress or (lambda _: None)
-        judgement = judge(data, model, seed=self.random_state, minority=self.minority, progress=progress)
-        return judgement, FittedJudge.of(judgement, data, user_policy=self.policy is not None)
-
-    def keep_judgement(self, judgement: Judgement, fitted: FittedJudge, data: FitData, ids: Sequence[Any]) -> None:
-        """What was found about the demonstrations; their policy comes later."""
-        self.state_, self.judge_ = None, fitted
-        self.n_iter_ = len(judgement.scores.fit.history)
-        self.lower_bound_ = float(judgement.scores.fit.history[-1])
-        self.converged_ = True
-        self.audit_ = audit_from_judgement(judgement, data, ids)
-
-    def explain(self, data: FitData, source: str) -> None:
-        """Add the assumptions to the audit, and warn of what the user should know before using it."""
-        if self.policy is None:
-            policy = assumptions.linear_policy(self.features_.kind)
-        else:
-            policy = assumptions.custom_policy(type(self.policy).__name__)
-        sentences = assumptions.assumption_sentences(
-            self.audit_.finding,
-            policy,
-            p_two_groups=None if self.judge_ is None else self.judge_.groups.p_two,
-            whole_demonstrations=self.state_ is not None,
-            expert_share=self.prior if isinstance(self.prior, float) else None,
-            n_labels=int(np.count_nonzero(data.labels)),
-            demonstrators=data.demonstrators.note,
-        )
-        self.audit_ = replace(self.audit_, assumptions=sentences)
-        assumptions.warn_if_not_converged(self.converged_)
-        assumptions.warn_if_ambiguous(self.audit_, source)

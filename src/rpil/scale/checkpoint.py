@@ -3,20 +3,19 @@
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from rpil.data.archive import VERSION, Decoder, encode, read_archive, rpil_version, write_archive
-from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
+from rpil.data.files import StrPath
 from rpil.numerics.types import Array
 from rpil.scale.ascent import AscentState
 
 SCHEMA = "rpil checkpoint"
-_NOT_SETTINGS = ("progress", "engine", "checkpoint")
 
 
 @dataclass(frozen=True)
@@ -34,11 +33,10 @@ class Checkpoint:
     fingerprint: str
 
     @classmethod
-    def of(cls, path: Any, model: Any, offsets: Array, few: Demonstrations, trust: Array) -> Checkpoint:
-        """For the settings of `model`, and data with such `offsets`, a sample and `trust` in each demonstration."""
-        settings = {name: repr(value) for name, value in model.get_params().items() if name not in _NOT_SETTINGS}
-        digest = hashlib.sha256(repr((sorted(settings.items()), few.ids, few.observation_names)).encode())
-        for array in (offsets, few.observations, few.actions, trust):
+    def of(cls, path: StrPath, settings: str, arrays: Iterable[Array]) -> Checkpoint:
+        """The checkpoint of a fit with such `settings` to such data."""
+        digest = hashlib.sha256(settings.encode())
+        for array in arrays:
             digest.update(np.ascontiguousarray(array).tobytes())
         return cls(Path(path), digest.hexdigest())
 

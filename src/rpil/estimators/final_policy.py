@@ -1,0 +1,60 @@
+"""The final policy: linear in features that are given, or chosen by held-out demonstrations."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from rpil.data.demonstrations import Demonstrations
+from rpil.data.fit_data import FitData
+from rpil.data.spaces import Space
+from rpil.numerics.types import Array
+from rpil.policies.features import FeatureMap, ridge_of
+from rpil.policies.linear import linear_policy
+from rpil.policies.protocol import Policy
+from rpil.policies.selection import Choice, choose_features
+
+SINGLE_PRECISION_ENTRIES = 1_000_000
+"""Entries of a design matrix above which it is in single precision: it no longer fits in the cache."""
+
+_SINGLE_PRECISION_TOL = 1e-6
+
+
+@dataclass(frozen=True)
+class LinearPolicySpec:
+    """A linear policy and how far to fit it.
+
+    Attributes
+    ----------
+    features : str
+        A kind of features, or "auto".
+    C : float or None
+        Inverse ridge strength, as in scikit-learn's `LogisticRegression`.
+    tol : float
+        Largest entry of the gradient, a step, at which the fit stops.
+    """
+
+    features: str
+    C: float | None
+    tol: float
+
+    def choice(self, data: Demonstrations, codes: Array, weight: Array, space: Space) -> Choice:
+        """The features: those asked for, or chosen by held-out steps of `weight` (N,)."""
+        if self.features != "auto":
+            return Choice(self.features)
+        return choose_features(data.observations, codes, data.offsets, weight, space, self.C)
+
+    def fit(
+        self, data: Demonstrations, codes: Array, weight: Array, trusted: Array, space: Space
+    ) -> tuple[FeatureMap, Policy]:
+        """Fit the feature map to the `trusted` (N,) bool steps, and the policy to all steps by `weight` (N,)."""
+        choice = self.choice(data, codes, weight, space)
+        features = FeatureMap.fit(choice.kind, data.observations[trusted], weight[trusted], choice.ridge)
+        ridge = ridge_of(features, self.C, weight.sum(), space)
+        used = weight > 0.0
+        single = bool(used.sum() * features.n_columns > SINGLE_PRECISION_ENTRIES)
+        design = features.design(data.observations[used], single=single)
+        steps = FitData.from_steps(design, codes[used], space)
+        start = linear_policy(space, ridge, weight.sum())
+        tol = max(self.tol, _SINGLE_PRECISION_TOL) if single else self.tol
+        policy, _ = start.fit(steps, weight[used], tol=tol)
+        return features, policy.with_temperature(choice.temperature)

@@ -1,0 +1,135 @@
+"""The stages of a fit to more demonstrations than the judge reads: a sample, then passes over everything."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from rpil.audit.record import Audit
+from rpil.audit.summary import longest_unlabelled
+from rpil.data.demonstrations import Demonstrations
+from rpil.data.fit_data import FitData
+from rpil.estimators.pipeline import Decision, Features, Options, Posed, Task, pose
+from rpil.inference.settings import Minority
+from rpil.numerics.types import Array
+from rpil.policies.features import N_LANDMARKS, FeatureMap, ridge_of
+from rpil.policies.linear import linear_policy
+from rpil.policies.protocol import AdditivePolicy
+from rpil.policies.selection import Choice
+from rpil.scale.ascent import AscentState, ascend, gather_steps
+from rpil.scale.checkpoint import Checkpoint
+from rpil.scale.disk import Streamed
+from rpil.scale.fit import DesignMap, Sample, StepWeights, WeightedBlock, judge_everyone, score_block
+from rpil.scale.memory import InMemory
+from rpil.scale.protocol import Engine, Shards
+from rpil.scale.sample import draw_sample, is_large, sample_steps
+
+
+def is_sampled(task: Task, options: Options) -> bool:
+    """Whether the judge reads a sample of the demonstrations instead of all."""
+    if options.policy is not None or not options.judges:
+        return False
+    return is_large(task.source.offsets, budget(task, options), options.settings.sample)
+
+
+def budget(task: Task, options: Options) -> int:
+    """Steps of the sample for the policy of the judge."""
+    first = int(np.searchsorted(task.source.offsets, N_LANDMARKS))  # enough to count the columns of the features
+    features = options.judge_features(task.source.select(slice(0, first)))
+    assert isinstance(features, FeatureMap)
+    return sample_steps(features.n_columns * task.space.n_parts, options.settings.sample)
+
+
+@dataclass(frozen=True, eq=False)
+class Passes:
+    """The stages of a fit by passes, which an engine runs."""
+
+    task: Task
+    options: Options
+
+    @property
+    def engine(self) -> Engine:
+        """The engine asked for; else this process, on data in memory or from disk."""
+        in_memory = isinstance(self.task.source, Demonstrations)
+        return self.options.engine or (InMemory() if in_memory else Streamed())
+
+    def pose(self) -> Posed:
+        task, options = self.task, self.options
+        options.progress("a sample")
+        rng, settings = np.random.default_rng(options.seed), options.settings.sample
+        indices = draw_sample(np.diff(task.source.offsets), task.labels, budget(task, options), rng, settings)
+        demonstrations = task.source.select(indices)
+        features = options.judge_features(demonstrations)
+        assert isinstance(features, FeatureMap)
+        data = replace(pose(task, demonstrations, features, single=True), labels=task.labels[indices])
+        # A rival group to trust is reported by the sample, and trusted among all demonstrations.
+        minority: Minority = "ask" if options.minority == "trust" else options.minority
+        engine = self.engine
+        blocks = engine.place(task.source.shards(engine.n_parts)).then(DesignMap(features, task.space, task.classes))
+        return Posed(demonstrations, data, features, minority, indices, blocks)
+
+    def extend(self, posed: Posed, decision: Decision) -> Decision:
+        task, source, options = self.task, self.task.source, self.options
+        assert decision.judgement is not None
+        assert decision.judge is not None
+        assert posed.indices is not None
+        sample = Sample(posed.data, posed.indices, decision.judgement, decision.judge)
+        options.progress("a pass over everything: scores")
+        none = np.empty(0)
+        everyone = FitData(none, none, source.offsets, task.space, task.labels, task.demonstrators)
+        scores = posed.blocks.map(partial(score_block, judge=sample.judge, settings=options.settings.judge))
+        judgement = judge_everyone(sample, everyone, scores, options.minority, options.settings.judge)
+        # The steps are weighted in the next pass; until then the audit is of demonstrations without steps.
+        stepless = replace(everyone, offsets=np.zeros_like(source.offsets))
+        found = Decision.of(judgement, replace(sample.judge, groups=judgement.groups), stepless, source.ids)
+        audit = replace(found.audit, offsets=np.asarray(source.offsets, dtype=np.int64))
+        rival = sample.judgement.rival
+        if judgement.rival is not None and rival is not None:
+            # Only the demonstrations of the sample were compared: all others may be in either group.
+            to_label = longest_unlabelled(sample.data, (rival.trusted, rival.rival))
+            audit = replace(audit, to_label=tuple(posed.demonstrations.ids[m] for m in to_label))
+        return replace(found, audit=audit)
+
+    def fit_policy(self, posed: Posed, decision: Decision) -> tuple[Features, Any, Decision]:
+        task, options, data, features = self.task, self.options, posed.data, posed.features
+        assert decision.judge is not None
+        assert isinstance(features, FeatureMap)
+        weights = StepWeights.of(decision.audit, decision.judge, options.settings.judge)
+        weight = weights.weight(data, weights.trust[posed.indices])[0]
+        choice = options.linear.choice(posed.demonstrations, data.actions, weight, task.space)
+        if choice != Choice(features.kind):
+            trusted, observations = weight > 0.5 * weight.max(), posed.demonstrations.observations
+            features = FeatureMap.fit(choice.kind, observations[trusted], weight[trusted], choice.ridge)
+            weights = replace(weights, final=DesignMap(features, task.space, task.classes))
+            data = replace(data, features=features.design(observations, single=True))
+        blocks = posed.blocks.then(weights)
+        on_disk = not isinstance(self.engine, InMemory)
+        log_ratio, step_weight, total = gather_steps(blocks.map(_steps), int(task.source.offsets[-1]), on_disk)
+        audit = replace(decision.audit, step_log_ratio=log_ratio, step_weight=step_weight)
+        ridge, final_ridge = (
+            ridge_of(features, options.C, float(steps), task.space) for steps in (weight.sum(), total)
+        )
+        first: Any = linear_policy(task.space, ridge, weight.sum()).fit(data, weight)[0]
+        start, hessian = first.with_preconditioner(data, weight, final_ridge, total / weight.sum())
+        policy = self._ascend(blocks, start, hessian, posed, audit)
+        return features, policy.with_temperature(choice.temperature), replace(decision, audit=audit)
+
+    def _ascend(self, blocks: Shards, start: AdditivePolicy, hessian: Any, posed: Posed, audit: Audit) -> Any:
+        """The final policy, from `start` or from the checkpoint of a fit that was interrupted."""
+        settings, progress = self.options.settings.ascent, self.options.progress
+        if self.options.checkpoint is None:
+            return ascend(blocks, AscentState(start), hessian, settings, progress, lambda _: None)
+        described = f"{self.options!r} {self.task.space!r} {posed.demonstrations.ids!r}"
+        sample, offsets = posed.demonstrations, self.task.source.offsets
+        arrays = (offsets, sample.observations, sample.actions, audit.expert_proba)
+        checkpoint = Checkpoint.of(self.options.checkpoint, described, arrays)
+        policy = ascend(blocks, checkpoint.read() or AscentState(start), hessian, settings, progress, checkpoint.keep)
+        checkpoint.done()
+        return policy
+
+
+def _steps(block: WeightedBlock) -> tuple[Array, Array]:
+    return block.log_ratio, block.weight

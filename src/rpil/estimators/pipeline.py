@@ -1,0 +1,300 @@
+"""Every fit of `RPIL`, by one path: code the actions, pose, decide whom to trust, fit the final policy.
+
+The parts of the path are exchanged. `Whole` (here) poses all demonstrations in memory, and `Passes`
+(`rpil.estimators.passes`) a sample of many. The judge decides, or the mixture with a named adversary. The final policy
+is linear, or the user's.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any, Protocol
+
+import numpy as np
+
+from rpil.audit.record import Audit, Interval
+from rpil.audit.summary import audit_from_judgement, audit_from_mixture, is_anyone_trusted
+from rpil.data.coding import action_space, code_actions, encode_actions, label_codes
+from rpil.data.demonstrations import Demonstrations
+from rpil.data.demonstrators import Demonstrators, group_by_demonstrator
+from rpil.data.errors import DataError
+from rpil.data.files import StrPath
+from rpil.data.fit_data import FitData
+from rpil.data.formats.dataset import Dataset
+from rpil.data.spaces import Space
+from rpil.estimators.final_policy import LinearPolicySpec
+from rpil.estimators.settings import Settings
+from rpil.inference.fitted_judge import FittedJudge
+from rpil.inference.held_out import HeldOutModel, HeldOutPolicy, held_out_model
+from rpil.inference.search import SearchSettings, fit_mixture
+from rpil.inference.settings import MINORITY, Minority
+from rpil.inference.trust import Judgement, judge
+from rpil.mixture.adversaries.protocol import Adversary
+from rpil.mixture.em import State
+from rpil.mixture.expert_prior import as_prior
+from rpil.numerics.types import Array
+from rpil.policies.cross_fitted import cross_fitted_policy
+from rpil.policies.features import FeatureMap, IdentityMap, ridge_of
+from rpil.policies.linear import linear_policy
+from rpil.scale.protocol import Engine
+from rpil.scale.sample import Source
+
+Progress = Callable[[str], None]
+Features = FeatureMap | IdentityMap
+
+
+@dataclass(frozen=True)
+class Options:
+    """The constructor parameters of `RPIL` that decide a fit; `RPIL` documents them."""
+
+    features: str
+    policy: Any
+    adversary: str | Adversary
+    C: float | None
+    minority: Minority
+    seed: int
+    settings: Settings
+    progress: Progress = field(repr=False)
+    engine: Engine | None = field(repr=False)
+    checkpoint: StrPath | None = field(repr=False)
+
+    @property
+    def judges(self) -> bool:
+        """Whether the judge decides, and not the mixture with a named adversary."""
+        return isinstance(self.adversary, str) and self.adversary == "auto"
+
+    @property
+    def linear(self) -> LinearPolicySpec:
+        """The linear final policy."""
+        return LinearPolicySpec(self.features, self.C, self.settings.ascent.tol)
+
+    def check(self) -> None:
+        """Refuse an unknown option before any work."""
+        mixture = self.settings.mixture
+        choices = {"m_step": (mixture.m_step, ("joint", "expert_only")), "minority": (self.minority, MINORITY)}
+        for name, (value, known) in choices.items():
+            if value not in known:
+                raise DataError(f"There is no {name} {value!r}; choose {' or '.join(known)}.")
+        as_prior(mixture.prior)
+
+    def judge_features(self, demonstrations: Demonstrations) -> Features:
+        """The feature map while trust is decided."""
+        if self.policy is not None:
+            return IdentityMap()
+        kind = self.settings.search_features
+        if kind == "auto":
+            kind = self.features if self.features not in ("raw", "auto") else "folded"
+        return FeatureMap.fit(kind, demonstrations.observations)
+
+
+@dataclass(frozen=True, eq=False)
+class Task:
+    """The demonstrations of a fit, checked.
+
+    Attributes
+    ----------
+    source : Demonstrations or Dataset
+    space : Space
+    classes : (K,) array
+        The discrete actions, or an empty array.
+    labels : (M,) int array
+        1 known expert, -1 known adversary, 0 unknown.
+    demonstrators : Demonstrators
+    """
+
+    source: Source
+    space: Space
+    classes: Array
+    labels: Array
+    demonstrators: Demonstrators
+
+    @classmethod
+    def of(
+        cls,
+        source: Demonstrations | Dataset,
+        action_box: Any,
+        labels: Mapping[Any, str] | None,
+        demonstrators: Mapping[Any, Any] | Sequence[Any] | None,
+        options: Options,
+    ) -> Task:
+        """Find the space of the actions; match labels and demonstrators with the demonstrations."""
+        if isinstance(source, Dataset):
+            space, classes = action_space(source, action_box)
+        else:
+            space, classes, _ = code_actions(source, action_box)
+        if len(source.ids) < 2:
+            raise DataError(
+                f"{source.source}: one demonstration alone (n_samples=1) cannot be compared; give at least two."
+            )
+        if options.policy is not None:
+            cross_fitted_policy(options.policy, space, int(source.offsets[-1]))  # refuses an unsuitable estimator
+        groups = group_by_demonstrator(demonstrators, source)
+        if not options.judges and (groups.informative or options.policy is not None):
+            raise DataError("A named adversary knows neither demonstrators= nor policy=; leave out one.")
+        return cls(source, space, classes, label_codes(labels, source), groups)
+
+
+@dataclass(frozen=True, eq=False)
+class Posed:
+    """The demonstrations that the decision reads: all, or a sample.
+
+    Attributes
+    ----------
+    demonstrations : Demonstrations
+    data : FitData
+    features : FeatureMap or IdentityMap
+    minority : {"ask", "trust", "distrust"}
+    indices : (S,) int array or None
+        The demonstrations of a sample among all.
+    blocks : Shards or None
+        All demonstrations as an engine holds them, where the decision reads a sample.
+    """
+
+    demonstrations: Demonstrations
+    data: FitData
+    features: Features
+    minority: Minority
+    indices: Array | None = None
+    blocks: Any = None
+
+
+@dataclass(frozen=True, eq=False)
+class Decision:
+    """Whom to trust, and what decides about other demonstrations.
+
+    Attributes
+    ----------
+    audit : Audit
+    step : (N,) array
+        P(the step is an expert's).
+    judge : FittedJudge or None
+    state : State or None
+        Of the mixture with a named adversary.
+    n_iter : int
+    lower_bound : float
+        Objective of the mixture, or mean held-out log-likelihood of a step of the training group, in nats.
+    converged : bool
+    judgement : Judgement or None
+    """
+
+    audit: Audit
+    step: Array
+    judge: FittedJudge | None
+    state: State | None
+    n_iter: int
+    lower_bound: float
+    converged: bool = True
+    judgement: Judgement | None = None
+
+    @classmethod
+    def of(cls, judgement: Judgement, judge: FittedJudge, data: FitData, ids: Sequence[Any]) -> Decision:
+        """The decision of the judge about the demonstrations `data`."""
+        audit, history = audit_from_judgement(judgement, data, ids), judgement.scores.fit.history
+        step = judgement.step_trust.step
+        return cls(audit, step, judge, None, len(history), float(history[-1]), judgement=judgement)
+
+
+def decide(posed: Posed, options: Options) -> Decision:
+    """Whom to trust: by the judge, or by the mixture with a named adversary."""
+    data, ids, settings = posed.data, posed.demonstrations.ids, options.settings
+    n_steps, own = len(data.actions), options.policy is not None
+    if options.judges:
+        model: HeldOutModel = held_out_model(data, options.seed, settings.judge.held_out)
+        if own:
+            model = HeldOutPolicy(data, cross_fitted_policy(options.policy, data.space, n_steps))
+        seed, minority = options.seed, posed.minority
+        judgement = judge(data, model, settings.judge, seed=seed, minority=minority, progress=options.progress)
+        return Decision.of(judgement, FittedJudge.of(judgement, data, settings.judge, user_policy=own), data, ids)
+    assert isinstance(posed.features, FeatureMap)
+    policy = linear_policy(data.space, ridge_of(posed.features, options.C, n_steps, data.space), n_steps)
+    search = SearchSettings(policy, settings.mixture, settings.judge, options.seed)
+    result = fit_mixture(data, search, options.adversary, options.progress)
+    audit = audit_from_mixture(data, result, Interval(*result.state.prior.interval(result.posterior.expert)), ids)
+    n_iter = max(1, len(result.history) - 1)
+    return Decision(audit, audit.step_weight, None, result.state, n_iter, result.objective, bool(result.converged))
+
+
+@dataclass(frozen=True, eq=False)
+class Fitted:
+    """The result of a fit; the estimator copies it onto itself.
+
+    Attributes
+    ----------
+    decision : Decision
+    judge_features : FeatureMap or IdentityMap
+        While trust was decided.
+    features : FeatureMap or IdentityMap
+        Of the final policy.
+    policy : Policy
+    """
+
+    decision: Decision
+    judge_features: Features
+    features: Features
+    policy: Any
+
+
+class Stages(Protocol):
+    """The stages of a fit that depend on where the demonstrations are."""
+
+    def pose(self) -> Posed:
+        """The demonstrations that the decision reads, and their features."""
+
+    def extend(self, posed: Posed, decision: Decision) -> Decision:
+        """The decision about all demonstrations."""
+
+    def fit_policy(self, posed: Posed, decision: Decision) -> tuple[Features, Any, Decision]:
+        """The features and the final policy, and the decision with the weights of all steps."""
+
+
+def fit(stages: Stages, options: Options) -> Fitted:
+    """Pose, decide, and fit the final policy."""
+    posed = stages.pose()
+    decision = stages.extend(posed, decide(posed, options))
+    options.progress("the policy")
+    features, policy, decision = stages.fit_policy(posed, decision)
+    return Fitted(decision, posed.features, features, policy)
+
+
+@dataclass(frozen=True, eq=False)
+class Whole:
+    """The stages of a fit to demonstrations in memory, all of which the decision reads."""
+
+    task: Task
+    options: Options
+
+    def pose(self) -> Posed:
+        task, options = self.task, self.options
+        source = task.source
+        demonstrations = source if isinstance(source, Demonstrations) else source.select(slice(None))
+        options.progress("features")
+        features = options.judge_features(demonstrations)
+        n_entries = demonstrations.n_steps * demonstrations.n_observations
+        single = options.judges and task.space.kind == "discrete" and n_entries > options.settings.single_precision
+        data = pose(task, demonstrations, features, single)
+        data = replace(data, labels=task.labels, demonstrators=task.demonstrators)
+        return Posed(demonstrations, data, features, options.minority)
+
+    def extend(self, posed: Posed, decision: Decision) -> Decision:
+        return decision
+
+    def fit_policy(self, posed: Posed, decision: Decision) -> tuple[Features, Any, Decision]:
+        data, weight = posed.data, decision.audit.step_weight
+        if not is_anyone_trusted(decision.audit.expert_proba, data.lengths):
+            weight = decision.step  # the steps that are most likely an expert's
+        if self.options.policy is None:
+            trusted = weight > 0.5 * weight.max()
+            spec = self.options.linear
+            return *spec.fit(posed.demonstrations, data.actions, weight, trusted, data.space), decision
+        # Cross-fitted again by the final weights: the temperature of the policy comes from held-out steps.
+        start, _ = cross_fitted_policy(self.options.policy, data.space, len(weight)).fit(data, weight)
+        return posed.features, start.fit_all(data, weight), decision
+
+
+def pose(task: Task, demonstrations: Demonstrations, features: Features, single: bool) -> FitData:
+    """The data of a fit to some demonstrations, without labels and demonstrators."""
+    codes = encode_actions(task.classes, demonstrations.actions, demonstrations.source)
+    design = features.design(demonstrations.observations, single=single)
+    labels = np.zeros(len(demonstrations), dtype=int)
+    return FitData(design, codes, demonstrations.offsets, task.space, labels)

@@ -1,0 +1,44 @@
+"""What only an expert changes about a fit of `RPIL`."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from rpil.data.archive import stored
+from rpil.inference.settings import JudgeSettings
+from rpil.mixture.settings import MixtureSettings
+from rpil.scale.settings import AscentSettings, SampleSettings
+
+
+@stored()
+@dataclass(frozen=True)
+class Settings:
+    """Settings of every stage of a fit; the defaults are those of all figures in docs/results.md.
+
+    Attributes
+    ----------
+    search_features : str
+        The features while trust is decided: a kind of features, or "auto", which is the kind of the final policy, or
+        "folded" where that is "raw" or "auto". A straight line takes an expert in a rare situation for an adversary.
+        benchmarks/ablations.py ("raw features").
+    single_precision : int
+        Entries of the observations above which the judge reads discrete actions in single precision.
+    judge : JudgeSettings
+    mixture : MixtureSettings
+        Of a fit with a named adversary: the prior, the M-step, and when EM stops.
+    sample : SampleSettings
+    ascent : AscentSettings
+        Of the fit of the final policy.
+
+    Examples
+    --------
+    >>> from rpil import RPIL, MixtureSettings, Settings
+    >>> model = RPIL(adversary="uniform", settings=Settings(mixture=MixtureSettings(prior=0.5)))
+    """
+
+    search_features: str = "auto"
+    single_precision: int = 50_000
+    judge: JudgeSettings = JudgeSettings()
+    mixture: MixtureSettings = MixtureSettings()
+    sample: SampleSettings = SampleSettings()
+    ascent: AscentSettings = AscentSettings()

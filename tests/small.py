@@ -1,0 +1,20 @@
+"""A fit that takes hundreds of steps for many: the judge reads a small sample, and passes do the rest."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from rpil import RPIL, MixtureSettings, SampleSettings, Settings
+
+SAMPLE = SampleSettings(min_steps=600, steps_per_coefficient=20, n_demonstrations=20, min_samples=4)
+SMALL = Settings(sample=SAMPLE)
+
+
+def small_rpil(**options: Any) -> RPIL:
+    """`RPIL` for which thousands of steps are many."""
+    return RPIL(**{"settings": SMALL} | options)
+
+
+def mixture(**chosen: Any) -> Settings:
+    """Settings of the mixture with a named adversary alone."""
+    return Settings(mixture=MixtureSettings(**chosen))
