@@ -75,7 +75,9 @@ class BlockScores(NamedTuple):
     interval: Array
 
 
-def score_block(prepared: tuple[Block, FitData], judge: FittedJudge, settings: JudgeSettings) -> BlockScores:
+def score_block(
+    prepared: tuple[Block, FitData], judge: FittedJudge, settings: JudgeSettings = JudgeSettings()
+) -> BlockScores:
     """Score the demonstrations of a block by the policy of the sample."""
     data = prepared[1]
     measure, _, trust = _measure_steps(data, judge, settings)
