@@ -1,4 +1,4 @@
-"""Does the library reach what was promised? Default settings, every figure over draws of the data.
+"""Goals of the first version, at default settings; every figure is over draws of the data.
 
     python benchmarks/acceptance.py --draws 10 --features raw --features spline --json acceptance.json
 
@@ -6,7 +6,8 @@ The paper's cells: 10 good demonstrations and 10 bad ones of MountainCar, Acrobo
 uniform actions in the expert's states ("corrupted") or driven by them ("random"). Every verdict must be right,
 "uncertain" being wrong, and the policy must return what the oracle's does, which is fitted to the good ones alone.
 Partly bad demonstrations ("noisy", "window") must be told apart by their log-odds. Where half of all have shifted
-actions nobody can know, and the answer must be so; with one label of each sort all verdicts must be right.
+actions the data cannot tell which half is good: the finding must say so, and with one label of each sort all verdicts
+must be right.
 """
 
 from __future__ import annotations
@@ -62,7 +63,7 @@ def main(arguments: list[str] | None = None) -> int:
     cells = [summary([row for row in rows if key(row) == cell]) for cell in dict.fromkeys(map(key, rows))]
     print(table(cells))
     passed = all(not cell["missed"] for cell in cells)
-    print("everything reached" if passed else "missed: see the last column")
+    print("all goals reached" if passed else "goals missed: see the last column")
     if options.json:
         seeds = f"{options.first_seed} to {options.first_seed + draws - 1}"
         found = {"provenance": provenance(seeds), "passed": passed, "cells": cells, "draws": rows}
@@ -71,7 +72,7 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 def one_draw(env_id: str, kind: str, seed: int, features: str, rollouts: int) -> Row:
-    """Everything that one draw of the data tells."""
+    """All figures of one draw of the data."""
     made = simulate(env_id, kind, n_good=N_GOOD, n_bad=N_GOOD, seed=seed)
     good = made.is_good == 1
     demonstrations = Demonstrations.from_episodes(made.episodes)

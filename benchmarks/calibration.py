@@ -1,11 +1,12 @@
-"""Does P(expert) mean what it says, and is anybody accused where there is no signal?
+"""Calibration of P(expert), and false accusations where there is no signal.
 
     python benchmarks/calibration.py --draws 5 --json calibration.json
 
 With signal: the cells of `robustness.py`, 10 good demonstrations and as many bad ones as make up a share of 50, 75 or
 90 %. The expected calibration error compares P(expert), in ten bins, with the share of the good; and the interval for
-the share of experts should hold the truth. Where nobody can know without labels, one of each sort is given, and what is
-labelled is not scored. Draws answered "ambiguous" are left out: there nothing is claimed.
+the share of experts should hold the truth. Where the data cannot tell which group is good, one label of each sort is
+given, and labelled demonstrations are not scored. Draws with the finding "cannot be known" are left out: they have no
+verdicts.
 
 Without signal: 20 demonstrations that do not differ. They all come from one policy, an expert, a random one or an
 expert half of whose actions are random; or ten good and ten corrupted ones are shuffled, their actions among all steps,
@@ -78,7 +79,7 @@ def measure(environments: Sequence[str], kinds: Sequence[str], shares: Sequence[
 
 
 def with_signal(env: str, kind: str, share: int, seed: int) -> Row:
-    """What the audit of one draw claims, and what is true."""
+    """Probabilities of the audit of one draw, and the truth."""
     made = simulate(env, kind, n_good=N_GOOD, n_bad=n_bad(share), seed=seed)
     labels = LABELS if unknowable(kind, share) else {}
     audit = fitted(Demonstrations.from_episodes(made.episodes), labels)
@@ -112,7 +113,7 @@ def without_signal(env: str, name: str, seed: int) -> Row:
 
 
 def shuffled(demonstrations: Demonstrations, name: str, rng: np.random.Generator) -> Demonstrations:
-    """The same numbers of steps, but with anybody's actions, or anybody's steps."""
+    """The same numbers of steps, with the actions or the steps exchanged among all demonstrations."""
     order = rng.permutation(demonstrations.n_steps)
     steps = order if name == "steps shuffled" else np.arange(len(order))
     return Demonstrations.from_groups(
@@ -138,7 +139,7 @@ def summary(signal: list[Row], alike: list[Row]) -> Row:
             }
             for by in ("env", "kind", "share")
         },
-        "bins": bins(*together(claims)),
+        "bins": bins(*pooled(claims)),
         "n_judged": sum(len(row["good"]) for row in claims),
         "n_draws": len(signal),
         "n_ambiguous": len(signal) - len(claims),
@@ -150,7 +151,7 @@ def summary(signal: list[Row], alike: list[Row]) -> Row:
     }
 
 
-def together(rows: Iterable[Row]) -> tuple[Array, Array]:
+def pooled(rows: Iterable[Row]) -> tuple[Array, Array]:
     """P(expert) and whether it was one, of all demonstrations."""
     found = list(rows)
     proba, good = ([value for row in found for value in row[name]] for name in ("proba", "good"))
@@ -158,7 +159,7 @@ def together(rows: Iterable[Row]) -> tuple[Array, Array]:
 
 
 def ece_of(rows: Iterable[Row]) -> float | None:
-    proba, good = together(rows)
+    proba, good = pooled(rows)
     return expected_calibration_error(proba, good) if len(proba) else None
 
 
@@ -168,7 +169,7 @@ def expected_calibration_error(proba: Array, truth: Array) -> float:
 
 
 def bins(proba: Array, truth: Array) -> list[Row]:
-    """Mean P(expert), share of experts and number in each bin that holds anybody."""
+    """Mean P(expert), share of experts and number of demonstrations in each bin that is not empty."""
     of = np.minimum((proba * N_BINS).astype(int), N_BINS - 1)
     return [
         {"proba": float(proba[of == b].mean()), "good": float(truth[of == b].mean()), "n": int((of == b).sum())}
@@ -218,7 +219,7 @@ def markdown(result: Row) -> str:
             "## Calibration",
             f"`benchmarks/calibration.py`: {result['n_draws']} draws of the cells of the grid, "
             f"{result['n_judged']} demonstrations; {result['n_ambiguous']} draws were answered “ambiguous” and claim "
-            "nothing. Where nobody can know without labels, one of each sort is given, and not scored.",
+            "nothing. Where the data cannot tell which group is good, one label of each sort is given, and not scored.",
             "\n".join(f"- Goal {'reached' if reached else 'missed'}: {said}." for said, reached in goals.items()),
             "What P(expert) says, and how many were experts:",
             table(["P(expert), mean of a tenth", "experts", "demonstrations"], rows, 0),

@@ -1,4 +1,4 @@
-"""What a pass over everything costs, and what that predicts for data and clusters that nobody here has.
+"""The cost of a pass over all data, and predictions for larger data and clusters.
 
     python benchmarks/cost.py [--json OUT.json] [--docs docs/scale.md]
 

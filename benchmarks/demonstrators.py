@@ -1,11 +1,11 @@
-"""Does it help to know who gave which demonstration? Trust with `demonstrators=` and without, whole and cut short.
+"""Trust with `demonstrators=` and without, for whole demonstrations and for short pieces of them.
 
     python benchmarks/demonstrators.py --data DIR --json demonstrators.json
 
-DIR holds NPZ files as `real.py` reads them, of which those count that say who gave what (`demonstrator_ids`), somebody
-having given two demonstrations at least. Each is judged as it is, and with nothing left of a demonstration but some
-steps in a row, from a place drawn at random: that is where the others of the same person should help. Both ways see the
-same steps. A simulated set comes beside: five people, two of them good, who give four demonstrations each.
+DIR holds NPZ files as `real.py` reads them. Sets count that name the demonstrators (`demonstrator_ids`), at least one
+of whom gave two demonstrations. Each set is judged whole, and with some consecutive steps of each demonstration,
+beginning at random: there the other demonstrations of the same person should help. Both fits see the same steps. A
+simulated set is added: five people, two of them good, who give four demonstrations each.
 
 AUROC is good against bad. Its interval is bootstrapped over *demonstrators*, since those of one person are good or bad
 together, and over demonstrations within them.
@@ -65,7 +65,7 @@ def main(arguments: list[str] | None = None) -> int:
         except DataError as error:
             parser.error(str(error))
     if not result:
-        parser.error("no data set with good and bad demonstrations says who gave them.")
+        parser.error("no data set with good and bad demonstrations names its demonstrators.")
     print(text(result))
     return 0
 
@@ -74,29 +74,29 @@ def measure(paths: Iterable[Path], steps: int, draws: int, adversary: str, seed:
     """All figures so far, after each data set."""
     rows: list[Row] = []
     for path, demonstrations, known in sets_with_both(paths):
-        who = names(path, demonstrations)
-        if who is None:
+        people = names(path, demonstrations)
+        if people is None:
             continue
         rng = stream(seed, path.stem)
         versions = [(WHOLE, demonstrations)] + [(steps, cut(demonstrations, steps, rng)) for _ in range(draws)]
-        scores = [(of, judged(data, adversary, None), judged(data, adversary, who)) for of, data in versions]
+        scores = [(of, judged(data, adversary, None), judged(data, adversary, people)) for of, data in versions]
         for of in (WHOLE, steps):
             without, knowing = (
-                [score(pair[way], known.good, known.bad, who, rng) for pair in scores if pair[0] == of]
+                [score(pair[way], known.good, known.bad, people, rng) for pair in scores if pair[0] == of]
                 for way in (1, 2)
             )
-            rows.append(summary(path.stem, of, without, knowing) | {"people": len(set(who))})
+            rows.append(summary(path.stem, of, without, knowing) | {"people": len(set(people))})
         yield {"provenance": provenance(seed), "adversary": adversary, "steps": steps, "draws": draws, "rows": rows}
 
 
 def names(path: Path, demonstrations: Demonstrations) -> list[str] | None:
-    """Who gave each demonstration, or None where the file does not say, or that tells nothing."""
+    """The demonstrator of each demonstration, or None where the file names none, or only one for all or for each."""
     try:
         found = read_demonstrators(COLUMN, path)
     except DataError:
         return None
-    who = [found[str(name)] for name in demonstrations.ids]
-    return who if 1 < len(set(who)) < len(who) else None
+    people = [found[str(name)] for name in demonstrations.ids]
+    return people if 1 < len(set(people)) < len(people) else None
 
 
 def cut(demonstrations: Demonstrations, steps: int, rng: np.random.Generator) -> Demonstrations:
@@ -113,21 +113,21 @@ def cut(demonstrations: Demonstrations, steps: int, rng: np.random.Generator) ->
     )
 
 
-def judged(demonstrations: Demonstrations, adversary: str, who: list[str] | None) -> Array:
+def judged(demonstrations: Demonstrations, adversary: str, people: list[str] | None) -> Array:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # ambiguity and convergence: the figures tell what came of it
-        return RPIL(adversary=adversary).fit(demonstrations, demonstrators=who).log_odds_
+        return RPIL(adversary=adversary).fit(demonstrations, demonstrators=people).log_odds_
 
 
-def score(log_odds: Array, good: Array, bad: Array, who: list[str], rng: np.random.Generator) -> tuple[float, Array]:
+def score(log_odds: Array, good: Array, bad: Array, people: list[str], rng: np.random.Generator) -> tuple[float, Array]:
     """AUROC, and its bootstrap draws: people with replacement, then the demonstrations of each."""
     won = pair_wins(log_odds[good], log_odds[bad])
-    _, of = np.unique(who, return_inverse=True)
-    people = np.bincount(of)
+    _, of = np.unique(people, return_inverse=True)
+    n_people = of.max() + 1
     draws = np.empty(N_RESAMPLES)
     for i in range(N_RESAMPLES):
-        chosen = np.bincount(rng.integers(len(people), size=len(people)), minlength=len(people))
-        weight = rng.poisson(chosen[of])  # of a demonstration: as often as its giver, then each by itself
+        chosen = np.bincount(rng.integers(n_people, size=n_people), minlength=n_people)
+        weight = rng.poisson(chosen[of])  # as often as its demonstrator is drawn, then each demonstration by itself
         total = weight[good].sum() * weight[bad].sum()
         draws[i] = weight[good] @ won @ weight[bad] / total if total else np.nan
     return float(won.mean()), draws
@@ -158,7 +158,9 @@ def text(result: Row) -> str:
         spread = "" if row["gain_se"] is None else f" ± {row['gain_se']:.3f}"
         where = [row["set"].replace("_", " "), str(row["people"]), str(row["steps"] or "all")]
         body.append([*where, *shown, f"{row['gain']:+.3f}{spread}"])
-    return table(["", "people", "steps of each", "AUROC, nobody known", "demonstrators known", "gain"], body, 1)
+    return table(
+        ["", "people", "steps of each", "AUROC, demonstrators unknown", "demonstrators known", "gain"], body, 1
+    )
 
 
 def markdown(result: Row) -> str:
@@ -167,11 +169,11 @@ def markdown(result: Row) -> str:
     wholes = [row for row in result["rows"] if not row["steps"]]
     lines = [
         f"{what}: {np.mean([row['without'] for row in rows]):.3f} without, "
-        f"{np.mean([row['knowing'] for row in rows]):.3f} knowing who gave what, over {len(rows)} data sets."
+        f"{np.mean([row['knowing'] for row in rows]):.3f} with demonstrators, over {len(rows)} data sets."
         for what, rows in (("Whole demonstrations", wholes), (f"Cut to {result['steps']} steps", cuts))
     ]
     lines += [
-        f"Worse for knowing on {row['set'].replace('_', ' ')}, {row['steps'] or 'all'} steps: {row['gain']:+.3f}."
+        f"Worse with them on {row['set'].replace('_', ' ')}, {row['steps'] or 'all'} steps: {row['gain']:+.3f}."
         for row in result["rows"]
         if row["gain"] < -0.0005
     ]

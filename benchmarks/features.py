@@ -1,4 +1,4 @@
-"""Are the features that are chosen the right ones? Every kind, and "auto", on clean demonstrations.
+"""The choice of features: every kind, and "auto", on clean demonstrations.
 
     python benchmarks/features.py --draws 10 --json features.json
 
@@ -50,7 +50,7 @@ def main(arguments: list[str] | None = None) -> int:
         cells += [summary(env_id, kind, rows) for kind in options.features or FEATURES]
         print(table([cell for cell in cells if cell["env"] == env_id]), flush=True)
     missed = [cell["env"] for cell in cells if cell["missed"]]
-    print(f"missed by auto: {', '.join(missed)}" if missed else "everything reached")
+    print(f"missed by auto: {', '.join(missed)}" if missed else "all goals reached")
     if options.json:
         seeds = list(range(options.first_seed, options.first_seed + draws))
         found = {"passed": not missed, "cells": cells, "draws": rows, "provenance": provenance(seeds)}
@@ -59,7 +59,7 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 def one_draw(env_id: str, seed: int, kinds: list[str] | tuple[str, ...], rollouts: int) -> list[Row]:
-    """What each kind of features makes of one draw of the data."""
+    """The return with each kind of features, for one draw of the data."""
     data = Demonstrations.from_episodes(simulate(env_id, "corrupted", n_good=N_GOOD, n_bad=0, seed=seed).episodes)
     best = expert(env_id)
     top = rollout(best, env_id, n_episodes=rollouts, seed=seed).mean

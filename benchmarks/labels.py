@@ -1,9 +1,10 @@
-"""Which demonstrations to label: those that the audit suggests, or any? Truth answers the questions, and scores.
+"""Labels that the audit suggests against labels of random demonstrations; the truth answers and scores.
 
     python benchmarks/labels.py --data DIR --json labels.json
 
-DIR holds NPZ files as `real.py` reads them. A person who is asked says expert where the truth is good and adversary
-where it is bad, and does not know what is in between: then the next one is asked about, until there are k labels. Then
+DIR holds NPZ files as `real.py` reads them. The answer about a demonstration is "expert" where the truth is good and
+"adversary" where it is bad; one in between stays without an answer, and the next one is asked about, until there are k
+labels. Then
 everything is fitted again with these, and there are two AUROCs of good against bad. One is over all demonstrations,
 those that are labelled where their labels put them: what the user has in the end. The other is over those that are not.
 Which these are differs from choice to choice, so the AUROC without labels *of the same ones* stands beside it.
@@ -82,10 +83,10 @@ def measure(paths: Iterable[Path], ks: Iterable[int], draws: int, adversary: str
         for (how, draw), order in orders.items():
             for k in ks:
                 asked = questions(order, known, k)
-                told = answers(demonstrations, known, asked)
-                same = frozenset(told.items())
+                given = answers(demonstrations, known, asked)
+                same = frozenset(given.items())
                 if same not in fits:
-                    fits[same] = fitted(demonstrations, adversary, told)
+                    fits[same] = fitted(demonstrations, adversary, given)
                 score = scored(fits[same], alone, known, asked)
                 rows.append({"set": path.stem, "how": how, "draw": draw, "k": k, "asked": asked, **score})
         yield {
@@ -110,14 +111,14 @@ def questions(order: list[int], known: Truth, k: int) -> list[int]:
 
 
 def answers(demonstrations: Demonstrations, known: Truth, asked: list[int]) -> dict[Any, str]:
-    """What a person says of the demonstrations `asked`; nothing of those in between."""
+    """Labels of the demonstrations `asked`, without those in between."""
     ids = demonstrations.ids
-    said = {ids[m]: "expert" for m in asked if known.good[m]} | {ids[m]: "adversary" for m in asked if known.bad[m]}
-    return {} if len(said) == len(ids) else said
+    found = {ids[m]: "expert" for m in asked if known.good[m]} | {ids[m]: "adversary" for m in asked if known.bad[m]}
+    return {} if len(found) == len(ids) else found
 
 
 def scored(found: Audit, alone: Audit, known: Truth, asked: list[int]) -> Row:
-    """AUROC over all, and over who is not labelled, with labels and without; wrong verdicts among these."""
+    """AUROC over all, and over those without a label, with labels and without; wrong verdicts among these."""
     rest = ~np.isin(np.arange(len(known.good)), asked)
     good, bad = known.good & rest, known.bad & rest
     verdicts = np.array(found.verdicts)
@@ -134,7 +135,7 @@ def scored(found: Audit, alone: Audit, known: Truth, asked: list[int]) -> Row:
 def mean_over_sets(rows: list[Row], how: str, k: int) -> Row:
     """Means over data sets of the mean over draws; the standard error is over draws, data sets being what they are.
 
-    A draw that left nobody good, or nobody bad, without a label has no AUROC of the rest, but all others.
+    A draw in which all good or all bad demonstrations have a label has no AUROC of the rest.
     """
     mine = [row for row in rows if row["how"] == how and row["k"] == k]
 

@@ -4,7 +4,7 @@
     python benchmarks/paper.py --quick --peers
 
 Every policy learns from the same 10 good and 10 bad demonstrations and plays the same starts. The peers are those of
-peers.py that give a policy, with the features of our default; RM-ENT alone is told how many demonstrations are good.
+peers.py that give a policy, with the features of our default; RM-ENT alone gets the number of good demonstrations.
 """
 
 from __future__ import annotations

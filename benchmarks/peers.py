@@ -1,9 +1,9 @@
-"""Other ways of deciding whom to trust, behind one interface: `METHODS[name](demonstrations, task) -> Answer`.
+"""Other methods that rank demonstrations, behind one interface: `METHODS[name](demonstrations, task) -> Answer`.
 
 Every method learns the same policy, ours on features of kind `task.features` (a softmax; linear with Student's tails
 where actions are continuous, which not all can do), so that methods differ by their treatment of trust alone. Each
-docstring says what is as published and what had to be adapted or guessed. None reads the truth, but for the two that
-are told a part of it: the oracle and RM-ENT.
+docstring says what is as published and what had to be adapted or guessed. None gets the truth, except the oracle (which
+demonstrations are good) and RM-ENT (how many).
 """
 
 from __future__ import annotations
@@ -179,7 +179,7 @@ def cross_fitted_log_likelihood(data: Demonstrations, task: Task) -> Answer:
 
 
 def length(data: Demonstrations, task: Task) -> Answer:
-    """The number of steps: long is good. Whoever believes the opposite reads one minus its AUROC."""
+    """The number of steps: long is good. For the opposite belief take one minus its AUROC."""
     return Answer(data.lengths.astype(float), None)
 
 

@@ -25,7 +25,7 @@ N_FOLDS = 5
 
 @dataclass(frozen=True, eq=False)
 class Task:
-    """What a method is told beside the demonstrations.
+    """The input of a method beside the demonstrations.
 
     Attributes
     ----------
@@ -35,9 +35,9 @@ class Task:
     prior : float
         P(expert), for the paper's recipe alone: it gives .2 for Mountain Car, .5 for Lunar Lander, .75 for Acrobot.
     n_trusted : int, optional
-        How many demonstrations are good: RM-ENT alone is told, and takes half of them where it is not.
+        How many demonstrations are good: for RM-ENT alone, which takes half of them where it is None.
     good : (M,) bool array, optional
-        Which ones: the oracle alone is told.
+        Which demonstrations are good: for the oracle alone.
     """
 
     features: str = "raw"
@@ -49,7 +49,7 @@ class Task:
 
 @dataclass(frozen=True, eq=False)
 class Answer:
-    """What a method finds.
+    """The output of a method.
 
     Attributes
     ----------
@@ -106,9 +106,9 @@ def fit_data(data: Demonstrations, kind: str) -> tuple[FitData, FeatureMap, Arra
     """The demonstrations behind a feature map, for methods with an optimiser of their own; the map; the actions."""
     classes, codes = class_codes(data.actions, data.source)
     features = FeatureMap.fit(kind, data.observations)
-    nobody = np.zeros(len(data), dtype=int)
+    no_labels = np.zeros(len(data), dtype=int)
     return (
-        FitData(features.design(data.observations), codes, data.offsets, Discrete(len(classes)), nobody),
+        FitData(features.design(data.observations), codes, data.offsets, Discrete(len(classes)), no_labels),
         features,
         classes,
     )

@@ -1,16 +1,16 @@
-"""Who ranks real demonstrations best, and is a policy better for it? Truth is for scoring alone.
+"""Rankings of real demonstrations by all methods, and policies fitted to the trusted ones; truth is for scoring alone.
 
     python benchmarks/real.py --data DIR --json real.json --processes 2
 
 DIR holds NPZ files: observations, actions and episode_ids for every step, and for every episode the truth:
-`episode_quality` (higher is better) and `is_good` (1 good, 0 bad, -1 in between; without it nobody is known to be bad).
-Every method of peers.py is given the demonstrations, no truth, and ranks them. Scores are taken as they are, higher
-being more trusted; nothing is turned round for a data set. AUROC is good against bad, Spearman's correlation is with
-the quality of all. Then three policies predict the held-out good demonstrations of five folds: trained on all of the
-others, on what our default kept of them, and on the good ones among them. Intervals are bootstrapped over
-demonstrations.
+`episode_quality` (higher is better) and `is_good` (1 good, 0 bad, -1 in between; without it no demonstration is known
+to be bad). Every method of peers.py ranks the demonstrations without the truth. A higher score is more trusted in every
+data set. AUROC is good against bad, Spearman's correlation is with the quality of all. Then three policies predict the
+held-out good demonstrations of five folds: trained on all of the others, on what our default kept of them, and on the
+good ones among them. Intervals are bootstrapped over demonstrations.
 
-RM-ENT alone is told how many are good, and the oracle which. A method that is not made for continuous actions says so.
+RM-ENT alone gets the number of good demonstrations, and the oracle which ones are good. A method that cannot handle
+continuous actions raises a message, which is kept.
 """
 
 from __future__ import annotations
@@ -140,7 +140,7 @@ def jobs_of(path: Path, good: Array, methods: list[str], features: str, seed: in
 
 
 def answer(job: Job) -> Reply:
-    """Let a method have observations, actions and episode ids, and nothing else but its task."""
+    """The reply of a method that gets observations, actions, episode ids and its task."""
     from peers import METHODS
 
     demonstrations = formats.read(job.path)
@@ -150,7 +150,7 @@ def answer(job: Job) -> Reply:
     begun = time.perf_counter()
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # ambiguity and convergence: the figures tell what came of it
+            warnings.simplefilter("ignore")  # ambiguity and convergence: the figures show the consequence
             found = METHODS[job.method](demonstrations, job.task)
     except DataError as error:
         return Reply(time.perf_counter() - begun, said=str(error).removeprefix(f"{demonstrations.source}: "))

@@ -1,4 +1,4 @@
-"""What is asked of ours on real demonstrations, and whether it is reached."""
+"""The goals of R-PIL on real demonstrations, and whether they are reached."""
 
 from __future__ import annotations
 

@@ -120,7 +120,7 @@ def markdown(result: Row, title: str = "Real demonstrations") -> str:
     parts = [
         f"## {title}",
         f"`benchmarks/real.py`, features `{result['features']}` for all methods. Scores are taken as they are: higher "
-        "is more trusted, nothing is turned round for a data set. RM-ENT alone is told how many are good. Intervals "
+        "is more trusted in every data set. RM-ENT alone gets the number of good demonstrations. Intervals "
         "(95 %) and standard errors (±) are bootstrapped over demonstrations; the best of each column is bold.",
         sets_table(result["sets"]),
         "### AUROC, good against bad",

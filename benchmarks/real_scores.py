@@ -33,7 +33,7 @@ class Job:
 
 @dataclass(frozen=True, eq=False)
 class Reply:
-    """What a method answered, or what it `said` where it could not: scores (M,), verdicts (M,), or actions (n,)."""
+    """The answer of a method: scores (M,), verdicts (M,) or actions (n,), or in `said` the message of its error."""
 
     seconds: float
     scores: Array | None = None

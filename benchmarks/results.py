@@ -148,7 +148,7 @@ def figures(cell: Result) -> str:
 # ---- paper.py --------------------------------------------------------------------------------------------------------
 
 NOT_LEARNED = ("expert", "raw oracle", "oracle")
-"""Policies that were told who is good, or that learned nothing: they compete with nobody."""
+"""Policies that know the truth, or that are not fitted: they are not compared with the others."""
 
 
 def paper(result: Result) -> str:
@@ -200,7 +200,7 @@ def plus_minus(of: Result, digits: int = 1) -> str:
 
 
 def behind_in_paper(tables: Iterable[Result]) -> list[str]:
-    """Who is above us over draws, and where the paper prints more than we reach."""
+    """Methods above ours over draws, and tables in which the paper prints more."""
     lines = []
     for of in tables:
         policies = of["policies"]
@@ -215,7 +215,7 @@ def behind_in_paper(tables: Iterable[Result]) -> list[str]:
         if better:
             where = f"Table {of['table']}, {of['env']} {of['kind']}"
             lines.append(f"{where}: above ours ({plus_minus(ours)}): {and_list(better)}.")
-    return lines or ["Nobody is above ours in any table, the oracles included."]
+    return lines or ["No method is above ours in any table, the oracles included."]
 
 
 # ---- robustness.py ---------------------------------------------------------------------------------------------------
@@ -235,7 +235,7 @@ def robustness(result: Result, title: str = "Robustness") -> str:
         f"`benchmarks/robustness.py`: {of['n_good']} good demonstrations, draws {result['draws']}, from seed "
         f"{result['first_seed']}, {of['rollouts']} rollouts a policy, features `{of['features']}`, one configuration "
         "for all cells. Normalised return (0 plays like uniform actions, 1 like the clean oracle) / AUROC / wrong "
-        "verdicts. A † marks a missed goal, a * cells that nobody can know without labels, scored with one of each "
+        "verdicts. A † marks a missed goal, a * cells that cannot be known without labels, scored with one of each "
         "sort.",
         table(["environment", "bad", *kinds], rows, 2),
         bullets(missed_in_grid(result)),
@@ -301,7 +301,7 @@ def methods_table(methods: list[Result]) -> str:
 
 
 def behind_in_grid(methods: list[Result]) -> list[str]:
-    """Scores in which somebody is above us; the oracle is told the truth and does not count."""
+    """Scores in which a method is above ours; the oracle knows the truth and does not count."""
     known = {row["method"]: row for row in methods if row["method"] != "oracle"}
     ours, lines = known.pop(OURS, None), []
     if ours is None:
@@ -316,32 +316,32 @@ def behind_in_grid(methods: list[Result]) -> list[str]:
     return lines or ["Ours is the best, or as good, in every column."]
 
 
-# ---- what scripts tell themselves ------------------------------------------------------------------------------------
+# ---- sections that scripts write themselves --------------------------------------------------------------------------
 
 
-def told_by(script: str) -> Callable[[Result], str]:
-    """The section as the script itself tells it; imported only where there are figures of it."""
+def section_of(script: str) -> Callable[[Result], str]:
+    """The section that the script itself writes; it is imported only where there are figures of it."""
 
     def section(result: Result) -> str:
-        told: str = importlib.import_module(script).markdown(result)
-        return told
+        text: str = importlib.import_module(script).markdown(result)
+        return text
 
     return section
 
 
 SECTIONS: dict[str, Callable[[Result], str]] = {
-    "trust": told_by("trust_report"),
-    "ablations": told_by("ablations"),
+    "trust": section_of("trust_report"),
+    "ablations": section_of("ablations"),
     "acceptance": acceptance,
     "paper": paper,
-    "features": told_by("features"),
+    "features": section_of("features"),
     "robustness": robustness,
     "robustness_continuous": partial(robustness, title="Robustness, continuous actions"),
-    "calibration": told_by("calibration"),
+    "calibration": section_of("calibration"),
     "real": real_report.markdown,
     "real_continuous": partial(real_report.markdown, title="Real demonstrations, continuous actions"),
-    "demonstrators": told_by("demonstrators"),
-    "labels": told_by("labels"),
+    "demonstrators": section_of("demonstrators"),
+    "labels": section_of("labels"),
 }
 
 if __name__ == "__main__":

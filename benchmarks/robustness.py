@@ -1,4 +1,4 @@
-"""How much bad data does it stand, and of which kind? One configuration for the whole grid.
+"""Seven kinds of bad demonstrations at three shares, with one configuration for all cells.
 
     python benchmarks/robustness.py --output robustness                      # what is finished is kept, and not redone
     python benchmarks/robustness.py --output robustness --peers --peer-draws 3
@@ -6,9 +6,9 @@
 Ten good demonstrations, and as many bad ones of one kind as make up a share of 50, 75 or 90 %; ten draws of the data.
 Three scores: the normalised return (R - R_random) / (R_oracle - R_random), where the oracle is cloned from the good
 demonstrations alone with the same features; the AUROC of the log-odds; the share of wrong verdicts, "uncertain" being
-wrong. From a share of one half, "flip" and "shift" make bad demonstrations that agree as well as the good ones do.
-Nobody can know there, so the answer must be "ambiguous"; with one label of each sort it is scored like the others, on
-the demonstrations without a label.
+wrong. From a share of one half, "flip" and "shift" make bad demonstrations that agree as well as the good ones do. The
+data cannot tell which group is good there, so the finding must be "cannot be known"; with one label of each sort the
+cell is scored like the others, on the demonstrations without a label.
 
 Every finished piece of work is one JSON line in `draws.jsonl`, so that a run can be broken off and taken up again. A
 line belongs to one configuration, the code of the library included; lines of others are left alone. Then come
@@ -54,7 +54,7 @@ CHOSEN = "auto"
 """The features of everything here: the one setting that is not the library's default."""
 
 MORE = ("CartPole-v1", "rpil/DiscretePendulum-v1")
-FACES = ("cli", "html", "formats")
+NOT_MEASURED = ("cli", "html", "formats")
 """Packages of the library that no figure here depends on."""
 
 Key = tuple[str, str, int, int, str]
@@ -117,7 +117,7 @@ def main(arguments: list[str] | None = None) -> int:
 def configurations_of(rollouts: int, with_peers: bool) -> dict[str, Row]:
     """For every method all that its figures depend on beside their key: settings and code."""
     root = Path(rpil.__file__).parent
-    library = [path for path in sorted(root.rglob("*.py")) if path.parent.name not in FACES]
+    library = [path for path in sorted(root.rglob("*.py")) if path.parent.name not in NOT_MEASURED]
     ours = {"features": CHOSEN, "n_good": N_GOOD, "rollouts": rollouts, "code": digest(library)}
     found = dict.fromkeys((REFERENCE, *OWN), ours)
     if with_peers:
@@ -200,12 +200,12 @@ def peer(name: str, job: Job, demonstrations: Demonstrations, good: np.ndarray, 
     from peers import METHODS, Task
 
     begun = time.perf_counter()
-    told: dict[str, dict[str, Any]] = {
+    truth: dict[str, dict[str, Any]] = {
         "oracle": {"good": good},
         "RM-ENT": {"n_trusted": int(good.sum())},
         "paper's recipe": {"prior": PRIORS.get(job.env, 0.5)},
     }
-    task = Task(features=CHOSEN, seed=job.seed, **told.get(name, {}))
+    task = Task(features=CHOSEN, seed=job.seed, **truth.get(name, {}))
     answer = METHODS[name](demonstrations, task)
     found: Row = {"seconds": time.perf_counter() - begun}
     if answer.scores is not None:
@@ -280,13 +280,13 @@ class Results:
 
 
 def work(every: list[Job], results: Results, options: argparse.Namespace) -> None:
-    """Do what is not done yet, and say on stderr how far it is."""
+    """Do the missing jobs, with progress on stderr."""
     todo = [
         Job(job.env, job.kind, job.share, job.seed, missing)
         for job in every
         if (missing := tuple(key[-1] for key in job.keys if key not in results.rows))
     ]
-    begun = said = time.perf_counter()
+    begun = printed = time.perf_counter()
     jobs = [(job, options.rollouts) for job in todo]
     for done, rows in enumerate(in_processes(run, jobs, options.processes), 1):
         for row in rows:
@@ -297,9 +297,9 @@ def work(every: list[Job], results: Results, options: argparse.Namespace) -> Non
                     *(row[name] for name in ("env", "kind", "share", "seed", "method", "error")),
                     file=sys.stderr,
                 )
-        if time.perf_counter() - said > 30 or done == len(todo):
-            said = time.perf_counter()
-            print(f"{done} of {len(todo)} jobs in {said - begun:.0f} s", file=sys.stderr, flush=True)
+        if time.perf_counter() - printed > 30 or done == len(todo):
+            printed = time.perf_counter()
+            print(f"{done} of {len(todo)} jobs in {printed - begun:.0f} s", file=sys.stderr, flush=True)
 
 
 if __name__ == "__main__":

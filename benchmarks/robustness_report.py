@@ -16,7 +16,7 @@ GOALS = {
     "return": f"normalised return of {RETURN} at least",
     "AUROC": f"AUROC of {AUROC} at least",
     "verdicts": f"wrong verdicts of {100 * WRONG:g} % at most",
-    "ambiguous": "ambiguous without labels where nobody can know, in every draw",
+    "ambiguous": "“cannot be known” without labels in every draw of such cells",
 }
 OURS, LABELLED, REFERENCE = "rpil", "rpil, two labels", "reference"
 PANELS = (
@@ -140,14 +140,14 @@ def table(found: Row) -> str:
     lines = [f"{'':47}{'return':>20}{'AUROC':>8}{'wrong':>8}{'prior':>7}{'ambiguous':>11}{'s':>7}  missed"]
     for cell in found["cells"]:
         name = f"{name_of(cell)}{', two labels' if cell['unknowable'] else ''}"
-        told = [
+        cells_text = [
             f"{name:47}{interval(cell['return']):>20}",
             f"{number(cell['auroc'], '.3f'):>8}{number(cell['wrong'], '.1%'):>8}{number(cell['prior'], '.2f'):>7}",
             f"{cell['ambiguous']:>8}/{cell['unlabelled_draws']:<2}{cell['seconds'] or 0:7.1f}",
             f"  {', '.join(cell['missed'])}"
             + (f" (seeds {', '.join(map(str, cell['seeds']))})" if cell["seeds"] else ""),
         ]
-        lines.append("".join(told).rstrip())
+        lines.append("".join(cells_text).rstrip())
     lines.append("")
     for goal, words in GOALS.items():
         missed = len(found["missed"][goal])

@@ -1,4 +1,4 @@
-"""Data whose truth is planted: a linear softmax expert, and demonstrators who do anything."""
+"""Data with a known truth: a linear softmax expert, and demonstrators with random actions."""
 
 from __future__ import annotations
 

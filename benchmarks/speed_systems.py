@@ -97,8 +97,8 @@ def cluster(size: dict[str, int], repeats: int) -> Measured | Skipped:
     return Measured({"G": seconds["dask"] / seconds["memory"]}, {"seconds": seconds, "processes": PROCESSES})
 
 
-def _given(**told: Any) -> RPIL:
-    return RPIL(features="raw", settings=Settings(search_features="raw"), **told)
+def _given(**parameters: Any) -> RPIL:
+    return RPIL(features="raw", settings=Settings(search_features="raw"), **parameters)
 
 
 def write_shards(path: Path, n_steps: int, n_features: int, n_actions: int) -> Path:

@@ -69,7 +69,7 @@ def threads() -> dict[str, int]:
 
 
 def peak_gib() -> float:
-    """The most memory that this process had resident so far; `getrusage` would count that of whoever started it."""
+    """The most memory that this process had resident so far; `getrusage` would count that of the parent process."""
     try:
         lines = Path("/proc/self/status").read_text().splitlines()
     except OSError:

@@ -1,4 +1,4 @@
-"""Does the judge trust the right demonstrations, on data it was not made for, and does it say what it cannot know?
+"""Rankings, verdicts and findings of the judge on recorded and generated data, against peers.
 
     python benchmarks/trust.py --data DIR --json trust.json --processes 2      # what is finished is not done again
     python benchmarks/trust.py --quick
@@ -7,7 +7,7 @@ DIR holds NPZ files, see trust_data.py; the worlds of trust_worlds.py are always
 of its defaults. It is compared with the peers of trust_peers.py, on generated worlds with the best of them alone.
 Every method is given observations, actions and which steps belong together; all truth is for scoring.
 
-Where nobody can know without a label, ours is fitted once more with labels, which are not scored: flipped and shifted
+Where the data cannot tell which group is good, ours is fitted once more with labels, which are not scored: flipped and shifted
 simulated demonstrations with one of each sort, and styles that differ by more than 10 nats a demonstration with one
 label on a demonstration that the audit asks for.
 
@@ -123,13 +123,13 @@ def jobs(chosen: Iterable[Cell], methods: list[str] | None) -> list[tuple[Cell, 
 
 
 def answer(cell: Cell, method: str) -> tuple[Row, Row]:
-    """What is true of a world, and what a method says of it; where it fails, how."""
+    """The truth about a world and the answer of a method, or its error."""
     world = cell.make()
     row: Row = {"set": cell.name, "method": method}
     begun = time.process_time()
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # ambiguity and convergence: the figures tell what came of it
+            warnings.simplefilter("ignore")  # ambiguity and convergence: the figures show the consequence
             found = ours(world) if method == OURS else peer(world, method)
     except DataError as error:
         found = {"said": str(error).removeprefix(f"{world.name}: ").removeprefix(f"{SOURCE}: ")}
@@ -158,7 +158,7 @@ def ours(world: World) -> Row:
 
 
 def described(audit: Audit) -> Row:
-    """What an audit says, as plain numbers; the index of a demonstration is its id."""
+    """An audit as plain numbers; the index of a demonstration is its id."""
     evidence = getattr(audit, "evidence", None) or {"actions": audit.log_odds}
     finding = getattr(audit, "finding", None) or ("told apart" if audit.identifiable else "cannot be known")
     return {
@@ -172,7 +172,7 @@ def described(audit: Audit) -> Row:
 
 
 def labels_for(world: World, audit: Audit) -> dict[int, str]:
-    """What a person who knows would answer, where the audit cannot know."""
+    """The labels that a person with the truth would give, where the audit cannot know."""
     if world.extra.get("unknowable"):
         good, bad = (int(np.flatnonzero(world.is_good == kind)[0]) for kind in (1, 0))
         return {good: "expert", bad: "adversary"}
@@ -280,7 +280,7 @@ def code_of_worlds() -> tuple[Path, ...]:
 
 
 def work(every: list[tuple[Cell, str]], results: Results, processes: int) -> None:
-    """Do what is not done yet, and say on stderr how far it is."""
+    """Do the missing jobs, with progress on stderr."""
     todo = [job for job in every if not results.has(*job)]
     begun = time.perf_counter()
     answers = in_processes(answer, todo, processes)

@@ -58,18 +58,20 @@ def family_of(path: Path) -> str:
     """What the JSON beside a file says, else by the file's name."""
     beside = path.with_suffix(".json")
     try:
-        told = json.loads(beside.read_text(encoding="utf-8")) if beside.exists() else {}
+        described = json.loads(beside.read_text(encoding="utf-8")) if beside.exists() else {}
     except ValueError:
         raise DataError(f"{beside.name}: it is not JSON; mend it or take it away.") from None
-    if isinstance(told, dict) and told.get("family"):
-        if told["family"] in FAMILIES:
-            raise DataError(f"{beside.name}: the family {told['family']!r} is that of generated worlds; name another.")
-        return str(told["family"])
+    if isinstance(described, dict) and described.get("family"):
+        if described["family"] in FAMILIES:
+            raise DataError(
+                f"{beside.name}: the family {described['family']!r} is that of generated worlds; name another."
+            )
+        return str(described["family"])
     return next((family for start, family in FAMILY_OF.items() if path.name.startswith(start)), OTHER)
 
 
 def read(path: Path) -> World:
-    """The demonstrations of a file; who is not said to be good or bad is in between."""
+    """The demonstrations of a file; those without a truth are in between."""
     try:
         with np.load(path, allow_pickle=False) as stored:
             held = {name: stored[name] for name in (*STEPS, "is_good", "episode_quality") if name in stored.files}

@@ -16,7 +16,7 @@ WITHOUT = tuple(name for name in SINGLE if name != "length")
 """Peers that do not look at the number of steps."""
 
 ALL_PEERS = (*SINGLE, *(name + WITH_LENGTH for name in LENGTHENED))
-UNTOLD = ("cannot be known", "nobody stands out", "nothing could be learned")
+NO_VERDICTS = ("cannot be known", "nobody stands out", "nothing could be learned")
 N_CELLS, N_CONTINUOUS, CONTINUOUS_ASKED = 63, 45, 43
 LOW = 0.05
 """Probability below which an excess of errors is no accident."""
@@ -125,7 +125,7 @@ def error_goals(sets: list[Row], real: list[Row], nothing: list[Row]) -> list[Ro
             2,
             "no verdict and a finding that says so where nothing can be learned",
             attempted(nothing),
-            lambda row: row.get("finding") in UNTOLD and not row["given"],
+            lambda row: row.get("finding") in NO_VERDICTS and not row["given"],
         ),
     ]
 
@@ -228,7 +228,7 @@ def place_of(row: Row) -> str:
 
 
 def cell_met(draws: list[Row]) -> bool:
-    """Whether ranking and verdicts are right over the draws of a cell, with labels where nobody can know without."""
+    """Whether ranking and verdicts are right over the draws of a cell, with labels where the data cannot tell which group is good."""
     if any("verdicts" not in row for row in draws):
         return False
     if draws[0]["extra"]["unknowable"]:

@@ -1,6 +1,6 @@
 """What our judge is compared with: `PEERS[name](observations, actions, groups) -> score (M,)`, higher is more trusted.
 
-None is told anything of the truth. All learn policies on the raw observations, and demonstration m is the m-th smallest
+None gets the truth. All fit policies on the raw observations, and demonstration m is the m-th smallest
 value of `groups`. A peer that is not made for continuous actions raises a `DataError` that says so.
 """
 
@@ -31,7 +31,7 @@ Array = NDArray[Any]
 Peer = Callable[[Array, Array, Array], Array]
 
 
-def together(observations: Array, actions: Array, groups: Array) -> Demonstrations:
+def as_demonstrations(observations: Array, actions: Array, groups: Array) -> Demonstrations:
     """The demonstrations in ascending order of their ids."""
     order = np.argsort(groups, kind="stable")
     return Demonstrations.from_groups(observations[order], actions[order], groups[order])
@@ -39,23 +39,23 @@ def together(observations: Array, actions: Array, groups: Array) -> Demonstratio
 
 def of_peers(name: str, observations: Array, actions: Array, groups: Array) -> Array:
     """The score of a method of peers.py; RM-ENT trusts half of the demonstrations."""
-    data = together(observations, actions, groups)
+    data = as_demonstrations(observations, actions, groups)
     task = peers.Task(n_trusted=max(len(data) // 2, 1))
     return np.asarray(peers.METHODS[name](data, task).scores, dtype=float)
 
 
 def pooled(observations: Array, actions: Array, groups: Array) -> Array:
-    """Mean log-likelihood of a demonstration under a policy that all demonstrations of the other folds have taught."""
-    data = together(observations, actions, groups)
+    """Mean log-likelihood of a demonstration under a policy fitted to the demonstrations of the other folds."""
+    data = as_demonstrations(observations, actions, groups)
     return held_out(data, np.ones(len(data), dtype=bool))
 
 
 def trimmed(observations: Array, actions: Array, groups: Array) -> Array:
-    """The same under a policy that only the best have taught.
+    """The same under a policy that is fitted to the best only.
 
     At first these are all demonstrations; then, three times, the 60 % with the highest scores of the round before.
     """
-    data = together(observations, actions, groups)
+    data = as_demonstrations(observations, actions, groups)
     best = np.ones(len(data), dtype=bool)
     for _ in range(ROUNDS + 1):
         score = held_out(data, best)
@@ -64,14 +64,14 @@ def trimmed(observations: Array, actions: Array, groups: Array) -> Array:
 
 
 def held_out(data: Demonstrations, best: Array) -> Array:
-    """Mean log-likelihood (M,) of each demonstration under a policy taught by the `best` (M,) of the other folds."""
+    """Mean log-likelihood (M,) of each demonstration under a policy fitted to the `best` (M,) of the other folds."""
     folds = np.random.default_rng(0).permutation(len(data)) % N_FOLDS
     log_prob = (discrete if data.is_discrete else continuous)(data, best[data.groups], folds[data.groups])
     return np.add.reduceat(log_prob, data.offsets[:-1]) / data.lengths
 
 
 def splits(taught: Array, folds: Array) -> Iterator[tuple[Array, Array]]:
-    """For each fold the steps that teach, all of the other folds where none would, and those that are asked, (N,)."""
+    """For each fold two masks (N,): the steps to fit, all of the other folds where none is selected, and the held-out steps."""
     for fold in np.unique(folds):
         asked = folds == fold
         teach = taught & ~asked

@@ -113,7 +113,7 @@ def simulated(rows: list[Row]) -> str:
     sides = list(dict.fromkeys((place.split()[0], place.split(maxsplit=2)[2]) for place in places))
     body = [[env, share, *(in_grid(places.get(f"{env} {kind} {share}")) for kind in kinds)] for env, share in sides]
     note = (
-        "AUROC, and wrong of the verdicts given, over the draws; a * marks cells that nobody can know without labels, "
+        "AUROC, and wrong of the verdicts given, over the draws; a * marks cells that cannot be known without labels, "
         "scored with one label of each sort, a † cells that miss the goal."
     )
     return "\n\n".join(["### Simulated", table(["environment", "bad", *kinds], body, 2), note])

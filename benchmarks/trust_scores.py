@@ -132,7 +132,7 @@ def resampled_mean(values: Array, good: Array, rng: np.random.Generator) -> Arra
 
 
 def beyond(truth: Row, ours: Row) -> Row:
-    """Figures of worlds of which more is known than who is good."""
+    """Figures of worlds whose truth holds more than good and bad."""
     extra, good = truth["extra"], np.array(truth["is_good"])
     found: Row = {"extra": {key: value for key, value in extra.items() if not isinstance(value, list)}}
     if "style" in extra:

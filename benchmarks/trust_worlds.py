@@ -1,9 +1,9 @@
-"""Generated worlds for the benchmark of trust: demonstrations of which it is known who gave them, and what can be told.
+"""Generated worlds for the benchmark of trust: demonstrations with a known truth.
 
     from trust_worlds import cells
     world = cells()["simulated MountainCar-v0 noisy 75 % 1000"].make()
 
-Four families. `simulated`: an environment's expert and one kind of bad demonstration. `styles`: everybody is good, but
+Four families. `simulated`: an environment's expert and one kind of bad demonstration. `styles`: all are good, but
 two operators act differently in a part of the states. `nothing`: whatever was good or bad can no longer be learned.
 `well_specified`: the model's own assumptions hold, and the likelihood ratio of every demonstration is known. All are
 functions of their arguments and a seed; demonstrations come in random order.

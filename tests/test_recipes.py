@@ -22,7 +22,7 @@ from rpil.audit.html.page import Article, render_page
 from rpil.data import formats
 from rpil.data.archive import CLASSES, stored
 from rpil.mixture.adversaries.named import ADVERSARIES
-from rpil.mixture.adversaries.protocol import Fixed
+from rpil.mixture.adversaries.protocol import FixedAdversary
 from rpil.numerics.blocks import add
 from rpil.scale.memory import InMemory
 from rpil.scale.protocol import Engine, Shards
@@ -63,7 +63,7 @@ def test_policy_recipe():
 
 
 @dataclass(frozen=True)
-class MostlyZero(Fixed):
+class MostlyZero(FixedAdversary):
     """psi(0|s) = 0.9; the other actions share the rest."""
 
     name: str = "mostly zero"

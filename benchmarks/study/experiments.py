@@ -78,7 +78,7 @@ def paper_recipe(demonstrations: Demonstrations, experiment: Experiment, seed: i
 
 
 def ours(demonstrations: Demonstrations, experiment: Experiment, seed: int) -> RPIL:
-    """One setting for all tables; the prior is not told."""
+    """One setting for all tables; the prior is estimated."""
     return RPIL(OUR_FEATURES, random_state=seed).fit(demonstrations)
 
 

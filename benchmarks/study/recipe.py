@@ -40,7 +40,7 @@ class PaperRecipe(PolicyEstimator):
     newton : int
         Newton steps of an M-step at most. 100 is the whole fit, which is EM as the paper writes it; 1 is what `RPIL`
         does. It matters where the recipe is on a knife's edge: of 40 draws of Lunar Lander, corrupted, 1 ends with
-        nobody trusted after whole fits, 3 after single steps.
+        no demonstration trusted after whole fits, 3 after single steps.
 
     Attributes
     ----------
@@ -79,9 +79,9 @@ class PaperRecipe(PolicyEstimator):
         with threadpool_limits(1, "blas"):
             self.features_ = FeatureMap.fit("raw", demonstrations.observations)
             ridge = ridge_of(self.features_, NO_PENALTY, len(codes), self.space_)
-            nobody = np.zeros(len(demonstrations), dtype=int)
+            no_labels = np.zeros(len(demonstrations), dtype=int)
             design = self.features_.design(demonstrations.observations)
-            problem = FitData(design, codes, demonstrations.offsets, self.space_, nobody)
+            problem = FitData(design, codes, demonstrations.offsets, self.space_, no_labels)
             pooled, outputs = SoftmaxPolicy.zero(self.space_.n, ridge).fit(problem, np.ones(len(codes)))
             settings = MixtureSettings(
                 m_step="expert_only", max_iter=self.max_iter, tol=0.0, newton_iter=self.newton, cg_iter=200
