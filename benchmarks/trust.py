@@ -7,9 +7,9 @@ DIR holds NPZ files, see trust_data.py; the worlds of trust_worlds.py are always
 of its defaults. It is compared with the peers of trust_peers.py, on generated worlds with the best of them alone.
 Every method is given observations, actions and which steps belong together; all truth is for scoring.
 
-Where the data cannot tell which group is good, ours is fitted once more with labels, which are not scored: flipped and shifted
-simulated demonstrations with one of each sort, and styles that differ by more than 10 nats a demonstration with one
-label on a demonstration that the audit asks for.
+Where the data cannot tell which group is good, ours is fitted once more with labels, which are not scored: flipped and
+shifted simulated demonstrations with one of each sort, and styles that differ by more than 10 nats a demonstration with
+one label on a demonstration that the audit asks for.
 
 Printed are tables for every family, and the goals. The JSON keeps every answer with a digest of the code it came from;
 an answer from other code is replaced. The exit status is 0 where every goal is met.

@@ -228,7 +228,7 @@ def place_of(row: Row) -> str:
 
 
 def cell_met(draws: list[Row]) -> bool:
-    """Whether ranking and verdicts are right over the draws of a cell, with labels where the data cannot tell which group is good."""
+    """Whether ranking and verdicts are right over the draws of a cell, with labels where they are needed."""
     if any("verdicts" not in row for row in draws):
         return False
     if draws[0]["extra"]["unknowable"]:

@@ -58,6 +58,6 @@ def test_demonstrators():
 
     found = {"adversary": "auto", "steps": 10, "draws": 3, "rows": [row(None, 0.9, 0.89), row(10, 0.6, 0.8)]}
     page = results({"demonstrators": found})
-    assert "Cut to 10 steps: 0.600 without, 0.800 knowing who gave what, over 1 data sets." in page
-    assert "Worse for knowing on car, all steps: -0.010." in page
+    assert "Cut to 10 steps: 0.600 without, 0.800 with" in page
+    assert "car, all steps: -0.010." in page
     assert "| car | 3 | 10 | 0.600 (0.50 to 0.90) | 0.800 | +0.200 ± 0.020 |" in page
