@@ -276,7 +276,7 @@ def test_a_subset_of_the_known_actions_can_be_scored_and_others_cannot():
     toy = make("random", 0)
     model = RPIL(adversary="uniform").fit(toy.observations, toy.actions, groups=toy.groups)
     assert np.isfinite(model.score_demonstrations(toy.observations[:2], np.array([2, 2]), groups=[0, 0])).all()
-    with pytest.raises(DataError, match=r"demonstration 'b': action 7 is not among the known ones \(0, 1, 2\)"):
+    with pytest.raises(DataError, match=r"demonstration 'b': action 7 is not among the fitted ones \(0, 1, 2\)"):
         model.score_demonstrations(toy.observations[:2], np.array([2, 7]), groups=["a", "b"])
     with pytest.raises(DataError, match="action 'jump' is not among"):
         model.score_demonstrations(toy.observations[:2], np.array(["jump", "jump"]), groups=[0, 0])

@@ -82,14 +82,14 @@ class Words(click.Choice[str]):
 def read(file: str, progress: Stages, stream: bool | None = False) -> Demonstrations | Dataset:
     """The demonstrations in a file; left on disk where `stream` says so, or where, undecided, they are many."""
     from rpil.data import formats
-    from rpil.data.formats.store import is_many
+    from rpil.data.formats.store import may_be_many_files
 
     progress(f"reading {file}")
-    if stream or (stream is None and (is_many(file) or _is_big(file))):
+    if stream or (stream is None and (may_be_many_files(file) or _is_big(file))):
         from rpil.data.formats.dataset import open_dataset
 
         return open_dataset(file)
-    if stream is False and is_many(file):
+    if stream is False and may_be_many_files(file):
         return in_memory(read(file, progress, True))
     return formats.read(file)
 

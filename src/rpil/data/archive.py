@@ -1,8 +1,8 @@
-"""Archives of frozen records, without pickle: a ZIP file of plain ``.npy`` arrays and one ``header.json``.
+"""Archives of frozen dataclasses, without pickle: a ZIP file of plain ``.npy`` arrays and one ``header.json``.
 
-The header is a tree: numbers and text stand for themselves; an array is named by its member of the archive; an object
-is the name of a class that `stored` registered, and its fields. `Decoder` makes objects of those classes only, and only
-where every array has the type and the shape that the class says.
+The header is a tree of JSON values: numbers and text stand for themselves; an array is named by its member of the
+archive; an object is the name of a class that `stored` registered, and its fields. `Decoder` makes objects of
+registered classes only, and checks the type and the shape of every array against the declaration of its class.
 """
 
 from __future__ import annotations
@@ -18,17 +18,26 @@ from typing import Any, TypeVar
 
 import numpy as np
 from numpy.lib import format as npy
-from numpy.typing import NDArray
 
 from rpil.data.errors import DataError
 from rpil.data.files import StrPath, replacing
+from rpil.numerics.types import Array
 
 VERSION = 5
-"""Of the format: a file of another version is refused."""
+"""Version of the format; a file of another version is refused."""
 
 _HEADER = "header.json"
-_STEPS = (np.float64, np.float32)  # the latter where there are very many
-_TYPES: dict[str, tuple[type, ...]] = {"offsets": (np.int64,), "step_log_ratio": _STEPS, "step_weight": _STEPS}
+_STEP_TYPES = (np.float64, np.float32)  # single precision where there are very many steps
+_TYPES: dict[str, tuple[type, ...]] = {
+    "offsets": (np.int64,),
+    "step_log_ratio": _STEP_TYPES,
+    "step_weight": _STEP_TYPES,
+}
+"""Types of array fields by their names; all others are float64."""
+
+Json = None | bool | int | float | str | list["Json"] | dict[str, "Json"]
+Header = dict[str, Any]
+"""The object in ``header.json``."""
 
 Class = TypeVar("Class", bound=type)
 
@@ -69,8 +78,9 @@ def stored(*, name: str | None = None, renews: tuple[str, ...] = (), **axes: str
     renews : tuple of str
         Letters that stand for new sizes after an object of this class: those of the columns that a feature map makes.
     **axes : str
-        The axes of each array field: a number, or a letter that means one size all through the file, perhaps plus one.
-        D observations, F features, K actions or A parts of one, B bins, M demonstrations, N steps, Q quantiles.
+        The axes of each array field: numbers, or letters, each of which means one size in the whole file, perhaps plus
+        one ("F+1 K"). D observations, F features, K actions or A parts of one, B bins, M demonstrations, N steps, Q
+        quantiles.
     """
 
     def register(kind: Class) -> Class:
@@ -85,8 +95,8 @@ def rpil_version() -> str:
     return version("rpil")
 
 
-def write_archive(path: StrPath, header: dict[str, Any], arrays: Mapping[str, NDArray[Any]]) -> None:
-    """A header and arrays to a file, all of it or nothing."""
+def write_archive(path: StrPath, header: Mapping[str, object], arrays: Mapping[str, Array]) -> None:
+    """Write a header and arrays to a file, which is whole or not there."""
     with replacing(path) as temporary, zipfile.ZipFile(temporary, "w") as archive:
         archive.writestr(_member(_HEADER), json.dumps(header, indent=1))
         for name, array in arrays.items():
@@ -96,14 +106,20 @@ def write_archive(path: StrPath, header: dict[str, Any], arrays: Mapping[str, ND
 
 
 def _member(name: str) -> zipfile.ZipInfo:
-    """An entry of the archive without the time of day, so that the same model is the same file."""
+    """A member of the archive without the time of writing, so that equal models give equal files."""
     info = zipfile.ZipInfo(name)
     info.external_attr = 0o600 << 16  # readable when unpacked
     return info
 
 
-def encode(value: Any, name: str, arrays: dict[str, NDArray[Any]]) -> Any:
-    """`value` as a node of the header; its arrays go to `arrays`, under names that begin with `name`."""
+def encode(value: object, name: str, arrays: dict[str, Array]) -> Json:
+    """`value` as a node of the header; its arrays are added to `arrays` under names that begin with `name`.
+
+    Raises
+    ------
+    TypeError
+        Naming a class that is not registered.
+    """
     if isinstance(value, np.generic):
         value = value.item()
     if value is None or isinstance(value, bool | int | float | str):
@@ -123,26 +139,30 @@ def encode(value: Any, name: str, arrays: dict[str, NDArray[Any]]) -> Any:
 
 
 def stored_name(value: object) -> str | None:
-    """The name in files of the class of `value`; None where an archive may not hold it."""
-    return next((name for name, known in CLASSES.items() if known.kind is type(value)), None)
+    """The name in files of the class of `value`; None if the class is not registered by `stored`."""
+    return next((name for name, entry in CLASSES.items() if entry.kind is type(value)), None)
 
 
-def _field_names(known: type) -> list[str]:
-    """What an object is made of; private fields are what a computation remembers for speed."""
-    return [
-        field.name for field in fields(known) if not field.name.startswith("_") and field.metadata.get("stored", True)
-    ]
+def _field_names(kind: type) -> list[str]:
+    """The stored fields of a class: private ones are caches, see also `NOT_STORED`."""
+    return [f.name for f in fields(kind) if not f.name.startswith("_") and f.metadata.get("stored", True)]
 
 
 class Decoder:
-    """Nodes of a header back to values, each array used once and checked against the sizes seen before."""
+    """Converts nodes of a header to values. Each array is used once, and checked against the sizes of those before."""
 
-    def __init__(self, arrays: dict[str, NDArray[Any]]) -> None:
+    def __init__(self, arrays: Mapping[str, Array]) -> None:
         self.arrays = dict(arrays)
         self.sizes: dict[str, int] = {}
 
-    def array(self, node: Any, axes: str, *dtypes: type) -> NDArray[Any]:
-        """The array that `node` names; axes as in `stored`."""
+    def array(self, node: Any, axes: str, *dtypes: type) -> Array:
+        """The array that `node` names; axes as in `stored`.
+
+        Raises
+        ------
+        ValueError, KeyError
+            Where it is missing, holds NaN, or has another shape or type.
+        """
         array = self.arrays.pop(node["array"])
         letters = axes.split()
         if array.ndim != len(letters) or (dtypes and array.dtype not in dtypes):
@@ -157,30 +177,33 @@ class Decoder:
         return array
 
     def value(self, node: Any) -> Any:
-        """What `encode` was given; lists come back as tuples."""
+        """The value that `encode` made the `node` from; lists come back as tuples."""
         if isinstance(node, list):
             return tuple(self.value(item) for item in node)
         if not isinstance(node, dict):
             return node
         if node.keys() == {"pairs"}:
             return {self.value(key): self.value(value) for key, value in node["pairs"]}
-        known, content = CLASSES[node["class"]], node["fields"]
-        if node.keys() != {"class", "fields"} or content.keys() != set(_field_names(known.kind)):
+        entry, content = CLASSES[node["class"]], node["fields"]
+        if node.keys() != {"class", "fields"} or content.keys() != set(_field_names(entry.kind)):
             raise KeyError(node["class"])
-        shapes = known.axes
-        self.sizes = {letter: size for letter, size in self.sizes.items() if letter not in known.renews}
-        return known.kind(
-            **{
-                name: self.array(part, shapes[name], *_TYPES.get(name, (np.float64,)))
-                if name in shapes
-                else self.value(part)
-                for name, part in content.items()
-            }
-        )
+        self.sizes = {letter: size for letter, size in self.sizes.items() if letter not in entry.renews}
+        return entry.kind(**{name: self._field(entry, name, part) for name, part in content.items()})
+
+    def _field(self, entry: Stored, name: str, node: Any) -> object:
+        if name not in entry.axes:
+            return self.value(node)
+        return self.array(node, entry.axes[name], *_TYPES.get(name, (np.float64,)))
 
 
-def read_archive(path: Path, schema: str, otherwise: str) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
-    """The header, of the right schema and version, and every array of the archive; what to say of another file."""
+def read_archive(path: Path, schema: str, otherwise: str) -> tuple[Header, dict[str, Array]]:
+    """The header and all arrays of an archive.
+
+    Raises
+    ------
+    DataError
+        Where the file is damaged or of another version, or, with the sentence `otherwise`, of another `schema`.
+    """
     foreign = f"{path}: {otherwise}."
     if not zipfile.is_zipfile(path):
         with path.open("rb") as file:
@@ -196,7 +219,7 @@ def read_archive(path: Path, schema: str, otherwise: str) -> tuple[dict[str, Any
             arrays = {name.removesuffix(".npy"): _array(archive.read(name)) for name in names if name != _HEADER}
     except DataError:
         raise
-    except Exception as error:  # a damaged file makes zipfile, zlib, tokenize and numpy raise whatever they like
+    except Exception as error:  # a damaged file makes zipfile, zlib, tokenize and numpy raise errors of many types
         if "allow_pickle" in str(error):
             raise DataError(
                 f"{path}: it holds Python objects, which are never unpickled because that can run any code; "
@@ -208,7 +231,7 @@ def read_archive(path: Path, schema: str, otherwise: str) -> tuple[dict[str, Any
     return header, arrays
 
 
-def _check_version(path: Path, header: dict[str, Any]) -> None:
+def _check_version(path: Path, header: Header) -> None:
     version, made_by = header.get("version"), header.get("rpil")
     if version != VERSION:
         raise DataError(
@@ -217,9 +240,9 @@ def _check_version(path: Path, header: dict[str, Any]) -> None:
         )
 
 
-def _array(content: bytes) -> NDArray[Any]:
+def _array(content: bytes) -> Array:
     stream = io.BytesIO(content)
-    array: NDArray[Any] = npy.read_array(stream, allow_pickle=False)
+    array: Array = npy.read_array(stream, allow_pickle=False)
     if stream.read(1):
         raise ValueError("bytes after the array")
     return array

@@ -1,24 +1,36 @@
-"""Whatever the user hands over as columns -> the few array types the library computes with, or one `DataError`."""
+"""Conversion of columns of any type to the array types that the library computes with, or one `DataError`."""
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Iterable, Sequence
+from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rpil.data.errors import DataError
+from rpil.numerics.types import Array
 
-_EXACT = 2.0**53  # smaller floats hold integers exactly
+Id = int | str
+"""Of a demonstration: whole numbers for all of them, or text for all of them."""
+
+Indices = slice | int | Sequence[int] | Array
+"""Numbers of demonstrations, or a mask over them."""
+
+LARGEST = 1e150
+"""Largest number that may be squared in double precision."""
+
+_EXACT = 2.0**53
+"""Smaller floats hold integers exactly."""
 
 
-def as_array(values: Any, what: str, where: str) -> NDArray[Any]:
+def as_array(values: object, what: str, where: str) -> Array:
     """`values` as a plain array of bool, integer, real or text kind ("b", "i", "u", "f", "U"), not copied if it is one.
 
     Raises
     ------
     DataError
-        On ragged nesting, on text mixed with other things, and on any other type.
+        On ragged nesting, on text mixed with numbers, and on any other type.
     """
     try:
         array = np.asarray(values)
@@ -39,7 +51,7 @@ def as_array(values: Any, what: str, where: str) -> NDArray[Any]:
     return array
 
 
-def as_observations(values: Any, where: str) -> NDArray[Any]:
+def as_observations(values: object, where: str) -> Array:
     """Observations as a C-contiguous (N, D) array, float32 kept and all else float64."""
     array = as_array(values, "observations", where)
     if array.dtype.kind == "U":
@@ -51,7 +63,7 @@ def as_observations(values: Any, where: str) -> NDArray[Any]:
     return np.ascontiguousarray(array, dtype=np.float32 if array.dtype == np.float32 else np.float64)
 
 
-def as_actions(values: Any, where: str) -> NDArray[Any]:
+def as_actions(values: object, where: str) -> Array:
     """Actions as (N,) int64 or text if discrete, C-contiguous (N, A) float32 or float64 if continuous.
 
     One-dimensional floats are discrete where all are whole numbers, else one continuous action.
@@ -75,7 +87,7 @@ def as_actions(values: Any, where: str) -> NDArray[Any]:
     return np.ascontiguousarray(array, dtype=np.float32 if array.dtype == np.float32 else np.float64)
 
 
-def are_whole(array: NDArray[Any]) -> bool:
+def are_whole(array: Array) -> bool:
     """Whether all floats in `array` are whole numbers that an int64 holds exactly; NaN is not."""
     return bool(np.all((np.trunc(array) == array) & (np.abs(array) < _EXACT)))
 
@@ -86,7 +98,7 @@ def check_any(n_demonstrations: int, where: str) -> None:
         raise DataError(f"{where}: there are no demonstrations; give at least one with at least one step.")
 
 
-def as_ids(values: Any, where: str) -> tuple[Any, ...]:
+def as_ids(values: Iterable[object], where: str) -> tuple[Id, ...]:
     """Demonstration ids as a tuple of distinct ints, or of distinct strings."""
     ids = tuple(value.item() if isinstance(value, np.generic) else value for value in values)
     if not (all(isinstance(i, int) for i in ids) or all(isinstance(i, str) for i in ids)):
@@ -94,10 +106,10 @@ def as_ids(values: Any, where: str) -> tuple[Any, ...]:
     if len(set(ids)) < len(ids):
         repeated = next(i for k, i in enumerate(ids) if i in ids[:k])
         raise DataError(f"{where}: demonstration {repeated!r} appears twice; give each demonstration its own id.")
-    return ids
+    return cast(tuple[Id, ...], ids)
 
 
-def as_offsets(values: Any, ids: tuple[Any, ...], n_steps: int, where: str) -> NDArray[np.int64]:
+def as_offsets(values: object, ids: tuple[Id, ...], n_steps: int, where: str) -> NDArray[np.int64]:
     """Offsets as (M + 1,) int64 rising from 0 to `n_steps`, M being the number of `ids`."""
     offsets = as_array(values, "offsets", where)
     if offsets.ndim != 1 or (offsets.size and offsets.dtype.kind not in "iu"):
@@ -117,7 +129,7 @@ def as_offsets(values: Any, ids: tuple[Any, ...], n_steps: int, where: str) -> N
 
 
 def check_finite(
-    values: NDArray[Any], columns: tuple[str, ...], offsets: NDArray[np.int64], ids: tuple[Any, ...], where: str
+    values: Array, columns: tuple[str, ...], offsets: NDArray[np.int64], ids: tuple[Id, ...], where: str
 ) -> None:
     """Raise a `DataError` naming the first value of `values` (N, K) that is not finite, if there is one."""
     finite = np.isfinite(values)
@@ -129,7 +141,3 @@ def check_finite(
         f"{where}, demonstration {ids[m]!r}, step {row - offsets[m]}: {columns[column]} is {values[row, column]}; "
         "repair the value or leave the demonstration out."
     )
-
-
-LARGEST = 1e150
-"""Size of a number whose square is one."""

@@ -1,77 +1,73 @@
-"""Action codes, and the space of the actions, of demonstrations in memory or on disk."""
+"""Action codes, the space of the actions, and codes of labels, of demonstrations in memory or on disk."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
-from sklearn.utils.multiclass import check_classification_targets
 
 from rpil.data.arrays import LARGEST
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
 from rpil.data.formats.dataset import Dataset
-from rpil.data.formats.id_values import match_labels
+from rpil.data.formats.id_values import Key, match_labels
 from rpil.data.spaces import Box, Discrete, Space
 from rpil.numerics.types import Array
 
-
-def code_actions(
-    demonstrations: Demonstrations, box: tuple[ArrayLike, ArrayLike] | None = None
-) -> tuple[Space, Array, Array]:
-    """The space of the actions, the K classes where they are discrete (else none), and codes or numbers, (N, ...)."""
-    actions, source = demonstrations.actions, demonstrations.source
-    if demonstrations.is_discrete:
-        _no_box(box, source)
-        classes, codes = class_codes(actions, source)
-        return Discrete(len(classes)), classes, codes
-    actions = np.asarray(actions, dtype=float)
-    space = _box(np.stack([actions.min(axis=0), actions.max(axis=0)]), box, source)
-    outside = (actions < space.low) | (actions > space.high)
-    if outside.any():
-        step, part = np.argwhere(outside)[0]
-        m = demonstrations.ids[demonstrations.groups[step]]
-        raise _outside(f"{source}, demonstration {m!r}: action {part} is {actions[step, part]:g}", space, part)
-    return space, np.empty(0), actions
+Bounds = tuple[ArrayLike, ArrayLike]
+"""Low and high end of every number of an action: a number for all, or (A,) numbers."""
 
 
-def action_space(data: Dataset, box: tuple[ArrayLike, ArrayLike] | None = None) -> tuple[Space, Array]:
-    """The space of the actions on disk, and the K classes where they are discrete, else none."""
+def code_actions(demonstrations: Demonstrations, box: Bounds | None = None) -> tuple[Space, Array, Array]:
+    """The space of the actions, the K classes (none where continuous), and codes (N,) or continuous actions (N, A)."""
+    space, classes = action_space(demonstrations, box)
+    return space, classes, encode_actions(classes, demonstrations.actions, demonstrations.source)
+
+
+def action_space(data: Demonstrations | Dataset, box: Bounds | None = None) -> tuple[Space, Array]:
+    """The space of the actions, and the K classes where they are discrete, else none.
+
+    Parameters
+    ----------
+    data : Demonstrations or Dataset
+    box : (low, high), optional
+        Declared bounds of continuous actions; without it, the smallest box that holds the actions.
+
+    Raises
+    ------
+    DataError
+        Where all actions are the same or too large to be squared, the box is no box, or does not hold the actions.
+    """
     source = data.source
     if data.is_discrete:
-        _no_box(box, source)
-        return Discrete(len(data.classes)), class_codes(data.classes, source)[0]
-    span = np.stack([data.low, data.high]).astype(float)
-    space = _box(span, box, source)
-    outside = (span < space.low) | (span > space.high)
-    if outside.any():
-        end, part = np.argwhere(outside)[0]
-        raise _outside(f"{source}: action {part} reaches {span[end, part]:g}", space, part)
+        if box is not None:
+            raise DataError(f"{source}: the actions are discrete, which no action_box fits; leave it out.")
+        classes = class_codes(data.actions if isinstance(data, Demonstrations) else data.classes, source)[0]
+        return Discrete(len(classes)), classes
+    if isinstance(data, Demonstrations):
+        ends = np.stack([data.actions.min(axis=0), data.actions.max(axis=0)]).astype(float)
+    else:
+        ends = np.stack([data.low, data.high]).astype(float)
+    if (ends[0] == ends[1]).all():
+        raise DataError(f"{source}: every action is the same; give demonstrations with two at least.")
+    if np.abs(ends).max() > LARGEST:
+        raise DataError(f"{source}: an action is beyond {LARGEST:g}, where its square is no number; use larger units.")
+    space = Box.around(ends) if box is None else _declared_box(box, ends.shape[1], source)
+    outside = np.argwhere((ends < space.low) | (ends > space.high))
+    if len(outside):
+        end, part = outside[0]
+        if isinstance(data, Demonstrations):
+            step = np.flatnonzero(data.actions[:, part] == ends[end, part])[0]
+            source = f"{source}, demonstration {data.ids[data.groups[step]]!r}"
+        raise DataError(
+            f"{source}: action {part} is {ends[end, part]:g}, outside the declared box from {space.low[part]:g} to "
+            f"{space.high[part]:g}; widen action_box, or clip the actions."
+        )
     return space, np.empty(0)
 
 
-def _no_box(box: Any, source: str) -> None:
-    if box is not None:
-        raise DataError(f"{source}: the actions are discrete, which no action_box fits; leave it out.")
-
-
-def _outside(said: str, space: Box, part: int) -> DataError:
-    declared = f"outside the declared box from {space.low[part]:g} to {space.high[part]:g}"
-    return DataError(f"{said}, {declared}; widen action_box, or clip the actions.")
-
-
-def _box(span: Array, box: tuple[ArrayLike, ArrayLike] | None, source: str) -> Box:
-    """The box of actions that lie within `span` (2, A): as declared, or around them."""
-    if (span[0] == span[1]).all():
-        raise DataError(f"{source}: every action is the same; give demonstrations with two at least.")
-    if np.abs(span).max() > LARGEST:
-        raise DataError(f"{source}: an action is beyond {LARGEST:g}, where its square is no number; use larger units.")
-    return Box.around(span) if box is None else _declared(box, span.shape[1], source)
-
-
-def _declared(box: tuple[ArrayLike, ArrayLike], n_parts: int, source: str) -> Box:
+def _declared_box(box: Bounds, n_parts: int, source: str) -> Box:
     try:
         low, high = (np.broadcast_to(np.asarray(bound, dtype=float), n_parts) for bound in box)
     except (TypeError, ValueError):
@@ -82,11 +78,15 @@ def _declared(box: tuple[ArrayLike, ArrayLike], n_parts: int, source: str) -> Bo
 
 
 def class_codes(actions: Array, source: str) -> tuple[Array, Array]:
-    """The distinct actions (K,), and the code of each step's (N,)."""
+    """The K distinct actions in order, (K,), and the code of each step's action, (N,).
+
+    Raises
+    ------
+    DataError
+        Where the actions are continuous, or all the same.
+    """
     if np.ndim(actions) != 1:
         raise DataError(f"{source}: the actions are continuous, which it is not made for; give discrete ones.")
-    if np.asarray(actions).dtype.kind == "f":
-        check_classification_targets(actions)
     classes, codes = np.unique(actions, return_inverse=True)
     if len(classes) < 2:
         only = repr(classes[0].item())
@@ -94,47 +94,66 @@ def class_codes(actions: Array, source: str) -> tuple[Array, Array]:
     return classes, codes
 
 
-def encode_actions(classes: Array, actions: Array, where: str) -> Array:
-    """Codes (N,) of actions among `classes` (K,); where there are no classes, continuous actions (N, A) as they are."""
+def encode_actions(classes: Array, actions: Array, source: str) -> Array:
+    """Codes (N,) of discrete actions among `classes` (K,); continuous actions (N, A) as floats if there are no classes.
+
+    Raises
+    ------
+    DataError
+        Naming an action that is not among the classes.
+    """
     if not len(classes):
         return np.asarray(actions, dtype=float)
-    are_codes = classes.dtype.kind in "iu" and classes[0] == 0 and classes[-1] == len(classes) - 1
-    if are_codes and actions.dtype.kind in "iu":
-        codes = actions.clip(0, len(classes) - 1)  # they are codes as they are
+    if classes.dtype.kind in "iu" and actions.dtype.kind in "iu" and np.array_equal(classes, np.arange(len(classes))):
+        codes = actions.clip(0, len(classes) - 1)  # they are codes already
     else:
         codes = np.searchsorted(classes, actions).clip(max=len(classes) - 1)
     unknown = np.flatnonzero(classes[codes] != actions)
     if len(unknown):
-        action, known = actions[unknown[0]].item(), ", ".join(map(str, classes))
+        action, names = actions[unknown[0]].item(), ", ".join(map(str, classes))
         raise DataError(
-            f"{where}: action {action!r} is not among the known ones ({known}); fit again with it, or leave it out."
+            f"{source}: action {action!r} is not among the fitted ones ({names}); fit again with it, or leave it out."
         )
     return codes
 
 
 def encode_demonstrations(classes: Array, n_parts: int, demonstrations: Demonstrations) -> Array:
-    """`encode_actions` of demonstrations that were not fitted."""
+    """`encode_actions` of demonstrations that a policy with these `classes` (K,), or A = `n_parts`, was not fitted to.
+
+    Raises
+    ------
+    DataError
+        Where the kind or the width of the actions is not the fitted one, or an action is not among the classes.
+    """
+    source, actions = demonstrations.source, demonstrations.actions
     if demonstrations.is_discrete != bool(len(classes)):
         other = "continuous" if len(classes) else "discrete"
-        raise DataError(f"{demonstrations.source}: the actions are {other}, and the fitted ones were not.")
-    if np.ndim(demonstrations.actions) == 2 and demonstrations.actions.shape[1] != n_parts:
+        raise DataError(f"{source}: the actions are {other}, and the fitted ones were not.")
+    if actions.ndim == 2 and actions.shape[1] != n_parts:
         raise DataError(
-            f"{demonstrations.source}: actions with {demonstrations.actions.shape[1]} numbers each, but {n_parts} were "
-            "fitted; give the same ones."
+            f"{source}: actions with {actions.shape[1]} numbers each, but {n_parts} were fitted; give the same ones."
         )
-    parts = zip(demonstrations.ids, demonstrations, strict=True)
     return np.concatenate(
-        [encode_actions(classes, actions, f"{demonstrations.source}, demonstration {m!r}") for m, (_, actions) in parts]
+        [
+            encode_actions(classes, actions, f"{source}, demonstration {m!r}")
+            for m, (_, actions) in zip(demonstrations.ids, demonstrations, strict=True)
+        ]
     )
 
 
-def label_codes(labels: Mapping[Any, str] | None, demonstrations: Demonstrations | Dataset) -> Array:
-    """1 for known experts, -1 for known adversaries, 0 for the rest, (M,)."""
-    known = np.zeros(len(demonstrations), dtype=int)
+def label_codes(labels: Mapping[Key, str] | None, demonstrations: Demonstrations | Dataset) -> Array:
+    """1 for demonstrations labelled "expert", -1 for "adversary", 0 for the rest, (M,).
+
+    Raises
+    ------
+    DataError
+        On an unknown label or id, or where all demonstrations are labelled adversary.
+    """
+    codes = np.zeros(len(demonstrations), dtype=int)
     for m, expert in match_labels(labels or {}, demonstrations.ids).items():
-        known[m] = 1 if expert else -1
-    if (known < 0).all():
+        codes[m] = 1 if expert else -1
+    if (codes < 0).all():
         raise DataError(
             f"{demonstrations.source}: all demonstrations are labelled adversary; leave one that may be an expert's."
         )
-    return known
+    return codes

@@ -1,16 +1,18 @@
-"""`Demonstrations`: what every other module works on, checked once when it is made and never changed afterwards."""
+"""`Demonstrations`: episodes in memory, checked once when they are made and never changed afterwards."""
 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rpil.data.arrays import (
+    Id,
+    Indices,
     are_whole,
     as_actions,
     as_array,
@@ -21,46 +23,116 @@ from rpil.data.arrays import (
     check_finite,
 )
 from rpil.data.errors import DataError
+from rpil.numerics.types import Array
 
 SOURCE = "the demonstrations"
-
+"""Name of data without a file, in messages."""
 
 BLOCK_STEPS = 65_536
-"""Steps of a block, unless a single demonstration is longer."""
+"""Steps of a block, at most, unless a single demonstration is longer."""
+
+Episode = tuple[Array, Array]
+"""Observations (T, D) and actions, (T,) or (T, A)."""
 
 
 @dataclass(frozen=True, eq=False)
 class Block:
-    """Whole demonstrations that follow one another: a stretch of what was checked already.
+    """Consecutive whole demonstrations that are processed together; their values were checked before.
 
     Attributes
     ----------
     first : int
-        Which demonstration it begins with.
+        Number of its first demonstration.
     observations, actions, offsets
-        As in `Demonstrations`, `offsets` counted from 0 here.
+        As in `Demonstrations`; `offsets` begin at 0.
     """
 
     first: int
-    observations: NDArray[Any]
-    actions: NDArray[Any]
+    observations: Array
+    actions: Array
     offsets: NDArray[np.int64]
 
     @property
     def demonstrations(self) -> slice:
-        """Which demonstrations it holds."""
+        """Numbers of its demonstrations."""
         return slice(self.first, self.first + len(self.offsets) - 1)
 
 
-def block_bounds(offsets: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Demonstrations that blocks begin with, and how many there are."""
-    ends = np.searchsorted(offsets, np.arange(BLOCK_STEPS, offsets[-1] + BLOCK_STEPS, BLOCK_STEPS))
-    cuts: NDArray[np.int64] = np.unique(np.clip(np.append(0, ends), 0, len(offsets) - 1))
-    return cuts
+def shard_bounds(offsets: NDArray[np.int64], n_shards: int, block_steps: int | None) -> list[list[int]]:
+    """For each of `n_shards` shards, or fewer: numbers of the first demonstration of each block, and of the one after.
+
+    Shards have about as many blocks as one another, blocks about as many steps. Where `block_steps` is None, blocks
+    have `BLOCK_STEPS`. The blocks are the same however many shards there are.
+    """
+    steps = block_steps or BLOCK_STEPS
+    ends = np.searchsorted(offsets, np.arange(steps, offsets[-1] + steps, steps))
+    firsts = np.unique(np.clip(np.append(0, ends), 0, len(offsets) - 1)).tolist()
+    bounds = np.linspace(0, len(firsts) - 1, min(n_shards, len(firsts) - 1) + 1).astype(int).tolist()
+    return [firsts[a : b + 1] for a, b in itertools.pairwise(bounds)]
+
+
+@runtime_checkable
+class Recorded(Protocol):
+    """An episode as an object, such as Minari's."""
+
+    observations: object
+    actions: object
+
+
+class DemonstrationSet:
+    """What demonstrations in memory and on disk have in common.
+
+    Attributes
+    ----------
+    ids : tuple of M distinct ints, or of M distinct strings
+    offsets : (M + 1,) int array
+        First step of each demonstration, and the number of all steps, N.
+    source : str
+        Name of the data in messages.
+    """
+
+    ids: tuple[Id, ...]
+    offsets: NDArray[np.int64]
+    source: str
+
+    @property
+    def n_observations(self) -> int:
+        """D, the numbers per observation."""
+        raise NotImplementedError
+
+    @property
+    def is_discrete(self) -> bool:
+        """Whether actions are integers or strings, rather than A floats."""
+        raise NotImplementedError
+
+    @property
+    def n_demonstrations(self) -> int:
+        """M."""
+        return len(self.ids)
+
+    @property
+    def n_steps(self) -> int:
+        """N."""
+        return int(self.offsets[-1])
+
+    @property
+    def lengths(self) -> NDArray[np.int64]:
+        """Steps per demonstration, (M,)."""
+        return np.diff(self.offsets)
+
+    def __len__(self) -> int:
+        return self.n_demonstrations
+
+    def __repr__(self) -> str:
+        kind = "discrete" if self.is_discrete else "continuous"
+        return (
+            f"<{type(self).__name__} from {self.source}: {self.n_demonstrations} demonstrations, {self.n_steps} steps, "
+            f"{self.n_observations} observations, {kind} actions>"
+        )
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Demonstrations:
+class Demonstrations(DemonstrationSet):
     """Demonstrations laid end to end: one row per step, demonstration m owning rows ``offsets[m]:offsets[m + 1]``.
 
     Arrays are not copied where they already have the right type; the ones kept here are read-only.
@@ -84,13 +156,13 @@ class Demonstrations:
     Raises
     ------
     DataError
-        One sentence naming the source, the demonstration where there is one, and the remedy.
+        One sentence that names the source, the demonstration if the fault is in one, and the remedy.
     """
 
-    observations: NDArray[Any]
-    actions: NDArray[Any]
+    observations: Array
+    actions: Array
     offsets: NDArray[np.int64]
-    ids: tuple[Any, ...] = ()
+    ids: tuple[Id, ...] = ()
     observation_names: tuple[str, ...] = ()
     source: str = SOURCE
 
@@ -124,7 +196,7 @@ class Demonstrations:
         observations: ArrayLike,
         actions: ArrayLike,
         offsets: ArrayLike,
-        ids: Sequence[Any] | None = None,
+        ids: Iterable[object] | None = None,
         *,
         observation_names: Sequence[str] = (),
         source: str = SOURCE,
@@ -134,7 +206,7 @@ class Demonstrations:
             as_array(observations, "observations", source),
             as_array(actions, "actions", source),
             as_array(offsets, "offsets", source),
-            () if ids is None else tuple(ids),
+            () if ids is None else as_ids(ids, source),
             tuple(observation_names),
             source,
         )
@@ -142,8 +214,8 @@ class Demonstrations:
     @classmethod
     def from_episodes(
         cls,
-        episodes: Sequence[Any],
-        ids: Sequence[Any] | None = None,
+        episodes: Sequence[tuple[ArrayLike, ArrayLike] | Recorded],
+        ids: Iterable[object] | None = None,
         *,
         observation_names: Sequence[str] = (),
         source: str = SOURCE,
@@ -156,12 +228,12 @@ class Demonstrations:
             As the class; also where an episode holds more observations than actions, as Gymnasium's do when they keep
             the observation after the last action: which one to drop is the caller's to say.
         """
-        pairs = [(e.observations, e.actions) if hasattr(e, "observations") else tuple(e) for e in episodes]
+        pairs = [(e.observations, e.actions) if isinstance(e, Recorded) else tuple(e) for e in episodes]
         check_any(len(pairs), source)
         names = as_ids(range(len(pairs)) if ids is None else ids, source)
         if len(names) != len(pairs) or any(len(pair) != 2 for pair in pairs):
             raise DataError(f"{source}: give each demonstration one id and one pair (observations, actions).")
-        columns: list[tuple[NDArray[Any], NDArray[Any]]] = []
+        columns: list[tuple[Array, Array]] = []
         for name, (observations, actions) in zip(names, pairs, strict=True):
             where = f"{source}, demonstration {name!r}"
             pair = as_array(observations, "observations", where), as_array(actions, "actions", where)
@@ -222,24 +294,9 @@ class Demonstrations:
         return cls(X, y, offsets, tuple(values[appearance].tolist()), tuple(observation_names), source)
 
     @property
-    def n_demonstrations(self) -> int:
-        """M."""
-        return len(self.ids)
-
-    @property
-    def n_steps(self) -> int:
-        """N."""
-        return len(self.observations)
-
-    @property
     def n_observations(self) -> int:
         """D, the numbers per observation."""
         return int(self.observations.shape[1])
-
-    @property
-    def lengths(self) -> NDArray[np.int64]:
-        """Steps per demonstration, (M,)."""
-        return np.diff(self.offsets)
 
     @property
     def groups(self) -> NDArray[np.int64]:
@@ -251,7 +308,7 @@ class Demonstrations:
         """Whether actions are (N,) integers or strings, rather than (N, A) floats."""
         return self.actions.ndim == 1
 
-    def select(self, indices: Any) -> Demonstrations:
+    def select(self, indices: Indices) -> Demonstrations:
         """The demonstrations at `indices` (integers, a slice or a mask over the M), in that order."""
         chosen = np.atleast_1d(np.arange(self.n_demonstrations)[indices])
         rows = np.concatenate([np.arange(0), *(np.arange(self.offsets[m], self.offsets[m + 1]) for m in chosen)])
@@ -264,32 +321,23 @@ class Demonstrations:
             self.source,
         )
 
-    def shards(self, n_shards: int = 1) -> list[list[Block]]:
-        """All demonstrations in order, without copying: shards of about as many steps, each a list of blocks."""
-        cuts = block_bounds(self.offsets)
-        blocks = []
-        for first, last in zip(cuts[:-1].tolist(), cuts[1:].tolist(), strict=True):
-            steps = slice(self.offsets[first], self.offsets[last])
-            offsets = self.offsets[first : last + 1] - self.offsets[first]
-            blocks.append(Block(first, self.observations[steps], self.actions[steps], offsets))
-        bounds = np.linspace(0, len(blocks), min(n_shards, len(blocks)) + 1).astype(int).tolist()
-        return [blocks[a:b] for a, b in itertools.pairwise(bounds)]
+    def shards(self, n_shards: int = 1, block_steps: int | None = None) -> list[list[Block]]:
+        """All demonstrations in order, without copying: shards, each a list of blocks; see `shard_bounds`."""
+        return [
+            [self._block(first, end) for first, end in itertools.pairwise(bounds)]
+            for bounds in shard_bounds(self.offsets, n_shards, block_steps)
+        ]
 
-    def episode(self, m: int) -> tuple[NDArray[Any], NDArray[Any]]:
+    def _block(self, first: int, end: int) -> Block:
+        steps = slice(self.offsets[first], self.offsets[end])
+        offsets = self.offsets[first : end + 1] - self.offsets[first]
+        return Block(first, self.observations[steps], self.actions[steps], offsets)
+
+    def episode(self, m: int) -> Episode:
         """``(observations (T, D), actions (T,) or (T, A))`` of demonstration number `m`, as views."""
         m = range(self.n_demonstrations)[m]
         steps = slice(self.offsets[m], self.offsets[m + 1])
         return self.observations[steps], self.actions[steps]
 
-    def __len__(self) -> int:
-        return self.n_demonstrations
-
-    def __iter__(self) -> Iterator[tuple[NDArray[Any], NDArray[Any]]]:
+    def __iter__(self) -> Iterator[Episode]:
         return (self.episode(m) for m in range(self.n_demonstrations))
-
-    def __repr__(self) -> str:
-        kind = "discrete" if self.is_discrete else "continuous"
-        return (
-            f"<Demonstrations from {self.source}: {self.n_demonstrations} demonstrations, {self.n_steps} steps, "
-            f"{self.n_observations} observations, {kind} actions>"
-        )

@@ -57,7 +57,7 @@ class Demonstrators:
     @cached_property
     def indicator(self) -> Array:
         """1 where demonstrator u gave demonstration m, else 0, (U, M)."""
-        return (np.arange(len(self.names))[:, None] == self.index).astype(float)
+        return np.asarray(np.arange(len(self.names))[:, None] == self.index, dtype=float)
 
     @property
     def counts(self) -> Array:

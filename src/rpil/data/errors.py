@@ -1,4 +1,4 @@
-"""The two errors a user meets; each message is one sentence with the place and the remedy."""
+"""The errors and the warning that users meet; each message is one sentence that names the place and the remedy."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ class MissingExtraError(ImportError):
 
     def __init__(self, feature: str, extra: str) -> None:
         super().__init__(f"{feature} needs an optional package: install it with pip install 'rpil[{extra}]'.")
-        self._told = feature, extra
+        self._arguments = feature, extra
 
     def __reduce__(self) -> tuple[type[MissingExtraError], tuple[str, str]]:
-        return type(self), self._told  # by default it would not survive the way back from another process
+        return type(self), self._arguments  # by default the two arguments would be lost on the way from another process
 
 
 class AmbiguousWarning(UserWarning):
-    """The data hold two groups that may each be the expert; `RPIL.audit_` says which to label."""
+    """The data hold two groups that may each be the expert's; `RPIL.audit_` names demonstrations to label."""

@@ -1,16 +1,25 @@
-"""Reading and writing files without surprises: no half-written output, and one sentence when a path is no good."""
+"""Paths of files: checks before reading and writing, and output that is whole or not there."""
 
 from __future__ import annotations
 
 import os
 import uuid
-from collections.abc import Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
 from rpil.data.errors import DataError
 
 StrPath = str | os.PathLike[str]
+
+
+def check_extension(path: StrPath, extensions: Collection[str], use: str = "") -> Path:
+    """`path`, or a `DataError` naming `extensions`, which fit the `use` of the file, where it has none of them."""
+    path = Path(path)
+    if path.suffix.lower() not in extensions:
+        use = f" for {use}" if use else ""
+        raise DataError(f"{path}: unknown extension {path.suffix!r}{use}; use one of {', '.join(extensions)}.")
+    return path
 
 
 def check_readable(path: StrPath) -> Path:
@@ -28,7 +37,7 @@ def check_readable(path: StrPath) -> Path:
 
 
 def check_writable(path: StrPath) -> Path:
-    """`path`, or a `DataError` where writing there is bound to fail: call it before long work begins."""
+    """`path`, or a `DataError` where it cannot be written: to be called before long work begins."""
     path = Path(path)
     folder = path.parent
     if not folder.is_dir():
@@ -42,7 +51,7 @@ def check_writable(path: StrPath) -> Path:
 
 @contextmanager
 def replacing(path: StrPath) -> Iterator[Path]:
-    """Yield a path beside `path` to write to; it takes the place of `path` only once the block has ended well.
+    """Yield a path beside `path` to write to, which replaces `path` if the block ends without an error.
 
     Raises
     ------
@@ -77,11 +86,12 @@ def make_folder(path: StrPath) -> Path:
 
 
 def check_outputs(inputs: Iterable[StrPath | None], *outputs: StrPath | None) -> None:
-    """Refuse, before any work, what cannot be written, and what would replace a file that is read or also written.
+    """Check, before any work, that all outputs can be written and replace no input and no other output.
 
     Raises
     ------
     DataError
+        Naming the output.
     """
     taken = {Path(path).resolve() for path in inputs if path}
     for path in outputs:

@@ -58,7 +58,8 @@ class Discrete:
         """Swap the first and the last action; those between stay."""
         swapped = self.classes
         swapped[[0, -1]] = swapped[[-1, 0]]
-        return swapped[actions - self.start]
+        flipped: Array = swapped[actions - self.start]
+        return flipped
 
     def shift(self, actions: Array) -> Array:
         """Replace every action by the next one, the last by the first."""

@@ -1,21 +1,22 @@
-"""Files to `Demonstrations` and back: Parquet, CSV and NPZ; see ``docs/formats.md`` for what each holds."""
+"""Reading and writing `Demonstrations`: Parquet, CSV and NPZ files; ``docs/formats.md`` says what each holds."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from types import ModuleType
+from typing import Protocol
 
 from numpy.typing import ArrayLike
 
 from rpil.data.arrays import as_array
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
-from rpil.data.files import StrPath, check_readable
+from rpil.data.files import StrPath, check_extension, check_readable
 from rpil.data.formats import csv, npz, parquet
 from rpil.data.formats.id_values import Label, match_labels, read_demonstrators, read_labels
 from rpil.data.formats.table import is_data
 from rpil.data.formats.weights import write_weights
+from rpil.numerics.types import Array
 
 __all__ = [
     "Label",
@@ -28,16 +29,22 @@ __all__ = [
     "write_weights",
 ]
 
-FORMATS: dict[str, ModuleType] = {".parquet": parquet, ".csv": csv, ".npz": npz}
-"""Extension -> module with `read(path)` and `write(path, demonstrations, truth)`."""
+
+class Format(Protocol):
+    """A module that reads and writes one format of files."""
+
+    def read(self, path: Path) -> Demonstrations: ...
+
+    def write(self, path: Path, demonstrations: Demonstrations, truth: Mapping[str, Array]) -> None: ...
+
+
+FORMATS: dict[str, Format] = {".parquet": parquet, ".csv": csv, ".npz": npz}
+"""Extension -> module of the format."""
 
 
 def check_format(path: StrPath) -> Path:
     """`path`, or a `DataError` naming the known extensions where it has none of them."""
-    path = Path(path)
-    if path.suffix.lower() not in FORMATS:
-        raise DataError(f"{path}: unknown extension {path.suffix!r}; use one of {', '.join(FORMATS)}.")
-    return path
+    return check_extension(path, FORMATS)
 
 
 def read(path: StrPath) -> Demonstrations:
@@ -53,14 +60,14 @@ def read(path: StrPath) -> Demonstrations:
 
 
 def write(path: StrPath, demonstrations: Demonstrations, truth: Mapping[str, ArrayLike] | None = None) -> None:
-    """Write demonstrations to a .parquet, .csv or .npz file, all of it or nothing.
+    """Write demonstrations to a .parquet, .csv or .npz file, which is whole or not there.
 
     Parameters
     ----------
     path : path
     demonstrations : Demonstrations
     truth : mapping of name to (M,) array, optional
-        What is known about each demonstration, kept in the file for scoring; `read` ignores it.
+        True values for each demonstration, such as whether it is good, for scoring; `read` ignores them.
 
     Raises
     ------

@@ -5,14 +5,16 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from itertools import chain
 from pathlib import Path
-from typing import Any
-
-from numpy.typing import NDArray
+from typing import TYPE_CHECKING
 
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
 from rpil.data.files import replacing
 from rpil.data.formats import table as flat
+from rpil.numerics.types import Array
+
+if TYPE_CHECKING:
+    import pyarrow as pa
 
 
 def read(path: Path) -> Demonstrations:
@@ -20,7 +22,7 @@ def read(path: Path) -> Demonstrations:
     import pyarrow as pa
     from pyarrow import csv
 
-    def table_of(types: dict[str, Any]) -> Any:
+    def read_table(types: Mapping[str, pa.DataType]) -> pa.Table:
         options = csv.ConvertOptions(include_columns=columns.all, column_types=types)
         return csv.read_csv(path, convert_options=options)
 
@@ -28,36 +30,36 @@ def read(path: Path) -> Demonstrations:
         with csv.open_csv(path) as reader:
             names = reader.schema.names
         columns = flat.find_columns(names, path.name)
-        # Left to guess, the reader would take the ids 01 and 1 for the same number, and -0 for the integer 0.
+        # By default the reader takes the ids 01 and 1 for the same number, and -0 for the integer 0.
         texts = [columns.episode, *(columns.actions if columns.one_action else ())]
         types = dict.fromkeys(columns.all, pa.float64()) | dict.fromkeys(texts, pa.string())
         try:
-            table = table_of(types)
-        except pa.ArrowInvalid:  # let it guess after all: there is text, and the message should say where
-            table = table_of({name: types[name] for name in texts})
+            table = read_table(types)
+        except pa.ArrowInvalid:  # there is text: read it as such, so that the message can say where
+            table = read_table({name: types[name] for name in texts})
     except (pa.ArrowException, OSError, UnicodeDecodeError) as error:
         reason = " ".join(str(error).split())[:100].replace(". ", ", ").rstrip(".")
         raise DataError(
             f"{path.name}: not a CSV file, or a damaged or truncated one ({reason}); write it again."
         ) from error
     for name in texts:
-        column = _settle(table[name], floats=name != columns.episode)
+        column = _parse(table[name], floats=name != columns.episode)
         table = table.set_column(table.column_names.index(name), name, column)
     return flat.to_demonstrations(table, columns, path.name)
 
 
-def write(path: Path, demonstrations: Demonstrations, truth: Mapping[str, NDArray[Any]]) -> None:
+def write(path: Path, demonstrations: Demonstrations, truth: Mapping[str, Array]) -> None:
     """Write the flat table as text."""
     write_tables(path, iter([flat.from_demonstrations(demonstrations, truth)]))
 
 
-def write_tables(path: Path, tables: Iterator[Any]) -> None:
-    """Write any ``pyarrow.Table`` of one schema, numbers and text, one below the other; one is in memory at a time."""
+def write_tables(path: Path, tables: Iterator[pa.Table]) -> None:
+    """Write tables of one schema one below the other; one of them is in memory at a time."""
     import pyarrow as pa
     from pyarrow import csv
 
     first = next(tables)
-    # The shortest text of a float32 is another number when read as float64; that of its float64 is not.
+    # The shortest text of a float32 would be read as another float64.
     wide = [field.with_type(pa.float64()) if pa.types.is_float32(field.type) else field for field in first.schema]
     schema = pa.schema(wide)
     with replacing(path) as temporary, csv.CSVWriter(temporary, schema) as writer:
@@ -65,8 +67,8 @@ def write_tables(path: Path, tables: Iterator[Any]) -> None:
             writer.write_table(table.cast(schema))
 
 
-def _settle(column: Any, floats: bool) -> Any:
-    """Text to integers if each is written the one usual way, else to floats if allowed, else unchanged; "" to null."""
+def _parse(column: pa.ChunkedArray, floats: bool) -> pa.ChunkedArray:
+    """Text as integers if that loses nothing (01 does), else as `floats` if allowed, else as it is; "" as null."""
     import pyarrow as pa
     import pyarrow.compute as pc
 

@@ -1,7 +1,6 @@
 """`Dataset`: demonstrations in Parquet files that are never all in memory.
 
-To open one is to read which demonstration each row is from, and what was done; the observations are read when they are
-needed, a block at a time, as often as that may be.
+Opening reads the ids and the actions of all steps; the observations are read block by block, anew for every pass.
 """
 
 from __future__ import annotations
@@ -10,65 +9,68 @@ import itertools
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rpil.data.arrays import are_whole, as_actions, as_ids, check_any, check_finite
-from rpil.data.demonstrations import Block, Demonstrations, block_bounds
+from rpil.data.arrays import Id, Indices, are_whole, as_actions, as_ids, check_any, check_finite
+from rpil.data.demonstrations import Block, Demonstrations, DemonstrationSet, shard_bounds
 from rpil.data.errors import DataError
 from rpil.data.files import StrPath
 from rpil.data.formats import table as flat
-from rpil.data.formats.store import Store, describe, find_files, shifted
+from rpil.data.formats.store import BATCH_ROWS, Store, describe, find_files, shifted
+from rpil.data.formats.table import Place
+from rpil.numerics.types import Array
 
 
 @dataclass(frozen=True, eq=False)
 class Shard:
-    """A stretch of a data set; to iterate over it is to read it, `Block` by `Block`.
+    """Consecutive blocks of a data set. Iterating reads them from disk, one `Block` after another.
 
     Attributes
     ----------
     store : Store
-    cuts : tuple of int
-        Demonstrations that the blocks begin with, and where the last ends.
+    bounds : tuple of int
+        Number of the first demonstration of each block, and of the one after the last.
     offsets : int array
-        Rows at which demonstrations ``cuts[0]`` .. ``cuts[-1]`` begin.
+        First rows of the demonstrations ``bounds[0]`` .. ``bounds[-1]``.
     ids : tuple
-        Theirs.
+        Ids of the demonstrations ``bounds[0]`` .. ``bounds[-1] - 1``.
     """
 
     store: Store
-    cuts: tuple[int, ...]
+    bounds: tuple[int, ...]
     offsets: NDArray[np.int64]
-    ids: tuple[Any, ...]
+    ids: tuple[Id, ...]
 
     @property
     def demonstrations(self) -> slice:
-        """Which demonstrations it holds."""
-        return slice(self.cuts[0], self.cuts[-1])
+        """Numbers of its demonstrations."""
+        return slice(self.bounds[0], self.bounds[-1])
 
     def __iter__(self) -> Iterator[Block]:
         store, row = self.store, int(self.offsets[0])
-        tables = store.tables(row, int(self.offsets[-1]), store.data_columns, self._whose)
-        begin, table, where = next(tables)
-        for first, end in itertools.pairwise(self.cuts):
-            offsets = self.offsets[first - self.cuts[0] : end - self.cuts[0] + 1]
-            block = Block(first, *store.empty(int(offsets[-1] - offsets[0])), offsets - offsets[0])
-            while row < offsets[-1]:
+        tables = store.tables(row, int(self.offsets[-1]), store.data_columns, self.demonstration_of)
+        begin, table, at = next(tables)
+        for first, end in itertools.pairwise(self.bounds):
+            offsets = self.offsets[first - self.bounds[0] : end - self.bounds[0] + 1]
+            start, stop = int(offsets[0]), int(offsets[-1])
+            block = Block(first, *store.empty(stop - start), offsets - start)
+            while row < stop:
                 if row == begin + len(table):
-                    begin, table, where = next(tables)
-                stop = min(int(offsets[-1]), begin + len(table))
-                rows, some = slice(row - int(offsets[0]), stop - int(offsets[0])), table.slice(row - begin, stop - row)
-                store.fill(block.observations[rows], block.actions[rows], some, shifted(where, row - begin))
-                row = stop
-            self._check(block, int(offsets[0]))
+                    begin, table, at = next(tables)
+                until = min(stop, begin + len(table))
+                rows, source = slice(row - start, until - start), table.slice(row - begin, until - row)
+                store.fill(block.observations[rows], block.actions[rows], source, shifted(at, row - begin))
+                row = until
+            self._check_values(block, start)
             yield block
 
-    def _whose(self, row: int) -> str:
+    def demonstration_of(self, row: int) -> str:
+        """The demonstration of a row of the data set, for messages."""
         return f", demonstration {self.ids[int(np.searchsorted(self.offsets, row, side='right')) - 1]!r}"
 
-    def _check(self, block: Block, row: int) -> None:
+    def _check_values(self, block: Block, row: int) -> None:
         columns = [(block.observations, [f"observation {name!r}" for name in self.store.names])]
         if self.store.n_parts:
             columns.append((block.actions, [f"action {a}" for a in range(self.store.n_parts)]))
@@ -76,59 +78,44 @@ class Shard:
             finite = np.isfinite(values)
             if not finite.all():
                 source = self.store.file_of(row + int(np.argwhere(~finite)[0, 0]))
-                check_finite(values, tuple(names), block.offsets, self.ids[block.first - self.cuts[0] :], source)
+                check_finite(values, tuple(names), block.offsets, self.ids[block.first - self.bounds[0] :], source)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Dataset:
-    """Demonstrations on disk: what `RPIL.fit` takes for `Demonstrations`, of any size. Made by `open_dataset`.
+class Dataset(DemonstrationSet):
+    """Demonstrations on disk, of any size, which `RPIL.fit` takes in the place of `Demonstrations`; see `open_dataset`.
 
     Attributes
     ----------
     ids : tuple
-        Of the demonstrations (M of them).
+        Ids of the M demonstrations.
     offsets : (M + 1,) int array
-        Rows at which they begin, and the number of all rows, N.
+        First row of each demonstration, and the number of all rows, N.
     source : str
-        Its name in messages.
+        Name of the data in messages.
     store : Store
     classes : (K,) array
         The distinct actions, in order; empty where they are continuous.
     low, high : (A,) arrays
-        What continuous actions span.
+        Smallest and largest continuous actions.
     """
 
-    ids: tuple[Any, ...]
+    ids: tuple[Id, ...]
     offsets: NDArray[np.int64]
     source: str
     store: Store
-    classes: NDArray[Any]
-    low: NDArray[Any]
-    high: NDArray[Any]
-
-    @property
-    def n_demonstrations(self) -> int:
-        """M."""
-        return len(self.ids)
-
-    @property
-    def n_steps(self) -> int:
-        """N."""
-        return int(self.offsets[-1])
-
-    @property
-    def lengths(self) -> NDArray[np.int64]:
-        """Steps per demonstration, (M,)."""
-        return np.diff(self.offsets)
+    classes: Array
+    low: Array
+    high: Array
 
     @property
     def observation_names(self) -> tuple[str, ...]:
-        """Of the D numbers of an observation."""
+        """Names of the D numbers of an observation."""
         return self.store.names
 
     @property
     def n_observations(self) -> int:
-        """D."""
+        """D, the numbers per observation."""
         return len(self.store.names)
 
     @property
@@ -138,27 +125,23 @@ class Dataset:
 
     @property
     def nbytes(self) -> int:
-        """What all demonstrations would take in memory."""
-        step = self.n_observations * np.dtype(self.store.observation).itemsize
-        return self.n_steps * (step + max(self.store.n_parts, 1) * np.dtype(self.store.action).itemsize)
+        """Bytes that all demonstrations would take in memory."""
+        step = self.n_observations * self.store.observation.itemsize
+        return self.n_steps * (step + max(self.store.n_parts, 1) * self.store.action.itemsize)
 
-    def shards(self, n_shards: int = 1) -> list[Shard]:
-        """All demonstrations in order: shards of about as many steps, each to be iterated over for its blocks.
+    def shards(self, n_shards: int = 1, block_steps: int | None = None) -> list[Shard]:
+        """All demonstrations in order: shards, each to be iterated over for its blocks, see `shard_bounds`.
 
-        A shard can be sent to where it is read, and is read anew each time. Its blocks are those of `Demonstrations`,
-        however many shards there are.
+        A shard can be sent to another process. Its blocks are those of `Demonstrations.shards`.
         """
-        cuts = block_bounds(self.offsets)
-        bounds = np.linspace(0, len(cuts) - 1, min(n_shards, len(cuts) - 1) + 1).astype(int).tolist()
-        return [self._shard(cuts[a : b + 1].tolist()) for a, b in itertools.pairwise(bounds)]
+        return [self._shard(bounds) for bounds in shard_bounds(self.offsets, n_shards, block_steps)]
 
-    def _shard(self, cuts: Sequence[int]) -> Shard:
-        offsets = self.offsets[cuts[0] : cuts[-1] + 1]
-        return Shard(
-            self.store.between(int(offsets[0]), int(offsets[-1])), tuple(cuts), offsets, self.ids[cuts[0] : cuts[-1]]
-        )
+    def _shard(self, bounds: Sequence[int]) -> Shard:
+        offsets = self.offsets[bounds[0] : bounds[-1] + 1]
+        store = self.store.between(int(offsets[0]), int(offsets[-1]))
+        return Shard(store, tuple(bounds), offsets, self.ids[bounds[0] : bounds[-1]])
 
-    def select(self, indices: Any) -> Demonstrations:
+    def select(self, indices: Indices) -> Demonstrations:
         """The demonstrations at `indices` (integers, a slice or a mask over the M), in that order, in memory.
 
         Row groups that hold none of them are not read.
@@ -167,141 +150,134 @@ class Dataset:
         order = np.unique(chosen)
         offsets = np.concatenate([[0], np.cumsum(self.lengths[order])])
         observations, actions = self.store.empty(int(offsets[-1]))
-        # Demonstrations that follow one another are a run.
+        # Runs of consecutive demonstrations: their first and last rows, and the first row of each in the result.
         heads = np.flatnonzero(np.diff(order, prepend=-2) != 1)
         begins = self.offsets[order[heads]]
         ends = self.offsets[order[np.append(heads[1:], len(order)) - 1] + 1]
-        whose = self._shard([0, len(self)])._whose
+        demonstration_of = self._shard([0, len(self)]).demonstration_of
         for group in self.store.groups:
-            inside = np.flatnonzero((begins < group.last) & (ends > group.first)).tolist()
-            if not inside:
+            runs = np.flatnonzero((begins < group.last) & (ends > group.first)).tolist()
+            if not runs:
                 continue
-            first, last = max(int(begins[inside[0]]), group.first), min(int(ends[inside[-1]]), group.last)
-            for row, table, where in self.store.tables(first, last, self.store.data_columns, whose):
-                for r in inside:
+            first, last = max(int(begins[runs[0]]), group.first), min(int(ends[runs[-1]]), group.last)
+            for row, table, at in self.store.tables(first, last, self.store.data_columns, demonstration_of):
+                for r in runs:
                     a, b = max(int(begins[r]) - row, 0), min(int(ends[r]) - row, len(table))
                     if a < b:
-                        at = int(offsets[heads[r]] - begins[r]) + row
-                        rows = slice(at + a, at + b)
-                        self.store.fill(observations[rows], actions[rows], table.slice(a, b - a), shifted(where, a))
+                        start = int(offsets[heads[r]] - begins[r]) + row
+                        rows = slice(start + a, start + b)
+                        self.store.fill(observations[rows], actions[rows], table.slice(a, b - a), shifted(at, a))
         ids = tuple(self.ids[m] for m in order.tolist())
-        found = Demonstrations(observations, actions, offsets, ids, self.observation_names, self.source)
-        return found if np.array_equal(order, chosen) else found.select(np.searchsorted(order, chosen))
-
-    def __len__(self) -> int:
-        return self.n_demonstrations
-
-    def __repr__(self) -> str:
-        kind = "discrete" if self.is_discrete else "continuous"
-        return (
-            f"<Dataset from {self.source}: {self.n_demonstrations} demonstrations, {self.n_steps} steps, "
-            f"{self.n_observations} observations, {kind} actions>"
-        )
+        selected = Demonstrations(observations, actions, offsets, ids, self.observation_names, self.source)
+        return selected if np.array_equal(order, chosen) else selected.select(np.searchsorted(order, chosen))
 
 
-def open_dataset(path: StrPath) -> Dataset:
-    """Demonstrations in Parquet files, which need not fit in memory.
+def open_dataset(path: StrPath, *, batch_rows: int = BATCH_ROWS) -> Dataset:
+    """Open demonstrations in Parquet files, which need not fit in memory.
 
     Parameters
     ----------
     path : path
-        A .parquet file; a folder of such, with all folders in it (of LeRobot's, those in ``data``), taken in the order
-        of their names; a pattern such as ``drive/*.parquet``; or an address that pyarrow knows, as ``s3://bucket/folder``.
+        A .parquet file; a folder of such files, with all folders in it (of LeRobot's, those in ``data``), taken in the
+        order of their names; a pattern such as ``drive/*.parquet``; or an address that pyarrow knows, such as
+        ``s3://bucket/folder``.
+    batch_rows : int
+        Rows that are decoded at a time.
 
     Raises
     ------
     DataError
-        One sentence: no files, files that differ in their columns, missing values among the actions and ids; rows of
-        one demonstration that do not lie together.
+        One sentence: no files, files with different columns, missing values among the actions and ids, or a
+        demonstration whose rows are not consecutive.
     """
     filesystem, paths = find_files(path)
     source = Path(str(path)).name or str(path)
-    store = describe(filesystem, paths)
-    check_any(store.groups[-1].last if store.groups else 0, source)
-    runs, seen = _Runs(), _Seen()
+    store = replace(describe(filesystem, paths), batch_rows=batch_rows)
+    n_rows = store.groups[-1].last if store.groups else 0
+    check_any(n_rows, source)
+    starts, actions = _Starts(), _ActionRange()
     columns = [store.columns.episode, *store.columns.actions]
-    for row, table, where in store.tables(0, store.groups[-1].last, columns):
+    for row, table, at in store.tables(0, n_rows, columns):
         if store.action.kind == "U":
             table.validate(full=True)
-        runs.add(row, flat.values(table, store.columns.episode, where), where)
+        starts.add(row, flat.column_values(table, store.columns.episode, at), at)
         if store.n_parts:
-            actions = np.empty((len(table), store.n_parts), store.action)
-            store.fill_actions(actions, table, where)
-            seen.add_numbers(actions, where)
+            continuous = np.empty((len(table), store.n_parts), store.action)
+            store.fill_actions(continuous, table, at)
+            actions.add_numbers(continuous, at)
         else:
-            seen.add(flat.values(table, store.columns.actions[0], where).reshape(-1), where)
-    ids, offsets = runs.closed(store, source)
-    if not store.n_parts and not seen.whole:
+            actions.add(flat.column_values(table, store.columns.actions[0], at).reshape(-1), at)
+    ids, offsets = starts.finish(store, source)
+    if not store.n_parts and not actions.whole:
         store = replace(store, action=np.dtype(np.float32 if store.action == np.float32 else np.float64), n_parts=1)
-    classes = np.empty(0) if store.n_parts else seen.classes
+    classes = np.empty(0) if store.n_parts else actions.classes
     if not store.n_parts:
         store = replace(store, action=classes.dtype)
-    return Dataset(ids, offsets, source, store, classes, np.atleast_1d(seen.low), np.atleast_1d(seen.high))
+    return Dataset(ids, offsets, source, store, classes, np.atleast_1d(actions.low), np.atleast_1d(actions.high))
 
 
-class _Runs:
-    """Where demonstrations begin, as rows go by."""
+class _Starts:
+    """Collects the first row and the id of every demonstration, table by table."""
 
     def __init__(self) -> None:
-        self._starts: list[NDArray[Any]] = []
-        self._values: list[NDArray[Any]] = []
-        self._last: Any = None
-        self._end = 0
+        self._starts: list[Array] = []
+        self._ids: list[Array] = []
+        self._last: Array | None = None
+        self._n_rows = 0
 
-    def add(self, row: int, values: NDArray[Any], where: Any) -> None:
-        """The demonstrations of some more rows."""
-        if values.dtype.kind == "f":
-            if not are_whole(values):
-                raise DataError(
-                    f"{where(0)}: demonstration ids must be whole numbers or text; fill in the missing ones."
-                )
-            values = values.astype(np.int64)
-        if self._values and (self._last.dtype.kind == "U") != (values.dtype.kind == "U"):
-            raise DataError(f"{where(0)}: demonstration ids must be all whole numbers or all text.")
-        new = np.flatnonzero(np.append(self._last is None or self._last != values[0], values[1:] != values[:-1]))
+    def add(self, row: int, ids: Array, at: Place) -> None:
+        """Add the ids of the rows from number `row` on."""
+        if ids.dtype.kind == "f":
+            if not are_whole(ids):
+                raise DataError(f"{at(0)}: demonstration ids must be whole numbers or text; fill in the missing ones.")
+            ids = ids.astype(np.int64)
+        if self._last is not None and (self._last.dtype.kind == "U") != (ids.dtype.kind == "U"):
+            raise DataError(f"{at(0)}: demonstration ids must be all whole numbers or all text.")
+        changed = np.append(self._last is None or self._last != ids[:1], ids[1:] != ids[:-1])
+        new = np.flatnonzero(changed)
         self._starts.append(row + new)
-        self._values.append(values[new])
-        self._last, self._end = values[-1], row + len(values)
+        self._ids.append(ids[new])
+        self._last, self._n_rows = ids[-1:], row + len(ids)
 
-    def closed(self, store: Store, source: str) -> tuple[tuple[Any, ...], NDArray[np.int64]]:
-        """Their ids, and offsets, once all rows are known."""
-        starts, values = np.concatenate(self._starts), np.concatenate(self._values)
-        order = np.argsort(values, kind="stable")
-        again = np.flatnonzero(values[order[1:]] == values[order[:-1]])
-        if len(again):
-            one, other = (int(starts[order[k]]) for k in (again[0], again[0] + 1))
-            name, files = values[order[again[0]]].item(), [store.file_of(row) for row in (one, other)]
+    def finish(self, store: Store, source: str) -> tuple[tuple[Id, ...], NDArray[np.int64]]:
+        """The ids, and the offsets, once all rows were added."""
+        starts, ids = np.concatenate(self._starts), np.concatenate(self._ids)
+        order = np.argsort(ids, kind="stable")
+        repeated = np.flatnonzero(ids[order[1:]] == ids[order[:-1]])
+        if len(repeated):
+            k = repeated[0]
+            first, second = (store.file_of(int(starts[order[m]])) for m in (k, k + 1))
             remedy = (
-                f"its rows lie apart in {files[0]}; sort them by {store.columns.episode}, or read the file into memory"
-                if files[0] == files[1]
-                else f"it is both in {files[0]} and in {files[1]}; give each demonstration its own id, in one file"
+                f"its rows lie apart in {first}; sort them by {store.columns.episode}, or read the file into memory"
+                if first == second
+                else f"it is both in {first} and in {second}; give each demonstration its own id, in one file"
             )
-            raise DataError(f"{source}, demonstration {name!r}: {remedy}.")
-        return as_ids(values.tolist(), source), np.append(starts, self._end).astype(np.int64)
+            raise DataError(f"{source}, demonstration {ids[order[k]].item()!r}: {remedy}.")
+        return as_ids(ids.tolist(), source), np.append(starts, self._n_rows).astype(np.int64)
 
 
-class _Seen:
-    """Which actions there are, as rows go by: the distinct ones, and what they span."""
+class _ActionRange:
+    """Collects the distinct actions and the range of continuous ones, table by table."""
 
     def __init__(self) -> None:
-        self.classes: NDArray[Any] = np.empty(0)
-        self.low: Any = np.inf
-        self.high: Any = -np.inf
+        self.classes: Array = np.empty(0)
+        self.low: Array = np.array(np.inf)
+        self.high: Array = np.array(-np.inf)
         self.whole = True
 
-    def add(self, values: NDArray[Any], where: Any) -> None:
-        """More actions of one number, or text, each."""
+    def add(self, values: Array, at: Place) -> None:
+        """Add actions (N,), of one number or text each."""
         if values.dtype.kind == "f":
-            self.add_numbers(values, where)
+            self.add_numbers(values, at)
             self.whole = self.whole and are_whole(values)
         if self.whole:
-            fresh = np.unique(as_actions(values, where(0)))
-            self.classes = np.union1d(self.classes, fresh) if len(self.classes) else fresh
+            classes = np.unique(as_actions(values, at(0)))
+            self.classes = np.union1d(self.classes, classes) if len(self.classes) else classes
 
-    def add_numbers(self, values: NDArray[Any], where: Any) -> None:
-        """More continuous actions."""
+    def add_numbers(self, values: Array, at: Place) -> None:
+        """Add continuous actions, (N,) or (N, A)."""
         finite = np.isfinite(values)
         if not finite.all():
             row = int(np.argwhere(~finite)[0, 0])
-            raise DataError(f"{where(row)}: an action is not finite; repair it or leave the demonstration out.")
+            raise DataError(f"{at(row)}: an action is not finite; repair it or leave the demonstration out.")
         self.low, self.high = np.minimum(self.low, values.min(axis=0)), np.maximum(self.high, values.max(axis=0))

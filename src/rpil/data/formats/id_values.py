@@ -11,12 +11,12 @@ from typing import Literal, TypeVar, cast
 import numpy as np
 
 from rpil.data.errors import DataError
-from rpil.data.files import StrPath, check_readable
-from rpil.data.formats.table import EPISODE, check_ids, listed
+from rpil.data.files import StrPath, check_extension, check_readable
+from rpil.data.formats.table import EPISODE, check_ids, quoted
 from rpil.numerics.types import Array
 
 Label = Literal["expert", "adversary"]
-Id = TypeVar("Id", bound=Hashable)
+Key = TypeVar("Key", bound=Hashable)
 
 _LABELS: dict[str, Label] = {"expert": "expert", "adversary": "adversary", "good": "expert", "bad": "adversary"}
 _EXTENSIONS = (".csv", ".json")
@@ -33,9 +33,7 @@ def read_labels(path: StrPath) -> dict[str, Label]:
     DataError
         One sentence naming the file and the demonstration: unknown words, an id labelled twice, no labels at all.
     """
-    path = Path(path)
-    if path.suffix.lower() not in _EXTENSIONS:
-        raise DataError(f"{path}: unknown extension {path.suffix!r} for labels; use one of {', '.join(_EXTENSIONS)}.")
+    path = check_extension(path, _EXTENSIONS, "labels")
     labels: dict[str, Label] = {}
     for m, word in _read_pairs(check_readable(path), "label", "expert"):
         label = _LABELS.get(word.strip().lower()) if isinstance(word, str) else None
@@ -52,7 +50,7 @@ def read_labels(path: StrPath) -> dict[str, Label]:
     return labels
 
 
-def match_labels(labels: Mapping[Id, str], ids: Sequence[object], source: str = "the labels") -> dict[int, bool]:
+def match_labels(labels: Mapping[Key, str], ids: Sequence[object], source: str = "the labels") -> dict[int, bool]:
     """Number of each labelled demonstration to whether it is an expert's; ids are compared as text.
 
     Raises
@@ -123,7 +121,7 @@ def _csv_pairs(text: str, column: str, source: str) -> list[tuple[str, object]]:
     header = rows.fieldnames or ()
     id_column = next((name for name in ("id", *EPISODE) if name in header), None)
     if id_column is None or column not in header:
-        raise DataError(f"{source}: the columns must be id and {column} (found {listed(header)}).")
+        raise DataError(f"{source}: the columns must be id and {column} (found {quoted(header)}).")
     pairs: list[tuple[str, object]] = []
     for row in rows:
         m = (row[id_column] or "").strip()

@@ -5,15 +5,14 @@ from __future__ import annotations
 import zipfile
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
 from rpil.data.files import replacing
-from rpil.data.formats.table import ACTION, EPISODE, listed
+from rpil.data.formats.table import ACTION, EPISODE, quoted
+from rpil.numerics.types import Array
 
 _SPELLINGS = {
     "observations": ("observations", "observation"),
@@ -36,13 +35,13 @@ def read(path: Path) -> Demonstrations:
             for what, spellings in _SPELLINGS.items():
                 name = next((name for name in spellings if name in stored.files), None)
                 if name is None:
-                    found = listed(stored.files)
+                    found = quoted(stored.files)
                     raise DataError(f"{source}: no array is called {what!r}; save it under that name (found {found}).")
                 arrays[what] = stored[name]
             names = stored[_NAMES] if _NAMES in stored.files else ()
     except DataError:
         raise
-    except Exception as error:  # a damaged file makes zipfile, zlib, tokenize and numpy raise whatever they like
+    except Exception as error:  # a damaged file makes zipfile, zlib, tokenize and numpy raise errors of many types
         if "allow_pickle" in str(error):
             raise DataError(
                 f"{source}: it holds Python objects, which are never unpickled because that can run any code; "
@@ -54,7 +53,7 @@ def read(path: Path) -> Demonstrations:
     )
 
 
-def write(path: Path, demonstrations: Demonstrations, truth: Mapping[str, NDArray[Any]]) -> None:
+def write(path: Path, demonstrations: Demonstrations, truth: Mapping[str, Array]) -> None:
     """Write the arrays that `read` reads, and each `truth` (M,) under its own name."""
     arrays = {
         "observations": demonstrations.observations,

@@ -5,14 +5,16 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from itertools import chain
 from pathlib import Path
-from typing import Any
-
-from numpy.typing import NDArray
+from typing import TYPE_CHECKING
 
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
 from rpil.data.files import replacing
 from rpil.data.formats import table as flat
+from rpil.numerics.types import Array
+
+if TYPE_CHECKING:
+    import pyarrow as pa
 
 
 def read(path: Path) -> Demonstrations:
@@ -30,22 +32,22 @@ def read(path: Path) -> Demonstrations:
     return flat.to_demonstrations(table, columns, path.name)
 
 
-def write(path: Path, demonstrations: Demonstrations, truth: Mapping[str, NDArray[Any]]) -> None:
+def write(path: Path, demonstrations: Demonstrations, truth: Mapping[str, Array]) -> None:
     """Write the flat table, with its types."""
     write_tables(path, iter([flat.from_demonstrations(demonstrations, truth)]))
 
 
-def write_tables(path: Path, tables: Iterator[Any]) -> None:
-    """Write any tables of one schema, one below the other; one is in memory at a time."""
+def write_tables(path: Path, tables: Iterator[pa.Table]) -> None:
+    """Write tables of one schema one below the other; one of them is in memory at a time."""
     import pyarrow as pa
     import pyarrow.parquet as pq
 
     first = next(tables)
-    # Measurements hardly repeat, so that a dictionary of them only costs time and space.
-    repeating = [field.name for field in first.schema if not pa.types.is_floating(field.type)]
+    # Floating-point values rarely repeat: a dictionary of them only costs time and space.
+    dictionary = [field.name for field in first.schema if not pa.types.is_floating(field.type)]
     with (
         replacing(path) as temporary,
-        pq.ParquetWriter(temporary, first.schema, use_dictionary=repeating, write_page_checksum=True) as writer,
+        pq.ParquetWriter(temporary, first.schema, use_dictionary=dictionary, write_page_checksum=True) as writer,
     ):
         for table in chain([first], tables):
             writer.write_table(table)

@@ -1,37 +1,50 @@
-"""Where the rows of Parquet files are, and what they hold: read row group by row group, on any file system."""
+"""The rows of Parquet files: where they are and which columns they have; read in batches, on any file system."""
 
 from __future__ import annotations
 
 import glob
 import itertools
 import os
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path, PurePosixPath
-from typing import Any
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rpil.data.errors import DataError
 from rpil.data.files import StrPath
 from rpil.data.formats import table as flat
+from rpil.data.formats.table import Place
+from rpil.numerics.types import Array
 
-Where = Callable[[int], str]
-"""Names a row of a table in messages."""
+if TYPE_CHECKING:
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+    from pyarrow import fs
 
-_BATCH = 65_536
+BATCH_ROWS = 65_536
 """Rows that are decoded at a time."""
 
-_BUFFER = 1 << 18
+_BUFFER_BYTES = 1 << 18
 """Bytes of a column that are read at a time: a row group need not fit in memory."""
 
 
 @dataclass(frozen=True)
 class RowGroup:
-    """Rows of a file that lie together: number `number` of `path`, rows ``first:last`` of the data set, the first of
-    which is row `row` of the file."""
+    """A row group of a Parquet file.
+
+    Attributes
+    ----------
+    path : str
+    number : int
+        Number of the row group in the file.
+    first, last : int
+        It holds the rows ``first:last`` of the data set.
+    row : int
+        Its first row, counted in the file.
+    """
 
     path: str
     number: int
@@ -42,7 +55,7 @@ class RowGroup:
 
 @dataclass(frozen=True, eq=False)
 class Store:
-    """Where the rows of a data set are, and what they hold: the same in all files.
+    """The row groups of a data set and the columns to read, which are the same in all files.
 
     Attributes
     ----------
@@ -51,25 +64,28 @@ class Store:
         In order.
     columns : Columns
     names : tuple of str
-        Of the observations, D.
+        Names of the D observations.
     widths : tuple of int
-        How many of them each column holds.
+        Number of observations that each column holds.
     observation, action : dtype
     n_parts : int
         Numbers of a continuous action, 0 where actions are discrete.
+    batch_rows : int
+        Rows that are decoded at a time.
     """
 
-    filesystem: Any
+    filesystem: fs.FileSystem
     groups: tuple[RowGroup, ...]
     columns: flat.Columns
-    names: tuple[str, ...] = ()
-    widths: tuple[int, ...] = ()
-    observation: Any = np.float64
-    action: Any = np.int64
+    names: tuple[str, ...]
+    widths: tuple[int, ...]
+    observation: np.dtype[np.generic]
+    action: np.dtype[np.generic]
     n_parts: int = 0
+    batch_rows: int = BATCH_ROWS
 
     def between(self, first: int, last: int) -> Store:
-        """The part of it that holds the rows ``first:last``."""
+        """The store of the row groups that hold the rows ``first:last``."""
         return replace(self, groups=tuple(g for g in self.groups if g.first < last and first < g.last))
 
     @property
@@ -82,10 +98,12 @@ class Store:
         return next(PurePosixPath(g.path).name for g in self.groups if row < g.last)
 
     def tables(
-        self, first: int, last: int, columns: list[str], whose: Where = lambda _: ""
-    ) -> Iterator[tuple[int, Any, Where]]:
-        """Rows ``first:last``: tables, which row each begins with, and how messages name a row of it, for which `whose`
-        tells the demonstration."""
+        self, first: int, last: int, columns: list[str], demonstration: Place = lambda _: ""
+    ) -> Iterator[tuple[int, pa.Table, Place]]:
+        """Rows ``first:last`` in tables: the first row of each, the table, and the place of a row of it for messages.
+
+        `demonstration` names the demonstration of a row of the data set.
+        """
         import pyarrow as pa
 
         for path, groups in itertools.groupby(self.between(first, last).groups, key=lambda group: group.path):
@@ -99,58 +117,62 @@ class Store:
                     if n_rows != group.last - group.first:
                         raise DataError(f"{name}: it has changed since the data set was opened; open it again.")
                     row, shift = group.first, group.row - group.first
-                    batches = file.iter_batches(_BATCH, row_groups=[group.number], columns=columns, use_threads=False)
+                    batches = file.iter_batches(
+                        self.batch_rows, row_groups=[group.number], columns=columns, use_threads=False
+                    )
                     for batch in batches:
                         a, b = max(first - row, 0), min(last - row, len(batch))
                         if a < b:
                             table = pa.Table.from_batches([batch.slice(a, b - a)])
-                            yield row + a, table, _where(path, row + a, shift, whose)
+                            yield row + a, table, _place(path, row + a, shift, demonstration)
                         row += len(batch)
 
-    def empty(self, n_steps: int) -> tuple[NDArray[Any], NDArray[Any]]:
-        """Room for the observations and actions of `n_steps`."""
-        order: Any = "F" if max(self.widths) == 1 else "C"  # as the files have it: no transposing
+    def empty(self, n_steps: int) -> tuple[Array, Array]:
+        """Uninitialised observations (n_steps, D) and actions, (n_steps,) or (n_steps, A)."""
+        order: Literal["F", "C"] = (
+            "F" if max(self.widths) == 1 else "C"
+        )  # as in the files, so that nothing is transposed
         shape = (n_steps, self.n_parts) if self.n_parts else (n_steps,)
         return np.empty((n_steps, len(self.names)), self.observation, order), np.empty(shape, self.action)
 
-    def fill(self, observations: NDArray[Any], actions: NDArray[Any], table: Any, where: Where) -> None:
-        """The rows of `table`, written to where they belong."""
-        _fill(observations, table, self.columns.observations, self.widths, where)
-        self.fill_actions(actions, table, where)
+    def fill(self, observations: Array, actions: Array, table: pa.Table, at: Place) -> None:
+        """Write the rows of `table` to the two arrays."""
+        _fill(observations, table, self.columns.observations, self.widths, at)
+        self.fill_actions(actions, table, at)
 
-    def fill_actions(self, actions: NDArray[Any], table: Any, where: Where) -> None:
-        """The actions in `table`, which need have no other columns."""
+    def fill_actions(self, actions: Array, table: pa.Table, at: Place) -> None:
+        """Write the actions of `table`, which needs no other columns, to the array."""
         n_columns = len(self.columns.actions)
         per_column = self.n_parts // n_columns if self.n_parts else 1
-        _fill(actions.reshape(len(actions), -1), table, self.columns.actions, (per_column,) * n_columns, where)
+        _fill(actions.reshape(len(actions), -1), table, self.columns.actions, (per_column,) * n_columns, at)
 
 
-def _fill(out: NDArray[Any], table: Any, names: Sequence[str], widths: Sequence[int], where: Where) -> None:
+def _fill(out: Array, table: pa.Table, names: Sequence[str], widths: Sequence[int], at: Place) -> None:
     start = 0
     for name, width in zip(names, widths, strict=True):
-        block = flat.values(table, name, where)
+        block = flat.column_values(table, name, at)
         block = block.reshape(len(block), -1)
         if block.shape[1] != width:
-            raise DataError(f"{where(0)}: column {name!r} holds {block.shape[1]} numbers, not {width} as elsewhere.")
+            raise DataError(f"{at(0)}: column {name!r} holds {block.shape[1]} numbers, not {width} as elsewhere.")
         out[:, start : start + width] = block
         start += width
 
 
-def shifted(where: Where, rows: int) -> Where:
-    """`where` for a table without its first `rows`."""
-    return lambda row: where(rows + row)
+def shifted(at: Place, rows: int) -> Place:
+    """`at` for a table without its first `rows`."""
+    return lambda row: at(rows + row)
 
 
 @contextmanager
-def opened(filesystem: Any, path: str) -> Iterator[Any]:
-    """A ``pyarrow.parquet.ParquetFile`` whose pages are checked as they are read; a `DataError` where it is none."""
+def opened(filesystem: fs.FileSystem, path: str) -> Iterator[pq.ParquetFile]:
+    """The open file, whose pages are checked as they are read; a `DataError` where it is no Parquet file."""
     import pyarrow as pa
     import pyarrow.parquet as pq
 
     name = PurePosixPath(path).name
     try:
-        # Neither mapped into memory, where what is mapped stays and counts, nor fetched by whole row groups.
-        options = {"buffer_size": _BUFFER, "pre_buffer": False, "page_checksum_verification": True}
+        # Neither mapped into memory, where mapped pages stay and count, nor fetched by whole row groups.
+        options = {"buffer_size": _BUFFER_BYTES, "pre_buffer": False, "page_checksum_verification": True}
         with filesystem.open_input_file(path) as stream, pq.ParquetFile(stream, **options) as file:
             yield file
     except FileNotFoundError as error:
@@ -161,13 +183,19 @@ def opened(filesystem: Any, path: str) -> Iterator[Any]:
         raise DataError(f"{name}: not a Parquet file, or a damaged or truncated one; write it again.") from error
 
 
-def is_many(path: StrPath) -> bool:
-    """Whether `path` is something that only a data set can read: a folder, a pattern, an address."""
+def may_be_many_files(path: StrPath) -> bool:
+    """Whether `path` may name several files: a folder, a pattern, an address."""
     return "://" in str(path) or os.path.isdir(path) or (not os.path.exists(path) and glob.has_magic(str(path)))
 
 
-def find_files(path: StrPath) -> tuple[Any, list[str]]:
-    """The file system, and the Parquet files of a data set in the order of their names; a `DataError` if none."""
+def find_files(path: StrPath) -> tuple[fs.FileSystem, list[str]]:
+    """The file system, and the Parquet files of a data set in the order of their names.
+
+    Raises
+    ------
+    DataError
+        Where `path` does not exist, cannot be listed, or holds no Parquet file.
+    """
     import pyarrow as pa
     from pyarrow import fs
 
@@ -178,30 +206,30 @@ def find_files(path: StrPath) -> tuple[Any, list[str]]:
         else:
             filesystem, place = fs.LocalFileSystem(), os.path.abspath(where)
             if not os.path.exists(place) and glob.has_magic(place):
-                return filesystem, _some(sorted(glob.glob(place, recursive=True)), where)
+                return filesystem, _parquet_files(sorted(glob.glob(place, recursive=True)), where)
         kind = filesystem.get_file_info(place).type
         if kind == fs.FileType.NotFound:
             raise DataError(f"{where}: there is no such file or folder; check the path.")
         if kind == fs.FileType.File:
-            return filesystem, _some([place], where)
+            return filesystem, _parquet_files([place], where)
         # LeRobot keeps the steps in data/, and tables of other things in meta/.
         data = f"{place}/data"
         place = data if filesystem.get_file_info(data).type == fs.FileType.Directory else place
-        listed = filesystem.get_file_info(fs.FileSelector(place, recursive=True))
+        entries = filesystem.get_file_info(fs.FileSelector(place, recursive=True))
     except (pa.ArrowException, OSError) as error:
         raise DataError(f"{where}: it cannot be listed ({' '.join(str(error).split())[:100]}).") from error
-    return filesystem, _some(sorted(info.path for info in listed if info.type == fs.FileType.File), where)
+    return filesystem, _parquet_files(sorted(info.path for info in entries if info.type == fs.FileType.File), where)
 
 
-def _some(paths: list[str], where: str) -> list[str]:
-    found = [p for p in paths if p.lower().endswith(".parquet") and not Path(p).name.startswith((".", "_"))]
-    if not found:
+def _parquet_files(paths: list[str], where: str) -> list[str]:
+    paths = [p for p in paths if p.lower().endswith(".parquet") and not Path(p).name.startswith((".", "_"))]
+    if not paths:
         raise DataError(f"{where}: no .parquet file is there; only Parquet files make a data set on disk.")
-    return found
+    return paths
 
 
-def describe(filesystem: Any, paths: list[str]) -> Store:
-    """The row groups of `paths`, and what all of them hold; a `DataError` where they differ."""
+def describe(filesystem: fs.FileSystem, paths: list[str]) -> Store:
+    """The store of the files `paths`; a `DataError` where their columns differ."""
     groups: list[RowGroup] = []
     first, store, begins = "", None, 0
     for path in paths:
@@ -216,10 +244,10 @@ def describe(filesystem: Any, paths: list[str]) -> Store:
             columns = flat.find_columns(file.schema_arrow.names, name)
             head = next(file.iter_batches(1, columns=columns.all), None)
         if head is not None:
-            this = _contents(filesystem, columns, head, name)
+            this = _store_of_row(filesystem, columns, head, name)
             if store is None:
                 first, store = name, this
-            elif _same(this) != _same(store):
+            elif _layout(this) != _layout(store):
                 raise DataError(f"{name}: its columns are not those of {first}; give all files the same ones.")
             else:
                 store = replace(store, observation=np.result_type(store.observation, this.observation))
@@ -228,25 +256,27 @@ def describe(filesystem: Any, paths: list[str]) -> Store:
     return replace(store, groups=tuple(groups))
 
 
-def _contents(filesystem: Any, columns: flat.Columns, head: Any, name: str) -> Store:
-    """What a file holds, from its first row; whether one number is a discrete action is to be seen."""
+def _store_of_row(filesystem: fs.FileSystem, columns: flat.Columns, head: pa.RecordBatch, name: str) -> Store:
+    """The store of a file by its first row; later, all rows decide whether single floats are discrete actions."""
     import pyarrow as pa
 
     table = pa.Table.from_batches([head])
-    observations, names = flat.stack(table, columns.observations, lambda _: name)
-    widths = [flat.values(table, column, lambda _: name).size for column in columns.observations]
-    one = flat.values(table, columns.actions[0], lambda _: name)
-    kept = Store(filesystem, (), columns, names, tuple(widths), observations.dtype)
-    if columns.one_action and (one.dtype.kind != "f" or one.ndim == 1) and one.size == 1:
-        return replace(kept, action=one.dtype if one.dtype.kind in "fU" else np.dtype(np.int64))
-    actions, _ = flat.stack(table, columns.actions, lambda _: name)
-    single = actions.dtype == np.float32
-    return replace(kept, action=np.dtype(np.float32 if single else np.float64), n_parts=actions.shape[1])
+    observations, names = flat.stack_columns(table, columns.observations, lambda _: name)
+    widths = tuple(flat.column_values(table, column, lambda _: name).size for column in columns.observations)
+    first = flat.column_values(table, columns.actions[0], lambda _: name)
+    n_parts = 0
+    if columns.one_action and (first.dtype.kind != "f" or first.ndim == 1) and first.size == 1:
+        action = first.dtype if first.dtype.kind in "fU" else np.dtype(np.int64)
+    else:
+        actions = flat.stack_columns(table, columns.actions, lambda _: name)[0]
+        action, n_parts = actions.dtype, actions.shape[1]
+    return Store(filesystem, (), columns, names, widths, observations.dtype, action, n_parts)
 
 
-def _same(store: Store) -> tuple[Any, ...]:
+def _layout(store: Store) -> tuple[object, ...]:
+    """What must be the same in all files."""
     return store.columns, store.names, store.widths, np.dtype(store.action).kind, store.n_parts
 
 
-def _where(path: str, first: int, shift: int, whose: Where) -> Where:
-    return lambda row: f"{PurePosixPath(path).name}{whose(first + row)}, row {first + row + shift + 1}"
+def _place(path: str, first: int, shift: int, demonstration: Place) -> Place:
+    return lambda row: f"{PurePosixPath(path).name}{demonstration(first + row)}, row {first + row + shift + 1}"

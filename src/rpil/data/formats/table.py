@@ -1,18 +1,24 @@
-"""The flat table that Parquet and CSV share: one row per step, some columns data, the rest never looked at."""
+"""The table of Parquet and CSV files: one row per step; columns that hold data are found by name, others not read."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rpil.data.arrays import check_any
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
+from rpil.numerics.types import Array
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+Place = Callable[[int], str]
+"""The place of a row of a table in messages: its file, demonstration and number."""
 
 EPISODE = ("episode_index", "episode_id", "episode_ids", "episode")
 ACTION = ("action", "actions")
@@ -26,7 +32,7 @@ RESERVED = frozenset({
     "demonstrator_ids", "noise_level", "agent_level", "trial_ids",
 })
 # fmt: on
-# pandas writes its row index under these names; as an observation it would give away the order of the rows.
+# pandas writes its row index under these names; as an observation it would reveal the order of the rows.
 _ROW_INDEX = re.compile(r"__index_level_\d+__|Unnamed: \d+|")
 _OBSERVATION = re.compile(r"observation|obs($|[._\d])")
 _OBSERVATION_PREFIX = re.compile(r"(observations?|obs)[._]?")
@@ -35,9 +41,15 @@ _ACTION_PART = re.compile(r"actions?[._]")
 
 @dataclass(frozen=True)
 class Columns:
-    """Which columns of a table hold what.
+    """Names of the columns that hold data.
 
-    `actions` is one column named in `ACTION`, or any number of parts of a continuous action.
+    Attributes
+    ----------
+    episode : str
+        Id of the demonstration.
+    actions : tuple of str
+        One column named in `ACTION`, or one for each number of a continuous action.
+    observations : tuple of str
     """
 
     episode: str
@@ -46,6 +58,7 @@ class Columns:
 
     @property
     def all(self) -> list[str]:
+        """All names."""
         return [self.episode, *self.actions, *self.observations]
 
     @property
@@ -55,28 +68,28 @@ class Columns:
 
 
 def is_data(name: str) -> bool:
-    """Whether a column called `name` belongs to the data even where observations carry their prefix."""
+    """Whether a column called `name` holds data: demonstration, step, action or, by its prefix, an observation."""
     return bool(name in (*EPISODE, *ACTION, STEP) or _ACTION_PART.match(name) or _OBSERVATION.match(name))
 
 
-def listed(names: Iterable[Any], most: int = 12) -> str:
-    """Names for a message: quoted, for they may hold anything, and not all of hundreds."""
-    shown = [repr(name) for name in names]
-    return ", ".join(shown[:most]) + (", ..." if len(shown) > most else "")
+def quoted(names: Iterable[object], most: int = 12) -> str:
+    """Up to `most` of the names, quoted, for a message."""
+    texts = [repr(name) for name in names]
+    return ", ".join(texts[:most]) + (", ..." if len(texts) > most else "")
 
 
-def check_ids(names: Iterable[Any], ids: Iterable[Any], source: str, what: str) -> None:
-    """Refuse names that no demonstration has; they are compared as text.
+def check_ids(names: Iterable[object], ids: Iterable[object], source: str, what: str) -> None:
+    """Check that all `names` are ids of demonstrations; both are compared as text.
 
     Raises
     ------
     DataError
-        Naming the first of them, and `what` is to be corrected.
+        Naming the first ones that are not, and `what` is to be corrected.
     """
-    known = dict.fromkeys(map(str, ids))
-    unknown = [str(name) for name in names if str(name) not in known]
+    texts = dict.fromkeys(map(str, ids))
+    unknown = [str(name) for name in names if str(name) not in texts]
     if unknown:
-        wrong, right = listed(unknown, 5), listed(known, 5)
+        wrong, right = quoted(unknown, 5), quoted(texts, 5)
         raise DataError(f"{source}: no demonstration is called {wrong}; the ids are {right}; correct {what}.")
 
 
@@ -91,7 +104,7 @@ def find_columns(names: Sequence[str], source: str) -> Columns:
     repeated = sorted({name for name in names if names.count(name) > 1})
     if repeated:
         raise DataError(f"{source}: column {repeated[0]!r} appears twice; rename or drop one of them.")
-    found = listed(names)
+    found = quoted(names)
     episode = [name for name in EPISODE if name in names]
     if not episode:
         raise DataError(
@@ -108,7 +121,7 @@ def find_columns(names: Sequence[str], source: str) -> Columns:
     return Columns(episode[0], tuple(actions), tuple(observations))
 
 
-def to_demonstrations(table: Any, columns: Columns, source: str) -> Demonstrations:
+def to_demonstrations(table: pa.Table, columns: Columns, source: str) -> Demonstrations:
     """`Demonstrations` from the `columns` of a ``pyarrow.Table``; the rows of one need not lie together.
 
     Raises
@@ -117,22 +130,22 @@ def to_demonstrations(table: Any, columns: Columns, source: str) -> Demonstratio
         On missing values, text where numbers are due, lists of unequal length, and as `Demonstrations` does.
     """
     check_any(table.num_rows, source)
-    ids = values(table, columns.episode, lambda row: f"{source}, row {row + 1}")
+    ids = column_values(table, columns.episode, lambda row: f"{source}, row {row + 1}")
 
     def at(row: int) -> str:
         return f"{source}, demonstration {ids[row].tolist()!r}, row {row + 1}"
 
     if columns.one_action:
-        actions = values(table, columns.actions[0], at)
+        actions = column_values(table, columns.actions[0], at)
         if actions.ndim == 2 and actions.shape[1] > 1:
             actions = actions.astype(np.result_type(actions, np.float32), copy=False)
     else:
-        actions, _ = stack(table, columns.actions, at)
-    observations, names = stack(table, columns.observations, at)
+        actions, _ = stack_columns(table, columns.actions, at)
+    observations, names = stack_columns(table, columns.observations, at)
     return Demonstrations.from_groups(observations, actions, ids, observation_names=names, source=source)
 
 
-def from_demonstrations(demonstrations: Demonstrations, truth: Mapping[str, NDArray[Any]]) -> Any:
+def from_demonstrations(demonstrations: Demonstrations, truth: Mapping[str, Array]) -> pa.Table:
     """The ``pyarrow.Table`` that `to_demonstrations` reads back, with one more column for each `truth` (M,)."""
     import pyarrow as pa
 
@@ -148,8 +161,8 @@ def from_demonstrations(demonstrations: Demonstrations, truth: Mapping[str, NDAr
     return pa.table(columns)
 
 
-def step_columns(ids: Sequence[Any], offsets: NDArray[np.int64]) -> dict[str, NDArray[Any]]:
-    """The two columns that name a step: the id of its demonstration and its place, from 0, within it."""
+def step_columns(ids: Sequence[object], offsets: Array) -> dict[str, Array]:
+    """The two columns that identify a step: the id of its demonstration, and its number within it, from 0."""
     lengths = np.diff(offsets)
     return {
         EPISODE[0]: np.repeat(np.array(ids), lengths),
@@ -157,11 +170,11 @@ def step_columns(ids: Sequence[Any], offsets: NDArray[np.int64]) -> dict[str, ND
     }
 
 
-def stack(table: Any, names: Sequence[str], at: Callable[[int], str]) -> tuple[NDArray[Any], tuple[str, ...]]:
+def stack_columns(table: pa.Table, names: Sequence[str], at: Place) -> tuple[Array, tuple[str, ...]]:
     """Columns of numbers side by side, (N, D), and a name for each; a column of lists counts as several."""
     blocks = {}
     for name in names:
-        block = values(table, name, at)
+        block = column_values(table, name, at)
         if block.dtype.kind == "U":
             row = next((row for row, text in enumerate(block) if not _is_number(text)), 0)
             text = str(block[row])[:40]
@@ -192,12 +205,18 @@ def _is_number(text: str) -> bool:
     return True
 
 
-def values(table: Any, name: str, at: Callable[[int], str]) -> NDArray[Any]:
-    """One column as (N,) numbers or text, or as (N, K) numbers where it holds lists."""
+def column_values(table: pa.Table, name: str, at: Place) -> Array:
+    """One column as (N,) numbers or text, or as (N, K) numbers where it holds lists.
+
+    Raises
+    ------
+    DataError
+        On missing values, lists of unequal length, or values of another type.
+    """
     import pyarrow as pa
     import pyarrow.compute as pc
 
-    def refuse_nulls(column: Any, per_row: int = 1) -> None:
+    def refuse_nulls(column: pa.ChunkedArray | pa.Array, per_row: int = 1) -> None:
         if column.null_count:
             row = pc.index(pc.is_null(column), True).as_py() // per_row
             raise DataError(f"{at(row)}: column {name!r} has no value; fill it in or leave the demonstration out.")
@@ -214,19 +233,20 @@ def values(table: Any, name: str, at: Callable[[int], str]) -> NDArray[Any]:
         flat = column.combine_chunks().flatten()
         refuse_nulls(flat, per_row=max(int(widths[0]), 1))
         if _is_numeric(flat.type):
-            return flat.to_numpy(zero_copy_only=False).reshape(table.num_rows, -1)
+            return np.reshape(flat.to_numpy(zero_copy_only=False), (table.num_rows, -1))
     elif _is_numeric(column.type):
-        return column.to_numpy()
+        return np.asarray(column.to_numpy())
     elif pa.types.is_decimal(column.type):
-        return column.cast(pa.float64()).to_numpy()
+        return np.asarray(column.cast(pa.float64()).to_numpy())
     elif pa.types.is_string(column.type) or pa.types.is_large_string(column.type):
-        # Few texts, many rows: Python sees each text once.
+        # Few texts, many rows: each text is converted once.
         encoded = column.combine_chunks().dictionary_encode()
-        return np.array(encoded.dictionary.to_pylist(), dtype=np.str_)[encoded.indices.to_numpy()]
+        texts: Array = np.array(encoded.dictionary.to_pylist(), dtype=np.str_)[encoded.indices.to_numpy()]
+        return texts
     raise DataError(f"{at(0)}: column {name!r} holds {column.type} where numbers or text are due; convert or drop it.")
 
 
-def _is_numeric(kind: Any) -> bool:
+def _is_numeric(kind: pa.DataType) -> bool:
     import pyarrow as pa
 
     return bool(pa.types.is_integer(kind) or pa.types.is_floating(kind) or pa.types.is_boolean(kind))

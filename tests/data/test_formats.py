@@ -1,4 +1,3 @@
-import json
 import os
 
 import numpy as np
@@ -321,79 +320,6 @@ def test_a_failed_write_leaves_the_old_file(tmp_path, suffix, monkeypatch):
     assert path.read_bytes() == before
     assert os.listdir(tmp_path) == [path.name]
     refused("no folder", formats.write, tmp_path / "no" / path.name, demonstrations())
-
-
-@pytest.mark.parametrize("suffix", [".parquet", ".csv"])
-def test_weights(tmp_path, suffix):
-    path = tmp_path / f"w{suffix}"
-    weight, proba, odds = np.array([0.1, 1 / 3, 1, 0, 5e-324]), np.array([0.9, 0.1]), np.array([2.2, -np.inf])
-    formats.write_weights(path, ["b", "a"], np.array([0, 2, 5]), weight, proba, odds)
-    table = pq.read_table(path) if suffix == ".parquet" else pa.csv.read_csv(path)
-    assert table.to_pydict() == {
-        "episode_index": ["b", "b", "a", "a", "a"],
-        "step_index": [0, 1, 0, 1, 2],
-        "weight": weight.tolist(),
-        "expert_proba": [0.9, 0.9, 0.1, 0.1, 0.1],
-        "log_odds": [2.2, 2.2, -np.inf, -np.inf, -np.inf],
-    }
-    refused("use one of .parquet, .csv", formats.write_weights, tmp_path / "w.npz", [], [0], [], [], [])
-
-
-@pytest.mark.parametrize("header", ["id,label", "episode_index, label", "note,label,id", "\ufeffid,label"])
-def test_labels_csv(tmp_path, header):
-    path = tmp_path / "labels.csv"
-    row = "{note},{label},{id}" if header.startswith("note") else "{id},{label}"
-    rows = [row.format(id=i, label=word, note="") for i, word in ((7, "expert"), ("a", " Bad "), ("b", "good"))]
-    path.write_text("\n".join([header, *rows]), encoding="utf-8")
-    labels = formats.read_labels(path)
-    assert labels == {"7": "expert", "a": "adversary", "b": "expert"}
-    assert formats.match_labels(labels, ("b", "x", "a", 7)) == {3: True, 2: False, 0: True}
-
-
-def test_labels_json(tmp_path):
-    path = tmp_path / "labels.json"
-    path.write_text(json.dumps({"7": "expert", "a": "bad"}))
-    labels = formats.read_labels(path)
-    assert formats.match_labels(labels, [7, "a"]) == {0: True, 1: False}
-    refused(
-        "no demonstration is called 'a'; the ids are '7'",
-        lambda _: formats.match_labels(labels, [7], "labels.json"),
-        path,
-    )
-
-
-@pytest.mark.parametrize(
-    ("name", "text", "match"),
-    [
-        ("l.csv", "id,label\n7,great\n", "demonstration '7': unknown label 'great'; write 'expert' or 'adversary'"),
-        ("l.csv", "id,label\n7,\n", "unknown label ''"),
-        ("l.csv", "id,label\n7\n", "demonstration '7': unknown label ''"),
-        ("l.csv", "id,label\n7,good\n7,bad\n", "demonstration '7': it is labelled twice"),
-        ("l.csv", "id,label\n", "labels no demonstration"),
-        ("l.csv", "7,good\n", "must be id and label .*'7', 'good'"),
-        ("l.csv", "\n", "must be id and label"),
-        ("l.csv", 'id,label\n"7,good\n', "cannot be read as CSV"),
-        ("l.csv", "", "the file is empty"),
-        ("l.json", '{"7": 1}', "demonstration '7': unknown label 1"),
-        ("l.json", '{"7": {"a": "good"}}', "demonstration '7': unknown label"),
-        ("l.json", '{"7": "good", "7": "good"}', "demonstration '7': it is labelled twice"),
-        ("l.json", '[["7", "good"]]', "one object"),
-        ("l.json", '{"7": "go', "cannot be read as JSON"),
-        ("l.json", "{}", "labels no demonstration"),
-        ("l.txt", "", "use one of .csv, .json"),
-    ],
-)
-def test_bad_labels(tmp_path, name, text, match):
-    path = tmp_path / name
-    path.write_text(text)
-    refused(match, formats.read_labels, path)
-
-
-def test_labels_that_are_not_text(tmp_path):
-    path = tmp_path / "l.csv"
-    path.write_bytes(b"id,label\n\xff,good\n")
-    refused("cannot be read as CSV", formats.read_labels, path)
-    refused("no such file", formats.read_labels, tmp_path / "m.csv")
 
 
 def test_importing_the_formats_does_not_import_pyarrow():

@@ -1,0 +1,73 @@
+"""The commands on folders of Parquet files and on large files."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+from click.testing import CliRunner
+
+from recorded import demonstrations, written
+from rpil import Dataset, open_dataset
+from rpil.cli import commands
+from rpil.cli import main as cli
+from rpil.data import formats
+from rpil.data.demonstrations import Demonstrations
+from small import SMALL, small_rpil
+
+
+def command(*arguments):
+    result = CliRunner().invoke(cli.main, [str(argument) for argument in arguments], obj=SMALL)
+    assert result.exit_code == 0, result.output
+    return result.stdout
+
+
+def test_a_folder_is_read_block_by_block(small, tmp_path):
+    folder, weights = written(tmp_path), tmp_path / "w.parquet"
+    outputs = ["--weights", weights, "--report", tmp_path / "r.html", "--json"]
+    found = json.loads(command("audit", folder, *outputs))
+    data = open_dataset(folder)
+    model = small_rpil(features="auto").fit(data)
+    assert [d["id"] for d in found["demonstrations"]] == [data.ids[m] for m in model.audit_.ranking()]
+    assert found["n_steps"] == data.n_steps
+    table = pq.read_table(weights)
+    np.testing.assert_array_equal(table["weight"].to_numpy(), model.audit_.step_weight)
+    np.testing.assert_array_equal(table["episode_index"].to_numpy(), np.repeat(data.ids, data.lengths))
+    np.testing.assert_array_equal(table["step_index"].to_numpy()[: data.lengths[0]], np.arange(data.lengths[0]))
+    assert "</html>" in (tmp_path / "r.html").read_text()
+    command("audit", folder, "--weights", tmp_path / "w.csv", "--json")
+    assert len((tmp_path / "w.csv").read_text().splitlines()) == data.n_steps + 1
+    command("fit", folder, "-o", tmp_path / "policy", "--no-stream")
+    command("fit", folder, "-o", tmp_path / "policy", "--method", "cloning")
+
+
+def test_a_large_file_is_read_block_by_block(small, tmp_path, monkeypatch):
+    formats.write(tmp_path / "a.parquet", demonstrations())
+    read = commands.read(str(tmp_path / "a.parquet"), lambda _: None, None)
+    assert isinstance(read, Demonstrations)
+    monkeypatch.setattr(commands, "_free_memory", lambda: 1000.0)
+    assert isinstance(commands.read(str(tmp_path / "a.parquet"), lambda _: None, None), Dataset)
+    assert isinstance(commands.read(str(tmp_path / "a.parquet"), lambda _: None, False), Demonstrations)
+    assert commands._free_memory() > 0
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["audit", "a.csv", "--stream"], "a.csv: no .parquet file is there; only Parquet files make a data set"),
+        (["audit", "a.parquet", "--scheduler", "tcp://127.0.0.1:9"], "tcp://127.0.0.1:9: no Dask scheduler answers"),
+        (["audit", "a.parquet", "--scheduler", "x", "--no-stream"], "--scheduler and --no-stream exclude each other"),
+        (["fit", "a.parquet", "-o", "p", "--method", "cloning", "--stream"], "needs all data in memory: leave out"),
+    ],
+)
+def test_options_that_exclude_each_other_are_refused(tmp_path, monkeypatch, arguments, message):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("rpil.scale.dask.TIMEOUT", 0.5)
+    formats.write("a.csv", demonstrations())
+    formats.write("a.parquet", demonstrations())
+    result = CliRunner().invoke(cli.main, arguments)
+    assert result.exit_code == 2
+    assert message in result.stderr
+    assert len(result.stderr.splitlines()) == 1

@@ -1,0 +1,81 @@
+"""Who gave which demonstration: exact sums, shrinkage both ways, and no harm where it means nothing."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+from problems import make
+from rpil import RPIL, DataError, load, save
+
+
+def people(seed: int = 0, short: int = 8):
+    """Ann gives good demonstrations and Bob random ones; then short good ones by Ann, Bob and somebody unknown."""
+    toy = make("random", seed, n_good=9, n_bad=6, steps=(40, 40))
+    lengths = np.diff(toy.offsets)
+    kept = np.concatenate([np.arange(40) < (40 if not 6 <= m < 9 else short) for m in range(15)])
+    first = toy.offsets[6]  # the same steps for all three
+    observations, actions = toy.observations.copy(), toy.actions.copy()
+    for m in (7, 8):
+        observations[toy.offsets[m] : toy.offsets[m] + short] = observations[first : first + short]
+        actions[toy.offsets[m] : toy.offsets[m] + short] = actions[first : first + short]
+    ids = np.repeat(np.arange(15), lengths)
+    who = {**dict.fromkeys(range(7), "Ann"), 7: "Bob", **dict.fromkeys(range(9, 15), "Bob")}
+    return observations[kept], actions[kept], ids[kept], who
+
+
+@pytest.fixture(scope="module")
+def fitted():
+    X, y, groups, who = people()
+    return RPIL().fit(X, y, groups, demonstrators=who)
+
+
+def test_a_short_demonstration_borrows_from_its_demonstrator(fitted):
+    audit = fitted.audit_
+    known_good, known_bad, unknown = audit.log_odds[[6, 7, 8]]
+    assert known_good > unknown + 0.5 > known_bad + 1.0
+    ann, bob = audit.demonstrators
+    assert (ann.name, bob.name) == ("Ann", "Bob")  # whoever is unknown is not listed
+    assert (ann.n_demonstrations, ann.experts) == (7, 7)
+    assert bob.adversaries >= 6
+    assert ann.trust.low > bob.trust.high
+    assert any("speak for each other" in said for said in audit.assumptions)
+    told = json.loads(json.dumps(audit.to_dict(), allow_nan=False))["demonstrators"]
+    assert told[0]["name"] == "Ann"
+    assert told[0]["trust"].keys() == {"mean", "low", "high"}
+
+
+def test_saving_keeps_them(fitted, tmp_path):
+    save(fitted, tmp_path / "model")
+    loaded = load(tmp_path / "model")
+    assert loaded.audit_.demonstrators == fitted.audit_.demonstrators
+
+
+def test_useless_demonstrators_change_no_bit():
+    X, y, groups, _ = people()
+    model = RPIL()
+    alone = model.fit(X, y, groups).log_odds_
+    for useless, said in ((["Ann"] * 15, "One demonstrator"), (range(15), "No demonstrator gave two")):
+        with pytest.warns(UserWarning, match=said):
+            model.fit(X, y, groups, demonstrators=useless)
+        np.testing.assert_array_equal(model.log_odds_, alone)
+        assert model.audit_.demonstrators == ()
+        assert any(said in sentence for sentence in model.audit_.assumptions)
+
+
+@pytest.mark.parametrize(
+    ("demonstrators", "match"),
+    [
+        ({99: "Ann"}, "no demonstration is called '99'; the ids are '0', '1', '2', '3', '4', ...; correct the demonst"),
+        ({0: ["Ann"]}, r"demonstration 0: the demonstrator \['Ann'\] is no name; give text or a number"),
+        (["Ann", "Bob"], r"shape \(2,\); give one for each of the 15 demonstrations"),
+        (np.zeros((15, 2)), r"shape \(15, 2\)"),
+    ],
+)
+def test_bad_input_is_one_sentence(demonstrators, match):
+    X, y, groups, _ = people()
+    with pytest.raises(DataError, match=match) as error:
+        RPIL().fit(X, y, groups, demonstrators=demonstrators)
+    assert ". " not in str(error.value)
