@@ -71,7 +71,7 @@ def held_out(data: Demonstrations, best: Array) -> Array:
 
 
 def splits(taught: Array, folds: Array) -> Iterator[tuple[Array, Array]]:
-    """For each fold two masks (N,): the steps to fit, all of the other folds where none is selected, and the held-out steps."""
+    """For each fold two masks (N,): the steps to fit (all of the other folds where none is), and the held-out steps."""
     for fold in np.unique(folds):
         asked = folds == fold
         teach = taught & ~asked
