@@ -23,9 +23,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from npz_sets import add_data_options, check_data_options, npz_files, sets_with_both, write_simulated
 from options import at_least, output, write_json
 from provenance import provenance
-from recorded import add_data_options, check_data_options, npz_files, sets_with_both, write_simulated
 from rpil import RPIL, Demonstrations
 from rpil.data.errors import DataError
 from rpil.data.formats.id_values import read_demonstrators

@@ -25,9 +25,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from npz_sets import Truth, add_data_options, check_data_options, npz_files, sets_with_both, write_simulated
 from options import at_least, output, write_json
 from provenance import provenance
-from recorded import Truth, add_data_options, check_data_options, npz_files, sets_with_both, write_simulated
 from rpil import RPIL, Demonstrations
 from rpil.audit.record import Audit
 from rpil.data.errors import DataError

@@ -25,12 +25,12 @@ from pathlib import Path
 
 import numpy as np
 
+from npz_sets import add_data_options, check_data_options, npz_files, read_set, write_simulated
 from options import at_least, output, write_json
 from provenance import provenance
 from real_goals import continuous_goals, goal
 from real_report import OURS, markdown, text
 from real_scores import ORACLE, TRAINED_ON, Array, Job, Reply, Row, described, held_out_rows, mean_aurocs, ranking
-from recorded import add_data_options, check_data_options, npz_files, read_set, write_simulated
 from rpil.data import formats
 from rpil.data.errors import DataError
 from rpil.numerics.parallel import in_processes

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import spearmanr
 
+from npz_sets import Truth
 from real_report import OURS, VERDICTS
-from recorded import Truth
 from rpil.data.demonstrations import Demonstrations
 from scoring import N_RESAMPLES, interval, pair_wins, resampled_auroc, stream
 

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import importlib
 import json
+from collections import Counter
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -176,3 +178,11 @@ def test_json_is_replaced_only_when_complete(tmp_path):
         options.write_json(path, {"rows": [1, object()]})
     assert json.loads(path.read_text()) == {"rows": [1]}
     assert [file.name for file in tmp_path.iterdir()] == ["found.json"]
+
+
+def test_modules_of_tests_and_benchmarks_have_different_names():
+    """All of them are imported by their base names."""
+    root = Path(__file__).parents[2]
+    modules = [*(root / "tests").rglob("*.py"), *(root / "benchmarks").glob("*.py")]
+    twice = [name for name, n in Counter(path.name for path in modules).items() if n > 1]
+    assert twice == []

@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 from sklearn.metrics import r2_score, roc_auc_score
 
+import npz_sets
 import real_scores
-import recorded
 import scoring
 from rpil.data import formats
 from rpil.data.coding import class_codes
@@ -120,7 +120,7 @@ def test_resamples_are_stratified_and_centred(real):
 
 
 def test_demonstrations_in_between_count_for_spearman_only(real):
-    known = recorded.Truth(IS_GOOD == 1, IS_GOOD == 0, QUALITY)
+    known = npz_sets.Truth(IS_GOOD == 1, IS_GOOD == 0, QUALITY)
     low, high = QUALITY.copy(), QUALITY.copy()
     low[3], high[3] = -99, 99
     rows = [real.ranking(real.Reply(0.0, scores), known, np.random.default_rng(0))[0] for scores in (low, high)]
@@ -131,7 +131,7 @@ def test_demonstrations_in_between_count_for_spearman_only(real):
 
 
 def test_infinite_scores_rank_and_missing_ones_do_not(real):
-    known = recorded.Truth(IS_GOOD == 1, IS_GOOD == 0, QUALITY)
+    known = npz_sets.Truth(IS_GOOD == 1, IS_GOOD == 0, QUALITY)
     scores = np.where(IS_GOOD == 1, np.inf, -np.inf)
     row, _ = real.ranking(real.Reply(0.0, scores), known, np.random.default_rng(0))
     assert row["auroc"] == 1.0
@@ -145,7 +145,7 @@ def test_truth_is_matched_by_episode_id(real, tmp_path):
     shown = arrays()
     steps = np.argsort(-shown["episode_ids"], kind="stable")
     path = save(tmp_path, **{name: shown[name][steps] for name in ("observations", "actions", "episode_ids")})
-    demonstrations, known = recorded.read_set(path)
+    demonstrations, known = npz_sets.read_set(path)
     assert demonstrations.ids[0] == len(LENGTHS) - 1
     np.testing.assert_array_equal(known.quality, QUALITY[::-1])
     np.testing.assert_array_equal(known.good, IS_GOOD[::-1] == 1)
@@ -311,10 +311,10 @@ def test_missing_columns_give_a_message(real, tmp_path, capsys, leave_out, chang
 
 def test_unknown_names_give_a_message(real, tmp_path):
     with pytest.raises(DataError, match=r"no file \*.npz; found none"):
-        recorded.npz_files(tmp_path)
+        npz_sets.npz_files(tmp_path)
     save(tmp_path)
     with pytest.raises(DataError, match=r"no file other.npz; found made"):
-        recorded.npz_files(tmp_path, ["made", "other"])
+        npz_sets.npz_files(tmp_path, ["made", "other"])
     with pytest.raises(SystemExit):
         real.main(["--data", str(tmp_path), "--methods", "nobody"])
 
