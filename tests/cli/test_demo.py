@@ -1,4 +1,4 @@
-"""The demo: bundled data with their licence, verdicts that never see truth, and figures that hold."""
+"""The demo: bundled data with their licence, verdicts without the truth, and the numbers in the report."""
 
 from __future__ import annotations
 
@@ -20,19 +20,19 @@ POLICIES = {"trust_all", "rpil", "oracle", "expert"}
 
 
 @pytest.fixture(scope="module")
-def told() -> list[str]:
+def stages() -> list[str]:
     return []
 
 
 @pytest.fixture(scope="module")
-def found(told: list[str]) -> demo.Demo:
-    return demo.run(episodes=5, progress=told.append)
+def result(stages: list[str]) -> demo.DemoResult:
+    return demo.run(episodes=5, progress=stages.append)
 
 
 @pytest.fixture(scope="module")
-def page(found: demo.Demo, tmp_path_factory: pytest.TempPathFactory) -> str:
+def page(result: demo.DemoResult, tmp_path_factory: pytest.TempPathFactory) -> str:
     path = tmp_path_factory.mktemp("demo") / "demo.html"
-    found.write_report(path)
+    result.write_report(path)
     return path.read_text(encoding="utf-8")
 
 
@@ -40,8 +40,8 @@ def page(found: demo.Demo, tmp_path_factory: pytest.TempPathFactory) -> str:
     ("name", "size", "steps", "width", "actions"),
     [(demo.OVERCOOKED, 32, 10852, 94, 5), (demo.LUNARLANDER, 20, 6208, 8, 4)],
 )
-def test_bundled_data_hold_what_was_recorded(name: str, size: int, steps: int, width: int, actions: int) -> None:
-    data = demo.load(name)
+def test_bundled_data_have_the_recorded_sizes(name: str, size: int, steps: int, width: int, actions: int) -> None:
+    data = demo.load_demonstrations(name)
     assert (len(data), data.n_steps, data.n_observations) == (size, steps, width)
     assert set(data.actions) == set(range(actions))
     assert data.observations.dtype == np.float32
@@ -57,7 +57,7 @@ def test_bundled_overcooked_is_the_original() -> None:
             np.testing.assert_array_equal(ours[name], theirs[name])
 
 
-def test_the_bundle_is_small_and_says_whose_it_is() -> None:
+def test_bundle_is_small_and_has_its_licence() -> None:
     folder = files("rpil.cli") / "bundled"
     notice = (folder / "NOTICE").read_text(encoding="utf-8")
     for words in ("overcooked-ai 1.1.0", "MIT License", "Copyright (c) 2019 Center for Human-Compatible AI", "AS IS"):
@@ -68,11 +68,11 @@ def test_the_bundle_is_small_and_says_whose_it_is() -> None:
 
 
 @pytest.mark.parametrize("name", [demo.OVERCOOKED, demo.LUNARLANDER])
-def test_truth_is_out_of_reach_of_what_is_fitted(name: str) -> None:
-    data = demo.load(name)
-    truth = [demo._truth(name, "is_good")]
+def test_fitted_data_do_not_contain_the_truth(name: str) -> None:
+    data = demo.load_demonstrations(name)
+    truth = [demo.load_truth(name, "is_good")]
     if name == demo.OVERCOOKED:
-        truth.append(demo._truth(name, "episode_quality"))
+        truth.append(demo.load_truth(name, "episode_quality"))
     assert not {"is_good", "episode_quality"} & set(data.observation_names)
     # Neither in a field, nor as an observation that stays the same through each demonstration.
     fields = [value for value in vars(data).values() if np.shape(value) == (len(data),)]
@@ -83,8 +83,8 @@ def test_truth_is_out_of_reach_of_what_is_fitted(name: str) -> None:
     assert not any(np.array_equal(np.sort(known), known) for known in truth), "order must not tell"
 
 
-def test_the_figures_have_the_promised_shape(found: demo.Demo) -> None:
-    figures = json.loads(json.dumps(found.to_dict(), allow_nan=False))
+def test_to_dict_has_the_documented_keys(result: demo.DemoResult) -> None:
+    figures = json.loads(json.dumps(result.to_dict(), allow_nan=False))
     assert set(figures) == {"overcooked", "lunarlander"}
     assert set(figures["overcooked"]) == {"finding", "auroc", "spearman"}
     assert set(figures["lunarlander"]) == POLICIES | {"finding", "wrong_verdicts"}
@@ -94,8 +94,8 @@ def test_the_figures_have_the_promised_shape(found: demo.Demo) -> None:
         assert low < figures["lunarlander"][name]["mean"] < high
 
 
-def test_trust_agrees_with_truth(found: demo.Demo) -> None:
-    figures = found.to_dict()
+def test_audits_agree_with_the_truth(result: demo.DemoResult) -> None:
+    figures = result.to_dict()
     assert figures["lunarlander"]["finding"] == "told apart"
     assert figures["lunarlander"]["wrong_verdicts"] == 0
     assert figures["lunarlander"]["rpil"]["mean"] > figures["lunarlander"]["trust_all"]["mean"] + 100
@@ -103,44 +103,43 @@ def test_trust_agrees_with_truth(found: demo.Demo) -> None:
     assert figures["overcooked"]["spearman"] > 0.4
 
 
-def test_scores_are_those_of_independent_code(found: demo.Demo) -> None:
+def test_scores_equal_those_of_scikit_learn(result: demo.DemoResult) -> None:
     from sklearn.metrics import roc_auc_score
 
-    people, is_good = found.overcooked, demo._truth(demo.OVERCOOKED, "is_good")
+    people, is_good = result.overcooked, demo.load_truth(demo.OVERCOOKED, "is_good")
     scored = is_good >= 0
     assert people.n_scored == scored.sum() == 22
     assert people.auroc == pytest.approx(roc_auc_score(is_good[scored], people.audit.log_odds[scored]))
     assert people.auroc_of_length == pytest.approx(roc_auc_score(is_good[scored], people.audit.lengths[scored]))
     assert people.auroc_ci95[0] < people.auroc <= people.auroc_ci95[1] <= 1
     assert 0.04 < people.auroc_ci95[1] - people.auroc_ci95[0] < 0.6
-    verdicts = np.array(found.lunarlander.audit.verdicts)
-    good = demo._truth(demo.LUNARLANDER, "is_good") == 1
-    assert found.lunarlander.wrong_verdicts == (verdicts != np.where(good, "expert", "adversary")).sum()
+    verdicts = np.array(result.lunarlander.audit.verdicts)
+    good = demo.load_truth(demo.LUNARLANDER, "is_good") == 1
+    assert result.lunarlander.wrong_verdicts == (verdicts != np.where(good, "expert", "adversary")).sum()
 
 
-def test_the_terminal_is_told_the_figures(found: demo.Demo, told: list[str]) -> None:
-    text = " ".join(found.lines())
-    assert f"{found.overcooked.auroc:.2f}" in text
-    assert f"32 real people: {found.overcooked.audit.finding}. The ranking" in text
+def test_sentences_contain_the_numbers(result: demo.DemoResult, stages: list[str]) -> None:
+    text = " ".join(result.sentences())
+    assert f"{result.overcooked.auroc:.2f}" in text
+    assert f"32 real people: {result.overcooked.audit.finding}. " in text
     assert "corrupted demonstrations: told apart. 0 of 20" in text
-    assert f"R-PIL {found.lunarlander.returns['rpil'].mean:.0f}" in text
+    assert f"R-PIL {result.lunarlander.returns['rpil'].mean:.0f}" in text
     assert "0 of 20 verdicts wrong" in text
-    text.encode("ascii")  # a terminal may know no more
-    stages = {words.split(":")[0] for words in told}
-    assert stages == {"LunarLander", "Overcooked"}
-    assert "LunarLander: R-PIL lands, 5 of 5" in told
+    text.encode("ascii")  # some terminals have no other characters
+    assert {stage.split(":")[0] for stage in stages} == {"LunarLander", "Overcooked"}
+    assert "LunarLander: R-PIL lands, 5 of 5" in stages
 
 
-def test_the_report_holds_both_parts_and_needs_no_network(found: demo.Demo, page: str) -> None:
+def test_report_has_both_articles_and_needs_no_network(result: demo.DemoResult, page: str) -> None:
     assert not re.search(r"https?:|//[a-z]|@import|url\((?!#)|srcset", page.replace("// ", ""), re.IGNORECASE)
     parsed = Page(page)
     for words in ("Overcooked: real people", "32 demonstrations", "20 demonstrations:", "LunarLander-v3", "Spearman"):
         assert words in parsed.text
     assert "95 % bootstrap interval" in parsed.text.replace("\u00a0", " ")
-    for audit in (found.overcooked.audit, found.lunarlander.audit):
+    for audit in (result.overcooked.audit, result.lunarlander.audit):
         assert FINDINGS[audit.finding] in parsed.text
-    told_apart = found.overcooked.audit.finding == "told apart"
-    assert ("plays unlike that" in parsed.text) == told_apart
+    told_apart = result.overcooked.audit.finding == "told apart"
+    assert ("plays differently" in parsed.text) == told_apart
     assert ("no player gets a verdict" in parsed.text) == (not told_apart)
     assert len(parsed.all("table", **{"class": "ranking"})) == 2
     assert len(parsed.all("details")) == 32 + 20
@@ -148,7 +147,7 @@ def test_the_report_holds_both_parts_and_needs_no_network(found: demo.Demo, page
     assert sum("aria-label" in svg for svg in parsed.all("svg")) == 52 + 1 + 4 + 1
 
 
-def test_ids_of_the_two_parts_do_not_clash(page: str) -> None:
+def test_ids_of_the_two_articles_differ(page: str) -> None:
     parsed = Page(page)
     ids = [attributes["id"] for _, attributes in parsed.tags if "id" in attributes]
     assert len(ids) == len(set(ids))
@@ -158,13 +157,13 @@ def test_ids_of_the_two_parts_do_not_clash(page: str) -> None:
     assert set(used) <= set(ids)
 
 
-def test_without_gymnasium_the_extra_is_named_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_missing_gymnasium_is_reported_before_any_work(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "gymnasium", None)
-    monkeypatch.setattr(demo, "load", lambda name: pytest.fail("data were loaded first"))
+    monkeypatch.setattr(demo, "load_demonstrations", lambda name: pytest.fail("data were loaded first"))
     with pytest.raises(MissingExtraError, match=r"rpil\[gym\]"):
         demo.run(episodes=2)
 
 
-def test_one_landing_is_too_few() -> None:
+def test_one_landing_is_refused() -> None:
     with pytest.raises(DataError, match="two landings"):
         demo.run(episodes=1)

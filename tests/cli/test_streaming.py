@@ -45,11 +45,11 @@ def test_a_folder_is_read_block_by_block(small, tmp_path):
 
 def test_a_large_file_is_read_block_by_block(small, tmp_path, monkeypatch):
     formats.write(tmp_path / "a.parquet", demonstrations())
-    read = commands.read(str(tmp_path / "a.parquet"), lambda _: None, None)
+    read = commands.read_demonstrations(str(tmp_path / "a.parquet"), lambda _: None, None)
     assert isinstance(read, Demonstrations)
     monkeypatch.setattr(commands, "_free_memory", lambda: 1000.0)
-    assert isinstance(commands.read(str(tmp_path / "a.parquet"), lambda _: None, None), Dataset)
-    assert isinstance(commands.read(str(tmp_path / "a.parquet"), lambda _: None, False), Demonstrations)
+    assert isinstance(commands.read_demonstrations(str(tmp_path / "a.parquet"), lambda _: None, None), Dataset)
+    assert isinstance(commands.read_demonstrations(str(tmp_path / "a.parquet"), lambda _: None, False), Demonstrations)
     assert commands._free_memory() > 0
 
 

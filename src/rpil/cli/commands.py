@@ -1,4 +1,4 @@
-"""What commands share: how errors are said, reading the data, and a fit with the options of the command line."""
+"""Shared parts of the commands: error messages, reading the data, and a fit with the options of the command line."""
 
 from __future__ import annotations
 
@@ -8,31 +8,51 @@ import sys
 import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
 import click
 
-from rpil.cli.terminal import Stages, notes, one_line
+from rpil.cli.options import FitOptions
+from rpil.cli.progress import ProgressTiming, StageProgress
+from rpil.cli.terminal import print_warnings, to_one_line
 from rpil.data.errors import DataError, MissingExtraError
 
 if TYPE_CHECKING:
     from rpil.data.demonstrations import Demonstrations
     from rpil.data.formats.dataset import Dataset
     from rpil.estimators.rpil import RPIL
-    from rpil.inference.settings import Minority
+    from rpil.estimators.settings import Settings
     from rpil.scale.protocol import Engine
 
 
-_SHARE = 0.25
-"""Of the memory that is free: what a file may take there before it is read block by block instead."""
+MAX_MEMORY_SHARE = 0.25
+"""Share of the free memory that a file may take; a larger file is read in blocks."""
+
+
+@dataclass(frozen=True)
+class CommandSettings:
+    """Settings that are not options of the command line, as ``obj`` of the context.
+
+    Attributes
+    ----------
+    timing : ProgressTiming
+    fit : Settings, optional
+        The settings of `RPIL`.
+    """
+
+    timing: ProgressTiming = ProgressTiming()
+    fit: Settings | None = None
 
 
 class Commands(click.Group):
-    """Ends whatever a user can cause with one sentence on stderr and exit code 2, and an interruption with 130."""
+    """A group of commands that ends every error of the user with one sentence on stderr and exit code 2, and an
+    interruption with exit code 130."""
 
-    def invoke(self, ctx: click.Context) -> Any:
-        with notes():
+    def invoke(self, ctx: click.Context) -> object:
+        ctx.ensure_object(CommandSettings)
+        with print_warnings():
             return super().invoke(ctx)
 
     def main(
@@ -46,7 +66,7 @@ class Commands(click.Group):
         if not standalone_mode:
             return super().main(args, prog_name, complete_var, False, **extra)
         for stream in (sys.stdout, sys.stderr):
-            if isinstance(stream, io.TextIOWrapper):  # an id that the terminal cannot show is no reason to crash
+            if isinstance(stream, io.TextIOWrapper):  # the terminal may have no code for a character of an id
                 stream.reconfigure(errors="backslashreplace")
         try:
             code = super().main(args, prog_name, complete_var, False, **extra)
@@ -54,62 +74,55 @@ class Commands(click.Group):
             sys.exit(130)
         except click.UsageError as error:
             command = error.ctx.command_path if error.ctx else "rpil"
-            said = error.format_message().rstrip(".?").replace(". Did", "; did").replace(". (Did", " (did")
-            _fail(f"{said}; see {command} --help.")
+            message = error.format_message().rstrip(".?").replace(". Did", "; did").replace(". (Did", " (did")
+            _exit_with_error(f"{message}; see {command} --help.")
         except click.ClickException as error:
-            _fail(error.format_message())
+            _exit_with_error(error.format_message())
         except (DataError, MissingExtraError) as error:
-            _fail(str(error))
+            _exit_with_error(str(error))
         except OSError as error:
             if error.filename is None:
                 raise
-            _fail(f"{error.filename}: {error.strerror}; check the path.")
+            _exit_with_error(f"{error.filename}: {error.strerror}; check the path.")
         sys.exit(code)
 
 
-def _fail(sentence: str) -> NoReturn:
-    click.echo(f"rpil: {one_line(sentence)}", err=True)
+def _exit_with_error(sentence: str) -> NoReturn:
+    click.echo(f"rpil: {to_one_line(sentence)}", err=True)
     sys.exit(2)
 
 
-class Words(click.Choice[str]):
-    """A choice of names that the library writes with spaces, and a shell with hyphens; both will do."""
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> str:
-        return super().convert(value.replace(" ", "-"), param, ctx).replace("-", " ")
-
-
-def read(file: str, progress: Stages, stream: bool | None = False) -> Demonstrations | Dataset:
-    """The demonstrations in a file; left on disk where `stream` says so, or where, undecided, they are many."""
+def read_demonstrations(file: str, progress: StageProgress, stream: bool | None = False) -> Demonstrations | Dataset:
+    """The demonstrations in a file; a `Dataset` on disk if `stream`, or if `stream` is None and the file is large."""
     from rpil.data import formats
     from rpil.data.formats.store import may_be_many_files
 
     progress(f"reading {file}")
-    if stream or (stream is None and (may_be_many_files(file) or _is_big(file))):
+    if stream or (stream is None and (may_be_many_files(file) or _exceeds_memory_share(file))):
         from rpil.data.formats.dataset import open_dataset
 
         return open_dataset(file)
     if stream is False and may_be_many_files(file):
-        return in_memory(read(file, progress, True))
+        return load_into_memory(read_demonstrations(file, progress, True))
     return formats.read(file)
 
 
-def is_streamed(stream: bool | None, scheduler: str | None) -> bool | None:
-    """Whether data stay on disk, None where their size is to say so: the workers of a cluster read them themselves."""
+def resolve_stream(stream: bool | None, scheduler: str | None) -> bool | None:
+    """`stream` for `read_demonstrations`: with a cluster the data stay on disk, because its workers read them."""
     if scheduler and stream is False:
         raise click.UsageError("--scheduler and --no-stream exclude each other: leave one out")
     return True if scheduler else stream
 
 
-def in_memory(demonstrations: Demonstrations | Dataset) -> Demonstrations:
-    """All of them, whatever they take."""
+def load_into_memory(demonstrations: Demonstrations | Dataset) -> Demonstrations:
+    """All demonstrations in memory."""
     from rpil.data.formats.dataset import Dataset
 
     return demonstrations.select(slice(None)) if isinstance(demonstrations, Dataset) else demonstrations
 
 
-def _is_big(file: str) -> bool:
-    """Whether a Parquet file would take more than a share of the free memory."""
+def _exceeds_memory_share(file: str) -> bool:
+    """Whether a Parquet file would take more than `MAX_MEMORY_SHARE` of the free memory."""
     if Path(file).suffix.lower() != ".parquet" or not os.path.isfile(file):
         return False
     import pyarrow as pa
@@ -118,24 +131,24 @@ def _is_big(file: str) -> bool:
     try:
         metadata = pq.read_metadata(file)
     except (pa.ArrowException, OSError):
-        return False  # to read it will say what is wrong with it
+        return False  # reading the file will name the error
     size = sum(metadata.row_group(k).total_byte_size for k in range(metadata.num_row_groups))
-    return size > _SHARE * _free_memory()
+    return bool(size > MAX_MEMORY_SHARE * _free_memory())
 
 
 def _free_memory() -> float:
-    """Bytes that programs can still have; infinite where the system does not say."""
+    """Free memory in bytes; infinite where the system does not report it."""
     try:
         lines = Path("/proc/meminfo").read_text().splitlines()
     except OSError:
         return float("inf")
-    found = [line.split()[1] for line in lines if line.startswith("MemAvailable:")]
-    return 1024.0 * int(found[0]) if found else float("inf")
+    kibibytes = [line.split()[1] for line in lines if line.startswith("MemAvailable:")]
+    return 1024.0 * int(kibibytes[0]) if kibibytes else float("inf")
 
 
 @contextmanager
-def cluster(address: str | None) -> Iterator[Engine | None]:
-    """The cluster of the scheduler at `address`, if one is given."""
+def connect_engine(address: str | None) -> Iterator[Engine | None]:
+    """The engine of the Dask scheduler at an address, or None without an address."""
     if address is None:
         yield None
         return
@@ -148,55 +161,59 @@ def cluster(address: str | None) -> Iterator[Engine | None]:
 def fit_rpil(
     file: str,
     demonstrations: Demonstrations | Dataset,
-    progress: Stages,
-    *,
-    boxed: bool,
+    options: FitOptions,
+    progress: StageProgress,
     engine: Engine | None = None,
-    labels: str | None,
-    demonstrators: str | None,
-    features: str,
-    adversary: str,
-    minority: Minority,
-    seed: int,
-    resume: bool,
+    warn_if_ambiguous: bool = True,
 ) -> RPIL:
-    """RPIL with the options of the command; `boxed` where a box will say what cannot be known."""
-    if adversary != "auto" and minority != "ask":
-        raise click.UsageError("--minority means nothing beside a named --adversary: leave one out")
+    """`RPIL`, fitted to the demonstrations in `file` with the options of the command line."""
+    if options.adversary != "auto" and options.minority != "ask":
+        raise click.UsageError("--minority has no effect with a named --adversary: leave one out")
     from rpil.data import formats
     from rpil.data.formats.table import check_ids
 
-    known = formats.read_labels(labels) if labels else {}
-    # Also done by the estimator, which cannot name the file.
-    formats.match_labels(known, demonstrations.ids, str(labels))
-    who = formats.read_demonstrators(demonstrators, file) if demonstrators else None
-    check_ids(who or (), demonstrations.ids, str(demonstrators), "the demonstrators")
+    labels = formats.read_labels(options.labels) if options.labels else {}
+    # The estimator checks these ids too, but cannot name the file.
+    check_ids(labels, demonstrations.ids, str(options.labels), "the labels")
+    demonstrators = formats.read_demonstrators(options.demonstrators, file) if options.demonstrators else None
+    check_ids(demonstrators or (), demonstrations.ids, str(options.demonstrators), "the demonstrators")
     progress("starting")
     from rpil.data.errors import AmbiguousWarning
     from rpil.estimators.rpil import RPIL
 
-    so_far = Path(f"{Path(file).name}.rpil-checkpoint")  # the data's folder may be read-only
-    if so_far.exists() != resume:
-        said = (
-            "nothing was interrupted here; leave out" if resume else "a run was interrupted; delete it, or go on with"
-        )
-        raise DataError(f"{so_far}: {said} --resume.")
+    checkpoint = _checkpoint_path(file, options.resume)
     model = RPIL(
-        features=features,
-        adversary=adversary,
-        minority=minority,
-        labels=known or None,
-        random_state=seed,
+        features=options.features,
+        adversary=options.adversary,
+        minority=options.minority,
+        labels=labels or None,
+        random_state=options.seed,
         progress=progress,
-        checkpoint=so_far,
+        checkpoint=checkpoint,
         engine=engine,
-        settings=click.get_current_context().obj,
+        settings=click.get_current_context().ensure_object(CommandSettings).fit,
     )
-    if boxed:
+    if not warn_if_ambiguous:
         warnings.simplefilter("ignore", AmbiguousWarning)
     try:
-        return model.fit(demonstrations, demonstrators=who)
+        return model.fit(demonstrations, demonstrators=demonstrators)
     except KeyboardInterrupt:
-        if so_far.exists():
-            click.echo(f"rpil: what was done is kept in {so_far}; the same command with --resume goes on.", err=True)
+        if checkpoint.exists():
+            click.echo(f"rpil: the work so far is in {checkpoint}; run the command again with --resume.", err=True)
         raise
+
+
+def _checkpoint_path(file: str, resume: bool) -> Path:
+    """The checkpoint of a fit to the data in `file`: in the current folder, because that of the data may be read-only.
+
+    Raises
+    ------
+    DataError
+        If there is a checkpoint without --resume, or none with it.
+    """
+    path = Path(f"{Path(file).name}.rpil-checkpoint")
+    if path.exists() and not resume:
+        raise DataError(f"{path}: an earlier run was interrupted; delete this file, or add --resume to go on.")
+    if resume and not path.exists():
+        raise DataError(f"{path}: there is no such checkpoint to go on from; leave out --resume.")
+    return path

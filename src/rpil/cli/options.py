@@ -1,0 +1,119 @@
+"""The options of the commands, and their types."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import click
+
+if TYPE_CHECKING:
+    from rpil.inference.settings import Minority
+
+
+@dataclass(frozen=True)
+class FitOptions:
+    """The options of ``rpil audit`` and ``rpil fit`` that say how to fit; see their ``--help``."""
+
+    labels: str | None
+    demonstrators: str | None
+    features: str
+    adversary: str
+    minority: Minority
+    seed: int
+    resume: bool
+
+
+class LibraryChoice(click.Choice[str]):
+    """A choice among names of the library, in which the shell may write hyphens for spaces.
+
+    Parameters
+    ----------
+    load : callable
+        Returns the names. It is called when they are needed, because their modules take long to import.
+    """
+
+    def __init__(self, load: Callable[[], Iterable[str]]) -> None:
+        self.load = load
+        self.case_sensitive = True
+
+    @property
+    def choices(self) -> tuple[str, ...]:  # type: ignore[override]
+        """The names as written in the shell."""
+        return tuple(name.replace(" ", "-") for name in self.load())
+
+    def convert(self, value: str, param: click.Parameter | None, ctx: click.Context | None) -> str:
+        return super().convert(value.replace(" ", "-"), param, ctx).replace("-", " ")
+
+
+def _features() -> Iterable[str]:
+    from rpil.policies.features import FEATURES
+
+    return FEATURES
+
+
+def _adversaries() -> Iterable[str]:
+    from rpil.mixture.adversaries.named import ADVERSARIES
+
+    return dict.fromkeys(["auto", *(name for kind in ADVERSARIES.values() for name in kind)])
+
+
+def _minority() -> Iterable[str]:
+    from rpil.inference.settings import MINORITY
+
+    return MINORITY
+
+
+def corruptions() -> Iterable[str]:
+    from rpil.simulation.corruptions import KINDS
+
+    return KINDS
+
+
+seed_option = click.option(
+    "--seed", type=click.IntRange(0), default=0, show_default=True, help="Seed of all random numbers."
+)
+quiet_option = click.option("--quiet", "-q", is_flag=True, help="Print results only: no progress, no hints.")
+json_option = click.option("--json", "json_wanted", is_flag=True, help="Print JSON, and nothing else, on stdout.")
+FIT_OPTIONS = (
+    click.option("--labels", metavar="FILE", help="Labels of some demonstrations: CSV (id,label) or JSON."),
+    click.option(
+        "--demonstrators",
+        metavar="FILE|COLUMN",
+        help="The demonstrator of each demonstration: CSV (id,demonstrator), JSON, or a column of FILE.",
+    ),
+    click.option(
+        "--features",
+        type=LibraryChoice(_features),
+        default="auto",
+        show_default=True,
+        help="Features of the observations for the policy.",
+    ),
+    click.option(
+        "--adversary",
+        type=LibraryChoice(_adversaries),
+        default="auto",
+        show_default=True,
+        help="Model of the actions of bad demonstrators; auto needs none.",
+    ),
+    click.option(
+        "--minority",
+        type=LibraryChoice(_minority),
+        default="ask",
+        show_default=True,
+        help="What to do about a second group that acts differently from the first: ask for a label, trust it too, or "
+        "distrust the smaller one.",
+    ),
+    click.option("--resume", is_flag=True, help="Go on with a long run that was interrupted."),
+    click.option("--stream/--no-stream", default=None, help="Leave data on disk, or read them; by default by size."),
+    click.option("--scheduler", metavar="ADDRESS", help="Address of a Dask cluster that does the work; Parquet only."),
+    seed_option,
+    quiet_option,
+)
+
+
+def with_fit_options(command: Callable[..., None]) -> Callable[..., None]:
+    for option in reversed(FIT_OPTIONS):
+        command = option(command)
+    return command

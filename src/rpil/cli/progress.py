@@ -1,0 +1,101 @@
+"""Progress on stderr: in a terminal a line that changes, elsewhere a new line now and then."""
+
+from __future__ import annotations
+
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import click
+
+if TYPE_CHECKING:
+    from rich.progress import Progress, ProgressColumn
+
+StageProgress = Callable[[str], None]
+"""A function of the name of the current stage."""
+
+CountProgress = Callable[[int, int], None]
+"""A function of the number of finished items and the number of all items."""
+
+
+@dataclass(frozen=True)
+class ProgressTiming:
+    """When lines about progress are printed where there is no terminal.
+
+    Attributes
+    ----------
+    first : float
+        Seconds until the first line.
+    interval : float
+        Seconds between two lines, at least.
+    elapsed_share : float
+        Seconds between two lines, at least, as a share of the elapsed time: lines become rarer.
+    """
+
+    first: float = 1.5
+    interval: float = 3.0
+    elapsed_share: float = 0.1
+
+
+@contextmanager
+def show_stages(quiet: bool, timing: ProgressTiming) -> Iterator[StageProgress]:
+    """A function that shows the current stage; it shows nothing if `quiet`."""
+    if quiet or not sys.stderr.isatty():
+        with _print_lines(quiet, timing) as show:
+            yield show
+        return
+    from rich.progress import SpinnerColumn, TextColumn, TimeElapsedColumn
+
+    with _progress_bar(SpinnerColumn(), TextColumn("{task.description}", markup=False), TimeElapsedColumn()) as bar:
+        task = bar.add_task("starting", total=None)
+        yield lambda stage: bar.update(task, description=stage)
+
+
+@contextmanager
+def show_count(title: str, quiet: bool, timing: ProgressTiming) -> Iterator[CountProgress]:
+    """A function that shows how many items are finished; it shows nothing if `quiet`."""
+    if quiet or not sys.stderr.isatty():
+        with _print_lines(quiet, timing) as show:
+            show(title)
+            yield lambda done, total: show(f"{title}, {done} of {total}")
+        return
+    from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsedColumn
+
+    columns = TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn()
+    with _progress_bar(*columns) as bar:
+        task = bar.add_task(title, total=None)
+        yield lambda done, total: bar.update(task, completed=done, total=total)
+
+
+@contextmanager
+def _print_lines(quiet: bool, timing: ProgressTiming) -> Iterator[StageProgress]:
+    """A function that sets the text of the next line; a thread prints the lines."""
+    start, latest, finished = time.monotonic(), ["starting"], threading.Event()
+
+    def print_lines() -> None:
+        wait = timing.first
+        while not finished.wait(wait):
+            elapsed = time.monotonic() - start
+            wait = max(timing.interval, timing.elapsed_share * elapsed)
+            click.echo(f"rpil: {elapsed:.0f} s: {latest[0]}", err=True)
+
+    thread = threading.Thread(target=print_lines, daemon=True)
+    if not quiet:
+        thread.start()
+    try:
+        yield lambda stage: latest.__setitem__(0, stage)
+    finally:
+        finished.set()
+        if not quiet:
+            thread.join()  # no line may follow the result
+
+
+def _progress_bar(*columns: ProgressColumn) -> Progress:
+    from rich.console import Console
+    from rich.progress import Progress
+
+    return Progress(*columns, console=Console(stderr=True), transient=True)

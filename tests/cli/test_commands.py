@@ -1,0 +1,286 @@
+"""Errors of the user end with one sentence, exit code 2 and no other effect."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.csv
+import pyarrow.parquet as pq
+import pytest
+
+import rpil
+from command_line import ENV, G, X, Y, call, npz, ok, refused
+from rpil import SampleSettings, Settings
+from rpil.data import formats
+from rpil.estimators.persistence import load
+from rpil.policies.softmax import SoftmaxPolicy
+
+
+def spoilt(value):
+    observations = X.copy()
+    observations[33, 1] = value
+    return observations
+
+
+def table(name, **columns):
+    columns = {"episode_index": G, "action": Y, "observation.x": X[:, 0]} | columns
+    pq.write_table(pa.table(columns), name)
+
+
+def text(name, *lines):
+    Path(name).write_text("\n".join(lines) + "\n")
+
+
+def truncated(name):
+    npz("whole.npz")
+    table("whole.parquet")
+    whole = Path("whole.npz" if name.endswith("npz") else "whole.parquet").read_bytes()
+    Path(name).write_bytes(whole[: len(whole) // 2])
+
+
+def repeated(name):
+    columns = [pa.array(G), pa.array(Y), pa.array(X[:, 0]), pa.array(X[:, 1])]
+    names = ["episode_index", "action", "observation.x", "observation.x"]
+    pq.write_table(pa.Table.from_arrays(columns, names=names), name)
+
+
+HEAD = "episode_index,action,observation.x"
+BAD_DATA = {
+    "missing.parquet": (lambda name: None, "there is no such file; check the path"),
+    "folder.csv": (lambda name: Path(name).mkdir(), r"no .parquet file is there; only Parquet files make a data set"),
+    "empty.parquet": (lambda name: Path(name).touch(), "the file is empty; write it again"),
+    "empty.csv": (lambda name: Path(name).touch(), "the file is empty; write it again"),
+    "empty.npz": (lambda name: Path(name).touch(), "the file is empty; write it again"),
+    "cut.parquet": (truncated, "truncated one; write it again"),
+    "cut.npz": (truncated, "truncated one; write it again"),
+    "cut.csv": (lambda name: text(name, HEAD, "0,1,2", "0,1"), r"truncated one .*; write it again"),
+    "data.txt": (lambda name: text(name, HEAD, "0,1,2"), r"unknown extension '.txt'; use one of .parquet, .csv, .npz"),
+    "nan.npz": (lambda name: npz(name, observations=spoilt(np.nan)), "demonstration 3, step 3: .* is nan; repair"),
+    "infinite.npz": (lambda name: npz(name, observations=spoilt(-np.inf)), "demonstration 3, step 3: .* -inf; repair"),
+    "nan.parquet": (
+        lambda name: table(name, **{"observation.x": spoilt(np.nan)[:, 1]}),
+        "demonstration 3, step 3: observation 'x' is nan; repair",
+    ),
+    "nan.csv": (lambda name: text(name, HEAD, "0,1,2", "a,1,nan"), "demonstration 'a', row 2: .* no value; fill it in"),
+    "inf.csv": (lambda name: text(name, HEAD, "0,1,2", "7,1,inf"), "demonstration 7, step 0: .* is inf; repair"),
+    "none.npz": (
+        lambda name: npz(name, observations=X[:0], actions=Y[:0], episode_ids=G[:0]),
+        "no demonstrations; give at least one with at least one step",
+    ),
+    "none.csv": (lambda name: text(name, HEAD), "no demonstrations; give at least one with at least one step"),
+    "counts.npz": (lambda name: npz(name, actions=Y[:-1]), r"\(59,\) .* do not fit together; give each one row"),
+    "still.npz": (lambda name: npz(name, actions=Y * 0), "every action is 0, one class only; give"),
+    "single.npz": (lambda name: npz(name, episode_ids=G * 0), "one demonstration alone .*; give at least two"),
+    "pickled.npz": (lambda name: npz(name, observations=X.astype(object)), "never unpickled .*; save plain arrays"),
+    "twice.csv": (lambda name: text(name, f"{HEAD},action", "0,1,2,3"), "column 'action' appears twice; rename"),
+    "twice.parquet": (repeated, "column 'observation.x' appears twice; rename or drop"),
+    "text.csv": (
+        lambda name: text(name, HEAD, "0,1,2", "5,1,far"),
+        r"demonstration 5, row 2: column 'observation.x' holds text \('far'\) where numbers are due; write numbers",
+    ),
+    "text.npz": (lambda name: npz(name, observations=X.astype(str)), "text where numbers are due; encode it"),
+    "still-numbers.npz": (lambda name: npz(name, actions=X * 0), "every action is the same; give demonstrations"),
+    "anonymous.csv": (lambda name: text(name, "episode_index,x", "0,1"), "no column holds the action: name it action"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", BAD_DATA)
+def test_bad_demonstrations_are_refused(name):
+    make, match = BAD_DATA[name]
+    make(name)
+    Path("old.html").write_text("old")
+    for arguments in (["audit", "--report", "old.html", "--weights", "w.csv"], ["fit", "-o", "policy"]):
+        assert refused(match, arguments[0], name, *arguments[1:]).startswith(f"rpil: {name}")
+
+
+def test_episode_without_steps_is_refused():
+    with pytest.raises(rpil.DataError, match="demonstration 'b': it has no steps; leave it out"):
+        rpil.Demonstrations.from_episodes([(X, Y), (X[:0], Y[:0])], ids=["a", "b"])
+
+
+def test_unknown_action_is_refused_when_scoring(folder):
+    model = load(folder / "policy")
+    demonstrations = formats.read(folder / "good.parquet")
+    actions = demonstrations.actions.copy()
+    actions[0] = 9
+    other = rpil.Demonstrations(demonstrations.observations, actions, demonstrations.offsets, source="new.csv")
+    with pytest.raises(
+        rpil.DataError, match=r"new.csv, demonstration 0: action 9 is not .* known .*; fit again with it"
+    ):
+        model.score_demonstrations(other)
+
+
+BAD_LABELS = {
+    "missing.csv": (None, "missing.csv: there is no such file; check the path"),
+    "empty.csv": ("", "empty.csv: the file is empty; write it again"),
+    "none.csv": ("id,label\n", "none.csv: it labels no demonstration; give"),
+    "bad.csv": ("id,label\n" + "".join(f"{m},bad\n" for m in range(6)), "all demonstrations are labelled .*; leave"),
+    "who.csv": ("id,label\n77,bad\n", "who.csv: no demonstration is called '77'; the ids are '0', .*; correct"),
+    "word.csv": ("id,label\n1,perhaps\n", "word.csv, demonstration '1': unknown label 'perhaps'; write"),
+    "twice.csv": ("id,label\n1,bad\n1,good\n", "twice.csv, demonstration '1': it is labelled twice; keep"),
+    "columns.csv": ("name,what\n1,bad\n", "columns.csv: the columns must be id and label"),
+    "cut.json": ('{"1": ', "cut.json: it cannot be read as JSON; write it again"),
+    "labels.txt": ("id,label\n1,bad\n", r"labels.txt: unknown extension '.txt' for labels; use one of .csv, .json"),
+}  # fmt: skip
+
+
+BAD_DEMONSTRATORS = {
+    "who.csv": ("id,demonstrator\n0,Ann\n77,Ann\n", "who.csv: no demonstration is called '77'; .*; correct the"),
+    "none.csv": ("id,demonstrator\n", "none.csv: it names no demonstrator; give"),
+    "twice.csv": ("id,demonstrator\n1,Ann\n1,Bob\n", "twice.csv, demonstration '1': both 'Ann' and 'Bob' gave it"),
+    "columns.csv": ("id,label\n1,bad\n", "columns.csv: the columns must be id and demonstrator"),
+    "missing.csv": (None, "missing.csv: there is no such file; check the path"),
+    "column": (None, "data.npz: it holds no 'column'; name a column"),
+}  # fmt: skip
+
+
+BESIDE = [("--labels", name, *bad) for name, bad in BAD_LABELS.items()]
+BESIDE += [("--demonstrators", name, *bad) for name, bad in BAD_DEMONSTRATORS.items()]
+
+
+@pytest.mark.parametrize(("option", "name", "content", "match"), BESIDE)
+def test_bad_labels_and_demonstrators_are_refused(option, name, content, match):
+    npz("data.npz")
+    if content is not None:
+        Path(name).write_text(content)
+    refused(match, "audit", "data.npz", option, name, "--report", "r.html")
+    refused(match, "fit", "data.npz", option, name, "-o", "policy")
+
+
+def test_one_demonstration_is_refused():
+    npz("data.npz", episode_ids=np.zeros(len(X), dtype=int))
+    refused("data.npz: one demonstration alone .* cannot be compared; give at least two", "audit", "data.npz")
+
+
+SIMULATE = ["simulate", "--good", 1, "--bad", 1]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "match"),
+    [
+        (["audit", "data.npz", "--report", "no/r.html"], "no/r.html: there is no folder no; make it first"),
+        (["audit", "data.npz", "--weights", "no/w.csv"], "no/w.csv: there is no folder no; make it first"),
+        (["audit", "data.npz", "--weights", "w.txt"], "w.txt: unknown extension '.txt' for weights; use one of"),
+        (["audit", "data.npz", "--report", "."], r"\.: it is a folder or a device; give"),
+        (["audit", "data.npz", "--report", "/dev/null"], "/dev/null: it is a folder or a device; give"),
+        (["audit", "data.npz", "--report", "data.npz"], "data.npz: it is named twice in the command; give"),
+        (["audit", "data.npz", "--report", "r.csv", "--weights", "./r.csv"], "r.csv: it is named twice"),
+        (["fit", "data.npz", "-o", "no/policy"], "no/policy: there is no folder no; make it first"),
+        (["fit", "data.npz", "-o", "data.npz"], "data.npz: it is named twice"),
+        ([*SIMULATE, "--env", ENV, "--kind", "flip", "-o", "no/d.csv"], "no folder no"),
+        ([*SIMULATE, "--env", ENV, "--kind", "flip", "-o", "d.txt"], "unknown extension '.txt'"),
+        ([*SIMULATE, "--env", ENV, "--kind", "flip", "--good", 0, "--bad", 0, "-o", "d.csv"], "ask for at least one"),
+        ([*SIMULATE, "--env", "No-v0", "--kind", "flip", "-o", "d.csv"], "choose one of Mount"),
+        ([*SIMULATE, "--env", ENV, "--kind", "odd", "-o", "d.csv"], "'corrupted', 'random'"),
+        (["fit", "data.npz", "-o", "p", "--labels", "l.csv", "--method", "cloning"], "--labels has no effect .* leave"),
+        (["fit", "data.npz", "-o", "p", "--method", "cloning", "--adversary", "auto"], "--adversary has no effect"),
+        (["fit", "data.npz", "-o", "p", "--method", "cloning", "--minority", "trust"], "--minority has no effect with"),
+        (["audit", "data.npz", "--minority", "trust", "--adversary", "uniform"], "--minority has no effect with a"),
+        (["audit", "data.npz", "--minority", "hang"], "'hang' is not one of 'ask', 'trust', 'distrust'"),
+        (["fit", "data.npz", "-o", "p", "--method", "rment"], "--method rment and --trusted N need each other"),
+        (["fit", "data.npz", "-o", "p", "--trusted", "3"], "--method rment and --trusted N need each other"),
+        (["audit"], "Missing argument 'FILE'; see rpil audit --help"),
+        (["audit", "data.npz", "--sed", "1"], "No such option .*--sed.*--seed.* see rpil audit --help"),
+        (["audit", "data.npz", "--seed", "-1"], "--seed.* see rpil audit --help"),
+        (["audit", "data.npz", "--features", "odd"], "'odd' is not one of 'auto', 'raw', 'folded', 'spline'"),
+        (["audit", "data.npz", "--adversary", "odd"], "'odd' is not one of 'auto'"),
+        (["evaluate", "policy", "--env", ENV, "--episodes", "0"], "--episodes"),
+        (["order"], "No such command 'order'; see rpil --help"),
+    ],
+)  # fmt: skip
+def test_bad_options_are_refused_before_any_work(arguments, match, monkeypatch):
+    npz("data.npz")
+    monkeypatch.setattr("rpil.estimators.rpil.RPIL.fit", lambda *_, **__: pytest.fail("too late"))
+    refused(match, *arguments)
+
+
+def test_interrupted_run_resumes_to_the_same_result(folder, monkeypatch):
+    """Ctrl-C during the passes leaves a checkpoint, and --resume continues to the same answer."""
+    sample = SampleSettings(min_steps=200, steps_per_coefficient=5, n_demonstrations=4, min_samples=2)
+    settings = Settings(sample=sample)
+    shutil.copy(folder / "good.parquet", "good.parquet")
+    command = ("audit", "good.parquet", "--json", "--features", "raw")
+    uninterrupted = ok(*command, settings=settings).stdout
+    m_step, checkpoint = SoftmaxPolicy.m_step, Path("good.parquet.rpil-checkpoint")
+
+    def interrupt(*arguments):
+        if checkpoint.exists():
+            raise KeyboardInterrupt
+        return m_step(*arguments)
+
+    monkeypatch.setattr(SoftmaxPolicy, "m_step", interrupt)
+    interrupted = call(*command, settings=settings)
+    assert interrupted.exit_code == 130
+    assert "good.parquet.rpil-checkpoint; run the command again with --resume" in interrupted.stderr
+    monkeypatch.setattr(SoftmaxPolicy, "m_step", m_step)
+    refused("an earlier run was interrupted; delete this file, or add --resume", *command, settings=settings)
+    assert ok(*command, "--resume", settings=settings).stdout == uninterrupted
+    refused("no such checkpoint .* leave out --resume", "audit", "good.parquet", "--resume", settings=settings)
+
+
+def test_failed_write_keeps_old_files(folder, monkeypatch):
+    for name in ("r.html", "w.csv", "policy"):
+        Path(name).write_text("old")
+
+    def full(*arguments):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("os.replace", full)
+    data = folder / "good.parquet"
+    refused("r.html: it cannot be written .No space left", "audit", data, "--report", "r.html")
+    refused("w.csv: it cannot be written .No space left", "audit", data, "--weights", "w.csv")
+    refused("policy: it cannot be written .No space left", "fit", data, "-o", "policy")
+
+
+def test_files_that_are_no_policy_are_refused(folder):
+    content = (folder / "policy").read_bytes()
+    npz("data.npz")
+    npz("pickled.npz", observations=X.astype(object))
+    Path("cut").write_bytes(content[: len(content) // 2])
+    Path("empty").touch()
+    for name, match in (
+        ("missing", "missing: there is no such file; check the path"),
+        ("empty", "empty: the file is empty; write it again"),
+        ("cut", "cut: it is damaged or truncated; fit and save it again"),
+        ("data.npz", "data.npz: it is no policy that rpil saved; make one with rpil fit"),
+        ("pickled.npz", "pickled.npz: it is no policy that rpil saved; make one with rpil fit"),
+    ):
+        refused(match, "evaluate", name, "--env", ENV, "--json")
+
+
+def test_policy_of_another_environment_is_refused(folder):
+    policy = folder / "policy"
+    shape = r"CartPole-v1 has observations of shape \(4,\) but policy was fitted on shape \(2,\): play it in"
+    refused(shape, "evaluate", policy, "--env", "CartPole-v1")
+    refused("no environment 'Nowhere-v0': check the name", "evaluate", policy, "--env", "Nowhere-v0")
+    npz("words.npz", actions=np.where(Y, "left", "right"))
+    ok("fit", "words.npz", "-o", "words")
+    known = r"has the actions 0 to 2 but words knows \['left', 'right'\]: play it in"
+    refused(known, "evaluate", "words", "--env", ENV)
+
+
+def test_missing_extra_is_named(folder, monkeypatch):
+    monkeypatch.setitem(sys.modules, "gymnasium", None)
+    refused(r"install it with pip install 'rpil\[gym\]'", "evaluate", folder / "policy", "--env", ENV)
+
+
+def test_ids_with_control_characters_are_escaped():
+    npz("data.npz", episode_ids=np.array([f"é\x1b{g}" for g in G]))
+    command = [Path(sys.executable).parent / "rpil", "audit", "data.npz"]
+    result = subprocess.run(command, capture_output=True, env=os.environ | {"PYTHONIOENCODING": "ascii"})
+    assert result.returncode == 0, result.stderr
+    assert b"\x1b" not in result.stdout
+
+
+def test_process_prints_one_sentence_and_no_traceback():
+    command = [Path(sys.executable).parent / "rpil", "audit", "nothing.csv", "--json"]
+    result = subprocess.run(command, capture_output=True, text=True)
+    assert result.returncode == 2
+    assert result.stdout == ""
+    assert result.stderr == "rpil: nothing.csv: there is no such file; check the path.\n"
