@@ -115,7 +115,7 @@ def adversaries() -> Any:
     return figure
 
 
-# ---- a linear policy, and one that can follow anybody ----------------------------------------------------------------
+# ---- a linear policy, and flexible policies -----------------------------------------------------------------------
 
 
 def ring(observations: Array) -> Array:
@@ -148,7 +148,7 @@ def policies() -> Any:
     draw_map(axes[0], ring(grid.reshape(-1, 2)), "the expert")
     for ax, (name, make) in zip(axes[1:], RIVALS.items(), strict=True):
         model = make().fit(demonstrations)
-        draw_map(ax, model.predict(grid.reshape(-1, 2)), f"{name}\n{told(model, good)}")
+        draw_map(ax, model.predict(grid.reshape(-1, 2)), f"{name}\n{count_right(model, good)}")
     return figure
 
 
@@ -160,8 +160,8 @@ def draw_map(ax: Any, actions: Array, title: str) -> None:
     ax.set_yticks([])
 
 
-def told(model: RPIL, good: Array) -> str:
-    """How many verdicts are right."""
+def count_right(model: RPIL, good: Array) -> str:
+    """The number of right verdicts in words."""
     right = np.array(model.audit_.verdicts) == np.where(good, "expert", "adversary")
     return f"{right.sum()} of {len(good)} verdicts right"
 
@@ -190,7 +190,7 @@ def reliability() -> Any:
     figure, ax = plt.subplots(figsize=(6.4, 3.8), layout="constrained")
     RankingDisplay.from_audit(audit, ax=ax)
     order = audit.ranking()
-    # A random action is the right one now and then, so that nobody is quite as bad as he is careless.
+    # A random action is sometimes the right one: the share of right actions is above the share of good steps.
     ax.plot(right[order], range(len(order)), "|", color="black", markersize=9, label="actions that are the expert's")
     ax.legend(frameon=False, fontsize=9, loc="upper left")
     ax.set_yticks([])

@@ -86,8 +86,8 @@ def interrupted(continuous: bool, folder: Path) -> dict[str, Array]:
     except KeyboardInterrupt:
         stages.append(f"interrupted, checkpoint: {path.exists()}")
     model = rpil.RPIL(checkpoint=path, progress=stages.append).fit(many(continuous))
-    said = np.array([s.partition(",")[0] for s in stages] + [f"left: {path.exists()}"])
-    return described(model, many(continuous), folder) | {"stages": said}
+    stage_names = np.array([s.partition(",")[0] for s in stages] + [f"left: {path.exists()}"])
+    return described(model, many(continuous), folder) | {"stages": stage_names}
 
 
 def log_prob(weights: Array, x: Array, actions: Array) -> Array:
@@ -136,7 +136,7 @@ def played(env_id: str, kind: str, folder: Path) -> dict[str, Array]:
 
 
 def refused(folder: Path) -> dict[str, Array]:
-    """What is said of mistakes."""
+    """What is messages of mistakes."""
     data, continuous = toy("random"), toy("random", True)
     wrong: dict[str, Callable[[], Any]] = {
         "label": lambda: rpil.RPIL(labels={"d99": "expert"}).fit(data),
@@ -159,14 +159,14 @@ def refused(folder: Path) -> dict[str, Array]:
         "environment": lambda: rpil.simulate("Nowhere-v0", "flip", n_good=1, n_bad=1, seed=0),
         "kind": lambda: rpil.simulate("CartPole-v1", "odd", n_good=1, n_bad=1, seed=0),
     }
-    said = {}
+    messages = {}
     for name, call in wrong.items():
         try:
             call()
-            said[name] = np.array("nothing")
+            messages[name] = np.array("nothing")
         except Exception as error:
-            said[name] = np.array(f"{type(error).__name__}: {error}")
-    return said
+            messages[name] = np.array(f"{type(error).__name__}: {error}")
+    return messages
 
 
 def commanded(words: str, kind: str, folder: Path) -> dict[str, Array]:

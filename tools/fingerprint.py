@@ -48,12 +48,12 @@ def run(case: Callable[[Path], Results]) -> Results:
         try:
             found = dict(case(Path(folder)))
         except Exception as error:
-            said = f"{type(error).__name__}: {error}".replace(folder, "FOLDER")
-            print(f"    {said}")
-            found = {"error": np.array(said)}
+            message = f"{type(error).__name__}: {error}".replace(folder, "FOLDER")
+            print(f"    {message}")
+            found = {"error": np.array(message)}
     kinds = (UserWarning, RuntimeWarning)  # not what libraries say of their own future
-    said = sorted({f"{w.category.__name__}: {w.message}" for w in caught if issubclass(w.category, kinds)})
-    return found | {"warnings": np.array(said, dtype=str)}
+    messages = sorted({f"{w.category.__name__}: {w.message}" for w in caught if issubclass(w.category, kinds)})
+    return found | {"warnings": np.array(messages, dtype=str)}
 
 
 def same_bits(old: NDArray[Any], new: NDArray[Any]) -> bool:
@@ -107,16 +107,16 @@ def compare(old: Results, new: Results, exact: bool) -> tuple[bool, str]:
     """Whether results are as good as the same, and what to print of them."""
     other = [name for name in old.keys() & new.keys() if not same_bits(old[name], new[name])]
     gone, more = sorted(old.keys() - new.keys()), sorted(new.keys() - old.keys())
-    told = [f"{what}: {', '.join(names)}" for what, names in (("missing", gone), ("new", more)) if names]
+    notes = [f"{what}: {', '.join(names)}" for what, names in (("missing", gone), ("new", more)) if names]
     if not other:
-        return not gone, "; ".join(["identical", *told])
+        return not gone, "; ".join(["identical", *notes])
     apart = {name: difference(name, old[name], new[name]) for name in sorted(other)}
     worst = max(apart, key=lambda name: apart[name])
     verdicts = apart.get("audit.verdicts", 0.0) == 0.0
-    told = [f"{apart[worst]:.1e} in {worst}, {len(other)} of {len(old)} differ", *told]
-    told.append(f"verdicts {'equal' if verdicts else 'DIFFER'}")
-    told += ["sentences reworded"] if any(map(is_sentence, other)) else []
-    return not gone and not exact and apart[worst] <= TOLERANCE, "; ".join(told)
+    notes = [f"{apart[worst]:.1e} in {worst}, {len(other)} of {len(old)} differ", *notes]
+    notes.append(f"verdicts {'equal' if verdicts else 'DIFFER'}")
+    notes += ["sentences reworded"] if any(map(is_sentence, other)) else []
+    return not gone and not exact and apart[worst] <= TOLERANCE, "; ".join(notes)
 
 
 def stored(path: Path) -> dict[str, Results]:
@@ -151,12 +151,12 @@ def main() -> int:
             continue
         new = run(CASES[name])
         found |= {f"{name}{MARK}{key}": value for key, value in new.items()}
-        said = f"{len(new)} results"
+        outcome = f"{len(new)} results"
         if asked.against:
-            fine, said = compare(before[name], new, asked.exact) if name in before else (True, "a new case")
+            fine, outcome = compare(before[name], new, asked.exact) if name in before else (True, "a new case")
             wrong += [] if fine else [name]
-            identical += said == "identical"
-        print(f"{name}: {said} ({time.perf_counter() - start:.1f} s)", flush=True)
+            identical += outcome == "identical"
+        print(f"{name}: {outcome} ({time.perf_counter() - start:.1f} s)", flush=True)
     if asked.out:
         np.savez_compressed(asked.out, **found)
     summary = f"{len(names)} cases in {time.perf_counter() - begun:.0f} s"

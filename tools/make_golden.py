@@ -58,7 +58,7 @@ def models(continuous: bool) -> dict[str, Any]:
     return found
 
 
-def said(model: Any, rows: np.ndarray) -> dict[str, Any]:
+def outputs_of(model: Any, rows: np.ndarray) -> dict[str, Any]:
     """What `test_golden.py` compares."""
     found = {"class": type(model).__name__, "predict": model.predict(rows).tolist()}
     if len(model.classes_):
@@ -87,7 +87,7 @@ def main() -> None:
             for name, model in models(action == "continuous").items():
                 file = f"{action} {name}.rpil".replace(" ", "_")
                 rpil.save(model, folder / file)
-                expected[file] = said(rpil.load(folder / file), rows)
+                expected[file] = outputs_of(rpil.load(folder / file), rows)
         for action in ("discrete", "continuous"):
             path = folder / f"{action}.checkpoint"
             path.unlink(missing_ok=True)

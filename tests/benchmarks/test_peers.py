@@ -192,8 +192,8 @@ def test_ensemble_is_the_mean_of_its_members():
 
 def test_scores_do_not_depend_on_the_truth():
     for name in set(METHODS) - {"oracle", "RM-ENT"}:
-        told, blind = answered(name, FLIPPED), METHODS[name](FLIPPED.demonstrations, Task())
-        np.testing.assert_array_equal(told.scores, blind.scores)
+        informed, blind = answered(name, FLIPPED), METHODS[name](FLIPPED.demonstrations, Task())
+        np.testing.assert_array_equal(informed.scores, blind.scores)
 
 
 def test_length_and_random():

@@ -1,4 +1,4 @@
-"""The benchmark on real demonstrations: what methods are told, how they are scored, what the tables say."""
+"""The benchmark on real demonstrations: the input of methods, their scores, and the tables."""
 
 from __future__ import annotations
 
@@ -182,7 +182,7 @@ def test_r2_agrees_with_sklearn(real):
     assert 1 - loss.sum() / scale.sum() == pytest.approx(expected)
 
 
-# ---- what methods are told -------------------------------------------------------------------------------------------
+# ---- the input of methods --------------------------------------------------------------------------------------------
 
 
 def test_truth_reaches_only_the_oracle_and_rment(real, tmp_path, monkeypatch):
@@ -215,7 +215,7 @@ def test_truth_reaches_only_the_oracle_and_rment(real, tmp_path, monkeypatch):
     found = real.measure([path], names, "spline", 7)
     assert {name for name, _ in seen} == set(names)
     assert seen.count(("rpil", 8)) == real.N_FOLDS  # a fold holds two of ten
-    assert ("oracle", 10) not in seen  # it ranks nobody
+    assert ("oracle", 10) not in seen  # it gives no ranking
     assert {row["method"] for row in found["ranking"]} == {"rpil", "trust all", "RM-ENT", "ILEED"}
 
 
@@ -242,7 +242,7 @@ def test_continuous_actions_are_predicted_or_refused_with_a_message(real, tmp_pa
     assert (aim["set"], aim["ours"], aim["reached"]) == ("swings", None, False)
     # the mean is over discrete sets alone
     assert found["mean_auroc"]["length"]["mean"] == rows["length", "steps"]["auroc"]
-    assert "trust all" not in found["mean_auroc"]  # it ranks nobody
+    assert "trust all" not in found["mean_auroc"]  # it gives no ranking
     printed = capsys.readouterr().out
     assert 'Goal "mean AUROC >= 0.90 and above every peer\'s mean": missed' in printed
     assert "Goal for R² on swings: not measured." in printed
@@ -291,7 +291,7 @@ def test_without_bad_demonstrations_verdicts_are_counted(real, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("leave_out", "changed", "said"),
+    ("leave_out", "changed", "message_part"),
     [
         (("episode_quality",), {}, "no array is called 'episode_quality'"),
         (("actions",), {}, "no array is called 'actions'"),
@@ -299,12 +299,12 @@ def test_without_bad_demonstrations_verdicts_are_counted(real, tmp_path):
         ((), {"episode_ids": arrays()["episode_ids"] + 1}, "truth is by episode, 0 to 9"),
     ],
 )
-def test_missing_columns_give_a_message(real, tmp_path, capsys, leave_out, changed, said):
+def test_missing_columns_give_a_message(real, tmp_path, capsys, leave_out, changed, message_part):
     save(tmp_path, "made", leave_out, **changed)
     with pytest.raises(SystemExit):
         real.main(["--data", str(tmp_path)])
     message = capsys.readouterr().err.strip().splitlines()[-1]
-    assert said in message
+    assert message_part in message
     assert message.count(": error: made.npz: ") == 1
     assert str(tmp_path) not in message
 

@@ -1,4 +1,4 @@
-"""The paper's tables and figures: what is printed is what was played, whoever plays it."""
+"""The paper's tables and figures: statistics of the played episodes, in any number of processes."""
 
 from __future__ import annotations
 
@@ -31,13 +31,13 @@ def data(env_id=CAR, kind="corrupted", seed=0):
 
 
 @pytest.fixture(scope="module")
-def told():
+def progress():
     return []
 
 
 @pytest.fixture(scope="module")
-def found(told):
-    return run(**SMALL, processes=2, progress=lambda done, n: told.append((done, n)))
+def found(progress):
+    return run(**SMALL, processes=2, progress=lambda done, n: progress.append((done, n)))
 
 
 def test_the_experiments_are_the_papers():
@@ -48,8 +48,8 @@ def test_the_experiments_are_the_papers():
     assert [e.prior for e in EXPERIMENTS] == [0.2, 0.2, 0.5, 0.5, 0.75, 0.75]
 
 
-def test_progress(found, told):
-    assert told == [(1, 2), (2, 2)]
+def test_progress(found, progress):
+    assert progress == [(1, 2), (2, 2)]
 
 
 def test_table_is_the_statistics_of_its_draws(found):
@@ -127,9 +127,9 @@ def test_methods_get_the_same_demonstrations_and_no_truth(found):
         seen.append((demonstrations, experiment.table, seed))
         return BehavioralCloning().fit(demonstrations)
 
-    more = run(**SMALL, methods={"other": other, "ranks only": lambda *told: None})
-    assert [told[1:] for told in seen] == [(1, 4), (2, 4), (1, 5), (2, 5)]
-    assert all(type(told[0]) is Demonstrations for told in seen)
+    more = run(**SMALL, methods={"other": other, "ranks only": lambda *given: None})
+    assert [given[1:] for given in seen] == [(1, 4), (2, 4), (1, 5), (2, 5)]
+    assert all(type(given[0]) is Demonstrations for given in seen)
     np.testing.assert_array_equal(seen[1][0].observations, data(kind="random", seed=4)[0].observations)
     assert set(more.tables[0]["policies"]) == {"other", "expert", ORACLE, RAW_ORACLE}
     assert more.tables[0]["policies"][ORACLE] == found.tables[0]["policies"][ORACLE]
@@ -198,12 +198,12 @@ def test_recipe_starts_from_the_pooled_fit_and_stops():
 
 
 def test_figures(found, tmp_path):
-    told = []
-    paths = draw(tmp_path / "figures", found.draws, seed=4, progress=told.append)
+    progress = []
+    paths = draw(tmp_path / "figures", found.draws, seed=4, progress=progress.append)
     assert [p.name.split("-")[1] for p in paths[:-1]] == list("1234567")
     assert paths[-1].name == "weights.png"
     assert sorted(paths) == sorted((tmp_path / "figures").iterdir())
-    assert len(told) == len(paths)
+    assert len(progress) == len(paths)
     for path in paths:
         head = path.read_bytes()[:24]
         assert head.startswith(b"\x89PNG\r\n\x1a\n")

@@ -44,10 +44,10 @@ def real_result(ours: float = 0.81, peer: float = 0.92) -> dict:
         "good": {"expert": 7, "uncertain": 4, "adversary": 0},
         "bad": {"expert": 1, "uncertain": 2, "adversary": 8},
     }
-    said = "the actions are continuous, which it is not made for; give discrete ones."
+    message = "the actions are continuous, which it is not made for; give discrete ones."
     ranking = [row("rpil", "cramped_room", ours, verdicts=verdicts), row("length", "cramped_room", peer)]
     ranking += [row("rpil", "hopper", 0.93), row("length", "hopper", 0.95)]
-    ranking += [row("ILEED", "cramped_room", 0.5), row("ILEED", "hopper", None, said=said)]
+    ranking += [row("ILEED", "cramped_room", 0.5), row("ILEED", "hopper", None, said=message)]
     ahead = {"ours_ahead": ours - peer, "ours_ahead_ci95": [ours - peer - 0.1, ours - peer + 0.1]}
     means = {
         "rpil": {"mean": ours, "se": 0.03, "ours_ahead": None, "ours_ahead_ci95": None},
@@ -78,7 +78,7 @@ def real_result(ours: float = 0.81, peer: float = 0.92) -> dict:
     }
 
 
-def test_a_loss_on_real_data_is_told():
+def test_page_names_a_loss_on_real_data():
     from results import results
 
     page = results({"real": real_result()})
@@ -99,7 +99,7 @@ def test_a_loss_on_real_data_is_told():
     assert "| cramped room | **0.770 (0.750 to 0.790)** | 0.750" in page
 
 
-def test_a_win_on_real_data_is_told():
+def test_page_names_a_win_on_real_data():
     from results import results
 
     page = results({"real": real_result(ours=0.97, peer=0.80)})
@@ -133,7 +133,7 @@ def paper_result() -> dict:
     return how | {"tables": [of | {"policies": policies}], "draws": []}
 
 
-def test_a_loss_in_the_paper_is_told():
+def test_page_names_a_loss_in_the_paper():
     from results import results
 
     page = results({"paper": paper_result()})
@@ -149,7 +149,7 @@ def test_a_loss_in_the_paper_is_told():
     assert ORIGIN["commit"] in page
 
 
-def test_nobody_above_is_told_only_when_nobody_is():
+def test_no_method_above_gives_one_line():
     from results import behind_in_paper
 
     found = paper_result()["tables"]
@@ -180,7 +180,7 @@ def grid_result() -> dict:
     return found | {"configuration": configuration, "draws": 10, "first_seed": 1000}
 
 
-def test_what_the_grid_misses_is_told():
+def test_page_names_the_missed_cells_of_the_grid():
     from results import results
 
     page = results({"robustness": grid_result()})
@@ -195,7 +195,7 @@ def test_what_the_grid_misses_is_told():
     assert "was not recorded" in page
 
 
-def test_what_acceptance_misses_is_told():
+def test_page_names_the_missed_goals_of_acceptance():
     from results import results
 
     def played(kind: str, behind: float, missed: list[str]) -> dict:
@@ -246,7 +246,7 @@ def test_the_grid_has_a_second_section_for_continuous_actions(tmp_path, capsys):
     assert "Acrobot" not in second
 
 
-def test_what_is_no_result_is_one_sentence(tmp_path, capsys):
+def test_other_files_give_a_message(tmp_path, capsys):
     from results import main
 
     broken, other = tmp_path / "broken.json", tmp_path / "other.json"
@@ -258,10 +258,10 @@ def test_what_is_no_result_is_one_sentence(tmp_path, capsys):
         (["--real", str(other)], "The figures of real.py have no 'sets'; run real.py of this version."),
         ([], "No figures were given"),
     ]
-    for arguments, said in cases:
+    for arguments, message in cases:
         with pytest.raises(SystemExit):
             main(arguments)
-        assert said in capsys.readouterr().err
+        assert message in capsys.readouterr().err
 
 
 def test_provenance_names_the_commit_and_no_machine():

@@ -1,4 +1,4 @@
-"""Every example runs as it stands, and shows what it says."""
+"""Every example runs, and its last line reports enough right actions."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import pytest
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 LEAST = {"plot_torch_loop.py": 0.88, "plot_weighted_sampler.py": 0.9}
-"""Of the right actions, on the last line that is printed."""
+"""Share of right actions on the last printed line."""
 
 
 @pytest.mark.slow

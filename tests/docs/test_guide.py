@@ -1,4 +1,4 @@
-"""What docs/policies.md shows runs as it stands, and its pictures say what it says of them."""
+"""The snippets of docs/policies.md run, and its pictures show what the text says."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def plain() -> list[str]:
 
 
 def test_snippets_run(pictures):
-    """Those without torch, one after another, as a reader would type them."""
+    """The snippets without torch, in their order."""
     demonstrations, good = pictures["ring_demonstrations"]()
     names = {"RPIL": rpil.RPIL, "demonstrations": demonstrations}
     for code in plain():
@@ -41,7 +41,7 @@ def test_snippets_run(pictures):
 
 
 @pytest.mark.filterwarnings("ignore::sklearn.exceptions.ConvergenceWarning")  # trees change by leaps
-def test_a_snippet_with_any_estimator_runs(pictures):
+def test_snippet_with_an_estimator_runs(pictures):
     (code,) = [code for code in SNIPPETS if "HistGradient" in code]
     demonstrations, _ = pictures["ring_demonstrations"]()
     fast = code.replace("sklearn.ensemble", "sklearn.tree").replace("HistGradientBoosting", "DecisionTree")
@@ -92,12 +92,12 @@ def test_snippets_with_torch_run(pictures):
     exec(compile(loop, "docs/policies.md", "exec"), names | {"distribution": distribution})
 
 
-def test_all_adversaries_agree_whom_to_trust(pictures):
+def test_all_adversaries_rank_the_experts_first(pictures):
     found, sorts = pictures["opinions"]()
     expert = np.array(sorts) == "expert"
     for name, audit in found.items():
         assert audit.log_odds[expert].min() > audit.log_odds[~expert].max()
-        # Whoever means the right key and mistakes it does the opposite of the expert too seldom for this adversary.
+        # Mistaken keys are too similar to the expert for this adversary.
         known = "mistakes a key" if name == "normalised complement" else "expert"
         assert all(sort in ("expert", known) for sort in np.array(sorts)[audit.log_odds >= 0]), name
     careful = {name: np.abs(audit.log_odds).mean() for name, audit in found.items() if name != "auto"}
@@ -107,14 +107,14 @@ def test_all_adversaries_agree_whom_to_trust(pictures):
         assert sorts[doubtful] == "mistakes a key"
 
 
-def test_a_straight_line_finds_nobody(pictures):
+def test_straight_line_gives_no_verdict(pictures):
     demonstrations, good = pictures["ring_demonstrations"]()
     for name, right in (("a straight line", 0), ('features="auto"', 20)):
         model = pictures["RIVALS"][name]().fit(demonstrations)
-        assert pictures["told"](model, good) == f"{right} of 20 verdicts right"
+        assert pictures["count_right"](model, good) == f"{right} of 20 verdicts right"
 
 
-def test_reliability_is_the_share_of_right_actions(pictures):
+def test_reliability_interval_holds_the_share_of_right_actions(pictures):
     demonstrations, right = pictures["partly_bad"]()
     audit = rpil.RPIL().fit(demonstrations).audit_
     low, high = audit.reliability_interval.T
@@ -122,7 +122,7 @@ def test_reliability_is_the_share_of_right_actions(pictures):
     assert audit.reliability[:9].min() > 0.95
 
 
-def test_pictures_are_there_and_small():
+def test_pictures_exist_and_are_small():
     named = re.findall(r"\]\((\w+\.png)\)", TEXT)
     assert named == ["policies.png", "adversaries.png", "reliability.png"]
     for name in named:
