@@ -162,7 +162,7 @@ class FittedJudge:
         if actions.ndim > 1:
             return policy.log_prob(outputs, actions) + np.log(self.reference).sum()
         log_prob = with_lapses(outputs, self.reference, actions, settings.held_out.lapse).log_prob
-        return log_prob - np.log(self.reference)[actions]
+        return np.asarray(log_prob - np.log(self.reference)[actions])
 
     def log_odds(
         self,

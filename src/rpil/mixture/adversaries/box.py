@@ -58,7 +58,7 @@ class MarginalBox(FixedAdversary):
     def log_prob(
         self, features: Float[Array, "N D"], outputs: Float[Array, "N ..."], actions: Float[Array, "N A"]
     ) -> Float[Array, " N"]:
-        return np.take_along_axis(self.log_density, self._bins(actions).T, axis=1).sum(axis=0)
+        return np.asarray(np.take_along_axis(self.log_density, self._bins(actions).T, axis=1).sum(axis=0))
 
     def fit(self, data: FitData, outputs: Float[Array, "N ..."], weight: Float[Array, " N"]) -> MarginalBox:
         n_bins = self.log_density.shape[1]

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.special import logsumexp
+from scipy.special import logsumexp, softmax
 
 from rpil.data.archive import stored
 from rpil.data.errors import DataError
@@ -87,17 +87,20 @@ class Complement(FixedAdversary):
     def log_prob(
         self, features: Float[Array, "N D"], outputs: Float[Array, "N K"], actions: Int[Array, " N"]
     ) -> Float[Array, " N"]:
-        others = outputs.copy()
-        np.put_along_axis(others, actions[:, None], -np.inf, axis=1)
         scale = np.log(outputs.shape[1] - 1) if self.normalised else 0.0
-        return logsumexp(others, 1) - scale
+        log_prob: Array = logsumexp(_without_taken(outputs, actions), 1) - scale
+        return log_prob
 
     def intended_action_proba(self, outputs: Float[Array, "N K"], actions: Int[Array, " N"]) -> Float[Array, "N K"]:
-        others = outputs.copy()
-        np.put_along_axis(others, actions[:, None], -np.inf, axis=1)
-        others -= others.max(axis=1, keepdims=True)
-        proba = np.exp(others)
-        return proba / proba.sum(axis=1, keepdims=True)
+        proba: Array = softmax(_without_taken(outputs, actions), 1)
+        return proba
+
+
+def _without_taken(outputs: Array, actions: Array) -> Array:
+    """Log-probabilities (N, K) with that of the action taken set to minus infinity."""
+    others = outputs.copy()
+    np.put_along_axis(others, actions[:, None], -np.inf, axis=1)
+    return others
 
 
 @stored(log_matrix="K K")
@@ -140,13 +143,13 @@ class Confusion(FixedAdversary):
     def log_prob(
         self, features: Float[Array, "N D"], outputs: Float[Array, "N K"], actions: Int[Array, " N"]
     ) -> Float[Array, " N"]:
-        return logsumexp(outputs + self.log_matrix.T[actions], 1)
+        return np.asarray(logsumexp(outputs + self.log_matrix.T[actions], 1))
 
     def intended_action_proba(self, outputs: Float[Array, "N K"], actions: Int[Array, " N"]) -> Float[Array, "N K"]:
         joint = outputs + self.log_matrix.T[actions]
         total = logsumexp(joint, 1)[:, None]
         # An action of probability 0 has no intended action: its row is zero.
-        return np.exp(joint - np.where(np.isfinite(total), total, 0.0))
+        return np.asarray(np.exp(joint - np.where(np.isfinite(total), total, 0.0)))
 
     def fit(self, data: FitData, outputs: Float[Array, "N ..."], weight: Float[Array, " N"]) -> Confusion:
         if not self.learned:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
 
 from rpil.data.errors import DataError
 from rpil.data.spaces import Discrete, Space
@@ -13,7 +12,7 @@ from rpil.mixture.adversaries.own import OwnPolicy
 from rpil.mixture.adversaries.protocol import Adversary
 from rpil.policies.protocol import Policy
 
-ADVERSARIES: dict[str, dict[str, Callable[[Any, Policy], Adversary]]] = {
+ADVERSARIES: dict[str, dict[str, Callable[..., Adversary]]] = {
     "discrete": {
         "constant": lambda space, policy: Constant(),
         "uniform": lambda space, policy: Uniform(),
@@ -40,8 +39,9 @@ def adversary(which: str | Adversary, space: Space, policy: Policy) -> Adversary
     DataError
         If there is none of that name for such actions, or a confusion matrix has another number of actions.
     """
-    if isinstance(which, Confusion) and space != Discrete(len(which.log_matrix)):
-        size, actions = len(which.log_matrix), f"{getattr(space, 'n', 'continuous')} actions"
+    n_actions = space.n if isinstance(space, Discrete) else "continuous"
+    if isinstance(which, Confusion) and n_actions != len(which.log_matrix):
+        size, actions = len(which.log_matrix), f"{n_actions} actions"
         raise DataError(f"A confusion matrix of {size} x {size} was given for {actions}; give one row for each.")
     if not isinstance(which, str):
         return which
