@@ -245,4 +245,4 @@ class RPIL(PolicyEstimator):
         if self.judge_.scale is not None:
             return self.judge_.step_ratios(design, codes, (self.settings or Settings()).judge)[0]
         outputs = self.policy_.outputs(self.features_.design(demonstrations.observations))
-        return self.judge_.step_ratios_of(self.policy_, outputs, codes)
+        return self.judge_.step_ratios_of(self.policy_, outputs, codes, (self.settings or Settings()).judge)

@@ -23,7 +23,7 @@ from rpil.numerics.regression import (
     student_log_density,
 )
 from rpil.numerics.types import Array, Float, Int, Shaped
-from rpil.policies.protocol import Policy
+from rpil.policies.protocol import CrossFittedPolicy
 
 StepRatios = tuple[Float[Array, " N"], Float[Array, " N"]]
 """Of each step, nats: the log-ratio of which the score is the mean, and log pi - log q."""
@@ -152,7 +152,7 @@ class FittedJudge:
 
     def step_ratios_of(
         self,
-        policy: Policy,
+        policy: CrossFittedPolicy,
         outputs: Float[Array, "N ..."],
         actions: Shaped[Array, "N ..."],
         settings: JudgeSettings = JudgeSettings(),
@@ -160,7 +160,7 @@ class FittedJudge:
         """Log-ratios of the actions taken, of which scores are means, where the user's `policy` has these `outputs`."""
         assert self.reference is not None
         if actions.ndim > 1:
-            return policy.log_prob(outputs, actions) + np.log(self.reference).sum()
+            return np.asarray(policy.log_prob(outputs, actions) + np.log(self.reference).sum())
         log_prob = with_lapses(outputs, self.reference, actions, settings.held_out.lapse).log_prob
         return np.asarray(log_prob - np.log(self.reference)[actions])
 

@@ -31,7 +31,7 @@ from rpil.numerics.regression import (
     student_log_density,
 )
 from rpil.numerics.types import Array, Float, Int
-from rpil.policies.protocol import Policy
+from rpil.policies.protocol import CrossFittedPolicy
 from rpil.policies.softmax import one_hot
 
 WarmStart = tuple[Array, Preconditioner | None]
@@ -193,7 +193,7 @@ class HeldOutPolicy:
     """A policy that cross-fits itself over demonstrations, such as a scikit-learn estimator."""
 
     data: FitData
-    policy: Policy
+    policy: CrossFittedPolicy
     settings: HeldOutSettings = HeldOutSettings()
 
     @property

@@ -10,6 +10,23 @@ from rpil.numerics.types import Array
 
 
 @runtime_checkable
+class CrossFittedPolicy(Protocol):
+    """A policy that is fitted once for each fold, so that its outputs for the steps of a fit are held out."""
+
+    def outputs(self, features: Array) -> Array:
+        """What the policy says of states, (N, ...)."""
+
+    def log_prob(self, outputs: Array, actions: Array) -> Array:
+        """log pi(a_n|s_n) of the actions taken, (N,)."""
+
+    def fit(self, data: FitData, weight: Array) -> tuple[CrossFittedPolicy, Array]:
+        """The policy fitted to weighted steps, and its held-out outputs for them."""
+
+    def fit_all(self, data: FitData, weight: Array) -> CrossFittedPolicy:
+        """The policy fitted to all weighted steps, without folds."""
+
+
+@runtime_checkable
 class Policy(Protocol):
     """What a fit needs of a policy; instances are immutable.
 
