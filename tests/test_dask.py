@@ -12,11 +12,10 @@ from functools import partial
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
+from command_line import call
 from problems import make, make_continuous
 from rpil import DaskEngine, DataError, open_dataset
-from rpil.cli import main as cli
 from rpil.data import formats
 from rpil.data.demonstrations import Block, Demonstrations
 from rpil.data.fit_data import FitData
@@ -178,7 +177,7 @@ def test_the_command_uses_a_cluster(small, cluster, tmp_path):
     data = demonstrations()
     formats.write(tmp_path / "a.parquet", data)
     arguments = ["audit", str(tmp_path / "a.parquet"), "--json", "--scheduler", cluster.scheduler.address]
-    result = CliRunner().invoke(cli.main, arguments, obj=SMALL)
+    result = call(*arguments, settings=SMALL)
     assert result.exit_code == 0, result.output
     found = {d["id"]: d["log_odds"] for d in json.loads(result.stdout)["demonstrations"]}
     here = small_rpil(engine=InMemory(), features="auto").fit(data)

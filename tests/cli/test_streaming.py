@@ -7,21 +7,18 @@ import json
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
-from click.testing import CliRunner
 
+from command_line import call, ok
 from recorded import demonstrations, written
 from rpil import Dataset, open_dataset
 from rpil.cli import commands
-from rpil.cli import main as cli
 from rpil.data import formats
 from rpil.data.demonstrations import Demonstrations
 from small import SMALL, small_rpil
 
 
 def command(*arguments):
-    result = CliRunner().invoke(cli.main, [str(argument) for argument in arguments], obj=SMALL)
-    assert result.exit_code == 0, result.output
-    return result.stdout
+    return ok(*arguments, settings=SMALL).stdout
 
 
 def test_a_folder_is_read_block_by_block(small, tmp_path):
@@ -67,7 +64,7 @@ def test_options_that_exclude_each_other_are_refused(tmp_path, monkeypatch, argu
     monkeypatch.setattr("rpil.scale.dask.TIMEOUT", 0.5)
     formats.write("a.csv", demonstrations())
     formats.write("a.parquet", demonstrations())
-    result = CliRunner().invoke(cli.main, arguments)
+    result = call(*arguments)
     assert result.exit_code == 2
     assert message in result.stderr
     assert len(result.stderr.splitlines()) == 1
