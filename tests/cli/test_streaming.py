@@ -66,5 +66,6 @@ def test_options_that_exclude_each_other_are_refused(tmp_path, monkeypatch, argu
     formats.write("a.parquet", demonstrations())
     result = call(*arguments)
     assert result.exit_code == 2
-    assert message in result.stderr
-    assert len(result.stderr.splitlines()) == 1
+    *progress, error = result.stderr.splitlines()
+    assert message in error
+    assert all(" s: " in line for line in progress)  # a slow machine reports that it is at work

@@ -28,11 +28,7 @@ VERSION = 5
 
 _HEADER = "header.json"
 _STEP_TYPES = (np.float64, np.float32)  # single precision where there are very many steps
-_TYPES: dict[str, tuple[type, ...]] = {
-    "offsets": (np.int64,),
-    "step_log_ratio": _STEP_TYPES,
-    "step_weight": _STEP_TYPES,
-}
+_TYPES = {"offsets": (np.int64,), "step_log_ratio": _STEP_TYPES, "step_weight": _STEP_TYPES}
 """Types of array fields by their names; all others are float64."""
 
 Json = None | bool | int | float | str | list["Json"] | dict[str, "Json"]
@@ -47,17 +43,7 @@ NOT_STORED = {"stored": False}
 
 @dataclass(frozen=True)
 class Stored:
-    """A class whose objects an archive may hold.
-
-    Attributes
-    ----------
-    kind : type
-        A dataclass.
-    axes : dict of str to str
-        The axes of each array field, see `stored`.
-    renews : tuple of str
-        Letters that stand for new sizes from here on.
-    """
+    """A dataclass whose objects an archive may hold, with the `axes` and `renews` of `stored`."""
 
     kind: type
     axes: dict[str, str]

@@ -80,30 +80,10 @@ class Recorded(Protocol):
 
 
 class DemonstrationSet:
-    """What demonstrations in memory and on disk have in common.
-
-    Attributes
-    ----------
-    ids : tuple of M distinct ints, or of M distinct strings
-    offsets : (M + 1,) int array
-        First step of each demonstration, and the number of all steps, N.
-    source : str
-        Name of the data in messages.
-    """
+    """The counts that demonstrations in memory and on disk have in common."""
 
     ids: tuple[Id, ...]
     offsets: NDArray[np.int64]
-    source: str
-
-    @property
-    def n_observations(self) -> int:
-        """D, the numbers per observation."""
-        raise NotImplementedError
-
-    @property
-    def is_discrete(self) -> bool:
-        """Whether actions are integers or strings, rather than A floats."""
-        raise NotImplementedError
 
     @property
     def n_demonstrations(self) -> int:
@@ -123,11 +103,10 @@ class DemonstrationSet:
     def __len__(self) -> int:
         return self.n_demonstrations
 
-    def __repr__(self) -> str:
-        kind = "discrete" if self.is_discrete else "continuous"
+    def _described(self, n_observations: int, is_discrete: bool, source: str) -> str:
         return (
-            f"<{type(self).__name__} from {self.source}: {self.n_demonstrations} demonstrations, {self.n_steps} steps, "
-            f"{self.n_observations} observations, {kind} actions>"
+            f"<{type(self).__name__} from {source}: {self.n_demonstrations} demonstrations, {self.n_steps} steps, "
+            f"{n_observations} observations, {'discrete' if is_discrete else 'continuous'} actions>"
         )
 
 
@@ -341,3 +320,6 @@ class Demonstrations(DemonstrationSet):
 
     def __iter__(self) -> Iterator[Episode]:
         return (self.episode(m) for m in range(self.n_demonstrations))
+
+    def __repr__(self) -> str:
+        return self._described(self.n_observations, self.is_discrete, self.source)

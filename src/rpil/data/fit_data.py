@@ -20,13 +20,13 @@ class FitData:
     features : (N, D) array
         Design matrix, constant in the last column.
     actions : (N,) int array or (N, A) array
-        Codes 0..K-1 of the actions taken, or what was done in each dimension.
+        Codes 0..K-1 of discrete actions, or continuous actions.
     offsets : (M + 1,) int array
         Demonstration m owns the steps ``offsets[m]:offsets[m + 1]``.
     space : Space
-        Of the actions.
+        Space of the actions.
     labels : (M,) int array
-        1 known expert, -1 known adversary, 0 unknown.
+        1 labelled expert, -1 labelled adversary, 0 not labelled.
     demonstrators : Demonstrators
         The demonstrator of each demonstration.
     """
@@ -40,15 +40,17 @@ class FitData:
 
     @classmethod
     def from_steps(cls, features: Array, actions: Array, space: Space) -> FitData:
-        """From steps alone, as one unlabelled demonstration: for what needs no demonstrations."""
+        """Steps without demonstrations, as one unlabelled demonstration."""
         return cls(features, actions, np.array([0, len(actions)]), space, np.zeros(1, dtype=int))
 
     @property
     def n_demonstrations(self) -> int:
+        """M."""
         return len(self.offsets) - 1
 
     @property
     def lengths(self) -> Array:
+        """Steps per demonstration, (M,)."""
         return np.diff(self.offsets)
 
     def sum_steps(self, values: Array) -> Array:

@@ -1,56 +1,55 @@
-"""Seeded ways of spoiling a recorded episode, for benchmarks in which the bad demonstrations are known.
+"""Corruptions of a recorded episode with a seed, for benchmarks in which bad demonstrations are labelled.
 
-Every function takes the observations (n, D) and actions, (n,) or (n, A), that an expert recorded, what the environment
-lets one do and a `numpy.random.Generator`, and returns new observations and actions; its input is never changed. A
-uniform draw is from all K actions, so it can hit the expert's own, or from the whole box.
+Every function takes the observations (n, D) and actions, (n,) or (n, A), of an expert, the space of the actions and a
+`numpy.random.Generator`, and returns new observations and actions; its arguments are not changed. A uniform draw is
+from all K actions, including the expert's, or from the whole box.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rpil.data.spaces import Space
+from rpil.numerics.types import Array
 
-Rows = NDArray[Any]
-Corruption = Callable[[Rows, Rows, Space, np.random.Generator], tuple[Rows, Rows]]
+Corruption = Callable[[Array, Array, Space, np.random.Generator], tuple[Array, Array]]
 
 
-def corrupted(observations: Rows, actions: Rows, space: Space, rng: np.random.Generator) -> tuple[Rows, Rows]:
-    """Replace every action by a uniform draw; the states stay those of the expert, who drove."""
+def corrupted(observations: Array, actions: Array, space: Space, rng: np.random.Generator) -> tuple[Array, Array]:
+    """Replace every action by a uniform draw; the states stay those of the expert."""
     return observations.copy(), space.draw(len(actions), rng)
 
 
-def flip(observations: Rows, actions: Rows, space: Space, rng: np.random.Generator) -> tuple[Rows, Rows]:
-    """Swap the first and the last action, 0 and K-1; those between stay. In a box, mirror: low + high - action.
+def flip(observations: Array, actions: Array, space: Space, rng: np.random.Generator) -> tuple[Array, Array]:
+    """Swap the first and the last action, 0 and K-1; all others stay. In a box, mirror: low + high - action.
 
     For Mountain Car and Acrobot (K = 3) that is left and right, for Lunar Lander (K = 4) "nothing" and "right engine".
     """
     return observations.copy(), space.flip(actions)
 
 
-def shift(observations: Rows, actions: Rows, space: Space, rng: np.random.Generator) -> tuple[Rows, Rows]:
+def shift(observations: Array, actions: Array, space: Space, rng: np.random.Generator) -> tuple[Array, Array]:
     """Turn every action k into (k + 1) mod K. In a box, move every number on by half of its range, around."""
     return observations.copy(), space.shift(actions)
 
 
-def noisy(observations: Rows, actions: Rows, space: Space, rng: np.random.Generator) -> tuple[Rows, Rows]:
+def noisy(observations: Array, actions: Array, space: Space, rng: np.random.Generator) -> tuple[Array, Array]:
     """Replace half of the actions (rounded up), at steps chosen at random, by uniform draws."""
     steps = rng.choice(len(actions), size=_half(len(actions)), replace=False)
     return observations.copy(), _redraw(actions, steps, space, rng)
 
 
-def window(observations: Rows, actions: Rows, space: Space, rng: np.random.Generator) -> tuple[Rows, Rows]:
+def window(observations: Array, actions: Array, space: Space, rng: np.random.Generator) -> tuple[Array, Array]:
     """Replace the actions of one unbroken half of the steps (rounded up), at a random place, by uniform draws."""
     length = _half(len(actions))
     start = int(rng.integers(len(actions) - length + 1))
     return observations.copy(), _redraw(actions, slice(start, start + length), space, rng)
 
 
-def sensor(observations: Rows, actions: Rows, space: Space, rng: np.random.Generator) -> tuple[Rows, Rows]:
+def sensor(observations: Array, actions: Array, space: Space, rng: np.random.Generator) -> tuple[Array, Array]:
     """Replace the observations by Gaussian noise with the mean and sd, per column, of this episode's; keep the actions.
 
     A column that never changes in the episode stays as it is.
@@ -82,7 +81,7 @@ def _half(n_steps: int) -> int:
     return (n_steps + 1) // 2
 
 
-def _redraw(actions: Rows, steps: NDArray[np.int64] | slice, space: Space, rng: np.random.Generator) -> Rows:
+def _redraw(actions: Array, steps: NDArray[np.int64] | slice, space: Space, rng: np.random.Generator) -> Array:
     spoiled = actions.copy()
     spoiled[steps] = space.draw(len(spoiled[steps]), rng)
     return spoiled

@@ -1,4 +1,4 @@
-"""Making environments: Gymnasium's, with discrete observations as one-hot rows, and discretised ones of ours."""
+"""Environments: Gymnasium's, with discrete observations as one-hot rows, and versions with discretised actions."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from rpil.data.spaces import Box, Discrete, Space
 DISCRETISED: dict[str, tuple[str, NDArray[np.float32]]] = {
     "rpil/DiscretePendulum-v1": ("Pendulum-v1", np.linspace([-2.0], [2.0], 5, dtype=np.float32)),
 }
-"""Our id, the continuous environment that it stands for, and the action (A,) of each of its K choices, (K, A)."""
+"""Id -> the continuous environment, and the action (A,) of each of K choices, (K, A)."""
 
 
 def make(env_id: str) -> Any:
@@ -34,7 +34,7 @@ def make(env_id: str) -> Any:
     DataError
         If Gymnasium does not know the id.
     MissingExtraError
-        If Gymnasium, or what the environment needs, is not installed.
+        If Gymnasium, or a package that the environment needs, is not installed.
     """
     try:
         import gymnasium
@@ -45,7 +45,7 @@ def make(env_id: str) -> Any:
 
     base_id, choices = DISCRETISED.get(env_id, (env_id, None))
     try:
-        # The checker repeats at every environment what a registered one has passed before, and slows each step.
+        # The checker slows each step, and registered environments have passed it before.
         env = gymnasium.make(base_id, disable_env_checker=True)
     except gymnasium.error.DependencyNotInstalled as error:
         raise MissingExtraError(f"The environment {env_id}", "gym") from error
@@ -59,7 +59,7 @@ def make(env_id: str) -> Any:
 
 
 def actions_of(env: Any) -> Space | None:
-    """What one can do in a Gymnasium environment; None for spaces of other kinds than Discrete and flat float Box."""
+    """The space of the actions of a Gymnasium environment; None unless it is Discrete or a flat float Box."""
     from gymnasium import spaces
 
     space = env.action_space

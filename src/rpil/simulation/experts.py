@@ -1,20 +1,20 @@
-"""Closed-form experts: controllers written as formulas, to drive demonstrations whose quality is known.
+"""Closed-form experts: controllers written as formulas, which give demonstrations of known quality.
 
-They need no training and no files, so a benchmark that uses them is reproducible from its seed alone. Each is found
-with `expert(env_id)` and has the `predict` of a scikit-learn classifier.
+They need no training and no files, so a benchmark that uses them is reproducible from its seed alone. `expert(env_id)`
+returns the expert of an environment, with the `predict` of a scikit-learn classifier.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rpil.data.errors import DataError
 from rpil.data.spaces import Box, Discrete, Space
+from rpil.numerics.types import Array
 
 
 @dataclass(frozen=True)
@@ -36,14 +36,14 @@ class Expert:
     env_id: str
     n_features_in_: int
     actions: Space
-    rule: Callable[[NDArray[np.floating]], NDArray[Any]]
+    rule: Callable[[NDArray[np.floating]], Array]
 
     @property
     def classes_(self) -> NDArray[np.int64]:
         """The actions 0 .. K-1, under scikit-learn's name for them; empty where actions are continuous."""
         return self.actions.classes
 
-    def predict(self, observations: ArrayLike) -> NDArray[Any]:
+    def predict(self, observations: ArrayLike) -> Array:
         """Actions (n,), or (n, A) float32 within the box, for observations (n, D) as the environment gives them."""
         rows = np.asarray(observations)
         if rows.ndim != 2 or rows.shape[1] != self.n_features_in_:
@@ -115,7 +115,7 @@ def _lunar_lander(observations: NDArray[np.floating]) -> NDArray[np.int64]:
     return np.select([lifting, turn < -0.05, turn > 0.05], [2, 3, 1], default=0)
 
 
-def _lander_throttles(observations: NDArray[np.floating]) -> NDArray[np.floating]:
+def _lander_throttles(observations: NDArray[np.floating]) -> Array:
     """Steer as `_lunar_lander` does, with both engines at once, each in proportion to its error.
 
     Actions: throttle of the main engine, which is off below 0, and of the side engines, which are off within -0.5 ..
@@ -155,10 +155,10 @@ def _pendulum(observations: NDArray[np.floating]) -> NDArray[np.int64]:
     """
     cosine, sine, speed = observations.T
     torque = -6.0 * sine * (1.0 + cosine) - 5.0 * speed * cosine
-    return np.rint(np.clip(torque, -2.0, 2.0)).astype(np.int64) + 2
+    return np.asarray(np.rint(np.clip(torque, -2.0, 2.0)) + 2, dtype=np.int64)
 
 
-def _pendulum_torque(observations: NDArray[np.floating]) -> NDArray[np.floating]:
+def _pendulum_torque(observations: NDArray[np.floating]) -> Array:
     """Pump energy into the swing below, catch and hold the pendulum above, the two weighed by the height.
 
     Observation: as `_pendulum`. Action: a torque, -2 .. 2. Without a switch between the two the law is smooth but for
@@ -168,16 +168,17 @@ def _pendulum_torque(observations: NDArray[np.floating]) -> NDArray[np.floating]
     cosine, sine, speed = observations.T
     height = 0.5 + 0.5 * cosine
     pump, catch = 4.0 * sine + 2.0 * speed, -12.0 * sine - 3.0 * speed
-    return ((1.0 - height) * pump + height * catch)[:, None]
+    torque = (1.0 - height) * pump + height * catch
+    return np.reshape(torque, (-1, 1))
 
 
-def _mountain_car_force(observations: NDArray[np.floating]) -> NDArray[np.floating]:
+def _mountain_car_force(observations: NDArray[np.floating]) -> Array:
     """Push along the motion, the harder the faster, which swings the car up ever higher.
 
     Observation: position, velocity v. Action: a force, -1 .. 1, whose square costs. Source: our own, a smooth
     saturation of the velocity; mean return 95.1 (sd 1.1) over 1,000 episodes, every one of which reaches the flag.
     """
-    return np.tanh(30.0 * observations[:, 1:])
+    return np.asarray(np.tanh(30.0 * observations[:, 1:]))
 
 
 EXPERTS: dict[str, Expert] = {

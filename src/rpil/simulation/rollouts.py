@@ -16,6 +16,7 @@ from scipy.special import stdtrit
 from rpil.data.errors import DataError
 from rpil.data.spaces import Space
 from rpil.numerics.parallel import in_processes
+from rpil.numerics.types import Array
 from rpil.simulation.environments import actions_of, make
 
 
@@ -23,7 +24,7 @@ from rpil.simulation.environments import actions_of, make
 class Policy(Protocol):
     """Anything that maps observations (n, D) to actions (n,) or (n, A): an expert, an estimator, a classifier."""
 
-    def predict(self, observations: NDArray[Any], /) -> Any: ...
+    def predict(self, observations: Array, /) -> object: ...
 
 
 class RandomPolicy:
@@ -36,7 +37,7 @@ class RandomPolicy:
         self._actions = actions
         self._rng = np.random.default_rng(seed)
 
-    def predict(self, observations: NDArray[Any]) -> NDArray[Any]:
+    def predict(self, observations: Array) -> Array:
         """Draw an action for every observation (n, D): (n,), or (n, A) where actions are continuous."""
         return self._actions.draw(len(observations), self._rng)
 
@@ -81,8 +82,8 @@ class Episode:
     rewards : array (n,)
     """
 
-    observations: NDArray[Any]
-    actions: NDArray[Any]
+    observations: Array
+    actions: Array
     rewards: NDArray[np.float64]
 
     @property
@@ -106,21 +107,20 @@ def rollout(
     ----------
     policy : object with `predict`
         Maps observations (n, D) to actions: numbers of actions (n,), or continuous ones (n, A), which are clipped to
-        the box of the environment; (n,) will do where A is 1.
+        the box of the environment; or (n,) where A is 1.
     env_id : str
-        What `rpil.simulation.environments.make` knows, with flat or discrete observations, and actions that are
-        discrete or a flat box. A discrete observation is seen as a one-hot row.
+        An id for `rpil.simulation.environments.make`, with flat or discrete observations, and actions that are discrete
+        or a flat box. A discrete observation is passed to the policy as a one-hot row.
     n_episodes : int
         At least 1.
     seed : int
-        Fixes every start. Episode i starts the same whatever `n_episodes` is, so two policies played with one seed are
-        compared on the same starts.
+        Determines every start. The start of episode i does not depend on `n_episodes`, so two policies played with one
+        seed are compared on the same starts.
     progress : callable, optional
         Called as `progress(n_finished, n_episodes)` whenever episodes finish.
     processes : int
-        Other Python processes to share the episodes, which take a second or two to start; 1 is none. The returns of a
-        policy that looks at the observation alone do not depend on it. A policy of another process must be found there:
-        no local function.
+        Python processes among which the episodes are divided; each takes a second or two to start. The returns of a
+        policy that depends on the observation alone are the same for any number. With 2 or more it must be picklable.
 
     Returns
     -------
@@ -131,18 +131,18 @@ def rollout(
     DataError
         If the environment is unknown or of another kind, or does not fit the policy.
     MissingExtraError
-        If Gymnasium, or what the environment needs, is not installed.
+        If Gymnasium, or a package that the environment needs, is not installed.
     """
     if n_episodes < 1:
         raise DataError(f"rollout needs at least one episode but n_episodes is {n_episodes}: raise it.")
     seeds = _seeds(seed, n_episodes)
     if processes < 2:
         return Returns.of(_returns(policy, env_id, seeds, progress))
-    # More shares than processes, so that one with a long episode keeps nobody waiting.
-    shares = np.array_split(seeds, min(n_episodes, 2 * processes))
+    # More shards than processes, so that one long episode does not delay the result.
+    shards = np.array_split(seeds, min(n_episodes, 2 * processes))
     returns: list[float] = []
-    for share in in_processes(_returns, [(policy, env_id, share.tolist()) for share in shares], processes):
-        returns += share.tolist()
+    for shard in in_processes(_returns, [(policy, env_id, shard.tolist()) for shard in shards], processes):
+        returns += shard.tolist()
         if progress is not None:
             progress(len(returns), n_episodes)
     return Returns.of(np.array(returns))
@@ -169,7 +169,7 @@ def record(policy: Policy, env_id: str, *, n_episodes: int, seed: int) -> list[E
     -------
     list of Episode
         In the order of the seeds. With the same arguments `rollout` plays these very episodes, if the
-        policy is deterministic or made anew from its own seed.
+        policy is deterministic or created again from its own seed.
     """
     steps = list(_play(policy, env_id, _seeds(seed, n_episodes)))
     if not steps:
@@ -184,17 +184,17 @@ def record(policy: Policy, env_id: str, *, n_episodes: int, seed: int) -> list[E
 
 @dataclass(frozen=True, eq=False)
 class _Step:
-    """One time step of the r episodes still running: `running` (r,) holds their numbers, `finished` (r,) who ended."""
+    """One time step of r unfinished episodes: `running` (r,) are their numbers, `finished` (r,) whether they end."""
 
     running: NDArray[np.int64]
-    observations: NDArray[Any]
-    actions: NDArray[Any]
+    observations: Array
+    actions: Array
     rewards: NDArray[np.float64]
     finished: NDArray[np.bool_]
 
 
 def _seeds(seed: int, n_episodes: int) -> list[int]:
-    """Independent seeds; the first n are the same for every larger n, so they can be handed out in chunks."""
+    """Independent seeds; the first n are the same for every larger n."""
     return np.random.SeedSequence(seed).generate_state(n_episodes).tolist() if n_episodes > 0 else []
 
 
@@ -204,7 +204,7 @@ def _play(policy: Policy, env_id: str, seeds: Sequence[int]) -> Iterator[_Step]:
         return
     envs: list[Any] = []
     try:
-        # One environment per episode, never reused: what a physics engine keeps beyond a reset cannot leak.
+        # One environment per episode, never reused: a physics engine may keep state beyond a reset.
         envs = [make(env_id) for _ in seeds]
         space = _actions_that_fit(policy, env_id, envs[0])
         running = np.arange(len(envs))
@@ -229,36 +229,36 @@ def _play(policy: Policy, env_id: str, seeds: Sequence[int]) -> Iterator[_Step]:
 
 
 def _actions_that_fit(policy: Policy, env_id: str, env: Any) -> Space:
-    """What the policy can do in `env`; refuses spaces that are not supported, and a policy from another environment."""
+    """The actions of `env`; a `DataError` if its spaces are not supported or do not fit the policy."""
     from gymnasium.spaces import Box
 
-    seen, actions = env.observation_space, actions_of(env)
-    if not isinstance(seen, Box) or len(seen.shape) != 1 or actions is None:
+    observed, actions = env.observation_space, actions_of(env)
+    if not isinstance(observed, Box) or len(observed.shape) != 1 or actions is None:
         raise DataError(
-            f"{env_id} has {type(seen).__name__} observations of shape {seen.shape} and "
+            f"{env_id} has {type(observed).__name__} observations of shape {observed.shape} and "
             f"{type(env.action_space).__name__} actions, but only flat Box or Discrete observations and actions can be "
             "played: wrap it or choose another."
         )
     name = getattr(policy, "source_", "the policy")  # the file that `rpil.load` read it from
     width = getattr(policy, "n_features_in_", None)
-    if width is not None and (width,) != seen.shape:
+    if width is not None and (width,) != observed.shape:
         raise DataError(
-            f"{env_id} has observations of shape {seen.shape} but {name} was fitted on shape ({width},): "
+            f"{env_id} has observations of shape {observed.shape} but {name} was fitted on shape ({width},): "
             "play it in the environment its demonstrations come from."
         )
-    known = getattr(policy, "classes_", None)
-    if known is not None:
-        theirs, ours = np.asarray(known).tolist(), actions.classes.tolist()
-        if bool(theirs) != bool(ours) or not set(theirs) <= set(ours):
+    fitted = getattr(policy, "classes_", None)
+    if fitted is not None:
+        classes, possible = np.asarray(fitted).tolist(), actions.classes.tolist()
+        if bool(classes) != bool(possible) or not set(classes) <= set(possible):
             raise DataError(
-                f"{env_id} has {actions} but {name} knows {theirs or 'continuous ones'}: "
+                f"{env_id} has {actions} but {name} knows {classes or 'continuous ones'}: "
                 "play it in the environment its demonstrations come from."
             )
     return actions
 
 
-def _actions(policy: Policy, observations: NDArray[Any], env_id: str, space: Space) -> NDArray[Any]:
-    """Ask the policy once for all running episodes, and refuse an answer that the environments would misread."""
+def _actions(policy: Policy, observations: Array, env_id: str, space: Space) -> Array:
+    """The actions of the policy for all running episodes; a `DataError` where they are no actions of the space."""
     answer = np.asarray(policy.predict(observations))
     actions = space.executed(answer, len(observations))
     if actions is None:

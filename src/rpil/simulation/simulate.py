@@ -1,14 +1,14 @@
-"""Good and bad demonstrations of a known environment, made from one seed."""
+"""Good and bad demonstrations of an environment, made from one seed."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rpil.data.errors import DataError
+from rpil.numerics.types import Array
 from rpil.simulation.corruptions import CORRUPTIONS, KINDS, RANDOM
 from rpil.simulation.experts import expert
 from rpil.simulation.rollouts import RandomPolicy, record
@@ -21,26 +21,26 @@ class Simulation:
     Attributes
     ----------
     env_id, kind : str
-        The environment, and what is wrong with the bad ones.
+        The environment, and the kind of the bad demonstrations.
     episodes : list of (observations (n, D), actions (n,) or (n, A))
     is_good : array of int (M,)
         1 for the expert's own demonstrations, 0 for the bad ones.
     returns : array (M,)
-        Undiscounted return of the policy that drove: but for "random" a bad demonstration has an expert's return.
+        Undiscounted return of the episode as it was played: for all kinds but "random", the return of the expert.
     """
 
     env_id: str
     kind: str
-    episodes: list[tuple[NDArray[Any], NDArray[Any]]]
+    episodes: list[tuple[Array, Array]]
     is_good: NDArray[np.int64]
     returns: NDArray[np.float64]
 
 
 def simulate(env_id: str, kind: str, *, n_good: int, n_bad: int, seed: int) -> Simulation:
-    """Let the closed-form expert of an environment demonstrate, and spoil some of the demonstrations.
+    """Record the closed-form expert of an environment, and corrupt some of the demonstrations.
 
     The good episodes depend on neither `kind` nor `n_bad`, and for every kind but "random" the same episodes are
-    spoiled: results for two kinds with one seed differ by the kind alone.
+    corrupted: results for two kinds with one seed differ by the kind alone.
 
     Parameters
     ----------
@@ -49,9 +49,9 @@ def simulate(env_id: str, kind: str, *, n_good: int, n_bad: int, seed: int) -> S
     kind : str
         One of `rpil.simulation.corruptions.KINDS`.
     n_good, n_bad : int
-        Number of demonstrations of either sort, 0 or more.
+        Numbers of good and of bad demonstrations, 0 or more.
     seed : int
-        Fixes everything.
+        Determines all demonstrations.
 
     Returns
     -------
@@ -68,24 +68,24 @@ def simulate(env_id: str, kind: str, *, n_good: int, n_bad: int, seed: int) -> S
         raise DataError(f"n_good = {n_good} and n_bad = {n_bad} make no demonstrations: ask for at least one in all.")
     driver = expert(env_id)
     space = driver.actions
-    good_seed, bad_seed, policy_seed, spoil_seed = np.random.SeedSequence(seed).generate_state(4).tolist()
+    good_seed, bad_seed, policy_seed, corruption_seed = np.random.SeedSequence(seed).generate_state(4).tolist()
 
     good = record(driver, env_id, n_episodes=n_good, seed=good_seed)
     if kind == RANDOM:
         bad = record(RandomPolicy(space, policy_seed), env_id, n_episodes=n_bad, seed=bad_seed)
-        spoiled = [(episode.observations, episode.actions) for episode in bad]
+        corrupted = [(episode.observations, episode.actions) for episode in bad]
     else:
         bad = record(driver, env_id, n_episodes=n_bad, seed=bad_seed)
-        # A stream per episode: asking for more bad ones leaves the first as they were.
-        streams = np.random.default_rng(spoil_seed).spawn(n_bad)
-        spoiled = [
+        # One generator per episode: the first bad demonstrations do not depend on `n_bad`.
+        streams = np.random.default_rng(corruption_seed).spawn(n_bad)
+        corrupted = [
             CORRUPTIONS[kind](episode.observations, episode.actions, space, rng)
             for episode, rng in zip(bad, streams, strict=True)
         ]
     return Simulation(
         env_id=env_id,
         kind=kind,
-        episodes=[*((episode.observations, episode.actions) for episode in good), *spoiled],
+        episodes=[*((episode.observations, episode.actions) for episode in good), *corrupted],
         is_good=np.repeat([1, 0], [n_good, n_bad]),
         returns=np.array([episode.total_reward for episode in [*good, *bad]]),
     )

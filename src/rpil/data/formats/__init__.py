@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Protocol
+from types import ModuleType
 
 from numpy.typing import ArrayLike
 
@@ -16,7 +16,6 @@ from rpil.data.formats import csv, npz, parquet
 from rpil.data.formats.id_values import Label, match_labels, read_demonstrators, read_labels
 from rpil.data.formats.table import is_data
 from rpil.data.formats.weights import write_weights
-from rpil.numerics.types import Array
 
 __all__ = [
     "Label",
@@ -29,17 +28,8 @@ __all__ = [
     "write_weights",
 ]
 
-
-class Format(Protocol):
-    """A module that reads and writes one format of files."""
-
-    def read(self, path: Path) -> Demonstrations: ...
-
-    def write(self, path: Path, demonstrations: Demonstrations, truth: Mapping[str, Array]) -> None: ...
-
-
-FORMATS: dict[str, Format] = {".parquet": parquet, ".csv": csv, ".npz": npz}
-"""Extension -> module of the format."""
+FORMATS: dict[str, ModuleType] = {".parquet": parquet, ".csv": csv, ".npz": npz}
+"""Extension -> module with `read(path)` and `write(path, demonstrations, truth)`."""
 
 
 def check_format(path: StrPath) -> Path:
@@ -56,7 +46,8 @@ def read(path: StrPath) -> Demonstrations:
         One sentence naming the file, the demonstration where there is one, and the remedy.
     """
     path = check_readable(check_format(path))
-    return FORMATS[path.suffix.lower()].read(path)
+    demonstrations: Demonstrations = FORMATS[path.suffix.lower()].read(path)
+    return demonstrations
 
 
 def write(path: StrPath, demonstrations: Demonstrations, truth: Mapping[str, ArrayLike] | None = None) -> None:

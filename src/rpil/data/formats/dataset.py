@@ -129,6 +129,9 @@ class Dataset(DemonstrationSet):
         step = self.n_observations * self.store.observation.itemsize
         return self.n_steps * (step + max(self.store.n_parts, 1) * self.store.action.itemsize)
 
+    def __repr__(self) -> str:
+        return self._described(self.n_observations, self.is_discrete, self.source)
+
     def shards(self, n_shards: int = 1, block_steps: int | None = None) -> list[Shard]:
         """All demonstrations in order: shards, each to be iterated over for its blocks, see `shard_bounds`.
 

@@ -19,7 +19,7 @@ _SPELLINGS = {
     "actions": ACTION[::-1],
     "episode_ids": ("episode_ids", *EPISODE),
 }
-_NAMES = "observation_names"
+_OBSERVATION_NAMES = "observation_names"
 
 
 def read(path: Path) -> Demonstrations:
@@ -38,7 +38,7 @@ def read(path: Path) -> Demonstrations:
                     found = quoted(stored.files)
                     raise DataError(f"{source}: no array is called {what!r}; save it under that name (found {found}).")
                 arrays[what] = stored[name]
-            names = stored[_NAMES] if _NAMES in stored.files else ()
+            names = stored[_OBSERVATION_NAMES] if _OBSERVATION_NAMES in stored.files else ()
     except DataError:
         raise
     except Exception as error:  # a damaged file makes zipfile, zlib, tokenize and numpy raise errors of many types
@@ -59,7 +59,7 @@ def write(path: Path, demonstrations: Demonstrations, truth: Mapping[str, Array]
         "observations": demonstrations.observations,
         "actions": demonstrations.actions,
         "episode_ids": np.repeat(np.array(demonstrations.ids), demonstrations.lengths),
-        _NAMES: np.array(demonstrations.observation_names),
+        _OBSERVATION_NAMES: np.array(demonstrations.observation_names),
     }
     with replacing(path) as temporary:
         np.savez_compressed(temporary, allow_pickle=False, **arrays, **truth)

@@ -33,18 +33,7 @@ _BUFFER_BYTES = 1 << 18
 
 @dataclass(frozen=True)
 class RowGroup:
-    """A row group of a Parquet file.
-
-    Attributes
-    ----------
-    path : str
-    number : int
-        Number of the row group in the file.
-    first, last : int
-        It holds the rows ``first:last`` of the data set.
-    row : int
-        Its first row, counted in the file.
-    """
+    """Row group `number` of the file `path`: the rows ``first:last`` of the data set, from `row` on in the file."""
 
     path: str
     number: int
