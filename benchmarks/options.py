@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 from rpil.data.errors import DataError
-from rpil.data.files import check_writable, replacing
+from rpil.data.files import StrPath, check_writable, replacing
 
 
 def at_least(least: int, most: float = float("inf")) -> Callable[[str], int]:
@@ -41,3 +42,17 @@ def write_json(path: Path, found: Any) -> None:
     """Figures as JSON; whatever was there stays until all is written."""
     with replacing(path) as temporary:
         temporary.write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
+
+
+def make_folder(path: StrPath) -> Path:
+    """`path` as a folder that can be written to, made where it is missing; a `DataError` where that fails."""
+    path = Path(path)
+    if path.exists() and not path.is_dir():
+        raise DataError(f"{path}: it is a file; give the path of a folder.")
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise DataError(f"{path}: the folder cannot be made ({error.strerror}).") from error
+    if not os.access(path, os.W_OK):
+        raise DataError(f"{path}: it may not be written; choose another place or change the permissions.")
+    return path

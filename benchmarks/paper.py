@@ -15,9 +15,8 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from options import at_least, output, write_json
+from options import at_least, make_folder, output, write_json
 from rpil.data.demonstrations import Demonstrations
-from rpil.data.files import make_folder
 from rpil.numerics.parallel import cores
 from study.experiments import ENVIRONMENTS, METHODS, N_GOOD, OUR_FEATURES, Experiment
 from study.figures import draw

@@ -14,9 +14,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from options import make_folder
 from rpil.audit.plots import COLOURS
 from rpil.data.demonstrations import Demonstrations
-from rpil.data.files import make_folder, replacing
+from rpil.data.files import replacing
 from rpil.simulation.rollouts import record
 from rpil.simulation.simulate import simulate
 from study.experiments import (

@@ -12,10 +12,11 @@ import numpy as np
 from sklearn.exceptions import ConvergenceWarning
 from threadpoolctl import threadpool_limits
 
+from options import make_folder
 from provenance import provenance
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import AmbiguousWarning, DataError
-from rpil.data.files import make_folder, replacing
+from rpil.data.files import replacing
 from rpil.numerics.parallel import in_processes
 from rpil.simulation.experts import expert
 from rpil.simulation.rollouts import Returns, rollout

@@ -71,20 +71,6 @@ def replacing(path: StrPath) -> Iterator[Path]:
         temporary.unlink(missing_ok=True)
 
 
-def make_folder(path: StrPath) -> Path:
-    """`path` as a folder that can be written to, made where it is missing; a `DataError` where that cannot be."""
-    path = Path(path)
-    if path.exists() and not path.is_dir():
-        raise DataError(f"{path}: it is a file; give the path of a folder.")
-    try:
-        path.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise DataError(f"{path}: the folder cannot be made ({error.strerror}).") from error
-    if not os.access(path, os.W_OK):
-        raise DataError(f"{path}: it may not be written; choose another place or change the permissions.")
-    return path
-
-
 def check_outputs(inputs: Iterable[StrPath | None], *outputs: StrPath | None) -> None:
     """Check, before any work, that all outputs can be written and replace no input and no other output.
 
