@@ -14,3 +14,28 @@ install_import_hook(ROOMS, "typecheck.check")  # before anything of rpil is impo
 def small(monkeypatch):
     """Hundreds of steps fill a block."""
     monkeypatch.setattr("rpil.data.demonstrations.BLOCK_STEPS", 700)
+
+
+SLOW_FILES = {
+    "test_continuous.py",
+    "test_dask.py",
+    "test_demo.py",
+    "test_estimators.py",
+    "test_fit_from_disk.py",
+    "test_fitted_audits.py",
+    "test_golden.py",
+    "test_judge.py",
+    "test_large.py",
+    "test_reweight.py",
+    "test_rment.py",
+    "test_streaming.py",
+    "test_torch.py",
+}
+"""Files in which most tests take more than a second; a slow test of another file has the marker `slow` itself."""
+
+
+def pytest_collection_modifyitems(items):
+    """Mark the tests of `SLOW_FILES`."""
+    for item in items:
+        if item.path.name in SLOW_FILES:
+            item.add_marker(pytest.mark.slow)
