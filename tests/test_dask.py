@@ -66,7 +66,7 @@ def test_a_cluster_says_what_one_process_says(small, cluster, tmp_path, maker, o
     if on_disk:
         formats.write(tmp_path / "a.parquet", data)
         data = open_dataset(tmp_path / "a.parquet")
-    there = small_rpil(engine=DaskEngine(cluster, n_parts=3), labels=labels).fit(data)
+    there = small_rpil(engine=DaskEngine(cluster, n_shards=3), labels=labels).fit(data)
     assert_same(here, there)
 
 
@@ -86,14 +86,14 @@ def test_a_worker_that_is_killed_costs_time_only(small, cluster, tmp_path, on_di
             os.kill(pid, signal.SIGKILL)
             killed.append(pid)
 
-    there = small_rpil(engine=DaskEngine(cluster, n_parts=4), progress=progress).fit(data)
+    there = small_rpil(engine=DaskEngine(cluster, n_shards=4), progress=progress).fit(data)
     assert killed
     assert_same(here, there)
 
 
 def test_each_worker_holds_a_share(small, cluster):
     cluster.wait_for_workers(2, timeout=30)
-    placed = DaskEngine(cluster, n_parts=4).place(demonstrations().shards(4))
+    placed = DaskEngine(cluster, n_shards=4).place(demonstrations().shards(4))
     keys = [future.key for future in placed.futures]
     where = cluster.who_has(placed.futures)
     assert [len([k for k in keys if w in where[k]]) for w in cluster.nthreads()] == [2, 2]
@@ -116,7 +116,7 @@ def test_only_parameters_and_sums_travel(small, cluster):
     # What a shard is told of demonstrations is of its own.
     weigh = StepWeights(model.judge_, np.arange(120.0), 1.0)
     shards = data.shards(4)
-    told = [engine._only(weigh, shard) for shard in shards]
+    told = [engine._for_shard(weigh, shard) for shard in shards]
     assert sum(len(one.trust) for one in told) == 120
     for shard, one in zip(shards, told, strict=True):
         for block in shard:
@@ -125,15 +125,15 @@ def test_only_parameters_and_sums_travel(small, cluster):
                 one.trust[at : at + len(block.offsets) - 1], weigh.trust[block.demonstrations]
             )
     # And sums over the blocks of a shard are added up where they are.
-    placed = DaskEngine(cluster, n_parts=2).place(shards[:2])
+    placed = DaskEngine(cluster, n_shards=2).place(shards[:2])
     steps = [float(len(p.actions)) for shard in shards[:2] for p in shard]
-    assert list(placed.map(_steps)) == steps
-    assert placed.total(_steps) == sum(steps)
-    assert len(list(placed._each(engine._sums, _steps))) == 2
+    assert list(placed.map(_steps)) == [(n,) for n in steps]
+    assert placed.total(_steps) == (sum(steps),)
+    assert len(list(placed.run(engine._total, _steps))) == 2
 
 
-def _steps(block: Block) -> float:
-    return float(len(block.actions))
+def _steps(block: Block) -> tuple[float]:
+    return (float(len(block.actions)),)
 
 
 def size(value):

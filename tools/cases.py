@@ -69,7 +69,7 @@ def on_dask(folder: Path) -> dict[str, Array]:
 
     options = {"n_workers": 1, "threads_per_worker": 1, "processes": False, "dashboard_address": None}
     with LocalCluster(**options) as cluster, Client(cluster, set_as_default=False) as client:
-        return streamed(False, folder, engine=rpil.DaskEngine(client, n_parts=3))
+        return streamed(False, folder, engine=rpil.DaskEngine(client, n_shards=3))
 
 
 def interrupt(stage: str) -> None:

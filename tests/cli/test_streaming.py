@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from functools import partial
 
 import numpy as np
 import pyarrow.parquet as pq
@@ -14,6 +15,7 @@ from rpil import Dataset, open_dataset
 from rpil.cli import commands
 from rpil.data import formats
 from rpil.data.demonstrations import Demonstrations
+from rpil.scale.dask import connect
 from small import SMALL, small_rpil
 
 
@@ -61,7 +63,7 @@ def test_a_large_file_is_read_block_by_block(small, tmp_path, monkeypatch):
 )
 def test_options_that_exclude_each_other_are_refused(tmp_path, monkeypatch, arguments, message):
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("rpil.scale.dask.TIMEOUT", 0.5)
+    monkeypatch.setattr("rpil.scale.dask.connect", partial(connect, timeout=0.5))
     formats.write("a.csv", demonstrations())
     formats.write("a.parquet", demonstrations())
     result = call(*arguments)

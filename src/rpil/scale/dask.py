@@ -1,7 +1,7 @@
-"""A cluster: Dask's workers keep the data; only functions with their parameters, and sums, travel.
+"""The engine for a cluster: Dask's workers keep the blocks; functions with their parameters, and sums, travel.
 
-A shard is placed once. One that is on disk is read by a worker, and by another one should that worker die: Dask itself
-remembers how. One that is in memory is sent, and sent again by the engine should its worker die.
+A shard on disk is read by a worker; where the worker dies, Dask has another worker read it. A shard in memory is sent
+to a worker; where the worker dies, the engine sends it again.
 """
 
 from __future__ import annotations
@@ -12,44 +12,43 @@ from concurrent.futures import CancelledError
 from contextlib import suppress
 from dataclasses import dataclass, fields, is_dataclass
 from functools import cache, reduce
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 from threadpoolctl import threadpool_limits
 
 from rpil.data.errors import DataError, MissingExtraError
 from rpil.numerics.blocks import Sums, add
-
-R = TypeVar("R")
+from rpil.scale.protocol import R, Shards, T
 
 TIMEOUT = 10.0
 """Seconds within which a scheduler answers."""
 
-_PARTS_PER_THREAD = 2
-"""Few, so that they are coarse, and more than one, so that what a dead worker held can be shared out."""
+_SHARDS_PER_THREAD = 2
+"""More than one, so that the shards of a worker that died can be divided among the others."""
 
 _TRIM_THRESHOLD, _MMAP_THRESHOLD = -1, -3
-_KEPT_BYTES = 1 << 25
-"""What `mallopt` of the GNU C library calls them, and the most that it takes for the second."""
+_FREE_BYTES = 1 << 25
+"""The names that `mallopt` of the GNU C library has for them, and the largest value that it takes for the second."""
 
-_TRIES = 5
-"""How often a shard is asked for before a cluster that loses it time and again is given up."""
+_MAX_TRIES = 5
+"""Times that a lost shard is made again."""
 
-_PATIENCE = 60.0
-"""Seconds without any worker after which none is expected to come back."""
+_WORKER_TIMEOUT = 60.0
+"""Seconds without any worker after which the fit ends."""
 
 
-def connect(address: str, timeout: float | None = None) -> Any:
+def connect(address: str, timeout: float = TIMEOUT) -> Any:
     """A ``distributed.Client`` of the scheduler at `address`.
 
     Raises
     ------
     DataError
-        Where nothing answers within `timeout` seconds (`TIMEOUT`, if not given), or it has no workers.
+        Where nothing answers within `timeout` seconds, or the scheduler has no workers.
     MissingExtraError
+        Where ``distributed`` is not installed.
     """
     distributed = _distributed()
-    timeout = TIMEOUT if timeout is None else timeout
     try:
         client = distributed.Client(address, timeout=timeout, set_as_default=False)
     except (OSError, ValueError) as error:
@@ -58,23 +57,22 @@ def connect(address: str, timeout: float | None = None) -> Any:
         client.wait_for_workers(1, timeout)
     except TimeoutError as error:
         client.close()
-        said = f"{address}: the scheduler has no workers; start some with: dask worker {address}."
-        raise DataError(said) from error
+        message = f"{address}: the scheduler has no workers; start some with: dask worker {address}."
+        raise DataError(message) from error
     return client
 
 
 class DaskEngine:
-    """Passes run by the workers of a cluster, which hold the data; results as in memory, up to rounding.
+    """Passes run by the workers of a cluster, which keep the data; the results are those in memory, up to rounding.
 
-    Workers need this package, enough memory for all data together, and one BLAS thread each, which they get. What a
-    worker that dies has held is read, or sent, again. Of a `Dataset`, workers must find the files where this process
-    does.
+    Workers need this package and memory for all data together; each gets one BLAS thread. The shards of a worker that
+    dies are read, or sent, again. Workers must find the files of a `Dataset` under the same path as this process.
 
     Parameters
     ----------
     client : distributed.Client
-    n_parts : int, optional
-        Into how many shards to cut the data; two for each thread of a worker by default.
+    n_shards : int, optional
+        Number of shards; by default two for each thread of a worker.
 
     Raises
     ------
@@ -82,159 +80,166 @@ class DaskEngine:
         Where ``distributed`` is not installed.
     """
 
-    def __init__(self, client: Any, n_parts: int | None = None) -> None:
+    def __init__(self, client: Any, n_shards: int | None = None) -> None:
         _distributed()
-        self.client, self._n_parts = client, n_parts
+        self.client, self._n_shards = client, n_shards
 
     @property
-    def n_parts(self) -> int:
-        return self._n_parts or max(1, _PARTS_PER_THREAD * sum(self.client.nthreads().values()))
+    def n_shards(self) -> int:
+        return self._n_shards or max(1, _SHARDS_PER_THREAD * sum(self.client.nthreads().values()))
 
-    def place(self, shards: Sequence[Iterable[Any]]) -> Placed:
+    def place(self, shards: Sequence[Iterable[T]]) -> Shards[T]:
         _wait_for_workers(self.client)
 
-        def made(k: int) -> Any:
-            if isinstance(shards[k], list):  # data themselves
-                return self.client.scatter(Kept.of(shards[k]), hash=False)
-            return self.client.submit(_read, shards[k], pure=False)
+        def make(k: int) -> Any:
+            shard = shards[k]
+            if isinstance(shard, list):  # in memory
+                return self.client.scatter(WorkerBlocks.of(shard), hash=False)
+            return self.client.submit(_read, shard, pure=False)
 
-        return Placed(self.client, shards, made)
+        return RemoteBlocks(self.client, shards, make)
 
 
-class Placed:
-    """Blocks that workers hold.
+class RemoteBlocks(Shards[T]):
+    """Blocks that workers keep.
 
     Parameters
     ----------
     client : distributed.Client
     shards : sequence
-    made : callable
-        Gives the future of the blocks of a shard, by its number.
-    before : Placed, optional
-        The blocks that these are made from.
+    make : callable
+        The future of the blocks of a shard, by the number of the shard.
+    parent : RemoteBlocks, optional
+        The blocks from which these are made.
     """
 
     def __init__(
-        self, client: Any, shards: Sequence[Any], made: Callable[[int], Any], before: Placed | None = None
+        self,
+        client: Any,
+        shards: Sequence[Any],
+        make: Callable[[int], Any],
+        parent: RemoteBlocks[Any] | None = None,
     ) -> None:
-        self.client, self.shards, self._made, self._before = client, shards, made, before
-        self.futures = [made(k) for k in range(len(shards))]
+        self.client, self.shards, self._make, self._parent = client, shards, make, parent
+        self.futures = [make(k) for k in range(len(shards))]
 
-    def map(self, function: Callable[[Any], R]) -> Iterator[R]:
-        """All shards are worked on, and come back in order."""
-        for found in self._each(_results, function):
-            yield from found
+    def map(self, function: Callable[[T], R]) -> Iterator[R]:
+        """Workers work on all shards at once; the results come in order."""
+        for results in self.run(_map, function):
+            yield from results
 
-    def total(self, function: Callable[[Any], Sums]) -> Sums:
-        """A shard is added up where it is."""
-        return reduce(add, self._each(_sums, function))
+    def total(self, function: Callable[[T], Sums]) -> Sums:
+        """Each worker adds up its own shards."""
+        return reduce(add, self.run(_total, function))
 
-    def then(self, function: Callable[[Any], Any]) -> Placed:
-        def made(k: int) -> Any:
-            return self.client.submit(_further, self.futures[k], _only(function, self.shards[k]), pure=False)
+    def then(self, function: Callable[[T], R]) -> Shards[R]:
+        def make(k: int) -> Any:
+            return self.client.submit(_apply, self.futures[k], _for_shard(function, self.shards[k]), pure=False)
 
-        return Placed(self.client, self.shards, made, self)
+        return RemoteBlocks(self.client, self.shards, make, self)
 
-    def _each(self, task: Callable[..., R], function: Callable[[Any], Any]) -> Iterator[R]:
+    def run(self, task: Callable[..., R], function: Callable[[T], Any]) -> Iterator[R]:
+        """The result of a task for each shard, in order; a shard that is lost is made again."""
         killed = _distributed().scheduler.KilledWorker
         tasks = self.client.map(task, self.futures, function=function, pure=False)
         for k in range(len(tasks)):
-            for _ in range(_TRIES):
+            for _ in range(_MAX_TRIES):
                 try:
-                    found = self._result(tasks[k])
+                    result = self._wait_for(tasks[k])
                     break
                 except (CancelledError, killed):
                     self._make_again(k)
                     tasks[k] = self.client.submit(task, self.futures[k], function, pure=False)
             else:
-                raise DataError(f"The cluster lost shard {k} of the data {_TRIES} times; give its workers more memory.")
-            tasks[k] = None  # so that workers forget it
-            yield found
+                raise DataError(
+                    f"The cluster lost shard {k} of the data {_MAX_TRIES} times; give its workers more memory."
+                )
+            tasks[k] = None  # so that workers release it
+            yield result
 
-    def _result(self, future: Any) -> Any:
+    def _wait_for(self, future: Any) -> Any:
         while True:
             try:
-                return future.result(timeout=_PATIENCE)
+                return future.result(timeout=_WORKER_TIMEOUT)
             except TimeoutError:
                 _wait_for_workers(self.client)
 
     def _make_again(self, k: int) -> None:
-        """Shard `k` is lost: make it again, from the beginning."""
-        if self._before:
-            self._before._make_again(k)
-        self.futures[k] = self._made(k)
+        if self._parent:
+            self._parent._make_again(k)
+        self.futures[k] = self._make(k)
 
 
 @dataclass(frozen=True, eq=False)
-class Kept:
-    """What a worker holds of a shard: blocks, and the bytes that they hold besides those of another such."""
+class WorkerBlocks:
+    """The blocks of a shard on a worker, and the bytes that they need besides the arrays of their parents."""
 
     blocks: list[Any]
     nbytes: int
 
     @classmethod
-    def of(cls, blocks: Iterable[Any], besides: Sequence[Any] = ()) -> Kept:
-        """Blocks, of which those `besides` are kept anyway."""
-        blocks = list(blocks)
-        known = _arrays(besides)
-        return cls(blocks, sum(array.nbytes for key, array in _arrays(blocks).items() if key not in known))
+    def of(cls, blocks: Iterable[Any], parents: Sequence[Any] = ()) -> WorkerBlocks:
+        """Blocks made from `parents`, with which they share arrays."""
+        blocks, shared = list(blocks), _arrays(parents)
+        return cls(blocks, sum(array.nbytes for key, array in _arrays(blocks).items() if key not in shared))
 
     def __sizeof__(self) -> int:
-        return self.nbytes  # by which Dask knows what it costs to move
+        return self.nbytes  # Dask asks for it to know the cost of moving the blocks
 
 
-def _read(shard: Iterable[Any]) -> Kept:
-    """On a worker: the blocks of a shard."""
+def _read(shard: Iterable[Any]) -> WorkerBlocks:
+    """On a worker: read the blocks of a shard."""
     try:
-        return Kept.of(shard)
+        return WorkerBlocks.of(shard)
     except DataError as error:
         if not isinstance(error.__cause__, OSError):
             raise
-        said = f"A worker of the cluster cannot read the data ({str(error).rstrip('.')})"
-        raise DataError(f"{said}; put them where all workers find them under the same path.") from error
+        message = f"A worker of the cluster cannot read the data ({str(error).rstrip('.')})"
+        raise DataError(f"{message}; put them where all workers find them under the same path.") from error
 
 
-def _further(kept: Kept, function: Callable[[Any], Any]) -> Kept:
-    """On a worker: something of each block, to be kept."""
-    return Kept.of(_results(kept, function), besides=kept.blocks)
+def _apply(shard: WorkerBlocks, function: Callable[[Any], Any]) -> WorkerBlocks:
+    """On a worker: apply a function to each block and keep the results."""
+    return WorkerBlocks.of(_map(shard, function), parents=shard.blocks)
 
 
-def _results(kept: Kept, function: Callable[[Any], Any]) -> list[Any]:
-    """On a worker: something of each block, to be sent."""
-    _at_work()
-    return [function(block) for block in kept.blocks]
+def _map(shard: WorkerBlocks, function: Callable[[Any], R]) -> list[R]:
+    """On a worker: apply a function to each block."""
+    _configure_worker()
+    return [function(block) for block in shard.blocks]
 
 
-def _sums(kept: Kept, function: Callable[[Any], Sums]) -> Sums:
-    return reduce(add, _results(kept, function))
+def _total(shard: WorkerBlocks, function: Callable[[Any], Sums]) -> Sums:
+    """On a worker: add up the results of a function for each block."""
+    return reduce(add, _map(shard, function))
 
 
 @cache
-def _at_work() -> None:
-    """A worker's threads are busy with a shard each, so BLAS gets one; and memory that is free stays theirs.
+def _configure_worker() -> None:
+    """Give BLAS one thread, as every thread of the worker works on a shard, and keep freed memory in the process.
 
-    Dask has it handed back to the system after every array, from where NumPy's temporaries come back page by page: that
-    made passes ten times slower.
+    Dask returns it to the system after every array, and NumPy's temporary arrays then get it back page by page: passes
+    took ten times as long.
     """
     threadpool_limits(1, "blas")
-    with suppress(OSError, AttributeError):  # another C library has other ways
+    with suppress(OSError, AttributeError):  # another C library
         for which in (_TRIM_THRESHOLD, _MMAP_THRESHOLD):
-            ctypes.CDLL(None).mallopt(which, _KEPT_BYTES)
+            ctypes.CDLL(None).mallopt(which, _FREE_BYTES)
 
 
 def _wait_for_workers(client: Any) -> None:
     try:
-        client.wait_for_workers(1, _PATIENCE)
+        client.wait_for_workers(1, _WORKER_TIMEOUT)
     except TimeoutError as error:
         raise DataError("The cluster has no workers left; start some, and fit again.") from error
 
 
-def _only(function: Any, shard: Any) -> Any:
-    """`function` with what it needs to know of the demonstrations of `shard`, and of no others."""
+def _for_shard(function: Any, shard: Any) -> Any:
+    """`function` with the values of the demonstrations of a shard alone."""
     if not hasattr(function, "only"):
         return function
-    ends = shard if isinstance(shard, list) else [shard]
-    return function.only(slice(ends[0].demonstrations.start, ends[-1].demonstrations.stop))
+    blocks = shard if isinstance(shard, list) else [shard]
+    return function.only(slice(blocks[0].demonstrations.start, blocks[-1].demonstrations.stop))
 
 
 def _arrays(value: Any) -> dict[int, np.ndarray[Any, Any]]:

@@ -1,4 +1,4 @@
-"""Data that stay on disk: read anew for every pass, the next block while this one computes."""
+"""The engine for data on disk: every pass reads them again, the next block while the blocks before it are worked on."""
 
 from __future__ import annotations
 
@@ -8,50 +8,49 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import reduce
 from itertools import chain
-from typing import Any, TypeVar
+from typing import Any
 
 from rpil.numerics.blocks import Sums, add
 from rpil.numerics.parallel import cores
-
-R = TypeVar("R")
-
-
-def _same(block: Any) -> Any:
-    return block
+from rpil.scale.protocol import R, Shards, T
 
 
 @dataclass(frozen=True)
-class Stream:
-    """Blocks of shards, and what becomes of each before a pass sees it."""
+class StreamedBlocks(Shards[T]):
+    """Blocks that are read for every pass, and the functions that are applied to each."""
 
     shards: Sequence[Iterable[Any]]
-    prepare: Callable[[Any], Any]
+    prepare: Callable[[Any], T]
 
-    def map(self, function: Callable[[Any], R]) -> Iterator[R]:
-        """One block is read while as many as there are cores are worked on: so many are in memory, and one more."""
-        at_work: deque[Future[R]] = deque()
+    def map(self, function: Callable[[T], R]) -> Iterator[R]:
+        """At most one block more than there are cores is in memory."""
+        pending: deque[Future[R]] = deque()
         with ThreadPoolExecutor(cores()) as pool:
             for block in chain.from_iterable(self.shards):
-                at_work.append(pool.submit(lambda one: function(self.prepare(one)), block))
+                pending.append(pool.submit(lambda one: function(self.prepare(one)), block))
                 del block
-                if len(at_work) > cores():
-                    yield at_work.popleft().result()
-            while at_work:
-                yield at_work.popleft().result()
+                if len(pending) > cores():
+                    yield pending.popleft().result()
+            while pending:
+                yield pending.popleft().result()
 
-    def then(self, function: Callable[[Any], Any]) -> Stream:
+    def then(self, function: Callable[[T], R]) -> Shards[R]:
         prepare = self.prepare
-        return Stream(self.shards, lambda block: function(prepare(block)))
+        return StreamedBlocks(self.shards, lambda block: function(prepare(block)))
 
-    def total(self, function: Callable[[Any], Sums]) -> Sums:
+    def total(self, function: Callable[[T], Sums]) -> Sums:
         return reduce(add, self.map(function))
 
 
 @dataclass(frozen=True)
 class Streamed:
-    """Keeps nothing."""
+    """Keeps no block."""
 
-    n_parts: int = 1
+    n_shards: int = 1
 
-    def place(self, shards: Sequence[Iterable[Any]]) -> Stream:
-        return Stream(shards, _same)
+    def place(self, shards: Sequence[Iterable[T]]) -> Shards[T]:
+        return StreamedBlocks(shards, _identity)
+
+
+def _identity(block: T) -> T:
+    return block

@@ -1,4 +1,4 @@
-"""Everything in this process's memory, on all its cores."""
+"""The engine for data in the memory of this process: it works on as many blocks at a time as there are cores."""
 
 from __future__ import annotations
 
@@ -7,39 +7,37 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import reduce
 from itertools import chain
-from typing import Any, TypeVar
 
 from rpil.numerics.blocks import Sums, add
 from rpil.numerics.parallel import cores
-
-R = TypeVar("R")
+from rpil.scale.protocol import R, Shards, T
 
 
 @dataclass(frozen=True)
-class Held:
-    """Blocks in a list. Several are worked on at a time, which changes no bit: each is summed on its own."""
+class LocalBlocks(Shards[T]):
+    """Blocks in a list. Each is summed by one thread, so that the number of threads changes no bit."""
 
-    blocks: list[Any]
+    blocks: list[T]
 
-    def map(self, function: Callable[[Any], R]) -> Iterator[R]:
+    def map(self, function: Callable[[T], R]) -> Iterator[R]:
         if min(cores(), len(self.blocks)) < 2:
             yield from map(function, self.blocks)
             return
         with ThreadPoolExecutor(cores()) as pool:
             yield from pool.map(function, self.blocks)
 
-    def then(self, function: Callable[[Any], Any]) -> Held:
-        return Held(list(self.map(function)))
+    def then(self, function: Callable[[T], R]) -> Shards[R]:
+        return LocalBlocks(list(self.map(function)))
 
-    def total(self, function: Callable[[Any], Sums]) -> Sums:
+    def total(self, function: Callable[[T], Sums]) -> Sums:
         return reduce(add, self.map(function))
 
 
 @dataclass(frozen=True)
 class InMemory:
-    """Reads every shard once, and keeps it."""
+    """Reads every shard once and keeps its blocks."""
 
-    n_parts: int = 1
+    n_shards: int = 1
 
-    def place(self, shards: Sequence[Iterable[Any]]) -> Held:
-        return Held(list(chain.from_iterable(shards)))
+    def place(self, shards: Sequence[Iterable[T]]) -> Shards[T]:
+        return LocalBlocks(list(chain.from_iterable(shards)))

@@ -1,42 +1,42 @@
-"""What a fit to much data asks of an engine."""
+"""What a fit by passes asks of an engine."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from typing import Any, Protocol, TypeVar, runtime_checkable
+from typing import Protocol, TypeVar, runtime_checkable
 
 from rpil.numerics.blocks import Sums
 
-Result = TypeVar("Result")
+T = TypeVar("T")
+T_co = TypeVar("T_co", covariant=True)
+R = TypeVar("R")
 
 
 @runtime_checkable
-class Shards(Protocol):
-    """The blocks of all shards of the data, or something computed from each, kept where the engine wants it."""
+class Shards(Protocol[T_co]):
+    """The blocks of all shards, or what was computed from each block, where the engine keeps them."""
 
-    def map(self, function: Callable[[Any], Result]) -> Iterator[Result]:
-        """The result for each block, brought here, in order."""
+    def map(self, function: Callable[[T_co], R]) -> Iterator[R]:
+        """The result for each block, in order, in this process."""
 
-    def then(self, function: Callable[[Any], Any]) -> Shards:
-        """The result for each block, left where the block is.
+    def then(self, function: Callable[[T_co], R]) -> Shards[R]:
+        """The result for each block, kept where the block is.
 
-        A function that holds something of every demonstration may have a method ``only(those: slice)``: the same for
-        the demonstrations of a shard, which is what is sent to where the shard is.
+        A function with a value for each demonstration may have a method ``only(demonstrations: slice)`` that returns
+        the function for some of them: a worker gets that of its own shard.
         """
 
-    def total(self, function: Callable[[Any], Sums]) -> Sums:
+    def total(self, function: Callable[[T_co], Sums]) -> Sums:
         """The sum of the results for all blocks, always added up in the same order."""
 
 
 @runtime_checkable
 class Engine(Protocol):
-    """Where blocks live; `n_parts` is how many shards the data are best cut into."""
+    """Keeps the data and runs the passes."""
 
     @property
-    def n_parts(self) -> int: ...
+    def n_shards(self) -> int:
+        """The number of shards into which the data are best divided."""
 
-    def place(self, shards: Sequence[Iterable[Any]]) -> Shards:
-        """The blocks of all shards, in order.
-
-        A shard is a part of the data that one worker can hold: to iterate over it is to read it, block by block.
-        """
+    def place(self, shards: Sequence[Iterable[T]]) -> Shards[T]:
+        """Take the shards; iterating over a shard reads it, block by block."""
