@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from beartype import BeartypeConf, beartype
 
-ROOMS = ("rpil.numerics", "rpil.mixture", "rpil.inference")
+ROOMS = ("rpil.numerics", "rpil.policies", "rpil.mixture", "rpil.inference")
 
 check = beartype(conf=BeartypeConf(is_pep484_tower=True))
 """An int is a float, as for type checkers."""

@@ -15,7 +15,7 @@ from rpil.data.fit_data import FitData
 from rpil.estimators.pipeline import Decision, Features, Options, Posed, Task, pose
 from rpil.inference.settings import Minority
 from rpil.numerics.types import Array
-from rpil.policies.features import N_LANDMARKS, FeatureMap, ridge_of
+from rpil.policies.features import FeatureMap, FeatureSettings, ridge_of
 from rpil.policies.linear import linear_policy
 from rpil.policies.protocol import AdditivePolicy
 from rpil.policies.selection import Choice
@@ -37,7 +37,8 @@ def is_sampled(task: Task, options: Options) -> bool:
 
 def budget(task: Task, options: Options) -> int:
     """Steps of the sample for the policy of the judge."""
-    first = int(np.searchsorted(task.source.offsets, N_LANDMARKS))  # enough to count the columns of the features
+    # Enough demonstrations to count the columns of the features.
+    first = int(np.searchsorted(task.source.offsets, FeatureSettings.n_landmarks))
     features = options.judge_features(task.source.select(slice(0, first)))
     assert isinstance(features, FeatureMap)
     return sample_steps(features.n_columns * task.space.n_parts, options.settings.sample)

@@ -28,7 +28,7 @@ FULL_HESSIAN_MAX_COEFFICIENTS = 1_500
 HISTORY_LENGTH = 30
 """Points of a `CurvatureHistory` that L-BFGS uses."""
 
-CurvatureHistory = Float[Array, "T 2 D K"]
+CurvatureHistory = Float[Array, "_ 2 _ _"]
 """T points of an ascent, and the gradient of the objective at each: their differences tell the curvature (L-BFGS)."""
 
 

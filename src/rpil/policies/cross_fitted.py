@@ -1,7 +1,7 @@
-"""Any scikit-learn classifier or regressor as the policy, judged by demonstrations that it did not see.
+"""Any scikit-learn classifier or regressor as the policy, evaluated on demonstrations that it was not fitted to.
 
-A flexible policy explains whatever it was fitted to, bad demonstrations included. So its likelihoods are cross-fitted:
-each demonstration is judged by a model fitted to the others, as cleanlab does with rows (Northcutt et al. 2021).
+A flexible policy explains all that it was fitted to, bad demonstrations included. So its likelihoods are cross-fitted:
+those of each demonstration come from a model fitted to the others, as in cleanlab for rows (Northcutt et al. 2021).
 """
 
 from __future__ import annotations
@@ -18,150 +18,179 @@ from sklearn.utils.validation import has_fit_parameter
 
 from rpil.data.errors import DataError
 from rpil.data.fit_data import FitData
-from rpil.data.spaces import Box, Space
+from rpil.data.spaces import Discrete, Space
 from rpil.numerics.blocks import log_softmax
-from rpil.numerics.types import Array
+from rpil.numerics.types import Array, Bool, Float, Int, Num
+from rpil.policies.protocol import CrossFittedPolicy
+from rpil.policies.softmax import at_actions
 from rpil.policies.student import StudentPolicy
 
-N_FOLDS = 5
-_NEGLIGIBLE = 1e-3
-"""Weight of a step, to that of the heaviest, that a model is not troubled with."""
+Estimator = Any
+"""A scikit-learn classifier or regressor, or an object with its methods."""
 
-_TEMPERATURES = np.geomspace(0.2, 2.0, 7)
-_DOUBTS = (1e-4, 1e-3, 0.01, 0.03, 0.1)
-_SURE = 1e-12
-_ROUNDING = 1e-3
-"""By how much probabilities of a state may miss one."""
+MIN_PROBABILITY = 1e-12
+"""Lower bound of a classifier's probabilities before their logarithm."""
+
+PROBABILITY_TOLERANCE = 1e-3
+"""Largest deviation from one of the sum of the probabilities in a state."""
+
+
+@dataclass(frozen=True)
+class CrossFitSettings:
+    """How an estimator is cross-fitted. All were chosen by hand, not tuned.
+
+    Attributes
+    ----------
+    n_folds : int
+        Folds of demonstrations, at most.
+    min_weight : float
+        Weight of a step, relative to the largest one, from which a model is fitted to it.
+    temperatures : tuple of float
+        Temperatures to choose from; a classifier's logits are multiplied by one.
+    lapses : tuple of float
+        Probabilities to choose from that the action is any, uniformly.
+    start_lapse : float
+        That probability before the fit.
+    """
+
+    n_folds: int = 5
+    min_weight: float = 1e-3
+    temperatures: tuple[float, ...] = tuple(np.geomspace(0.2, 2.0, 7).tolist())
+    lapses: tuple[float, ...] = (1e-4, 1e-3, 0.01, 0.03, 0.1)
+    start_lapse: float = 0.01
 
 
 @dataclass(frozen=True, eq=False)
 class ClassifierPolicy:
-    """pi(k|s) is what a classifier says of observations it has not seen, as surely as it deserves.
+    """pi(k|s) = (1 - lapse) softmax_k(temperature log p(s)) + lapse / K, for the probabilities p of a classifier.
+
+    Temperature and lapse are chosen by the held-out likelihood, because many classifiers are too sure.
 
     Attributes
     ----------
     estimator : classifier
-        What is cloned and fitted.
+        Cloned and fitted.
     n_actions : int
         K.
     models : tuple of classifiers
-        One for each fold of demonstrations, or the one of `finished`.
-    temperature, doubt : float
-        Logits are multiplied by the one, and the share of the other goes to all actions alike: chosen by the
-        cross-fitted likelihood, because many classifiers are too sure.
+        One for each fold of demonstrations, or the one of `fit_all`.
+    temperature, lapse : float
+    settings : CrossFitSettings
     """
 
-    estimator: Any
+    estimator: Estimator
     n_actions: int
-    models: tuple[Any, ...] = ()
+    models: tuple[Estimator, ...] = ()
     temperature: float = 1.0
-    doubt: float = 0.01
+    lapse: float = CrossFitSettings.start_lapse
+    settings: CrossFitSettings = CrossFitSettings()
 
-    def outputs(self, features: Array) -> Array:
-        """log pi(k|s), (N, K), of the models' mean."""
+    def outputs(self, features: Num[Array, "N D"]) -> Float[Array, "N K"]:
+        """log pi(k|s), where p is the mean over the models."""
         if not self.models:
             return np.full((len(features), self.n_actions), -np.log(self.n_actions))
-        return self._tempered(np.mean([self._proba(model, features) for model in self.models], axis=0))
+        return self._log_proba(np.mean([self._predict(model, features) for model in self.models], axis=0))
 
-    def log_prob(self, outputs: Array, actions: Array) -> Array:
-        """log pi(a_n|s_n) of the actions taken, (N,)."""
-        return np.take_along_axis(outputs, actions[:, None], axis=1)[:, 0]
+    def log_prob(self, outputs: Float[Array, "N K"], actions: Int[Array, " N"]) -> Float[Array, " N"]:
+        """log pi(a_n|s_n) of the actions taken."""
+        return at_actions(outputs, actions)
 
-    def fit(self, data: FitData, weight: Array) -> tuple[ClassifierPolicy, Array]:
-        """Models for folds of demonstrations, and what each says of the demonstrations that it did not see."""
-        models, proba = [], np.empty((len(data.actions), self.n_actions))
-        for held in _folds(data):
-            model = _fitted(self.estimator, data.features[~held], data.actions[~held], weight[~held])
-            proba[held] = self._proba(model, data.features[held])
-            models.append(model)
-        policy = replace(self, models=tuple(models))._calibrated(proba, data.actions, weight)
-        return policy, policy._tempered(proba)
+    def fit(self, data: FitData, weight: Float[Array, " N"]) -> tuple[ClassifierPolicy, Float[Array, "N K"]]:
+        """Models for folds of demonstrations, and held-out log-probabilities."""
+        settings = self.settings
+        models, proba = _cross_fit(self, data, weight, self.n_actions)
+        tried = [replace(self, temperature=t, lapse=p) for t in settings.temperatures for p in settings.lapses]
+        best = max(tried, key=lambda policy: float(weight @ at_actions(policy._log_proba(proba), data.actions)))
+        return replace(best, models=models), best._log_proba(proba)
 
-    def fit_all(self, data: FitData, weight: Array) -> ClassifierPolicy:
-        """One model fitted to all steps by weight: what a user takes home."""
-        return replace(self, models=(_fitted(self.estimator, data.features, data.actions, weight),))
+    def fit_all(self, data: FitData, weight: Float[Array, " N"]) -> ClassifierPolicy:
+        """The policy of one model that is fitted to all weighted steps."""
+        return replace(self, models=(_fit_model(self, data.features, data.actions, weight),))
 
-    def _proba(self, model: Any, features: Array) -> Array:
-        """Of all K actions, also of those that a model has not seen."""
+    def _predict(self, model: Estimator, features: Array) -> Array:
+        """Probabilities of all K actions, 0 for those that a model was not fitted to."""
         proba = np.zeros((len(features), self.n_actions))
-        if len(features):
-            seen = np.asarray(model.classes_, dtype=int)
-            said = np.asarray(model.predict_proba(features))
-            where = f"{type(self.estimator).__name__}.predict_proba"
-            if said.shape != (len(features), len(seen)):
-                raise DataError(f"{where} gave the shape {said.shape}; let it give {(len(features), len(seen))}.")
-            if not np.isfinite(said).all():
-                raise DataError(f"{where} gave NaN; scale its inputs or regularise.")
-            if (said < 0).any() or np.abs(said.sum(axis=1) - 1).max() > _ROUNDING:
-                raise DataError(f"{where} gave no probabilities; let every row be positive and sum to one.")
-            proba[:, seen] = said
+        if not len(features):
+            return proba
+        classes = np.asarray(model.classes_, dtype=int)
+        predicted = np.asarray(model.predict_proba(features))
+        where, expected = f"{type(self.estimator).__name__}.predict_proba", (len(features), len(classes))
+        if predicted.shape != expected:
+            raise DataError(f"{where} gave the shape {predicted.shape}; let it give {expected}.")
+        if not np.isfinite(predicted).all():
+            raise DataError(f"{where} gave NaN; scale its inputs or regularise.")
+        if (predicted < 0).any() or np.abs(predicted.sum(axis=1) - 1).max() > PROBABILITY_TOLERANCE:
+            raise DataError(f"{where} gave no probabilities; let every row be positive and sum to one.")
+        proba[:, classes] = predicted
         return proba
 
-    def _tempered(self, proba: Array) -> Array:
-        logits = self.temperature * np.log(np.maximum(proba, _SURE))
-        return np.logaddexp(np.log1p(-self.doubt) + log_softmax(logits), np.log(self.doubt / self.n_actions))
-
-    def _calibrated(self, proba: Array, actions: Array, weight: Array) -> ClassifierPolicy:
-        tried = [replace(self, temperature=float(t), doubt=d) for t in _TEMPERATURES for d in _DOUBTS]
-        return max(tried, key=lambda policy: float(weight @ policy.log_prob(policy._tempered(proba), actions)))
+    def _log_proba(self, proba: Array) -> Array:
+        logits = self.temperature * np.log(np.maximum(proba, MIN_PROBABILITY))
+        uniform = np.log(self.lapse / self.n_actions)
+        log_proba: Array = np.logaddexp(np.log1p(-self.lapse) + log_softmax(logits), uniform)
+        return log_proba
 
 
 @dataclass(frozen=True, eq=False)
 class RegressorPolicy:
-    """A regressor's mean, with Student's distribution of the errors it makes on what it has not seen around it.
+    """A regressor's mean, with Student's distribution of its held-out errors around it.
 
     Attributes
     ----------
     estimator : regressor
+        Cloned and fitted.
     noise : StudentPolicy
-        Of the errors.
+        The distribution of the errors.
     models : tuple of regressors
+        One for each fold of demonstrations, or the one of `fit_all`.
+    settings : CrossFitSettings
     """
 
-    estimator: Any
+    estimator: Estimator
     noise: StudentPolicy
-    models: tuple[Any, ...] = ()
+    models: tuple[Estimator, ...] = ()
+    settings: CrossFitSettings = CrossFitSettings()
 
-    def outputs(self, features: Array) -> Array:
-        """The means, (N, A)."""
-        n_parts = self.noise.weights.shape[1]
+    def outputs(self, features: Num[Array, "N D"]) -> Float[Array, "N A"]:
+        """The mean over the models."""
         if not self.models:
             return np.tile(self.noise.weights[-1], (len(features), 1))
-        return np.mean([model.predict(features).reshape(-1, n_parts) for model in self.models], axis=0)
+        means: Array = np.mean([self._predict(model, features) for model in self.models], axis=0)
+        return means
 
-    def log_prob(self, outputs: Array, actions: Array) -> Array:
-        """log pi(a_n|s_n), a density, (N,)."""
-        return self.noise.log_prob(np.zeros((1, outputs.shape[1])), actions - outputs)
+    def log_prob(self, outputs: Float[Array, "N A"], actions: Float[Array, "N A"]) -> Float[Array, " N"]:
+        """log pi(a_n|s_n), a density."""
+        return self.noise.log_prob(np.zeros_like(outputs), actions - outputs)
 
-    def fit(self, data: FitData, weight: Array) -> tuple[RegressorPolicy, Array]:
-        """Models for folds of demonstrations, and what each says of the demonstrations that it did not see."""
-        models, mean = [], np.zeros_like(data.actions)
-        for held in _folds(data):
-            model = _fitted(self.estimator, data.features[~held], data.actions[~held], weight[~held])
-            if held.any():
-                mean[held] = model.predict(data.features[held]).reshape(-1, mean.shape[1])
-            models.append(model)
+    def fit(self, data: FitData, weight: Float[Array, " N"]) -> tuple[RegressorPolicy, Float[Array, "N A"]]:
+        """Models for folds of demonstrations, and held-out means."""
+        models, mean = _cross_fit(self, data, weight, data.actions.shape[1])
         if not np.isfinite(mean).all():
             raise DataError(f"{type(self.estimator).__name__}.predict gave NaN; scale its inputs or regularise.")
         errors = FitData.from_steps(np.ones((len(mean), 1)), data.actions - mean, data.space)
         noise, _ = replace(self.noise, weights=np.zeros_like(self.noise.weights)).fit(errors, weight, tol=1e-6)
-        return replace(self, models=tuple(models), noise=noise), mean + noise.weights
+        return replace(self, models=models, noise=noise), mean + noise.weights
 
-    def fit_all(self, data: FitData, weight: Array) -> RegressorPolicy:
-        """One model fitted to all steps by weight."""
-        return replace(self, models=(_fitted(self.estimator, data.features, data.actions, weight),))
+    def fit_all(self, data: FitData, weight: Float[Array, " N"]) -> RegressorPolicy:
+        """The policy of one model that is fitted to all weighted steps."""
+        return replace(self, models=(_fit_model(self, data.features, data.actions, weight),))
+
+    def _predict(self, model: Estimator, features: Array) -> Array:
+        means: Array = model.predict(features).reshape(-1, self.noise.weights.shape[1])
+        return means
 
 
-def cross_fitted_policy(estimator: Any, space: Space, n_steps: int) -> Any:
-    """The policy that `estimator` makes before it has seen data; `TorchPolicy` is one, and only told of the actions.
+def cross_fitted_policy(estimator: Estimator, space: Space, n_steps: int) -> CrossFittedPolicy:
+    """The policy before it is fitted: of a scikit-learn `estimator`, or a `TorchPolicy` for these actions.
 
     Raises
     ------
     DataError
-        Where it is no estimator, gives no probabilities, takes no weights, or is made for other actions.
+        If it is no estimator, gives no probabilities, takes no weights, or is made for other actions.
     """
     if hasattr(estimator, "for_space"):
-        return estimator.for_space(space)
+        policy: CrossFittedPolicy = estimator.for_space(space)
+        return policy
     name = type(estimator).__name__
     if isinstance(estimator, type) or not (hasattr(estimator, "fit") and hasattr(estimator, "get_params")):
         what = f"the class {estimator.__name__}" if isinstance(estimator, type) else f"a {name}"
@@ -172,8 +201,8 @@ def cross_fitted_policy(estimator: Any, space: Space, n_steps: int) -> Any:
     if is_regressor(estimator) != (space.kind == "continuous"):
         kinds = ("a regressor", "discrete") if space.kind == "discrete" else ("no regressor", "continuous")
         raise DataError(f"The policy {name} is {kinds[0]} and the actions are {kinds[1]}; give one made for these.")
-    _weight_key(estimator)
-    if isinstance(space, Box):
+    _weight_parameter(estimator)
+    if not isinstance(space, Discrete):
         if len(space.low) > 1 and not get_tags(estimator).target_tags.multi_output:
             estimator = MultiOutputRegressor(estimator)
         return RegressorPolicy(estimator, StudentPolicy.of_errors(space, n_steps))
@@ -182,41 +211,53 @@ def cross_fitted_policy(estimator: Any, space: Space, n_steps: int) -> Any:
             f"The policy {name} has no predict_proba; give one that has, or wrap it in scikit-learn's "
             "CalibratedClassifierCV."
         )
-    return ClassifierPolicy(estimator, getattr(space, "n", 0))
+    return ClassifierPolicy(estimator, space.n)
 
 
-def _folds(data: FitData) -> list[Array]:
-    """Steps (N,) bool to hold out together: whole demonstrations, about as many steps in each fold."""
-    order = np.argsort(-data.lengths, kind="stable")
-    n_folds = min(N_FOLDS, data.n_demonstrations)
+def _cross_fit(
+    policy: ClassifierPolicy | RegressorPolicy, data: FitData, weight: Array, width: int
+) -> tuple[tuple[Estimator, ...], Array]:
+    """A model for each fold of demonstrations, fitted to the other folds, and its predictions for the fold, (N, O)."""
+    models, predictions = [], np.zeros((len(data.actions), width))
+    for test in _folds(data, policy.settings.n_folds):
+        train = ~test
+        models.append(_fit_model(policy, data.features[train], data.actions[train], weight[train]))
+        if test.any():
+            predictions[test] = policy._predict(models[-1], data.features[test])
+    return tuple(models), predictions
+
+
+def _folds(data: FitData, max_folds: int) -> list[Bool[Array, " N"]]:
+    """The steps of each fold: whole demonstrations, about as many steps in each fold."""
+    n_folds = min(max_folds, data.n_demonstrations)
     fold = np.empty(data.n_demonstrations, dtype=int)
-    load = np.zeros(n_folds)
-    for m in order:  # the longest first, each to the smallest fold so far
-        fold[m] = int(np.argmin(load))
-        load[fold[m]] += data.lengths[m]
+    n_steps = np.zeros(n_folds)
+    for m in np.argsort(-data.lengths, kind="stable"):  # the longest first, each to the smallest fold so far
+        fold[m] = int(np.argmin(n_steps))
+        n_steps[fold[m]] += data.lengths[m]
     of_step = data.per_step(fold)
     return [of_step == k for k in range(n_folds)] if n_folds > 1 else [np.zeros(len(of_step), dtype=bool)]
 
 
-def _fitted(estimator: Any, features: Array, actions: Array, weight: Array) -> Any:
-    used = weight > _NEGLIGIBLE * weight.max() if len(weight) and weight.max() > 0 else np.ones(len(weight), bool)
-    weight = weight[used] if weight.max() > 0 else np.ones(int(used.sum()))
-    target = actions[used]
+def _fit_model(policy: ClassifierPolicy | RegressorPolicy, features: Array, actions: Array, weight: Array) -> Estimator:
+    estimator, largest = policy.estimator, weight.max(initial=0.0)
+    used = weight > policy.settings.min_weight * largest if largest > 0 else np.ones(len(weight), bool)
+    weight, target = weight[used] if largest > 0 else np.ones(len(weight)), actions[used]
     if target.ndim == 1 and (target == target[0]).all():
-        return _Always(int(target[0]))
+        return _ConstantClassifier(int(target[0]))
     target = target[:, 0] if target.ndim == 2 and target.shape[1] == 1 else target
     try:
-        return clone(estimator).fit(features[used], target, **{_weight_key(estimator): weight})
+        return clone(estimator).fit(features[used], target, **{_weight_parameter(estimator): weight})
     except (TypeError, ValueError) as error:
-        said = " ".join(str(error).split()).rstrip(".")
+        reason = " ".join(str(error).split()).rstrip(".")
         raise DataError(
-            f"The policy {type(estimator).__name__} cannot be fitted: {said}; correct its settings."
+            f"The policy {type(estimator).__name__} cannot be fitted: {reason}; correct its settings."
         ) from error
 
 
 @dataclass(frozen=True)
-class _Always:
-    """A classifier that has seen one action only."""
+class _ConstantClassifier:
+    """The classifier of data with one action."""
 
     action: int
 
@@ -228,15 +269,15 @@ class _Always:
         return np.ones((len(features), 1))
 
 
-def _weight_key(estimator: Any) -> str:
-    """The name under which `estimator.fit` takes the weights of steps, through pipelines and searches."""
+def _weight_parameter(estimator: Estimator) -> str:
+    """The parameter of `estimator.fit` that takes the weights of steps, through pipelines and searches."""
     if isinstance(estimator, Pipeline):
         name, last = estimator.steps[-1]
-        return f"{name}__{_weight_key(last)}"
+        return f"{name}__{_weight_parameter(last)}"
     if has_fit_parameter(estimator, "sample_weight"):
         return "sample_weight"
     if hasattr(estimator, "estimator"):
-        return _weight_key(estimator.estimator)
+        return _weight_parameter(estimator.estimator)
     raise DataError(
         f"The policy {type(estimator).__name__} takes no sample_weight, so that trust cannot reach it; give one that "
         "does, such as HistGradientBoostingClassifier."

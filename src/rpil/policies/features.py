@@ -1,52 +1,68 @@
-"""Feature maps phi(s): what the linear policy sees of an observation.
+"""Feature maps phi(s) from observations to the columns of the design matrix.
 
-A map is fitted once, is frozen, and is a handful of arrays, so that it travels with a saved policy. Columns are centred
-and scaled for the solver's sake; the ridge is expressed in the scale the user chose (see `FeatureMap.ridge`).
+A map is fitted once, is frozen, and holds a handful of arrays, so that it is saved with a policy. Columns are centred
+and scaled for the solver; the ridge is expressed in the scale the user chose (see `FeatureMap.ridge`).
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
+from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from sklearn.preprocessing import SplineTransformer
 
 from rpil.data.archive import stored
 from rpil.data.arrays import LARGEST
 from rpil.data.errors import DataError
 from rpil.data.spaces import Discrete, Space
-from rpil.numerics.types import Array
+from rpil.numerics.types import Array, Float, Num
 
-KINDS = ("raw", "folded", "spline", "poly", "nystroem")
-"""The kinds of maps."""
+FEATURE_KINDS = ("raw", "folded", "spline", "poly", "nystroem")
+"""The kinds of feature maps."""
 
-FEATURES = ("auto", *KINDS)
+FEATURES = ("auto", *FEATURE_KINDS)
 """What the estimators accept; "auto" chooses among the kinds, see `rpil.policies.selection`."""
 
-RIDGE_PER_STEP = 1e-5
-"""The default ridge, for a step: strong enough to keep separable classes finite, too weak to bias a policy."""
+KERNEL_WIDTH = 0.1
+"""gamma of the Gaussian kernel exp(-gamma |z - z'|^2), times the number of columns of z. Chosen by hand, not tuned. A
+saved map does not hold it, so that it is no field of the settings."""
 
-N_LANDMARKS = 200
-"""With which Nystroem compares, unless fewer are asked for."""
+DESIGN_BLOCK_ROWS = 4096
+"""Rows of a design matrix that are computed at a time, so that intermediate arrays stay in cache."""
 
-_N_KNOTS = 8
-_MAX_POLY_COLUMNS = 2000
-_KERNEL_WIDTH = 0.1
-
-_MOST_COMPARED = 4096
-"""Observations among which landmarks are chosen."""
-
-_LEAST_UNLIKE = 1e-6
-"""Of a kernel that is 1: what is explained but for that needs no more landmarks."""
-
-_BLOCK_STEPS = 4096
-"""Rows of a design matrix that are made at a time: what they are made of stays in cache."""
-
-_NEAR = 4.0
+SINGLE_MAX_CENTER = 4.0
 """Means, in standard deviations, that single precision subtracts with an error of 2e-7."""
+
+
+@dataclass(frozen=True)
+class FeatureSettings:
+    """How a `FeatureMap` is fitted. Unless stated otherwise, values were chosen by hand, not tuned.
+
+    Attributes
+    ----------
+    ridge_per_step : float
+        The default ridge, a step: strong enough to keep separable classes finite, too weak to bias a policy.
+    n_knots : int
+        Knots of a spline, evenly spaced over the range of an observation.
+    max_poly_columns : int
+        Columns of a polynomial map, at most: more do not fit in memory.
+    n_landmarks : int
+        Landmarks of Nystroem's approximation, at most.
+    max_candidates : int
+        Observations among which landmarks are drawn, at most.
+    landmark_tol : float
+        Mean of the unexplained part of the kernel, which is 1 at first, at which no more landmarks are drawn; also the
+        root of the smallest eigenvalue of the kernel of the landmarks.
+    """
+
+    ridge_per_step: float = 1e-5
+    n_knots: int = 8
+    max_poly_columns: int = 2_000
+    n_landmarks: int = 200
+    max_candidates: int = 4_096
+    landmark_tol: float = 1e-6
 
 
 @stored(
@@ -67,105 +83,111 @@ class FeatureMap:
     ----------
     kind : {"raw", "folded", "spline", "poly", "nystroem"}
         The observation itself; the observation and its distance from the mean, so that a policy may treat both sides
-        alike; a cubic B-spline basis of each observation (8 knots, linear beyond them); all products of up to two
+        equally; a cubic B-spline basis of each observation (linear beyond the knots); all products of up to two
         observations; the folded observation, and Nystroem's approximation of a Gaussian kernel on it.
     knots : (8, D) array
-        Of the spline; (0, D) for the other kinds.
+        Knots of the spline; (0, D) for the other kinds.
     location, spread : (D,) arrays
-        What polynomials subtract and divide by before they multiply, and folding before it folds.
+        Mean and standard deviation by which observations are standardised before they are folded or multiplied.
     center, scale : (F,) arrays
-        What every column subtracts and divides by.
+        Mean and standard deviation by which every column is standardised.
     landmarks : (R, 2 D) array
-        Folded observations that Nystroem compares with; (0, 2 D) for the other kinds.
+        Folded observations with which Nystroem compares; (0, 2 D) for the other kinds.
     mixing : (R, R) array
-        What turns the similarities into features.
+        Matrix that turns the similarities to the landmarks into features.
     ridge_per_step : float
-        Of the default ridge.
+        The default ridge, a step.
     """
 
     kind: str
-    knots: Array
-    location: Array
-    spread: Array
-    center: Array
-    scale: Array
-    landmarks: Array
-    mixing: Array
-    ridge_per_step: float = RIDGE_PER_STEP
+    knots: Float[Array, "L D"]
+    location: Float[Array, " D"]
+    spread: Float[Array, " D"]
+    center: Float[Array, " F"]
+    scale: Float[Array, " F"]
+    landmarks: Float[Array, "R E"]
+    mixing: Float[Array, "R R"]
+    ridge_per_step: float = FeatureSettings.ridge_per_step
 
     @classmethod
     def fit(
         cls,
         kind: str,
-        observations: NDArray[Any],
-        weight: Array | None = None,
-        ridge: float = RIDGE_PER_STEP,
-        n_landmarks: int = N_LANDMARKS,
+        observations: Num[Array, "N D"],
+        weight: Float[Array, " N"] | None = None,
+        ridge: float | None = None,
+        settings: FeatureSettings = FeatureSettings(),
     ) -> FeatureMap:
-        """Choose knots, landmarks, centres and scales from observations (N, D), the latter two with the `weight` (N,)
-        of each. `n_landmarks` are drawn with a seed of their own: the same data, the same bits.
+        """Choose knots, landmarks, centres and scales, the latter two from weighted observations.
+
+        Landmarks are drawn with a seed of their own: the same data give the same bits.
+
+        Parameters
+        ----------
+        kind : {"raw", "folded", "spline", "poly", "nystroem"}
+        observations : (N, D) array
+        weight : (N,) array, optional
+            Weights of the observations; 1 by default.
+        ridge : float, optional
+            Ridge a step, in the place of ``settings.ridge_per_step``.
+        settings : FeatureSettings
 
         Raises
         ------
         DataError
             If there is no such kind, or polynomials of so many observations would not fit in memory.
         """
-        if kind not in KINDS:
+        if kind not in FEATURE_KINDS:
             raise DataError(f"There are no features called {kind!r}; choose {', '.join(FEATURES)}.")
         n_columns = observations.shape[1]
-        if kind == "poly" and n_columns * (n_columns + 3) // 2 > _MAX_POLY_COLUMNS:
+        if kind == "poly" and n_columns * (n_columns + 3) // 2 > settings.max_poly_columns:
             raise DataError(f"Polynomials of {n_columns} observations are too many; choose features raw or spline.")
         observations = np.asarray(observations, dtype=float)
         if np.abs(observations).max() > LARGEST:
             raise DataError(f"An observation is beyond {LARGEST:g}, where its square is no number; use larger units.")
-        location, spread = _moments(observations, weight)
-        knots = np.empty((0, n_columns))
-        if kind == "spline":
-            low, high = observations.min(axis=0), observations.max(axis=0)
-            high = np.where(high > low, high, low + 1.0)  # a constant column still needs an interval
-            knots = np.linspace(low, high, _N_KNOTS)
-            for k in range(1, _N_KNOTS):  # distinct, where the interval is too narrow for the precision
-                knots[k] = np.maximum(knots[k], np.nextafter(knots[k - 1], np.inf))
+        location, spread = _mean_and_spread(observations, weight)
+        knots = _knots(observations, settings.n_knots) if kind == "spline" else np.empty((0, n_columns))
         landmarks, mixing = np.empty((0, 2 * n_columns)), np.empty((0, 0))
         if kind == "nystroem":
-            landmarks, mixing = _nystroem(_fold((observations - location) / spread), n_landmarks)
+            landmarks, mixing = _nystroem(_fold((observations - location) / spread), settings)
         none = np.zeros(0)
-        raw = cls(kind, knots, location, spread, none, none, landmarks, mixing)
-        columns = raw._columns(observations)
-        center, scale = _moments(columns, weight, unit=1.0 if kind in ("poly", "nystroem") else 0.0)
-        if kind == "spline":  # they share one natural scale: a column that is rarely visited must stay rarely believed
+        ridge = settings.ridge_per_step if ridge is None else ridge
+        unscaled = cls(kind, knots, location, spread, none, none, landmarks, mixing, ridge)
+        columns = unscaled._columns(observations)
+        center, scale = _mean_and_spread(columns, weight, unit=1.0 if kind in ("poly", "nystroem") else 0.0)
+        if kind == "spline":  # one scale for all columns: the coefficients of a rarely visited column must stay small
             scale = np.ones_like(scale)
-        return cls(kind, knots, location, spread, center, scale, landmarks, mixing, ridge)
+        return replace(unscaled, center=center, scale=scale)
 
     @property
     def n_columns(self) -> int:
         """Columns of the design matrix, F + 1."""
         return len(self.center) + 1
 
-    def design(self, observations: NDArray[Any], single: bool = False) -> Array:
-        """The design matrix, (N, F + 1), in single precision where asked."""
-        # As it is read from disk, column by column, a piece stays: to transpose it takes longer than to read it.
-        order: Any = "F" if observations.flags.f_contiguous else "C"
+    def design(self, observations: Num[Array, "N D"], single: bool = False) -> Float[Array, "N F"]:
+        """The design matrix, in single precision if `single`."""
+        # A block that was read from disk column by column keeps that order: to transpose it takes longer than to read.
+        order: Literal["F", "C"] = "F" if observations.flags.f_contiguous else "C"
         out = np.empty((len(observations), self.n_columns), np.float32 if single else np.float64, order)
         out[:, -1] = 1.0
-        made = self._single if single and observations.dtype == np.float32 and self._near_zero else self._double
-        for start in range(0, len(observations), _BLOCK_STEPS):
-            rows = slice(start, start + _BLOCK_STEPS)
-            made(observations[rows], out[rows, :-1])
+        write = self._write_single if single and observations.dtype == np.float32 and self._near_zero else self._write
+        for start in range(0, len(observations), DESIGN_BLOCK_ROWS):
+            rows = slice(start, start + DESIGN_BLOCK_ROWS)
+            write(observations[rows], out[rows, :-1])
         return out
 
     @cached_property
     def _near_zero(self) -> bool:
-        """Whether nothing is lost where single precision subtracts what columns vary around."""
+        """Whether all means are so small that single precision loses nothing when it subtracts them."""
         pairs = (self.center, self.scale), (self.location, self.spread)
-        return self.kind in ("raw", "folded") and all((np.abs(c) <= _NEAR * s).all() for c, s in pairs)
+        return self.kind in ("raw", "folded") and all((np.abs(c) <= SINGLE_MAX_CENTER * s).all() for c, s in pairs)
 
-    def _double(self, observations: NDArray[Any], out: Array) -> None:
+    def _write(self, observations: Array, out: Array) -> None:
         columns = self._columns(np.asarray(observations, dtype=float))
         out[:] = (columns - self.center) / self.scale
 
-    def _single(self, observations: NDArray[Any], out: Array) -> None:
-        """Raw and folded columns, all in single precision."""
+    def _write_single(self, observations: Array, out: Array) -> None:
+        """Raw and folded columns, computed in single precision."""
         center, factor = self.center.astype(np.float32), (1 / self.scale).astype(np.float32)
         width = observations.shape[1]
         np.subtract(observations, center[:width], out=out[:, :width])
@@ -177,12 +199,12 @@ class FeatureMap:
             folded -= center[width:]
         out *= factor
 
-    def ridge(self, C: float | None, total_weight: float) -> Array:
-        """Penalty on each squared coefficient of the design matrix, (F + 1,).
+    def ridge(self, C: float | None, total_weight: float) -> Float[Array, " F"]:
+        """Penalty on each squared coefficient of the design matrix.
 
-        With C it is what scikit-learn's `LogisticRegression` would take off on the unscaled columns; without, a
-        penalty on the scaled columns that grows with the number of steps, so that neither units nor the amount of data
-        change its meaning.
+        With C, the penalty of scikit-learn's `LogisticRegression` on the unscaled columns; without, a penalty on the
+        scaled columns that grows with the number of steps, so that neither units nor the amount of data change its
+        meaning.
         """
         scaled = np.full(len(self.center), self.ridge_per_step * total_weight)
         return np.append(scaled if C is None else 1.0 / (C * self.scale**2), 0.0)
@@ -191,7 +213,8 @@ class FeatureMap:
         if self.kind == "raw":
             return observations
         if self.kind == "spline":
-            return self._splines.transform(observations)
+            basis: Array = self._splines.transform(observations)
+            return basis
         z = (observations - self.location) / self.spread
         if self.kind == "folded":
             return np.hstack([observations, np.abs(z)])
@@ -208,37 +231,47 @@ class FeatureMap:
 
 @dataclass(frozen=True)
 class IdentityMap:
-    """Observations as they are, for policies that make their own features of them."""
+    """Observations as they are, for policies that compute features of their own."""
 
     kind: str = "the policy's own"
 
-    def design(self, observations: NDArray[Any], single: bool = False) -> Array:
-        """The observations, (N, D)."""
+    def design(self, observations: Num[Array, "N D"], single: bool = False) -> Float[Array, "N D"]:
+        """The observations in double precision."""
         return np.asarray(observations, dtype=float)
+
+
+def _knots(observations: Array, n_knots: int) -> Array:
+    """Evenly spaced knots (L, D) over the range of each observation."""
+    low, high = observations.min(axis=0), observations.max(axis=0)
+    high = np.where(high > low, high, low + 1.0)  # a constant column still needs an interval
+    knots = np.linspace(low, high, n_knots)
+    for k in range(1, n_knots):  # distinct, where the interval is too narrow for the precision
+        knots[k] = np.maximum(knots[k], np.nextafter(knots[k - 1], np.inf))
+    return knots
 
 
 def _fold(z: Array) -> Array:
     return np.hstack([z, np.abs(z)])
 
 
-def _nystroem(folded: Array, n_landmarks: int) -> tuple[Array, Array]:
+def _nystroem(folded: Array, settings: FeatureSettings) -> tuple[Array, Array]:
     """Landmarks (R, 2 D) and mixing (R, R), the inverse root of their similarities (Williams and Seeger 2001)."""
-    landmarks = _landmarks(folded, n_landmarks)
+    landmarks = _landmarks(folded, settings)
     values, vectors = np.linalg.eigh(_similarity(landmarks, landmarks))
-    return landmarks, (vectors / np.sqrt(np.maximum(values, _LEAST_UNLIKE**2))) @ vectors.T
+    return landmarks, (vectors / np.sqrt(np.maximum(values, settings.landmark_tol**2))) @ vectors.T
 
 
-def _landmarks(folded: Array, n_landmarks: int) -> Array:
-    """Up to `n_landmarks` of the rows (N, 2 D), each drawn with the probability that the ones before it do not explain
-    it: randomly pivoted Cholesky (Chen, Epperly, Tropp and Webber 2024).
+def _landmarks(folded: Array, settings: FeatureSettings) -> Array:
+    """Landmarks among the rows (N, 2 D), each drawn with the probability that the earlier ones do not explain it:
+    randomly pivoted Cholesky (Chen, Epperly, Tropp and Webber 2024).
 
-    Drawn evenly, most would stand where an expert stands still, and hardly any where he does something.
+    Uniform draws would be mostly where an expert stands still.
     """
     rng = np.random.default_rng(0)
-    if len(folded) > _MOST_COMPARED:
-        folded = folded[np.sort(rng.choice(len(folded), _MOST_COMPARED, replace=False))]
+    if len(folded) > settings.max_candidates:
+        folded = folded[np.sort(rng.choice(len(folded), settings.max_candidates, replace=False))]
     unexplained = np.ones(len(folded))
-    factor = np.zeros((len(folded), min(n_landmarks, len(folded))))
+    factor = np.zeros((len(folded), min(settings.n_landmarks, len(folded))))
     chosen: list[int] = []
     for k in range(factor.shape[1]):
         pivot = int(rng.choice(len(folded), p=unexplained / unexplained.sum()))
@@ -246,7 +279,7 @@ def _landmarks(folded: Array, n_landmarks: int) -> Array:
         column = _similarity(folded, folded[pivot : pivot + 1])[:, 0] - factor[:, :k] @ factor[pivot, :k]
         factor[:, k] = column / np.sqrt(column[pivot])
         unexplained = np.maximum(unexplained - factor[:, k] ** 2, 0.0)
-        if unexplained.mean() < _LEAST_UNLIKE:
+        if unexplained.mean() < settings.landmark_tol:
             break
     return folded[chosen]
 
@@ -254,15 +287,11 @@ def _landmarks(folded: Array, n_landmarks: int) -> Array:
 def _similarity(folded: Array, landmarks: Array) -> Array:
     from sklearn.metrics.pairwise import rbf_kernel
 
-    similarity: Array = rbf_kernel(folded, landmarks, gamma=_gamma(folded))
+    similarity: Array = rbf_kernel(folded, landmarks, gamma=KERNEL_WIDTH / folded.shape[1])
     return similarity
 
 
-def _gamma(folded: Array) -> float:
-    return _KERNEL_WIDTH / folded.shape[1]
-
-
-def _moments(columns: Array, weight: Array | None, unit: float = 0.0) -> tuple[Array, Array]:
+def _mean_and_spread(columns: Array, weight: Array | None, unit: float = 0.0) -> tuple[Array, Array]:
     """Mean and standard deviation of each column, the latter 1 where the column is constant up to rounding, which is
     relative to its mean, or to `unit` if that is larger."""
     mean = np.average(columns, axis=0, weights=weight)
@@ -270,10 +299,13 @@ def _moments(columns: Array, weight: Array | None, unit: float = 0.0) -> tuple[A
     return mean, np.where(spread > 1e-12 * np.maximum(np.abs(mean), unit), spread, 1.0)
 
 
-def ridge_of(features: FeatureMap, C: float | None, total_weight: float, space: Space) -> Array:
-    """Penalty on each column: with two actions scikit-learn penalises the difference of the two columns once, which is
-    twice the penalty on each."""
+def ridge_of(features: FeatureMap, C: float | None, total_weight: float, space: Space) -> Float[Array, " F"]:
+    """Penalty on each column of the design matrix, see `FeatureMap.ridge`.
+
+    With two actions scikit-learn penalises the difference of the two columns of coefficients once, which is twice the
+    penalty on each.
+    """
     if C is not None and not C > 0:
         raise DataError(f"C={C!r} must be a positive number.")
     ridge = features.ridge(C, total_weight)
-    return 2.0 * ridge if C is not None and space == Discrete(2) else ridge
+    return 2.0 * ridge if C is not None and isinstance(space, Discrete) and space.n == 2 else ridge

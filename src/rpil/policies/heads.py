@@ -1,24 +1,27 @@
-"""What the raw outputs of a network mean: preferences among K actions, or the middle of Student's distribution.
+"""What the raw outputs of a network mean: logits of K actions, or the mean of Student's distribution.
 
-A head is frozen. It knows the loss that trains a network, and what the policy says of an action given the outputs.
+A head is frozen. It has the loss that trains a network, and the log-probability of an action given the outputs.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any, Protocol, runtime_checkable
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from scipy.special import logsumexp
 
 from rpil.data.fit_data import FitData
-from rpil.data.spaces import Box
+from rpil.data.spaces import Box, Discrete, Space
 from rpil.numerics.blocks import log_softmax
-from rpil.numerics.types import Array
-from rpil.policies.networks import Loss, needs_torch, on_device
-from rpil.policies.softmax import one_hot
+from rpil.numerics.types import Array, Float
+from rpil.policies.networks import Loss, Tensor, import_torch, on_device
+from rpil.policies.protocol import Actions, Outputs
+from rpil.policies.softmax import at_actions, one_hot
 from rpil.policies.student import StudentPolicy
+
+Scale = float | tuple[float, ...] | Array | None
+"""Standard deviations of continuous actions, one or one for each part; None where they are fitted."""
 
 
 @runtime_checkable
@@ -31,22 +34,22 @@ class Head(Protocol):
 
     @property
     def phases(self) -> int:
-        """How often to train, the head being fitted in between."""
+        """Number of trainings, after each of which the head is fitted."""
 
-    def read(self, raw: Array) -> Array:
-        """Outputs as `Policy` has them, (..., N, O), of raw ones."""
+    def read(self, raw: Float[Array, "*k N O"]) -> Float[Array, "*k N O"]:
+        """Outputs, as in `rpil.policies.protocol`, of raw ones."""
 
-    def average(self, outputs: Array) -> Array:
-        """What networks say together, (k, N, O) -> (N, O)."""
+    def average(self, outputs: Float[Array, "k N O"]) -> Outputs:
+        """The outputs of the mean distribution of k networks."""
 
-    def log_prob(self, outputs: Array, actions: Array) -> Array:
-        """Of the actions taken, (N,)."""
+    def log_prob(self, outputs: Outputs, actions: Actions) -> Float[Array, " N"]:
+        """log pi(a_n|s_n) of the actions taken."""
 
-    def loss(self, data: FitData, weight: Array, device: str) -> Loss:
-        """What to train with."""
+    def loss(self, data: FitData, weight: Float[Array, " N"], device: str) -> Loss:
+        """The loss that trains networks on weighted steps."""
 
-    def fit(self, data: FitData, weight: Array, outputs: Array) -> Head:
-        """The head that suits outputs (N, O) which were not trained on these steps."""
+    def fit(self, data: FitData, weight: Float[Array, " N"], outputs: Outputs) -> Head:
+        """The head fitted to held-out outputs for weighted steps."""
 
 
 @dataclass(frozen=True)
@@ -56,36 +59,37 @@ class SoftmaxHead:
     width: int
     phases: int = 1
 
-    def read(self, raw: Array) -> Array:
+    def read(self, raw: Float[Array, "*k N O"]) -> Float[Array, "*k N O"]:
         return log_softmax(raw)
 
-    def average(self, outputs: Array) -> Array:
-        return logsumexp(outputs, 0) - np.log(len(outputs))
+    def average(self, outputs: Float[Array, "k N O"]) -> Outputs:
+        mean: Array = logsumexp(outputs, 0) - np.log(len(outputs))
+        return mean
 
-    def log_prob(self, outputs: Array, actions: Array) -> Array:
-        return np.take_along_axis(outputs, actions[:, None], axis=1)[:, 0]
+    def log_prob(self, outputs: Outputs, actions: Actions) -> Float[Array, " N"]:
+        return at_actions(outputs, actions)
 
-    def loss(self, data: FitData, weight: Array, device: str) -> Loss:
-        torch = needs_torch()
+    def loss(self, data: FitData, weight: Float[Array, " N"], device: str) -> Loss:
+        torch = import_torch()
         targets = on_device(one_hot(data.actions, weight, self.width), device)
         return lambda raw, rows: -(targets[rows] * torch.log_softmax(raw, dim=-1)).sum(dim=-1)
 
-    def fit(self, data: FitData, weight: Array, outputs: Array) -> SoftmaxHead:
+    def fit(self, data: FitData, weight: Float[Array, " N"], outputs: Outputs) -> SoftmaxHead:
         return self
 
 
 @dataclass(frozen=True, eq=False)
 class StudentHead:
-    """a|s ~ t_nu(middle + half width * raw, Sigma); outputs are the means.
+    """a|s ~ t_nu(middle of the box + half its width * raw, Sigma); outputs are the means.
 
     Attributes
     ----------
     box : Box
     noise : StudentPolicy
-        A linear policy of nothing, of which only the distribution around the means is of use.
+        The distribution of the errors.
     fixed : bool
-        Whether that is given, and not learned. Else it is learned from outputs for steps that were held out: on those
-        it was trained on, a network would seem surer than it has a right to be.
+        Whether `noise` is given. Else it is fitted to held-out errors: those of the steps that a network was trained on
+        are too small.
     """
 
     box: Box
@@ -93,8 +97,8 @@ class StudentHead:
     fixed: bool
 
     @classmethod
-    def start(cls, box: Box, n_steps: float, scale: Array | None) -> StudentHead:
-        """Very unsure, or with the standard deviations `scale` (A,)."""
+    def start(cls, box: Box, n_steps: float, scale: Scale) -> StudentHead:
+        """The head before training, with the standard deviations `scale` if given."""
         noise = StudentPolicy.of_errors(box, n_steps)
         if scale is not None:
             noise = replace(noise, cholesky=np.diag(np.broadcast_to(scale, box.low.shape).astype(float)))
@@ -108,45 +112,46 @@ class StudentHead:
     def phases(self) -> int:
         return 1 if self.fixed else 3
 
-    def read(self, raw: Array) -> Array:
-        middle, half = self._units
-        return middle + half * raw
+    def read(self, raw: Float[Array, "*k N O"]) -> Float[Array, "*k N O"]:
+        outputs: Array = self._middle + self._half_width * raw
+        return outputs
 
-    def average(self, outputs: Array) -> Array:
+    def average(self, outputs: Float[Array, "k N O"]) -> Outputs:
         mean: Array = outputs.mean(axis=0)
         return mean
 
-    def log_prob(self, outputs: Array, actions: Array) -> Array:
+    def log_prob(self, outputs: Outputs, actions: Actions) -> Float[Array, " N"]:
         return self.noise.log_prob(outputs, actions)
 
-    def loss(self, data: FitData, weight: Array, device: str) -> Loss:
-        torch = needs_torch()
-        middle, half = self._units
+    def loss(self, data: FitData, weight: Float[Array, " N"], device: str) -> Loss:
+        torch = import_torch()
         inverse, freedom = np.linalg.inv(self.noise.cholesky), self.noise.freedom
-        white = (data.actions - middle) @ inverse.T, half[:, None] * inverse.T, weight
-        actions, shrink, weights = (on_device(values, device) for values in white)
+        standardised = (data.actions - self._middle) @ inverse.T, self._half_width[:, None] * inverse.T, weight
+        actions, raw_to_standardised, weights = (on_device(values, device) for values in standardised)
         factor = 0.5 * (freedom + self.width)
 
-        def loss(raw: Any, rows: Any) -> Any:
-            distance = (actions[rows] - raw @ shrink).square().sum(dim=-1)
+        def loss(raw: Tensor, rows: Tensor) -> Tensor:
+            distance = (actions[rows] - raw @ raw_to_standardised).square().sum(dim=-1)
             return weights[rows] * factor * torch.log1p(distance / freedom)
 
         return loss
 
-    def fit(self, data: FitData, weight: Array, outputs: Array) -> StudentHead:
+    def fit(self, data: FitData, weight: Float[Array, " N"], outputs: Outputs) -> StudentHead:
         if self.fixed or not weight.any():
             return self
-        # Features of zero: nothing of what is left over can be predicted, there is only its distribution.
-        left = replace(data, features=np.zeros((len(outputs), 1)), actions=data.actions - outputs)
-        return replace(self, noise=self.noise.fit(left, weight)[0])
+        # Features of zero: the errors have no mean to be predicted, only a distribution.
+        errors = replace(data, features=np.zeros((len(outputs), 1)), actions=data.actions - outputs)
+        return replace(self, noise=self.noise.fit(errors, weight)[0])
 
     @property
-    def _units(self) -> tuple[Array, Array]:
-        return 0.5 * (self.box.low + self.box.high), 0.5 * (self.box.high - self.box.low)
+    def _middle(self) -> Array:
+        return 0.5 * (self.box.low + self.box.high)
+
+    @property
+    def _half_width(self) -> Array:
+        return 0.5 * (self.box.high - self.box.low)
 
 
-HEADS: dict[str, Callable[[Any, float, Array | None], Head]] = {
-    "discrete": lambda space, n_steps, scale: SoftmaxHead(space.n),
-    "continuous": StudentHead.start,
-}
-"""Kind of actions -> the head before it has seen data, given the space, the steps it will see and a fixed scale."""
+def initial_head(space: Space, n_steps: float, scale: Scale) -> Head:
+    """The head before training on steps of the total weight `n_steps`."""
+    return SoftmaxHead(space.n) if isinstance(space, Discrete) else StudentHead.start(space, n_steps, scale)

@@ -1,85 +1,93 @@
-"""Policies: what an expert does in a state."""
+"""What the other rooms need of a policy pi(a|s)."""
 
 from __future__ import annotations
 
-from typing import Any, Protocol, runtime_checkable
+from typing import Protocol, runtime_checkable
 
 from rpil.data.fit_data import FitData
 from rpil.numerics.blocks import Sums
-from rpil.numerics.types import Array
+from rpil.numerics.newton import CurvatureHistory, Preconditioner
+from rpil.numerics.types import Array, Float, Num
+
+Outputs = Float[Array, "N O"]
+"""The distribution of the actions in each of N states: log-probabilities of all K actions, or means of A numbers."""
+
+Actions = Num[Array, "N ..."]
+"""The actions taken: codes (N,), or numbers (N, A)."""
 
 
 @runtime_checkable
 class CrossFittedPolicy(Protocol):
-    """A policy that is fitted once for each fold, so that its outputs for the steps of a fit are held out."""
+    """A policy whose `fit` returns held-out outputs: those of a model that was fitted without the demonstration."""
 
-    def outputs(self, features: Array) -> Array:
-        """What the policy says of states, (N, ...)."""
+    def outputs(self, features: Num[Array, "N D"]) -> Outputs:
+        """The outputs in new states: the mean over the models."""
 
-    def log_prob(self, outputs: Array, actions: Array) -> Array:
-        """log pi(a_n|s_n) of the actions taken, (N,)."""
+    def log_prob(self, outputs: Outputs, actions: Actions) -> Float[Array, " N"]:
+        """log pi(a_n|s_n) of the actions taken: log-probabilities, or log-densities."""
 
-    def fit(self, data: FitData, weight: Array) -> tuple[CrossFittedPolicy, Array]:
-        """The policy fitted to weighted steps, and its held-out outputs for them."""
+    def fit(self, data: FitData, weight: Float[Array, " N"]) -> tuple[CrossFittedPolicy, Outputs]:
+        """A policy fitted to weighted steps, one model for each fold of demonstrations, and its held-out outputs."""
 
-    def fit_all(self, data: FitData, weight: Array) -> CrossFittedPolicy:
-        """The policy fitted to all weighted steps, without folds."""
+    def fit_all(self, data: FitData, weight: Float[Array, " N"]) -> CrossFittedPolicy:
+        """The policy of one model that is fitted to all weighted steps, for predicting."""
 
 
 @runtime_checkable
 class Policy(Protocol):
-    """What a fit needs of a policy; instances are immutable.
+    """A policy that EM can fit; instances are immutable."""
 
-    A policy's *outputs* are what it says of each step before the action is looked at: the log-probabilities of all
-    actions (N, K), or the means of the actions' distribution (N, A). A fit returns them with the policy.
-    """
+    def outputs(self, features: Num[Array, "N D"]) -> Outputs:
+        """The outputs in each state, before the action is looked at."""
 
-    def outputs(self, features: Array) -> Array:
-        """What the policy says of states, (N, ...)."""
-
-    def log_prob(self, outputs: Array, actions: Array) -> Array:
-        """log pi(a_n|s_n) of the actions taken, (N,): a probability, or a density."""
+    def log_prob(self, outputs: Outputs, actions: Actions) -> Float[Array, " N"]:
+        """log pi(a_n|s_n) of the actions taken: log-probabilities, or log-densities."""
 
     def fit(
         self,
         data: FitData,
-        weight: Array,
-        soft_targets: Array | None = None,
+        weight: Float[Array, " N"],
+        soft_targets: Float[Array, "N K"] | None = None,
         *,
         tol: float = ...,
         max_iter: int = ...,
         max_cg: int = ...,
-    ) -> tuple[Policy, Array]:
-        """A policy that explains the steps, each counted with `weight` (N,), no worse; and its outputs for them.
+    ) -> tuple[Policy, Outputs]:
+        """A policy whose penalised log-likelihood of the weighted steps is no lower, and its outputs for them.
 
-        A `soft_targets` is what the adversary's steps teach besides, as `Adversary.intended` gives it times their
-        weight. ``max_iter=1`` asks for one improving step.
+        `soft_targets` are added to the targets: the actions that the adversary intended (`Adversary.intended`), times
+        their weights. ``max_iter=1`` is one improving step.
         """
 
     def penalty(self) -> float:
-        """What regularisation takes off the log-likelihood."""
+        """What regularisation subtracts from the log-likelihood."""
 
     def with_temperature(self, temperature: float) -> Policy:
-        """The same, surer above 1 and less sure below, where a policy knows how."""
+        """The policy with its logits multiplied by `temperature`; a policy without logits is unchanged."""
 
 
 @runtime_checkable
 class AdditivePolicy(Policy, Protocol):
-    """A policy that can also learn from sums over parts of the data, which may lie in many places."""
+    """A policy that can also be fitted by sums over parts of the data, which may lie in several places."""
 
     def with_preconditioner(
-        self, data: FitData, weight: Array, ridge: Array, factor: float
-    ) -> tuple[AdditivePolicy, Any]:
-        """Ready for sums over `factor` times as many steps as these, weighted, with `ridge` (D,) for all of them; and a
-        Hessian, or whatever else helps to improve."""
+        self, data: FitData, weight: Float[Array, " N"], ridge: Float[Array, " D"], factor: float
+    ) -> tuple[AdditivePolicy, Preconditioner | None]:
+        """From a weighted sample, prepare m-steps on data with `factor` times its weight, and `ridge` for all data.
 
-    def collect_suff_stats(self, data: FitData, weight: Array) -> tuple[Array, Sums]:
-        """log pi of the actions taken, (N,), and the sums over weighted steps that `m_step` needs."""
+        Returns the policy with that ridge, and the preconditioner if its `m_step` needs one.
+        """
 
-    def m_step(self, statistics: Sums, radius: float, hessian: Any, path: Array) -> tuple[AdditivePolicy, Array]:
-        """The policy after one improving step, given the sums over all steps of the data, and what it remembers of the
-        way to here, see `rpil.numerics.newton.lbfgs_step`; a finite `radius` says that a step without it went down,
-        and how far a coefficient may move."""
+    def collect_suff_stats(self, data: FitData, weight: Float[Array, " N"]) -> tuple[Float[Array, " N"], Sums]:
+        """log pi of the actions taken, and the sums over weighted steps that `m_step` needs."""
+
+    def m_step(
+        self, statistics: Sums, radius: float, preconditioner: Preconditioner | None, history: CurvatureHistory
+    ) -> tuple[AdditivePolicy, CurvatureHistory]:
+        """The policy after one improving step, given the sums over all steps of the data, and the extended history.
+
+        No coefficient moves by more than `radius`, which is finite where an unlimited step lowered the objective.
+        """
 
     def gradient_norm(self, statistics: Sums) -> float:
-        """How far from the best it still is: the largest entry of the gradient, or nats where these say more."""
+        """Distance from the optimum: the largest entry of the gradient, or predicted gains in nats if larger."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 
@@ -11,114 +10,127 @@ import numpy as np
 from rpil.data.archive import stored
 from rpil.data.fit_data import FitData
 from rpil.numerics.blocks import Sums, linear, log_softmax, softmax_pass
-from rpil.numerics.newton import HISTORY_LENGTH, NewtonSettings, Preconditioner, fit_softmax, lbfgs_step
-from rpil.numerics.types import Array
+from rpil.numerics.newton import (
+    HISTORY_LENGTH,
+    CurvatureHistory,
+    NewtonSettings,
+    Preconditioner,
+    fit_softmax,
+    lbfgs_step,
+)
+from rpil.numerics.types import Array, Float, Int
 
-_PRECONDITIONER_FITS = 10
-"""Warm-started fits that one preconditioner serves: the steps of EM are small."""
+PRECONDITIONER_FITS = 10
+"""Warm-started fits that use one preconditioner: the steps of EM are small."""
 
-_UNSEEN = 0.25
-"""Largest curvature, for a step, of a direction that a sample has not seen: that of one step on a scaled column."""
+UNSEEN_CURVATURE = 0.25
+"""Largest curvature, a step, of a direction in which a sample has none: that of one step on a scaled column."""
 
 
-def one_hot(actions: Array, weight: Array, n_actions: int) -> Array:
-    """Targets (N, K) with `weight` (N,) on the action taken."""
+def one_hot(actions: Int[Array, " N"], weight: Float[Array, " N"], n_actions: int) -> Float[Array, "N K"]:
+    """Targets with the weight of the step on the action taken, and 0 elsewhere."""
     targets = np.zeros((n_actions, len(actions)))
     targets[actions, np.arange(len(actions))] = weight
     return targets.T
 
 
+def at_actions(log_proba: Float[Array, "N K"], actions: Int[Array, " N"]) -> Float[Array, " N"]:
+    """The entry of each row that belongs to the action taken."""
+    return np.take_along_axis(log_proba, actions[:, None], axis=1)[:, 0]
+
+
 @stored(weights="F+1 K", ridge="F+1")
 @dataclass(frozen=True, eq=False)
 class SoftmaxPolicy:
-    """A linear softmax policy over a design matrix whose last column is the constant.
+    """pi(k|s) = softmax(phi(s)^T Lambda)_k, for a design matrix whose last column is the constant.
+
+    A fit maximises sum_n w_n log pi(a_n|s_n) - 1/2 sum_dk ridge_d Lambda_dk^2.
 
     Attributes
     ----------
     weights : (D, K) array
-        Coefficients, the intercepts in the last row.
+        Coefficients Lambda, the intercepts in the last row.
     ridge : (D,) array
         Penalty on the squares of each feature's coefficients, 0 for the constant.
     """
 
-    weights: Array
-    ridge: Array
+    weights: Float[Array, "D K"]
+    ridge: Float[Array, " D"]
     _preconditioner: Preconditioner | None = None
     _age: int = 0
 
     @classmethod
-    def zero(cls, n_actions: int, ridge: Array) -> SoftmaxPolicy:
-        """The policy that prefers nothing."""
+    def zero(cls, n_actions: int, ridge: Float[Array, " D"]) -> SoftmaxPolicy:
+        """The uniform policy."""
         return cls(np.zeros((len(ridge), n_actions)), ridge)
 
-    def log_proba(self, features: Array) -> Array:
-        """log pi(k|s) of all actions, (N, K)."""
+    def log_proba(self, features: Float[Array, "N D"]) -> Float[Array, "N K"]:
+        """log pi(k|s) of all actions."""
         return log_softmax(linear(features, self.weights))
 
     outputs = log_proba
 
-    def log_prob(self, outputs: Array, actions: Array) -> Array:
-        """log pi(a_n|s_n) of the actions taken, (N,), given the log-probabilities of all."""
-        return np.take_along_axis(outputs, actions[:, None], axis=1)[:, 0]
+    def log_prob(self, outputs: Float[Array, "N K"], actions: Int[Array, " N"]) -> Float[Array, " N"]:
+        """log pi(a_n|s_n) of the actions taken, given the log-probabilities of all."""
+        return at_actions(outputs, actions)
 
     def fit(
         self,
         data: FitData,
-        weight: Array,
-        soft_targets: Array | None = None,
+        weight: Float[Array, " N"],
+        soft_targets: Float[Array, "N K"] | None = None,
         *,
         tol: float = 1e-6,
         max_iter: int = 100,
         max_cg: int = 200,
-    ) -> tuple[SoftmaxPolicy, Array]:
-        """The policy for actions taken with `weight` (N,), and for soft targets `soft_targets` (N, K) besides; and its
-        log-probabilities (N, K)."""
+    ) -> tuple[SoftmaxPolicy, Float[Array, "N K"]]:
+        """The policy for the weighted actions taken, plus `soft_targets` if given, and its log-probabilities."""
         targets = one_hot(data.actions, weight, self.weights.shape[1])
         if soft_targets is not None:
             targets += soft_targets
-        reuse = self._preconditioner if self._age < _PRECONDITIONER_FITS else None
+        reuse = self._preconditioner if self._age < PRECONDITIONER_FITS else None
         settings = NewtonSettings(tol, max_iter, max_cg)
         fit = fit_softmax(data.features, targets, self.ridge, settings, start=self.weights, preconditioner=reuse)
         age = self._age + 1 if fit.preconditioner is reuse else 0
         return SoftmaxPolicy(fit.weights, self.ridge, fit.preconditioner, age), fit.log_proba
 
     def with_preconditioner(
-        self, data: FitData, weight: Array, ridge: Array, factor: float
+        self, data: FitData, weight: Float[Array, " N"], ridge: Float[Array, " D"], factor: float
     ) -> tuple[SoftmaxPolicy, Preconditioner]:
-        """The same for sums over `factor` times as many steps, and their Hessian as these have it; `ridge` is for all
-        of them."""
+        """The policy with this ridge, and the Hessian of data with `factor` times the weight of this sample."""
         proba = np.exp(self.log_proba(data.features))
-        hessian = Preconditioner(data.features, proba, factor * weight, ridge, _UNSEEN * factor)
+        hessian = Preconditioner(data.features, proba, factor * weight, ridge, UNSEEN_CURVATURE * factor)
         return SoftmaxPolicy(self.weights, ridge), hessian
 
-    def collect_suff_stats(self, data: FitData, weight: Array) -> tuple[Array, Sums]:
-        """log pi of the actions taken, (N,), and the gradient of the log-likelihood, (D, K), in one reading."""
+    def collect_suff_stats(self, data: FitData, weight: Float[Array, " N"]) -> tuple[Float[Array, " N"], Sums]:
+        """log pi of the actions taken, and the gradient of the log-likelihood, (D, K), in one reading."""
         taken, slope = softmax_pass(data.features, self.weights, data.actions, weight)
         return taken, (slope - slope.mean(axis=1, keepdims=True),)  # what all actions share is rounding
 
     def m_step(
-        self, statistics: Sums, radius: float, hessian: Callable[..., Array], path: Array
-    ) -> tuple[SoftmaxPolicy, Array]:
-        """One Newton step, and the path with this place."""
+        self, statistics: Sums, radius: float, preconditioner: Preconditioner | None, history: CurvatureHistory
+    ) -> tuple[SoftmaxPolicy, CurvatureHistory]:
+        """One L-BFGS step, and the history with this point."""
+        assert preconditioner is not None
         # Rows contiguous, as arrays are kept: the order in which an array is summed shows in the last bit.
-        path = np.array([*path[-HISTORY_LENGTH:], (self.weights, self.penalised_gradient(statistics))])
-        step = lbfgs_step(path, hessian if len(path) > 1 else partial(hessian, radius=radius))
+        history = np.array([*history[-HISTORY_LENGTH:], (self.weights, self.penalised_gradient(statistics))])
+        step = lbfgs_step(history, preconditioner if len(history) > 1 else partial(preconditioner, radius=radius))
         step *= min(1.0, radius / max(float(np.abs(step).max()), 1e-300))
-        return SoftmaxPolicy(self.weights + step, self.ridge), path
+        return SoftmaxPolicy(self.weights + step, self.ridge), history
 
     def gradient_norm(self, statistics: Sums) -> float:
         """Largest entry of the gradient of the penalised log-likelihood."""
         return float(np.abs(self.penalised_gradient(statistics)).max())
 
-    def penalised_gradient(self, statistics: Sums) -> Array:
-        """The gradient of the penalised log-likelihood, (D, K)."""
+    def penalised_gradient(self, statistics: Sums) -> Float[Array, "D K"]:
+        """The gradient of the penalised log-likelihood."""
         gradient: Array = statistics[0] - self.ridge[:, None] * self.weights
         return gradient
 
     def with_temperature(self, temperature: float) -> SoftmaxPolicy:
-        """The same order of preferences, surer above 1 and less sure below."""
+        """The policy with its logits multiplied by `temperature`: surer above 1, less sure below."""
         return SoftmaxPolicy(temperature * self.weights, self.ridge)
 
     def penalty(self) -> float:
-        """What the ridge takes off the log-likelihood."""
+        """What the ridge subtracts from the log-likelihood."""
         return float(0.5 * (self.ridge[:, None] * self.weights**2).sum())

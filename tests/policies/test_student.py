@@ -14,7 +14,7 @@ from problems import continuous_zoo, make_continuous, ridge
 from rpil.data.fit_data import FitData
 from rpil.data.spaces import Box
 from rpil.policies.linear import linear_policy
-from rpil.policies.student import _FREEDOM, StudentPolicy
+from rpil.policies.student import StudentPolicy, StudentSettings
 
 ZOO = continuous_zoo(0)
 
@@ -87,7 +87,7 @@ def test_it_integrates_to_one_in_two_dimensions():
 
 
 @pytest.mark.parametrize(
-    ("action", "mean", "error"), [(1.0, 3.0, 0.06), (1.0, 0.4, 0.6), (-1.0, -7.0, 0.18), (0.2, 3, 2.8)]
+    ("action", "mean", "error"), [(1.0, 3.0, 0.06), (1.0, 0.4, 0.6), (-1.0, -7.0, 0.18), (0.2, 3.0, 2.8)]
 )
 def test_a_mean_beyond_the_bound_is_nearly_as_good_as_one_on_it(action, mean, error):
     policy = StudentPolicy.zero(Box(np.array([-1.0]), np.array([1.0])), np.zeros(3), 1.0)
@@ -120,7 +120,7 @@ def test_no_step_of_learning_lowers_the_objective(name):
         assert np.isfinite(history).all()
         assert np.diff(history).min() >= -1e-9 * np.abs(history).max()
         assert history[-1] > history[0]
-        assert policy.freedom in _FREEDOM
+        assert policy.freedom in StudentSettings.degrees_of_freedom
 
 
 @pytest.mark.parametrize("noise", [0.02, 0.3, 2.0])
@@ -157,7 +157,7 @@ def test_it_ends_where_no_direction_is_better():
         weights = policy.weights + 1e-3 * rng.normal(size=policy.weights.shape)
         cholesky = policy.cholesky * (1 + 1e-3 * rng.normal(size=policy.cholesky.shape))
         assert objective(replace(policy, weights=weights, cholesky=cholesky), problem, weight) <= best + 1e-9
-    for freedom in _FREEDOM:
+    for freedom in StudentSettings.degrees_of_freedom:
         assert objective(replace(policy, freedom=float(freedom)), problem, weight) <= best + 1e-9
 
 

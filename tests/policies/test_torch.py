@@ -17,8 +17,8 @@ from rpil.data.fit_data import FitData
 from rpil.data.spaces import Box, Discrete
 from rpil.inference.held_out import HeldOutPolicy
 from rpil.inference.trust import judge
-from rpil.policies.networks import untrained
-from rpil.policies.torch import _learn_and_judge
+from rpil.policies.networks import initial_networks
+from rpil.policies.torch import check_whole_numbers, training_and_validation
 
 torch = pytest.importorskip("torch", reason="torch is not installed: pip install 'rpil[torch]'")
 
@@ -107,7 +107,7 @@ def test_outputs_are_those_of_networks_that_did_not_see_the_step():
     hasty = TorchPolicy(hidden=(8,), n_folds=3, epochs=3, patience=None)
     everybody = np.ones(len(problem.actions))
     policy, outputs = hasty.fit(problem, everybody)
-    number = hasty._numbers(problem)[problem.offsets[:-1]]
+    number = hasty._unit_of_step(problem)[problem.offsets[:-1]]
     m = int(np.flatnonzero(number % 3 == 1)[0])
     without = np.where(problem.per_step(np.arange(9) == m), 0.0, everybody)
     mine = slice(problem.offsets[m], problem.offsets[m + 1])
@@ -138,11 +138,11 @@ def test_folds_do_not_depend_on_the_order_and_copies_share_one():
     problem, _ = nonlinear(0, n=8, n_bad=0)
     quick = TorchPolicy(hidden=(8,), n_folds=4)
     order = np.array([5, 0, 7, 1, 2, 3, 6, 4])
-    firsts = quick._numbers(problem)[problem.offsets[:-1]]
+    firsts = quick._unit_of_step(problem)[problem.offsets[:-1]]
     mixed = problem.select(order)
-    np.testing.assert_array_equal(quick._numbers(mixed)[mixed.offsets[:-1]], firsts[order])
+    np.testing.assert_array_equal(quick._unit_of_step(mixed)[mixed.offsets[:-1]], firsts[order])
     twice = problem.select(np.array([0, 1, 2, 3, 3, 0]))
-    assert len(np.unique(quick._numbers(twice))) == 4
+    assert len(np.unique(quick._unit_of_step(twice))) == 4
 
 
 def test_no_network_learns_what_it_is_judged_by():
@@ -151,7 +151,7 @@ def test_no_network_learns_what_it_is_judged_by():
     few = np.where(number == 4, 1.0, 0.0)
     for n_folds in (1, 3):
         for mass in (np.ones(99), rng.random(99), few):
-            learn, judge = _learn_and_judge(number, n_folds, mass)
+            learn, judge = training_and_validation(number, n_folds, mass)
             assert not (learn & judge).any()
             assert ((learn @ mass > 0) & (judge @ mass > 0)).any(), "somebody who learned must be judged"
             if n_folds > 1:
@@ -235,7 +235,7 @@ def test_untrained_it_says_nothing():
     np.testing.assert_allclose(policy.log_prob(policy.outputs(x), np.array([0, 1, 2, 0])), -np.log(3))
     box = Box(np.array([0.0]), np.array([4.0]))
     np.testing.assert_allclose(TorchPolicy(space=box).outputs(x), 2.0)
-    networks = untrained((2, 5, 3), 4, np.random.default_rng(0))
+    networks = initial_networks((2, 5, 3), 4, np.random.default_rng(0))
     assert [layer.shape for layer in networks] == [(4, 2, 5), (4, 1, 5), (4, 5, 3), (4, 1, 3)]
 
 
@@ -243,7 +243,7 @@ def test_untrained_it_says_nothing():
 def test_few_demonstrations_are_cut_into_pieces(n):
     problem, _ = nonlinear(0, n=n, steps=300, n_bad=0)
     policy, outputs = TorchPolicy(hidden=(32,)).fit(problem, np.ones(len(problem.actions)))
-    assert len(np.unique(policy._numbers(problem))) == 20
+    assert len(np.unique(policy._unit_of_step(problem))) == 20
     assert np.isfinite(outputs).all()
     steps = FitData.from_steps(problem.features, problem.actions, problem.space)
     assert accuracy(policy.fit_all(steps, np.ones(len(problem.actions)))) > 0.7
@@ -275,12 +275,18 @@ def one_sentence(message: object) -> bool:
     return text.endswith(".") and "\n" not in text
 
 
+@pytest.mark.parametrize("value", [2.5, 0, -1])
+def test_check_whole_numbers_names_the_parameter(value):
+    check_whole_numbers({"epochs": 3, "n_folds": 1})
+    with pytest.raises(DataError, match=f"epochs={value}"):
+        check_whole_numbers({"n_folds": 1, "epochs": value})
+
+
 @pytest.mark.parametrize(
     ("wrong", "words"),
     [
         ({"hidden": (8, 0)}, r"hidden\[1\]=0"),
         ({"n_folds": 0}, "n_folds=0"),
-        ({"epochs": 2.5}, r"epochs=2\.5"),
         ({"patience": 0}, "patience=0"),
         ({"learning_rate": float("nan")}, "learning_rate=nan"),
         ({"scale": -1.0}, r"scale=-1\.0"),
@@ -305,7 +311,7 @@ def test_what_is_not_finite_is_said_in_one_sentence():
     with pytest.raises(DataError, match="outputs are not finite") as told:
         policy.outputs(broken)
     assert one_sentence(told.value)
-    with pytest.raises(DataError, match="call learn first"):
+    with pytest.raises(DataError, match="call fit first"):
         TorchPolicy().outputs(problem.features)
     with pytest.raises(DataError, match="device='nowhere'"):
         replace(quick, device="nowhere").fit(problem, ones)

@@ -7,7 +7,7 @@ import pytest
 from sklearn.preprocessing import PolynomialFeatures, SplineTransformer
 
 from rpil.data.errors import DataError
-from rpil.policies.features import RIDGE_PER_STEP, FeatureMap
+from rpil.policies.features import FeatureMap, FeatureSettings
 
 KINDS = ("raw", "folded", "spline", "poly", "nystroem")
 RNG = np.random.default_rng(0)
@@ -97,7 +97,7 @@ def test_a_weight_is_a_row_repeated(kind):
 def test_ridge(kind):
     found = FeatureMap.fit(kind, X)
     default = found.ridge(None, 200.0)
-    np.testing.assert_allclose(default[:-1], 200 * RIDGE_PER_STEP)
+    np.testing.assert_allclose(default[:-1], 200 * FeatureSettings.ridge_per_step)
     # c_scaled = c * scale, so that a penalty c^2 / (2 C) is c_scaled^2 / (2 C scale^2)
     np.testing.assert_allclose(found.ridge(4.0, 200.0)[:-1], 0.25 / found.scale**2)
     assert default[-1] == found.ridge(4.0, 200.0)[-1] == 0.0
@@ -134,7 +134,7 @@ def test_landmarks_stand_where_there_is_something_to_see():
     """Nine steps in ten stand still; of landmarks that were drawn evenly, nine in ten would be there."""
     rng = np.random.default_rng(0)
     still, moving = 0.01 * rng.normal(size=(900, 2)), 3.0 * rng.normal(size=(100, 2))
-    fitted = FeatureMap.fit("nystroem", np.concatenate([still, moving]), n_landmarks=30)
+    fitted = FeatureMap.fit("nystroem", np.concatenate([still, moving]), settings=FeatureSettings(n_landmarks=30))
     z = fitted.landmarks[:, :2] * fitted.spread + fitted.location
     assert len(z) == 30
     assert (np.abs(z).max(axis=1) < 0.1).sum() <= 5

@@ -10,8 +10,8 @@ from rpil.data.demonstrations import Demonstrations
 from rpil.data.spaces import Discrete
 from rpil.estimators.cloning import BehavioralCloning
 from rpil.estimators.rpil import RPIL
-from rpil.policies.features import RIDGE_PER_STEP, FeatureMap
-from rpil.policies.selection import RIDGES, Choice, _least_squares, _median, choose_features
+from rpil.policies.features import FeatureMap, FeatureSettings
+from rpil.policies.selection import Choice, SelectionSettings, _fit_least_squares, _median, choose_features
 
 
 def told(rule, n_demonstrations: int = 8, n_steps: int = 120, seed: int = 0):
@@ -39,7 +39,7 @@ def test_the_kind_that_can_follow_the_rule_is_chosen(rule, kinds, seed):
     observations, codes, offsets = told(rule, seed=seed)
     found = choose_features(observations, codes, offsets, np.ones(len(codes)), Discrete(2))
     assert found.kind in kinds
-    assert found.ridge in RIDGES
+    assert found.ridge in SelectionSettings.ridges
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -84,7 +84,7 @@ def test_steps_far_off_do_not_teach_which_numbers_are_due():
     right = np.array([[1.0, 0.0], [-2.0, 1.0], [0.5, 3.0]])
     actions = design @ right + 0.1 * rng.normal(size=(500, 2))
     actions[::10] += 20.0 * np.abs(design[::10, :1])
-    (robust,) = _least_squares(design, actions, np.ones(500), [np.full(3, 1e-6)])
+    (robust,) = _fit_least_squares(design, actions, np.ones(500), [np.full(3, 1e-6)], SelectionSettings())
     plain = np.linalg.lstsq(design, actions)[0]
     assert np.abs(robust - right).max() < 0.3 * np.abs(plain - right).max()
 
@@ -115,7 +115,7 @@ def test_cloning_takes_what_is_chosen():
     model = BehavioralCloning("auto").fit(data)
     assert (model.features_.kind, model.features_.ridge_per_step) == (chosen.kind, chosen.ridge)
     fixed = BehavioralCloning("poly").fit(data)
-    assert fixed.features_.ridge_per_step == RIDGE_PER_STEP
+    assert fixed.features_.ridge_per_step == FeatureSettings.ridge_per_step
     assert np.mean(model.predict(observations) == codes) > 0.97
     rows = BehavioralCloning("auto").fit(observations, codes)  # every row is held out on its own
     assert rows.features_.kind == "poly"
