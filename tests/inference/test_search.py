@@ -48,8 +48,8 @@ def test_starts_without_labels():
 def test_starts_with_labels_begin_from_the_known_experts_and_trust_no_known_adversary():
     problem = make("shifted", 0).labelled({2: 1, 8: -1}).problem()
     found = starts(problem, setting_for(problem))
-    np.testing.assert_array_equal(np.flatnonzero(found["known experts"]), [2])
-    assert {"unlike known adversaries", "most unlike"} <= set(found)
+    np.testing.assert_array_equal(np.flatnonzero(found["labelled experts"]), [2])
+    assert {"unlike labelled adversaries", "most unlike"} <= set(found)
     assert all(weight[8] == 0.0 for weight in found.values())
     assert "agreeing" not in found
 
@@ -64,7 +64,7 @@ def test_experts_agree_where_these_are_few():
 def test_known_adversaries_alone_point_to_those_unlike_them():
     toy = make("shifted", 1, steps=STEPS).labelled({8: -1})
     problem = toy.problem()
-    unlike = starts(problem, setting_for(problem))["unlike known adversaries"]
+    unlike = starts(problem, setting_for(problem))["unlike labelled adversaries"]
     assert set(np.flatnonzero(unlike)) <= set(range(6))
     assert unlike.sum() >= 5
 

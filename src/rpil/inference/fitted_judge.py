@@ -132,7 +132,7 @@ class FittedJudge:
     def of(
         cls, judgement: Judgement, data: FitData, settings: JudgeSettings = JudgeSettings(), user_policy: bool = False
     ) -> FittedJudge:
-        """Keep what a judgement of `data` found; with `user_policy` the log-ratios of steps will be given."""
+        """From a judgement of `data`; with `user_policy` there is no `scale`, because the user's policy replaces it."""
         scores, discrete = judgement.scores, data.space.kind == "discrete"
         independent = float(scores.effective_steps.sum() / data.lengths.sum())
         if user_policy:

@@ -181,8 +181,8 @@ def _two_normals(
     """EM for two normal groups from the division `upper` (M,) bool: log-likelihood, means, spreads and the share of the
     upper group; None where a group is empty or the two are too close."""
     total = float(score.var())
-    sides = labels[:, None] * np.array([-1, 1])
-    log_allowed = np.where(sides < 0, -np.inf, 0.0)
+    contradicts_label = labels[:, None] * np.array([-1, 1]) < 0
+    log_allowed = np.where(contradicts_label, -np.inf, 0.0)
     prior, min_spread = settings.prior_spread * total, settings.min_spread * total
     mean = np.array([score[~upper].mean(), score[upper].mean()])
     spread = np.array([score[~upper].var(), score[upper].var()]) + min_spread

@@ -85,7 +85,7 @@ def starts(data: FitData, settings: SearchSettings) -> dict[str, Float[Array, " 
     if (labels < 0).any():
         weights |= _unlike_labelled_adversaries(data, settings)
     if (labels > 0).any():
-        return {"known experts": (labels > 0).astype(float), **weights}
+        return {"labelled experts": (labels > 0).astype(float), **weights}
     model = held_out_model(data, settings.seed, settings.judge.held_out)
     judgement = judge(data, model, settings.judge, seed=settings.seed)
     best = np.argsort(-judgement.scores.score, kind="stable")[: settings.mixture.single_starts]
@@ -101,7 +101,7 @@ def _unlike_labelled_adversaries(data: FitData, settings: SearchSettings) -> dic
     explained = data.mean_steps(policy.log_prob(outputs, data.actions))
     explained[labelled] = np.inf
     half = explained <= np.median(explained[~labelled])
-    return {"unlike known adversaries": half.astype(float), "most unlike": (explained == explained.min()).astype(float)}
+    return {"unlike labelled adversaries": half.astype(float), "most unlike": (explained == explained.min()).astype(float)}
 
 
 def _first_iterations(data: FitData, settings: SearchSettings, which: str | Adversary, weight: Array) -> Result:

@@ -45,9 +45,9 @@ def adversary(which: str | Adversary, space: Space, policy: Policy) -> Adversary
         raise DataError(f"A confusion matrix of {size} x {size} was given for {actions}; give one row for each.")
     if not isinstance(which, str):
         return which
-    known = ADVERSARIES[space.kind]
-    if which not in known:
+    by_name = ADVERSARIES[space.kind]
+    if which not in by_name:
         raise DataError(
-            f"There is no adversary called {which!r} for {space.kind} actions; choose auto, {', '.join(known)}."
+            f"There is no adversary called {which!r} for {space.kind} actions; choose auto, {', '.join(by_name)}."
         )
-    return known[which](space, policy)
+    return by_name[which](space, policy)

@@ -28,6 +28,7 @@ class OwnPolicy(FixedAdversary):
         return self.policy.log_prob(self.policy.outputs(features), actions)
 
     def fit(self, data: FitData, outputs: Float[Array, "N ..."], weight: Float[Array, " N"]) -> OwnPolicy:
+        # Two Newton steps an iteration of EM: chosen by hand, not tuned.
         policy, _ = self.policy.fit(data, weight, max_iter=2, max_cg=20)
         return replace(self, policy=policy)
 

@@ -1,0 +1,86 @@
+"""Held-out log-probabilities against scikit-learn, and folds."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from sklearn.linear_model import LogisticRegression, Ridge
+
+from problems import fit_data_of, make, make_continuous
+from rpil.inference.held_out import HeldOutRidge, HeldOutSoftmax, deal, frequencies, log_reference
+from rpil.inference.settings import HeldOutSettings
+from rpil.numerics.regression import error_scale, standardise, student_log_density
+
+STEPS = (40, 60)
+LAPSE = HeldOutSettings().lapse
+
+
+def test_softmax_log_probabilities_are_those_of_scikit_learn_on_the_other_folds():
+    problem = fit_data_of(make("noisy", 0, steps=STEPS))
+    weight = np.random.default_rng(0).random(len(problem.actions))
+    found = HeldOutSoftmax(problem, deal(problem, 3, 0))
+    scored = found.evaluate(weight, 1e-2)
+    fold, q = problem.per_step(found.fold), frequencies(problem)
+    for k in range(3):
+        train, test = fold != k, fold == k
+        C = 1 / (1e-2 * weight[train].sum())
+        model = LogisticRegression(C=C, tol=1e-8, max_iter=5000)
+        model.fit(problem.features[train][:, :-1], problem.actions[train], sample_weight=weight[train])
+        proba = (1 - LAPSE) * model.predict_proba(problem.features[test][:, :-1]) + LAPSE * q
+        taken = np.log(proba[np.arange(test.sum()), problem.actions[test]])
+        np.testing.assert_allclose(scored.log_prob[test], taken, atol=0.03)
+        entropy = (proba * np.log(proba)).sum(axis=1)
+        np.testing.assert_allclose(scored.residual[test], taken - entropy, atol=0.05)
+
+
+def test_ridge_log_probabilities_are_those_of_scikit_learn_on_the_other_folds():
+    problem = fit_data_of(make_continuous("noisy", 0, steps=STEPS))
+    weight = np.random.default_rng(0).random(len(problem.actions))
+    found = HeldOutRidge(problem, deal(problem, 3, 0))
+    scored = found.evaluate(weight, 1e-2)
+    fold, actions = problem.per_step(found.fold), standardise(problem.actions)
+    errors = np.empty_like(actions)
+    for k in range(3):
+        train, test = fold != k, fold == k
+        model = Ridge(1e-2 * weight[train].sum())
+        model.fit(problem.features[train][:, :-1], actions[train], sample_weight=weight[train])
+        errors[test] = actions[test] - model.predict(problem.features[test][:, :-1]).reshape(-1, actions.shape[1])
+    np.testing.assert_allclose(scored.log_prob, student_log_density(errors, error_scale(errors, weight)), atol=1e-6)
+
+
+def test_policy_is_fitted_without_the_demonstrations_that_it_evaluates():
+    problem = fit_data_of(make("random", 0, steps=STEPS))
+    other = replace(problem, actions=problem.actions.copy())
+    fold = deal(problem, 3, 0)
+    changed = problem.per_step(fold) == 1
+    other.actions[changed] = (other.actions[changed] + 1) % problem.space.n
+    weight = np.ones(len(problem.actions))
+    one, two = (HeldOutSoftmax(p, fold).evaluate(weight, 1e-2) for p in (problem, other))
+    q_one, q_two = frequencies(problem), frequencies(other)
+    # The other steps of that fold are scored by the same policies; only the frequencies of the lapses differ.
+    same = changed & (problem.actions == other.actions)
+    assert not same.any()
+    np.testing.assert_allclose(np.exp(one.log_prob[~changed]).mean(), np.exp(one.log_prob[~changed]).mean())
+    assert not np.allclose(one.log_prob[~changed], two.log_prob[~changed], atol=1e-3)
+    proba = (np.exp(one.log_prob[changed]) - LAPSE * q_one[problem.actions[changed]]) / (1 - LAPSE)
+    shifted = (np.exp(two.log_prob[changed]) - LAPSE * q_two[other.actions[changed]]) / (1 - LAPSE)
+    assert (proba + shifted <= 1 + 1e-9).all()  # two actions of one distribution
+
+
+def test_fold_of_a_demonstration_does_not_depend_on_the_order():
+    problem = fit_data_of(make("noisy", 1, steps=(30, 30)))
+    order = np.random.default_rng(0).permutation(problem.n_demonstrations)
+    np.testing.assert_array_equal(deal(problem, 5, 0)[order], deal(problem.select(order), 5, 0))
+
+
+def test_reference_does_not_depend_on_the_state():
+    problem = fit_data_of(make("random", 0))
+    everyone = np.ones(problem.n_demonstrations, dtype=bool)
+    shuffled = replace(problem, features=problem.features[::-1])
+    np.testing.assert_array_equal(log_reference(problem, everyone), log_reference(shuffled, everyone))
+    log_q = log_reference(problem, everyone)
+    for action in range(problem.space.n):
+        share = (problem.actions == action).mean()
+        assert np.exp(log_q[problem.actions == action]).mean() == pytest.approx(share, abs=0.01)
