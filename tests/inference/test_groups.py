@@ -30,7 +30,7 @@ def test_two_clear_groups_have_their_share_and_means():
 @pytest.mark.parametrize("draw", ["normal", "skewed"])
 def test_one_group_is_rarely_taken_for_two(draw):
     rng, found = np.random.default_rng(0), []
-    for _ in range(40):
+    for _ in range(20):
         score = rng.normal(size=30) if draw == "normal" else -rng.gamma(4.0, size=30)
         found.append(fitted(score).p_two >= 0.9)
     assert np.mean(found) <= 0.1

@@ -101,7 +101,10 @@ def _unlike_labelled_adversaries(data: FitData, settings: SearchSettings) -> dic
     explained = data.mean_steps(policy.log_prob(outputs, data.actions))
     explained[labelled] = np.inf
     half = explained <= np.median(explained[~labelled])
-    return {"unlike labelled adversaries": half.astype(float), "most unlike": (explained == explained.min()).astype(float)}
+    return {
+        "unlike labelled adversaries": half.astype(float),
+        "most unlike": (explained == explained.min()).astype(float),
+    }
 
 
 def _first_iterations(data: FitData, settings: SearchSettings, which: str | Adversary, weight: Array) -> Result:
