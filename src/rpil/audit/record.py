@@ -123,7 +123,7 @@ class Audit:
     """
 
     ids: tuple[Hashable, ...]
-    offsets: Int[Array, " M+1"]
+    offsets: Int[Array, " _"]
     finding: str
     log_odds: Float[Array, " M"]
     from_actions: Float[Array, " M"]
