@@ -17,6 +17,7 @@ def small(monkeypatch):
 
 
 SLOW_FILES = {
+    "test_commands.py",
     "test_continuous.py",
     "test_dask.py",
     "test_demo.py",
@@ -26,6 +27,7 @@ SLOW_FILES = {
     "test_golden.py",
     "test_judge.py",
     "test_large.py",
+    "test_main.py",
     "test_reweight.py",
     "test_rment.py",
     "test_streaming.py",

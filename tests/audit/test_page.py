@@ -231,6 +231,7 @@ def test_long_page_has_timelines_of_the_least_trusted_demonstrations() -> None:
     assert len(page.all("th", scope="row")) == 250
 
 
+@pytest.mark.slow
 def test_write_page_replaces_a_file_only_when_the_page_is_complete(tmp_path: Path, audit: Audit, monkeypatch) -> None:
     path = tmp_path / "report.html"
     part = Article("Été", audit, "demos.parquet")
@@ -261,6 +262,7 @@ def test_format_percent(share: float, text: str) -> None:
     assert format_percent(share) == text
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(shutil.which("chromium") is None, reason="needs a chromium binary on PATH")
 def test_page_works_in_a_browser(tmp_path: Path, unknown: Audit) -> None:
     # The probe acts as a reader does, and leaves what it saw in the title.
