@@ -19,6 +19,7 @@ def small(monkeypatch):
 SLOW_FILES = {
     "test_commands.py",
     "test_continuous.py",
+    "test_continuous_actions.py",
     "test_dask.py",
     "test_demo.py",
     "test_estimators.py",

@@ -7,8 +7,11 @@ import os
 import pickle
 import signal
 import threading
-from dataclasses import replace
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from functools import partial
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -70,24 +73,37 @@ def test_a_cluster_says_what_one_process_says(small, cluster, tmp_path, maker, o
     assert_same(here, there)
 
 
+@dataclass(frozen=True)
+class KillOnce:
+    """`function`, but the first worker that calls it kills its own process in the middle of the task."""
+
+    function: Callable[[Any], Any]
+    marker: Path
+
+    def __call__(self, block: Any) -> Any:
+        if not self.marker.exists():
+            self.marker.touch()
+            os.kill(os.getpid(), signal.SIGKILL)
+        return self.function(block)
+
+
 @pytest.mark.parametrize("on_disk", [False, True])
-def test_a_worker_that_is_killed_costs_time_only(small, cluster, tmp_path, on_disk):
+def test_killed_worker_changes_no_result(small, cluster, tmp_path, on_disk, monkeypatch):
     data = demonstrations()
     here = small_rpil(engine=InMemory()).fit(data)
     if on_disk:
         formats.write(tmp_path / "a.parquet", data)
         data = open_dataset(tmp_path / "a.parquet")
-    killed: list[int] = []
     cluster.wait_for_workers(2, timeout=30)
+    total, passes = engine.RemoteBlocks.total, []
 
-    def progress(stage):
-        if stage.startswith("pass 2") and not killed:
-            pid = min(cluster.run(os.getpid).values())
-            os.kill(pid, signal.SIGKILL)
-            killed.append(pid)
+    def total_with_a_kill(self, function):
+        passes.append(function)
+        return total(self, KillOnce(function, tmp_path / "killed") if len(passes) == 2 else function)
 
-    there = small_rpil(engine=DaskEngine(cluster, n_shards=4), progress=progress).fit(data)
-    assert killed
+    monkeypatch.setattr(engine.RemoteBlocks, "total", total_with_a_kill)
+    there = small_rpil(engine=DaskEngine(cluster, n_shards=4)).fit(data)
+    assert (tmp_path / "killed").exists()
     assert_same(here, there)
 
 

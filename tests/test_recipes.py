@@ -26,6 +26,7 @@ from rpil.mixture.adversaries.protocol import FixedAdversary
 from rpil.numerics.blocks import add
 from rpil.scale.memory import InMemory
 from rpil.scale.protocol import Engine, Shards
+from small import small_rpil
 
 
 class BySigns(ClassifierMixin, BaseEstimator):
@@ -148,7 +149,7 @@ class Listed:
 class OneByOne:
     """An engine that reads all blocks, and works on them one by one."""
 
-    n_parts: int = 2
+    n_shards: int = 2
     calls: list[str] = field(default_factory=list)
 
     def place(self, shards: Any) -> Listed:
@@ -161,7 +162,7 @@ def test_engine_recipe(small):
     assert isinstance(engine, Engine)
     assert isinstance(engine.place([[1]]), Shards)
     toy = make("noisy", 0, n_good=60, n_bad=30, steps=(20, 60)).demonstrations
-    here, there = RPIL(engine=InMemory()).fit(toy), RPIL(engine=engine).fit(toy)
+    here, there = small_rpil(engine=InMemory()).fit(toy), small_rpil(engine=engine).fit(toy)
     assert set(engine.calls) == {"map", "then", "total"}
     np.testing.assert_allclose(there.log_odds_, here.log_odds_, rtol=1e-9)
     np.testing.assert_allclose(there.coef_, here.coef_, rtol=1e-6, atol=1e-9)

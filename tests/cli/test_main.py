@@ -189,7 +189,7 @@ def test_audit_does_not_choose_features(folder, monkeypatch):
 
     folded = ok("audit", folder / "good.parquet", "--json", "--features", "folded").stdout
     chosen = rpil.RPIL("auto").fit(formats.read(folder / "good.parquet")).audit_.to_dict()
-    monkeypatch.setattr("rpil.estimators.cloning.choose_features", never)
+    monkeypatch.setattr("rpil.estimators.final_policy.choose_features", never)
     assert ok("audit", folder / "good.parquet", "--json").stdout == folded
     assert json.loads(folded)["demonstrations"] == chosen["demonstrations"]
 
