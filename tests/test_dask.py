@@ -8,6 +8,7 @@ import pickle
 import signal
 import threading
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -81,8 +82,8 @@ class KillOnce:
     marker: Path
 
     def __call__(self, block: Any) -> Any:
-        if not self.marker.exists():
-            self.marker.touch()
+        with suppress(FileExistsError):
+            self.marker.touch(exist_ok=False)
             os.kill(os.getpid(), signal.SIGKILL)
         return self.function(block)
 
