@@ -10,27 +10,20 @@ from typecheck import ROOMS
 install_import_hook(ROOMS, "typecheck.check")  # before anything of rpil is imported
 
 
-@pytest.fixture
-def small(monkeypatch):
-    """Hundreds of steps fill a block."""
-    monkeypatch.setattr("rpil.data.demonstrations.BLOCK_STEPS", 700)
-
-
 SLOW_FILES = {
     "test_commands.py",
-    "test_continuous.py",
     "test_continuous_actions.py",
     "test_dask.py",
     "test_demo.py",
-    "test_estimators.py",
     "test_fit_from_disk.py",
     "test_fitted_audits.py",
     "test_golden.py",
     "test_judge.py",
-    "test_large.py",
     "test_main.py",
+    "test_passes.py",
     "test_reweight.py",
     "test_rment.py",
+    "test_rpil.py",
     "test_streaming.py",
     "test_torch.py",
 }

@@ -6,7 +6,7 @@ from typing import Any
 
 from rpil import RPIL, MixtureSettings, SampleSettings, Settings
 
-SAMPLE = SampleSettings(min_steps=600, steps_per_coefficient=20, n_demonstrations=20, min_samples=4)
+SAMPLE = SampleSettings(min_steps=600, steps_per_coefficient=20, n_demonstrations=20, min_samples=4, block_steps=700)
 SMALL = Settings(sample=SAMPLE)
 
 

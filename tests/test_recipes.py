@@ -157,7 +157,7 @@ class OneByOne:
 
 
 @pytest.mark.slow
-def test_engine_recipe(small):
+def test_engine_recipe():
     engine = OneByOne()
     assert isinstance(engine, Engine)
     assert isinstance(engine.place([[1]]), Shards)

@@ -23,7 +23,7 @@ def command(*arguments):
     return ok(*arguments, settings=SMALL).stdout
 
 
-def test_a_folder_is_read_block_by_block(small, tmp_path):
+def test_a_folder_is_read_block_by_block(tmp_path):
     folder, weights = written(tmp_path), tmp_path / "w.parquet"
     outputs = ["--weights", weights, "--report", tmp_path / "r.html", "--json"]
     found = json.loads(command("audit", folder, *outputs))
@@ -42,7 +42,7 @@ def test_a_folder_is_read_block_by_block(small, tmp_path):
     command("fit", folder, "-o", tmp_path / "policy", "--method", "cloning")
 
 
-def test_a_large_file_is_read_block_by_block(small, tmp_path, monkeypatch):
+def test_a_large_file_is_read_block_by_block(tmp_path, monkeypatch):
     formats.write(tmp_path / "a.parquet", demonstrations())
     read = commands.read_demonstrations(str(tmp_path / "a.parquet"), lambda _: None, None)
     assert isinstance(read, Demonstrations)

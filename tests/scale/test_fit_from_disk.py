@@ -20,7 +20,7 @@ from small import small_rpil
 
 
 @pytest.mark.parametrize("continuous", [False, True])
-def test_a_fit_from_disk_is_the_fit_in_memory(small, tmp_path, continuous):
+def test_a_fit_from_disk_is_the_fit_in_memory(tmp_path, continuous):
     memory = demonstrations(continuous, "noisy", single=True)
     folder = write_files(flat.from_demonstrations(memory, {}), tmp_path / "many")
     labels = {3: "expert", 100: "adversary"}

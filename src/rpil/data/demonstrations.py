@@ -58,14 +58,13 @@ class Block:
         return slice(self.first, self.first + len(self.offsets) - 1)
 
 
-def shard_bounds(offsets: NDArray[np.int64], n_shards: int, block_steps: int | None) -> list[list[int]]:
+def shard_bounds(offsets: NDArray[np.int64], n_shards: int, block_steps: int) -> list[list[int]]:
     """For each of `n_shards` shards, or fewer: numbers of the first demonstration of each block, and of the one after.
 
-    Shards have about as many blocks as one another, blocks about as many steps. Where `block_steps` is None, blocks
-    have `BLOCK_STEPS`. The blocks are the same however many shards there are.
+    Shards have about as many blocks as one another, blocks about `block_steps` steps. The blocks do not
+    depend on the number of shards.
     """
-    steps = block_steps or BLOCK_STEPS
-    ends = np.searchsorted(offsets, np.arange(steps, offsets[-1] + steps, steps))
+    ends = np.searchsorted(offsets, np.arange(block_steps, offsets[-1] + block_steps, block_steps))
     firsts = np.unique(np.clip(np.append(0, ends), 0, len(offsets) - 1)).tolist()
     bounds = np.linspace(0, len(firsts) - 1, min(n_shards, len(firsts) - 1) + 1).astype(int).tolist()
     return [firsts[a : b + 1] for a, b in itertools.pairwise(bounds)]
@@ -300,7 +299,7 @@ class Demonstrations(DemonstrationSet):
             self.source,
         )
 
-    def shards(self, n_shards: int = 1, block_steps: int | None = None) -> list[list[Block]]:
+    def shards(self, n_shards: int = 1, block_steps: int = BLOCK_STEPS) -> list[list[Block]]:
         """All demonstrations in order, without copying: shards, each a list of blocks; see `shard_bounds`."""
         return [
             [self._block(first, end) for first, end in itertools.pairwise(bounds)]

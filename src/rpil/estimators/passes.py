@@ -69,7 +69,9 @@ class Passes:
         # A rival group to trust is reported by the sample, and trusted among all demonstrations.
         minority: Minority = "ask" if options.minority == "trust" else options.minority
         engine = self.engine
-        blocks = engine.place(task.source.shards(engine.n_shards)).then(DesignMap(features, task.space, task.classes))
+        blocks = engine.place(task.source.shards(engine.n_shards, settings.block_steps)).then(
+            DesignMap(features, task.space, task.classes)
+        )
         return Posed(demonstrations, data, features, minority, indices, blocks)
 
     def extend(self, posed: Posed, decision: Decision) -> Decision:

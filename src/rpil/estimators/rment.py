@@ -14,7 +14,8 @@ stays.
 from __future__ import annotations
 
 import warnings
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from math import ceil
 from operator import index
 
@@ -37,36 +38,45 @@ from rpil.policies.features import FeatureMap, ridge_of
 from rpil.policies.linear import linear_policy
 from rpil.policies.protocol import Policy
 
-_SHORT = 2
-"""Concentration steps of every start."""
 
-_CARRIED = 5
-"""Starts that go on."""
+@dataclass(frozen=True)
+class ConcentrationSettings:
+    """The search for the best selection, as in FAST-LTS (Rousseeuw and Van Driessen, 2006).
 
-_ROUGH = 1e-3
-"""Gradient, a step, that will do to tell starts apart."""
+    Attributes
+    ----------
+    start_steps : int
+        Concentration steps of every start; two as in that paper.
+    n_carried : int
+        Best starts that go on until the selection stays the same. Chosen by hand, not tuned.
+    start_tol : float
+        Largest entry of the gradient, a step, at which the policy of a start is fitted. Chosen by hand, not tuned.
+    """
+
+    start_steps: int = 2
+    n_carried: int = 5
+    start_tol: float = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
-class Trimmed:
-    """Where concentration steps ended.
+class Selection:
+    """A selection of demonstrations and the policy fitted to them.
 
     Attributes
     ----------
     policy : Policy
     log_likelihood : (M,) array
-        Mean over the steps of each demonstration, under the policy.
-    kept : (M,) bool array
-        The demonstrations that the policy was fitted to.
-    history : (steps,) array
+        Mean log-likelihood of a step of each demonstration under the policy, in nats.
+    selected : (M,) bool array
+    history : (T,) array
         The objective of eq. 2 after every fit; it never rises.
     converged : bool
-        Whether `kept` are the best under the policy.
+        Whether the selected demonstrations are those that the policy explains best.
     """
 
     policy: Policy
     log_likelihood: Array
-    kept: Array
+    selected: Array
     history: Array
     converged: bool
 
@@ -75,59 +85,68 @@ class Trimmed:
         return float(self.history[-1])
 
 
-def fitted(data: FitData, policy: Policy, kept: Array, tol: float) -> Trimmed:
-    """The policy, from `policy` on, of the demonstrations `kept` (M,), each counting as one of average length."""
-    weight = kept * data.lengths.mean() / data.lengths
-    trusted = data.select(np.flatnonzero(kept))
-    policy, _ = policy.fit(trusted, trusted.per_step(weight[kept]), tol=tol)
-    taken = policy.log_prob(policy.outputs(data.features), data.actions)
-    log_likelihood = data.sum_steps(taken) / data.lengths
+def fit_selected(data: FitData, policy: Policy, selected: Array, tol: float) -> Selection:
+    """Fit the policy to the `selected` (M,) demonstrations, each weighted as one of average length."""
+    weight = selected * data.lengths.mean() / data.lengths
+    subset = data.select(np.flatnonzero(selected))
+    policy, _ = policy.fit(subset, subset.per_step(weight[selected]), tol=tol)
+    log_prob = policy.log_prob(policy.outputs(data.features), data.actions)
+    log_likelihood = data.sum_steps(log_prob) / data.lengths
     penalty = policy.penalty() / data.lengths.mean()
-    objective = (penalty - log_likelihood[kept].sum()) / kept.sum()
-    return Trimmed(policy, log_likelihood, kept, np.array([objective]), converged=False)
+    objective = (penalty - log_likelihood[selected].sum()) / selected.sum()
+    return Selection(policy, log_likelihood, selected, np.array([objective]), converged=False)
 
 
-def concentrate(data: FitData, found: Trimmed, n_trusted: int, tol: float, max_iter: int) -> Trimmed:
-    """Keep the `n_trusted` demonstrations that the policy explains best, fit it to them, until they stay the same."""
-    history = list(found.history) if found.kept.sum() == n_trusted else []  # others are no values of this objective
+def concentrate(data: FitData, start: Selection, n_trusted: int, tol: float, max_iter: int) -> Selection:
+    """Concentration steps: select the `n_trusted` demonstrations that the policy explains best, and fit it to them."""
+    # The objective of a selection of another size is another function.
+    history = list(start.history) if start.selected.sum() == n_trusted else []
+    current = start
     for _ in range(max_iter):
-        best = np.argsort(-found.log_likelihood, kind="stable")[:n_trusted]
-        kept = np.isin(np.arange(data.n_demonstrations), best)
-        if (kept == found.kept).all():
-            return Trimmed(found.policy, found.log_likelihood, kept, np.array(history), converged=True)
-        found = fitted(data, found.policy, kept, tol)
-        history.append(found.objective)
-    return Trimmed(found.policy, found.log_likelihood, found.kept, np.array(history), converged=False)
+        best = np.argsort(-current.log_likelihood, kind="stable")[:n_trusted]
+        selected = np.isin(np.arange(data.n_demonstrations), best)
+        if (selected == current.selected).all():
+            return replace(current, history=np.array(history), converged=True)
+        current = fit_selected(data, current.policy, selected, tol)
+        history.append(current.objective)
+    return replace(current, history=np.array(history), converged=False)
 
 
 def starts(n_demonstrations: int, n_trusted: int, n_starts: int, rng: np.random.Generator) -> list[Array]:
-    """Demonstrations (M,) that the first policy of each start is fitted to: all of them, single ones in random order,
-    and, should there be more starts than demonstrations, random `n_trusted`.
+    """The demonstrations (M,) to which the policy of each start is fitted: all, single ones in random order, and random
+    `n_trusted` where there are more starts than demonstrations.
 
-    As in FAST-LTS small subsets come first, because they are the likeliest to hold no bad demonstration.
+    Small subsets come first, as in FAST-LTS: they are the likeliest to contain no bad demonstration.
     """
-    everyone = np.arange(n_demonstrations)
-    found = [np.ones(n_demonstrations, dtype=bool), *(everyone == m for m in rng.permutation(everyone))]
-    while len(found) < n_starts:
-        found.append(np.isin(everyone, rng.choice(everyone, n_trusted, replace=False)))
-    return found[:n_starts]
+    numbers = np.arange(n_demonstrations)
+    subsets = [np.ones(n_demonstrations, dtype=bool), *(numbers == m for m in rng.permutation(numbers))]
+    while len(subsets) < n_starts:
+        subsets.append(np.isin(numbers, rng.choice(numbers, n_trusted, replace=False)))
+    return subsets[:n_starts]
 
 
 def search(
-    data: FitData, policy: Policy, n_trusted: int, n_starts: int, tol: float, max_iter: int, rng: np.random.Generator
-) -> Trimmed:
-    """The best of many starts, of which the most promising `_CARRIED` go on after a few steps."""
+    data: FitData,
+    policy: Policy,
+    n_trusted: int,
+    subsets: Sequence[Array],
+    tol: float,
+    max_iter: int,
+    settings: ConcentrationSettings = ConcentrationSettings(),
+) -> Selection:
+    """The best selection from starts with policies fitted to the `subsets` (M,)."""
 
-    def begin(chosen: Array) -> Trimmed:
-        return concentrate(data, fitted(data, policy, chosen, _ROUGH), n_trusted, _ROUGH, _SHORT)
+    def begin(subset: Array) -> Selection:
+        start = fit_selected(data, policy, subset, settings.start_tol)
+        return concentrate(data, start, n_trusted, settings.start_tol, settings.start_steps)
 
-    def go_on(found: Trimmed) -> Trimmed:
-        return concentrate(data, fitted(data, found.policy, found.kept, tol), n_trusted, tol, max_iter)
+    def go_on(start: Selection) -> Selection:
+        return concentrate(data, fit_selected(data, start.policy, start.selected, tol), n_trusted, tol, max_iter)
 
-    begun = in_parallel(begin, starts(data.n_demonstrations, n_trusted, n_starts, rng), data.features)
-    different = {found.kept.tobytes(): found for found in sorted(begun, key=lambda found: -found.objective)}
-    promising = sorted(different.values(), key=lambda found: found.objective)[:_CARRIED]
-    return min(in_parallel(go_on, promising, data.features), key=lambda found: found.objective)
+    candidates = sorted(in_parallel(begin, subsets, data.features), key=lambda start: -start.objective)
+    distinct = {start.selected.tobytes(): start for start in candidates}  # the best of equal selections comes last
+    carried = sorted(distinct.values(), key=lambda start: start.objective)[: settings.n_carried]
+    return min(in_parallel(go_on, carried, data.features), key=lambda start: start.objective)
 
 
 class RMEnt(PolicyEstimator):
@@ -227,15 +246,16 @@ class RMEnt(PolicyEstimator):
             weight = n_trusted * demonstrations.lengths.mean()
             policy = linear_policy(self.space_, ridge_of(self.features_, self.C, weight, self.space_), weight)
             rng = np.random.default_rng(self.random_state)
-            found = search(data, policy, n_trusted, max(1, self.n_starts), self.tol, self.max_iter, rng)
-        self.policy_ = found.policy.with_temperature(choice.temperature)
+            subsets = starts(len(demonstrations), n_trusted, max(1, self.n_starts), rng)
+            selection = search(data, policy, n_trusted, subsets, self.tol, self.max_iter)
+        self.policy_ = selection.policy.with_temperature(choice.temperature)
         self.ids_ = demonstrations.ids
-        self.weights_ = found.kept.astype(float)
-        self.log_likelihood_ = found.log_likelihood
-        self.objective_ = found.objective
-        self.n_iter_ = len(found.history)
-        self.converged_ = found.converged
-        if not found.converged:
+        self.weights_ = selection.selected.astype(float)
+        self.log_likelihood_ = selection.log_likelihood
+        self.objective_ = selection.objective
+        self.n_iter_ = len(selection.history)
+        self.converged_ = selection.converged
+        if not selection.converged:
             warnings.warn("Concentration stopped at max_iter; raise it.", ConvergenceWarning, stacklevel=2)
         return self
 

@@ -25,7 +25,7 @@ class Source(Protocol):
     @property
     def source(self) -> str: ...
 
-    def shards(self, n_shards: int = 1) -> list[Any]:
+    def shards(self, n_shards: int = 1, block_steps: int = ...) -> list[Any]:
         """All demonstrations in order, as shards; each is an iterable of blocks."""
 
     def select(self, indices: Any) -> Demonstrations:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from rpil.data.archive import stored
+from rpil.data.demonstrations import BLOCK_STEPS
 
 
 @stored()
@@ -26,6 +27,8 @@ class SampleSettings:
         Demonstrations of a sample, at least, however long.
     min_samples : float
         Steps of all data, in samples, from which the judge reads one sample instead of everything.
+    block_steps : int
+        Steps of a block, about, in the passes over all data.
     """
 
     min_steps: int = 20_000
@@ -34,6 +37,7 @@ class SampleSettings:
     max_ratio: float = 10.0
     min_demonstrations: int = 20
     min_samples: float = 10.0
+    block_steps: int = BLOCK_STEPS
 
 
 @stored()

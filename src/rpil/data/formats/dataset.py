@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rpil.data.arrays import Id, Indices, are_whole, as_actions, as_ids, check_any, check_finite
-from rpil.data.demonstrations import Block, Demonstrations, DemonstrationSet, shard_bounds
+from rpil.data.demonstrations import BLOCK_STEPS, Block, Demonstrations, DemonstrationSet, shard_bounds
 from rpil.data.errors import DataError
 from rpil.data.files import StrPath
 from rpil.data.formats import table as flat
@@ -132,7 +132,7 @@ class Dataset(DemonstrationSet):
     def __repr__(self) -> str:
         return self._described(self.n_observations, self.is_discrete, self.source)
 
-    def shards(self, n_shards: int = 1, block_steps: int | None = None) -> list[Shard]:
+    def shards(self, n_shards: int = 1, block_steps: int = BLOCK_STEPS) -> list[Shard]:
         """All demonstrations in order: shards, each to be iterated over for its blocks, see `shard_bounds`.
 
         A shard can be sent to another process. Its blocks are those of `Demonstrations.shards`.

@@ -63,7 +63,7 @@ def assert_same(one, other):
 
 @pytest.mark.parametrize("maker", [make, make_continuous])
 @pytest.mark.parametrize("on_disk", [False, True])
-def test_a_cluster_says_what_one_process_says(small, cluster, tmp_path, maker, on_disk):
+def test_a_cluster_says_what_one_process_says(cluster, tmp_path, maker, on_disk):
     data = demonstrations(maker)
     labels = {0: "expert", 100: "adversary"}
     here = small_rpil(engine=InMemory(), labels=labels).fit(data)
@@ -89,7 +89,7 @@ class KillOnce:
 
 
 @pytest.mark.parametrize("on_disk", [False, True])
-def test_killed_worker_changes_no_result(small, cluster, tmp_path, on_disk, monkeypatch):
+def test_killed_worker_changes_no_result(cluster, tmp_path, on_disk, monkeypatch):
     data = demonstrations()
     here = small_rpil(engine=InMemory()).fit(data)
     if on_disk:
@@ -108,7 +108,7 @@ def test_killed_worker_changes_no_result(small, cluster, tmp_path, on_disk, monk
     assert_same(here, there)
 
 
-def test_each_worker_holds_a_share(small, cluster):
+def test_each_worker_holds_a_share(cluster):
     cluster.wait_for_workers(2, timeout=30)
     placed = DaskEngine(cluster, n_shards=4).place(demonstrations().shards(4))
     keys = [future.key for future in placed.futures]
@@ -120,7 +120,7 @@ def test_each_worker_holds_a_share(small, cluster):
     assert sum(cluster.nbytes(keys, summary=False).values()) == pytest.approx(held, rel=0.05)
 
 
-def test_only_parameters_and_sums_travel(small, cluster):
+def test_only_parameters_and_sums_travel(cluster):
     data = demonstrations()
     model = small_rpil(engine=InMemory()).fit(data)
     problem = FitData(
@@ -157,7 +157,7 @@ def size(value):
     return len(pickle.dumps(value))
 
 
-def test_a_path_that_workers_cannot_read(small, cluster, tmp_path):
+def test_a_path_that_workers_cannot_read(cluster, tmp_path):
     formats.write(tmp_path / "a.parquet", demonstrations())
     data = open_dataset(tmp_path / "a.parquet")
     groups = tuple(replace(group, path="/nowhere/a.parquet") for group in data.store.groups)
@@ -176,7 +176,7 @@ def test_nobody_answers():
         engine.connect("not an address", timeout=0.5)
 
 
-def test_no_process_is_left(small):
+def test_no_process_is_left():
     with distributed.LocalCluster(
         n_workers=1, processes=True, threads_per_worker=1, dashboard_address=":0", silence_logs="CRITICAL"
     ) as cluster:
@@ -190,7 +190,7 @@ def test_no_process_is_left(small):
     assert not [thread for thread in threading.enumerate() if "IO loop" in thread.name and not thread.daemon]
 
 
-def test_the_command_uses_a_cluster(small, cluster, tmp_path):
+def test_the_command_uses_a_cluster(cluster, tmp_path):
     data = demonstrations()
     formats.write(tmp_path / "a.parquet", data)
     arguments = ["audit", str(tmp_path / "a.parquet"), "--json", "--scheduler", cluster.scheduler.address]

@@ -12,7 +12,7 @@ from sklearn.exceptions import ConvergenceWarning
 from problems import make, make_continuous, ridge
 from rpil.data.errors import DataError
 from rpil.estimators.cloning import BehavioralCloning
-from rpil.estimators.rment import RMEnt, concentrate, fitted, search, starts
+from rpil.estimators.rment import RMEnt, concentrate, fit_selected, search, starts
 from rpil.policies.features import ridge_of
 from rpil.policies.linear import linear_policy
 from rpil.policies.softmax import SoftmaxPolicy, one_hot
@@ -25,18 +25,18 @@ TOY = make("random", 0)
 def test_concentration_never_raises_the_objective_and_ends_at_the_best_of_its_policy(kind, start):
     problem = make(kind, 2, n_actions=4).problem()
     policy = SoftmaxPolicy.zero(4, ridge(problem))
-    first = fitted(problem, policy, np.isin(np.arange(12), start), 1e-8)
+    first = fit_selected(problem, policy, np.isin(np.arange(12), start), 1e-8)
     found = concentrate(problem, first, 6, 1e-8, 50)
     assert found.converged
     assert (np.diff(found.history) <= 1e-12).all()
-    assert found.log_likelihood[found.kept].min() >= found.log_likelihood[~found.kept].max()
-    assert found.kept.sum() == 6
+    assert found.log_likelihood[found.selected].min() >= found.log_likelihood[~found.selected].max()
+    assert found.selected.sum() == 6
 
 
 def test_concentration_has_something_to_do():
     """Else the test above says nothing."""
     problem = make("random", 2, n_actions=4).problem()
-    first = fitted(problem, SoftmaxPolicy.zero(4, ridge(problem)), np.arange(12) >= 6, 1e-8)
+    first = fit_selected(problem, SoftmaxPolicy.zero(4, ridge(problem)), np.arange(12) >= 6, 1e-8)
     found = concentrate(problem, first, 6, 1e-8, 50)
     assert len(found.history) > 2
     assert found.objective < first.objective - 0.1
@@ -66,7 +66,8 @@ def test_the_best_start_wins():
     problem = make("flipped", 7, n_actions=4).problem()
     policy = SoftmaxPolicy.zero(4, ridge(problem))
     ends = [
-        search(problem, policy, 6, n_starts, 1e-6, 100, np.random.default_rng(0)).objective for n_starts in (1, 13, 40)
+        search(problem, policy, 6, starts(12, 6, n_starts, np.random.default_rng(0)), 1e-6, 100).objective
+        for n_starts in (1, 13, 40)
     ]
     assert ends[0] > ends[1] + 0.1  # all demonstrations together are a bad start for two groups of one mind
     assert ends[1] >= ends[2] - 1e-9
@@ -119,11 +120,11 @@ def test_continuous_actions(kind):
 def test_concentration_never_raises_the_objective_where_actions_are_continuous(start):
     problem = make_continuous("noisy", 2).problem()
     policy = linear_policy(problem.space, ridge(problem), len(problem.actions) / 2)
-    first = fitted(problem, policy, np.isin(np.arange(12), start), 1e-10)
+    first = fit_selected(problem, policy, np.isin(np.arange(12), start), 1e-10)
     found = concentrate(problem, first, 6, 1e-10, 50)
     assert found.converged
     assert (np.diff(found.history) <= 1e-7).all()
-    assert found.log_likelihood[found.kept].min() >= found.log_likelihood[~found.kept].max()
+    assert found.log_likelihood[found.selected].min() >= found.log_likelihood[~found.selected].max()
 
 
 def test_log_likelihood_is_the_mean_over_steps():

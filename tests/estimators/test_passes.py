@@ -53,7 +53,7 @@ def assert_alike(model, other, most_verdicts=0):
 
 @pytest.mark.parametrize("maker", MAKERS)
 @pytest.mark.parametrize(("kind", "most_verdicts"), [("random", 0), ("noisy", 2), ("flipped", 0)])
-def test_it_says_what_the_judge_says_of_everything(small, maker, kind, most_verdicts):
+def test_it_says_what_the_judge_says_of_everything(maker, kind, most_verdicts):
     toy, data = demonstrations(kind, maker=maker)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
@@ -67,7 +67,7 @@ def test_it_says_what_the_judge_says_of_everything(small, maker, kind, most_verd
 
 
 @pytest.mark.parametrize("maker", MAKERS)
-def test_three_quarters_that_act_alike_are_not_taken_for_the_expert(small, maker):
+def test_three_quarters_that_act_alike_are_not_taken_for_the_expert(maker):
     toy, data = demonstrations("flipped", 1, n_good=30, n_bad=90, maker=maker)
     with pytest.warns(UserWarning, match="label one demonstration"):
         model, other = both(data)
@@ -85,7 +85,7 @@ def test_three_quarters_that_act_alike_are_not_taken_for_the_expert(small, maker
 
 @pytest.mark.parametrize("maker", MAKERS)
 @pytest.mark.parametrize("labels", [{"d0": "expert"}, {"d100": "adversary"}])
-def test_one_label_says_which_group_is_the_expert(small, maker, labels):
+def test_one_label_says_which_group_is_the_expert(maker, labels):
     toy, data = demonstrations("flipped", 1, n_good=30, n_bad=90, maker=maker)
     model, other = both(data, labels=labels)
     assert_alike(model, other)
@@ -94,7 +94,7 @@ def test_one_label_says_which_group_is_the_expert(small, maker, labels):
 
 
 @pytest.mark.parametrize("maker", MAKERS)
-def test_what_a_minority_is_thought_to_be(small, maker):
+def test_what_a_minority_is_thought_to_be(maker):
     toy, data = demonstrations("flipped", 1, n_good=90, n_bad=30, maker=maker)
     distrusted, other = both(data, minority="distrust")
     assert_alike(distrusted, other)
@@ -105,7 +105,7 @@ def test_what_a_minority_is_thought_to_be(small, maker):
 
 
 @pytest.mark.parametrize("maker", MAKERS)
-def test_labels_count(small, maker):
+def test_labels_count(maker):
     _, data = demonstrations(maker=maker)
     labels = {"d0": "expert", "d3": "adversary", "d100": "adversary"}  # the second is wrong, and obeyed
     model, other = both(data, labels=labels)
@@ -119,7 +119,7 @@ def test_labels_count(small, maker):
 
 
 @pytest.mark.parametrize("maker", MAKERS)
-def test_demonstrators_speak_for_each_other(small, maker):
+def test_demonstrators_speak_for_each_other(maker):
     toy, data = demonstrations("noisy", maker=maker)
     names = [f"{'good' if is_good else 'bad'} {m % 4}" for m, is_good in enumerate(toy.is_good)]
     model, other = both(data, fit={"demonstrators": names})
@@ -132,7 +132,7 @@ def test_demonstrators_speak_for_each_other(small, maker):
 
 @pytest.mark.parametrize("maker", MAKERS)
 @pytest.mark.parametrize("kind", ["random", "noisy"])
-def test_where_the_data_lie_changes_nothing(small, kind, maker):
+def test_where_the_data_lie_changes_nothing(kind, maker):
     _, data = demonstrations(kind, maker=maker)
     here, streamed = (small_rpil(engine=engine).fit(data) for engine in (InMemory(), Streamed()))
     for name in ("log_odds", "expert_proba", "step_weight", "step_log_ratio", "reliability"):
@@ -141,7 +141,7 @@ def test_where_the_data_lie_changes_nothing(small, kind, maker):
 
 
 @pytest.mark.parametrize("kind", ["random", "noisy"])
-def test_continuous_policies_are_learned_from_all_steps(small, kind):
+def test_continuous_policies_are_learned_from_all_steps(kind):
     """Trust is much the same, so that a policy of all steps is, too; one of the sample alone is not."""
     _, data = demonstrations(kind, maker=make_continuous)
     model, other = both(data)
@@ -150,7 +150,7 @@ def test_continuous_policies_are_learned_from_all_steps(small, kind):
     np.testing.assert_allclose(model.coef_, other.coef_, atol=5e-3)
 
 
-def test_what_the_sample_has_not_seen_is_learned_too(small):
+def test_what_the_sample_has_not_seen_is_learned_too():
     _, data = demonstrations(n_good=300, n_bad=150)
     actions, observations = np.array(data.actions), np.hstack([data.observations, np.zeros((data.n_steps, 1))])
     chosen = draw_sample(data.lengths, np.zeros(450, dtype=int), 600, np.random.default_rng(0), SAMPLE)
@@ -168,7 +168,7 @@ def test_what_the_sample_has_not_seen_is_learned_too(small):
     assert weight @ model.predict_proba(observations)[:, -1] == pytest.approx(weight @ (actions == 7), rel=0.02)
 
 
-def test_labels_of_one_sort_leave_room_for_the_others(small, recwarn):
+def test_labels_of_one_sort_leave_room_for_the_others(recwarn):
     settings = replace(SMALL, sample=replace(SAMPLE, min_steps=1500))
     toy, data = demonstrations("random", 1, n_good=100, n_bad=100)
     labels = dict.fromkeys(toy.ids[100:160], "adversary")
@@ -177,7 +177,7 @@ def test_labels_of_one_sort_leave_room_for_the_others(small, recwarn):
     assert not [w for w in recwarn if w.category is RuntimeWarning]
 
 
-def test_where_no_demonstration_is_trusted_the_likeliest_steps_count(small):
+def test_where_no_demonstration_is_trusted_the_likeliest_steps_count():
     _, data = demonstrations("noisy")
     model = small_rpil().fit(data)
     audit = model.audit_
@@ -194,7 +194,7 @@ def test_where_no_demonstration_is_trusted_the_likeliest_steps_count(small):
         assert np.ptp(weight[mine]) > 0
 
 
-def test_parts_hold_everything_once_in_order(small):
+def test_parts_hold_everything_once_in_order():
     _, data = demonstrations()
     for n_shards in (1, 3, 1000):
         shards = data.shards(n_shards)
@@ -224,7 +224,7 @@ def test_a_sample_holds_more_than_labels():
 
 
 @pytest.mark.parametrize("engine", [InMemory(), Streamed()])
-def test_it_is_saved(small, engine, tmp_path):
+def test_it_is_saved(engine, tmp_path):
     _, data = demonstrations()
     model = small_rpil(engine=engine).fit(data)
     save(model, tmp_path / "policy")
@@ -241,7 +241,7 @@ def interrupt(stage: str) -> None:
 
 
 @pytest.mark.parametrize("maker", MAKERS)
-def test_an_interrupted_fit_goes_on_to_the_same_bits(small, tmp_path, maker):
+def test_an_interrupted_fit_goes_on_to_the_same_bits(tmp_path, maker):
     settings = replace(SMALL, ascent=AscentSettings(tol=1e-10))  # enough passes to be interrupted
     _, data = demonstrations("noisy", 1, maker=maker)
     path = tmp_path / "so far"
@@ -263,7 +263,7 @@ def test_an_interrupted_fit_goes_on_to_the_same_bits(small, tmp_path, maker):
     np.testing.assert_array_equal(again.coef_, whole.coef_)
 
 
-def test_a_checkpoint_of_another_fit_is_refused(small, tmp_path):
+def test_a_checkpoint_of_another_fit_is_refused(tmp_path):
     _, data = demonstrations("noisy", 1)
     path = tmp_path / "so far"
     with pytest.raises(KeyboardInterrupt):
