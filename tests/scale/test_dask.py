@@ -27,7 +27,7 @@ from rpil.scale import dask as engine
 from rpil.scale.ascent import block_statistics
 from rpil.scale.fit import StepWeights
 from rpil.scale.memory import InMemory
-from small import SMALL, small_rpil
+from small import SAMPLE, SMALL, small_rpil
 
 distributed = pytest.importorskip("distributed")
 
@@ -110,13 +110,12 @@ def test_killed_worker_changes_no_result(cluster, tmp_path, on_disk, monkeypatch
 
 def test_each_worker_holds_a_share(cluster):
     cluster.wait_for_workers(2, timeout=30)
-    placed = DaskEngine(cluster, n_shards=4).place(demonstrations().shards(4))
+    placed = DaskEngine(cluster, n_shards=4).place(demonstrations().shards(4, SAMPLE.block_steps))
     keys = [future.key for future in placed.futures]
     where = cluster.who_has(placed.futures)
     assert [len([k for k in keys if w in where[k]]) for w in cluster.nthreads()] == [2, 2]
-    held = sum(
-        block.observations.nbytes + block.actions.nbytes for shard in demonstrations().shards() for block in shard
-    )
+    blocks = [block for shard in demonstrations().shards(4, SAMPLE.block_steps) for block in shard]
+    held = sum(block.observations.nbytes + block.actions.nbytes for block in blocks)
     assert sum(cluster.nbytes(keys, summary=False).values()) == pytest.approx(held, rel=0.05)
 
 
@@ -132,7 +131,7 @@ def test_only_parameters_and_sums_travel(cluster):
     assert size(partial(block_statistics, policy=policy)) < 2 * policy.weights.nbytes + 4000
     # What a shard is told of demonstrations is of its own.
     weigh = StepWeights(model.judge_, np.arange(120.0), 1.0)
-    shards = data.shards(4)
+    shards = data.shards(4, SAMPLE.block_steps)
     told = [engine._for_shard(weigh, shard) for shard in shards]
     assert sum(len(one.trust) for one in told) == 120
     for shard, one in zip(shards, told, strict=True):
@@ -162,7 +161,7 @@ def test_a_path_that_workers_cannot_read(cluster, tmp_path):
     data = open_dataset(tmp_path / "a.parquet")
     groups = tuple(replace(group, path="/nowhere/a.parquet") for group in data.store.groups)
     lost = replace(data, store=replace(data.store, groups=groups))
-    placed = DaskEngine(cluster).place(lost.shards(2))
+    placed = DaskEngine(cluster).place(lost.shards(2, SAMPLE.block_steps))
     with pytest.raises(
         DataError, match=r"A worker of the cluster cannot read the data .*/nowhere/a.parquet.*same path"
     ):

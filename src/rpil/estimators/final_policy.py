@@ -11,7 +11,7 @@ from rpil.numerics.types import Array
 from rpil.policies.features import FeatureMap, ridge_of
 from rpil.policies.linear import linear_policy
 from rpil.policies.protocol import Policy
-from rpil.policies.selection import Choice, choose_features
+from rpil.policies.selection import Choice, SelectionSettings, choose_features
 
 SINGLE_PRECISION_ENTRIES = 1_000_000
 """Entries of a design matrix above which it is in single precision: it no longer fits in the cache."""
@@ -31,17 +31,19 @@ class LinearPolicySpec:
         Inverse ridge strength, as in scikit-learn's `LogisticRegression`.
     tol : float
         Largest entry of the gradient, a step, at which the fit stops.
+    selection : SelectionSettings
     """
 
     features: str
     C: float | None
     tol: float
+    selection: SelectionSettings = SelectionSettings()
 
     def choice(self, data: Demonstrations, codes: Array, weight: Array, space: Space) -> Choice:
         """The features: those asked for, or chosen by held-out steps of `weight` (N,)."""
         if self.features != "auto":
             return Choice(self.features)
-        return choose_features(data.observations, codes, data.offsets, weight, space, self.C)
+        return choose_features(data.observations, codes, data.offsets, weight, space, self.C, self.selection)
 
     def fit(
         self, data: Demonstrations, codes: Array, weight: Array, trusted: Array, space: Space

@@ -87,7 +87,9 @@ class Passes:
         judgement = judge_everyone(sample, everyone, scores, options.minority, options.settings.judge)
         # The steps are weighted in the next pass; until then the audit is of demonstrations without steps.
         stepless = replace(everyone, offsets=np.zeros_like(source.offsets))
-        found = Decision.of(judgement, replace(sample.judge, groups=judgement.groups), stepless, source.ids)
+        found = Decision.of(
+            judgement, replace(sample.judge, groups=judgement.groups), stepless, source.ids, options.settings.audit
+        )
         audit = replace(found.audit, offsets=np.asarray(source.offsets, dtype=np.int64))
         rival = sample.judgement.rival
         if judgement.rival is not None and rival is not None:
@@ -100,7 +102,7 @@ class Passes:
         task, options, data, features = self.task, self.options, posed.data, posed.features
         assert decision.judge is not None
         assert isinstance(features, FeatureMap)
-        weights = StepWeights.of(decision.audit, decision.judge, options.settings.judge)
+        weights = StepWeights.of(decision.audit, decision.judge, options.settings.judge, options.settings.audit)
         weight = weights.weight(data, weights.trust[posed.indices])[0]
         choice = options.linear.choice(posed.demonstrations, data.actions, weight, task.space)
         if choice != Choice(features.kind):

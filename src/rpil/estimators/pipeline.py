@@ -14,6 +14,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from rpil.audit.record import Audit, Interval
+from rpil.audit.settings import AuditSettings
 from rpil.audit.summary import audit_from_judgement, audit_from_mixture, is_anyone_trusted
 from rpil.data.coding import action_space, code_actions, encode_actions, label_codes
 from rpil.data.demonstrations import Demonstrations
@@ -67,7 +68,7 @@ class Options:
     @property
     def linear(self) -> LinearPolicySpec:
         """The linear final policy."""
-        return LinearPolicySpec(self.features, self.C, self.settings.ascent.tol)
+        return LinearPolicySpec(self.features, self.C, self.settings.ascent.tol, self.settings.selection)
 
     def check(self) -> None:
         """Refuse an unknown option before any work."""
@@ -188,9 +189,11 @@ class Decision:
     judgement: Judgement | None = None
 
     @classmethod
-    def of(cls, judgement: Judgement, judge: FittedJudge, data: FitData, ids: Sequence[Any]) -> Decision:
+    def of(
+        cls, judgement: Judgement, judge: FittedJudge, data: FitData, ids: Sequence[Any], settings: AuditSettings
+    ) -> Decision:
         """The decision of the judge about the demonstrations `data`."""
-        audit, history = audit_from_judgement(judgement, data, ids), judgement.scores.fit.history
+        audit, history = audit_from_judgement(judgement, data, ids, settings), judgement.scores.fit.history
         step = judgement.step_trust.step
         return cls(audit, step, judge, None, len(history), float(history[-1]), judgement=judgement)
 
@@ -205,12 +208,14 @@ def decide(posed: Posed, options: Options) -> Decision:
             model = HeldOutPolicy(data, cross_fitted_policy(options.policy, data.space, n_steps))
         seed, minority = options.seed, posed.minority
         judgement = judge(data, model, settings.judge, seed=seed, minority=minority, progress=options.progress)
-        return Decision.of(judgement, FittedJudge.of(judgement, data, settings.judge, user_policy=own), data, ids)
+        fitted = FittedJudge.of(judgement, data, settings.judge, user_policy=own)
+        return Decision.of(judgement, fitted, data, ids, settings.audit)
     assert isinstance(posed.features, FeatureMap)
     policy = linear_policy(data.space, ridge_of(posed.features, options.C, n_steps, data.space), n_steps)
     search = SearchSettings(policy, settings.mixture, settings.judge, options.seed)
     result = fit_mixture(data, search, options.adversary, options.progress)
-    audit = audit_from_mixture(data, result, Interval(*result.state.prior.interval(result.posterior.expert)), ids)
+    share = Interval(*result.state.prior.interval(result.posterior.expert))
+    audit = audit_from_mixture(data, result, share, ids, settings.audit)
     n_iter = max(1, len(result.history) - 1)
     return Decision(audit, audit.step_weight, None, result.state, n_iter, result.objective, bool(result.converged))
 

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from rpil.audit.settings import AuditSettings
 from rpil.data.archive import stored
 from rpil.inference.settings import JudgeSettings
 from rpil.mixture.settings import MixtureSettings
+from rpil.policies.selection import SelectionSettings
 from rpil.scale.settings import AscentSettings, SampleSettings
 
 
@@ -26,6 +28,10 @@ class Settings:
     judge : JudgeSettings
     mixture : MixtureSettings
         Of a fit with a named adversary: the prior, the M-step, and when EM stops.
+    audit : AuditSettings
+        When a demonstration gets a verdict and its steps full weight.
+    selection : SelectionSettings
+        Of the choice of features, where these are "auto".
     sample : SampleSettings
     ascent : AscentSettings
         Of the fit of the final policy.
@@ -40,5 +46,7 @@ class Settings:
     single_precision: int = 50_000
     judge: JudgeSettings = JudgeSettings()
     mixture: MixtureSettings = MixtureSettings()
+    audit: AuditSettings = AuditSettings()
+    selection: SelectionSettings = SelectionSettings()
     sample: SampleSettings = SampleSettings()
     ascent: AscentSettings = AscentSettings()

@@ -19,6 +19,7 @@ import numpy as np
 from scipy.linalg import solve
 from scipy.optimize import minimize_scalar
 
+from rpil.data.archive import stored
 from rpil.data.spaces import Discrete, Space
 from rpil.numerics.blocks import linear, log_softmax
 from rpil.numerics.newton import NewtonSettings, fit_softmax
@@ -27,7 +28,11 @@ from rpil.numerics.types import Array, Float, Int, Num
 from rpil.policies.features import FEATURE_KINDS, FeatureMap, FeatureSettings, ridge_of
 from rpil.policies.softmax import one_hot
 
+for settings_class in (NewtonSettings, ErrorSettings):
+    stored()(settings_class)  # here, because numerics knows nothing of archives
 
+
+@stored()
 @dataclass(frozen=True)
 class SelectionSettings:
     """How features are chosen. benchmarks/features.py compares the choice with every single kind; unless stated

@@ -15,6 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from rpil.audit.record import Audit
+from rpil.audit.settings import AuditSettings
 from rpil.audit.summary import is_anyone_trusted, step_weight, typical_reliability
 from rpil.data.coding import encode_actions
 from rpil.data.demonstrations import Block
@@ -177,6 +178,7 @@ class StepWeights:
     typical : float
         Reliability of a typical expert.
     settings : JudgeSettings
+    audit_settings : AuditSettings
     final : DesignMap or None
         The map with the features of the final policy, where they are not the judge's.
     first : int
@@ -186,16 +188,24 @@ class StepWeights:
     trust: Array
     typical: float
     settings: JudgeSettings = JudgeSettings()
+    audit_settings: AuditSettings = AuditSettings()
     final: DesignMap | None = None
     first: int = 0
 
     @classmethod
-    def of(cls, audit: Audit, judge: FittedJudge, settings: JudgeSettings = JudgeSettings()) -> StepWeights:
+    def of(
+        cls,
+        audit: Audit,
+        judge: FittedJudge,
+        settings: JudgeSettings = JudgeSettings(),
+        audit_settings: AuditSettings = AuditSettings(),
+    ) -> StepWeights:
         """The weights under an audit; where it trusts nobody, those of the steps that are most likely an expert's."""
         trust = audit.expert_proba
         if not is_anyone_trusted(trust, audit.lengths):
-            return cls(judge, np.ones(len(trust)), np.inf, settings)
-        return cls(judge, trust, typical_reliability(audit.reliability, trust, audit.lengths), settings)
+            return cls(judge, np.ones(len(trust)), np.inf, settings, audit_settings)
+        typical = typical_reliability(audit.reliability, trust, audit.lengths)
+        return cls(judge, trust, typical, settings, audit_settings)
 
     def only(self, those: slice) -> StepWeights:
         """The same for some of the demonstrations."""
@@ -210,4 +220,6 @@ class StepWeights:
     def weight(self, data: FitData, trust: Array) -> tuple[Array, Array]:
         """Weights and log-ratios of the steps, (N,) each, of demonstrations with P(expert) `trust` (M,)."""
         _, log_ratio, steps = _measure_steps(data, self.judge, self.settings)
-        return step_weight(data.lengths, trust, steps.reliability, steps.step, self.typical), log_ratio
+        return step_weight(
+            data.lengths, trust, steps.reliability, steps.step, self.typical, self.audit_settings
+        ), log_ratio
