@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import inspect
 import re
 import subprocess
 import sys
@@ -138,3 +139,44 @@ def test_every_public_name_is_what_it_says_and_no_module():
     names = sorted(set(rpil.__all__) - {"__version__"})
     found = subprocess.run([sys.executable, "-W", "error", "-c", FRESH, *names], check=False)
     assert found.returncode == 0
+
+
+MAX_BODY, MAX_PARAMETERS, MAX_ANY = 45, 7, 100
+
+
+def functions(path):
+    """Every function of a file: its name, the lines of its body without the docstring, and its parameters."""
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.FunctionDef):
+            body = node.body[1:] if ast.get_docstring(node) else node.body
+            lines = body[-1].end_lineno - body[0].lineno + 1 if body else 0
+            given = [*node.args.posonlyargs, *node.args.args, *node.args.kwonlyargs]
+            names = [argument.arg for argument in given if argument.arg not in ("self", "cls")]
+            yield node.name, lines, len(names) + bool(node.args.vararg) + bool(node.args.kwarg)
+
+
+@pytest.mark.parametrize("path", sorted(ROOT.rglob("*.py")), ids=lambda path: str(path.relative_to(ROOT)))
+def test_functions_are_short(path):
+    assert [name for name, lines, _ in functions(path) if lines > MAX_BODY] == []
+    assert [name for name, _, n in functions(path) if n > MAX_PARAMETERS and name != "__init__"] == []
+
+
+def test_no_two_constants_share_a_name():
+    homes: dict[str, list[str]] = {}
+    for path in ROOT.rglob("*.py"):
+        for node in ast.parse(path.read_text()).body:
+            targets = [node.target] if isinstance(node, ast.AnnAssign) else getattr(node, "targets", [])
+            names = {name.id for target in targets for name in ast.walk(target) if isinstance(name, ast.Name)}
+            for name in names:
+                if name.strip("_").isupper() and len(name) > 1:
+                    homes.setdefault(name, []).append(str(path.relative_to(ROOT)))
+    assert {name: files for name, files in homes.items() if len(files) > 1} == {}
+
+
+def test_types_are_precise():
+    assert sum(len(re.findall(r"\bAny\b", path.read_text())) for path in ROOT.rglob("*.py")) <= MAX_ANY
+    assert "strict = true" in (ROOT.parents[1] / "pyproject.toml").read_text()
+
+
+def test_the_constructor_of_rpil_has_twelve_parameters_at_most():
+    assert len(inspect.signature(rpil.RPIL).parameters) <= 12

@@ -406,10 +406,10 @@ def test_a_checkpoint_keeps_the_final_policy_of_one_fit(fitted, data, tmp_path):
     for one in others:
         with pytest.raises(DataError, match="of other data, or other settings; delete it to start anew"):
             one.read()
-    rewrite(path, {"polished/state/weights.npy": None})
+    rewrite(path, {"state/state/weights.npy": None})
     with pytest.raises(DataError, match="its parts do not belong together; delete it to start anew"):
         checkpoint.read()
-    rewrite(path, header=lambda tree: tree.update(polished=3))
+    rewrite(path, header=lambda tree: tree.update(state=3))
     with pytest.raises(DataError, match="its parts do not belong together"):
         checkpoint.read()
     checkpoint.done()

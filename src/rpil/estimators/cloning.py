@@ -1,4 +1,4 @@
-"""Behavioural cloning, and what every estimator with a policy shares."""
+"""Behavioural cloning, and the base class of estimators with a policy."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ from rpil.estimators.validation import checked_rows, observations_and_actions, s
 from rpil.numerics.types import Array
 
 
-class PolicyEstimator(ClassifierMixin, BaseEstimator):
-    """What all estimators share once they have `space_`, `classes_`, `features_` and `policy_`."""
+class PolicyEstimator(ClassifierMixin, BaseEstimator):  # type: ignore[misc]  # scikit-learn has no types
+    """Predictions of an estimator with `space_`, `classes_`, `features_` and `policy_`."""
 
     space_: Space
     classes_: Array
@@ -33,7 +33,7 @@ class PolicyEstimator(ClassifierMixin, BaseEstimator):
     n_iter_: int
 
     def predict(self, X: ArrayLike) -> Array:
-        """The policy's most likely action in each observation, (N,), or its mean within the box of actions, (N, A)."""
+        """The most likely action in each observation, (N,), or the mean action within the box, (N, A)."""
         outputs = self._outputs(X)
         action = self.space_.act(outputs)
         return self.classes_[action] if len(self.classes_) else action
@@ -69,23 +69,25 @@ class PolicyEstimator(ClassifierMixin, BaseEstimator):
             Where an action is not among `classes_`.
         """
         outputs = self._outputs(X)
-        return self.policy_.log_prob(outputs, encode_actions(self.classes_, np.asarray(y), "the steps"))
+        log_prob: Array = self.policy_.log_prob(outputs, encode_actions(self.classes_, np.asarray(y), "the steps"))
+        return log_prob
 
     def _outputs(self, X: ArrayLike) -> Array:
         check_is_fitted(self)
-        return self.policy_.outputs(self.features_.design(checked_rows(self, X)))
+        outputs: Array = self.policy_.outputs(self.features_.design(checked_rows(self, X)))
+        return outputs
 
     @property
     def coef_(self) -> Array:
         """Coefficients on the unscaled columns of the feature map, shaped as scikit-learn's."""
-        coefficients = (self.policy_.weights[:-1] / self.features_.scale[:, None]).T
+        coefficients: Array = (self.policy_.weights[:-1] / self.features_.scale[:, None]).T
         return coefficients[1:] - coefficients[:1] if len(self.classes_) == 2 else coefficients
 
     @property
     def intercept_(self) -> Array:
         """Intercepts that go with `coef_`."""
         weights = self.policy_.weights
-        intercepts = weights[-1] - (self.features_.center / self.features_.scale) @ weights[:-1]
+        intercepts: Array = weights[-1] - (self.features_.center / self.features_.scale) @ weights[:-1]
         return intercepts[1:] - intercepts[:1] if len(self.classes_) == 2 else intercepts
 
 

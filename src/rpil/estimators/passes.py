@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any
 
 import numpy as np
 
@@ -12,8 +11,9 @@ from rpil.audit.record import Audit
 from rpil.audit.summary import longest_unlabelled
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.fit_data import FitData
-from rpil.estimators.pipeline import Decision, Features, Options, Posed, Task, pose
+from rpil.estimators.pipeline import Decision, Features, FinalPolicy, Options, Posed, Task, pose
 from rpil.inference.settings import Minority
+from rpil.numerics.newton import Preconditioner
 from rpil.numerics.types import Array
 from rpil.policies.features import FeatureMap, FeatureSettings, ridge_of
 from rpil.policies.linear import linear_policy
@@ -79,6 +79,7 @@ class Passes:
         assert decision.judgement is not None
         assert decision.judge is not None
         assert posed.indices is not None
+        assert posed.blocks is not None
         sample = Sample(posed.data, posed.indices, decision.judgement, decision.judge)
         options.progress("a pass over everything: scores")
         none = np.empty(0)
@@ -98,9 +99,10 @@ class Passes:
             audit = replace(audit, to_label=tuple(posed.demonstrations.ids[m] for m in to_label))
         return replace(found, audit=audit)
 
-    def fit_policy(self, posed: Posed, decision: Decision) -> tuple[Features, Any, Decision]:
+    def fit_policy(self, posed: Posed, decision: Decision) -> tuple[Features, FinalPolicy, Decision]:
         task, options, data, features = self.task, self.options, posed.data, posed.features
         assert decision.judge is not None
+        assert posed.blocks is not None
         assert isinstance(features, FeatureMap)
         weights = StepWeights.of(decision.audit, decision.judge, options.settings.judge, options.settings.audit)
         weight = weights.weight(data, weights.trust[posed.indices])[0]
@@ -117,12 +119,20 @@ class Passes:
         ridge, final_ridge = (
             ridge_of(features, options.C, float(steps), task.space) for steps in (weight.sum(), total)
         )
-        first: Any = linear_policy(task.space, ridge, weight.sum()).fit(data, weight)[0]
+        first, _ = linear_policy(task.space, ridge, weight.sum()).fit(data, weight)
+        assert isinstance(first, AdditivePolicy)
         start, hessian = first.with_preconditioner(data, weight, final_ridge, total / weight.sum())
         policy = self._ascend(blocks, start, hessian, posed, audit)
         return features, policy.with_temperature(choice.temperature), replace(decision, audit=audit)
 
-    def _ascend(self, blocks: Shards, start: AdditivePolicy, hessian: Any, posed: Posed, audit: Audit) -> Any:
+    def _ascend(
+        self,
+        blocks: Shards[WeightedBlock],
+        start: AdditivePolicy,
+        hessian: Preconditioner | None,
+        posed: Posed,
+        audit: Audit,
+    ) -> AdditivePolicy:
         """The final policy, from `start` or from the checkpoint of a fit that was interrupted."""
         settings, progress = self.options.settings.ascent, self.options.progress
         if self.options.checkpoint is None:

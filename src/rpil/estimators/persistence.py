@@ -10,7 +10,6 @@ from contextlib import suppress
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from sklearn.utils.validation import check_is_fitted
 
 from rpil.data.archive import VERSION, Decoder, encode, read_archive, rpil_version, stored_name, write_archive
@@ -21,10 +20,12 @@ from rpil.estimators.cloning import BehavioralCloning
 from rpil.estimators.rment import RMEnt
 from rpil.estimators.rpil import RPIL
 from rpil.inference.trust import FINDINGS
+from rpil.numerics.types import Array
 
-SCHEMA = "rpil fitted estimator"
+ESTIMATOR_SCHEMA = "rpil fitted estimator"
 
-ESTIMATORS: dict[str, Any] = {"RPIL": RPIL, "RMEnt": RMEnt, "BehavioralCloning": BehavioralCloning}
+Estimator = RPIL | RMEnt | BehavioralCloning
+ESTIMATORS: dict[str, type[Estimator]] = {"RPIL": RPIL, "RMEnt": RMEnt, "BehavioralCloning": BehavioralCloning}
 _POLICY = ("space_", "features_", "policy_")
 _FIT = ("n_iter_", "converged_")
 FITTED = {
@@ -35,13 +36,13 @@ FITTED = {
 """The attributes of each estimator that a file holds."""
 
 FITTED_ARRAYS = {"weights_": "M", "log_likelihood_": "M"}
-_NAMES = ("feature_names_in_", "observation_names_")  # of data frames, and of `Demonstrations`
+_NAMES = ("feature_names_in_", "observation_names_")  # from data frames, and from `Demonstrations`
 
 
 def save(estimator: RPIL | RMEnt | BehavioralCloning, path: StrPath) -> None:
     """Write a fitted estimator to a file of any name.
 
-    All of it comes back, bit for bit, but for what only its own program can make: `progress`, `engine`, `checkpoint`.
+    `load` returns the same estimator, bit for bit, without `progress`, `engine` and `checkpoint`.
 
     Parameters
     ----------
@@ -51,8 +52,8 @@ def save(estimator: RPIL | RMEnt | BehavioralCloning, path: StrPath) -> None:
     Raises
     ------
     DataError
-        Where it is another kind of estimator, its policy or adversary is of a class of the user's, or the path cannot
-        be written; a file that was there stays as it was.
+        Where the estimator is of another class, its policy or adversary is of the user's own class, or the path cannot
+        be written; an existing file then stays as it was.
     """
     kind = type(estimator).__name__
     if ESTIMATORS.get(kind) is not type(estimator):
@@ -64,9 +65,9 @@ def save(estimator: RPIL | RMEnt | BehavioralCloning, path: StrPath) -> None:
             f"{path}: a policy made of a {type(made_of).__name__} cannot be saved without pickle; "
             "keep the weights (rpil audit --weights, or audit_.step_weight) and fit it to them again."
         )
-    arrays: dict[str, NDArray[Any]] = {}
+    arrays: dict[str, Array] = {}
     header = {
-        "schema": SCHEMA,
+        "schema": ESTIMATOR_SCHEMA,
         "version": VERSION,
         "rpil": rpil_version(),
         "class": kind,
@@ -95,7 +96,9 @@ def load(path: StrPath) -> RPIL | RMEnt | BehavioralCloning:
         One sentence: no such file, no saved estimator, another version of the format, or a damaged file.
     """
     path = check_readable(path)
-    header, arrays = read_archive(path, SCHEMA, "it is no policy that rpil saved; make one with rpil fit, or rpil.save")
+    header, arrays = read_archive(
+        path, ESTIMATOR_SCHEMA, "it is no policy that rpil saved; make one with rpil fit, or rpil.save"
+    )
     if header.get("class") not in ESTIMATORS:
         raise DataError(
             f"{path}: it holds a {header.get('class')!r}, which rpil {rpil_version()} does not know; "
@@ -107,12 +110,12 @@ def load(path: StrPath) -> RPIL | RMEnt | BehavioralCloning:
             _try_out(estimator)
     except (KeyError, TypeError, ValueError, IndexError, AttributeError) as error:
         raise DataError(f"{path}: its parts do not belong together; fit and save it again.") from error
-    estimator.source_ = path.name  # so that messages about it can say which file to replace
+    estimator.source_ = path.name  # for messages
     return estimator
 
 
-def _plain(classes: NDArray[Any], path: StrPath) -> NDArray[Any]:
-    """Classes without Python objects: pandas hands text over as those."""
+def _plain(classes: Array, path: StrPath) -> Array:
+    """Classes as an array without Python objects, which pandas uses for text."""
     if classes.dtype.kind == "O" and all(isinstance(value, str) for value in classes):
         return classes.astype(np.str_)
     if classes.dtype.kind not in "biufU":
@@ -120,8 +123,8 @@ def _plain(classes: NDArray[Any], path: StrPath) -> NDArray[Any]:
     return classes
 
 
-def _params(estimator: Any, arrays: dict[str, NDArray[Any]]) -> dict[str, Any]:
-    """Constructor parameters; one that is nothing plain is left out."""
+def _params(estimator: Any, arrays: dict[str, Array]) -> dict[str, Any]:
+    """The constructor parameters that can be encoded; others are dropped."""
     params = {}
     given = estimator.get_params(deep=False)
     for only_here in ("progress", "engine", "checkpoint"):
@@ -133,11 +136,11 @@ def _params(estimator: Any, arrays: dict[str, NDArray[Any]]) -> dict[str, Any]:
     return params
 
 
-def _restore(header: dict[str, Any], decoder: Decoder) -> Any:
+def _restore(header: dict[str, Any], decoder: Decoder) -> Estimator:
     kind = header["class"]
     classes = decoder.array(header["classes"], "K")
     params = {name: decoder.value(node) for name, node in header["params"].items()}
-    estimator = ESTIMATORS[kind](**params)
+    estimator: Estimator = ESTIMATORS[kind](**params)
     estimator.classes_ = classes
     if header["fitted"].keys() != set(FITTED[kind]):
         raise KeyError("fitted")
@@ -157,7 +160,7 @@ def _restore(header: dict[str, Any], decoder: Decoder) -> Any:
 
 
 def _try_out(estimator: Any) -> None:
-    """Use the estimator on one made-up step: parts that do not fit each other fail here, not in the user's hands."""
+    """Use the estimator on one step, so that parts of different shapes fail here and not later."""
     observation, classes = np.zeros((1, estimator.n_features_in_)), estimator.classes_
     outputs = estimator.policy_.outputs(estimator.features_.design(observation))
     action = estimator.space_.act(outputs)

@@ -7,17 +7,18 @@ is linear, or the user's.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, Protocol
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from rpil.audit.record import Audit, Interval
 from rpil.audit.settings import AuditSettings
 from rpil.audit.summary import audit_from_judgement, audit_from_mixture, is_anyone_trusted
 from rpil.data.coding import action_space, code_actions, encode_actions, label_codes
-from rpil.data.demonstrations import Demonstrations
+from rpil.data.demonstrations import Block, Demonstrations
 from rpil.data.demonstrators import Demonstrators, group_by_demonstrator
 from rpil.data.errors import DataError
 from rpil.data.files import StrPath
@@ -38,11 +39,16 @@ from rpil.numerics.types import Array
 from rpil.policies.cross_fitted import cross_fitted_policy
 from rpil.policies.features import FeatureMap, IdentityMap, ridge_of
 from rpil.policies.linear import linear_policy
-from rpil.scale.protocol import Engine
+from rpil.policies.protocol import CrossFittedPolicy, Policy
+from rpil.scale.protocol import Engine, Shards
 from rpil.scale.sample import Source
 
 Progress = Callable[[str], None]
 Features = FeatureMap | IdentityMap
+FinalPolicy = Policy | CrossFittedPolicy
+ActionBox = tuple[ArrayLike, ArrayLike]
+Labels = Mapping[Any, str]
+Names = Mapping[Any, Hashable] | Sequence[Hashable]
 
 
 @dataclass(frozen=True)
@@ -50,7 +56,7 @@ class Options:
     """The constructor parameters of `RPIL` that decide a fit; `RPIL` documents them."""
 
     features: str
-    policy: Any
+    policy: object
     adversary: str | Adversary
     C: float | None
     minority: Minority
@@ -114,9 +120,9 @@ class Task:
     def of(
         cls,
         source: Demonstrations | Dataset,
-        action_box: Any,
-        labels: Mapping[Any, str] | None,
-        demonstrators: Mapping[Any, Any] | Sequence[Any] | None,
+        action_box: ActionBox | None,
+        labels: Labels | None,
+        demonstrators: Names | None,
         options: Options,
     ) -> Task:
         """Find the space of the actions; match labels and demonstrators with the demonstrations."""
@@ -157,7 +163,7 @@ class Posed:
     features: Features
     minority: Minority
     indices: Array | None = None
-    blocks: Any = None
+    blocks: Shards[tuple[Block, FitData]] | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -190,7 +196,7 @@ class Decision:
 
     @classmethod
     def of(
-        cls, judgement: Judgement, judge: FittedJudge, data: FitData, ids: Sequence[Any], settings: AuditSettings
+        cls, judgement: Judgement, judge: FittedJudge, data: FitData, ids: Sequence[Hashable], settings: AuditSettings
     ) -> Decision:
         """The decision of the judge about the demonstrations `data`."""
         audit, history = audit_from_judgement(judgement, data, ids, settings), judgement.scores.fit.history
@@ -237,7 +243,7 @@ class Fitted:
     decision: Decision
     judge_features: Features
     features: Features
-    policy: Any
+    policy: FinalPolicy
 
 
 class Stages(Protocol):
@@ -249,7 +255,7 @@ class Stages(Protocol):
     def extend(self, posed: Posed, decision: Decision) -> Decision:
         """The decision about all demonstrations."""
 
-    def fit_policy(self, posed: Posed, decision: Decision) -> tuple[Features, Any, Decision]:
+    def fit_policy(self, posed: Posed, decision: Decision) -> tuple[Features, FinalPolicy, Decision]:
         """The features and the final policy, and the decision with the weights of all steps."""
 
 
@@ -284,7 +290,7 @@ class Whole:
     def extend(self, posed: Posed, decision: Decision) -> Decision:
         return decision
 
-    def fit_policy(self, posed: Posed, decision: Decision) -> tuple[Features, Any, Decision]:
+    def fit_policy(self, posed: Posed, decision: Decision) -> tuple[Features, FinalPolicy, Decision]:
         data, weight = posed.data, decision.audit.step_weight
         if not is_anyone_trusted(decision.audit.expert_proba, data.lengths):
             weight = decision.step  # the steps that are most likely an expert's

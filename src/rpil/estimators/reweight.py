@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from copy import deepcopy
 from dataclasses import dataclass, field, replace
 from typing import Any, TypeVar
@@ -25,8 +25,8 @@ from rpil.numerics.types import Array
 from rpil.policies.features import FeatureMap
 
 P = TypeVar("P")
-LogProb = Callable[[Any, Array, Array], Any]
-Train = Callable[[Any, Array, Array, Array], Any]
+LogProb = Callable[[Any, Array, Array], object]
+Train = Callable[[Any, Array, Array, Array], object]
 
 
 @dataclass(frozen=True)
@@ -84,7 +84,7 @@ class Reweighted:
         Whether training gained nothing more before `max_rounds`.
     """
 
-    policy: Any
+    policy: object
     audit: Audit
     n_rounds: int
     converged: bool
@@ -102,7 +102,7 @@ class TrainedPolicy:
     Each copy of the policy is trained on all folds but one and evaluated on that one.
     """
 
-    policy: Any
+    policy: object
     fit_data: FitData
     data: Demonstrations
     log_prob: LogProb
@@ -168,14 +168,14 @@ class TrainedPolicy:
             raise DataError("train returned {}; let it return nothing, or the new policy, of type {}.".format(*types))
         return new
 
-    def _held_out(self, copies: list[Any]) -> Array:
+    def _held_out(self, copies: Sequence[object]) -> Array:
         log_prob = np.empty(len(self.fold))
         for k, copy in enumerate(copies):
             rows = np.flatnonzero(self.fold == k)
             log_prob[rows] = self._evaluate_policy(copy, rows)
         return log_prob
 
-    def _evaluate_policy(self, policy: Any, rows: Array) -> Array:
+    def _evaluate_policy(self, policy: object, rows: Array) -> Array:
         given = self.log_prob(policy, self.data.observations[rows], self.data.actions[rows])
         for method in ("detach", "cpu"):  # converts a tensor to an array without importing torch
             given = getattr(given, method)() if hasattr(given, method) else given
@@ -198,11 +198,12 @@ class TrainedPolicy:
         if self.data.is_discrete and log_prob.max() > 1e-4:
             above = f"{log_prob.max():.3g} for a discrete action"
             raise DataError(f"log_prob returned {above}, more than log 1; take logarithms.")
-        return np.maximum(log_prob, -700.0)  # the exponential of -700 is still positive
+        bounded: Array = np.maximum(log_prob, -700.0)  # the exponential of -700 is still positive
+        return bounded
 
 
 def reweight(
-    policy: Any,
+    policy: object,
     demonstrations: Demonstrations,
     *,
     log_prob: LogProb,

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable
 from dataclasses import fields, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -20,7 +19,7 @@ from rpil.data.fit_data import FitData
 from rpil.data.formats.dataset import Dataset
 from rpil.estimators.cloning import PolicyEstimator
 from rpil.estimators.passes import Passes, is_sampled
-from rpil.estimators.pipeline import Fitted, Options, Task, Whole, fit
+from rpil.estimators.pipeline import ActionBox, Fitted, Labels, Names, Options, Task, Whole, fit
 from rpil.estimators.settings import Settings
 from rpil.estimators.validation import as_demonstrations
 from rpil.inference.fitted_judge import FittedJudge
@@ -32,75 +31,77 @@ from rpil.scale.protocol import Engine
 
 
 class RPIL(PolicyEstimator):
-    """Robust probabilistic imitation learning: a policy from demonstrations of unknown quality, and how far to trust
-    each of them.
+    """Robust probabilistic imitation learning: a policy from demonstrations of unknown quality, and the probability
+    that each demonstration is an expert's.
 
-    By default each demonstration is scored by the mean held-out log-likelihood of its steps under a policy of those
-    that are explained best,
+    By default the judge (`rpil.inference.trust`) decides. The score of demonstration m is the mean held-out log-ratio
+    of its N_m steps under a policy pi fitted to the training group, the demonstrations that are explained best,
 
         y_m = (1 / N_m) sum_n [ log pi(a_n | s_n) - log q(a_n) ],
 
-    and P(expert) says in which of two groups of scores it is, if there are two (`rpil.inference`). With a named
-    `adversary` it is the paper's mixture instead (eq. 7, 9, 11):
+    where q is the reference. P(expert) follows from the mixture of one or two groups fitted to the scores. With a named
+    `adversary`, RPIL fits the mixture of the paper (eq. 7, 9, 11) by EM instead:
 
         p(D) = prod_m [ p prod_n pi(a_n | s_n) + (1 - p) prod_n psi(a_n | s_n) ].
 
     Parameters
     ----------
     features : {"raw", "folded", "spline", "poly", "nystroem", "auto"}
-        What the policy sees of an observation, see `rpil.policies.features`. "auto" chooses, with the ridge, once trust
-        is decided: by the likelihood of held-out demonstrations, each counted as far as it is trusted.
-    policy : scikit-learn estimator, optional
-        What an expert's policy is like: a classifier with `predict_proba` (a regressor where actions are continuous)
-        that takes `sample_weight`, a pipeline or a search of such; or what `rpil.TorchPolicy` makes. It sees the
-        observations as they are, and its held-out likelihoods decide. By default the policy is linear in `features`.
+        The feature map of the policy, see `rpil.policies.features`. "auto" chooses the map and the ridge by the
+        held-out likelihood of the trusted demonstrations.
+    policy : scikit-learn estimator or TorchPolicy, optional
+        The policy: a classifier with `predict_proba`, or a regressor for continuous actions, that takes
+        `sample_weight`; a pipeline or a search of such. It reads the observations without a feature map. By default the
+        policy is linear in `features`.
     adversary : str or Adversary
-        "auto" is the judge. Otherwise what bad demonstrators do in the paper's mixture, fitted in memory: "constant",
-        "uniform", "marginal", "complement" (the paper's), "normalised complement", "confusion", "own policy", or an
-        instance such as ``Confusion.given(matrix)``.
+        "auto" is the judge. The adversaries of the mixture are "constant", "uniform", "marginal", "complement" (the
+        paper's), "normalised complement", "confusion", "own policy", or an instance such as
+        ``Confusion.given(matrix)``. The mixture needs all data in memory.
     C : float, optional
         Inverse ridge strength of the final policy, as in `BehavioralCloning`.
     labels : mapping of id to {"expert", "adversary"}, optional
-        What is known. `fit` takes them too.
+        Known demonstrations; `fit` takes labels too.
     minority : {"ask", "trust", "distrust"}
-        What to think of demonstrations that act alike and otherwise than the rest, in the same states: say that it
-        cannot be known and ask for a label; take them for another good style; or take the larger group for the expert.
+        The decision about a rival group where no label decides: answer "cannot be known" and ask for a label; trust
+        both groups; or trust the larger group.
     random_state : int
-        Same seed, same bits.
+        Seed; the same seed gives the same bits.
     action_box : (low, high), optional
-        Bounds of continuous actions, numbers or one for each part; by default what the demonstrations span.
+        Bounds of continuous actions, numbers or (A,) arrays; by default the range of the demonstrations.
     settings : Settings, optional
-        What only an expert changes: the stages of the judge, the mixture (``prior``, ``m_step``, ``tol``), the sample
-        of large data, the fit of the final policy.
+        Settings of every stage: the judge, the mixture (``prior``, ``m_step``, ``tol``), the sample of large data, the
+        fit of the final policy.
     progress : callable, optional
-        Called with a few words at every stage of a fit.
+        Called with one line of text at every stage.
     engine : Engine, optional
-        Runs passes over data that are many times larger than the sample that the judge reads, see `rpil.scale`: by
-        default this process, on all its cores; from disk, where a `Dataset` is.
+        Runs the passes over data that are too large for the judge to read, see `rpil.scale`. By default: this process,
+        on data in memory or, for a `Dataset`, on disk.
     checkpoint : path, optional
-        Where a fit to so much data keeps how far the final policy is, after every pass. Where the file exists the fit
-        goes on from there; in the end it is removed.
+        File of the state of the final policy's fit to large data, written after every pass and removed at the end. A
+        fit goes on from an existing file.
 
     Attributes
     ----------
     audit_ : Audit
-        Verdicts, log-odds, weights of the steps, what cannot be known.
+        Finding, verdicts, log-odds and step weights.
     log_odds_, expert_proba_ : (M,) arrays
         In the order of ``audit_.ids``.
     classes_ : (K,) array
+        The discrete actions; empty for continuous actions.
     coef_, intercept_ : arrays
-    judge_ : FittedJudge
-        What scores demonstrations that were not fitted.
-    state_ : State
-        Of the mixture, where an adversary was named.
+        Of a linear policy.
+    judge_ : FittedJudge or None
+        Scores demonstrations that were not fitted.
+    state_ : State or None
+        Of the mixture with a named adversary.
     lower_bound_ : float
-        The mixture's objective, or the mean held-out log-likelihood of a step of the demonstrations that taught.
+        Objective of the mixture in nats, or mean held-out log-likelihood of a step of the training group.
     n_iter_ : int
     converged_ : bool
 
     References
     ----------
-    Crowe, "Robust Probabilistic Imitation Learning": eq. 2, 3, 7, 9, 11; docs/model.md says what is added.
+    Crowe, "Robust Probabilistic Imitation Learning": eq. 2, 3, 7, 9, 11; docs/model.md has what is added.
 
     Examples
     --------
@@ -116,13 +117,13 @@ class RPIL(PolicyEstimator):
     def __init__(
         self,
         features: str = "raw",
-        policy: Any = None,
+        policy: object = None,
         adversary: str | Adversary = "auto",
         C: float | None = None,
-        labels: Mapping[Any, str] | None = None,
+        labels: Labels | None = None,
         minority: Minority = "ask",
         random_state: int = 0,
-        action_box: tuple[ArrayLike, ArrayLike] | None = None,
+        action_box: ActionBox | None = None,
         settings: Settings | None = None,
         progress: Callable[[str], None] | None = None,
         engine: Engine | None = None,
@@ -146,21 +147,31 @@ class RPIL(PolicyEstimator):
         X: ArrayLike | Demonstrations | Dataset,
         y: ArrayLike | None = None,
         groups: ArrayLike | None = None,
-        labels: Mapping[Any, str] | None = None,
-        demonstrators: Mapping[Any, Any] | Sequence[Any] | None = None,
+        labels: Labels | None = None,
+        demonstrators: Names | None = None,
     ) -> RPIL:
-        """Learn from observations X (N, D), actions y (N,) and the demonstration of each step, groups (N,).
+        """Validate, code the actions, decide whom to trust, and fit the final policy (`rpil.estimators.pipeline`).
 
-        `Demonstrations`, or what `rpil.open_dataset` finds on disk, are accepted in the place of the three.
-        `demonstrators` says who gave which demonstration, by id or one for each in order: then those of one person
-        speak for each other, as far as people are found to differ, see `rpil.data.demonstrators`. A demonstration that
-        is left out by id, or None, has a demonstrator of its own.
+        Parameters
+        ----------
+        X : (N, D) array, Demonstrations or Dataset
+            Observations; `Demonstrations` and a `Dataset` hold actions and groups as well.
+        y : (N,) or (N, A) array
+            Actions.
+        groups : (N,) array
+            The demonstration of each step.
+        labels : mapping of id to {"expert", "adversary"}, optional
+            Known demonstrations, in the place of the constructor's.
+        demonstrators : mapping of id to name, or sequence of M names, optional
+            The demonstrator of each demonstration. Demonstrations of one demonstrator then change each other's
+            log-odds, see `rpil.mixture.demonstrator_prior`. A demonstration without a name has a demonstrator of its
+            own.
 
         Raises
         ------
         DataError
-            One sentence: constant actions, or one outside the declared box, a single demonstration, unknown label
-            ids, unknown ids or a wrong number of `demonstrators`, none left that may be an expert's.
+            One sentence: constant actions, an action outside the box, a single demonstration, an unknown id in `labels`
+            or `demonstrators`, a wrong number of `demonstrators`, or only known adversaries.
         """
         options = self._options()
         options.check()
@@ -173,7 +184,8 @@ class RPIL(PolicyEstimator):
         return self
 
     def _explain(self, task: Task, options: Options) -> None:
-        """Add the assumptions to the audit, and warn of what the user should know before using it."""
+        """Add the assumptions to the audit; warn if the fit did not converge or nothing says which group is the
+        expert."""
         prior, type_name = options.settings.mixture.prior, type(self.policy).__name__
         linear = self.policy is None
         sentences = assumptions.assumption_sentences(
@@ -190,6 +202,7 @@ class RPIL(PolicyEstimator):
         assumptions.warn_if_ambiguous(self.audit_, task.source.source)
 
     def _options(self) -> Options:
+        """The constructor parameters, with the default settings and a silent progress in the place of None."""
         given = self.get_params(deep=False)
         names = [field.name for field in fields(Options) if field.name in given]
         chosen = {name: given[name] for name in names} | {"settings": self.settings or Settings()}
@@ -221,7 +234,7 @@ class RPIL(PolicyEstimator):
     ) -> Array:
         """Log-odds of expert against adversary for demonstrations that were not fitted, (M,).
 
-        What labels say of two styles, or ``minority="trust"`` of a rival group, holds for the fitted ones alone.
+        Decisions about a rival group, by labels or by ``minority="trust"``, concern the fitted demonstrations alone.
 
         Raises
         ------
@@ -232,15 +245,15 @@ class RPIL(PolicyEstimator):
         demonstrations = as_demonstrations(self, X, y, groups, reset=False)
         codes = encode_demonstrations(self.classes_, self.space_.n_parts, demonstrations)
         design = self.judge_features_.design(demonstrations.observations)
-        nobody = np.zeros(len(demonstrations), dtype=int)
-        data = FitData(design, codes, demonstrations.offsets, self.space_, nobody)
+        no_labels = np.zeros(len(demonstrations), dtype=int)
+        data = FitData(design, codes, demonstrations.offsets, self.space_, no_labels)
         if self.judge_ is None:
             assert self.state_ is not None
             return np.asarray(e_step(data, self.state_, self.state_.policy.outputs(design)).log_odds)
         return self.judge_.log_odds(self._measure(demonstrations, design, codes), demonstrations.offsets)
 
     def _measure(self, demonstrations: Demonstrations, design: Array, codes: Array) -> Array:
-        """What each step counts for the score of its demonstration, (N,)."""
+        """The log-ratio of each step under the fitted policy, (N,)."""
         assert self.judge_ is not None
         if self.judge_.scale is not None:
             return self.judge_.step_ratios(design, codes, (self.settings or Settings()).judge)[0]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import warnings
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -17,14 +16,15 @@ from rpil.data.errors import DataError
 from rpil.numerics.types import Array
 
 
-def source_of(X: Any) -> str:
+def source_of(X: object) -> str:
+    """The name of the data in messages."""
     return X.source if isinstance(X, Demonstrations) else "the demonstrations"
 
 
 def observations_and_actions(
     estimator: BaseEstimator, X: ArrayLike | Demonstrations, y: ArrayLike | None, reset: bool = True
 ) -> tuple[Array, Array]:
-    """X and y as scikit-learn wants them checked, or the columns of `Demonstrations`."""
+    """Observations and actions: X and y checked by scikit-learn, or those of `Demonstrations`."""
     if isinstance(X, Demonstrations):
         if reset:
             estimator.n_features_in_ = X.n_observations
@@ -44,10 +44,10 @@ def observations_and_actions(
 
 
 def checked_rows(estimator: BaseEstimator, X: ArrayLike) -> Array:
-    """X as scikit-learn checks it, (N, D).
+    """X checked by scikit-learn, (N, D).
 
-    A policy at play is asked for a few rows thousands of times, and the check takes longer than the answer: an array
-    that is seen at a glance to pass is handed back as it is, which the check does too.
+    In a rollout a policy predicts a few rows thousands of times, and the check takes longer than the prediction. So an
+    array that plainly passes is returned unchecked; the check returns it unchanged as well.
     """
     passes = (
         type(X) is np.ndarray
@@ -55,7 +55,7 @@ def checked_rows(estimator: BaseEstimator, X: ArrayLike) -> Array:
         and X.ndim == 2
         and X.shape[1] == estimator.n_features_in_
         and len(X) > 0
-        and not hasattr(estimator, "feature_names_in_")  # of whose absence the check warns
+        and not hasattr(estimator, "feature_names_in_")  # the check warns if it is missing from X
         and np.isfinite(X).all()
     )
     return X if passes else validate_data(estimator, X, reset=False)  # type: ignore[return-value]
@@ -68,6 +68,7 @@ def as_demonstrations(
     groups: ArrayLike | None,
     reset: bool = True,
 ) -> Demonstrations:
+    """`Demonstrations` from observations (N, D), actions and groups (N,); without groups every row is one."""
     observations, actions = observations_and_actions(estimator, X, y, reset)
     if isinstance(X, Demonstrations):
         return X

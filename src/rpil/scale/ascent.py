@@ -11,12 +11,12 @@ import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from functools import partial
-from typing import Any
 
 import numpy as np
 
 from rpil.data.archive import stored
 from rpil.numerics.blocks import Sums
+from rpil.numerics.newton import Preconditioner
 from rpil.numerics.types import Array
 from rpil.policies.protocol import AdditivePolicy
 from rpil.scale.fit import WeightedBlock
@@ -74,9 +74,9 @@ def block_statistics(block: WeightedBlock, policy: AdditivePolicy) -> Sums:
 
 
 def ascend(
-    shards: Shards,
+    shards: Shards[WeightedBlock],
     start: AscentState,
-    hessian: Any,
+    hessian: Preconditioner | None,
     settings: AscentSettings,
     progress: Callable[[str], None],
     keep: Callable[[AscentState], None],
@@ -90,7 +90,7 @@ def ascend(
     ----------
     shards : Shards of WeightedBlock
     start : AscentState
-    hessian : object
+    hessian : Preconditioner or None
         From `AdditivePolicy.with_preconditioner`.
     settings : AscentSettings
     progress : callable

@@ -1,4 +1,4 @@
-"""How far the final policy of a long fit is, in a file: after a Ctrl-C it goes on from there, to the same bits."""
+"""The state of a long fit in a file, from which an interrupted fit goes on to the same bits."""
 
 from __future__ import annotations
 
@@ -15,18 +15,18 @@ from rpil.data.files import StrPath
 from rpil.numerics.types import Array
 from rpil.scale.ascent import AscentState
 
-SCHEMA = "rpil checkpoint"
+CHECKPOINT_SCHEMA = "rpil checkpoint"
 
 
 @dataclass(frozen=True)
 class Checkpoint:
-    """The file of a fit, and what it must have been fitted to.
+    """The checkpoint file of a fit.
 
     Attributes
     ----------
     path : Path
     fingerprint : str
-        Of settings and data.
+        Digest of the settings and the data of the fit.
     """
 
     path: Path
@@ -40,20 +40,20 @@ class Checkpoint:
             digest.update(np.ascontiguousarray(array).tobytes())
         return cls(Path(path), digest.hexdigest())
 
-    def keep(self, polished: AscentState) -> None:
-        """Write where the passes are."""
+    def keep(self, state: AscentState) -> None:
+        """Write the state after a pass."""
         arrays: dict[str, Array] = {}
         header = {
-            "schema": SCHEMA,
+            "schema": CHECKPOINT_SCHEMA,
             "version": VERSION,
             "rpil": rpil_version(),
             "fingerprint": self.fingerprint,
-            "polished": encode(polished, "polished", arrays),
+            "state": encode(state, "state", arrays),
         }
         write_archive(self.path, header, arrays)
 
     def read(self) -> AscentState | None:
-        """What `keep` wrote last; None where there is no file.
+        """The state that `keep` wrote last; None where there is no file.
 
         Raises
         ------
@@ -62,16 +62,16 @@ class Checkpoint:
         """
         if not self.path.exists():
             return None
-        header, arrays = read_archive(self.path, SCHEMA, "it is no checkpoint of rpil; choose another name")
+        header, arrays = read_archive(self.path, CHECKPOINT_SCHEMA, "it is no checkpoint of rpil; choose another name")
         if header.get("fingerprint") != self.fingerprint:
             raise DataError(f"{self.path}: it is of other data, or other settings; delete it to start anew.")
         try:
-            polished = Decoder(arrays).value(header["polished"])
-            if not isinstance(polished, AscentState):
-                raise TypeError(type(polished))
+            state = Decoder(arrays).value(header["state"])
+            if not isinstance(state, AscentState):
+                raise TypeError(type(state))
         except (KeyError, TypeError, ValueError, IndexError, AttributeError) as error:
             raise DataError(f"{self.path}: its parts do not belong together; delete it to start anew.") from error
-        return polished
+        return state
 
     def done(self) -> None:
         """Remove the file."""

@@ -12,14 +12,18 @@ from concurrent.futures import CancelledError
 from contextlib import suppress
 from dataclasses import dataclass, fields, is_dataclass
 from functools import cache, reduce
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from threadpoolctl import threadpool_limits
 
 from rpil.data.errors import DataError, MissingExtraError
 from rpil.numerics.blocks import Sums, add
+from rpil.numerics.types import Array
 from rpil.scale.protocol import R, Shards, T
+
+if TYPE_CHECKING:
+    from distributed import Client, Future
 
 TIMEOUT = 10.0
 """Seconds within which a scheduler answers."""
@@ -38,7 +42,7 @@ _WORKER_TIMEOUT = 60.0
 """Seconds without any worker after which the fit ends."""
 
 
-def connect(address: str, timeout: float = TIMEOUT) -> Any:
+def connect(address: str, timeout: float = TIMEOUT) -> Client:
     """A ``distributed.Client`` of the scheduler at `address`.
 
     Raises
@@ -80,7 +84,7 @@ class DaskEngine:
         Where ``distributed`` is not installed.
     """
 
-    def __init__(self, client: Any, n_shards: int | None = None) -> None:
+    def __init__(self, client: Client, n_shards: int | None = None) -> None:
         _distributed()
         self.client, self._n_shards = client, n_shards
 
@@ -91,7 +95,7 @@ class DaskEngine:
     def place(self, shards: Sequence[Iterable[T]]) -> Shards[T]:
         _wait_for_workers(self.client)
 
-        def make(k: int) -> Any:
+        def make(k: int) -> Future:
             shard = shards[k]
             if isinstance(shard, list):  # in memory
                 return self.client.scatter(WorkerBlocks.of(shard), hash=False)
@@ -115,9 +119,9 @@ class RemoteBlocks(Shards[T]):
 
     def __init__(
         self,
-        client: Any,
-        shards: Sequence[Any],
-        make: Callable[[int], Any],
+        client: Client,
+        shards: Sequence[object],
+        make: Callable[[int], Future],
         parent: RemoteBlocks[Any] | None = None,
     ) -> None:
         self.client, self.shards, self._make, self._parent = client, shards, make, parent
@@ -133,12 +137,12 @@ class RemoteBlocks(Shards[T]):
         return reduce(add, self.run(_total, function))
 
     def then(self, function: Callable[[T], R]) -> Shards[R]:
-        def make(k: int) -> Any:
+        def make(k: int) -> Future:
             return self.client.submit(_apply, self.futures[k], _for_shard(function, self.shards[k]), pure=False)
 
         return RemoteBlocks(self.client, self.shards, make, self)
 
-    def run(self, task: Callable[..., R], function: Callable[[T], Any]) -> Iterator[R]:
+    def run(self, task: Callable[..., R], function: Callable[[T], object]) -> Iterator[R]:
         """The result of a task for each shard, in order; a shard that is lost is made again."""
         killed = _distributed().scheduler.KilledWorker
         tasks = self.client.map(task, self.futures, function=function, pure=False)
@@ -157,7 +161,7 @@ class RemoteBlocks(Shards[T]):
             tasks[k] = None  # so that workers release it
             yield result
 
-    def _wait_for(self, future: Any) -> Any:
+    def _wait_for(self, future: Future) -> Any:
         while True:
             try:
                 return future.result(timeout=_WORKER_TIMEOUT)
@@ -178,7 +182,7 @@ class WorkerBlocks:
     nbytes: int
 
     @classmethod
-    def of(cls, blocks: Iterable[Any], parents: Sequence[Any] = ()) -> WorkerBlocks:
+    def of(cls, blocks: Iterable[object], parents: Sequence[object] = ()) -> WorkerBlocks:
         """Blocks made from `parents`, with which they share arrays."""
         blocks, shared = list(blocks), _arrays(parents)
         return cls(blocks, sum(array.nbytes for key, array in _arrays(blocks).items() if key not in shared))
@@ -187,7 +191,7 @@ class WorkerBlocks:
         return self.nbytes  # Dask asks for it to know the cost of moving the blocks
 
 
-def _read(shard: Iterable[Any]) -> WorkerBlocks:
+def _read(shard: Iterable[object]) -> WorkerBlocks:
     """On a worker: read the blocks of a shard."""
     try:
         return WorkerBlocks.of(shard)
@@ -198,7 +202,7 @@ def _read(shard: Iterable[Any]) -> WorkerBlocks:
         raise DataError(f"{message}; put them where all workers find them under the same path.") from error
 
 
-def _apply(shard: WorkerBlocks, function: Callable[[Any], Any]) -> WorkerBlocks:
+def _apply(shard: WorkerBlocks, function: Callable[[Any], object]) -> WorkerBlocks:
     """On a worker: apply a function to each block and keep the results."""
     return WorkerBlocks.of(_map(shard, function), parents=shard.blocks)
 
@@ -227,7 +231,7 @@ def _configure_worker() -> None:
             ctypes.CDLL(None).mallopt(which, _FREE_BYTES)
 
 
-def _wait_for_workers(client: Any) -> None:
+def _wait_for_workers(client: Client) -> None:
     try:
         client.wait_for_workers(1, _WORKER_TIMEOUT)
     except TimeoutError as error:
@@ -242,7 +246,7 @@ def _for_shard(function: Any, shard: Any) -> Any:
     return function.only(slice(blocks[0].demonstrations.start, blocks[-1].demonstrations.stop))
 
 
-def _arrays(value: Any) -> dict[int, np.ndarray[Any, Any]]:
+def _arrays(value: object) -> dict[int, Array]:
     """All arrays within blocks, by identity."""
     if isinstance(value, np.ndarray):
         return {id(value): value}

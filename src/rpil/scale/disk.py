@@ -19,7 +19,7 @@ from rpil.scale.protocol import R, Shards, T
 class StreamedBlocks(Shards[T]):
     """Blocks that are read for every pass, and the functions that are applied to each."""
 
-    shards: Sequence[Iterable[Any]]
+    shards: Sequence[Iterable[object]]
     prepare: Callable[[Any], T]
 
     def map(self, function: Callable[[T], R]) -> Iterator[R]:

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable
-from typing import Any, Protocol, runtime_checkable
+from collections.abc import Hashable, Iterable, Sequence
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 
-from rpil.data.demonstrations import Demonstrations
+from rpil.data.demonstrations import Block, Demonstrations
 from rpil.numerics.types import Array
 from rpil.scale.settings import SampleSettings
 
@@ -25,10 +25,10 @@ class Source(Protocol):
     @property
     def source(self) -> str: ...
 
-    def shards(self, n_shards: int = 1, block_steps: int = ...) -> list[Any]:
+    def shards(self, n_shards: int = 1, block_steps: int = ...) -> Sequence[Iterable[Block]]:
         """All demonstrations in order, as shards; each is an iterable of blocks."""
 
-    def select(self, indices: Any) -> Demonstrations:
+    def select(self, indices: Array | slice) -> Demonstrations:
         """Some of the demonstrations, in memory."""
 
 
