@@ -390,7 +390,7 @@ def test_numpy_reads_the_arrays_too(fitted, saved):
 
 def test_a_checkpoint_keeps_the_final_policy_of_one_fit(fitted, data, tmp_path):
     path, trust = tmp_path / "checkpoint", fitted.audit_.expert_proba
-    checkpoint = Checkpoint.of(path, fitted, data.offsets, data, trust)
+    checkpoint = Checkpoint.of(path, "C=None", (data.observations, trust))
     assert checkpoint.read() is None
     passes = np.array([[-3.0, 0.5], [-2.0, 0.1]])
     for radius, n_places in ((np.inf, 0), (2.0, 3)):
@@ -400,9 +400,8 @@ def test_a_checkpoint_keeps_the_final_policy_of_one_fit(fitted, data, tmp_path):
         np.testing.assert_array_equal(found.state.weights, fitted.policy_.weights)
         np.testing.assert_array_equal(found.path, places)
         assert (found.history.tolist(), found.radius) == (passes.tolist(), radius)
-    settings = RPIL(C=2.0), RPIL(minority="trust")
-    others = [Checkpoint.of(path, model, data.offsets, data, trust) for model in settings]
-    others.append(Checkpoint.of(path, fitted, data.offsets, data, trust / 2))
+    others = [Checkpoint.of(path, "C=2.0", (data.observations, trust))]
+    others.append(Checkpoint.of(path, "C=None", (data.observations, trust / 2)))
     for one in others:
         with pytest.raises(DataError, match="of other data, or other settings; delete it to start anew"):
             one.read()
