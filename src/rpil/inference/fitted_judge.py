@@ -32,17 +32,11 @@ StepRatios = tuple[Float[Array, " N"], Float[Array, " N"]]
 @stored(name="SoftmaxScale", weights="F+1 K", frequency="K")
 @dataclass(frozen=True, eq=False)
 class SoftmaxRatio:
-    """log pi(a|s) - log q(a) of a softmax policy with lapses, q the frequencies of the actions.
-
-    Attributes
-    ----------
-    weights : (D, K) array
-    frequency : (K,) array
-        q.
-    """
+    """log pi(a|s) - log q(a) of a softmax policy with lapses, q the frequencies of the actions."""
 
     weights: Float[Array, "D K"]
     frequency: Float[Array, " K"]
+    """q."""
 
     @classmethod
     def fit(cls, data: FitData, weight: Float[Array, " N"], ridge: float, settings: HeldOutSettings) -> SoftmaxRatio:
@@ -65,24 +59,17 @@ class SoftmaxRatio:
 class StudentRatio:
     """log pi(a|s) of ridge regression with Student's errors, and log q(a) of one Student distribution for all states,
     of actions in standard deviations: (a - location) / spread.
-
-    Attributes
-    ----------
-    weights : (D, A) array
-    location, spread : (A,) arrays
-        Mean and standard deviation of the actions.
-    scale : (A,) array
-        Of the errors.
-    center, width : (A,) arrays
-        Location and scale of q.
     """
 
     weights: Float[Array, "D A"]
     location: Float[Array, " A"]
     spread: Float[Array, " A"]
+    """Mean and standard deviation of the actions."""
     scale: Float[Array, " A"]
+    """Of the errors."""
     center: Float[Array, " A"]
     width: Float[Array, " A"]
+    """Location and scale of q."""
 
     @classmethod
     def fit(cls, data: FitData, weight: Float[Array, " N"], ridge: float, settings: HeldOutSettings) -> StudentRatio:
@@ -107,26 +94,17 @@ class StudentRatio:
 @stored()
 @dataclass(frozen=True, eq=False)
 class FittedJudge:
-    """What is needed to judge demonstrations that were not fitted.
-
-    Attributes
-    ----------
-    scale : SoftmaxRatio, StudentRatio or None
-        Gives the log-ratios of steps; None where the user's policy gives them.
-    groups : Groups
-    pooled : float
-        Variance of the log-ratio of a step within a demonstration.
-    independent : float
-        Effective steps of one step, on average.
-    reference : array or None
-        Without a `scale`: the frequencies of the actions, (K,), or the standard deviations of their parts, (A,).
-    """
+    """What is needed to judge demonstrations that were not fitted."""
 
     scale: SoftmaxRatio | StudentRatio | None
+    """Gives the log-ratios of steps; None where the user's policy gives them."""
     groups: Groups
     pooled: float
+    """Variance of the log-ratio of a step within a demonstration."""
     independent: float
+    """Effective steps of one step, on average."""
     reference: Shaped[Array, " K"] | None = None
+    """Without a `scale`: the frequencies of the actions, (K,), or the standard deviations of their parts, (A,)."""
 
     @classmethod
     def of(
@@ -165,10 +143,7 @@ class FittedJudge:
         return np.asarray(log_prob - np.log(self.reference)[actions])
 
     def log_odds(
-        self,
-        log_ratio: Float[Array, " N"],
-        offsets: Int[Array, " M1"],
-        settings: JudgeSettings = JudgeSettings(),
+        self, log_ratio: Float[Array, " N"], offsets: Int[Array, " M1"], settings: JudgeSettings = JudgeSettings()
     ) -> Float[Array, " M"]:
         """Log-odds of expert against adversary, of demonstrations whose scores are the means of `log_ratio` and that
         have the steps ``offsets[m]:offsets[m + 1]``."""

@@ -34,31 +34,22 @@ _TIE_LOG_ODDS = 1e-3
 @stored(mean="2", spread="2", quantiles="Q")
 @dataclass(frozen=True, eq=False)
 class Groups:
-    """One or two groups, fitted to M scores.
-
-    Attributes
-    ----------
-    log_bayes_factor : float
-        Two groups against one, nats; minus infinity where two groups were not fitted.
-    mean, spread : (2,) arrays
-        Of the lower and the upper group; spread is a variance.
-    share : float
-        Of the upper group.
-    noise : float
-        The share c of the variance of a score.
-    graded : float
-        Share of the variance of the scores that is not the scores' own variance: 0 where all demonstrations are alike.
-    quantiles : (Q,) array
-        Of all scores, from the lowest to the highest.
-    """
+    """One or two groups, fitted to M scores."""
 
     log_bayes_factor: float
+    """Two groups against one, nats; minus infinity where two groups were not fitted."""
     mean: Float[Array, " 2"]
     spread: Float[Array, " 2"]
+    """Of the lower and the upper group; spread is a variance."""
     share: float
+    """Of the upper group."""
     noise: float
+    """The share c of the variance of a score."""
     graded: float
+    """Share of the variance of the scores that is not the scores' own variance: 0 where all demonstrations are
+    alike."""
     quantiles: Float[Array, " Q"]
+    """Of all scores, from the lowest to the highest."""
 
     @property
     def p_two(self) -> float:

@@ -40,19 +40,13 @@ WarmStart = tuple[Array, Preconditioner | None]
 
 @dataclass(frozen=True, eq=False)
 class HeldOutLogProb:
-    """Held-out log-probabilities of N steps.
-
-    Attributes
-    ----------
-    log_prob : (N,) array
-        log pi(a_n|s_n), nats.
-    residual : (N,) array
-        log pi(a_n|s_n) - E_pi log pi(.|s_n), whose expectation is zero where the policy is right; where pi is a
-        density, log pi less its weighted mean.
-    """
+    """Held-out log-probabilities of N steps."""
 
     log_prob: Float[Array, " N"]
+    """log pi(a_n|s_n), nats."""
     residual: Float[Array, " N"]
+    """log pi(a_n|s_n) - E_pi log pi(.|s_n), whose expectation is zero where the policy is right; where pi is a density,
+    log pi less its weighted mean."""
 
     @classmethod
     def centred(cls, log_prob: Float[Array, " N"], weight: Float[Array, " N"]) -> HeldOutLogProb:

@@ -15,22 +15,14 @@ from rpil.numerics.types import Array, Float
 
 @dataclass(frozen=True, eq=False)
 class Decision:
-    """The scores that count, after labels and `minority` were asked about a rival group.
-
-    Attributes
-    ----------
-    scores : Scores
-    rival : Rival or None
-        The rival group that remains: nothing decided between it and the trusted group.
-    minority : {"ask", "trust", "distrust"}
-    log_odds : (M,) array or None
-        Log-odds of expert against adversary, where they come from a comparison of two styles.
-    """
+    """The scores that count, after labels and `minority` were asked about a rival group."""
 
     scores: Scores
     rival: Rival | None
+    """The rival group that remains: nothing decided between it and the trusted group."""
     minority: Minority
     log_odds: Float[Array, " M"] | None = None
+    """Log-odds of expert against adversary, where they come from a comparison of two styles."""
 
 
 def decide(scoring: Scoring, scores: Scores, rival: Rival | None, minority: Minority) -> Decision:

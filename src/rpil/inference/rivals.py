@@ -45,23 +45,16 @@ from rpil.policies.softmax import one_hot
 
 @dataclass(frozen=True, eq=False)
 class Rival:
-    """Two groups of demonstrations, each with a policy of its own.
-
-    Attributes
-    ----------
-    trusted, rival : int arrays
-        Indices of the demonstrations.
-    log_ratio : (N,) array
-        Held-out log-ratio of each step: the policy of the trusted against that of the rival group. Empty where the
-        policies were not compared.
-    opposed : bool
-        Whether only one of the groups can be the expert's, because either policy explains little of the other group.
-    """
+    """Two groups of demonstrations, each with a policy of its own."""
 
     trusted: Int[Array, " A"]
     rival: Int[Array, " B"]
+    """Indices of the demonstrations."""
     log_ratio: Float[Array, " N"]
+    """Held-out log-ratio of each step: the policy of the trusted against that of the rival group. Empty where the
+    policies were not compared."""
     opposed: bool = True
+    """Whether only one of the groups can be the expert's, because either policy explains little of the other group."""
 
 
 def find_rival(

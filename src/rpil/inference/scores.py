@@ -17,30 +17,20 @@ from rpil.numerics.types import Array, Bool, Float, Int
 
 @dataclass(frozen=True, eq=False)
 class Scores:
-    """Scores of M demonstrations.
-
-    Attributes
-    ----------
-    score, variance : (M,) arrays
-        y_m, in nats a step, and its variance v_m.
-    effective_steps : (M,) array
-        n_m of each demonstration.
-    groups : Groups
-    step_variance : float
-        Variance of the log-ratio of a step within a demonstration, pooled over demonstrations.
-    state_predicts_action : bool
-        Whether policies of all demonstrations predict held-out actions better than their frequencies do.
-    fit : TrimmedFit
-        The policies of the training group.
-    """
+    """Scores of M demonstrations."""
 
     score: Float[Array, " M"]
     variance: Float[Array, " M"]
+    """y_m, in nats a step, and its variance v_m."""
     effective_steps: Float[Array, " M"]
+    """n_m of each demonstration."""
     groups: Groups
     step_variance: float
+    """Variance of the log-ratio of a step within a demonstration, pooled over demonstrations."""
     state_predicts_action: bool
+    """Whether policies of all demonstrations predict held-out actions better than their frequencies do."""
     fit: TrimmedFit
+    """The policies of the training group."""
 
     def log_odds(self, settings: JudgeSettings) -> Float[Array, " M"]:
         """Log-odds of expert against adversary, nats, by the scores alone."""
@@ -54,25 +44,15 @@ class Scores:
 
 @dataclass(frozen=True, eq=False)
 class Scoring:
-    """How demonstrations are scored: everything that stays the same while the training group changes.
-
-    Attributes
-    ----------
-    data : FitData
-    model : HeldOutModel
-    settings : JudgeSettings
-    ridge : float
-        A step, chosen once (`rpil.inference.trimming.choose_ridge`).
-    log_q : (N,) array
-        log q(a) of each step, the reference.
-    state_predicts_action : bool
-    """
+    """How demonstrations are scored: everything that stays the same while the training group changes."""
 
     data: FitData
     model: HeldOutModel
     settings: JudgeSettings
     ridge: float
+    """A step, chosen once (`rpil.inference.trimming.choose_ridge`)."""
     log_q: Float[Array, " N"]
+    """log q(a) of each step, the reference."""
     state_predicts_action: bool
 
     @classmethod

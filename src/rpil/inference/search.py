@@ -27,30 +27,19 @@ from rpil.policies.protocol import Policy
 
 @dataclass(frozen=True, eq=False)
 class SearchSettings:
-    """What stays the same in all runs of EM.
-
-    Attributes
-    ----------
-    policy : Policy
-        Before it has been fitted.
-    mixture : MixtureSettings
-    judge : JudgeSettings
-        Of the judge that proposes starts.
-    seed : int
-        Of its folds.
-    """
+    """What stays the same in all runs of EM."""
 
     policy: Policy
+    """Before it has been fitted."""
     mixture: MixtureSettings = MixtureSettings()
     judge: JudgeSettings = JudgeSettings()
+    """Of the judge that proposes starts."""
     seed: int = 0
+    """Of its folds."""
 
 
 def fit_mixture(
-    data: FitData,
-    settings: SearchSettings,
-    which: str | Adversary,
-    progress: Callable[[str], None] = lambda _: None,
+    data: FitData, settings: SearchSettings, which: str | Adversary, progress: Callable[[str], None] = lambda _: None
 ) -> Result:
     """The best run of EM with the adversary `which`: the one that contradicts fewest labels, then the one with the best
     objective.

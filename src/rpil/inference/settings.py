@@ -212,12 +212,6 @@ class JudgeSettings:
 
     Attributes
     ----------
-    held_out : HeldOutSettings
-    trimming : TrimmingSettings
-    effective_steps : EffectiveStepsSettings
-    groups : GroupSettings
-    rivals : RivalSettings
-    demonstrators : DemonstratorSettings
     variance_steps : float
         Steps that the variance pooled over demonstrations is worth in the variance of one demonstration's steps. Chosen
         by hand, not tuned.

@@ -22,21 +22,14 @@ _MAX_LOG_RATIO = 50.0
 
 @dataclass(frozen=True, eq=False)
 class StepTrust:
-    """Reliability of M demonstrations and trust in N steps.
-
-    Attributes
-    ----------
-    reliability : (M,) array
-        Posterior mean of rho_m.
-    interval : (M, 2) array
-        Its 95 % interval.
-    step : (N,) array
-        P(step n is an expert's); empty where steps are not kept.
-    """
+    """Reliability of M demonstrations and trust in N steps."""
 
     reliability: Float[Array, " M"]
+    """Posterior mean of rho_m."""
     interval: Float[Array, "M 2"]
+    """Its 95 % interval."""
     step: Float[Array, " N"]
+    """P(step n is an expert's); empty where steps are not kept."""
 
 
 def step_trust(

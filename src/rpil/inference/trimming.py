@@ -24,25 +24,17 @@ from rpil.numerics.types import Array, Bool, Float
 
 @dataclass(frozen=True, eq=False)
 class TrimmedFit:
-    """Policies fitted to a training group.
-
-    Attributes
-    ----------
-    held_out : HeldOutLogProb
-        Of all steps, under policies fitted to the training group.
-    group : (M,) bool array
-        The training group.
-    ridge : float
-        A step.
-    history : (T,) array
-        Mean held-out log-likelihood of a demonstration of the training group after each concentration step, in nats a
-        step.
-    """
+    """Policies fitted to a training group."""
 
     held_out: HeldOutLogProb
+    """Of all steps, under policies fitted to the training group."""
     group: Bool[Array, " M"]
+    """The training group."""
     ridge: float
+    """A step."""
     history: Float[Array, " T"]
+    """Mean held-out log-likelihood of a demonstration of the training group after each concentration step, in nats a
+    step."""
 
 
 def choose_ridge(data: FitData, model: HeldOutModel, group: Bool[Array, " M"]) -> float:

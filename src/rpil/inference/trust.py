@@ -35,38 +35,25 @@ FINDINGS: dict[str, str] = {
 
 @dataclass(frozen=True, eq=False)
 class Judgement:
-    """The result of the judge for M demonstrations of N steps by U demonstrators.
-
-    Attributes
-    ----------
-    finding : str
-        One of `FINDINGS`.
-    from_actions, from_demonstrator : (M,) arrays
-        Log-odds of expert against adversary, nats: by the actions of the demonstration itself, and by the other
-        demonstrations of its demonstrator.
-    scores : Scores
-    log_ratio : (N,) array
-        Held-out log pi - log q of every step; empty where steps are not kept.
-    step_trust : StepTrust
-    expert_share : (mean, low, high)
-        Share of experts among the demonstrations, and its 95 % interval.
-    rival : Rival or None
-        The rival group, where neither labels nor `minority` decide about it.
-    training_group : (M,) bool array
-    demonstrator_trust : (U, 3) array
-        P(expert) of the demonstrations of each demonstrator: mean and 95 % interval.
-    """
+    """The result of the judge for M demonstrations of N steps by U demonstrators."""
 
     finding: Finding
+    """One of `FINDINGS`."""
     from_actions: Float[Array, " M"]
     from_demonstrator: Float[Array, " M"]
+    """Log-odds of expert against adversary, nats: by the actions of the demonstration itself, and by the other
+    demonstrations of its demonstrator."""
     scores: Scores
     log_ratio: Float[Array, " N"]
+    """Held-out log pi - log q of every step; empty where steps are not kept."""
     step_trust: StepTrust
     expert_share: tuple[float, float, float]
+    """Share of experts among the demonstrations, and its 95 % interval."""
     rival: Rival | None
+    """The rival group, where neither labels nor `minority` decide about it."""
     training_group: Bool[Array, " M"]
     demonstrator_trust: Float[Array, "U 3"]
+    """P(expert) of the demonstrations of each demonstrator: mean and 95 % interval."""
 
     @property
     def log_odds(self) -> Float[Array, " M"]:

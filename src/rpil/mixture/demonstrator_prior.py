@@ -25,21 +25,14 @@ from rpil.numerics.types import Array, Float, Int
 
 @dataclass(frozen=True, eq=False)
 class DemonstratorPosterior:
-    """The posterior of U demonstrators of M demonstrations, on a grid of S pairs (tau, b).
-
-    Attributes
-    ----------
-    log_odds : (M,) array
-        Log-odds of expert against adversary given the other demonstrations of the same demonstrator, nats.
-    proba : (S,) array
-        P(expert | b) of each pair.
-    weight : (U, S) array
-        Posterior probabilities of the pairs for each demonstrator, given all of its demonstrations.
-    """
+    """The posterior of U demonstrators of M demonstrations, on a grid of S pairs (tau, b)."""
 
     log_odds: Float[Array, " M"]
+    """Log-odds of expert against adversary given the other demonstrations of the same demonstrator, nats."""
     proba: Float[Array, " S"]
+    """P(expert | b) of each pair."""
     weight: Float[Array, "U S"]
+    """Posterior probabilities of the pairs for each demonstrator, given all of its demonstrations."""
 
     def intervals(self) -> Float[Array, "U 3"]:
         """P(expert) of the demonstrations of each demonstrator: mean and ends of the 95 % interval."""

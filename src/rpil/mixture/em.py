@@ -35,27 +35,18 @@ class State:
 
 @dataclass(frozen=True, eq=False)
 class Posterior:
-    """The result of an E-step for M demonstrations of N steps.
-
-    Attributes
-    ----------
-    log_odds : (M,) array
-        Log-odds of expert against adversary, nats; labels are not counted.
-    expert : (M,) array
-        Responsibilities P(expert | D_m); labels are counted.
-    log_evidence : (M,) array
-        log p(D_m), or log p(D_m, label) where there is one.
-    log_ratio : (N,) array
-        log pi - log psi of the action taken.
-    outputs : (N, ...) array
-        Of the policy (`rpil.policies.protocol.Policy`), so that the M-step need not compute them again.
-    """
+    """The result of an E-step for M demonstrations of N steps."""
 
     log_odds: Float[Array, " M"]
+    """Log-odds of expert against adversary, nats; labels are not counted."""
     expert: Float[Array, " M"]
+    """Responsibilities P(expert | D_m); labels are counted."""
     log_evidence: Float[Array, " M"]
+    """log p(D_m), or log p(D_m, label) where there is one."""
     log_ratio: Float[Array, " N"]
+    """log pi - log psi of the action taken."""
     outputs: Float[Array, "N ..."]
+    """Of the policy (`rpil.policies.protocol.Policy`), so that the M-step need not compute them again."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -34,43 +34,27 @@ CurvatureHistory = Float[Array, "_ 2 _ _"]
 
 @dataclass(frozen=True)
 class NewtonSettings:
-    """When `fit_softmax` stops.
-
-    Attributes
-    ----------
-    tol : float
-        Largest entry of the gradient, divided by the total weight of the steps, at which the fit has converged.
-    max_iter : int
-        Newton steps at most; 1 is one improving step.
-    max_cg : int
-        Hessian products in each Newton step at most.
-    """
+    """When `fit_softmax` stops."""
 
     tol: float = 1e-6
+    """Largest entry of the gradient, divided by the total weight of the steps, at which the fit has converged."""
     max_iter: int = 100
+    """Newton steps at most; 1 is one improving step."""
     max_cg: int = 200
+    """Hessian products in each Newton step at most."""
 
 
 class SoftmaxFit(NamedTuple):
-    """Result of `fit_softmax`.
-
-    Attributes
-    ----------
-    weights : (D, K) array
-    log_proba : (N, K) array
-        Log-probabilities of all actions at `weights`.
-    objective : float
-        Penalised negative log-likelihood at `weights`.
-    converged : bool
-    preconditioner : Preconditioner or None
-        The last one made: good enough for a problem nearby.
-    """
+    """Result of `fit_softmax`."""
 
     weights: Float[Array, "D K"]
     log_proba: Float[Array, "N K"]
+    """Log-probabilities of all actions at `weights`."""
     objective: float
+    """Penalised negative log-likelihood at `weights`."""
     converged: bool
     preconditioner: Preconditioner | None
+    """The last one made: good enough for a problem nearby."""
 
 
 def fit_softmax(

@@ -19,19 +19,13 @@ MIN_WEIGHT = 1e-6
 
 @dataclass(frozen=True)
 class ErrorSettings:
-    """The errors of actions that are standardised.
-
-    Attributes
-    ----------
-    degrees_of_freedom : float
-        nu. docs/tried.md: 2 and 1 were no better.
-    min_scale : float
-        Added to the scale of the errors, in standard deviations of the action: a policy without errors has no density.
-        Chosen by hand, not tuned.
-    """
+    """The errors of actions that are standardised."""
 
     degrees_of_freedom: float = 4.0
+    """nu. docs/tried.md: 2 and 1 were no better."""
     min_scale: float = 0.03
+    """Added to the scale of the errors, in standard deviations of the action: a policy without errors has no density.
+    Chosen by hand, not tuned."""
 
 
 def standardise(actions: Num[Array, "N A"]) -> Float[Array, "N A"]:

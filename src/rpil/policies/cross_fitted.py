@@ -37,27 +37,18 @@ PROBABILITY_TOLERANCE = 1e-3
 
 @dataclass(frozen=True)
 class CrossFitSettings:
-    """How an estimator is cross-fitted. All were chosen by hand, not tuned.
-
-    Attributes
-    ----------
-    n_folds : int
-        Folds of demonstrations, at most.
-    min_weight : float
-        Weight of a step, relative to the largest one, from which a model is fitted to it.
-    temperatures : tuple of float
-        Temperatures to choose from; a classifier's logits are multiplied by one.
-    lapses : tuple of float
-        Probabilities to choose from that the action is any, uniformly.
-    start_lapse : float
-        That probability before the fit.
-    """
+    """How an estimator is cross-fitted. All were chosen by hand, not tuned."""
 
     n_folds: int = 5
+    """Folds of demonstrations, at most."""
     min_weight: float = 1e-3
+    """Weight of a step, relative to the largest one, from which a model is fitted to it."""
     temperatures: tuple[float, ...] = tuple(np.geomspace(0.2, 2.0, 7).tolist())
+    """Temperatures to choose from; a classifier's logits are multiplied by one."""
     lapses: tuple[float, ...] = (1e-4, 1e-3, 0.01, 0.03, 0.1)
+    """Probabilities to choose from that the action is any, uniformly."""
     start_lapse: float = 0.01
+    """That probability before the fit."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,22 +56,14 @@ class ClassifierPolicy:
     """pi(k|s) = (1 - lapse) softmax_k(temperature log p(s)) + lapse / K, for the probabilities p of a classifier.
 
     Temperature and lapse are chosen by the held-out likelihood, because many classifiers are too sure.
-
-    Attributes
-    ----------
-    estimator : classifier
-        Cloned and fitted.
-    n_actions : int
-        K.
-    models : tuple of classifiers
-        One for each fold of demonstrations, or the one of `fit_all`.
-    temperature, lapse : float
-    settings : CrossFitSettings
     """
 
     estimator: Estimator
+    """Cloned and fitted."""
     n_actions: int
+    """K."""
     models: tuple[Estimator, ...] = ()
+    """One for each fold of demonstrations, or the one of `fit_all`."""
     temperature: float = 1.0
     lapse: float = CrossFitSettings.start_lapse
     settings: CrossFitSettings = CrossFitSettings()
@@ -133,22 +116,14 @@ class ClassifierPolicy:
 
 @dataclass(frozen=True, eq=False)
 class RegressorPolicy:
-    """A regressor's mean, with Student's distribution of its held-out errors around it.
-
-    Attributes
-    ----------
-    estimator : regressor
-        Cloned and fitted.
-    noise : StudentPolicy
-        The distribution of the errors.
-    models : tuple of regressors
-        One for each fold of demonstrations, or the one of `fit_all`.
-    settings : CrossFitSettings
-    """
+    """A regressor's mean, with Student's distribution of its held-out errors around it."""
 
     estimator: Estimator
+    """Cloned and fitted."""
     noise: StudentPolicy
+    """The distribution of the errors."""
     models: tuple[Estimator, ...] = ()
+    """One for each fold of demonstrations, or the one of `fit_all`."""
     settings: CrossFitSettings = CrossFitSettings()
 
     def outputs(self, features: Num[Array, "N D"]) -> Float[Array, "N A"]:

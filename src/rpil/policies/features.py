@@ -77,37 +77,27 @@ class FeatureSettings:
 )
 @dataclass(frozen=True, eq=False)
 class FeatureMap:
-    """Observations (N, D) to a design matrix (N, F + 1) whose last column is the constant.
-
-    Attributes
-    ----------
-    kind : {"raw", "folded", "spline", "poly", "nystroem"}
-        The observation itself; the observation and its distance from the mean, so that a policy may treat both sides
-        equally; a cubic B-spline basis of each observation (linear beyond the knots); all products of up to two
-        observations; the folded observation, and Nystroem's approximation of a Gaussian kernel on it.
-    knots : (8, D) array
-        Knots of the spline; (0, D) for the other kinds.
-    location, spread : (D,) arrays
-        Mean and standard deviation by which observations are standardised before they are folded or multiplied.
-    center, scale : (F,) arrays
-        Mean and standard deviation by which every column is standardised.
-    landmarks : (R, 2 D) array
-        Folded observations with which Nystroem compares; (0, 2 D) for the other kinds.
-    mixing : (R, R) array
-        Matrix that turns the similarities to the landmarks into features.
-    ridge_per_step : float
-        The default ridge, a step.
-    """
+    """Observations (N, D) to a design matrix (N, F + 1) whose last column is the constant."""
 
     kind: str
+    """One of `FEATURE_KINDS`, in their order: the observation; the observation and its distance from the mean, so that a
+    policy may treat both sides equally; a cubic B-spline basis of each observation (linear beyond the knots); all
+    products of up to two observations; the folded observation, and Nystroem's approximation of a Gaussian kernel on it.
+    """
     knots: Float[Array, "L D"]
+    """Knots of the spline; (0, D) for the other kinds."""
     location: Float[Array, " D"]
     spread: Float[Array, " D"]
+    """Mean and standard deviation by which observations are standardised before they are folded or multiplied."""
     center: Float[Array, " F"]
     scale: Float[Array, " F"]
+    """Mean and standard deviation by which every column is standardised."""
     landmarks: Float[Array, "R E"]
+    """Folded observations with which Nystroem compares; (0, 2 D) for the other kinds."""
     mixing: Float[Array, "R R"]
+    """Matrix that turns the similarities to the landmarks into features."""
     ridge_per_step: float = FeatureSettings.ridge_per_step
+    """The default ridge, a step."""
 
     @classmethod
     def fit(

@@ -80,21 +80,14 @@ class SoftmaxHead:
 
 @dataclass(frozen=True, eq=False)
 class StudentHead:
-    """a|s ~ t_nu(middle of the box + half its width * raw, Sigma); outputs are the means.
-
-    Attributes
-    ----------
-    box : Box
-    noise : StudentPolicy
-        The distribution of the errors.
-    fixed : bool
-        Whether `noise` is given. Else it is fitted to held-out errors: those of the steps that a network was trained on
-        are too small.
-    """
+    """a|s ~ t_nu(middle of the box + half its width * raw, Sigma); outputs are the means."""
 
     box: Box
     noise: StudentPolicy
+    """The distribution of the errors."""
     fixed: bool
+    """Whether `noise` is given. Else it is fitted to held-out errors: those of the steps that a network was trained on
+    are too small."""
 
     @classmethod
     def start(cls, box: Box, n_steps: float, scale: Scale) -> StudentHead:

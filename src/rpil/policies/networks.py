@@ -33,53 +33,35 @@ EVALUATION_ROWS = 1 << 16
 
 @dataclass(frozen=True)
 class TrainingSettings:
-    """How networks are trained, by Adam on mini-batches.
-
-    Attributes
-    ----------
-    epochs : int
-        Readings of the data, at most.
-    patience : int or None
-        Epochs without a lower validation loss after which training stops; the networks are those of the best epoch.
-        With None there is no validation, and the networks are those of the last epoch.
-    batch_size : int
-        Rows of a mini-batch, at most.
-    learning_rate : float
-        Step size of Adam.
-    device : str
-        "cpu", "cuda", or another name that torch knows.
-    min_updates : int
-        Mini-batches of an epoch, at least, unless `min_batch_size` forbids them: small data need not many epochs.
-        Chosen by hand, not tuned.
-    min_batch_size : int
-        Rows of a mini-batch, at least. Chosen by hand, not tuned.
-    """
+    """How networks are trained, by Adam on mini-batches."""
 
     epochs: int
+    """Readings of the data, at most."""
     patience: int | None
+    """Epochs without a lower validation loss after which training stops; the networks are those of the best epoch. With
+    None there is no validation, and the networks are those of the last epoch."""
     batch_size: int
+    """Rows of a mini-batch, at most."""
     learning_rate: float
+    """Step size of Adam."""
     device: str
+    """What torch calls it: "cpu", "cuda", or another."""
     min_updates: int = 16
+    """Mini-batches of an epoch, at least, unless `min_batch_size` forbids them: small data need not many epochs. Chosen
+    by hand, not tuned."""
     min_batch_size: int = 16
+    """Rows of a mini-batch, at least. Chosen by hand, not tuned."""
 
 
 class TrainingRows(NamedTuple):
-    """The rows that networks are trained on.
-
-    Attributes
-    ----------
-    inputs : (N, D) array
-    weight : (N,) array
-        Weights of the rows; `Loss` includes them.
-    train, validation : (k, N) bool arrays
-        Rows that each network is trained on, and those of its validation loss.
-    """
+    """The rows that networks are trained on."""
 
     inputs: Float[Array, "N D"]
     weight: Float[Array, " N"]
+    """Weights of the rows; `Loss` includes them."""
     train: Bool[Array, "k N"]
     validation: Bool[Array, "k N"]
+    """Rows that each network is trained on, and those of its validation loss."""
 
 
 def import_torch() -> Any:

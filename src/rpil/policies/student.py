@@ -33,59 +33,40 @@ of the density, the same for all saved policies, and so no field of the settings
 
 @dataclass(frozen=True)
 class StudentSettings:
-    """How a `StudentPolicy` begins and is fitted. All were chosen by hand, not tuned.
-
-    Attributes
-    ----------
-    degrees_of_freedom : tuple of float
-        Values of nu to choose from: from Cauchy's distribution to almost a Gaussian.
-    start_degrees_of_freedom : float
-        nu before the fit.
-    min_spread : float
-        Lower bound, in widths of the box, of the standard deviation of a part of the actions: actions that repeat
-        exactly, as at the bounds, would have an infinite density, and no other step would count. Also the distance from
-        a bound within which an action is at the bound.
-    max_halvings : int
-        Halvings of a step after which it is given up.
-    """
+    """How a `StudentPolicy` begins and is fitted. All were chosen by hand, not tuned."""
 
     degrees_of_freedom: tuple[float, ...] = (1.0, 2.0, 3.0, 5.0, 8.0, 15.0, 30.0, 100.0)
+    """Values of nu to choose from: from Cauchy's distribution to almost a Gaussian."""
     start_degrees_of_freedom: float = 5.0
+    """nu before the fit."""
     min_spread: float = 0.01
+    """Lower bound, in widths of the box, of the standard deviation of a part of the actions: actions that repeat
+    exactly, as at the bounds, would have an infinite density, and no other step would count. Also the distance from a
+    bound within which an action is at the bound."""
     max_halvings: int = 12
+    """Halvings of a step after which it is given up."""
 
 
 @stored(weights="F+1 A", cholesky="A A", ridge="F+1", least="A", low="A", high="A")
 @dataclass(frozen=True, eq=False)
 class StudentPolicy:
-    """a | s ~ t_nu( W^T phi(s), Sigma ), for a design matrix whose last column is the constant.
-
-    Attributes
-    ----------
-    weights : (D, A) array
-        Coefficients W.
-    cholesky : (A, A) array
-        Lower factor of the scale matrix Sigma.
-    freedom : float
-        nu.
-    ridge : (D,) array
-        Penalty on the squares of each feature's coefficients, in units of Sigma; 0 for the constant.
-    least : (A,) array
-        Its square is added to the sum of squared errors of each part, so that Sigma is never zero.
-    low, high : (A,) arrays
-        Actions beyond which a part is at its bound; infinite without bounds.
-    settings : StudentSettings
-        Not saved.
-    """
+    """a | s ~ t_nu( W^T phi(s), Sigma ), for a design matrix whose last column is the constant."""
 
     weights: Float[Array, "D A"]
+    """Coefficients W."""
     cholesky: Float[Array, "A A"]
+    """Lower factor of the scale matrix Sigma."""
     freedom: float
+    """nu."""
     ridge: Float[Array, " D"]
+    """Penalty on the squares of each feature's coefficients, in units of Sigma; 0 for the constant."""
     least: Float[Array, " A"]
+    """Its square is added to the sum of squared errors of each part, so that Sigma is never zero."""
     low: Float[Array, " A"]
     high: Float[Array, " A"]
+    """Actions beyond which a part is at its bound; infinite without bounds."""
     settings: StudentSettings = field(default=StudentSettings(), metadata=NOT_STORED)
+    """Not saved."""
 
     @classmethod
     def zero(

@@ -25,21 +25,14 @@ from rpil.policies.protocol import Actions, Outputs
 
 @dataclass(frozen=True)
 class ValidationSettings:
-    """Which steps a network is validated on. All were chosen by hand, not tuned.
-
-    Attributes
-    ----------
-    n_pieces : int
-        Pieces into which steps are cut where no whole demonstration can be held out.
-    every : int
-        One demonstration, or piece, in so many is validated on where there is one network.
-    min_share : float
-        Share of the total weight that a network must be trained on to be validated.
-    """
+    """Which steps a network is validated on. All were chosen by hand, not tuned."""
 
     n_pieces: int = 20
+    """Pieces into which steps are cut where no whole demonstration can be held out."""
     every: int = 5
+    """One demonstration, or piece, in so many is validated on where there is one network."""
     min_share: float = 0.01
+    """Share of the total weight that a network must be trained on to be validated."""
 
 
 @dataclass(frozen=True, eq=False)

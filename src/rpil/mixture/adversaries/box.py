@@ -36,16 +36,11 @@ class MarginalBox(FixedAdversary):
     """psi = prod_j h_j(a_j), a histogram of each part of the action, whatever the state.
 
     Every bin has a Dirichlet prior worth one step, so that no action is impossible.
-
-    Attributes
-    ----------
-    low, width : (A,) arrays
-        Where the bins of each part begin, and the width of a bin.
-    log_density : (A, B) array
     """
 
     low: Float[Array, " A"]
     width: Float[Array, " A"]
+    """Where the bins of each part begin, and the width of a bin."""
     log_density: Float[Array, "A B"]
     name: str = "marginal"
 
