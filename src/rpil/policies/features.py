@@ -80,7 +80,7 @@ class FeatureMap:
     """Observations (N, D) to a design matrix (N, F + 1) whose last column is the constant."""
 
     kind: str
-    """One of `FEATURE_KINDS`, in their order: the observation; the observation and its distance from the mean, so that a
+    """One of `FEATURE_KINDS`, in order: the observation; the observation and its distance from the mean, so that a
     policy may treat both sides equally; a cubic B-spline basis of each observation (linear beyond the knots); all
     products of up to two observations; the folded observation, and Nystroem's approximation of a Gaussian kernel on it.
     """
