@@ -160,7 +160,7 @@ def test_an_expert_who_does_one_thing_in_the_air_and_another_on_the_ground_is_on
 @pytest.mark.parametrize("seed", [0, 1, 2])
 def test_which_of_two_coherent_groups_is_the_expert_is_told_by_a_label_alone(kind, seed):
     toy = make_continuous(kind, seed, steps=STEPS)
-    with pytest.warns(AmbiguousWarning, match="two groups of demonstrations each act alike"):
+    with pytest.warns(AmbiguousWarning, match="two groups of demonstrations act in two different ways"):
         blind = RPIL().fit(toy.demonstrations)
     assert not blind.audit_.identifiable
     assert {frozenset(group) for group in blind.audit_.competing} == {frozenset(toy.ids[:6]), frozenset(toy.ids[6:])}

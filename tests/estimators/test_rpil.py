@@ -28,6 +28,8 @@ from rpil.mixture.adversaries.discrete import Confusion
 from small import mixture
 
 STEPS = (40, 60)
+UNKNOWN_M_STEP = mixture()
+object.__setattr__(UNKNOWN_M_STEP.mixture, "m_step", "none")  # past the check of types, which users do not have
 PAPER = {"adversary": "complement", "settings": mixture(m_step="expert_only", prior=0.5)}
 
 
@@ -326,7 +328,7 @@ CONTINUOUS = Demonstrations.from_arrays(TOY.observations, TOY.observations, TOY.
         ),
         (RPIL(adversary=Confusion.given(np.eye(2))), TOY.demonstrations, "2 x 2 was given for 3 actions"),
         (
-            RPIL(settings=mixture(m_step="none")),
+            RPIL(settings=UNKNOWN_M_STEP),
             TOY.demonstrations,
             "no m_step 'none'; choose joint or expert_only",
         ),
