@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import pytest
-from jaxtyping import install_import_hook
 
-from typecheck import ROOMS
+import typecheck
 
-install_import_hook(ROOMS, "typecheck.check")  # before anything of rpil is imported
+typecheck.install()
 
 
 SLOW_FILES = {

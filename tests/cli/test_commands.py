@@ -111,7 +111,7 @@ def test_unknown_action_is_refused_when_scoring(folder):
     actions[0] = 9
     other = rpil.Demonstrations(demonstrations.observations, actions, demonstrations.offsets, source="new.csv")
     with pytest.raises(
-        rpil.DataError, match=r"new.csv, demonstration 0: action 9 is not .* known .*; fit again with it"
+        rpil.DataError, match=r"new.csv, demonstration 0: action 9 is not among the fitted ones .*; fit again with it"
     ):
         model.score_demonstrations(other)
 
