@@ -77,7 +77,6 @@ def stored(*, name: str | None = None, renews: tuple[str, ...] = (), **axes: str
 
 
 def rpil_version() -> str:
-    """The installed version of rpil."""
     return version("rpil")
 
 
@@ -101,10 +100,7 @@ def _member(name: str) -> zipfile.ZipInfo:
 def encode(value: object, name: str, arrays: dict[str, Array]) -> Json:
     """`value` as a node of the header; its arrays are added to `arrays` under names that begin with `name`.
 
-    Raises
-    ------
-    TypeError
-        Naming a class that is not registered.
+    A `TypeError` names a class that is not registered.
     """
     if isinstance(value, np.generic):
         value = value.item()
@@ -144,10 +140,7 @@ class Decoder:
     def array(self, node: Any, axes: str, *dtypes: type) -> Array:
         """The array that `node` names; axes as in `stored`.
 
-        Raises
-        ------
-        ValueError, KeyError
-            Where it is missing, holds NaN, or has another shape or type.
+        A `ValueError` or `KeyError` where it is missing, holds NaN, or has another shape or type.
         """
         array = self.arrays.pop(node["array"])
         letters = axes.split()
@@ -174,27 +167,22 @@ class Decoder:
         if node.keys() != {"class", "fields"} or content.keys() != set(_field_names(entry.kind)):
             raise KeyError(node["class"])
         self.sizes = {letter: size for letter, size in self.sizes.items() if letter not in entry.renews}
-        return entry.kind(**{name: self._field(entry, name, part) for name, part in content.items()})
-
-    def _field(self, entry: Stored, name: str, node: Any) -> object:
-        if name not in entry.axes:
-            return self.value(node)
-        return self.array(node, entry.axes[name], *_TYPES.get(name, (np.float64,)))
+        values = {}
+        for name, part in content.items():
+            axes, types = entry.axes.get(name), _TYPES.get(name, (np.float64,))
+            values[name] = self.value(part) if axes is None else self.array(part, axes, *types)
+        return entry.kind(**values)
 
 
 def read_archive(path: Path, schema: str, otherwise: str) -> tuple[Header, dict[str, Array]]:
     """The header and all arrays of an archive.
 
-    Raises
-    ------
-    DataError
-        Where the file is damaged or of another version, or, with the sentence `otherwise`, of another `schema`.
+    A `DataError` where the file is damaged or of another version, or, saying `otherwise`, of another `schema`.
     """
-    foreign = f"{path}: {otherwise}."
+    foreign, damaged = f"{path}: {otherwise}.", f"{path}: it is damaged or truncated; fit and save it again."
     if not zipfile.is_zipfile(path):
         with path.open("rb") as file:
-            started = file.read(2) == b"PK"
-        raise DataError(f"{path}: it is damaged or truncated; fit and save it again." if started else foreign)
+            raise DataError(damaged if file.read(2) == b"PK" else foreign)
     try:
         with zipfile.ZipFile(path) as archive:
             names = archive.namelist()
@@ -211,7 +199,7 @@ def read_archive(path: Path, schema: str, otherwise: str) -> tuple[Header, dict[
                 f"{path}: it holds Python objects, which are never unpickled because that can run any code; "
                 "fit and save it again."
             ) from error
-        raise DataError(f"{path}: it is damaged or truncated; fit and save it again.") from error
+        raise DataError(damaged) from error
     if len(set(names)) < len(names):
         raise DataError(f"{path}: it holds two arrays of one name; fit and save it again.")
     return header, arrays

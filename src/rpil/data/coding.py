@@ -28,16 +28,8 @@ def code_actions(demonstrations: Demonstrations, box: Bounds | None = None) -> t
 def action_space(data: Demonstrations | Dataset, box: Bounds | None = None) -> tuple[Space, Array]:
     """The space of the actions, and the K classes where they are discrete, else none.
 
-    Parameters
-    ----------
-    data : Demonstrations or Dataset
-    box : (low, high), optional
-        Declared bounds of continuous actions; without it, the smallest box that holds the actions.
-
-    Raises
-    ------
-    DataError
-        Where all actions are the same or too large to be squared, the box is no box, or does not hold the actions.
+    `box` holds declared bounds of continuous actions; without it, they are the smallest box that holds the actions. A
+    `DataError` where all actions are the same or too large to be squared, `box` is none, or does not hold the actions.
     """
     source = data.source
     if data.is_discrete:
@@ -80,10 +72,7 @@ def _declared_box(box: Bounds, n_parts: int, source: str) -> Box:
 def class_codes(actions: Array, source: str) -> tuple[Array, Array]:
     """The K distinct actions in order, (K,), and the code of each step's action, (N,).
 
-    Raises
-    ------
-    DataError
-        Where the actions are continuous, or all the same.
+    A `DataError` where the actions are continuous, or all the same.
     """
     if np.ndim(actions) != 1:
         raise DataError(f"{source}: the actions are continuous, which it is not made for; give discrete ones.")
@@ -97,10 +86,7 @@ def class_codes(actions: Array, source: str) -> tuple[Array, Array]:
 def encode_actions(classes: Array, actions: Array, source: str) -> Array:
     """Codes (N,) of discrete actions among `classes` (K,); continuous actions (N, A) as floats if there are no classes.
 
-    Raises
-    ------
-    DataError
-        Naming an action that is not among the classes.
+    A `DataError` names an action that is not among the classes.
     """
     if not len(classes):
         return np.asarray(actions, dtype=float)
@@ -111,49 +97,33 @@ def encode_actions(classes: Array, actions: Array, source: str) -> Array:
     unknown = np.flatnonzero(classes[codes] != actions)
     if len(unknown):
         action, names = actions[unknown[0]].item(), ", ".join(map(str, classes))
-        raise DataError(
-            f"{source}: action {action!r} is not among the fitted ones ({names}); fit again with it, or leave it out."
-        )
+        raise DataError(f"{source}: action {action!r} is not among the fitted ones ({names}); fit with it, or drop it.")
     return codes
 
 
 def encode_demonstrations(classes: Array, n_parts: int, demonstrations: Demonstrations) -> Array:
     """`encode_actions` of demonstrations that a policy with these `classes` (K,), or A = `n_parts`, was not fitted to.
 
-    Raises
-    ------
-    DataError
-        Where the kind or the width of the actions is not the fitted one, or an action is not among the classes.
+    A `DataError` where the kind or the width of the actions is not the fitted one, or an action is not a class.
     """
     source, actions = demonstrations.source, demonstrations.actions
     if demonstrations.is_discrete != bool(len(classes)):
         other = "continuous" if len(classes) else "discrete"
         raise DataError(f"{source}: the actions are {other}, and the fitted ones were not.")
     if actions.ndim == 2 and actions.shape[1] != n_parts:
-        raise DataError(
-            f"{source}: actions with {actions.shape[1]} numbers each, but {n_parts} were fitted; give the same ones."
-        )
-    return np.concatenate(
-        [
-            encode_actions(classes, actions, f"{source}, demonstration {m!r}")
-            for m, (_, actions) in zip(demonstrations.ids, demonstrations, strict=True)
-        ]
-    )
+        raise DataError(f"{source}: actions have {actions.shape[1]} numbers, but {n_parts} were fitted; give these.")
+    pairs = zip(demonstrations.ids, demonstrations, strict=True)
+    return np.concatenate([encode_actions(classes, a, f"{source}, demonstration {m!r}") for m, (_, a) in pairs])
 
 
 def label_codes(labels: Mapping[Key, str] | None, demonstrations: Demonstrations | Dataset) -> Array:
     """1 for demonstrations labelled "expert", -1 for "adversary", 0 for the rest, (M,).
 
-    Raises
-    ------
-    DataError
-        On an unknown label or id, or where all demonstrations are labelled adversary.
+    A `DataError` on an unknown label or id, or where all demonstrations are labelled adversary.
     """
-    codes = np.zeros(len(demonstrations), dtype=int)
+    source, codes = demonstrations.source, np.zeros(len(demonstrations), dtype=int)
     for m, expert in match_labels(labels or {}, demonstrations.ids).items():
         codes[m] = 1 if expert else -1
     if (codes < 0).all():
-        raise DataError(
-            f"{demonstrations.source}: all demonstrations are labelled adversary; leave one that may be an expert's."
-        )
+        raise DataError(f"{source}: all demonstrations are labelled adversary; leave one that may be an expert's.")
     return codes

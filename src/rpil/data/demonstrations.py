@@ -10,18 +10,8 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rpil.data.arrays import (
-    Id,
-    Indices,
-    are_whole,
-    as_actions,
-    as_array,
-    as_ids,
-    as_observations,
-    as_offsets,
-    check_any,
-    check_finite,
-)
+from rpil.data import arrays
+from rpil.data.arrays import Id, Indices
 from rpil.data.errors import DataError
 from rpil.numerics.types import Array
 
@@ -37,20 +27,12 @@ Episode = tuple[Array, Array]
 
 @dataclass(frozen=True, eq=False)
 class Block:
-    """Consecutive whole demonstrations that are processed together; their values were checked before.
+    """Consecutive whole demonstrations that are processed together; their values were checked before."""
 
-    Attributes
-    ----------
-    first : int
-        Number of its first demonstration.
-    observations, actions, offsets
-        As in `Demonstrations`; `offsets` begin at 0.
-    """
-
-    first: int
+    first: int  # number of its first demonstration
     observations: Array
     actions: Array
-    offsets: NDArray[np.int64]
+    offsets: NDArray[np.int64]  # from 0
 
     @property
     def demonstrations(self) -> slice:
@@ -146,21 +128,21 @@ class Demonstrations(DemonstrationSet):
 
     def __post_init__(self) -> None:
         source = self.source
-        check_any(np.size(self.offsets) - 1, source)
-        observations = as_observations(self.observations, source)
-        actions = as_actions(self.actions, source)
+        arrays.check_any(np.size(self.offsets) - 1, source)
+        observations = arrays.as_observations(self.observations, source)
+        actions = arrays.as_actions(self.actions, source)
         if len(observations) != len(actions):
             counts = f"{len(observations)} observations but {len(actions)} actions"
             raise DataError(f"{source}: {counts}; give one action per observation.")
-        ids = as_ids(self.ids, source) or tuple(range(np.size(self.offsets) - 1))
-        offsets = as_offsets(self.offsets, ids, len(observations), source)
+        ids = arrays.as_ids(self.ids, source) or tuple(range(np.size(self.offsets) - 1))
+        offsets = arrays.as_offsets(self.offsets, ids, len(observations), source)
         width = observations.shape[1]
         names = tuple(str(name) for name in self.observation_names) or tuple(str(d) for d in range(width))
         if len(names) != width or len(set(names)) != width:
             raise DataError(f"{source}: name each of the {width} observation columns, and no two alike.")
-        check_finite(observations, tuple(f"observation {name!r}" for name in names), offsets, ids, source)
+        arrays.check_finite(observations, tuple(f"observation {name!r}" for name in names), offsets, ids, source)
         if actions.ndim == 2:
-            check_finite(actions, tuple(f"action {a}" for a in range(actions.shape[1])), offsets, ids, source)
+            arrays.check_finite(actions, tuple(f"action {a}" for a in range(actions.shape[1])), offsets, ids, source)
         for field, array in (("observations", observations), ("actions", actions), ("offsets", offsets)):
             view = array.view()  # the caller's own array stays writable
             view.flags.writeable = False
@@ -181,10 +163,10 @@ class Demonstrations(DemonstrationSet):
     ) -> Demonstrations:
         """From rows laid end to end; see the class for shapes and errors."""
         return cls(
-            as_array(observations, "observations", source),
-            as_array(actions, "actions", source),
-            as_array(offsets, "offsets", source),
-            () if ids is None else as_ids(ids, source),
+            arrays.as_array(observations, "observations", source),
+            arrays.as_array(actions, "actions", source),
+            arrays.as_array(offsets, "offsets", source),
+            () if ids is None else arrays.as_ids(ids, source),
             tuple(observation_names),
             source,
         )
@@ -207,14 +189,14 @@ class Demonstrations(DemonstrationSet):
             the observation after the last action: which one to drop is the caller's to say.
         """
         pairs = [(e.observations, e.actions) if isinstance(e, Recorded) else tuple(e) for e in episodes]
-        check_any(len(pairs), source)
-        names = as_ids(range(len(pairs)) if ids is None else ids, source)
+        arrays.check_any(len(pairs), source)
+        names = arrays.as_ids(range(len(pairs)) if ids is None else ids, source)
         if len(names) != len(pairs) or any(len(pair) != 2 for pair in pairs):
             raise DataError(f"{source}: give each demonstration one id and one pair (observations, actions).")
         columns: list[tuple[Array, Array]] = []
         for name, (observations, actions) in zip(names, pairs, strict=True):
             where = f"{source}, demonstration {name!r}"
-            pair = as_array(observations, "observations", where), as_array(actions, "actions", where)
+            pair = arrays.as_array(observations, "observations", where), arrays.as_array(actions, "actions", where)
             lengths = [len(array) if array.ndim else 0 for array in pair]
             if lengths[0] != lengths[1]:
                 raise DataError(
@@ -223,7 +205,7 @@ class Demonstrations(DemonstrationSet):
                 )
             if lengths[0] == 0:
                 raise DataError(f"{where}: it has no steps; leave it out.")
-            pair = as_observations(pair[0], where), pair[1]
+            pair = arrays.as_observations(pair[0], where), pair[1]
             columns.append(pair)
             for array, first, what in zip(pair, columns[0], ("observations", "actions"), strict=True):
                 if array.shape[1:] != first.shape[1:] or (array.dtype.kind == "U") != (first.dtype.kind == "U"):
@@ -232,7 +214,7 @@ class Demonstrations(DemonstrationSet):
                         "give every demonstration the same columns."
                     )
         offsets = np.cumsum([0, *(len(o) for o, _ in columns)])
-        stacked = [np.concatenate(arrays) for arrays in zip(*columns, strict=True)]
+        stacked = [np.concatenate(column) for column in zip(*columns, strict=True)]
         return cls(stacked[0], stacked[1], offsets, names, tuple(observation_names), source)
 
     @classmethod
@@ -249,15 +231,15 @@ class Demonstrations(DemonstrationSet):
 
         The ids are the values of `groups`, in order of first appearance.
         """
-        X, y = as_array(X, "observations", source), as_array(y, "actions", source)
-        labels = as_array(groups, "groups", source)
+        X, y = arrays.as_array(X, "observations", source), arrays.as_array(y, "actions", source)
+        labels = arrays.as_array(groups, "groups", source)
         if labels.ndim != 1 or not (X.shape[:1] == y.shape[:1] == labels.shape):
             raise DataError(
                 f"{source}: observations {X.shape}, actions {y.shape} and demonstration ids {labels.shape} do not fit "
                 "together; give each one row per step."
             )
         if labels.dtype.kind == "f":
-            if not are_whole(labels):
+            if not arrays.are_whole(labels):
                 raise DataError(f"{source}: demonstration ids must be whole numbers or text; fill in the missing ones.")
             labels = labels.astype(np.int64)
         values, first, inverse = np.unique(labels, return_index=True, return_inverse=True)

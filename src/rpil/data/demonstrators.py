@@ -18,18 +18,10 @@ from rpil.numerics.types import Array
 
 @dataclass(frozen=True, eq=False)
 class Demonstrators:
-    """The demonstrator of each demonstration; without arguments: demonstrators were not given.
+    """The demonstrator of each demonstration; without arguments: demonstrators were not given."""
 
-    Attributes
-    ----------
-    index : (M,) int array
-        Demonstrator of each demonstration, 0 .. U-1; empty where demonstrators were not given.
-    names : tuple
-        Names of the U demonstrators; None for an unknown one, who gave one demonstration.
-    """
-
-    index: Array = field(default_factory=lambda: np.empty(0, dtype=int))
-    names: tuple[Hashable, ...] = ()
+    index: Array = field(default_factory=lambda: np.empty(0, dtype=int))  # (M,): demonstrator 0 .. U-1 of each
+    names: tuple[Hashable, ...] = ()  # of the U demonstrators; None for an unknown one, who gave one demonstration
 
     @classmethod
     def from_names(cls, names: Sequence[Hashable]) -> Demonstrators:
@@ -71,12 +63,7 @@ def group_by_demonstrator(
 ) -> Demonstrators:
     """The demonstrators as a caller gave them: by id of the demonstration, or one for each demonstration in order.
 
-    Warns where they carry no information.
-
-    Raises
-    ------
-    DataError
-        On unknown ids, a wrong number of demonstrators, or one that is no name.
+    Warns where they carry no information; a `DataError` on unknown ids, a wrong number of demonstrators, or no name.
     """
     source, ids = demonstrations.source, demonstrations.ids
     if demonstrators is None:
@@ -96,9 +83,8 @@ def group_by_demonstrator(
         names = array.tolist()
     for m, name in zip(ids, names, strict=True):
         if not isinstance(name, Hashable):
-            raise DataError(
-                f"{source}, demonstration {m!r}: the demonstrator {name!r} is no name; give text or a number."
-            )
+            place = f"{source}, demonstration {m!r}"
+            raise DataError(f"{place}: the demonstrator {name!r} is no name; give text or a number.")
     groups = Demonstrators.from_names(names)
     if not groups.informative:
         warnings.warn(f"{source}: {groups.note}", UserWarning, stacklevel=3)

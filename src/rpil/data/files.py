@@ -53,10 +53,7 @@ def check_writable(path: StrPath) -> Path:
 def replacing(path: StrPath) -> Iterator[Path]:
     """Yield a path beside `path` to write to, which replaces `path` if the block ends without an error.
 
-    Raises
-    ------
-    DataError
-        Where `path` cannot be written; a file that was there stays as it was.
+    A `DataError` where `path` cannot be written; a file that was there stays as it was.
     """
     # A link stays a link: what it points to is replaced.
     target = Path(os.path.realpath(check_writable(path)))
@@ -72,17 +69,9 @@ def replacing(path: StrPath) -> Iterator[Path]:
 
 
 def check_outputs(inputs: Iterable[StrPath | None], *outputs: StrPath | None) -> None:
-    """Check, before any work, that all outputs can be written and replace no input and no other output.
-
-    Raises
-    ------
-    DataError
-        Naming the output.
-    """
+    """A `DataError`, before any work, naming an output that cannot be written, is an input, or is named twice."""
     taken = {Path(path).resolve() for path in inputs if path}
-    for path in outputs:
-        if path is None:
-            continue
+    for path in (path for path in outputs if path is not None):
         place = check_writable(path).resolve()
         if place in taken:
             raise DataError(f"{path}: it is named twice in the command; give every file a name of its own.")

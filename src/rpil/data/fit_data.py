@@ -13,29 +13,13 @@ from rpil.numerics.types import Array
 
 @dataclass(frozen=True, eq=False)
 class FitData:
-    """The data of one fit.
+    """The data of one fit."""
 
-    Attributes
-    ----------
-    features : (N, D) array
-        Design matrix, constant in the last column.
-    actions : (N,) int array or (N, A) array
-        Codes 0..K-1 of discrete actions, or continuous actions.
-    offsets : (M + 1,) int array
-        Demonstration m owns the steps ``offsets[m]:offsets[m + 1]``.
-    space : Space
-        Space of the actions.
-    labels : (M,) int array
-        1 labelled expert, -1 labelled adversary, 0 not labelled.
-    demonstrators : Demonstrators
-        The demonstrator of each demonstration.
-    """
-
-    features: Array
-    actions: Array
-    offsets: Array
-    space: Space
-    labels: Array
+    features: Array  # (N, D): design matrix, constant in the last column
+    actions: Array  # (N,): codes 0..K-1 of discrete actions; or (N, A): continuous actions
+    offsets: Array  # (M + 1,): demonstration m owns the steps ``offsets[m]:offsets[m + 1]``
+    space: Space  # of the actions
+    labels: Array  # (M,): 1 labelled expert, -1 labelled adversary, 0 not labelled
     demonstrators: Demonstrators = field(default_factory=Demonstrators)
 
     @classmethod

@@ -47,8 +47,7 @@ class Discrete:
 
     def act(self, outputs: Array) -> Array:
         """Codes (N,) of the most likely actions under log-probabilities (N, n)."""
-        best: Array = outputs.argmax(axis=1)
-        return best
+        return np.asarray(outputs.argmax(axis=1))
 
     def draw(self, n_steps: int, rng: np.random.Generator) -> Array:
         """Uniform draws (n_steps,)."""
@@ -58,8 +57,7 @@ class Discrete:
         """Swap the first and the last action; those between stay."""
         swapped = self.classes
         swapped[[0, -1]] = swapped[[-1, 0]]
-        flipped: Array = swapped[actions - self.start]
-        return flipped
+        return np.asarray(swapped[actions - self.start])
 
     def shift(self, actions: Array) -> Array:
         """Replace every action by the next one, the last by the first."""
@@ -82,13 +80,7 @@ class Discrete:
 @stored(low="A", high="A")
 @dataclass(frozen=True, eq=False)
 class Box:
-    """Actions of A numbers, each between its bounds.
-
-    Attributes
-    ----------
-    low, high : (A,) arrays
-        Float32 for the actions of an environment, which takes no other precision; float64 for models.
-    """
+    """Actions of A numbers, each between its bounds (A,): float32 in environments, else float64."""
 
     low: Array
     high: Array
@@ -134,13 +126,7 @@ class Box:
     act = bounded
 
     def draw(self, n_steps: int, rng: np.random.Generator) -> Array:
-        """Uniform draws (n_steps, A).
-
-        Raises
-        ------
-        DataError
-            Where a bound is infinite.
-        """
+        """Uniform draws (n_steps, A); a `DataError` where a bound is infinite."""
         if not np.isfinite([self.low, self.high]).all():
             raise DataError(f"No action can be drawn uniformly from {self}: give every number two finite bounds.")
         return rng.uniform(self.low, self.high, size=(n_steps, self.n_parts)).astype(self.low.dtype)

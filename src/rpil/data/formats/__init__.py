@@ -17,16 +17,7 @@ from rpil.data.formats.id_values import Label, match_labels, read_demonstrators,
 from rpil.data.formats.table import is_data
 from rpil.data.formats.weights import write_weights
 
-__all__ = [
-    "Label",
-    "check_format",
-    "match_labels",
-    "read",
-    "read_demonstrators",
-    "read_labels",
-    "write",
-    "write_weights",
-]
+__all__ = ["Label", "match_labels", "read_demonstrators", "read_labels", "write_weights"]
 
 FORMATS: dict[str, ModuleType] = {".parquet": parquet, ".csv": csv, ".npz": npz}
 """Extension -> module with `read(path)` and `write(path, demonstrations, truth)`."""
@@ -55,8 +46,6 @@ def write(path: StrPath, demonstrations: Demonstrations, truth: Mapping[str, Arr
 
     Parameters
     ----------
-    path : path
-    demonstrations : Demonstrations
     truth : mapping of name to (M,) array, optional
         True values for each demonstration, such as whether it is good, for scoring; `read` ignores them.
 

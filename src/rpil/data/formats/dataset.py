@@ -25,23 +25,12 @@ from rpil.numerics.types import Array
 
 @dataclass(frozen=True, eq=False)
 class Shard:
-    """Consecutive blocks of a data set. Iterating reads them from disk, one `Block` after another.
-
-    Attributes
-    ----------
-    store : Store
-    bounds : tuple of int
-        Number of the first demonstration of each block, and of the one after the last.
-    offsets : int array
-        First rows of the demonstrations ``bounds[0]`` .. ``bounds[-1]``.
-    ids : tuple
-        Ids of the demonstrations ``bounds[0]`` .. ``bounds[-1] - 1``.
-    """
+    """Consecutive blocks of a data set. Iterating reads them from disk, one `Block` after another."""
 
     store: Store
-    bounds: tuple[int, ...]
-    offsets: NDArray[np.int64]
-    ids: tuple[Id, ...]
+    bounds: tuple[int, ...]  # number of the first demonstration of each block, and of the one after the last
+    offsets: NDArray[np.int64]  # first rows of the demonstrations ``bounds[0]`` .. ``bounds[-1]``
+    ids: tuple[Id, ...]  # of the demonstrations ``bounds[0]`` .. ``bounds[-1] - 1``
 
     @property
     def demonstrations(self) -> slice:

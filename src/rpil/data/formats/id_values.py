@@ -26,12 +26,8 @@ _EPISODE_ARRAYS = ("episode_ids", *EPISODE)
 def read_labels(path: StrPath) -> dict[str, Label]:
     """Read labels from a CSV file with the columns ``id`` and ``label``, or from a JSON object of id to label.
 
-    ``good`` and ``bad`` are accepted for ``expert`` and ``adversary``. Ids come back as text; see `match_labels`.
-
-    Raises
-    ------
-    DataError
-        One sentence naming the file and the demonstration: unknown words, an id labelled twice, no labels at all.
+    ``good`` and ``bad`` are accepted for ``expert`` and ``adversary``. Ids come back as text; see `match_labels`. A
+    `DataError` names the file and the demonstration: unknown words, an id labelled twice, no labels at all.
     """
     path = check_extension(path, _EXTENSIONS, "labels")
     labels: dict[str, Label] = {}
@@ -53,10 +49,7 @@ def read_labels(path: StrPath) -> dict[str, Label]:
 def match_labels(labels: Mapping[Key, str], ids: Sequence[object], source: str = "the labels") -> dict[int, bool]:
     """Number of each labelled demonstration to whether it is an expert's; ids are compared as text.
 
-    Raises
-    ------
-    DataError
-        Where a label is neither "expert" nor "adversary", or for an id that is not among `ids`.
+    A `DataError` where a label is neither "expert" nor "adversary", or an id is not among `ids`.
     """
     for m, label in labels.items():
         if label not in ("expert", "adversary"):
@@ -67,20 +60,11 @@ def match_labels(labels: Mapping[Key, str], ids: Sequence[object], source: str =
 
 
 def read_demonstrators(where: str, data: StrPath) -> dict[str, str]:
-    """Demonstrator of each demonstration, by its id as text.
+    """Demonstrator of each demonstration in the file `data`, by its id as text.
 
-    Parameters
-    ----------
-    where : str
-        A CSV file with the columns ``id`` and ``demonstrator``, a JSON object of id to demonstrator; or else the name
-        of a column, or NPZ array, of the data.
-    data : path
-        The file that holds the demonstrations.
-
-    Raises
-    ------
-    DataError
-        One sentence naming the file: nothing of that name, a demonstration with two demonstrators, an empty name.
+    `where` names a CSV file with the columns ``id`` and ``demonstrator``, a JSON object of id to demonstrator; or else
+    a column, or NPZ array, of the data. A `DataError` names the file: nothing of that name, a demonstration with two
+    demonstrators, an empty name.
     """
     path = Path(where)
     if path.suffix.lower() in _EXTENSIONS:

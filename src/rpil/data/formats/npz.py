@@ -19,7 +19,6 @@ _SPELLINGS = {
     "actions": ACTION[::-1],
     "episode_ids": ("episode_ids", *EPISODE),
 }
-_OBSERVATION_NAMES = "observation_names"
 
 
 def read(path: Path) -> Demonstrations:
@@ -29,16 +28,15 @@ def read(path: Path) -> Demonstrations:
     with path.open("rb") as file:
         if file.read(2) != b"PK" or not zipfile.is_zipfile(file):  # numpy would take it for a pickle
             raise DataError(damaged)
-    arrays = {}
+    arrays = {}  # in the order of `_SPELLINGS`
     try:
         with np.load(path, allow_pickle=False) as stored:
             for what, spellings in _SPELLINGS.items():
                 name = next((name for name in spellings if name in stored.files), None)
                 if name is None:
-                    found = quoted(stored.files)
-                    raise DataError(f"{source}: no array is called {what!r}; save it under that name (found {found}).")
+                    raise DataError(f"{source}: no array is called {what!r}; save one (found {quoted(stored.files)}).")
                 arrays[what] = stored[name]
-            names = stored[_OBSERVATION_NAMES] if _OBSERVATION_NAMES in stored.files else ()
+            names = tuple(stored["observation_names"]) if "observation_names" in stored.files else ()
     except DataError:
         raise
     except Exception as error:  # a damaged file makes zipfile, zlib, tokenize and numpy raise errors of many types
@@ -48,9 +46,7 @@ def read(path: Path) -> Demonstrations:
                 "save plain arrays of numbers or text, with numpy.asarray(values.tolist()) where they are objects."
             ) from error
         raise DataError(damaged) from error
-    return Demonstrations.from_groups(
-        arrays["observations"], arrays["actions"], arrays["episode_ids"], observation_names=tuple(names), source=source
-    )
+    return Demonstrations.from_groups(*arrays.values(), observation_names=names, source=source)
 
 
 def write(path: Path, demonstrations: Demonstrations, truth: Mapping[str, Array]) -> None:
@@ -59,7 +55,7 @@ def write(path: Path, demonstrations: Demonstrations, truth: Mapping[str, Array]
         "observations": demonstrations.observations,
         "actions": demonstrations.actions,
         "episode_ids": np.repeat(np.array(demonstrations.ids), demonstrations.lengths),
-        _OBSERVATION_NAMES: np.array(demonstrations.observation_names),
+        "observation_names": np.array(demonstrations.observation_names),
     }
     with replacing(path) as temporary:
         np.savez_compressed(temporary, allow_pickle=False, **arrays, **truth)

@@ -44,33 +44,16 @@ class RowGroup:
 
 @dataclass(frozen=True, eq=False)
 class Store:
-    """The row groups of a data set and the columns to read, which are the same in all files.
-
-    Attributes
-    ----------
-    filesystem : pyarrow.fs.FileSystem
-    groups : tuple of RowGroup
-        In order.
-    columns : Columns
-    names : tuple of str
-        Names of the D observations.
-    widths : tuple of int
-        Number of observations that each column holds.
-    observation, action : dtype
-    n_parts : int
-        Numbers of a continuous action, 0 where actions are discrete.
-    batch_rows : int
-        Rows that are decoded at a time.
-    """
+    """The row groups of a data set, in order, and the columns to read, which are the same in all files."""
 
     filesystem: fs.FileSystem
     groups: tuple[RowGroup, ...]
     columns: flat.Columns
-    names: tuple[str, ...]
-    widths: tuple[int, ...]
+    names: tuple[str, ...]  # of the D observations
+    widths: tuple[int, ...]  # number of observations that each column holds
     observation: np.dtype[np.generic]
     action: np.dtype[np.generic]
-    n_parts: int = 0
+    n_parts: int = 0  # numbers of a continuous action, 0 where actions are discrete
     batch_rows: int = BATCH_ROWS
 
     def between(self, first: int, last: int) -> Store:
@@ -106,10 +89,7 @@ class Store:
                     if n_rows != group.last - group.first:
                         raise DataError(f"{name}: it has changed since the data set was opened; open it again.")
                     row, shift = group.first, group.row - group.first
-                    batches = file.iter_batches(
-                        self.batch_rows, row_groups=[group.number], columns=columns, use_threads=False
-                    )
-                    for batch in batches:
+                    for batch in file.iter_batches(self.batch_rows, [group.number], columns, use_threads=False):
                         a, b = max(first - row, 0), min(last - row, len(batch))
                         if a < b:
                             table = pa.Table.from_batches([batch.slice(a, b - a)])
@@ -118,9 +98,8 @@ class Store:
 
     def empty(self, n_steps: int) -> tuple[Array, Array]:
         """Uninitialised observations (n_steps, D) and actions, (n_steps,) or (n_steps, A)."""
-        order: Literal["F", "C"] = (
-            "F" if max(self.widths) == 1 else "C"
-        )  # as in the files, so that nothing is transposed
+        # As in the files, so that nothing is transposed.
+        order: Literal["F", "C"] = "F" if max(self.widths) == 1 else "C"
         shape = (n_steps, self.n_parts) if self.n_parts else (n_steps,)
         return np.empty((n_steps, len(self.names)), self.observation, order), np.empty(shape, self.action)
 
@@ -180,10 +159,7 @@ def may_be_many_files(path: StrPath) -> bool:
 def find_files(path: StrPath) -> tuple[fs.FileSystem, list[str]]:
     """The file system, and the Parquet files of a data set in the order of their names.
 
-    Raises
-    ------
-    DataError
-        Where `path` does not exist, cannot be listed, or holds no Parquet file.
+    A `DataError` where `path` does not exist, cannot be listed, or holds no Parquet file.
     """
     import pyarrow as pa
     from pyarrow import fs

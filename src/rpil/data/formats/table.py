@@ -41,24 +41,14 @@ _ACTION_PART = re.compile(r"actions?[._]")
 
 @dataclass(frozen=True)
 class Columns:
-    """Names of the columns that hold data.
+    """Names of the columns that hold data."""
 
-    Attributes
-    ----------
-    episode : str
-        Id of the demonstration.
-    actions : tuple of str
-        One column named in `ACTION`, or one for each number of a continuous action.
-    observations : tuple of str
-    """
-
-    episode: str
-    actions: tuple[str, ...]
+    episode: str  # id of the demonstration
+    actions: tuple[str, ...]  # one column named in `ACTION`, or one for each number of a continuous action
     observations: tuple[str, ...]
 
     @property
     def all(self) -> list[str]:
-        """All names."""
         return [self.episode, *self.actions, *self.observations]
 
     @property
@@ -79,13 +69,7 @@ def quoted(names: Iterable[object], most: int = 12) -> str:
 
 
 def check_ids(names: Iterable[object], ids: Iterable[object], source: str, what: str) -> None:
-    """Check that all `names` are ids of demonstrations; both are compared as text.
-
-    Raises
-    ------
-    DataError
-        Naming the first ones that are not, and `what` is to be corrected.
-    """
+    """A `DataError` naming the first `names` that are no ids, compared as text, and `what` is to be corrected."""
     texts = dict.fromkeys(map(str, ids))
     unknown = [str(name) for name in names if str(name) not in texts]
     if unknown:
@@ -94,22 +78,14 @@ def check_ids(names: Iterable[object], ids: Iterable[object], source: str, what:
 
 
 def find_columns(names: Sequence[str], source: str) -> Columns:
-    """Choose the columns to read by their names.
-
-    Raises
-    ------
-    DataError
-        Where a name appears twice, or the demonstration, the action or the observations cannot be found.
-    """
+    """The columns to read, by their names; a `DataError` where a name appears twice, or columns cannot be found."""
     repeated = sorted({name for name in names if names.count(name) > 1})
     if repeated:
         raise DataError(f"{source}: column {repeated[0]!r} appears twice; rename or drop one of them.")
     found = quoted(names)
     episode = [name for name in EPISODE if name in names]
     if not episode:
-        raise DataError(
-            f"{source}: no column says which demonstration a row is from: name it {EPISODE[0]} (found {found})."
-        )
+        raise DataError(f"{source}: no column holds the demonstration's id: name it {EPISODE[0]} (found {found}).")
     actions = [name for name in ACTION if name in names][:1] or [name for name in names if _ACTION_PART.match(name)]
     if not actions:
         raise DataError(f"{source}: no column holds the action: name it {ACTION[0]} (found {found}).")
@@ -124,10 +100,7 @@ def find_columns(names: Sequence[str], source: str) -> Columns:
 def to_demonstrations(table: pa.Table, columns: Columns, source: str) -> Demonstrations:
     """`Demonstrations` from the `columns` of a ``pyarrow.Table``; the rows of one need not lie together.
 
-    Raises
-    ------
-    DataError
-        On missing values, text where numbers are due, lists of unequal length, and as `Demonstrations` does.
+    A `DataError` on missing values, text where numbers are due, lists of unequal length, and as of `Demonstrations`.
     """
     check_any(table.num_rows, source)
     ids = column_values(table, columns.episode, lambda row: f"{source}, row {row + 1}")
@@ -179,7 +152,7 @@ def stack_columns(table: pa.Table, names: Sequence[str], at: Place) -> tuple[Arr
             row = next((row for row, text in enumerate(block) if not _is_number(text)), 0)
             text = str(block[row])[:40]
             raise DataError(
-                f"{at(row)}: column {name!r} holds text ({text!r}) where numbers are due; write numbers, or drop it."
+                f"{at(row)}: column {name!r} holds text ({text!r}) where numbers are due; convert or drop it."
             )
         blocks[name] = block.reshape(len(block), -1)
     single = all(block.dtype == np.float32 for block in blocks.values())
@@ -208,10 +181,7 @@ def _is_number(text: str) -> bool:
 def column_values(table: pa.Table, name: str, at: Place) -> Array:
     """One column as (N,) numbers or text, or as (N, K) numbers where it holds lists.
 
-    Raises
-    ------
-    DataError
-        On missing values, lists of unequal length, or values of another type.
+    A `DataError` on missing values, lists of unequal length, or values of another type.
     """
     import pyarrow as pa
     import pyarrow.compute as pc

@@ -18,9 +18,6 @@ if TYPE_CHECKING:
 
 _WRITERS = {".parquet": parquet.write_tables, ".csv": csv.write_tables}
 
-WRITE_STEPS = 1 << 20
-"""Steps that are written at a time."""
-
 
 def check_weights(path: StrPath) -> Path:
     """`path`, or a `DataError` naming the known extensions where it has none of them."""
@@ -34,28 +31,22 @@ def write_weights(
     step_weight: Array,
     expert_proba: Array,
     log_odds: Array,
-    block_steps: int = WRITE_STEPS,
+    block_steps: int = 1 << 20,
 ) -> None:
     """Write one row per step, in the order of the steps: episode_index, step_index, weight, expert_proba, log_odds.
 
-    Parameters
-    ----------
-    path : path ending in .parquet or .csv
-    ids : (M,) ids
-    offsets : (M + 1,) array
-    step_weight : (N,) array
-    expert_proba, log_odds : (M,) arrays
-        Repeated for each step of their demonstration.
-    block_steps : int
-        Steps that are in memory at a time: `step_weight` may be in a file, and larger than memory.
+    `expert_proba` and `log_odds` (M,) are repeated for each step of their demonstration. `block_steps` steps are in
+    memory at a time: `step_weight` (N,) may be in a file, and larger than memory.
 
     Raises
     ------
     DataError
-        Where the path has another extension or cannot be written.
+        Where the path ends in neither .parquet nor .csv, or cannot be written.
     """
     writer = _WRITERS[check_weights(path).suffix.lower()]
     import pyarrow as pa
+
+    repeated = {"expert_proba": expert_proba, "log_odds": log_odds}
 
     def tables() -> Iterator[pa.Table]:
         cuts = np.unique(np.append(np.searchsorted(offsets, np.arange(0, offsets[-1], block_steps)), len(ids)))
@@ -63,11 +54,10 @@ def write_weights(
             steps = slice(int(offsets[block.start]), int(offsets[block.stop]))
             block_offsets = offsets[block.start : block.stop + 1] - steps.start
             lengths = np.diff(block_offsets)
-            columns = step_columns(ids[block], block_offsets) | {
-                "weight": np.asarray(step_weight[steps]),
-                "expert_proba": np.repeat(expert_proba[block], lengths),
-                "log_odds": np.repeat(log_odds[block], lengths),
-            }
-            yield pa.table(columns)
+            yield pa.table(
+                step_columns(ids[block], block_offsets)
+                | {"weight": np.asarray(step_weight[steps])}
+                | {name: np.repeat(values[block], lengths) for name, values in repeated.items()}
+            )
 
     writer(Path(path), tables())
