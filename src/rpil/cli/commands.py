@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import io
+import math
 import os
+import re
 import sys
 import warnings
 from collections.abc import Iterator, Sequence
@@ -33,22 +35,18 @@ MAX_MEMORY_SHARE = 0.25
 
 @dataclass(frozen=True)
 class CommandSettings:
-    """Settings that are not options of the command line, as ``obj`` of the context.
-
-    Attributes
-    ----------
-    timing : ProgressTiming
-    fit : Settings, optional
-        The settings of `RPIL`.
-    """
+    """Settings that are not options of the command line, as ``obj`` of the context."""
 
     timing: ProgressTiming = ProgressTiming()
-    fit: Settings | None = None
+    fit: Settings | None = None  # of `RPIL`
+
+    @classmethod
+    def current(cls) -> CommandSettings:
+        return click.get_current_context().ensure_object(cls)
 
 
 class Commands(click.Group):
-    """A group of commands that ends every error of the user with one sentence on stderr and exit code 2, and an
-    interruption with exit code 130."""
+    """Commands that end an error of the user with a sentence on stderr and code 2, an interruption with code 130."""
 
     def invoke(self, ctx: click.Context) -> object:
         ctx.ensure_object(CommandSettings)
@@ -76,9 +74,7 @@ class Commands(click.Group):
             command = error.ctx.command_path if error.ctx else "rpil"
             message = error.format_message().rstrip(".?").replace(". Did", "; did").replace(". (Did", " (did")
             _exit_with_error(f"{message}; see {command} --help.")
-        except click.ClickException as error:
-            _exit_with_error(error.format_message())
-        except (DataError, MissingExtraError) as error:
+        except (click.ClickException, DataError, MissingExtraError) as error:
             _exit_with_error(str(error))
         except OSError as error:
             if error.filename is None:
@@ -139,11 +135,11 @@ def _exceeds_memory_share(file: str) -> bool:
 def _free_memory() -> float:
     """Free memory in bytes; infinite where the system does not report it."""
     try:
-        lines = Path("/proc/meminfo").read_text().splitlines()
+        text = Path("/proc/meminfo").read_text()
     except OSError:
-        return float("inf")
-    kibibytes = [line.split()[1] for line in lines if line.startswith("MemAvailable:")]
-    return 1024.0 * int(kibibytes[0]) if kibibytes else float("inf")
+        return math.inf
+    kibibytes = re.search(r"MemAvailable:\s*(\d+)", text)
+    return 1024.0 * int(kibibytes[1]) if kibibytes else math.inf
 
 
 @contextmanager
@@ -191,7 +187,7 @@ def fit_rpil(
         progress=progress,
         checkpoint=checkpoint,
         engine=engine,
-        settings=click.get_current_context().ensure_object(CommandSettings).fit,
+        settings=CommandSettings.current().fit,
     )
     if not warn_if_ambiguous:
         warnings.simplefilter("ignore", AmbiguousWarning)
@@ -206,10 +202,7 @@ def fit_rpil(
 def _checkpoint_path(file: str, resume: bool) -> Path:
     """The checkpoint of a fit to the data in `file`: in the current folder, because that of the data may be read-only.
 
-    Raises
-    ------
-    DataError
-        If there is a checkpoint without --resume, or none with it.
+    A `DataError` if there is a checkpoint without --resume, or none with it.
     """
     path = Path(f"{Path(file).name}.rpil-checkpoint")
     if path.exists() and not resume:

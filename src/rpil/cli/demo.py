@@ -26,16 +26,13 @@ from rpil.numerics.types import Array, Bool, Float, Shaped
 from rpil.simulation.experts import expert
 from rpil.simulation.rollouts import Policy, Returns, rollout
 
-OVERCOOKED = "overcooked_cramped_room.npz"
-LUNARLANDER = "lunarlander_corrupted.npz"
+OVERCOOKED, LUNARLANDER = "overcooked_cramped_room.npz", "lunarlander_corrupted.npz"
 """Files of the bundled data."""
 
 LANDER_ENV = "LunarLander-v3"
-
 LANDER_FEATURES = "folded"
 """Features of every policy of the lander, so that the policies differ in their demonstrations only. "auto" gives the
 same verdicts and policies as good, and takes five times as long."""
-
 N_RESAMPLES = 2000
 """Bootstrap samples for the interval of the AUROC."""
 
@@ -46,56 +43,26 @@ Progress = Callable[[str], None]
 
 @dataclass(frozen=True, eq=False)
 class OvercookedResult:
-    """How the audit of real people agrees with a score that it did not see.
-
-    Attributes
-    ----------
-    audit : Audit
-    seconds : float
-        Duration of the audit.
-    quality : (M,) array
-        The score of each recording.
-    n_scored : int
-        Number of recordings in the best and in the worst third, from which the AUROCs are computed.
-    auroc : float
-        By log-odds.
-    auroc_ci95 : (low, high)
-        Its bootstrap interval.
-    spearman : float
-        Rank correlation of the log-odds with the score of all recordings.
-    auroc_of_length : float
-        By the number of steps.
-    """
+    """How the audit of real people agrees with a score that it did not see."""
 
     audit: Audit
-    seconds: float
-    quality: Float[Array, " M"]
-    n_scored: int
-    auroc: float
-    auroc_ci95: tuple[float, float]
-    spearman: float
-    auroc_of_length: float
+    seconds: float  # duration of the audit
+    quality: Float[Array, " M"]  # the score of each recording
+    n_scored: int  # recordings in the best and in the worst third, from which the AUROCs are computed
+    auroc: float  # by log-odds
+    auroc_ci95: tuple[float, float]  # its bootstrap interval
+    spearman: float  # rank correlation of the log-odds with the score of all recordings
+    auroc_of_length: float  # by the number of steps
 
 
 @dataclass(frozen=True, eq=False)
 class LunarLanderResult:
-    """The audit of corrupted demonstrations, and the returns of policies.
-
-    Attributes
-    ----------
-    audit : Audit
-    seconds : float
-        Duration of the audit.
-    returns : dict of str to Returns
-        Of "trust_all", "rpil", "oracle" and "expert", from the same starts.
-    wrong_verdicts : int
-        Number of verdicts that are not the truth; "uncertain" counts as wrong.
-    """
+    """The audit of corrupted demonstrations, and the returns of policies."""
 
     audit: Audit
-    seconds: float
-    returns: dict[str, Returns]
-    wrong_verdicts: int
+    seconds: float  # duration of the audit
+    returns: dict[str, Returns]  # of "trust_all", "rpil", "oracle" and "expert", from the same starts
+    wrong_verdicts: int  # verdicts that are not the truth; "uncertain" counts as wrong
 
 
 @dataclass(frozen=True, eq=False)
@@ -147,12 +114,8 @@ class DemoResult:
 def run(*, episodes: int = 100, seed: int = 0, progress: Progress | None = None) -> DemoResult:
     """Audit both bundled data sets, and play `episodes` landings with each policy.
 
-    Raises
-    ------
-    DataError
-        If there are fewer than two episodes, which give no interval.
-    MissingExtraError
-        If Gymnasium or its Box2D environments are not installed.
+    A `DataError` if there are fewer than two episodes, which give no interval; a `MissingExtraError` if Gymnasium or
+    its Box2D environments are not installed.
     """
     if episodes < 2:
         raise DataError(f"The demo needs two landings or more for an interval, not {episodes}: raise episodes.")
@@ -171,8 +134,7 @@ def load_demonstrations(name: str) -> Demonstrations:
 def load_truth(name: str, column: str) -> Shaped[Array, " M"]:
     """A column of the truth about bundled demonstrations, for the comparison only."""
     with as_file(files("rpil.cli") / "bundled" / name) as path, np.load(path, allow_pickle=False) as arrays:
-        truth: Array = arrays[column]
-        return truth
+        return np.asarray(arrays[column])
 
 
 def _fit(data: Demonstrations, features: str, seed: int, progress: Progress, title: str) -> tuple[RPIL, float]:
@@ -202,16 +164,14 @@ def _run_overcooked(seed: int, progress: Progress) -> OvercookedResult:
 def _pair_order(score: Array, is_good: Array) -> Float[Array, "good bad"]:
     """1 where a good demonstration has a higher score than a bad one, 1/2 for equal scores; the mean is the AUROC."""
     good, bad = score[is_good == 1, None], score[None, is_good == 0]
-    order: Array = (good > bad) + 0.5 * (good == bad)
-    return order
+    return np.asarray((good > bad) + 0.5 * (good == bad))
 
 
 def _bootstrap_auroc(score: Array, is_good: Array, seed: int) -> Float[Array, " samples"]:
     """The AUROC of bootstrap samples, drawn separately from the good and from the bad demonstrations."""
     order, rng = _pair_order(score, is_good), np.random.default_rng(seed)
     rows, columns = (rng.integers(n, size=(N_RESAMPLES, n)) for n in order.shape)
-    auroc: Array = order[rows[:, :, None], columns[:, None, :]].mean(axis=(1, 2))
-    return auroc
+    return np.asarray(order[rows[:, :, None], columns[:, None, :]].mean(axis=(1, 2)))
 
 
 def _run_lunarlander(episodes: int, seed: int, progress: Progress) -> LunarLanderResult:
@@ -255,25 +215,21 @@ def _overcooked_article(result: OvercookedResult) -> Article:
         f"AUROC {result.auroc:.2f} (95\u00a0% interval {low:.2f} to {high:.2f}).",
         sections=[
             ("The data", _render_section("overcooked_data", result)),
-            (
-                "Does the ranking agree with a score that it did not see?",
-                _render_section("overcooked_agreement", result, figure),
-            ),
+            ("Does the ranking agree with an unseen score?", _render_section("overcooked_agreement", result, figure)),
         ],
         seconds=result.seconds,
     )
 
 
 def _lunarlander_article(result: LunarLanderResult) -> Article:
-    means = {name: played.mean for name, played in result.returns.items()}
+    means = {name: format_number(played.mean) for name, played in result.returns.items()}
     figure = returns_figure([(POLICY_NAMES[name], p.mean, *p.ci95) for name, p in result.returns.items()])
     return Article(
         title="LunarLander: half of the demonstrations corrupted",
         audit=result.audit,
         source=LANDER_ENV,
         summary=f"{result.audit.finding.capitalize()}; {result.wrong_verdicts} of {len(result.audit.ids)} verdicts "
-        f"wrong. Mean return {format_number(means['rpil'])}, "
-        f"and {format_number(means['trust_all'])} when all are trusted.",
+        f"wrong. Mean return {means['rpil']}, and {means['trust_all']} when all are trusted.",
         sections=[
             ("The data", _render_section("lunarlander_data")),
             ("Returns of the policies", _render_section("lunarlander_returns", result, figure, POLICY_NAMES)),

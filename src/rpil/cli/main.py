@@ -7,55 +7,29 @@ import shlex
 import time
 from contextlib import AbstractContextManager
 from pathlib import Path
+from pkgutil import resolve_name
 from typing import TYPE_CHECKING, Any
 
 import click
 from click.core import ParameterSource
 
-from rpil.cli.commands import (
-    Commands,
-    CommandSettings,
-    connect_engine,
-    fit_rpil,
-    load_into_memory,
-    read_demonstrations,
-    resolve_stream,
-)
-from rpil.cli.options import (
-    FitOptions,
-    LibraryChoice,
-    corruptions,
-    json_option,
-    quiet_option,
-    seed_option,
-    with_fit_options,
-)
+from rpil.cli import commands, terminal
+from rpil.cli.commands import Commands, CommandSettings, connect_engine, fit_rpil, read_demonstrations
+from rpil.cli.options import FitOptions, LibraryChoice, json_option, quiet_option, seed_option, with_fit_options
 from rpil.cli.progress import StageProgress, show_count, show_stages
-from rpil.cli.terminal import (
-    finding_sentence,
-    label_suggestion,
-    next_step,
-    print_ambiguity,
-    print_audit,
-    to_json,
-    verdict_sentence,
-)
 from rpil.data.files import check_outputs
 
 if TYPE_CHECKING:
     from rpil.audit.record import Audit
 
+ERROR_NAMES = LibraryChoice(lambda: resolve_name("rpil.simulation.corruptions:KINDS"))
+
 
 def _show_stages(quiet: bool) -> AbstractContextManager[StageProgress]:
-    return show_stages(quiet, click.get_current_context().ensure_object(CommandSettings).timing)
+    return show_stages(quiet, CommandSettings.current().timing)
 
 
-@click.group(
-    name="rpil",
-    cls=Commands,
-    invoke_without_command=True,
-    context_settings={"help_option_names": ["-h", "--help"]},
-)
+@click.group("rpil", Commands, invoke_without_command=True, context_settings={"help_option_names": ["-h", "--help"]})
 @click.version_option(package_name="rpil")
 @click.pass_context
 def main(ctx: click.Context, /) -> None:
@@ -90,7 +64,7 @@ def audit(
     start = time.perf_counter()
     quiet, stream, scheduler = (options.pop(name) for name in ("quiet", "stream", "scheduler"))
     check_outputs((file, options["labels"], options["demonstrators"]), report, weights)
-    stream = resolve_stream(stream, scheduler)
+    stream = commands.resolve_stream(stream, scheduler)
     if options["features"] == "auto":
         options["features"] = "folded"  # the judge's features; no final policy is kept, so none need be chosen
     with _show_stages(quiet) as progress:
@@ -103,33 +77,26 @@ def audit(
             fitted = fit_rpil(file, data, FitOptions(**options), progress, engine, warn_if_ambiguous=json_wanted)
         seconds = time.perf_counter() - start
         result = fitted.audit_
-        _write_files(result, weights, report, progress, (file, seconds))
+        if weights:
+            from rpil.data.formats.weights import write_weights
+
+            progress("writing the weights")
+            write_weights(weights, result.ids, result.offsets, result.step_weight, result.expert_proba, result.log_odds)
+        if report:
+            progress("writing the report")
+            from rpil.audit.html.page import Article, write_page
+
+            write_page(report, [Article(f"Audit of {Path(file).name}", result, file, seconds=seconds)])
     if json_wanted:
-        click.echo(to_json(result.to_dict() | ({"suggested": result.suggest_labels(suggest)} if suggest else {})))
+        suggested = {"suggested": result.suggest_labels(suggest)} if suggest else {}
+        click.echo(terminal.to_json(result.to_dict() | suggested))
     else:
-        print_audit(result)
+        terminal.print_audit(result)
         if suggest:
-            click.echo(label_suggestion(result, suggest))
+            click.echo(terminal.label_suggestion(result, suggest))
         _print_next_step(ctx, result, quiet)
     _print_path("Weights", weights, json_wanted)
     _print_path("Report", report, json_wanted)
-
-
-def _write_files(
-    audit: Audit, weights: str | None, report: str | None, progress: StageProgress, data: tuple[str, float]
-) -> None:
-    """Write the weights and the report that are wanted; `data` is the name of the data and the duration in seconds."""
-    source, seconds = data
-    if weights:
-        from rpil.data.formats.weights import write_weights
-
-        progress("writing the weights")
-        write_weights(weights, audit.ids, audit.offsets, audit.step_weight, audit.expert_proba, audit.log_odds)
-    if report:
-        progress("writing the report")
-        from rpil.audit.html.page import Article, write_page
-
-        write_page(report, [Article(f"Audit of {Path(source).name}", audit, source, seconds=seconds)])
 
 
 @main.command()
@@ -153,7 +120,7 @@ def fit(ctx: click.Context, /, file: str, output: str, method: str, trusted: int
     if (method == "rment") != (trusted is not None):
         raise click.UsageError("--method rment and --trusted N need each other: give both or neither", ctx)
     check_outputs((file, options["labels"], options["demonstrators"]), output)
-    stream = resolve_stream(stream, scheduler)
+    stream = commands.resolve_stream(stream, scheduler)
     with _show_stages(quiet) as progress:
         demonstrations = read_demonstrations(file, progress, stream)
         progress("starting")
@@ -172,11 +139,11 @@ def fit(ctx: click.Context, /, file: str, output: str, method: str, trusted: int
                 model = BehavioralCloning(features=options["features"])
             else:
                 model = RMEnt(trusted, options["features"], random_state=options["seed"])
-            model.fit(load_into_memory(demonstrations))
+            model.fit(commands.load_into_memory(demonstrations))
         save(model, output)
     size = f"{len(demonstrations):,} demonstrations ({demonstrations.n_steps:,} steps)"
     if isinstance(model, RPIL):
-        click.echo(f"{finding_sentence(model.audit_)}\n{verdict_sentence(model.audit_)}")
+        click.echo(f"{terminal.finding_sentence(model.audit_)}\n{terminal.verdict_sentence(model.audit_)}")
         _print_next_step(ctx, model.audit_, quiet, f"Without a label, the policy in {output} learns from both groups.")
     elif trusted is None:
         click.echo(f"All of {size} were trusted alike.")
@@ -208,14 +175,13 @@ def _refuse_rpil_options(ctx: click.Context, method: str) -> None:
 @quiet_option
 def evaluate(policy: str, env: str, episodes: int, json_wanted: bool, seed: int, quiet: bool) -> None:
     """Play a saved policy, and print its mean return."""
-    timing = click.get_current_context().ensure_object(CommandSettings).timing
-    with show_count(f"playing {env}", quiet, timing) as progress:
+    with show_count(f"playing {env}", quiet, CommandSettings.current().timing) as progress:
         from rpil.estimators.persistence import load
         from rpil.simulation.rollouts import rollout
 
         played = rollout(load(policy), env, n_episodes=episodes, seed=seed, progress=progress)
     if json_wanted:
-        click.echo(to_json({"mean": played.mean, "ci95": played.ci95, "returns": played.returns.tolist()}))
+        click.echo(terminal.to_json({"mean": played.mean, "ci95": played.ci95, "returns": played.returns.tolist()}))
     elif episodes == 1:
         click.echo(f"Return {played.mean:.1f} in one episode of {env}.")
     else:
@@ -226,7 +192,7 @@ def evaluate(policy: str, env: str, episodes: int, json_wanted: bool, seed: int,
 
 @main.command()
 @click.option("--env", metavar="ID", required=True, help="An environment with a built-in expert, as MountainCar-v0.")
-@click.option("--kind", type=LibraryChoice(corruptions), required=True, help="The error in the bad demonstrations.")
+@click.option("--kind", type=ERROR_NAMES, required=True, help="The error in the bad demonstrations.")
 @click.option("--good", type=click.IntRange(0), required=True, help="Number of demonstrations of the expert.")
 @click.option("--bad", type=click.IntRange(0), required=True, help="Number of demonstrations with the error.")
 @click.option("-o", "--output", metavar="FILE", required=True, help="A .parquet, .csv or .npz file to write.")
@@ -250,18 +216,15 @@ def simulate(env: str, kind: str, good: int, bad: int, output: str, seed: int, q
         demonstrations = Demonstrations.from_episodes(simulation.episodes, source=env)
         truth = {"is_good": simulation.is_good, "episode_return": simulation.returns}
         formats.write(output, demonstrations, truth)
-    click.echo(
-        f"{good} good and {bad} bad ({kind}) demonstrations of {env}, {demonstrations.n_steps:,} steps: {output}"
-    )
+    made = f"{good} good and {bad} bad ({kind}) demonstrations of {env}"
+    click.echo(f"{made}, {demonstrations.n_steps:,} steps: {output}")
     if not quiet:
         click.echo(f"Next: {shlex.join(['rpil', 'audit', output])}")
 
 
 @main.command()
 @click.option("--episodes", type=click.IntRange(2), default=100, show_default=True, help="Episodes for each policy.")
-@click.option(
-    "-o", "--report", metavar="OUT.html", default="rpil-demo.html", show_default=True, help="File for the report."
-)
+@click.option("-o", "--report", metavar="OUT.html", default="rpil-demo.html", show_default=True, help="The report.")
 @json_option
 @seed_option
 @quiet_option
@@ -278,10 +241,9 @@ def demo(episodes: int, report: str, json_wanted: bool, seed: int, quiet: bool) 
         progress("writing the report")
         result.write_report(report)
     if json_wanted:
-        click.echo(to_json(result.to_dict()))
+        click.echo(terminal.to_json(result.to_dict()))
     else:
-        for sentence in result.sentences():
-            click.echo(sentence)
+        click.echo("\n".join(result.sentences()))
     _print_path("Report", report, json_wanted)
 
 
@@ -289,7 +251,7 @@ def _print_next_step(ctx: click.Context, audit: Audit, quiet: bool, consequence:
     """Print what to do next: if two groups compete, which demonstration to label, and the command to run then."""
     if audit.identifiable:
         if not quiet:
-            click.echo(next_step(audit))
+            click.echo(terminal.next_step(audit))
         return
     labels = ctx.params["labels"] or "labels.csv"
     words = ["rpil", str(ctx.info_name)]
@@ -300,7 +262,7 @@ def _print_next_step(ctx: click.Context, audit: Audit, quiet: bool, consequence:
         elif name != "labels" and ctx.get_parameter_source(name) is ParameterSource.COMMANDLINE:
             flag = {True: param.opts[:1], False: param.secondary_opts[:1]}
             words += flag[value] if isinstance(value, bool) else [param.opts[0], str(value)]
-    print_ambiguity(audit, labels, consequence)
+    terminal.print_ambiguity(audit, labels, consequence)
     click.echo(f"Then run: {shlex.join([*words, '--labels', labels])}")
 
 

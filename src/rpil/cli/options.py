@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from functools import reduce
+from pkgutil import resolve_name
 from typing import TYPE_CHECKING
 
 import click
@@ -28,10 +30,7 @@ class FitOptions:
 class LibraryChoice(click.Choice[str]):
     """A choice among names of the library, in which the shell may write hyphens for spaces.
 
-    Parameters
-    ----------
-    load : callable
-        Returns the names. It is called when they are needed, because their modules take long to import.
+    `load` returns the names. It is called when they are needed, because their modules take long to import.
     """
 
     def __init__(self, load: Callable[[], Iterable[str]]) -> None:
@@ -47,28 +46,10 @@ class LibraryChoice(click.Choice[str]):
         return super().convert(value.replace(" ", "-"), param, ctx).replace("-", " ")
 
 
-def _features() -> Iterable[str]:
-    from rpil.policies.features import FEATURES
-
-    return FEATURES
-
-
 def _adversaries() -> Iterable[str]:
     from rpil.mixture.adversaries.named import ADVERSARIES
 
     return dict.fromkeys(["auto", *(name for kind in ADVERSARIES.values() for name in kind)])
-
-
-def _minority() -> Iterable[str]:
-    from rpil.inference.settings import MINORITY
-
-    return MINORITY
-
-
-def corruptions() -> Iterable[str]:
-    from rpil.simulation.corruptions import KINDS
-
-    return KINDS
 
 
 seed_option = click.option(
@@ -85,7 +66,7 @@ FIT_OPTIONS = (
     ),
     click.option(
         "--features",
-        type=LibraryChoice(_features),
+        type=LibraryChoice(lambda: resolve_name("rpil.policies.features:FEATURES")),
         default="auto",
         show_default=True,
         help="Features of the observations for the policy.",
@@ -99,7 +80,7 @@ FIT_OPTIONS = (
     ),
     click.option(
         "--minority",
-        type=LibraryChoice(_minority),
+        type=LibraryChoice(lambda: resolve_name("rpil.inference.settings:MINORITY")),
         default="ask",
         show_default=True,
         help="What to do about a second group that acts differently from the first: ask for a label, trust it too, or "
@@ -114,6 +95,4 @@ FIT_OPTIONS = (
 
 
 def with_fit_options(command: Callable[..., None]) -> Callable[..., None]:
-    for option in reversed(FIT_OPTIONS):
-        command = option(command)
-    return command
+    return reduce(lambda wrapped, option: option(wrapped), reversed(FIT_OPTIONS), command)

@@ -24,21 +24,11 @@ CountProgress = Callable[[int, int], None]
 
 @dataclass(frozen=True)
 class ProgressTiming:
-    """When lines about progress are printed where there is no terminal.
+    """When lines about progress are printed where there is no terminal."""
 
-    Attributes
-    ----------
-    first : float
-        Seconds until the first line.
-    interval : float
-        Seconds between two lines, at least.
-    elapsed_share : float
-        Seconds between two lines, at least, as a share of the elapsed time: lines become rarer.
-    """
-
-    first: float = 1.5
-    interval: float = 3.0
-    elapsed_share: float = 0.1
+    first: float = 1.5  # seconds until the first line
+    interval: float = 3.0  # seconds between two lines, at least
+    elapsed_share: float = 0.1  # the same as a share of the elapsed time: lines become rarer
 
 
 @contextmanager
@@ -48,9 +38,9 @@ def show_stages(quiet: bool, timing: ProgressTiming) -> Iterator[StageProgress]:
         with _print_lines(quiet, timing) as show:
             yield show
         return
-    from rich.progress import SpinnerColumn, TextColumn, TimeElapsedColumn
+    from rich.progress import SpinnerColumn
 
-    with _progress_bar(SpinnerColumn(), TextColumn("{task.description}", markup=False), TimeElapsedColumn()) as bar:
+    with _progress_bar([SpinnerColumn()]) as bar:
         task = bar.add_task("starting", total=None)
         yield lambda stage: bar.update(task, description=stage)
 
@@ -63,10 +53,9 @@ def show_count(title: str, quiet: bool, timing: ProgressTiming) -> Iterator[Coun
             show(title)
             yield lambda done, total: show(f"{title}, {done} of {total}")
         return
-    from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsedColumn
+    from rich.progress import BarColumn, MofNCompleteColumn
 
-    columns = TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn()
-    with _progress_bar(*columns) as bar:
+    with _progress_bar([], BarColumn(), MofNCompleteColumn()) as bar:
         task = bar.add_task(title, total=None)
         yield lambda done, total: bar.update(task, completed=done, total=total)
 
@@ -94,8 +83,10 @@ def _print_lines(quiet: bool, timing: ProgressTiming) -> Iterator[StageProgress]
             thread.join()  # no line may follow the result
 
 
-def _progress_bar(*columns: ProgressColumn) -> Progress:
+def _progress_bar(first: list[ProgressColumn], *columns: ProgressColumn) -> Progress:
+    """A line of the columns `first`, the description, the other columns and the elapsed time."""
     from rich.console import Console
-    from rich.progress import Progress
+    from rich.progress import Progress, TextColumn, TimeElapsedColumn
 
+    columns = *first, TextColumn("{task.description}", markup=False), *columns, TimeElapsedColumn()
     return Progress(*columns, console=Console(stderr=True), transient=True)

@@ -20,8 +20,7 @@ if TYPE_CHECKING:
 
 VERDICT_COLOURS = {"expert": "green", "uncertain": "yellow", "adversary": "red"}
 
-MAX_IDS = 20
-"""Ids in one line."""
+MAX_IDS = 20  # in one line
 
 
 @contextmanager
@@ -54,7 +53,6 @@ def _replace_non_finite(value: object) -> object:
 
 
 def finding_sentence(audit: Audit) -> str:
-    """The finding, with its explanation."""
     from rpil.inference.trust import FINDINGS
 
     return f"{audit.finding.capitalize()}: {FINDINGS[audit.finding]}"
@@ -73,7 +71,6 @@ def print_audit(audit: Audit) -> None:
 
 
 def _print_ranking(audit: Audit) -> None:
-    """Print the demonstrations as a table, the most trusted first."""
     from rich.text import Text
 
     parts = audit.evidence_columns()
@@ -99,7 +96,6 @@ def _print_ranking(audit: Audit) -> None:
 
 
 def _print_demonstrators(audit: Audit) -> None:
-    """Print the demonstrators as a table, the most trusted first."""
     from rich.text import Text
 
     table = _empty_table("demonstrator", "trust", "95 %", "demonstrations", *VERDICT_COLOURS)
@@ -124,7 +120,6 @@ def _empty_table(name: str, *numbers: str) -> Table:
 
 
 def verdict_sentence(audit: Audit) -> str:
-    """The number of demonstrations with each verdict."""
     size = f"{len(audit.ids):,} demonstrations ({audit.offsets[-1]:,} steps)"
     if audit.finding != "told apart":
         return f"{size} are ranked; there are no verdicts{' except on labelled ones' if audit.labelled else ''}."
@@ -147,7 +142,6 @@ def next_step(audit: Audit) -> str:
 
 
 def label_suggestion(audit: Audit, k: int) -> str:
-    """Which `k` demonstrations to label."""
     suggested = audit.suggest_labels(k)
     if not suggested:
         return "Every demonstration has a label already."
@@ -155,37 +149,30 @@ def label_suggestion(audit: Audit, k: int) -> str:
 
 
 def print_ambiguity(audit: Audit, labels_file: str, consequence: str = "") -> None:
-    """Print a box with the two groups that compete, and the label that decides between them.
+    """Print a box with the two groups that compete, and the label that decides between them, for `labels_file`.
 
-    Parameters
-    ----------
-    audit : Audit
-    labels_file : str
-        File to write the label to.
-    consequence : str
-        A sentence about the consequence of having no label.
+    `consequence` is a sentence about the consequence of having no label.
     """
     from rich.panel import Panel
     from rich.text import Text
 
+    chosen = printable(audit.to_label[0])
+    is_json = labels_file.lower().endswith(".json")
+    content = [json.dumps({chosen: "expert"})] if is_json else ["id,label", f"{chosen},expert"]
     lines = [
         "Two groups of demonstrations act in two different ways in the same states. Nothing in the data says which of "
         "them is the expert, so all verdicts are uncertain.",
         "",
-        *(
-            f"Group {letter}, {len(members)} demonstrations: {join_ids(members)}"
-            for letter, members in _groups(audit).items()
-        ),
+        *(f"Group {letter}, {len(ids)} demonstrations: {join_ids(ids)}" for letter, ids in _groups(audit).items()),
         "",
         f"Look at one demonstration, say {join_ids(audit.to_label, ' or ')}, and write its label to {labels_file}, "
-        f"expert or adversary. If {printable(audit.to_label[0])} is good:",
+        f"expert or adversary. If {chosen} is good:",
         "",
-        *(f"    {line}" for line in _labels_file_lines(audit.to_label[0], labels_file)),
+        *(f"    {line}" for line in content),
         "",
         "If both groups are good, use --minority trust. If group A is the expert's, use --minority distrust.",
+        *(["", consequence] if consequence else []),
     ]
-    if consequence:
-        lines += ["", consequence]
     console = _console()
     panel = Panel(Text("\n".join(lines)), title="Cannot be known", border_style="yellow", width=min(console.width, 100))
     console.print(panel)
@@ -194,13 +181,6 @@ def print_ambiguity(audit: Audit, labels_file: str, consequence: str = "") -> No
 def _groups(audit: Audit) -> dict[str, tuple[Hashable, ...]]:
     """The competing groups by their letters."""
     return dict(zip("AB", audit.competing, strict=False))
-
-
-def _labels_file_lines(name: Hashable, labels_file: str) -> list[str]:
-    """The labels file with the label that this demonstration is an expert's."""
-    if labels_file.lower().endswith(".json"):
-        return [json.dumps({printable(name): "expert"})]
-    return ["id,label", f"{printable(name)},expert"]
 
 
 def join_ids(ids: Sequence[Hashable], separator: str = ", ") -> str:
