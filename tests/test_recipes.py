@@ -22,7 +22,7 @@ from rpil.audit.html.page import Article, render_page
 from rpil.data import formats
 from rpil.data.archive import CLASSES, stored
 from rpil.mixture.adversaries.named import ADVERSARIES
-from rpil.mixture.adversaries.protocol import FixedAdversary
+from rpil.mixture.adversaries.protocol import Adversary
 from rpil.numerics.blocks import add
 from rpil.scale.memory import InMemory
 from rpil.scale.protocol import Engine, Shards
@@ -64,7 +64,7 @@ def test_policy_recipe():
 
 
 @dataclass(frozen=True)
-class MostlyZero(FixedAdversary):
+class MostlyZero(Adversary):
     """psi(0|s) = 0.9; the other actions share the rest."""
 
     name: str = "mostly zero"

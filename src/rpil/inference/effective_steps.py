@@ -31,7 +31,6 @@ def autocovariances(
         Values of expectation zero, such as log pi(a|s) - E log pi(.|s).
     offsets : (M + 1,) int array
         Demonstration m has the steps ``offsets[m]:offsets[m + 1]``.
-    settings : EffectiveStepsSettings
     """
     lengths = np.diff(offsets)
     variance = float(residual @ residual) / len(residual)
@@ -67,5 +66,4 @@ def effective_steps(covariances: Float[Array, " L"], lengths: Int[Array, " M"]) 
     summed = np.array([(np.maximum(1 - lags / n, 0.0) * covariances[1:]).sum() for n in distinct.tolist()])
     ratio = 1 + 2 * summed / covariances[0]
     # Estimated ratios may be negative; the rounding of a full period of a series bounds the certainty of its mean.
-    n_eff: Array = (distinct / np.maximum(ratio, 1 / distinct))[index]
-    return n_eff
+    return np.asarray((distinct / np.maximum(ratio, 1 / distinct))[index])

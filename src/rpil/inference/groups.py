@@ -81,8 +81,7 @@ class Groups:
         proba = self.p_two * p_upper + (1 - self.p_two) * graded
         scale = max(float(np.ptp(self.quantiles)), 1e-300)
         tie = _TIE_LOG_ODDS * np.tanh((score - np.median(self.quantiles)) / scale)
-        log_odds: Array = logit(np.clip(proba, _PROBA_BOUND, 1 - _PROBA_BOUND)) + tie
-        return log_odds
+        return np.asarray(logit(np.clip(proba, _PROBA_BOUND, 1 - _PROBA_BOUND)) + tie)
 
 
 def fit_groups(
@@ -103,7 +102,6 @@ def fit_groups(
         1 labelled expert, -1 labelled adversary, 0 unlabelled.
     effective, lengths : (M,) arrays
         Effective steps and steps of each demonstration.
-    settings : GroupSettings
     """
     quantiles = np.quantile(score, np.linspace(0, 1, min(len(score), 201)))
     total = max(float(score.var()), float(np.finfo(float).tiny))
@@ -202,8 +200,7 @@ def _two_normals(
 
 
 def _log_normal(value: Array, mean: Array, variance: Array) -> Array:
-    density: Array = -0.5 * np.log(2 * np.pi * variance) - 0.5 * (value - mean) ** 2 / variance
-    return density
+    return np.asarray(-0.5 * np.log(2 * np.pi * variance) - 0.5 * (value - mean) ** 2 / variance)
 
 
 def expert_share_interval(proba: Float[Array, " M"], p_two: float) -> tuple[float, float, float]:

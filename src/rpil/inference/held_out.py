@@ -139,8 +139,7 @@ def n_actions(data: FitData) -> int:
 def frequencies(data: FitData, weight: Float[Array, " N"] | None = None) -> Float[Array, " K"]:
     """How often each discrete action is taken, with one step of each added."""
     counts = np.bincount(data.actions, weight, n_actions(data)) + 1.0
-    share: Array = counts / counts.sum()
-    return share
+    return np.asarray(counts / counts.sum())
 
 
 def with_lapses(

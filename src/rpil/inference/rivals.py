@@ -132,8 +132,7 @@ def split_by_gradients(data: FitData, ridge: float) -> Bool[Array, " M"]:
     component = np.linalg.svd(white - white.mean(axis=0), full_matrices=False)[0][:, 0]
     order = np.sort(component)
     within = [order[:k].var() * k + order[k:].var() * (len(order) - k) for k in range(1, len(order))]
-    above: Array = component > order[int(np.argmin(within))]
-    return above
+    return np.asarray(component > order[int(np.argmin(within))])
 
 
 def _gain(data: FitData, log_prob: Array, group: Array) -> float:

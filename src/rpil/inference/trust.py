@@ -79,9 +79,6 @@ def judge(
 
     Parameters
     ----------
-    data : FitData
-    model : HeldOutModel
-    settings : JudgeSettings
     seed : int
         Of the folds that the search for rival groups deals.
     minority : {"ask", "trust", "distrust"}

@@ -53,12 +53,10 @@ def demonstrator_posterior(
 
     Parameters
     ----------
-    demonstrators : Demonstrators
     log_ratio : (M,) array
         log p(D_m | expert) - log p(D_m | adversary).
     labels : (M,) int array
         1 labelled expert, -1 labelled adversary, 0 unlabelled.
-    settings : DemonstratorSettings
     """
     index, counts = demonstrators.index, demonstrators.counts
     nodes = np.linspace(-settings.max_node, settings.max_node, settings.n_nodes)

@@ -76,7 +76,6 @@ def fit_softmax(
         Non-negative soft targets; a row's sum is the weight of the step.
     penalty : (D,) array
         Ridge penalty of each feature (0 for the constant).
-    settings : NewtonSettings
     start : (D, K) array, optional
         Where to start; zero by default.
     preconditioner : Preconditioner, optional
@@ -179,12 +178,10 @@ class Preconditioner:
 
     Parameters
     ----------
-    features : (N, D) array
     proba : (N, K) array
         Probabilities p of the policy.
     weight : (N,) array
         Weights s of the steps.
-    penalty : (D,) array
     unseen_curvature : float, optional
         Given for a sample of the data, whose Hessian serves many passes: curvature that a direction may have in all
         data although the sample has none there. Then all steps are used, and the Hessian is inverted as a whole where

@@ -30,8 +30,7 @@ class ErrorSettings:
 
 def standardise(actions: Num[Array, "N A"]) -> Float[Array, "N A"]:
     """Actions less their mean, in standard deviations; a part that never changes is zero."""
-    standardised: Array = (actions - actions.mean(axis=0)) / column_scales(actions)
-    return standardised
+    return np.asarray((actions - actions.mean(axis=0)) / column_scales(actions))
 
 
 def column_scales(actions: Num[Array, "N A"]) -> Float[Array, " A"]:
@@ -58,8 +57,7 @@ def solve_ridge(
     total = max(total, MIN_WEIGHT)
     penalised = np.asarray(gram, dtype=float).copy()
     penalised[np.diag_indices_from(penalised)] += np.append(np.full(len(gram) - 1, ridge * total), 1e-9 * total)
-    coefficients: Array = solve(penalised, product, assume_a="pos")
-    return coefficients
+    return np.asarray(solve(penalised, product, assume_a="pos"))
 
 
 def error_scale(
@@ -70,8 +68,7 @@ def error_scale(
     total = np.cumsum(np.maximum(weight, MIN_WEIGHT)[order], axis=0)
     middle = (total < 0.5 * total[-1]).sum(axis=0)
     parts = np.arange(errors.shape[1])
-    scale: Array = 1.35 * np.abs(errors[order[middle, parts], parts]) + settings.min_scale
-    return scale
+    return np.asarray(1.35 * np.abs(errors[order[middle, parts], parts]) + settings.min_scale)
 
 
 def student_log_density(
@@ -81,5 +78,4 @@ def student_log_density(
     nu = settings.degrees_of_freedom
     constant = gammaln((nu + 1) / 2) - gammaln(nu / 2) - 0.5 * np.log(nu * np.pi)
     of_parts = constant - np.log(scale) - (nu + 1) / 2 * np.log1p((errors / scale) ** 2 / nu)
-    log_density: Array = of_parts.sum(axis=1)
-    return log_density
+    return np.asarray(of_parts.sum(axis=1))

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 from sklearn.base import clone, is_regressor
+from sklearn.dummy import DummyClassifier
 from sklearn.multioutput import MultiOutputRegressor
 from sklearn.pipeline import Pipeline
 from sklearn.utils import get_tags
@@ -110,8 +111,7 @@ class ClassifierPolicy:
     def _log_proba(self, proba: Array) -> Array:
         logits = self.temperature * np.log(np.maximum(proba, MIN_PROBABILITY))
         uniform = np.log(self.lapse / self.n_actions)
-        log_proba: Array = np.logaddexp(np.log1p(-self.lapse) + log_softmax(logits), uniform)
-        return log_proba
+        return np.asarray(np.logaddexp(np.log1p(-self.lapse) + log_softmax(logits), uniform))
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,8 +130,7 @@ class RegressorPolicy:
         """The mean over the models."""
         if not self.models:
             return np.tile(self.noise.weights[-1], (len(features), 1))
-        means: Array = np.mean([self._predict(model, features) for model in self.models], axis=0)
-        return means
+        return np.asarray(np.mean([self._predict(model, features) for model in self.models], axis=0))
 
     def log_prob(self, outputs: Float[Array, "N A"], actions: Float[Array, "N A"]) -> Float[Array, " N"]:
         """log pi(a_n|s_n), a density."""
@@ -151,8 +150,7 @@ class RegressorPolicy:
         return replace(self, models=(_fit_model(self, data.features, data.actions, weight),))
 
     def _predict(self, model: Estimator, features: Array) -> Array:
-        means: Array = model.predict(features).reshape(-1, self.noise.weights.shape[1])
-        return means
+        return np.asarray(model.predict(features).reshape(-1, self.noise.weights.shape[1]))
 
 
 def cross_fitted_policy(estimator: Estimator, space: Space, n_steps: int) -> CrossFittedPolicy:
@@ -219,7 +217,7 @@ def _fit_model(policy: ClassifierPolicy | RegressorPolicy, features: Array, acti
     used = weight > policy.settings.min_weight * largest if largest > 0 else np.ones(len(weight), bool)
     weight, target = weight[used] if largest > 0 else np.ones(len(weight)), actions[used]
     if target.ndim == 1 and (target == target[0]).all():
-        return _ConstantClassifier(int(target[0]))
+        return DummyClassifier().fit(features[used], target)  # many classifiers refuse a single class
     target = target[:, 0] if target.ndim == 2 and target.shape[1] == 1 else target
     try:
         return clone(estimator).fit(features[used], target, **{_weight_parameter(estimator): weight})
@@ -228,20 +226,6 @@ def _fit_model(policy: ClassifierPolicy | RegressorPolicy, features: Array, acti
         raise DataError(
             f"The policy {type(estimator).__name__} cannot be fitted: {reason}; correct its settings."
         ) from error
-
-
-@dataclass(frozen=True)
-class _ConstantClassifier:
-    """The classifier of data with one action."""
-
-    action: int
-
-    @property
-    def classes_(self) -> Array:
-        return np.array([self.action])
-
-    def predict_proba(self, features: Array) -> Array:
-        return np.ones((len(features), 1))
 
 
 def _weight_parameter(estimator: Estimator) -> str:

@@ -114,13 +114,10 @@ class FeatureMap:
 
         Parameters
         ----------
-        kind : {"raw", "folded", "spline", "poly", "nystroem"}
-        observations : (N, D) array
         weight : (N,) array, optional
             Weights of the observations; 1 by default.
         ridge : float, optional
             Ridge a step, in the place of ``settings.ridge_per_step``.
-        settings : FeatureSettings
 
         Raises
         ------
@@ -203,8 +200,7 @@ class FeatureMap:
         if self.kind == "raw":
             return observations
         if self.kind == "spline":
-            basis: Array = self._splines.transform(observations)
-            return basis
+            return np.asarray(self._splines.transform(observations))
         z = (observations - self.location) / self.spread
         if self.kind == "folded":
             return np.hstack([observations, np.abs(z)])
@@ -277,8 +273,7 @@ def _landmarks(folded: Array, settings: FeatureSettings) -> Array:
 def _similarity(folded: Array, landmarks: Array) -> Array:
     from sklearn.metrics.pairwise import rbf_kernel
 
-    similarity: Array = rbf_kernel(folded, landmarks, gamma=KERNEL_WIDTH / folded.shape[1])
-    return similarity
+    return np.asarray(rbf_kernel(folded, landmarks, gamma=KERNEL_WIDTH / folded.shape[1]))
 
 
 def _mean_and_spread(columns: Array, weight: Array | None, unit: float = 0.0) -> tuple[Array, Array]:

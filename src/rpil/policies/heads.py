@@ -6,7 +6,6 @@ A head is frozen. It has the loss that trains a network, and the log-probability
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Protocol, runtime_checkable
 
 import numpy as np
 from scipy.special import logsumexp
@@ -24,57 +23,35 @@ Scale = float | tuple[float, ...] | Array | None
 """Standard deviations of continuous actions, one or one for each part; None where they are fitted."""
 
 
-@runtime_checkable
-class Head(Protocol):
-    """What a neural policy needs of its head."""
-
-    @property
-    def width(self) -> int:
-        """O, the raw outputs of a network."""
-
-    @property
-    def phases(self) -> int:
-        """Number of trainings, after each of which the head is fitted."""
-
-    def read(self, raw: Float[Array, "*k N O"]) -> Float[Array, "*k N O"]:
-        """Outputs, as in `rpil.policies.protocol`, of raw ones."""
-
-    def average(self, outputs: Float[Array, "k N O"]) -> Outputs:
-        """The outputs of the mean distribution of k networks."""
-
-    def log_prob(self, outputs: Outputs, actions: Actions) -> Float[Array, " N"]:
-        """log pi(a_n|s_n) of the actions taken."""
-
-    def loss(self, data: FitData, weight: Float[Array, " N"], device: str) -> Loss:
-        """The loss that trains networks on weighted steps."""
-
-    def fit(self, data: FitData, weight: Float[Array, " N"], outputs: Outputs) -> Head:
-        """The head fitted to held-out outputs for weighted steps."""
-
-
 @dataclass(frozen=True)
 class SoftmaxHead:
     """pi(k|s) = softmax of the raw outputs; outputs are the log-probabilities of all K actions."""
 
     width: int
+    """K, the raw outputs of a network."""
     phases: int = 1
+    """Trainings, after each of which the head is fitted."""
 
     def read(self, raw: Float[Array, "*k N O"]) -> Float[Array, "*k N O"]:
+        """Outputs, as in `rpil.policies.protocol`, of raw ones."""
         return log_softmax(raw)
 
     def average(self, outputs: Float[Array, "k N O"]) -> Outputs:
-        mean: Array = logsumexp(outputs, 0) - np.log(len(outputs))
-        return mean
+        """The outputs of the mean distribution of k networks."""
+        return np.asarray(logsumexp(outputs, 0) - np.log(len(outputs)))
 
     def log_prob(self, outputs: Outputs, actions: Actions) -> Float[Array, " N"]:
+        """log pi(a_n|s_n) of the actions taken."""
         return at_actions(outputs, actions)
 
     def loss(self, data: FitData, weight: Float[Array, " N"], device: str) -> Loss:
+        """The loss that trains networks on weighted steps."""
         torch = import_torch()
         targets = on_device(one_hot(data.actions, weight, self.width), device)
         return lambda raw, rows: -(targets[rows] * torch.log_softmax(raw, dim=-1)).sum(dim=-1)
 
     def fit(self, data: FitData, weight: Float[Array, " N"], outputs: Outputs) -> SoftmaxHead:
+        """The head fitted to held-out outputs for weighted steps."""
         return self
 
 
@@ -106,12 +83,10 @@ class StudentHead:
         return 1 if self.fixed else 3
 
     def read(self, raw: Float[Array, "*k N O"]) -> Float[Array, "*k N O"]:
-        outputs: Array = self._middle + self._half_width * raw
-        return outputs
+        return np.asarray(self._middle + self._half_width * raw)
 
     def average(self, outputs: Float[Array, "k N O"]) -> Outputs:
-        mean: Array = outputs.mean(axis=0)
-        return mean
+        return np.asarray(outputs.mean(axis=0))
 
     def log_prob(self, outputs: Outputs, actions: Actions) -> Float[Array, " N"]:
         return self.noise.log_prob(outputs, actions)
@@ -143,6 +118,10 @@ class StudentHead:
     @property
     def _half_width(self) -> Array:
         return 0.5 * (self.box.high - self.box.low)
+
+
+Head = SoftmaxHead | StudentHead
+"""What a neural policy needs of its outputs; `SoftmaxHead` says what the methods do."""
 
 
 def initial_head(space: Space, n_steps: float, scale: Scale) -> Head:

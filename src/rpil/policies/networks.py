@@ -131,17 +131,7 @@ def train(
     """The networks after training, and the epoch, counted from 1, of the lowest validation loss, 0 for the start.
 
     One epoch is the best of all networks: the validation rows of a single network may be few, and all an adversary's.
-    The start is a candidate too, so that the validation loss never rises.
-
-    Parameters
-    ----------
-    networks : Networks
-        Where to start; they are not changed.
-    rows : TrainingRows
-    loss : callable
-    settings : TrainingSettings
-    rng : numpy Generator
-        Draws the order of the rows.
+    The start is a candidate too, so that the validation loss never rises. `rng` draws the order of the rows.
 
     Raises
     ------

@@ -92,8 +92,7 @@ class _Demonstrations(NamedTuple):
 
     def average(self, values: Array) -> Array:
         """Weighted means (M,) of values of steps (N,)."""
-        means: Array = np.bincount(self.number, self.weight * values) / self.total
-        return means
+        return np.asarray(np.bincount(self.number, self.weight * values) / self.total)
 
 
 class _Candidate(NamedTuple):
@@ -117,7 +116,6 @@ def choose_features(
 
     Parameters
     ----------
-    observations : (N, D) array
     codes : (N,) int array, or (N, A) array
         Actions, 0 .. K-1, or numbers.
     offsets : (M + 1,) int array
@@ -128,7 +126,6 @@ def choose_features(
         Space of the actions.
     C : float, optional
         Inverse ridge strength of scikit-learn; if given, it is not chosen.
-    settings : SelectionSettings
     """
     steps, number = _sample(offsets, weight, settings)
     observations, codes, weight = observations[steps], codes[steps], weight[steps]

@@ -124,8 +124,7 @@ class SoftmaxPolicy:
 
     def penalised_gradient(self, statistics: Sums) -> Float[Array, "D K"]:
         """The gradient of the penalised log-likelihood."""
-        gradient: Array = statistics[0] - self.ridge[:, None] * self.weights
-        return gradient
+        return np.asarray(statistics[0] - self.ridge[:, None] * self.weights)
 
     def with_temperature(self, temperature: float) -> SoftmaxPolicy:
         """The policy with its logits multiplied by `temperature`: surer above 1, less sure below."""

@@ -203,8 +203,7 @@ class StudentPolicy:
         return replace(self, weights=weights, cholesky=np.linalg.cholesky(self._penalised(scatter, weights) / total))
 
     def _penalised(self, scatter: Array, weights: Array) -> Array:
-        penalised: Array = scatter + (weights.T * self.ridge) @ weights + np.diag(self.least**2)
-        return penalised
+        return np.asarray(scatter + (weights.T * self.ridge) @ weights + np.diag(self.least**2))
 
     def _with_best_freedom(self, likelihoods: Array) -> StudentPolicy:
         return replace(self, freedom=float(self.settings.degrees_of_freedom[int(np.argmax(likelihoods))]))
@@ -243,26 +242,22 @@ class StudentPolicy:
 
     def _robust_weight(self, distance: Array, weight: Array) -> Array:
         """Weights (N,) times the expected precision (nu + A) / (nu + distance) of each step."""
-        robust: Array = weight * (self.freedom + len(self.cholesky)) / (self.freedom + distance)
-        return robust
+        return np.asarray(weight * (self.freedom + len(self.cholesky)) / (self.freedom + distance))
 
     @property
     def _precision(self) -> Array:
-        inverse: Array = cho_solve((self.cholesky, True), np.eye(len(self.cholesky)))
-        return inverse
+        return np.asarray(cho_solve((self.cholesky, True), np.eye(len(self.cholesky))))
 
     def _distance(self, errors: Array) -> Array:
         """Squared Mahalanobis distances of rows, (N, A) -> (N,)."""
         standard = solve_triangular(self.cholesky, errors.T, lower=True)
-        distance: Array = np.einsum("an,an->n", standard, standard)
-        return distance
+        return np.asarray(np.einsum("an,an->n", standard, standard))
 
     def _log_density(self, distance: Array, freedom: float) -> Array:
         dimension = len(self.cholesky)
         constant = gammaln(0.5 * (freedom + dimension)) - gammaln(0.5 * freedom)
         constant -= 0.5 * dimension * np.log(freedom * np.pi) + np.log(np.diag(self.cholesky)).sum()
-        density: Array = constant - 0.5 * (freedom + dimension) * np.log1p(distance / freedom)
-        return density
+        return np.asarray(constant - 0.5 * (freedom + dimension) * np.log1p(distance / freedom))
 
 
 def _weighted_sums(
@@ -285,8 +280,7 @@ def _weighted_sums(
 
 def _gram(rows: Array, weight: Array) -> Array:
     """X^T W X."""
-    product: Array = (rows * weight[:, None]).astype(rows.dtype, copy=False).T @ rows
-    return product
+    return np.asarray((rows * weight[:, None]).astype(rows.dtype, copy=False).T @ rows)
 
 
 def _solve(matrix: Array, right: Array) -> Array:

@@ -45,8 +45,7 @@ class _Trained:
     head: Head
 
     def standardise(self, features: Array) -> Array:
-        standardised: Array = (features - self.center) / self.spread
-        return standardised
+        return np.asarray((features - self.center) / self.spread)
 
 
 @dataclass(frozen=True, eq=False)
@@ -258,14 +257,7 @@ def training_and_validation(
     fold; a single network on one unit in five. Where a few demonstrations have all of the weight, no network that is
     trained on them could be validated on its fold: then one piece in five of the steps with weight is.
 
-    Parameters
-    ----------
-    unit : (N,) int array
-        Number of each step's unit.
-    n_folds : int
-        Networks k.
-    weight : (N,) array
-    settings : ValidationSettings
+    There are `n_folds` networks k, and `unit` is the number of each step's unit.
     """
     if n_folds > 1:
         held_out = np.arange(n_folds)[:, None] == unit % n_folds

@@ -9,8 +9,9 @@ import numpy as np
 from rpil.data.archive import stored
 from rpil.data.fit_data import FitData
 from rpil.data.spaces import Box
-from rpil.mixture.adversaries.protocol import FixedAdversary
+from rpil.mixture.adversaries.protocol import Adversary
 from rpil.numerics.types import Array, Float, Int
+from rpil.policies.protocol import Actions, Outputs
 
 N_BINS = 20
 """Bins of the histogram of each part of an action. Chosen by hand, not tuned."""
@@ -18,21 +19,19 @@ N_BINS = 20
 
 @stored()
 @dataclass(frozen=True)
-class UniformBox(FixedAdversary):
+class UniformBox(Adversary):
     """psi = 1 / volume: uniform over the box."""
 
     log_volume: float
     name: str = "uniform"
 
-    def log_prob(
-        self, features: Float[Array, "N D"], outputs: Float[Array, "N ..."], actions: Float[Array, "N A"]
-    ) -> Float[Array, " N"]:
+    def log_prob(self, features: Float[Array, "N D"], outputs: Outputs, actions: Actions) -> Float[Array, " N"]:
         return np.full(len(actions), -self.log_volume)
 
 
 @stored(low="A", width="A", log_density="A B")
 @dataclass(frozen=True, eq=False)
-class MarginalBox(FixedAdversary):
+class MarginalBox(Adversary):
     """psi = prod_j h_j(a_j), a histogram of each part of the action, whatever the state.
 
     Every bin has a Dirichlet prior worth one step, so that no action is impossible.
@@ -50,12 +49,10 @@ class MarginalBox(FixedAdversary):
         span = box.high - box.low
         return cls(box.low, span / N_BINS, np.tile(-np.log(span)[:, None], (1, N_BINS)))
 
-    def log_prob(
-        self, features: Float[Array, "N D"], outputs: Float[Array, "N ..."], actions: Float[Array, "N A"]
-    ) -> Float[Array, " N"]:
+    def log_prob(self, features: Float[Array, "N D"], outputs: Outputs, actions: Actions) -> Float[Array, " N"]:
         return np.asarray(np.take_along_axis(self.log_density, self._bins(actions).T, axis=1).sum(axis=0))
 
-    def fit(self, data: FitData, outputs: Float[Array, "N ..."], weight: Float[Array, " N"]) -> MarginalBox:
+    def fit(self, data: FitData, outputs: Outputs, weight: Float[Array, " N"]) -> MarginalBox:
         n_bins = self.log_density.shape[1]
         columns = self._bins(data.actions).T
         counts = 1.0 + np.stack([np.bincount(column, weight, minlength=n_bins) for column in columns])

@@ -11,39 +11,36 @@ from scipy.special import logsumexp, softmax
 from rpil.data.archive import stored
 from rpil.data.errors import DataError
 from rpil.data.fit_data import FitData
-from rpil.mixture.adversaries.protocol import FixedAdversary
-from rpil.numerics.types import Array, Float, Int
+from rpil.mixture.adversaries.protocol import Adversary
+from rpil.numerics.types import Array, Float
+from rpil.policies.protocol import Actions, Outputs
 
 
 @stored()
 @dataclass(frozen=True)
-class Constant(FixedAdversary):
+class Constant(Adversary):
     """psi = 1 (option 1). It is no distribution: without a strong prior every demonstration is an adversary's."""
 
     name: str = "constant"
 
-    def log_prob(
-        self, features: Float[Array, "N D"], outputs: Float[Array, "N K"], actions: Int[Array, " N"]
-    ) -> Float[Array, " N"]:
+    def log_prob(self, features: Float[Array, "N D"], outputs: Outputs, actions: Actions) -> Float[Array, " N"]:
         return np.zeros(len(actions))
 
 
 @stored()
 @dataclass(frozen=True)
-class Uniform(FixedAdversary):
+class Uniform(Adversary):
     """psi = 1/K: every action is as likely as any other."""
 
     name: str = "uniform"
 
-    def log_prob(
-        self, features: Float[Array, "N D"], outputs: Float[Array, "N K"], actions: Int[Array, " N"]
-    ) -> Float[Array, " N"]:
+    def log_prob(self, features: Float[Array, "N D"], outputs: Outputs, actions: Actions) -> Float[Array, " N"]:
         return np.full(len(actions), -np.log(outputs.shape[1]))
 
 
 @stored(log_frequency="K")
 @dataclass(frozen=True, eq=False)
-class Marginal(FixedAdversary):
+class Marginal(Adversary):
     """psi(k) = f_k: the frequencies of the actions, whatever the state.
 
     They have a Dirichlet prior worth one step of each action, so that no action is impossible.
@@ -57,12 +54,10 @@ class Marginal(FixedAdversary):
         """Equal frequencies."""
         return cls(np.full(n_actions, -np.log(n_actions)))
 
-    def log_prob(
-        self, features: Float[Array, "N D"], outputs: Float[Array, "N K"], actions: Int[Array, " N"]
-    ) -> Float[Array, " N"]:
+    def log_prob(self, features: Float[Array, "N D"], outputs: Outputs, actions: Actions) -> Float[Array, " N"]:
         return self.log_frequency[actions]
 
-    def fit(self, data: FitData, outputs: Float[Array, "N ..."], weight: Float[Array, " N"]) -> Marginal:
+    def fit(self, data: FitData, outputs: Outputs, weight: Float[Array, " N"]) -> Marginal:
         counts = 1.0 + np.bincount(data.actions, weight, minlength=len(self.log_frequency))
         return replace(self, log_frequency=np.log(counts / counts.sum()))
 
@@ -72,7 +67,7 @@ class Marginal(FixedAdversary):
 
 @stored()
 @dataclass(frozen=True)
-class Complement(FixedAdversary):
+class Complement(Adversary):
     """psi = 1 - pi (option 3, the paper's), or (1 - pi) / (K - 1), which is a distribution for every K.
 
     1 - pi_k is the sum over the other actions, so its logarithm is a logsumexp and never a clipped difference.
@@ -84,16 +79,12 @@ class Complement(FixedAdversary):
     def name(self) -> str:
         return "normalised complement" if self.normalised else "complement"
 
-    def log_prob(
-        self, features: Float[Array, "N D"], outputs: Float[Array, "N K"], actions: Int[Array, " N"]
-    ) -> Float[Array, " N"]:
+    def log_prob(self, features: Float[Array, "N D"], outputs: Outputs, actions: Actions) -> Float[Array, " N"]:
         scale = np.log(outputs.shape[1] - 1) if self.normalised else 0.0
-        log_prob: Array = logsumexp(_without_taken(outputs, actions), 1) - scale
-        return log_prob
+        return np.asarray(logsumexp(_without_taken(outputs, actions), 1) - scale)
 
-    def intended_action_proba(self, outputs: Float[Array, "N K"], actions: Int[Array, " N"]) -> Float[Array, "N K"]:
-        proba: Array = softmax(_without_taken(outputs, actions), 1)
-        return proba
+    def intended_action_proba(self, outputs: Outputs, actions: Actions) -> Float[Array, "N K"]:
+        return np.asarray(softmax(_without_taken(outputs, actions), 1))
 
 
 def _without_taken(outputs: Array, actions: Array) -> Array:
@@ -105,7 +96,7 @@ def _without_taken(outputs: Array, actions: Array) -> Array:
 
 @stored(log_matrix="K K")
 @dataclass(frozen=True, eq=False)
-class Confusion(FixedAdversary):
+class Confusion(Adversary):
     """psi(k|s) = sum_j pi(j|s) C[j, k]: the adversary intends the expert's action j and takes action k.
 
     Each row of C (K, K) is a distribution, given or learned. A learned row has a Dirichlet prior that adds
@@ -140,18 +131,16 @@ class Confusion(FixedAdversary):
         complement = (1.0 - np.eye(n_actions)) / (n_actions - 1)
         return cls(np.log(0.5 * uniform + 0.5 * complement))
 
-    def log_prob(
-        self, features: Float[Array, "N D"], outputs: Float[Array, "N K"], actions: Int[Array, " N"]
-    ) -> Float[Array, " N"]:
+    def log_prob(self, features: Float[Array, "N D"], outputs: Outputs, actions: Actions) -> Float[Array, " N"]:
         return np.asarray(logsumexp(outputs + self.log_matrix.T[actions], 1))
 
-    def intended_action_proba(self, outputs: Float[Array, "N K"], actions: Int[Array, " N"]) -> Float[Array, "N K"]:
+    def intended_action_proba(self, outputs: Outputs, actions: Actions) -> Float[Array, "N K"]:
         joint = outputs + self.log_matrix.T[actions]
         total = logsumexp(joint, 1)[:, None]
         # An action of probability 0 has no intended action: its row is zero.
         return np.asarray(np.exp(joint - np.where(np.isfinite(total), total, 0.0)))
 
-    def fit(self, data: FitData, outputs: Float[Array, "N ..."], weight: Float[Array, " N"]) -> Confusion:
+    def fit(self, data: FitData, outputs: Outputs, weight: Float[Array, " N"]) -> Confusion:
         if not self.learned:
             return self
         intended = weight[:, None] * self.intended_action_proba(outputs, data.actions)
