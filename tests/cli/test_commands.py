@@ -224,7 +224,8 @@ def test_interrupted_run_resumes_to_the_same_result(folder, monkeypatch):
     refused("no such checkpoint .* leave out --resume", "audit", "good.parquet", "--resume", settings=settings)
 
 
-def test_failed_write_keeps_old_files(folder, monkeypatch):
+def test_failed_write_keeps_old_files(monkeypatch):
+    npz("data.npz")
     for name in ("r.html", "w.csv", "policy"):
         Path(name).write_text("old")
 
@@ -232,7 +233,7 @@ def test_failed_write_keeps_old_files(folder, monkeypatch):
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr("os.replace", full)
-    data = folder / "good.parquet"
+    data = "data.npz"
     refused("r.html: it cannot be written .No space left", "audit", data, "--report", "r.html")
     refused("w.csv: it cannot be written .No space left", "audit", data, "--weights", "w.csv")
     refused("policy: it cannot be written .No space left", "fit", data, "-o", "policy")

@@ -428,7 +428,19 @@ def test_a_policy_map_has_a_colour_bar():
 
 
 @pytest.mark.parametrize("name", ["swings.npz", "swings.parquet", "swings.csv"])
-def test_the_commands(name, tmp_path, monkeypatch):
+def test_files(name, tmp_path):
+    """What is read back is what was written, so that the commands need but one sort of file."""
+    toy = make_continuous("random", 0, **MANY)
+    formats.write(tmp_path / name, Demonstrations.from_arrays(toy.observations, toy.actions, toy.offsets), {})
+    read = formats.read(tmp_path / name)
+    np.testing.assert_array_equal(read.observations, toy.observations)
+    np.testing.assert_array_equal(read.actions, toy.actions)
+    np.testing.assert_array_equal(read.offsets, toy.offsets)
+
+
+def test_the_commands(tmp_path, monkeypatch):
+    name = "swings.csv"
+
     def ok(*arguments: Any) -> str:
         result = CliRunner().invoke(cli.main, [str(argument) for argument in arguments])
         assert result.exit_code == 0, result.output
@@ -444,7 +456,7 @@ def test_the_commands(name, tmp_path, monkeypatch):
     assert name in page
     assert re.search(r"\bnan\b", page) is None
     assert len(Path("w.csv").read_text().splitlines()) == len(toy.actions) + 1
-    ok("fit", name, "-o", "policy")
+    ok("fit", name, "-o", "policy", "--features", "raw")
     assert load("policy").predict(toy.observations).shape == toy.actions.shape
     other = json.loads(ok("audit", name, "--json", "--adversary", "own-policy"))
     assert other["adversary"] == "own policy"
