@@ -44,22 +44,9 @@ def assumption_sentences(
 ) -> tuple[str, ...]:
     """The finding, the meaning of P(expert), and all that an audit assumed, as sentences for `Audit.assumptions`.
 
-    Parameters
-    ----------
-    finding : str
-        A key of `rpil.inference.trust.FINDINGS`.
-    policy : str
-        A sentence about the policy, such as `linear_policy` returns; empty for none.
-    p_two_groups : float, optional
-        The judge's probability that there are two groups of scores.
-    whole_demonstrations : bool
-        Whether a demonstration was taken as good or bad as a whole, as in the mixture with a named adversary.
-    expert_share : float, optional
-        The prior probability of an expert, where the user fixed it.
-    n_labels : int
-        Number of labels.
-    demonstrators : str
-        A sentence about the demonstrators; empty where none were given.
+    `policy` and `demonstrators` are sentences about these. `p_two_groups` is the judge's probability that there are two
+    groups of scores; `whole_demonstrations` is true of the mixture with a named adversary; `expert_share` is the prior
+    probability of an expert, where the user fixed it.
     """
     sentences = (
         FINDINGS[finding],

@@ -19,18 +19,10 @@ class PlattCalibration:
         logit P(expert) = slope z + offset,    log slope ~ N(0, log_slope_sd^2),    offset ~ N(0, offset_sd^2)
 
     The prior keeps slope and offset near 1 and 0 where there are few labels.
-
-    Attributes
-    ----------
-    slope : float
-        Below 1 where the log-odds are too far from zero: overconfident.
-    offset : float
-        Nats. Above 0 where too few demonstrations have positive log-odds.
-    settings : CalibrationSettings
     """
 
-    slope: float = 1.0
-    offset: float = 0.0
+    slope: float = 1.0  # below 1 where the log-odds are too far from zero: overconfident
+    offset: float = 0.0  # nats; above 0 where too few demonstrations have positive log-odds
     settings: CalibrationSettings = AUDIT_SETTINGS.calibration
 
     @classmethod
@@ -48,8 +40,7 @@ class PlattCalibration:
             log_slope, offset = parameters
             loss = -log_expit(sign * (np.exp(log_slope) * z + offset)).sum()
             loss += 0.5 * (log_slope / settings.log_slope_sd) ** 2
-            loss += 0.5 * (offset / settings.offset_sd) ** 2
-            return float(loss)
+            return float(loss + 0.5 * (offset / settings.offset_sd) ** 2)
 
         log_slope, offset = minimize(negative_log_posterior, np.zeros(2), method="BFGS").x
         return cls(float(np.exp(log_slope)), float(offset), settings)
@@ -58,5 +49,4 @@ class PlattCalibration:
         """Calibrated log-odds, in the same order."""
         z = np.clip(log_odds, -self.settings.max_log_odds, self.settings.max_log_odds)
         tie_break = self.settings.tie_break * np.sign(z) * np.log1p(np.abs(log_odds - z))
-        calibrated: Array = self.slope * z + self.offset + tie_break
-        return calibrated
+        return np.asarray(self.slope * z + self.offset + tie_break)

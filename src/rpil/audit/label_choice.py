@@ -34,22 +34,13 @@ def middle_first(log_odds: Float[Array, " M"]) -> Int[Array, " M"]:
     """Indices of the demonstrations by their distance from the middle of the ranking, the nearest first."""
     order = np.argsort(log_odds, kind="stable")
     distance = np.abs(2 * np.arange(len(order)) - (len(order) - 1))
-    indices: Array = order[np.argsort(distance, kind="stable")]
-    return indices
+    return np.asarray(order[np.argsort(distance, kind="stable")])
 
 
 def choose_labels(log_odds: Float[Array, " M"], first: Sequence[int], labelled: Sequence[int], k: int) -> list[int]:
     """Indices of up to `k` demonstrations to label, the most informative first.
 
-    Parameters
-    ----------
-    log_odds : (M,) array
-        Of which only the order matters.
-    first : sequence of int
-        Demonstrations to label before all others.
-    labelled : sequence of int
-        Demonstrations that have a label already.
-    k : int
+    Those in `first` come before all others; those in `labelled` have a label already.
     """
     others = np.setdiff1d(np.arange(len(log_odds)), [*labelled, *first])
     return [*(m for m in first if m not in labelled), *others[middle_first(log_odds[others])].tolist()][:k]

@@ -51,8 +51,7 @@ def running_mean(values: Float[Array, " N"], window: int | None = None) -> Float
     totals = np.concatenate([[0.0], np.cumsum(values)])
     centre = np.arange(len(values))
     start, stop = np.maximum(centre - (width - 1) // 2, 0), np.minimum(centre + width // 2 + 1, len(values))
-    means: Array = (totals[stop] - totals[start]) / (stop - start)
-    return means
+    return np.asarray((totals[stop] - totals[start]) / (stop - start))
 
 
 class _Display:
@@ -210,33 +209,21 @@ def _column_indices(features: Columns, names: tuple[str, ...]) -> tuple[int, int
     """Two observation columns, each given by its number or its name."""
     for feature in features:
         if feature not in (range(len(names)) if isinstance(feature, int) else names):
-            raise DataError(
-                f"There is no observation column {feature!r}: choose a number or one of {', '.join(names)}."
-            )
+            known = ", ".join(names)
+            raise DataError(f"There is no observation column {feature!r}: choose a number or one of {known}.")
     first, second = (feature if isinstance(feature, int) else names.index(feature) for feature in features)
     return first, second
 
 
 @dataclass(eq=False)
 class _ActionDisplay(_Display):
-    """Actions over two observation columns.
-
-    Parameters
-    ----------
-    x, y : arrays
-        The two observation columns.
-    actions : array
-    names : tuple of two str
-        What the columns are called.
-    classes : (K,) array or None
-        The discrete actions in order; None where an action is a number.
-    """
+    """Actions over two observation columns."""
 
     x: Array
     y: Array
     actions: Array
-    names: tuple[str, str]
-    classes: Array | None
+    names: tuple[str, str]  # of the columns
+    classes: Array | None  # (K,): the discrete actions in order; None where an action is a number
 
     def _colours(self) -> tuple[Array, dict[str, Any]]:
         """The number to draw for each action, and the options that map numbers to colours."""

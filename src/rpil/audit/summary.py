@@ -108,14 +108,8 @@ def step_weight(
         w_n = P(expert_m),                                where reliability_m >= full_weight_reliability * typical
         w_n = P(expert_m) P(step n is an expert's),       elsewhere
 
-    Parameters
-    ----------
-    lengths, expert_proba, reliability : (M,) arrays
-    step_proba : (N,) array
-        P(the step is an expert's); empty where steps are not kept, and then so are the weights.
-    typical : float, optional
-        Reliability of a typical expert; by default `typical_reliability`.
-    settings : AuditSettings
+    `step_proba` is P(the step is an expert's), empty where steps are not kept, and then so are the weights; `typical`
+    is the reliability of a typical expert, by default `typical_reliability`.
     """
     if not len(step_proba):
         return step_proba

@@ -29,54 +29,28 @@ GROUP_LETTERS = "AB"
 
 @dataclass(frozen=True, eq=False)
 class Article:
-    """One audit on a page.
-
-    Attributes
-    ----------
-    title : str
-    audit : Audit
-    source : str
-        Where the demonstrations came from: a file name or another name for the data.
-    summary : str
-        One sentence for the list of articles at the top of a page.
-    sections : sequence of (heading, body)
-        Sections to show before the ranking. A body that is `Markup` is HTML; any other text is escaped.
-    seconds : float, optional
-        Duration of the audit.
-    """
+    """One audit on a page; before its ranking, `sections` of a heading and a body, which is `Markup` or is escaped."""
 
     title: str
     audit: Audit
-    source: str
-    summary: str = ""
+    source: str  # a file name or another name for the data
+    summary: str = ""  # one sentence for the list of articles at the top of a page
     sections: Sequence[tuple[str, str | Markup]] = ()
-    seconds: float | None = None
+    seconds: float | None = None  # duration of the audit
 
 
 def html_environment(package: str, folder: str) -> Environment:
     """The environment of the Jinja templates in a folder of a package; what they insert is escaped."""
-    environment = Environment(
-        loader=PackageLoader(package, folder),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    environment.filters |= {"number": format_number, "percent": format_percent, "count": format_count}
-    return environment
+    loader = PackageLoader(package, folder)
+    jinja = Environment(loader=loader, autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
+    jinja.filters |= {"number": format_number, "percent": format_percent, "count": format_count}
+    return jinja
 
 
 def render_page(articles: Sequence[Article], *, title: str = "", headline: str = "", introduction: str = "") -> str:
-    """Audits as one self-contained HTML page.
+    """Audits as one self-contained HTML page, whose title is by default that of the first article.
 
-    Parameters
-    ----------
-    articles : sequence of Article
-        In the order of the page.
-    title : str
-        By default the title of the first article.
-    headline, introduction : str
-        A sentence, and a paragraph below it, for the top of a page of several articles.
+    `headline` and `introduction` are a sentence, and a paragraph below it, for the top of a page of several articles.
     """
     environment = html_environment("rpil.audit", "html")
     template = environment.get_template("article.html")
@@ -104,17 +78,9 @@ def write_page(path: str | os.PathLike[str], articles: Sequence[Article], **text
 
 def _template_values(audit: Audit, prefix: str) -> dict[str, object]:
     """The values that article.html inserts; `prefix` starts every id."""
-    parts = audit.evidence_columns()
-    length = inline_svg(
-        LengthDisplay(audit).plot,
-        size=(4.6, 3),
-        description="Reliability of each demonstration against its number of steps, coloured by verdict.",
-        salt=f"{prefix}length",
-    )
-    history = inline_svg(
-        HistoryDisplay(audit).plot, size=(4.6, 3), description="The objective of each round.", salt=f"{prefix}history"
-    )
-    timelines = Timelines(audit)
+    parts, timelines, size = audit.evidence_columns(), Timelines(audit), (4.6, 3)
+    reliability = "Reliability of each demonstration against its number of steps, coloured by verdict."
+    objective = "The objective of each round."
     return {
         "audit": audit,
         "finding_sentence": FINDINGS[audit.finding],
@@ -128,8 +94,8 @@ def _template_values(audit: Audit, prefix: str) -> dict[str, object]:
         "n_rounds": len(audit.history),
         "groups": dict(zip(GROUP_LETTERS, audit.competing, strict=False)),
         "scale": timelines,
-        "length_picture": length,
-        "history_picture": history,
+        "length_picture": inline_svg(LengthDisplay(audit).plot, size, reliability, salt=f"{prefix}length"),
+        "history_picture": inline_svg(HistoryDisplay(audit).plot, size, objective, salt=f"{prefix}history"),
     }
 
 

@@ -22,6 +22,7 @@ MAX_CURVE_POINTS = 200
 MAX_STRIP_POINTS = 60
 """Points of a curve, however long its demonstration: this keeps 200 timelines within a few megabytes."""
 
+_FIGURE = Markup('<figure class="picture">{}</figure>')
 INK = "#1c2024"
 MARKER_STYLES: dict[str, dict[str, Any]] = {
     "expert": {"marker": "o"},
@@ -31,19 +32,10 @@ MARKER_STYLES: dict[str, dict[str, Any]] = {
 """Shapes as in the ranking of the page, so that verdicts do not rest on colour alone."""
 
 
-def inline_svg(draw: Callable[[Axes], object], *, size: tuple[float, float], description: str, salt: str) -> Markup:
-    """The Matplotlib figure that `draw` draws, as SVG in the colours of the page.
+def inline_svg(draw: Callable[[Axes], object], size: tuple[float, float], description: str, salt: str) -> Markup:
+    """What `draw` draws on the axes of a Matplotlib figure of a `size` in inches, as SVG in the colours of the page.
 
-    Parameters
-    ----------
-    draw : callable
-        Draws on the axes that it gets.
-    size : (width, height)
-        In inches.
-    description : str
-        Text for readers who cannot see the picture.
-    salt : str
-        Makes the ids in this picture differ from those in other pictures.
+    The `description` is for readers who cannot see it; the `salt` makes its ids differ from those in other pictures.
     """
     from matplotlib import rc_context
     from matplotlib.figure import Figure
@@ -55,12 +47,10 @@ def inline_svg(draw: Callable[[Axes], object], *, size: tuple[float, float], des
         figure = Figure(figsize=size, layout="constrained")
         draw(figure.subplots())
         stream = io.StringIO()
-        figure.savefig(
-            stream, format="svg", transparent=True, metadata=dict.fromkeys(("Date", "Creator", "Format", "Type"))
-        )
-    text = stream.getvalue()
+        no_metadata = dict.fromkeys(("Date", "Creator", "Format", "Type"))
+        figure.savefig(stream, format="svg", transparent=True, metadata=no_metadata)
     # The document type, the name spaces and the global style rule are not allowed, or mean nothing, inside HTML.
-    text = text[text.index("<svg") :]
+    text = "<svg" + stream.getvalue().partition("<svg")[2]
     text = re.sub(r"<defs>\s*<style.*?</style>\s*</defs>", "", text, flags=re.DOTALL)
     text = re.sub(r'\sxmlns(:xlink)?="[^"]*"', "", text).replace("xlink:href", "href")
     text = re.sub(r'<g id="[^"]*"', "<g", text)
@@ -89,14 +79,9 @@ def returns_figure(rows: Sequence[tuple[str, float, float, float]]) -> Markup:
         ax.spines[["top", "right", "left"]].set_visible(False)
         ax.set(ylim=(len(rows) - 0.5, -0.6), xlabel="Return (mean and 95 % interval)")
 
-    intervals = (
-        f"{name} {format_number(mean)} ({format_number(low)} to {format_number(high)})"
-        for name, mean, low, high in rows
-    )
-    description = f"Mean returns: {'; '.join(intervals)}"
-    return Markup('<figure class="picture">{}</figure>').format(
-        inline_svg(draw, size=(5, 0.7 + 0.4 * len(rows)), description=description, salt="returns")
-    )
+    numbers = ((name, *map(format_number, interval)) for name, *interval in rows)
+    intervals = "; ".join(f"{name} {mean} ({low} to {high})" for name, mean, low, high in numbers)
+    return _FIGURE.format(inline_svg(draw, (5, 0.7 + 0.4 * len(rows)), f"Mean returns: {intervals}", "returns"))
 
 
 def score_figure(audit: Audit, score: Float[Array, " M"], name: str) -> Markup:
@@ -115,9 +100,7 @@ def score_figure(audit: Audit, score: Float[Array, " M"], name: str) -> Markup:
         ax.legend(loc="lower left", bbox_to_anchor=(-0.02, 1.0), ncols=3, frameon=False, handletextpad=0.2)
 
     description = f"Log-odds of each demonstration against {name}, coloured by verdict."
-    return Markup('<figure class="picture">{}</figure>').format(
-        inline_svg(draw, size=(5, 3.4), description=description, salt="score")
-    )
+    return _FIGURE.format(inline_svg(draw, (5, 3.4), description, "score"))
 
 
 class Mark(TypedDict):
@@ -153,8 +136,7 @@ class Timelines:
 
     def height(self, values: Float[Array, " N"]) -> Float[Array, " N"]:
         """Nats to units from the top of the box."""
-        heights: Array = 1000 * (self.high - np.clip(values, self.low, self.high)) / (self.high - self.low)
-        return heights
+        return np.asarray(1000 * (self.high - np.clip(values, self.low, self.high)) / (self.high - self.low))
 
     def timeline(self, index: int) -> Timeline:
         """The curves and marks of demonstration `index`."""
@@ -168,15 +150,8 @@ class Timelines:
         # The curve and the band reach both sides of the box, so that even a single step leaves a line.
         x = np.concatenate([[0], centres, [1000]])
         top, bottom, middle = (np.pad(y, 1, mode="edge") for y in (highest, lowest, mean))
-        marks = [
-            Mark(
-                step=n,
-                value=float(ratio[n]),
-                left=100 * (n + 0.5) / size,
-                top=float(self.height(ratio[[n]])[0]) / 10,
-            )
-            for n in self.audit.worst_steps(index)
-        ]
+        worst, heights = self.audit.worst_steps(index), self.height(ratio) / 10
+        marks = [Mark(step=n, value=float(ratio[n]), left=100 * (n + 0.5) / size, top=float(heights[n])) for n in worst]
         return Timeline(
             band=_svg_points(np.concatenate([x, x[::-1]]), np.concatenate([top, bottom[::-1]])),
             mean=_svg_points(x, middle),
