@@ -107,9 +107,8 @@ def fit_groups(
     total = max(float(score.var()), float(np.finfo(float).tiny))
     graded = max(0.0, 1 - float(np.mean(variance)) / total)
     single = Groups(-np.inf, np.full(2, score.mean()), np.full(2, total), 0.5, 1.0, graded, quantiles)
-    if len(score) < settings.min_demonstrations or float(np.median(lengths)) < settings.min_steps:
-        return single
-    if float(np.ptp(score)) == 0.0:
+    too_few = len(score) < settings.min_demonstrations or float(np.median(lengths)) < settings.min_steps
+    if too_few or float(np.ptp(score)) == 0.0:
         return single
     if len(score) > settings.max_scores:
         spaced = np.linspace(0, len(score) - 1, settings.max_scores).astype(int)

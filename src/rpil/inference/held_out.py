@@ -61,12 +61,14 @@ class HeldOutModel(Protocol):
     @property
     def ridges(self) -> tuple[float, ...]:
         """Ridges a step to choose from, the strongest first; empty where there is nothing to choose."""
+        return ()
 
     def evaluate(self, weight: Float[Array, " N"], ridge: float) -> HeldOutLogProb:
         """Held-out log-probabilities of all steps, by policies fitted to the steps with such weights."""
 
     def cold_copy(self) -> HeldOutModel:
         """The same model without warm starts: its first fits do not start where earlier ones ended."""
+        return self
 
 
 def deal(data: FitData, n_folds: int, seed: int) -> Int[Array, " M"]:
@@ -82,7 +84,7 @@ def deal(data: FitData, n_folds: int, seed: int) -> Int[Array, " M"]:
 
 
 @dataclass(eq=False)
-class HeldOutSoftmax:
+class HeldOutSoftmax(HeldOutModel):
     """Softmax policies with lapses, for discrete actions; `fold` (M,) is the fold of each demonstration."""
 
     data: FitData
@@ -152,7 +154,7 @@ def with_lapses(
 
 
 @dataclass(eq=False)
-class HeldOutRidge:
+class HeldOutRidge(HeldOutModel):
     """Ridge regression with Student's errors, for continuous actions; `fold` (M,) is the fold of each demonstration."""
 
     data: FitData
@@ -165,9 +167,6 @@ class HeldOutRidge:
     @property
     def ridges(self) -> tuple[float, ...]:
         return self.settings.ridges
-
-    def cold_copy(self) -> HeldOutRidge:
-        return self
 
     def evaluate(self, weight: Float[Array, " N"], ridge: float) -> HeldOutLogProb:
         errors = np.empty_like(self.actions)
@@ -182,19 +181,12 @@ class HeldOutRidge:
 
 
 @dataclass(eq=False)
-class HeldOutPolicy:
+class HeldOutPolicy(HeldOutModel):
     """A policy that cross-fits itself over demonstrations, such as a scikit-learn estimator."""
 
     data: FitData
     policy: CrossFittedPolicy
     settings: HeldOutSettings = HeldOutSettings()
-
-    @property
-    def ridges(self) -> tuple[float, ...]:
-        return ()
-
-    def cold_copy(self) -> HeldOutPolicy:
-        return self
 
     def evaluate(self, weight: Float[Array, " N"], ridge: float) -> HeldOutLogProb:
         self.policy, outputs = self.policy.fit(self.data, np.maximum(weight, MIN_WEIGHT))

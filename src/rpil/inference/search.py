@@ -121,9 +121,6 @@ def _contradicted_labels(data: FitData, settings: SearchSettings, result: Result
 
 def _fit_start(data: FitData, settings: SearchSettings, weight: Array) -> tuple[Policy, Array]:
     """The policy fitted to demonstrations of `weight` (M,), and its outputs (N, ...)."""
-    tol, max_iter, max_cg = (
-        settings.mixture.start_tol,
-        settings.mixture.start_newton_iter,
-        settings.mixture.start_cg_iter,
-    )
-    return settings.policy.fit(data, data.per_step(weight), tol=tol, max_iter=max_iter, max_cg=max_cg)
+    mixture, weight = settings.mixture, data.per_step(weight)
+    max_iter, max_cg = mixture.start_newton_iter, mixture.start_cg_iter
+    return settings.policy.fit(data, weight, tol=mixture.start_tol, max_iter=max_iter, max_cg=max_cg)

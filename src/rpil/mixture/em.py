@@ -60,7 +60,6 @@ class Result:
 
     @property
     def objective(self) -> float:
-        """The last objective."""
         return float(self.history[-1])
 
 

@@ -66,7 +66,7 @@ def fit_softmax(
     start: Float[Array, "D K"] | None = None,
     preconditioner: Preconditioner | None = None,
 ) -> SoftmaxFit:
-    """Minimise -sum_nk T_nk log softmax(x_n W)_k + 1/2 sum_dk penalty_d W_dk^2.
+    """Minimise -sum_nk T_nk log softmax(x_n W)_k + 1/2 sum_dk penalty_d W_dk^2, to no more than it is at `start`.
 
     Parameters
     ----------
@@ -80,11 +80,6 @@ def fit_softmax(
         Where to start; zero by default.
     preconditioner : Preconditioner, optional
         Of a problem nearby, for the first Newton steps.
-
-    Returns
-    -------
-    SoftmaxFit
-        Its objective is never above the one at `start`.
     """
     ridge, weight = penalty[:, None], targets.sum(axis=1)
     scale = max(float(weight.sum()), np.finfo(float).tiny)

@@ -76,7 +76,6 @@ class ClassifierPolicy:
         return self._log_proba(np.mean([self._predict(model, features) for model in self.models], axis=0))
 
     def log_prob(self, outputs: Float[Array, "N K"], actions: Int[Array, " N"]) -> Float[Array, " N"]:
-        """log pi(a_n|s_n) of the actions taken."""
         return at_actions(outputs, actions)
 
     def fit(self, data: FitData, weight: Float[Array, " N"]) -> tuple[ClassifierPolicy, Float[Array, "N K"]]:
@@ -88,7 +87,6 @@ class ClassifierPolicy:
         return replace(best, models=models), best._log_proba(proba)
 
     def fit_all(self, data: FitData, weight: Float[Array, " N"]) -> ClassifierPolicy:
-        """The policy of one model that is fitted to all weighted steps."""
         return replace(self, models=(_fit_model(self, data.features, data.actions, weight),))
 
     def _predict(self, model: Estimator, features: Array) -> Array:
@@ -146,7 +144,6 @@ class RegressorPolicy:
         return replace(self, models=models, noise=noise), mean + noise.weights
 
     def fit_all(self, data: FitData, weight: Float[Array, " N"]) -> RegressorPolicy:
-        """The policy of one model that is fitted to all weighted steps."""
         return replace(self, models=(_fit_model(self, data.features, data.actions, weight),))
 
     def _predict(self, model: Estimator, features: Array) -> Array:

@@ -66,14 +66,6 @@ class StudentHead:
     """Whether `noise` is given. Else it is fitted to held-out errors: those of the steps that a network was trained on
     are too small."""
 
-    @classmethod
-    def start(cls, box: Box, n_steps: float, scale: Scale) -> StudentHead:
-        """The head before training, with the standard deviations `scale` if given."""
-        noise = StudentPolicy.of_errors(box, n_steps)
-        if scale is not None:
-            noise = replace(noise, cholesky=np.diag(np.broadcast_to(scale, box.low.shape).astype(float)))
-        return cls(box, noise, scale is not None)
-
     @property
     def width(self) -> int:
         return len(self.box.low)
@@ -125,5 +117,10 @@ Head = SoftmaxHead | StudentHead
 
 
 def initial_head(space: Space, n_steps: float, scale: Scale) -> Head:
-    """The head before training on steps of the total weight `n_steps`."""
-    return SoftmaxHead(space.n) if isinstance(space, Discrete) else StudentHead.start(space, n_steps, scale)
+    """The head before training on steps of the total weight `n_steps`, `scale` its standard deviations."""
+    if isinstance(space, Discrete):
+        return SoftmaxHead(space.n)
+    noise = StudentPolicy.of_errors(space, n_steps)
+    if scale is not None:
+        noise = replace(noise, cholesky=np.diag(np.broadcast_to(scale, space.low.shape).astype(float)))
+    return StudentHead(space, noise, scale is not None)

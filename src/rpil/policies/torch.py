@@ -199,7 +199,15 @@ class TorchPolicy:
 
         It is derived from the contents of the unit, so that it does not depend on the order and copies share a fold.
         """
-        offsets, keys = _units(data, ValidationSettings.n_pieces)
+        offsets, keys = data.offsets, []
+        if len(offsets) < 4:  # too few demonstrations to hold out: the units are pieces of them
+            offsets = np.unique(np.linspace(0, len(data.actions), ValidationSettings.n_pieces + 1).astype(int))
+        columns = np.ascontiguousarray(data.features), np.ascontiguousarray(data.actions)
+        for start, stop in pairwise(offsets):
+            digest = blake2b(digest_size=8)
+            for column in columns:
+                digest.update(column[start:stop].tobytes())
+            keys.append(int.from_bytes(digest.digest()))
         distinct, at = np.unique(keys, return_inverse=True)
         place = np.random.default_rng([self.seed, 1]).permutation(len(distinct))
         return np.repeat(place[at], np.diff(offsets))
@@ -227,22 +235,6 @@ def check_whole_numbers(values: Mapping[str, float]) -> None:
     for name, value in values.items():
         if value != int(value) or value < 1:
             raise DataError(f"TorchPolicy: {name}={value!r} must be a whole number, 1 or more.")
-
-
-def _units(data: FitData, n_pieces: int) -> tuple[Int[Array, " U_plus_1"], list[int]]:
-    """Offsets of the units that are held out as a whole: demonstrations, or pieces where there are fewer than three;
-    and a hash of the contents of each."""
-    offsets = data.offsets
-    if len(offsets) < 4:
-        offsets = np.unique(np.linspace(0, len(data.actions), n_pieces + 1).astype(int))
-    columns = np.ascontiguousarray(data.features), np.ascontiguousarray(data.actions)
-    keys = []
-    for start, stop in pairwise(offsets):
-        digest = blake2b(digest_size=8)
-        for column in columns:
-            digest.update(column[start:stop].tobytes())
-        keys.append(int.from_bytes(digest.digest()))
-    return offsets, keys
 
 
 def training_and_validation(
