@@ -19,11 +19,13 @@ from sklearn.preprocessing import StandardScaler
 from sklearn.utils.estimator_checks import parametrize_with_checks
 
 from problems import Toy, make
+from rpil import Settings
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import AmbiguousWarning, DataError
 from rpil.estimators.cloning import BehavioralCloning
 from rpil.estimators.rment import RMEnt
 from rpil.estimators.rpil import RPIL
+from rpil.inference.settings import GroupSettings, HeldOutSettings, JudgeSettings
 from rpil.mixture.adversaries.discrete import Confusion
 from small import mixture
 
@@ -374,3 +376,21 @@ def test_a_fit_leaves_the_data_alone():
     RPIL().fit(toy.observations, toy.actions, groups=toy.groups)
     np.testing.assert_array_equal(toy.observations, before[0])
     np.testing.assert_array_equal(toy.actions, before[1])
+
+
+def test_settings_of_the_judge_reach_the_scores_of_new_demonstrations():
+    data = make("random", 0).demonstrations
+    changed = Settings(judge=JudgeSettings(groups=GroupSettings(rank_correlation=0.1)))
+    for policy in (None, LogisticRegression()):
+        model = RPIL(policy=policy).fit(data)
+        before = model.score_demonstrations(data)
+        assert np.abs(model.set_params(settings=changed).score_demonstrations(data) - before).max() > 0.1
+    lapses = Settings(judge=JudgeSettings(held_out=HeldOutSettings(lapse=0.4)))
+    with_lapses = RPIL(policy=LogisticRegression(), settings=lapses).fit(data)
+    assert np.abs(with_lapses.log_odds_ - RPIL(policy=LogisticRegression()).fit(data).log_odds_).max() > 0.1
+
+
+def test_warning_about_demonstrators_points_at_the_call(recwarn):
+    data = make("random", 0).demonstrations
+    RPIL().fit(data, demonstrators=["a"] * len(data))
+    assert [warning.filename for warning in recwarn if "demonstrators" in str(warning.message)] == [__file__]

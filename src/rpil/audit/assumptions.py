@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import sys
 import warnings
 
 from sklearn.exceptions import ConvergenceWarning
 
 from rpil.audit.record import Audit
-from rpil.data.errors import AmbiguousWarning
+from rpil.data.errors import AmbiguousWarning, user_stack_level
 from rpil.inference.trust import FINDINGS
 
 P_EXPERT = (
@@ -66,7 +65,7 @@ def warn_if_not_converged(converged: bool) -> None:
     """Warn of a fit that ended before it converged."""
     if not converged:
         message = "EM stopped at max_iter before it converged; raise max_iter or tol."
-        warnings.warn(message, ConvergenceWarning, stacklevel=_user_stack_level())
+        warnings.warn(message, ConvergenceWarning, stacklevel=user_stack_level())
 
 
 def warn_if_ambiguous(audit: Audit, source: str) -> None:
@@ -78,12 +77,4 @@ def warn_if_ambiguous(audit: Audit, source: str) -> None:
         f"{source}: two groups of demonstrations act in two different ways in the same states, and nothing in the data "
         f"says which of them is the expert; label one demonstration, say {choices}."
     )
-    warnings.warn(message, AmbiguousWarning, stacklevel=_user_stack_level())
-
-
-def _user_stack_level() -> int:
-    """The `stacklevel` for `warnings.warn` in the calling function with which a warning points at the user's code."""
-    level, frame = 1, sys._getframe(1)
-    while frame.f_back is not None and frame.f_globals.get("__name__", "").partition(".")[0] == "rpil":
-        level, frame = level + 1, frame.f_back
-    return level
+    warnings.warn(message, AmbiguousWarning, stacklevel=user_stack_level())

@@ -10,7 +10,7 @@ from functools import cached_property
 import numpy as np
 
 from rpil.data.demonstrations import Demonstrations
-from rpil.data.errors import DataError
+from rpil.data.errors import DataError, user_stack_level
 from rpil.data.formats.dataset import Dataset
 from rpil.data.formats.table import check_ids
 from rpil.numerics.types import Array
@@ -87,5 +87,5 @@ def group_by_demonstrator(
             raise DataError(f"{place}: the demonstrator {name!r} is no name; give text or a number.")
     groups = Demonstrators.from_names(names)
     if not groups.informative:
-        warnings.warn(f"{source}: {groups.note}", UserWarning, stacklevel=3)
+        warnings.warn(f"{source}: {groups.note}", UserWarning, stacklevel=user_stack_level())
     return groups

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import sys
+
 
 class DataError(ValueError):
     """Bad input: one sentence naming the file or array, the demonstration and the remedy."""
@@ -20,3 +22,11 @@ class MissingExtraError(ImportError):
 
 class AmbiguousWarning(UserWarning):
     """The data hold two groups that may each be the expert's; `RPIL.audit_` names demonstrations to label."""
+
+
+def user_stack_level() -> int:
+    """The `stacklevel` for `warnings.warn` in the calling function with which a warning points at the user's code."""
+    level, frame = 1, sys._getframe(1)
+    while frame.f_back is not None and frame.f_globals.get("__name__", "").partition(".")[0] == "rpil":
+        level, frame = level + 1, frame.f_back
+    return level

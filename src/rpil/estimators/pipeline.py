@@ -209,16 +209,19 @@ def decide(posed: Posed, options: Options) -> Decision:
     data, ids, settings = posed.data, posed.demonstrations.ids, options.settings
     n_steps, own = len(data.actions), options.policy is not None
     if options.judges:
-        model: HeldOutModel = held_out_model(data, options.seed, settings.judge.held_out)
+        model: HeldOutModel
         if own:
-            model = HeldOutPolicy(data, cross_fitted_policy(options.policy, data.space, n_steps))
+            policy = cross_fitted_policy(options.policy, data.space, n_steps)
+            model = HeldOutPolicy(data, policy, settings.judge.held_out)
+        else:
+            model = held_out_model(data, options.seed, settings.judge.held_out)
         seed, minority = options.seed, posed.minority
         judgement = judge(data, model, settings.judge, seed=seed, minority=minority, progress=options.progress)
         fitted = FittedJudge.of(judgement, data, settings.judge, user_policy=own)
         return Decision.of(judgement, fitted, data, ids, settings.audit)
     assert isinstance(posed.features, FeatureMap)
-    policy = linear_policy(data.space, ridge_of(posed.features, options.C, n_steps, data.space), n_steps)
-    search = SearchSettings(policy, settings.mixture, settings.judge, options.seed)
+    start = linear_policy(data.space, ridge_of(posed.features, options.C, n_steps, data.space), n_steps)
+    search = SearchSettings(start, settings.mixture, settings.judge, options.seed)
     result = fit_mixture(data, search, options.adversary, options.progress)
     share = Interval(*result.state.prior.interval(result.posterior.expert))
     audit = audit_from_mixture(data, result, share, ids, settings.audit)

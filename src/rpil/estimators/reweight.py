@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from copy import deepcopy
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from typing import Any, TypeVar
 
 import numpy as np
@@ -253,6 +253,9 @@ def reweight(
     """
     if not isinstance(demonstrations, Demonstrations):
         raise DataError(f"reweight needs Demonstrations, not {type(demonstrations).__name__}; see rpil.read.")
+    unknown = options.keys() - {option.name for option in fields(ReweightOptions)}
+    if unknown:
+        raise TypeError(f"reweight() got an unexpected keyword argument {min(unknown)!r}")
     progress, chosen = progress or (lambda _: None), ReweightOptions(**options)
     chosen.check(demonstrations)
     space, _, codes = code_actions(demonstrations, chosen.action_box)

@@ -23,7 +23,7 @@ from rpil.estimators.pipeline import ActionBox, Fitted, Labels, Names, Options, 
 from rpil.estimators.settings import Settings
 from rpil.estimators.validation import as_demonstrations
 from rpil.inference.fitted_judge import FittedJudge
-from rpil.inference.settings import Minority
+from rpil.inference.settings import JudgeSettings, Minority
 from rpil.mixture.adversaries.protocol import Adversary
 from rpil.mixture.em import State, e_step
 from rpil.numerics.types import Array
@@ -250,12 +250,16 @@ class RPIL(PolicyEstimator):
         if self.judge_ is None:
             assert self.state_ is not None
             return np.asarray(e_step(data, self.state_, self.state_.policy.outputs(design)).log_odds)
-        return self.judge_.log_odds(self._measure(demonstrations, design, codes), demonstrations.offsets)
+        settings = (self.settings or Settings()).judge
+        log_ratio = self._log_ratios(demonstrations, design, codes, settings)
+        return self.judge_.log_odds(log_ratio, demonstrations.offsets, settings)
 
-    def _measure(self, demonstrations: Demonstrations, design: Array, codes: Array) -> Array:
+    def _log_ratios(
+        self, demonstrations: Demonstrations, design: Array, codes: Array, settings: JudgeSettings
+    ) -> Array:
         """The log-ratio of each step under the fitted policy, (N,)."""
         assert self.judge_ is not None
         if self.judge_.scale is not None:
-            return self.judge_.step_ratios(design, codes, (self.settings or Settings()).judge)[0]
+            return self.judge_.step_ratios(design, codes, settings)[0]
         outputs = self.policy_.outputs(self.features_.design(demonstrations.observations))
-        return self.judge_.step_ratios_of(self.policy_, outputs, codes, (self.settings or Settings()).judge)
+        return self.judge_.step_ratios_of(self.policy_, outputs, codes, settings)

@@ -1,4 +1,4 @@
-"""What the estimators accept: scikit-learn's X, y, groups or `Demonstrations`; labels, priors, ridges."""
+"""The arguments of `fit` and `predict`: scikit-learn's X, y and groups, or `Demonstrations`."""
 
 from __future__ import annotations
 

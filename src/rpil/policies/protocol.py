@@ -55,8 +55,8 @@ class Policy(Protocol):
     ) -> tuple[Policy, Outputs]:
         """A policy whose penalised log-likelihood of the weighted steps is no lower, and its outputs for them.
 
-        `soft_targets` are added to the targets: the actions that the adversary intended (`Adversary.intended`), times
-        their weights. ``max_iter=1`` is one improving step.
+        `soft_targets` are added to the targets: the probabilities of the actions that the adversary intended
+        (`Adversary.intended_action_proba`), times their weights. ``max_iter=1`` is one improving step.
         """
 
     def penalty(self) -> float:
