@@ -189,7 +189,10 @@ def read_archive(path: Path, schema: str, otherwise: str) -> tuple[Header, dict[
             header = json.loads(archive.read(_HEADER)) if _HEADER in names else None
             if not isinstance(header, dict) or header.get("schema") != schema:
                 raise DataError(foreign)
-            _check_version(path, header)
+            if header.get("version") != VERSION:
+                made = f"rpil {header.get('rpil')} saved it in version {header.get('version')!r} of the format"
+                here = f"rpil {rpil_version()} reads version {VERSION}"
+                raise DataError(f"{path}: {made}, but {here}; use that rpil, or fit and save again.")
             arrays = {name.removesuffix(".npy"): _array(archive.read(name)) for name in names if name != _HEADER}
     except DataError:
         raise
@@ -203,15 +206,6 @@ def read_archive(path: Path, schema: str, otherwise: str) -> tuple[Header, dict[
     if len(set(names)) < len(names):
         raise DataError(f"{path}: it holds two arrays of one name; fit and save it again.")
     return header, arrays
-
-
-def _check_version(path: Path, header: Header) -> None:
-    version, made_by = header.get("version"), header.get("rpil")
-    if version != VERSION:
-        raise DataError(
-            f"{path}: rpil {made_by} saved it in version {version!r} of the format, but rpil {rpil_version()} reads "
-            f"version {VERSION}; use that rpil, or fit and save again."
-        )
 
 
 def _array(content: bytes) -> Array:

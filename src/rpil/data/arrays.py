@@ -110,7 +110,9 @@ def as_offsets(values: object, ids: tuple[Id, ...], n_steps: int, where: str) ->
     """Offsets as (M + 1,) int64 rising from 0 to `n_steps`, M being the number of `ids`."""
     offsets = as_array(values, "offsets", where)
     if offsets.ndim != 1 or (offsets.size and offsets.dtype.kind not in "iu"):
-        raise DataError(f"{where}: offsets must be a list of whole numbers: each demonstration's first step, and N.")
+        raise DataError(
+            f"{where}: offsets must be a list of whole numbers, the first step of each demonstration and N."
+        )
     offsets = np.ascontiguousarray(offsets, dtype=np.int64)
     if len(ids) != len(offsets) - 1:
         raise DataError(f"{where}: {len(ids)} ids for {len(offsets) - 1} demonstrations; give one id for each.")

@@ -97,7 +97,9 @@ def encode_actions(classes: Array, actions: Array, source: str) -> Array:
     unknown = np.flatnonzero(classes[codes] != actions)
     if len(unknown):
         action, names = actions[unknown[0]].item(), ", ".join(map(str, classes))
-        raise DataError(f"{source}: action {action!r} is not among the fitted ones ({names}); fit with it, or drop it.")
+        raise DataError(
+            f"{source}: action {action!r} is not among the fitted ones ({names}); fit again with it, or leave it out."
+        )
     return codes
 
 
@@ -111,7 +113,9 @@ def encode_demonstrations(classes: Array, n_parts: int, demonstrations: Demonstr
         other = "continuous" if len(classes) else "discrete"
         raise DataError(f"{source}: the actions are {other}, and the fitted ones were not.")
     if actions.ndim == 2 and actions.shape[1] != n_parts:
-        raise DataError(f"{source}: actions have {actions.shape[1]} numbers, but {n_parts} were fitted; give these.")
+        raise DataError(
+            f"{source}: actions with {actions.shape[1]} numbers each, but {n_parts} were fitted; give the same ones."
+        )
     pairs = zip(demonstrations.ids, demonstrations, strict=True)
     return np.concatenate([encode_actions(classes, a, f"{source}, demonstration {m!r}") for m, (_, a) in pairs])
 

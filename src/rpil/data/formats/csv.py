@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -23,8 +24,7 @@ def read(path: Path) -> Demonstrations:
     from pyarrow import csv
 
     def read_table(types: Mapping[str, pa.DataType]) -> pa.Table:
-        options = csv.ConvertOptions(include_columns=columns.all, column_types=types)
-        return csv.read_csv(path, convert_options=options)
+        return csv.read_csv(path, convert_options=csv.ConvertOptions(include_columns=columns.all, column_types=types))
 
     try:
         with csv.open_csv(path) as reader:
@@ -60,8 +60,7 @@ def write_tables(path: Path, tables: Iterator[pa.Table]) -> None:
 
     first = next(tables)
     # The shortest text of a float32 would be read as another float64.
-    wide = [field.with_type(pa.float64()) if pa.types.is_float32(field.type) else field for field in first.schema]
-    schema = pa.schema(wide)
+    schema = pa.schema([f.with_type(pa.float64()) if pa.types.is_float32(f.type) else f for f in first.schema])
     with replacing(path) as temporary, csv.CSVWriter(temporary, schema) as writer:
         for table in chain([first], tables):
             writer.write_table(table.cast(schema))
@@ -73,14 +72,10 @@ def _parse(column: pa.ChunkedArray, floats: bool) -> pa.ChunkedArray:
     import pyarrow.compute as pc
 
     column = pc.if_else(pc.equal(column, ""), None, column)
-    try:
+    with suppress(pa.ArrowInvalid):
         numbers = column.cast(pa.int64())
         return numbers if numbers.cast(pa.string()).equals(column) else column
-    except pa.ArrowInvalid:
-        pass
     if floats:
-        try:
+        with suppress(pa.ArrowInvalid):
             return column.cast(pa.float64())
-        except pa.ArrowInvalid:
-            pass
     return column

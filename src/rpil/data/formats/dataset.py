@@ -60,10 +60,9 @@ class Shard:
         return f", demonstration {self.ids[int(np.searchsorted(self.offsets, row, side='right')) - 1]!r}"
 
     def _check_values(self, block: Block, row: int) -> None:
-        columns = [(block.observations, [f"observation {name!r}" for name in self.store.names])]
-        if self.store.n_parts:
-            columns.append((block.actions, [f"action {a}" for a in range(self.store.n_parts)]))
-        for values, names in columns:
+        observations = block.observations, [f"observation {name!r}" for name in self.store.names]
+        actions = block.actions, [f"action {a}" for a in range(self.store.n_parts)]
+        for values, names in (observations, actions) if self.store.n_parts else (observations,):
             finite = np.isfinite(values)
             if not finite.all():
                 source = self.store.file_of(row + int(np.argwhere(~finite)[0, 0]))
@@ -200,11 +199,11 @@ def open_dataset(path: StrPath, *, batch_rows: int = BATCH_ROWS) -> Dataset:
         else:
             actions.add(flat.column_values(table, store.columns.actions[0], at).reshape(-1), at)
     ids, offsets = starts.finish(store, source)
-    if not store.n_parts and not actions.whole:
-        store = replace(store, action=np.dtype(np.float32 if store.action == np.float32 else np.float64), n_parts=1)
-    classes = np.empty(0) if store.n_parts else actions.classes
-    if not store.n_parts:
+    classes = np.empty(0) if store.n_parts or not actions.whole else actions.classes
+    if not store.n_parts and actions.whole:
         store = replace(store, action=classes.dtype)
+    elif not store.n_parts:
+        store = replace(store, action=np.dtype(np.float32 if store.action == np.float32 else np.float64), n_parts=1)
     return Dataset(ids, offsets, source, store, classes, np.atleast_1d(actions.low), np.atleast_1d(actions.high))
 
 
@@ -225,8 +224,7 @@ class _Starts:
             ids = ids.astype(np.int64)
         if self._last is not None and (self._last.dtype.kind == "U") != (ids.dtype.kind == "U"):
             raise DataError(f"{at(0)}: demonstration ids must be all whole numbers or all text.")
-        changed = np.append(self._last is None or self._last != ids[:1], ids[1:] != ids[:-1])
-        new = np.flatnonzero(changed)
+        new = np.flatnonzero(np.append(self._last is None or self._last != ids[:1], ids[1:] != ids[:-1]))
         self._starts.append(row + new)
         self._ids.append(ids[new])
         self._last, self._n_rows = ids[-1:], row + len(ids)
@@ -239,11 +237,9 @@ class _Starts:
         if len(repeated):
             k = repeated[0]
             first, second = (store.file_of(int(starts[order[m]])) for m in (k, k + 1))
-            remedy = (
-                f"its rows lie apart in {first}; sort them by {store.columns.episode}, or read the file into memory"
-                if first == second
-                else f"it is both in {first} and in {second}; give each demonstration its own id, in one file"
-            )
+            remedy = f"it is both in {first} and in {second}; give each demonstration its own id, in one file"
+            if first == second:
+                remedy = f"its rows lie apart in {first}; sort them by {store.columns.episode}, or read it into memory"
             raise DataError(f"{source}, demonstration {ids[order[k]].item()!r}: {remedy}.")
         return as_ids(ids.tolist(), source), np.append(starts, self._n_rows).astype(np.int64)
 

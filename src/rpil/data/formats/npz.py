@@ -34,7 +34,8 @@ def read(path: Path) -> Demonstrations:
             for what, spellings in _SPELLINGS.items():
                 name = next((name for name in spellings if name in stored.files), None)
                 if name is None:
-                    raise DataError(f"{source}: no array is called {what!r}; save one (found {quoted(stored.files)}).")
+                    found = quoted(stored.files)
+                    raise DataError(f"{source}: no array is called {what!r}; save it under that name (found {found}).")
                 arrays[what] = stored[name]
             names = tuple(stored["observation_names"]) if "observation_names" in stored.files else ()
     except DataError:

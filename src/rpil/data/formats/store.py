@@ -24,11 +24,8 @@ if TYPE_CHECKING:
     import pyarrow.parquet as pq
     from pyarrow import fs
 
-BATCH_ROWS = 65_536
-"""Rows that are decoded at a time."""
-
-_BUFFER_BYTES = 1 << 18
-"""Bytes of a column that are read at a time: a row group need not fit in memory."""
+BATCH_ROWS = 65_536  # decoded at a time
+_BUFFER_BYTES = 1 << 18  # of a column, read at a time: a row group need not fit in memory
 
 
 @dataclass(frozen=True)
@@ -61,6 +58,11 @@ class Store:
         return replace(self, groups=tuple(g for g in self.groups if g.first < last and first < g.last))
 
     @property
+    def layout(self) -> tuple[object, ...]:
+        """What must be the same in all files."""
+        return self.columns, self.names, self.widths, np.dtype(self.action).kind, self.n_parts
+
+    @property
     def data_columns(self) -> list[str]:
         """The columns that a block holds."""
         return [*self.columns.actions, *self.columns.observations]
@@ -82,11 +84,8 @@ class Store:
             with opened(self.filesystem, path) as file:
                 for group in groups:
                     name = PurePosixPath(path).name
-                    try:
-                        n_rows = file.metadata.row_group(group.number).num_rows
-                    except IndexError:
-                        n_rows = -1
-                    if n_rows != group.last - group.first:
+                    n_rows = group.last - group.first
+                    if group.number >= file.num_row_groups or file.metadata.row_group(group.number).num_rows != n_rows:
                         raise DataError(f"{name}: it has changed since the data set was opened; open it again.")
                     row, shift = group.first, group.row - group.first
                     for batch in file.iter_batches(self.batch_rows, [group.number], columns, use_threads=False):
@@ -212,7 +211,7 @@ def describe(filesystem: fs.FileSystem, paths: list[str]) -> Store:
             this = _store_of_row(filesystem, columns, head, name)
             if store is None:
                 first, store = name, this
-            elif _layout(this) != _layout(store):
+            elif this.layout != store.layout:
                 raise DataError(f"{name}: its columns are not those of {first}; give all files the same ones.")
             else:
                 store = replace(store, observation=np.result_type(store.observation, this.observation))
@@ -236,11 +235,6 @@ def _store_of_row(filesystem: fs.FileSystem, columns: flat.Columns, head: pa.Rec
         actions = flat.stack_columns(table, columns.actions, lambda _: name)[0]
         action, n_parts = actions.dtype, actions.shape[1]
     return Store(filesystem, (), columns, names, widths, observations.dtype, action, n_parts)
-
-
-def _layout(store: Store) -> tuple[object, ...]:
-    """What must be the same in all files."""
-    return store.columns, store.names, store.widths, np.dtype(store.action).kind, store.n_parts
 
 
 def _place(path: str, first: int, shift: int, demonstration: Place) -> Place:

@@ -85,7 +85,9 @@ def find_columns(names: Sequence[str], source: str) -> Columns:
     found = quoted(names)
     episode = [name for name in EPISODE if name in names]
     if not episode:
-        raise DataError(f"{source}: no column holds the demonstration's id: name it {EPISODE[0]} (found {found}).")
+        raise DataError(
+            f"{source}: no column says which demonstration a row is from: name it {EPISODE[0]} (found {found})."
+        )
     actions = [name for name in ACTION if name in names][:1] or [name for name in names if _ACTION_PART.match(name)]
     if not actions:
         raise DataError(f"{source}: no column holds the action: name it {ACTION[0]} (found {found}).")
@@ -122,7 +124,6 @@ def from_demonstrations(demonstrations: Demonstrations, truth: Mapping[str, Arra
     """The ``pyarrow.Table`` that `to_demonstrations` reads back, with one more column for each `truth` (M,)."""
     import pyarrow as pa
 
-    lengths = demonstrations.lengths
     columns = step_columns(demonstrations.ids, demonstrations.offsets)
     for name, column in zip(demonstrations.observation_names, demonstrations.observations.T, strict=True):
         columns[f"observation.{name}"] = column
@@ -130,8 +131,7 @@ def from_demonstrations(demonstrations: Demonstrations, truth: Mapping[str, Arra
         columns["action"] = demonstrations.actions
     else:
         columns |= {f"action.{a}": column for a, column in enumerate(demonstrations.actions.T)}
-    columns |= {name: np.repeat(values, lengths) for name, values in truth.items()}
-    return pa.table(columns)
+    return pa.table(columns | {name: np.repeat(values, demonstrations.lengths) for name, values in truth.items()})
 
 
 def step_columns(ids: Sequence[object], offsets: Array) -> dict[str, Array]:
@@ -152,7 +152,7 @@ def stack_columns(table: pa.Table, names: Sequence[str], at: Place) -> tuple[Arr
             row = next((row for row, text in enumerate(block) if not _is_number(text)), 0)
             text = str(block[row])[:40]
             raise DataError(
-                f"{at(row)}: column {name!r} holds text ({text!r}) where numbers are due; convert or drop it."
+                f"{at(row)}: column {name!r} holds text ({text!r}) where numbers are due; write numbers, or drop it."
             )
         blocks[name] = block.reshape(len(block), -1)
     single = all(block.dtype == np.float32 for block in blocks.values())
@@ -165,9 +165,7 @@ def stack_columns(table: pa.Table, names: Sequence[str], at: Place) -> tuple[Arr
 
 def _parts(name: str, width: int) -> list[str]:
     short = _OBSERVATION_PREFIX.sub("", name, count=1) if _OBSERVATION.match(name) else name
-    if width == 1:
-        return [short or "0"]
-    return [f"{short}.{k}" if short else str(k) for k in range(width)]
+    return [short or "0"] if width == 1 else [f"{short}.{k}" if short else str(k) for k in range(width)]
 
 
 def _is_number(text: str) -> bool:
@@ -211,8 +209,7 @@ def column_values(table: pa.Table, name: str, at: Place) -> Array:
     elif pa.types.is_string(column.type) or pa.types.is_large_string(column.type):
         # Few texts, many rows: each text is converted once.
         encoded = column.combine_chunks().dictionary_encode()
-        texts: Array = np.array(encoded.dictionary.to_pylist(), dtype=np.str_)[encoded.indices.to_numpy()]
-        return texts
+        return np.asarray(np.array(encoded.dictionary.to_pylist(), dtype=np.str_)[encoded.indices.to_numpy()])
     raise DataError(f"{at(0)}: column {name!r} holds {column.type} where numbers or text are due; convert or drop it.")
 
 
