@@ -41,7 +41,7 @@ def test_a_short_demonstration_borrows_from_its_demonstrator(fitted):
     assert (ann.n_demonstrations, ann.experts) == (7, 7)
     assert bob.adversaries >= 6
     assert ann.trust.low > bob.trust.high
-    assert any("speak for each other" in said for said in audit.assumptions)
+    assert any("other demonstrations of its demonstrator" in said for said in audit.assumptions)
     told = json.loads(json.dumps(audit.to_dict(), allow_nan=False))["demonstrators"]
     assert told[0]["name"] == "Ann"
     assert told[0]["trust"].keys() == {"mean", "low", "high"}

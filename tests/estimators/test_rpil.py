@@ -292,7 +292,7 @@ def test_progress_is_reported():
     said: list[str] = []
     RPIL(progress=said.append).fit(make("random", 0).demonstrations)
     assert said[0] == "features"
-    assert said[1:] == ["ridge", "policies of the best explained", "rivals", "the policy"]
+    assert said[1:] == ["ridge", "fitting the training group", "looking for a rival group", "the policy"]
     RPIL(adversary="uniform", progress=said.append).fit(make("random", 0).demonstrations)
     assert "start: pooled" in said
 

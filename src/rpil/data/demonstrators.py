@@ -39,7 +39,7 @@ class Demonstrators:
     def note(self) -> str:
         """How the demonstrators are used, or why they are not, in one sentence; empty where they were not given."""
         if self.informative:
-            return "Demonstrations of one person speak for each other, as far as people were found to differ."
+            return "The log-odds of a demonstration include evidence from the other demonstrations of its demonstrator."
         if not self.names:
             return ""
         if len(self.names) < len(self.index):

@@ -21,22 +21,14 @@ _SINGLE_PRECISION_TOL = 1e-6
 
 @dataclass(frozen=True)
 class LinearPolicySpec:
-    """A linear policy and how far to fit it.
-
-    Attributes
-    ----------
-    features : str
-        A kind of features, or "auto".
-    C : float or None
-        Inverse ridge strength, as in scikit-learn's `LogisticRegression`.
-    tol : float
-        Largest entry of the gradient, a step, at which the fit stops.
-    selection : SelectionSettings
-    """
+    """A linear policy and how far to fit it."""
 
     features: str
+    """A kind of features, or "auto"."""
     C: float | None
+    """Inverse ridge strength, as in scikit-learn's `LogisticRegression`."""
     tol: float
+    """Largest entry of the gradient, a step, at which the fit stops."""
     selection: SelectionSettings = SelectionSettings()
 
     def choice(self, data: Demonstrations, codes: Array, weight: Array, space: Space) -> Choice:

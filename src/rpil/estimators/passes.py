@@ -11,7 +11,7 @@ from rpil.audit.record import Audit
 from rpil.audit.summary import longest_unlabelled
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.fit_data import FitData
-from rpil.estimators.pipeline import Decision, Features, FinalPolicy, Options, Posed, Task, pose
+from rpil.estimators.pipeline import Decision, Features, FinalPolicy, JudgeInput, Options, Task, pose
 from rpil.inference.settings import Minority
 from rpil.numerics.newton import Preconditioner
 from rpil.numerics.types import Array
@@ -57,7 +57,7 @@ class Passes:
         in_memory = isinstance(self.task.source, Demonstrations)
         return self.options.engine or (InMemory() if in_memory else Streamed())
 
-    def pose(self) -> Posed:
+    def pose(self) -> JudgeInput:
         task, options = self.task, self.options
         options.progress("a sample")
         rng, settings = np.random.default_rng(options.seed), options.settings.sample
@@ -72,9 +72,9 @@ class Passes:
         blocks = engine.place(task.source.shards(engine.n_shards, settings.block_steps)).then(
             DesignMap(features, task.space, task.classes)
         )
-        return Posed(demonstrations, data, features, minority, indices, blocks)
+        return JudgeInput(demonstrations, data, features, minority, indices, blocks)
 
-    def extend(self, posed: Posed, decision: Decision) -> Decision:
+    def extend(self, posed: JudgeInput, decision: Decision) -> Decision:
         task, source, options = self.task, self.task.source, self.options
         assert decision.judgement is not None
         assert decision.judge is not None
@@ -99,7 +99,7 @@ class Passes:
             audit = replace(audit, to_label=tuple(posed.demonstrations.ids[m] for m in to_label))
         return replace(found, audit=audit)
 
-    def fit_policy(self, posed: Posed, decision: Decision) -> tuple[Features, FinalPolicy, Decision]:
+    def fit_policy(self, posed: JudgeInput, decision: Decision) -> tuple[Features, FinalPolicy, Decision]:
         task, options, data, features = self.task, self.options, posed.data, posed.features
         assert decision.judge is not None
         assert posed.blocks is not None
@@ -130,7 +130,7 @@ class Passes:
         blocks: Shards[WeightedBlock],
         start: AdditivePolicy,
         hessian: Preconditioner | None,
-        posed: Posed,
+        posed: JudgeInput,
         audit: Audit,
     ) -> AdditivePolicy:
         """The final policy, from `start` or from the checkpoint of a fit that was interrupted."""

@@ -97,23 +97,14 @@ class Options:
 
 @dataclass(frozen=True, eq=False)
 class Task:
-    """The demonstrations of a fit, checked.
-
-    Attributes
-    ----------
-    source : Demonstrations or Dataset
-    space : Space
-    classes : (K,) array
-        The discrete actions, or an empty array.
-    labels : (M,) int array
-        1 known expert, -1 known adversary, 0 unknown.
-    demonstrators : Demonstrators
-    """
+    """The demonstrations of a fit, checked."""
 
     source: Source
     space: Space
     classes: Array
+    """The discrete actions, or an empty array."""
     labels: Array
+    """1 known expert, -1 known adversary, 0 unknown."""
     demonstrators: Demonstrators
 
     @classmethod
@@ -143,54 +134,32 @@ class Task:
 
 
 @dataclass(frozen=True, eq=False)
-class Posed:
-    """The demonstrations that the decision reads: all, or a sample.
-
-    Attributes
-    ----------
-    demonstrations : Demonstrations
-    data : FitData
-    features : FeatureMap or IdentityMap
-    minority : {"ask", "trust", "distrust"}
-    indices : (S,) int array or None
-        The demonstrations of a sample among all.
-    blocks : Shards or None
-        All demonstrations as an engine holds them, where the decision reads a sample.
-    """
+class JudgeInput:
+    """The demonstrations that the decision reads: all, or a sample."""
 
     demonstrations: Demonstrations
     data: FitData
     features: Features
     minority: Minority
     indices: Array | None = None
+    """The demonstrations of a sample among all."""
     blocks: Shards[tuple[Block, FitData]] | None = None
+    """All demonstrations as an engine holds them, where the decision reads a sample."""
 
 
 @dataclass(frozen=True, eq=False)
 class Decision:
-    """Whom to trust, and what decides about other demonstrations.
-
-    Attributes
-    ----------
-    audit : Audit
-    step : (N,) array
-        P(the step is an expert's).
-    judge : FittedJudge or None
-    state : State or None
-        Of the mixture with a named adversary.
-    n_iter : int
-    lower_bound : float
-        Objective of the mixture, or mean held-out log-likelihood of a step of the training group, in nats.
-    converged : bool
-    judgement : Judgement or None
-    """
+    """Whom to trust, and what decides about other demonstrations."""
 
     audit: Audit
     step: Array
+    """P(the step is an expert's)."""
     judge: FittedJudge | None
     state: State | None
+    """Of the mixture with a named adversary."""
     n_iter: int
     lower_bound: float
+    """Objective of the mixture, or mean held-out log-likelihood of a step of the training group, in nats."""
     converged: bool = True
     judgement: Judgement | None = None
 
@@ -204,7 +173,7 @@ class Decision:
         return cls(audit, step, judge, None, len(history), float(history[-1]), judgement=judgement)
 
 
-def decide(posed: Posed, options: Options) -> Decision:
+def decide(posed: JudgeInput, options: Options) -> Decision:
     """Whom to trust: by the judge, or by the mixture with a named adversary."""
     data, ids, settings = posed.data, posed.demonstrations.ids, options.settings
     n_steps, own = len(data.actions), options.policy is not None
@@ -231,34 +200,26 @@ def decide(posed: Posed, options: Options) -> Decision:
 
 @dataclass(frozen=True, eq=False)
 class Fitted:
-    """The result of a fit; the estimator copies it onto itself.
-
-    Attributes
-    ----------
-    decision : Decision
-    judge_features : FeatureMap or IdentityMap
-        While trust was decided.
-    features : FeatureMap or IdentityMap
-        Of the final policy.
-    policy : Policy
-    """
+    """The result of a fit; the estimator copies it onto itself."""
 
     decision: Decision
     judge_features: Features
+    """While trust was decided."""
     features: Features
+    """Of the final policy."""
     policy: FinalPolicy
 
 
 class Stages(Protocol):
     """The stages of a fit that depend on where the demonstrations are."""
 
-    def pose(self) -> Posed:
+    def pose(self) -> JudgeInput:
         """The demonstrations that the decision reads, and their features."""
 
-    def extend(self, posed: Posed, decision: Decision) -> Decision:
+    def extend(self, posed: JudgeInput, decision: Decision) -> Decision:
         """The decision about all demonstrations."""
 
-    def fit_policy(self, posed: Posed, decision: Decision) -> tuple[Features, FinalPolicy, Decision]:
+    def fit_policy(self, posed: JudgeInput, decision: Decision) -> tuple[Features, FinalPolicy, Decision]:
         """The features and the final policy, and the decision with the weights of all steps."""
 
 
@@ -278,7 +239,7 @@ class Whole:
     task: Task
     options: Options
 
-    def pose(self) -> Posed:
+    def pose(self) -> JudgeInput:
         task, options = self.task, self.options
         source = task.source
         demonstrations = source if isinstance(source, Demonstrations) else source.select(slice(None))
@@ -288,12 +249,12 @@ class Whole:
         single = options.judges and task.space.kind == "discrete" and n_entries > options.settings.single_precision
         data = pose(task, demonstrations, features, single)
         data = replace(data, labels=task.labels, demonstrators=task.demonstrators)
-        return Posed(demonstrations, data, features, options.minority)
+        return JudgeInput(demonstrations, data, features, options.minority)
 
-    def extend(self, posed: Posed, decision: Decision) -> Decision:
+    def extend(self, posed: JudgeInput, decision: Decision) -> Decision:
         return decision
 
-    def fit_policy(self, posed: Posed, decision: Decision) -> tuple[Features, FinalPolicy, Decision]:
+    def fit_policy(self, posed: JudgeInput, decision: Decision) -> tuple[Features, FinalPolicy, Decision]:
         data, weight = posed.data, decision.audit.step_weight
         if not is_anyone_trusted(decision.audit.expert_proba, data.lengths):
             weight = decision.step  # the steps that are most likely an expert's

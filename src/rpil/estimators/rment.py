@@ -41,44 +41,28 @@ from rpil.policies.protocol import Policy
 
 @dataclass(frozen=True)
 class ConcentrationSettings:
-    """The search for the best selection, as in FAST-LTS (Rousseeuw and Van Driessen, 2006).
-
-    Attributes
-    ----------
-    start_steps : int
-        Concentration steps of every start; two as in that paper.
-    n_carried : int
-        Best starts that go on until the selection stays the same. Chosen by hand, not tuned.
-    start_tol : float
-        Largest entry of the gradient, a step, at which the policy of a start is fitted. Chosen by hand, not tuned.
-    """
+    """The search for the best selection, as in FAST-LTS (Rousseeuw and Van Driessen, 2006)."""
 
     start_steps: int = 2
+    """Concentration steps of every start; two as in that paper."""
     n_carried: int = 5
+    """Best starts that go on until the selection stays the same. Chosen by hand, not tuned."""
     start_tol: float = 1e-3
+    """Largest entry of the gradient, a step, at which the policy of a start is fitted. Chosen by hand, not tuned."""
 
 
 @dataclass(frozen=True, eq=False)
 class Selection:
-    """A selection of demonstrations and the policy fitted to them.
-
-    Attributes
-    ----------
-    policy : Policy
-    log_likelihood : (M,) array
-        Mean log-likelihood of a step of each demonstration under the policy, in nats.
-    selected : (M,) bool array
-    history : (T,) array
-        The objective of eq. 2 after every fit; it never rises.
-    converged : bool
-        Whether the selected demonstrations are those that the policy explains best.
-    """
+    """A selection of demonstrations and the policy fitted to them."""
 
     policy: Policy
     log_likelihood: Array
+    """Mean log-likelihood of a step of each demonstration under the policy, in nats."""
     selected: Array
     history: Array
+    """The objective of eq. 2 after every fit; it never rises."""
     converged: bool
+    """Whether the selected demonstrations are those that the policy explains best."""
 
     @property
     def objective(self) -> float:

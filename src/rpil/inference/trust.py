@@ -88,9 +88,9 @@ def judge(
     """
     progress("ridge")
     scoring = Scoring.of(data, model, settings)
-    progress("policies of the best explained")
+    progress("fitting the training group")
     scores = score_by_best_group(scoring)
-    progress("rivals")
+    progress("looking for a rival group")
     if scores.groups.told_apart(settings.groups):
         upper = (scores.log_odds(settings) > 0) & (data.labels >= 0)
         rival = find_rival(data, model, upper, scoring.ridge, settings, seed)

@@ -27,24 +27,16 @@ from rpil.scale.settings import AscentSettings
 @stored(history="iterations 2", path="places 2 rows columns")
 @dataclass(frozen=True, eq=False)
 class AscentState:
-    """The state of the ascent between two passes.
-
-    Attributes
-    ----------
-    state : AdditivePolicy
-        The policy.
-    history : (T, 2) array
-        Objective and gradient norm at the policies before.
-    radius : float
-        Largest change of a coefficient in the next step.
-    path : array
-        The curvature along the path, see `rpil.numerics.newton.lbfgs_step`.
-    """
+    """The state of the ascent between two passes."""
 
     state: AdditivePolicy
+    """The policy."""
     history: Array = field(default_factory=lambda: np.empty((0, 2)))
+    """Objective and gradient norm at the policies before."""
     radius: float = np.inf
+    """Largest change of a coefficient in the next step."""
     path: Array = field(default_factory=lambda: np.empty((0, 2, 0, 0)))
+    """The curvature along the path, see `rpil.numerics.newton.lbfgs_step`."""
 
 
 def gather_steps(blocks: Iterator[tuple[Array, Array]], n_steps: int, on_disk: bool) -> tuple[Array, Array, float]:

@@ -20,17 +20,11 @@ CHECKPOINT_SCHEMA = "rpil checkpoint"
 
 @dataclass(frozen=True)
 class Checkpoint:
-    """The checkpoint file of a fit.
-
-    Attributes
-    ----------
-    path : Path
-    fingerprint : str
-        Digest of the settings and the data of the fit.
-    """
+    """The checkpoint file of a fit."""
 
     path: Path
     fingerprint: str
+    """Digest of the settings and the data of the fit."""
 
     @classmethod
     def of(cls, path: StrPath, settings: str, arrays: Iterable[Array]) -> Checkpoint:

@@ -34,19 +34,12 @@ from rpil.policies.features import FeatureMap
 
 @dataclass(frozen=True, eq=False)
 class DesignMap:
-    """A block of demonstrations to the data of a fit without labels, in single precision.
-
-    Attributes
-    ----------
-    features : FeatureMap
-    space : Space
-    classes : (K,) array
-        The discrete actions, or an empty array.
-    """
+    """A block of demonstrations to the data of a fit without labels, in single precision."""
 
     features: FeatureMap
     space: Space
     classes: Array
+    """The discrete actions, or an empty array."""
 
     def __call__(self, block: Block) -> tuple[Block, FitData]:
         codes = encode_actions(self.classes, block.actions, "the demonstrations")
@@ -57,23 +50,15 @@ class DesignMap:
 
 
 class BlockScores(NamedTuple):
-    """What one pass computes for the M demonstrations of a block.
-
-    Attributes
-    ----------
-    score : (M,) array
-        Mean measure of the steps, in nats.
-    squares : (M,) array
-        Sum over the steps of the squared difference from the mean.
-    reliability : (M,) array
-    interval : (M, 2) array
-        The 95 % interval of the reliability.
-    """
+    """What one pass computes for the M demonstrations of a block."""
 
     score: Array
+    """Mean measure of the steps, in nats."""
     squares: Array
+    """Sum over the steps of the squared difference from the mean."""
     reliability: Array
     interval: Array
+    """The 95 % interval of the reliability."""
 
 
 def score_block(
@@ -96,19 +81,11 @@ def _measure_steps(data: FitData, judge: FittedJudge, settings: JudgeSettings) -
 
 @dataclass(frozen=True, eq=False)
 class Sample:
-    """The sample and the judgement of it.
-
-    Attributes
-    ----------
-    data : FitData
-    indices : (S,) int array
-        The demonstrations of the sample among all.
-    judgement : Judgement
-    judge : FittedJudge
-    """
+    """The sample and the judgement of it."""
 
     data: FitData
     indices: Array
+    """The demonstrations of the sample among all."""
     judgement: Judgement
     judge: FittedJudge
 
@@ -151,45 +128,28 @@ def judge_everyone(
 
 
 class WeightedBlock(NamedTuple):
-    """A block from which the final policy learns.
-
-    Attributes
-    ----------
-    data : FitData
-        With the features of the final policy.
-    weight, log_ratio : (N,) arrays
-        Weights of the steps, and their log-ratios in nats.
-    """
+    """A block from which the final policy learns."""
 
     data: FitData
+    """With the features of the final policy."""
     weight: Array
     log_ratio: Array
+    """Weights of the steps, and their log-ratios in nats."""
 
 
 @dataclass(frozen=True, eq=False)
 class StepWeights:
-    """A block to a `WeightedBlock`.
-
-    Attributes
-    ----------
-    judge : FittedJudge
-    trust : (M,) array
-        P(expert) of the demonstrations from number `first` on.
-    typical : float
-        Reliability of a typical expert.
-    settings : JudgeSettings
-    audit_settings : AuditSettings
-    final : DesignMap or None
-        The map with the features of the final policy, where they are not the judge's.
-    first : int
-    """
+    """A block to a `WeightedBlock`."""
 
     judge: FittedJudge
     trust: Array
+    """P(expert) of the demonstrations from number `first` on."""
     typical: float
+    """Reliability of a typical expert."""
     settings: JudgeSettings = JudgeSettings()
     audit_settings: AuditSettings = AuditSettings()
     final: DesignMap | None = None
+    """The map with the features of the final policy, where they are not the judge's."""
     first: int = 0
 
     @classmethod
