@@ -17,11 +17,11 @@ $(VENV)/.made: pyproject.toml
 demo: $(VENV)/.made
 	$(BIN)/rpil demo
 
-# For the inner loop: under a minute on two cores.
+# For the inner loop: 80 seconds on two cores.
 check: lint
 	$(BIN)/python -m pytest $(IN_PARALLEL) -m "not slow"
 
-# Everything: under five minutes on two cores.
+# Everything: seven minutes on two cores.
 test: $(VENV)/.made
 	$(BIN)/python -m pytest $(IN_PARALLEL)
 
