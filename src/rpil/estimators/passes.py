@@ -11,7 +11,7 @@ from rpil.audit.record import Audit
 from rpil.audit.summary import longest_unlabelled
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.fit_data import FitData
-from rpil.estimators.pipeline import Decision, Features, FinalPolicy, JudgeInput, Options, Task, pose
+from rpil.estimators.pipeline import Features, FinalPolicy, JudgeInput, Options, Task, TrustDecision, design_data
 from rpil.inference.settings import Minority
 from rpil.numerics.newton import Preconditioner
 from rpil.numerics.types import Array
@@ -65,7 +65,7 @@ class Passes:
         demonstrations = task.source.select(indices)
         features = options.judge_features(demonstrations)
         assert isinstance(features, FeatureMap)
-        data = replace(pose(task, demonstrations, features, single=True), labels=task.labels[indices])
+        data = replace(design_data(task, demonstrations, features, single=True), labels=task.labels[indices])
         # A rival group to trust is reported by the sample, and trusted among all demonstrations.
         minority: Minority = "ask" if options.minority == "trust" else options.minority
         engine = self.engine
@@ -74,7 +74,7 @@ class Passes:
         )
         return JudgeInput(demonstrations, data, features, minority, indices, blocks)
 
-    def extend(self, posed: JudgeInput, decision: Decision) -> Decision:
+    def extend(self, posed: JudgeInput, decision: TrustDecision) -> TrustDecision:
         task, source, options = self.task, self.task.source, self.options
         assert decision.judgement is not None
         assert decision.judge is not None
@@ -88,7 +88,7 @@ class Passes:
         judgement = judge_everyone(sample, everyone, scores, options.minority, options.settings.judge)
         # The steps are weighted in the next pass; until then the audit is of demonstrations without steps.
         stepless = replace(everyone, offsets=np.zeros_like(source.offsets))
-        found = Decision.of(
+        found = TrustDecision.of(
             judgement, replace(sample.judge, groups=judgement.groups), stepless, source.ids, options.settings.audit
         )
         audit = replace(found.audit, offsets=np.asarray(source.offsets, dtype=np.int64))
@@ -99,7 +99,7 @@ class Passes:
             audit = replace(audit, to_label=tuple(posed.demonstrations.ids[m] for m in to_label))
         return replace(found, audit=audit)
 
-    def fit_policy(self, posed: JudgeInput, decision: Decision) -> tuple[Features, FinalPolicy, Decision]:
+    def fit_policy(self, posed: JudgeInput, decision: TrustDecision) -> tuple[Features, FinalPolicy, TrustDecision]:
         task, options, data, features = self.task, self.options, posed.data, posed.features
         assert decision.judge is not None
         assert posed.blocks is not None

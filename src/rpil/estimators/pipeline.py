@@ -1,4 +1,4 @@
-"""Every fit of `RPIL`, by one path: code the actions, pose, decide whom to trust, fit the final policy.
+"""Every fit of `RPIL`, by one path: code the actions, pose, decide which demonstrations to trust, fit the final policy.
 
 The parts of the path are exchanged. `Whole` (here) poses all demonstrations in memory, and `Passes`
 (`rpil.estimators.passes`) a sample of many. The judge decides, or the mixture with a named adversary. The final policy
@@ -148,8 +148,8 @@ class JudgeInput:
 
 
 @dataclass(frozen=True, eq=False)
-class Decision:
-    """Whom to trust, and what decides about other demonstrations."""
+class TrustDecision:
+    """The audit of the demonstrations, and the fitted models that judge other demonstrations."""
 
     audit: Audit
     step: Array
@@ -166,15 +166,15 @@ class Decision:
     @classmethod
     def of(
         cls, judgement: Judgement, judge: FittedJudge, data: FitData, ids: Sequence[Hashable], settings: AuditSettings
-    ) -> Decision:
+    ) -> TrustDecision:
         """The decision of the judge about the demonstrations `data`."""
         audit, history = audit_from_judgement(judgement, data, ids, settings), judgement.scores.fit.history
         step = judgement.step_trust.step
         return cls(audit, step, judge, None, len(history), float(history[-1]), judgement=judgement)
 
 
-def decide(posed: JudgeInput, options: Options) -> Decision:
-    """Whom to trust: by the judge, or by the mixture with a named adversary."""
+def decide_trust(posed: JudgeInput, options: Options) -> TrustDecision:
+    """Decide which demonstrations to trust: by the judge, or by the mixture with a named adversary."""
     data, ids, settings = posed.data, posed.demonstrations.ids, options.settings
     n_steps, own = len(data.actions), options.policy is not None
     if options.judges:
@@ -187,7 +187,7 @@ def decide(posed: JudgeInput, options: Options) -> Decision:
         seed, minority = options.seed, posed.minority
         judgement = judge(data, model, settings.judge, seed=seed, minority=minority, progress=options.progress)
         fitted = FittedJudge.of(judgement, data, settings.judge, user_policy=own)
-        return Decision.of(judgement, fitted, data, ids, settings.audit)
+        return TrustDecision.of(judgement, fitted, data, ids, settings.audit)
     assert isinstance(posed.features, FeatureMap)
     start = linear_policy(data.space, ridge_of(posed.features, options.C, n_steps, data.space), n_steps)
     search = SearchSettings(start, settings.mixture, settings.judge, options.seed)
@@ -195,14 +195,14 @@ def decide(posed: JudgeInput, options: Options) -> Decision:
     share = Interval(*result.state.prior.interval(result.posterior.expert))
     audit = audit_from_mixture(data, result, share, ids, settings.audit)
     n_iter = max(1, len(result.history) - 1)
-    return Decision(audit, audit.step_weight, None, result.state, n_iter, result.objective, bool(result.converged))
+    return TrustDecision(audit, audit.step_weight, None, result.state, n_iter, result.objective, bool(result.converged))
 
 
 @dataclass(frozen=True, eq=False)
 class Fitted:
     """The result of a fit; the estimator copies it onto itself."""
 
-    decision: Decision
+    decision: TrustDecision
     judge_features: Features
     """While trust was decided."""
     features: Features
@@ -216,17 +216,17 @@ class Stages(Protocol):
     def pose(self) -> JudgeInput:
         """The demonstrations that the decision reads, and their features."""
 
-    def extend(self, posed: JudgeInput, decision: Decision) -> Decision:
+    def extend(self, posed: JudgeInput, decision: TrustDecision) -> TrustDecision:
         """The decision about all demonstrations."""
 
-    def fit_policy(self, posed: JudgeInput, decision: Decision) -> tuple[Features, FinalPolicy, Decision]:
+    def fit_policy(self, posed: JudgeInput, decision: TrustDecision) -> tuple[Features, FinalPolicy, TrustDecision]:
         """The features and the final policy, and the decision with the weights of all steps."""
 
 
 def fit(stages: Stages, options: Options) -> Fitted:
     """Pose, decide, and fit the final policy."""
     posed = stages.pose()
-    decision = stages.extend(posed, decide(posed, options))
+    decision = stages.extend(posed, decide_trust(posed, options))
     options.progress("the policy")
     features, policy, decision = stages.fit_policy(posed, decision)
     return Fitted(decision, posed.features, features, policy)
@@ -247,14 +247,14 @@ class Whole:
         features = options.judge_features(demonstrations)
         n_entries = demonstrations.n_steps * demonstrations.n_observations
         single = options.judges and task.space.kind == "discrete" and n_entries > options.settings.single_precision
-        data = pose(task, demonstrations, features, single)
+        data = design_data(task, demonstrations, features, single)
         data = replace(data, labels=task.labels, demonstrators=task.demonstrators)
         return JudgeInput(demonstrations, data, features, options.minority)
 
-    def extend(self, posed: JudgeInput, decision: Decision) -> Decision:
+    def extend(self, posed: JudgeInput, decision: TrustDecision) -> TrustDecision:
         return decision
 
-    def fit_policy(self, posed: JudgeInput, decision: Decision) -> tuple[Features, FinalPolicy, Decision]:
+    def fit_policy(self, posed: JudgeInput, decision: TrustDecision) -> tuple[Features, FinalPolicy, TrustDecision]:
         data, weight = posed.data, decision.audit.step_weight
         if not is_anyone_trusted(decision.audit.expert_proba, data.lengths):
             weight = decision.step  # the steps that are most likely an expert's
@@ -267,7 +267,7 @@ class Whole:
         return posed.features, start.fit_all(data, weight), decision
 
 
-def pose(task: Task, demonstrations: Demonstrations, features: Features, single: bool) -> FitData:
+def design_data(task: Task, demonstrations: Demonstrations, features: Features, single: bool) -> FitData:
     """The data of a fit to some demonstrations, without labels and demonstrators."""
     codes = encode_actions(task.classes, demonstrations.actions, demonstrations.source)
     design = features.design(demonstrations.observations, single=single)

@@ -150,7 +150,7 @@ class RPIL(PolicyEstimator):
         labels: Labels | None = None,
         demonstrators: Names | None = None,
     ) -> RPIL:
-        """Validate, code the actions, decide whom to trust, and fit the final policy (`rpil.estimators.pipeline`).
+        """Decide which demonstrations to trust, and fit the final policy (`rpil.estimators.pipeline`).
 
         Parameters
         ----------

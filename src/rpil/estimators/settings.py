@@ -15,7 +15,7 @@ from rpil.scale.settings import AscentSettings, SampleSettings
 @stored()
 @dataclass(frozen=True)
 class Settings:
-    """Settings of every stage of a fit; the defaults are those of all figures in docs/results.md.
+    """Settings of every stage of a fit.
 
     Attributes
     ----------
@@ -24,7 +24,8 @@ class Settings:
         "folded" where that is "raw" or "auto". A straight line takes an expert in a rare situation for an adversary.
         benchmarks/ablations.py ("raw features").
     single_precision : int
-        Entries of the observations above which the judge reads discrete actions in single precision.
+        Entries of the observations above which the judge reads discrete actions in single precision. Chosen by
+        hand, not tuned.
     judge : JudgeSettings
     mixture : MixtureSettings
         Of a fit with a named adversary: the prior, the M-step, and when EM stops.

@@ -1,4 +1,4 @@
-"""Inference: whom to trust.
+"""Inference: which demonstrations to trust.
 
     held_out         log pi(a|s) of every step under policies fitted to the other demonstrations
     trimming         the training group: the demonstrations that are explained best

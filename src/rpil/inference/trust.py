@@ -1,4 +1,4 @@
-"""The judge: whom to trust. It runs the stages of `rpil.inference` in order."""
+"""The judge decides which demonstrations to trust. It runs the stages of `rpil.inference` in order."""
 
 from __future__ import annotations
 

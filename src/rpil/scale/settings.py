@@ -11,7 +11,7 @@ from rpil.data.demonstrations import BLOCK_STEPS
 @stored()
 @dataclass(frozen=True)
 class SampleSettings:
-    """The sample that the judge reads. All values were chosen by hand with benchmarks/speed.py, not tuned.
+    """The sample that the judge reads. All values were chosen by hand, not tuned.
 
     Attributes
     ----------
