@@ -1,4 +1,6 @@
 import os
+import subprocess
+import sys
 
 import pytest
 
@@ -48,6 +50,21 @@ def test_a_full_disk_is_one_sentence_and_leaves_the_old_file(tmp_path):
     one_sentence(caught, path)
     assert path.read_text() == "old"
     assert os.listdir(tmp_path) == ["out.txt"]
+
+
+def test_the_next_run_removes_what_a_killed_one_left_of_the_same_output(tmp_path):
+    script = "import os, sys; from rpil.data.files import replacing\n"
+    script += "with replacing(sys.argv[1]) as path: path.write_text('half'); os.kill(os.getpid(), 9)"
+    for name in ("out.txt", "other.txt"):
+        subprocess.run([sys.executable, "-c", script, tmp_path / name], check=False)
+    with replacing(tmp_path / "out.txt") as living:
+        living.write_text("half")
+        with replacing(tmp_path / "out.txt") as second:
+            second.write_text("whole")
+        left = sorted(os.listdir(tmp_path))
+        assert left[-1] == "out.txt"
+        assert [name.split(".")[1] for name in left[:-1]] == ["other", "out"]
+        assert living.name in left
 
 
 def test_a_link_stays_a_link(tmp_path):

@@ -11,6 +11,7 @@ import pytest
 from recorded import demonstrations
 from rpil.data.errors import DataError
 from rpil.data.formats.weights import write_weights
+from rpil.data.run import run_id
 
 
 @pytest.mark.parametrize("suffix", [".parquet", ".csv"])
@@ -26,6 +27,10 @@ def test_each_step_has_its_weight_and_the_values_of_its_demonstration(tmp_path, 
         "expert_proba": [0.9, 0.9, 0.1, 0.1, 0.1],
         "log_odds": [2.2, 2.2, -np.inf, -np.inf, -np.inf],
     }
+    if suffix == ".parquet":
+        run = table.schema.metadata[b"rpil.run"].decode()
+        assert run == run_id(["b", "a"], np.array([0, 2, 5]), odds)
+        assert run != run_id(["b", "a"], np.array([0, 2, 5]), odds + 1e-9)
     with pytest.raises(DataError, match=r"w\.npz: unknown extension .* use one of \.parquet, \.csv"):
         write_weights(tmp_path / "w.npz", [], [0], [], [], [])
 

@@ -15,6 +15,7 @@ from rpil.audit.settings import AUDIT_SETTINGS, AuditSettings
 from rpil.data.archive import stored
 from rpil.data.errors import DataError
 from rpil.data.formats.id_values import match_labels
+from rpil.data.run import run_id
 from rpil.numerics.types import Array, Float, Int
 
 MAX_LOG_ODDS = 1e9
@@ -252,6 +253,11 @@ class Audit:
     def steps(self, index: int) -> slice:
         """The rows of demonstration `index`."""
         return slice(int(self.offsets[index]), int(self.offsets[index + 1]))
+
+    @property
+    def run_id(self) -> str:
+        """What the report, the JSON and the weights of one run have in common; see `rpil.data.run.run_id`."""
+        return run_id(self.ids, self.offsets, self.log_odds)
 
     def to_dict(self) -> dict[str, object]:
         """The audit as numbers, text, lists and dicts, as ``rpil audit --json`` prints it; the most trusted first."""

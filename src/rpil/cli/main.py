@@ -89,7 +89,7 @@ def audit(
             write_page(report, [Article(f"Audit of {Path(file).name}", result, file, seconds=seconds)])
     if json_wanted:
         suggested = {"suggested": result.suggest_labels(suggest)} if suggest else {}
-        click.echo(terminal.to_json(result.to_dict() | suggested))
+        click.echo(terminal.to_json({"run": result.run_id} | result.to_dict() | suggested))
     else:
         terminal.print_audit(result)
         if suggest:

@@ -21,6 +21,8 @@ from numpy.lib import format as npy
 
 from rpil.data.errors import DataError
 from rpil.data.files import StrPath, replacing
+from rpil.data.memory import check_memory
+from rpil.data.npy import read_arrays
 from rpil.numerics.types import Array
 
 VERSION = 5
@@ -177,7 +179,8 @@ class Decoder:
 def read_archive(path: Path, schema: str, otherwise: str) -> tuple[Header, dict[str, Array]]:
     """The header and all arrays of an archive.
 
-    A `DataError` where the file is damaged or of another version, or, saying `otherwise`, of another `schema`.
+    A `DataError` where the file is damaged, of another version, too large for the memory, or, saying `otherwise`, of
+    another `schema`. Arrays that the header does not name are refused, and never decoded.
     """
     foreign, damaged = f"{path}: {otherwise}.", f"{path}: it is damaged or truncated; fit and save it again."
     if not zipfile.is_zipfile(path):
@@ -185,15 +188,20 @@ def read_archive(path: Path, schema: str, otherwise: str) -> tuple[Header, dict[
             raise DataError(damaged if file.read(2) == b"PK" else foreign)
     try:
         with zipfile.ZipFile(path) as archive:
-            names = archive.namelist()
-            header = json.loads(archive.read(_HEADER)) if _HEADER in names else None
+            members = archive.namelist()
+            header = _read_header(archive, path) if _HEADER in members else None
             if not isinstance(header, dict) or header.get("schema") != schema:
                 raise DataError(foreign)
             if header.get("version") != VERSION:
                 made = f"rpil {header.get('rpil')} saved it in version {header.get('version')!r} of the format"
                 here = f"rpil {rpil_version()} reads version {VERSION}"
                 raise DataError(f"{path}: {made}, but {here}; use that rpil, or fit and save again.")
-            arrays = {name.removesuffix(".npy"): _array(archive.read(name)) for name in names if name != _HEADER}
+            named = {f"{name}.npy": name for name in _array_names(header)}
+            if not set(members) <= {_HEADER, *named} or len(set(members)) < len(members):
+                raise DataError(f"{path}: its parts do not belong together; fit and save it again.")
+            members.remove(_HEADER)
+            names = [named[member] for member in members]
+            arrays = dict(zip(names, read_arrays(archive, members, str(path)), strict=True))
     except DataError:
         raise
     except Exception as error:  # a damaged file makes zipfile, zlib, tokenize and numpy raise errors of many types
@@ -203,14 +211,24 @@ def read_archive(path: Path, schema: str, otherwise: str) -> tuple[Header, dict[
                 "fit and save it again."
             ) from error
         raise DataError(damaged) from error
-    if len(set(names)) < len(names):
-        raise DataError(f"{path}: it holds two arrays of one name; fit and save it again.")
     return header, arrays
 
 
-def _array(content: bytes) -> Array:
-    stream = io.BytesIO(content)
-    array: Array = npy.read_array(stream, allow_pickle=False)
-    if stream.read(1):
-        raise ValueError("bytes after the array")
-    return array
+def _read_header(archive: zipfile.ZipFile, path: Path) -> Any:
+    check_memory(10.0 * archive.getinfo(_HEADER).file_size, str(path))  # Python objects take more than their text
+    return json.loads(archive.read(_HEADER))
+
+
+def _array_names(header: Header) -> list[str]:
+    """Names of the arrays that a header refers to, each once."""
+    names: dict[str, None] = {}
+    nodes: list[Json] = [header]
+    while nodes:  # not by recursion, because a header may be nested deeper than Python's stack
+        node = nodes.pop()
+        if isinstance(node, dict):
+            name = node.get("array")
+            names |= {name: None} if isinstance(name, str) else {}
+            nodes += node.values()
+        elif isinstance(node, list):
+            nodes += node
+    return list(names)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterable, Sequence
 from typing import cast
 
@@ -20,6 +21,11 @@ Indices = slice | int | Sequence[int] | Array
 LARGEST = 1e150
 """Largest number that may be squared in double precision."""
 
+LONGEST_TEXT = 1_000
+"""Characters that an id, or an action that is text, may have: an array of text takes as much for each of its rows."""
+
+_SURROGATES = range(0xD800, 0xE000)
+_LAST_CHARACTER = 0x10FFFF
 _EXACT = 2.0**53
 """Smaller floats hold integers exactly."""
 
@@ -36,16 +42,39 @@ def as_array(values: object, what: str, where: str) -> Array:
             n_text = sum(isinstance(item, str) for item in items)
             if 0 < n_text < len(items):
                 raise DataError(f"{where}: {what} mix text with numbers or missing values; use one kind throughout.")
+            if any(isinstance(item, int) and not _fits(item) for item in items):
+                raise DataError(f"{where}: {what} hold whole numbers of over 64 bits; use smaller ones, or text.")
             flat = np.array(items)
             # None is the one object a column of numbers may hold; as NaN it meets the check for missing values.
             array = (flat.astype(np.float64) if flat.dtype.kind == "O" else flat).reshape(array.shape)
     except DataError:
         raise
-    except (ValueError, TypeError) as error:
+    except (ValueError, TypeError, RecursionError) as error:
         raise DataError(f"{where}: {what} must be a rectangular array of numbers or text.") from error
     if array.dtype.kind not in "biufU" and array.size:
         raise DataError(f"{where}: {what} must be numbers or text, not {array.dtype}.")
+    if array.dtype.kind == "U" and array.dtype.itemsize:
+        _check_characters(array, values, what, where)
     return array
+
+
+def _check_characters(array: Array, values: object, what: str, where: str) -> None:
+    """Raise a `DataError` on texts that no file could hold, or that NumPy changed when it made `array` of `values`."""
+    codes = np.ascontiguousarray(array, array.dtype.newbyteorder("=")).view(np.uint32)
+    strange = codes[codes >= _SURROGATES.start]
+    if np.any((strange < _SURROGATES.stop) | (strange > _LAST_CHARACTER)):
+        raise DataError(f"{where}: {what} hold a character that is not Unicode; replace it.")
+    is_text_array = isinstance(values, np.ndarray) and values.dtype.kind == "U"
+    if not is_text_array and any("\0" in str(text) for text in np.asarray(values, object).flat):
+        raise DataError(f"{where}: {what} hold the character NUL; replace it.")
+
+
+def as_names(values: Iterable[object], where: str) -> tuple[str, ...]:
+    """Names of observations, as text; a `DataError` where they are no list."""
+    array = as_array(values, "observation names", where)
+    if array.ndim != 1:
+        raise DataError(f"{where}: observation names must be a list, not of shape {array.shape}.")
+    return tuple(str(name) for name in array.tolist())
 
 
 def as_observations(values: object, where: str) -> Array:
@@ -97,13 +126,36 @@ def check_any(n_demonstrations: int, where: str) -> None:
 
 def as_ids(values: Iterable[object], where: str) -> tuple[Id, ...]:
     """Demonstration ids as a tuple of distinct ints, or of distinct strings."""
-    ids = tuple(value.item() if isinstance(value, np.generic) else value for value in values)
-    if not (all(isinstance(i, int) for i in ids) or all(isinstance(i, str) for i in ids)):
+    if isinstance(values, np.ndarray):
+        values = as_array(values, "demonstration ids", where).tolist()
+    given = tuple(value.item() if isinstance(value, np.generic) else value for value in values)
+    if not (all(isinstance(i, int) for i in given) or all(isinstance(i, str) for i in given)):
         raise DataError(f"{where}: demonstration ids must be all whole numbers or all text.")
-    if len(set(ids)) < len(ids):
-        repeated = next(i for k, i in enumerate(ids) if i in ids[:k])
+    ids = cast(tuple[Id, ...], given)
+    for m, fault in enumerate(map(_fault_of_id, ids)):
+        if fault:
+            raise DataError(f"{where}: the id of demonstration number {m} {fault}; give it another id.")
+    repeated = next((i for i, count in Counter(ids).items() if count > 1), None)
+    if repeated is not None:
         raise DataError(f"{where}: demonstration {repeated!r} appears twice; give each demonstration its own id.")
-    return cast(tuple[Id, ...], ids)
+    return ids
+
+
+def _fault_of_id(i: Id) -> str:
+    """Why files and reports could not hold the id, or would not give it back; "" where they can."""
+    if isinstance(i, int):
+        return "" if _fits(i) else "has over 64 bits"
+    if not i:
+        return "is empty"
+    if "\0" in i:
+        return "holds the character NUL"
+    if len(i) > LONGEST_TEXT:
+        return f"has {len(i):,} characters, over {LONGEST_TEXT:,}"
+    return "" if i.isascii() or not any(ord(c) in _SURROGATES for c in i) else "holds a character that is not Unicode"
+
+
+def _fits(number: int) -> bool:
+    return -(1 << 63) <= number < 1 << 63
 
 
 def as_offsets(values: object, ids: tuple[Id, ...], n_steps: int, where: str) -> NDArray[np.int64]:

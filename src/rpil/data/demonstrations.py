@@ -137,7 +137,7 @@ class Demonstrations(DemonstrationSet):
         ids = arrays.as_ids(self.ids, source) or tuple(range(np.size(self.offsets) - 1))
         offsets = arrays.as_offsets(self.offsets, ids, len(observations), source)
         width = observations.shape[1]
-        names = tuple(str(name) for name in self.observation_names) or tuple(str(d) for d in range(width))
+        names = arrays.as_names(self.observation_names, source) or tuple(str(d) for d in range(width))
         if len(names) != width or len(set(names)) != width:
             raise DataError(f"{source}: name each of the {width} observation columns, and no two alike.")
         arrays.check_finite(observations, tuple(f"observation {name!r}" for name in names), offsets, ids, source)
@@ -158,7 +158,7 @@ class Demonstrations(DemonstrationSet):
         offsets: ArrayLike,
         ids: Iterable[object] | None = None,
         *,
-        observation_names: Sequence[str] = (),
+        observation_names: Iterable[object] = (),
         source: str = SOURCE,
     ) -> Demonstrations:
         """From rows laid end to end; see the class for shapes and errors."""
@@ -167,7 +167,7 @@ class Demonstrations(DemonstrationSet):
             arrays.as_array(actions, "actions", source),
             arrays.as_array(offsets, "offsets", source),
             () if ids is None else arrays.as_ids(ids, source),
-            tuple(observation_names),
+            arrays.as_names(observation_names, source),
             source,
         )
 
@@ -177,7 +177,7 @@ class Demonstrations(DemonstrationSet):
         episodes: Sequence[tuple[ArrayLike, ArrayLike] | Recorded],
         ids: Iterable[object] | None = None,
         *,
-        observation_names: Sequence[str] = (),
+        observation_names: Iterable[object] = (),
         source: str = SOURCE,
     ) -> Demonstrations:
         """From ``(observations, actions)`` pairs, or from objects that have both as attributes (Minari's do).
@@ -215,7 +215,7 @@ class Demonstrations(DemonstrationSet):
                     )
         offsets = np.cumsum([0, *(len(o) for o, _ in columns)])
         stacked = [np.concatenate(column) for column in zip(*columns, strict=True)]
-        return cls(stacked[0], stacked[1], offsets, names, tuple(observation_names), source)
+        return cls(stacked[0], stacked[1], offsets, names, arrays.as_names(observation_names, source), source)
 
     @classmethod
     def from_groups(
@@ -224,7 +224,7 @@ class Demonstrations(DemonstrationSet):
         y: ArrayLike,
         groups: ArrayLike,
         *,
-        observation_names: Sequence[str] = (),
+        observation_names: Iterable[object] = (),
         source: str = SOURCE,
     ) -> Demonstrations:
         """From scikit-learn's ``X, y, groups``: the rows of a group keep their order and need not lie together.
@@ -251,7 +251,8 @@ class Demonstrations(DemonstrationSet):
         if np.any(np.diff(group) < 0):  # gather only rows that are out of place: a gather copies all the data
             rows = np.argsort(group, kind="stable")
             X, y = X[rows], y[rows]
-        return cls(X, y, offsets, tuple(values[appearance].tolist()), tuple(observation_names), source)
+        names = arrays.as_names(observation_names, source)
+        return cls(X, y, offsets, tuple(values[appearance].tolist()), names, source)
 
     @property
     def n_observations(self) -> int:

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import os
+import platform
+import re
 import uuid
+import zlib
 from collections.abc import Collection, Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from rpil.data.errors import DataError
@@ -53,12 +56,15 @@ def check_writable(path: StrPath) -> Path:
 def replacing(path: StrPath) -> Iterator[Path]:
     """Yield a path beside `path` to write to, which replaces `path` if the block ends without an error.
 
-    A `DataError` where `path` cannot be written; a file that was there stays as it was.
+    A `DataError` where `path` cannot be written; a file that was there stays as it was. What killed processes of this
+    computer left of earlier tries is removed.
     """
     # A link stays a link: what it points to is replaced.
     target = Path(os.path.realpath(check_writable(path)))
     # The suffix is kept, because some writers (numpy.savez) add their own to a name without it.
-    temporary = target.with_name(f".{target.stem}.{uuid.uuid4().hex[:8]}{target.suffix}")
+    mark = f".{target.stem}.{zlib.crc32(platform.node().encode()):08x}-"
+    temporary = target.with_name(f"{mark}{os.getpid()}-{uuid.uuid4().hex[:8]}{target.suffix}")
+    _remove_abandoned(target.parent, mark, target.suffix)
     try:
         yield temporary
         os.replace(temporary, target)
@@ -66,6 +72,22 @@ def replacing(path: StrPath) -> Iterator[Path]:
         raise DataError(f"{path}: it cannot be written ({error.strerror or type(error).__name__}).") from error
     finally:
         temporary.unlink(missing_ok=True)
+
+
+def _remove_abandoned(folder: Path, mark: str, suffix: str) -> None:
+    """Remove the temporary files of one output whose process has ended."""
+    if os.name != "posix":  # elsewhere os.kill would end the process instead of asking for it
+        return
+    name = re.compile(rf"{re.escape(mark)}(\d+)-[0-9a-f]{{8}}{re.escape(suffix)}")
+    for file in os.listdir(folder):
+        if found := name.fullmatch(file):
+            try:
+                os.kill(int(found[1]), 0)
+            except ProcessLookupError:
+                with suppress(OSError):
+                    (folder / file).unlink()
+            except (OSError, OverflowError):
+                pass  # the process of another user, which lives
 
 
 def check_outputs(inputs: Iterable[StrPath | None], *outputs: StrPath | None) -> None:

@@ -99,16 +99,16 @@ def load(path: StrPath) -> RPIL | RMEnt | BehavioralCloning:
     header, arrays = read_archive(
         path, ESTIMATOR_SCHEMA, "it is no policy that rpil saved; make one with rpil fit, or rpil.save"
     )
-    if header.get("class") not in ESTIMATORS:
+    if str(header.get("class")) not in ESTIMATORS:
         raise DataError(
-            f"{path}: it holds a {header.get('class')!r}, which rpil {rpil_version()} does not know; "
+            f"{path}: it holds a {str(header.get('class'))[:40]!r}, which rpil {rpil_version()} does not know; "
             f"use rpil {header.get('rpil')}, or fit and save again."
         )
     try:
         estimator = _restore(header, Decoder(arrays))
         with np.errstate(all="ignore"):
             _try_out(estimator)
-    except (KeyError, TypeError, ValueError, IndexError, AttributeError) as error:
+    except Exception as error:  # edited values make NumPy and Python raise errors of many types
         raise DataError(f"{path}: its parts do not belong together; fit and save it again.") from error
     estimator.source_ = path.name  # for messages
     return estimator

@@ -12,6 +12,7 @@ from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
 from rpil.data.files import replacing
 from rpil.data.formats.table import ACTION, EPISODE, quoted
+from rpil.data.npy import read_arrays
 from rpil.numerics.types import Array
 
 _SPELLINGS = {
@@ -19,6 +20,7 @@ _SPELLINGS = {
     "actions": ACTION[::-1],
     "episode_ids": ("episode_ids", *EPISODE),
 }
+_OPTIONAL = "observation_names"
 
 
 def read(path: Path) -> Demonstrations:
@@ -28,16 +30,17 @@ def read(path: Path) -> Demonstrations:
     with path.open("rb") as file:
         if file.read(2) != b"PK" or not zipfile.is_zipfile(file):  # numpy would take it for a pickle
             raise DataError(damaged)
-    arrays = {}  # in the order of `_SPELLINGS`
     try:
-        with np.load(path, allow_pickle=False) as stored:
-            for what, spellings in _SPELLINGS.items():
-                name = next((name for name in spellings if name in stored.files), None)
-                if name is None:
-                    found = quoted(stored.files)
-                    raise DataError(f"{source}: no array is called {what!r}; save it under that name (found {found}).")
-                arrays[what] = stored[name]
-            names = tuple(stored["observation_names"]) if "observation_names" in stored.files else ()
+        with zipfile.ZipFile(path) as stored:
+            found = {name.removesuffix(".npy"): name for name in stored.namelist()}
+            wanted = {what: next((n for n in spellings if n in found), None) for what, spellings in _SPELLINGS.items()}
+            missing = next((what for what, name in wanted.items() if name is None), None)
+            if missing:
+                raise DataError(
+                    f"{source}: no array is called {missing!r}; save it under that name (found {quoted(found)})."
+                )
+            names = [name for name in (*wanted.values(), _OPTIONAL) if name in found]
+            arrays = read_arrays(stored, [found[name] for name in names], source)
     except DataError:
         raise
     except Exception as error:  # a damaged file makes zipfile, zlib, tokenize and numpy raise errors of many types
@@ -47,7 +50,10 @@ def read(path: Path) -> Demonstrations:
                 "save plain arrays of numbers or text, with numpy.asarray(values.tolist()) where they are objects."
             ) from error
         raise DataError(damaged) from error
-    return Demonstrations.from_groups(*arrays.values(), observation_names=names, source=source)
+    observations, actions, ids, *named = arrays
+    return Demonstrations.from_groups(
+        observations, actions, ids, observation_names=named[0] if named else (), source=source
+    )
 
 
 def write(path: Path, demonstrations: Demonstrations, truth: Mapping[str, Array]) -> None:
@@ -56,7 +62,7 @@ def write(path: Path, demonstrations: Demonstrations, truth: Mapping[str, Array]
         "observations": demonstrations.observations,
         "actions": demonstrations.actions,
         "episode_ids": np.repeat(np.array(demonstrations.ids), demonstrations.lengths),
-        "observation_names": np.array(demonstrations.observation_names),
+        _OPTIONAL: np.array(demonstrations.observation_names),
     }
     with replacing(path) as temporary:
         np.savez_compressed(temporary, allow_pickle=False, **arrays, **truth)

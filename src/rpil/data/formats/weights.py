@@ -11,6 +11,7 @@ import numpy as np
 from rpil.data.files import StrPath, check_extension
 from rpil.data.formats import csv, parquet
 from rpil.data.formats.table import step_columns
+from rpil.data.run import RUN_KEY, run_id
 from rpil.numerics.types import Array
 
 if TYPE_CHECKING:
@@ -36,7 +37,8 @@ def write_weights(
     """Write one row per step, in the order of the steps: episode_index, step_index, weight, expert_proba, log_odds.
 
     `expert_proba` and `log_odds` (M,) are repeated for each step of their demonstration. `block_steps` steps are in
-    memory at a time: `step_weight` (N,) may be in a file, and larger than memory.
+    memory at a time: `step_weight` (N,) may be in a file, and larger than memory. The metadata of a Parquet file hold
+    the `rpil.data.run.run_id`.
 
     Raises
     ------
@@ -46,6 +48,7 @@ def write_weights(
     writer = _WRITERS[check_weights(path).suffix.lower()]
     import pyarrow as pa
 
+    metadata = {RUN_KEY: run_id(ids, offsets, log_odds)}
     repeated = {"expert_proba": expert_proba, "log_odds": log_odds}
 
     def tables() -> Iterator[pa.Table]:
@@ -57,7 +60,8 @@ def write_weights(
             yield pa.table(
                 step_columns(ids[block], block_offsets)
                 | {"weight": np.asarray(step_weight[steps])}
-                | {name: np.repeat(values[block], lengths) for name, values in repeated.items()}
+                | {name: np.repeat(values[block], lengths) for name, values in repeated.items()},
+                metadata=metadata,
             )
 
     writer(Path(path), tables())

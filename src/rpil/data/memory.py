@@ -1,0 +1,79 @@
+"""The memory that data may take: data of a known size are refused, or left on disk, before they are read."""
+
+from __future__ import annotations
+
+import math
+import os
+import re
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from contextvars import ContextVar
+from pathlib import Path
+
+from rpil.data.errors import DataError
+
+Size = str | float
+"""Bytes as a number, or as text such as "4GB", "500 MB" or "2GiB"."""
+
+FREE_SHARE = 0.5
+"""Share of the free memory that data may take where no size was given."""
+
+BYTES_PER_NUMBER = 16
+"""In tables: a number as it is read, and as it is kept."""
+
+_UNITS = {"": 1.0, "k": 1e3, "m": 1e6, "g": 1e9, "t": 1e12, "ki": 2.0**10, "mi": 2.0**20, "gi": 2.0**30, "ti": 2.0**40}
+_SIZE = re.compile(r"(\d+\.?\d*)\s*([kmgt]?i?)b?", re.IGNORECASE)
+_given: ContextVar[float | None] = ContextVar("_given", default=None)
+
+
+def parse_size(size: Size) -> float:
+    """A size in bytes; a `DataError` where it is none."""
+    match = _SIZE.fullmatch(str(size).strip())
+    factor = _UNITS.get(match[2].lower()) if match else None
+    if match is None or factor is None or not float(match[1]):
+        raise DataError(f"{size!r} is no amount of memory; give one such as 4GB or 500MB.")
+    return float(match[1]) * factor
+
+
+@contextmanager
+def limited(size: Size | None) -> Iterator[None]:
+    """Let the data that are read in the block take `size` at most; None changes nothing."""
+    token = _given.set(_given.get() if size is None else parse_size(size))
+    try:
+        yield
+    finally:
+        _given.reset(token)
+
+
+def budget() -> float:
+    """Bytes that data may take."""
+    given = _given.get()
+    return FREE_SHARE * free_memory() if given is None else given
+
+
+def check_memory(n_bytes: float, where: str) -> None:
+    """Raise a `DataError` with the figures where data of `n_bytes` would take more than the `budget`."""
+    if n_bytes > budget():
+        raise DataError(
+            f"{where}: to read it would take {_written(n_bytes)} of memory, more than the {_written(budget())} that it "
+            "may; allow more (--memory, memory=), read fewer columns, or make it Parquet files, which can stay on disk."
+        )
+
+
+def free_memory() -> float:
+    """Free memory in bytes, at most what the container may take; infinite where the system does not say."""
+    free = math.inf
+    with suppress(OSError):
+        available = re.search(r"MemAvailable:\s*(\d+)", Path("/proc/meminfo").read_text())
+        free = 1024.0 * int(available[1]) if available else free
+    for limit in ("/sys/fs/cgroup/memory.max", "/sys/fs/cgroup/memory/memory.limit_in_bytes"):
+        with suppress(OSError, ValueError):  # "max" where there is none
+            free = min(free, float(Path(limit).read_text()))
+    if math.isinf(free):
+        with suppress(OSError, ValueError, AttributeError):
+            free = float(os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE"))
+    return free
+
+
+def _written(n_bytes: float) -> str:
+    return f"{n_bytes / 1e9:,.1f} GB" if n_bytes >= 1e8 else f"{n_bytes / 1e6:,.1f} MB"
