@@ -1,0 +1,40 @@
+"""Sizes in words, and the refusal of data that would not fit."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+
+from rpil.data import memory
+from rpil.data.errors import DataError
+
+
+@pytest.mark.parametrize(
+    ("size", "n_bytes"), [("4GB", 4e9), ("500 mb", 5e8), ("2GiB", 2.0**31), ("1.5k", 1500), (1000, 1000), ("7b", 7)]
+)
+def test_sizes(size, n_bytes):
+    assert memory.parse_size(size) == n_bytes
+
+
+@pytest.mark.parametrize("size", ["", "GB", "-1GB", "4 apples", "0", "1e9", "ib", math.inf, math.nan])
+def test_what_is_no_size_is_refused(size):
+    with pytest.raises(DataError, match="no amount of memory; give one such as"):
+        memory.parse_size(size)
+
+
+def test_the_innermost_limit_holds_and_ends_with_its_block(monkeypatch):
+    monkeypatch.setattr(memory, "free_memory", lambda: 1e9)
+    assert memory.budget() == 5e8
+    with memory.limited("2GB"):
+        with memory.limited("30MB"), memory.limited(None):
+            memory.check_memory(3e7, "x.npz")
+            with pytest.raises(DataError, match=r"x.npz: to read it would take 0.3 GB of memory, more than the 30.0"):
+                memory.check_memory(3e8, "x.npz")
+        memory.check_memory(2e9, "x.npz")
+    with pytest.raises(DataError):
+        memory.check_memory(6e8, "x.npz")
+
+
+def test_free_memory_is_known_here():
+    assert 1e6 < memory.free_memory() < 1e15
