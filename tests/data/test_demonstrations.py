@@ -180,7 +180,8 @@ def test_bad_arrays(changes, match):
 @pytest.mark.parametrize(
     ("second", "match"),
     [
-        ((X, Y[:4]), r"demonstration 'b': 5 observations but 4 actions; .*observations\[:-1\]"),
+        ((X, Y[:3]), r"demonstration 'b': 5 observations but 3 actions; .* after the last action has none"),
+        ((X[:4], Y), "demonstration 'b': 4 observations but 5 actions"),
         ((X[:0], Y[:0]), "demonstration 'b': it has no steps"),
         (([], []), "demonstration 'b': it has no steps"),
         ((X[:, 0], Y), r"demonstration 'b': observations must be \(N, D\)"),
@@ -190,6 +191,8 @@ def test_bad_arrays(changes, match):
         ((X.astype(str), Y), "demonstration 'b': observations hold text"),
         ((changed(X, 2, 0, np.nan), Y), "demonstration 'b', step 2: observation '0' is nan"),
         ((X, Y, Y), "one pair"),
+        (7, "one pair"),
+        ("XY", "one pair"),
     ],
 )
 def test_bad_episodes(second, match):

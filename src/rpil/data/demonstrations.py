@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
-from typing import Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rpil.data import arrays
 from rpil.data.arrays import Id, Indices
+from rpil.data.episodes import lay_end_to_end
 from rpil.data.errors import DataError
 from rpil.numerics.types import Array
 
@@ -50,14 +50,6 @@ def shard_bounds(offsets: NDArray[np.int64], n_shards: int, block_steps: int) ->
     firsts = np.unique(np.clip(np.append(0, ends), 0, len(offsets) - 1)).tolist()
     bounds = np.linspace(0, len(firsts) - 1, min(n_shards, len(firsts) - 1) + 1).astype(int).tolist()
     return [firsts[a : b + 1] for a, b in itertools.pairwise(bounds)]
-
-
-@runtime_checkable
-class Recorded(Protocol):
-    """An episode as an object, such as Minari's."""
-
-    observations: object
-    actions: object
 
 
 class DemonstrationSet:
@@ -174,48 +166,28 @@ class Demonstrations(DemonstrationSet):
     @classmethod
     def from_episodes(
         cls,
-        episodes: Sequence[tuple[ArrayLike, ArrayLike] | Recorded],
+        episodes: Iterable[object],
         ids: Iterable[object] | None = None,
         *,
         observation_names: Iterable[object] = (),
         source: str = SOURCE,
     ) -> Demonstrations:
-        """From ``(observations, actions)`` pairs, or from objects that have both as attributes (Minari's do).
+        """From episodes as Gymnasium, Minari and imitation give them.
+
+        Parameters
+        ----------
+        episodes : iterable
+            Each is a pair ``(observations, actions)``; a dict, or an object, with ``observations`` or ``obs`` and
+            ``actions`` or ``acts``; or a list of steps, which are such dicts. An observation after the last action is
+            dropped. Dicts and tuples of observations become columns with names such as ``qpos.0``.
 
         Raises
         ------
         DataError
-            As the class; also where an episode holds more observations than actions, as Gymnasium's do when they keep
-            the observation after the last action: which one to drop is the caller's to say.
+            As the class; also where an episode is none of these, or has other columns than the first.
         """
-        pairs = [(e.observations, e.actions) if isinstance(e, Recorded) else tuple(e) for e in episodes]
-        arrays.check_any(len(pairs), source)
-        names = arrays.as_ids(range(len(pairs)) if ids is None else ids, source)
-        if len(names) != len(pairs) or any(len(pair) != 2 for pair in pairs):
-            raise DataError(f"{source}: give each demonstration one id and one pair (observations, actions).")
-        columns: list[tuple[Array, Array]] = []
-        for name, (observations, actions) in zip(names, pairs, strict=True):
-            where = f"{source}, demonstration {name!r}"
-            pair = arrays.as_array(observations, "observations", where), arrays.as_array(actions, "actions", where)
-            lengths = [len(array) if array.ndim else 0 for array in pair]
-            if lengths[0] != lengths[1]:
-                raise DataError(
-                    f"{where}: {lengths[0]} observations but {lengths[1]} actions; give one action per observation "
-                    "(if the last observation only follows the last action, drop it: observations[:-1])."
-                )
-            if lengths[0] == 0:
-                raise DataError(f"{where}: it has no steps; leave it out.")
-            pair = arrays.as_observations(pair[0], where), pair[1]
-            columns.append(pair)
-            for array, first, what in zip(pair, columns[0], ("observations", "actions"), strict=True):
-                if array.shape[1:] != first.shape[1:] or (array.dtype.kind == "U") != (first.dtype.kind == "U"):
-                    raise DataError(
-                        f"{where}: its {what} differ in width or kind from those of demonstration {names[0]!r}; "
-                        "give every demonstration the same columns."
-                    )
-        offsets = np.cumsum([0, *(len(o) for o, _ in columns)])
-        stacked = [np.concatenate(column) for column in zip(*columns, strict=True)]
-        return cls(stacked[0], stacked[1], offsets, names, arrays.as_names(observation_names, source), source)
+        observations, actions, offsets, names, named = lay_end_to_end(episodes, ids, source)
+        return cls(observations, actions, offsets, names, arrays.as_names(observation_names, source) or named, source)
 
     @classmethod
     def from_groups(

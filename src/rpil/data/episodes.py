@@ -1,0 +1,155 @@
+"""Episodes as other libraries give them in Python: the observations and actions of each, as arrays.
+
+Gymnasium, Minari and imitation keep the observation after the last action, which is dropped here. Observations in dicts
+and tuples become columns, each with a name.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from itertools import product
+from typing import Any
+
+import numpy as np
+
+from rpil.data.arrays import Id, as_array, as_ids, as_observations, check_any
+from rpil.data.errors import DataError
+from rpil.numerics.types import Array
+
+NAMES = ("observations", "obs", "observation"), ("actions", "acts", "action")
+"""What an episode, or a step, calls its observations and its actions: Minari, imitation, Gymnasium."""
+
+
+def lay_end_to_end(
+    episodes: Iterable[object], ids: Iterable[object] | None, source: str
+) -> tuple[Array, Array, Array, tuple[Id, ...], tuple[str, ...]]:
+    """Observations (N, D), actions, offsets (M + 1,), ids and the names of the observations of M `episodes`.
+
+    A `DataError` where an episode cannot be read, or has other columns than the first.
+    """
+    given = list(episodes)
+    check_any(len(given), source)
+    names = as_ids(range(len(given)) if ids is None else ids, source)
+    if len(names) != len(given):
+        raise DataError(f"{source}: give each demonstration one id, not {len(names)} ids for {len(given)}.")
+    places = [f"{source}, demonstration {name!r}" for name in names]
+    read = [as_episode(*one) for one in zip(given, places, strict=True)]
+    for where, episode in zip(places, read, strict=True):
+        for what, one, first in zip(("observations", "actions", "names"), episode, read[0], strict=True):
+            if _kind(one) != _kind(first):
+                raise DataError(
+                    f"{where}: its {what} differ in width or kind from those of demonstration {names[0]!r}; "
+                    "give every demonstration the same columns."
+                )
+    offsets = np.cumsum([0, *(len(observations) for observations, _, _ in read)])
+    return np.concatenate([e[0] for e in read]), np.concatenate([e[1] for e in read]), offsets, names, read[0][2]
+
+
+def as_episode(given: object, where: str) -> tuple[Array, Array, tuple[str, ...]]:
+    """Observations (T, D), actions (T,) or (T, A), and names of the observations where they came with names.
+
+    `given` is a pair (observations, actions), a dict or an object that holds both, or a list of steps, which are dicts.
+    A `DataError` where it is none of these, where the parts differ in length, or where an observation is no number.
+    """
+    both = _parts(given)
+    if both is None:
+        raise DataError(
+            f"{where}: give one pair (observations, actions), a dict or an object that holds both, or a list of steps."
+        )
+    # A tuple holds the steps, or else the parts of all of them: the lengths decide.
+    pairs = list(product(*map(_readings, both)))
+    seen, acted = next((pair for pair in pairs if _n_rows(pair[0]) - _n_rows(pair[1]) in (0, 1)), pairs[0])
+    observations, names = _as_table(seen, "observation", where)
+    actions, _ = _as_table(acted, "action", where)
+    lengths = [len(array) if array.ndim else 0 for array in (observations, actions)]
+    if lengths[0] - lengths[1] not in (0, 1):
+        raise DataError(
+            f"{where}: {lengths[0]} observations but {lengths[1]} actions; give one action per observation, where at "
+            "most the observation after the last action has none."
+        )
+    if not lengths[1]:
+        raise DataError(f"{where}: it has no steps; leave it out.")
+    return as_observations(observations[: lengths[1]], where), actions, names
+
+
+def _kind(part: object) -> object:
+    """What all episodes have in common: names, or the width of an array and whether it is text."""
+    return (part.shape[1:], part.dtype.kind == "U") if isinstance(part, np.ndarray) else part
+
+
+def _parts(given: Any) -> tuple[object, object] | None:
+    """The observations and the actions in one of the forms of an episode; None where it has none of them."""
+    found = [_first_of(given, names) for names in NAMES]
+    if all(part is not None for part in found):
+        return found[0], found[1]
+    if isinstance(given, str) or not isinstance(given, Sequence | np.ndarray) or not len(given):
+        return None
+    if all(isinstance(step, Mapping) and _first_of(step, NAMES[0]) is not None for step in given):
+        steps = [[_first_of(step, names) for step in given] for names in NAMES]
+        return steps[0], steps[1][:-1] if steps[1][-1] is None else steps[1]
+    return (given[0], given[1]) if len(given) == 2 else None
+
+
+def _first_of(holder: object, names: Sequence[str]) -> object:
+    """The first of the entries, or attributes, of these names; None where there is none."""
+    get = holder.get if isinstance(holder, Mapping) else lambda name: getattr(holder, name, None)
+    return next((part for part in map(get, names) if part is not None), None)
+
+
+def _readings(part: object) -> list[object]:
+    return [list(part), _by_number(part)] if isinstance(part, tuple) else [part]
+
+
+def _by_number(parts: tuple[object, ...]) -> dict[str, object]:
+    return {str(k): part for k, part in enumerate(parts)}
+
+
+def _is_structure(part: object) -> bool:
+    """Whether `part` has entries by name: a dict, or imitation's DictObs, but no table of pandas."""
+    return isinstance(part, Mapping) or (hasattr(part, "items") and not hasattr(part, "__array__"))
+
+
+def _n_rows(part: Any) -> int:
+    if isinstance(part, tuple):
+        return _n_rows(_by_number(part))
+    if _is_structure(part):
+        return max((_n_rows(value) for _, value in part.items()), default=0)
+    return len(part) if hasattr(part, "__len__") and getattr(part, "shape", True) else 0
+
+
+def _as_table(part: object, what: str, where: str) -> tuple[Array, tuple[str, ...]]:
+    """Values as they are; those in dicts and tuples side by side, (T, K), and a name for each of the K."""
+    columns = _columns(part, "", what, where)
+    if "" in columns:
+        return columns[""], ()
+    blocks: list[Array] = []
+    names: list[str] = []
+    for name, column in columns.items():
+        block = np.reshape(column, (len(column), -1)) if column.ndim else column.reshape(1, 1)
+        if column.dtype.kind == "U" or (blocks and len(block) != len(blocks[0])):
+            fault = "is text" if column.dtype.kind == "U" else f"has {len(block)} steps, not {len(blocks[0])}"
+            raise DataError(
+                f"{where}: {what} {name!r} {fault}; leave it out, or give one number or array for each step."
+            )
+        blocks.append(block)
+        names += [name] if block.shape[1] == 1 else [f"{name}.{k}" for k in range(block.shape[1])]
+    if not blocks:
+        raise DataError(f"{where}: there are no {what}s; give at least one number for each step.")
+    return np.concatenate(blocks, axis=1), tuple(names)
+
+
+def _columns(part: Any, name: str, what: str, where: str) -> dict[str, Array]:
+    """The arrays in nested dicts and tuples, by their names joined with dots; an array by itself is called ""."""
+    if isinstance(part, list) and part and (isinstance(part[0], tuple) or _is_structure(part[0])):
+        steps = [_by_number(step) if isinstance(step, tuple) else dict(step.items()) for step in part]
+        if any(step.keys() != steps[0].keys() for step in steps):
+            raise DataError(f"{where}: the {what}s of its steps hold different parts; give every step the same ones.")
+        part = {key: [step[key] for step in steps] for key in steps[0]}
+    elif isinstance(part, tuple):
+        part = _by_number(part)
+    if not _is_structure(part):
+        return {name: as_array(part, f"{what} {name!r}" if name else f"{what}s", where)}
+    found: dict[str, Array] = {}
+    for key, value in part.items():
+        found |= _columns(value, f"{name}.{key}" if name else str(key), what, where)
+    return found

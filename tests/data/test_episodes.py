@@ -1,0 +1,111 @@
+"""Episodes as Gymnasium, Minari and imitation give them are read as the same demonstrations."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from rpil.data.demonstrations import Demonstrations
+from rpil.data.errors import DataError
+
+T = 4
+X = np.arange(15.0).reshape(5, 3)  # with the observation after the last action
+Y = np.array([0, 1, 1, 0])
+STEPS = [{"observation": x, "action": a, "reward": 1.0} for x, a in zip(X[:T], Y, strict=True)]
+
+
+@dataclass
+class DictObs:
+    """As imitation's: entries by name, but no mapping."""
+
+    _d: dict[str, np.ndarray]
+
+    def items(self):
+        return self._d.items()
+
+    def __len__(self):
+        return len(next(iter(self._d.values())))
+
+
+@pytest.mark.parametrize(
+    "episode",
+    [
+        (X[:T], Y),
+        (X, Y),
+        [X, Y],
+        (list(X), list(Y)),
+        (tuple(X), tuple(Y)),
+        {"observations": X, "actions": Y, "rewards": np.ones(4)},
+        {"obs": X, "acts": Y},
+        SimpleNamespace(observations=X, actions=Y, infos={}),
+        SimpleNamespace(obs=X, acts=Y, terminal=True),
+        STEPS,
+        [*STEPS, {"observation": X[T], "action": None}],
+        [*STEPS, {"observation": X[T]}],
+        [{"obs": x, "acts": a} for x, a in zip(X, Y, strict=False)],
+    ],
+)
+def test_forms_of_an_episode(episode):
+    d = Demonstrations.from_episodes([episode, (X[:2], Y[:2])], ids=["a", "b"])
+    assert d.observations.tolist() == [*X[:T].tolist(), *X[:2].tolist()]
+    assert d.actions.tolist() == [*Y.tolist(), *Y[:2].tolist()]
+    assert (d.ids, d.lengths.tolist(), d.observation_names) == (("a", "b"), [4, 2], ("0", "1", "2"))
+
+
+PARTS = {"qpos": X, "goal": {"at": X[:, :1], "near": np.array([True, False, True, True, False])}}
+NAMES = ("qpos.0", "qpos.1", "qpos.2", "goal.at", "goal.near")
+
+
+@pytest.mark.parametrize(
+    ("observations", "names"),
+    [
+        (PARTS, NAMES),
+        ([{"qpos": x, "goal": {"at": x[:1], "near": near}} for x, near in zip(X, [1, 0, 1, 1, 0], strict=True)], NAMES),
+        ((X, {"at": X[:, 0], "near": [1, 0, 1, 1, 0]}), ("0.0", "0.1", "0.2", "1.at", "1.near")),
+        ([(x, (x[0], near)) for x, near in zip(X, [1, 0, 1, 1, 0], strict=True)], ("0.0", "0.1", "0.2", "1.0", "1.1")),
+        (DictObs({"a": X, "b": np.c_[X[:, 0], [1, 0, 1, 1, 0]]}), ("a.0", "a.1", "a.2", "b.0", "b.1")),
+    ],
+)
+def test_parts_of_observations_become_named_columns(observations, names):
+    for episode in ((observations, Y), SimpleNamespace(obs=observations, acts=Y)):
+        d = Demonstrations.from_episodes([episode])
+        assert d.observation_names == names
+        np.testing.assert_array_equal(d.observations, np.c_[X, X[:, 0], [1, 0, 1, 1, 0]][:T])
+    named = Demonstrations.from_episodes([episode], observation_names=[*"abcde"])
+    assert named.observation_names == tuple("abcde")
+
+
+def test_parts_of_actions_are_one_continuous_action():
+    parts = {"arm": np.ones((4, 2)), "grip": np.zeros(4)}
+    for actions in (parts, tuple(parts.values())):
+        assert Demonstrations.from_episodes([(X, actions)]).actions.tolist() == [[1, 1, 0]] * 4
+
+
+def test_single_precision_is_kept():
+    assert Demonstrations.from_episodes([({"a": X.astype(np.float32)}, Y)]).observations.dtype == np.float32
+
+
+@pytest.mark.parametrize(
+    ("episode", "message"),
+    [
+        (({"mission": ["go"] * 5, "x": X}, Y), "demonstration 1: observation 'mission' is text; leave it out"),
+        (({"graph": [object()] * 5, "x": X}, Y), "demonstration 1: observation 'graph' must be"),
+        (({"a": X, "b": X[:3]}, Y), "demonstration 1: observation 'b' has 3 steps, not 5"),
+        (({}, Y), "demonstration 1: 0 observations but 4 actions|there are no observations"),
+        (({"b": X}, Y), "demonstration 1: its names differ"),
+        ((X, Y), "demonstration 1: its names differ"),
+        ([{"observation": {"a": X[0]}, "action": 0}, {"observation": {"b": X[0]}, "action": 0}], "different parts"),
+        ({"observations": X}, "one pair"),
+        ({"observation": 1, "action": 0}, "no steps"),
+        ([], "one pair"),
+        (None, "one pair"),
+    ],
+)
+def test_what_cannot_be_read_is_refused_in_one_sentence(episode, message):
+    with pytest.raises(DataError, match=message) as caught:
+        Demonstrations.from_episodes([({"a": X}, Y), episode])
+    assert str(caught.value).count(". ") == 0
+    assert str(caught.value).endswith(".")
