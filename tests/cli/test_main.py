@@ -96,7 +96,7 @@ def test_simulate_is_reproducible():
 def printed_ranking(result):
     """The rows of the ranking, and the titles of its columns."""
     lines = result.stdout.splitlines()
-    start = next(k for k, line in enumerate(lines) if line.startswith("─"))
+    start = next(k for k, line in enumerate(lines) if line.startswith("---"))
     stop = next(k for k in range(start, len(lines)) if not lines[k].strip())
     return re.split(r"\s{2,}", lines[start - 1].strip()), [line.split() for line in lines[start + 1 : stop]]
 
@@ -106,12 +106,12 @@ def test_audit_prints_finding_ranking_and_next_step(folder):
     titles, rows = printed_ranking(result)
     assert result.stdout.startswith(f"Told apart: {FINDINGS['told apart']}\n")
     assert titles[:6] == ["id", "steps", "log-odds", "P(expert)", "reliability", "verdict"]  # actions are all there is
-    assert [int(row[0]) < 6 for row in rows] == [True] * 6 + [False] * 6
-    assert [row[5] for row in rows] == ["expert"] * 6 + ["adversary"] * 6
+    assert [int(row[0]) < 6 for row in rows] == [False] * 6 + [True] * 6
+    assert [row[5] for row in rows] == ["adversary"] * 6 + ["expert"] * 6
     odds = [float(row[2]) for row in rows]
-    assert odds == sorted(odds, reverse=True)
+    assert odds == sorted(odds)
     assert result.stdout.count(P_EXPERT) == 1
-    *_, headline, following = result.stdout.splitlines()
+    headline, following = result.stdout.split("\n\n")[-1].splitlines()[:2]
     assert headline == "Of 12 demonstrations (1,160 steps), 6 can be trusted, 6 cannot be trusted, and 0 are uncertain."
     assert following == f"Next: {NEXT_STEPS['told apart']}"
     assert "Next" not in ok("audit", folder / "good.parquet", "--quiet").stdout
@@ -146,8 +146,8 @@ def test_audit_without_groups_prints_no_verdicts():
     result = ok("audit", "data.npz")
     assert result.stdout.startswith(f"Nobody stands out: {FINDINGS['nobody stands out']}\n")
     assert "\n20 demonstrations (1,200 steps) are ranked; there are no verdicts.\n" in result.stdout
-    assert "trusted" not in result.stdout
-    assert result.stdout.endswith(f"Next: {NEXT_STEPS['nobody stands out']}\n")
+    assert "can be trusted" not in result.stdout
+    assert f"\nNext: {NEXT_STEPS['nobody stands out']}\n" in result.stdout
     assert {row[5] for row in printed_ranking(result)[1]} == {"uncertain"}
     assert len({row[3] for row in printed_ranking(result)[1]}) > 5  # P(expert) is graded
 
@@ -212,9 +212,8 @@ def test_audit_writes_a_report_and_weights(folder):
 
 
 def proposed_labels_file(result):
-    """The labels file that the box shows."""
-    lines = [line.strip("│ ") for line in result.stdout.splitlines()]
-    return [line for line in lines if re.fullmatch(r"id,label|\d+,expert", line)]
+    """The labels file that is printed to be pasted."""
+    return [line[4:] for line in result.stdout.splitlines() if line.startswith("    ")]
 
 
 def test_one_label_decides_between_competing_groups(folder):
@@ -223,13 +222,15 @@ def test_one_label_decides_between_competing_groups(folder):
     assert result.stdout.startswith(f"Cannot be known: {FINDINGS['cannot be known']}\n")
     groups = re.findall(r"Group [AB], 6 demonstrations: ([\d, ]+)", result.stdout)
     assert sorted(sorted(map(int, group.split(", "))) for group in groups) == [[*range(6)], [*range(6, 12)]]
-    assert re.search(r"say \d+ or \d+, and write its label to labels.csv", result.stdout)
+    assert re.search(
+        r"labels that say most about the others, the best first: \d+, \d+, \d+\.\nWrite labels.csv", result.stdout
+    )
     assert "--minority" in result.stdout
     assert "there are no verdicts." in result.stdout
     assert result.stderr == ""
     again = result.stdout.splitlines()[-1].removeprefix("Then run: ")
     assert shlex.split(again) == ["rpil", "audit", str(file), "--seed", "2", "--labels", "labels.csv"]
-    # What the box proposes works as it stands.
+    # What is proposed works as it stands.
     header, label = proposed_labels_file(result)
     Path("labels.csv").write_text(f"{header}\n{label}\n")
     result = ok(*shlex.split(again)[1:], "--json")
@@ -336,7 +337,7 @@ def test_demo(monkeypatch):
     result = ok("demo", "--json", "--episodes", 7, "--seed", 2, "-o", "other.html")
     assert json.loads(result.stdout) == {"episodes": 7, "seed": 2, "auroc": None}
     assert result.stderr == "Report: other.html\n"
-    refused("no folder nowhere", "demo", "--report", "nowhere/r.html")
+    refused("no folder nowhere", "demo", "--output", "nowhere/r.html")
 
 
 def test_warnings_are_printed_once_as_notes(monkeypatch):
@@ -349,28 +350,18 @@ def test_warnings_are_printed_once_as_notes(monkeypatch):
     assert ok("demo").stderr == "note: Watch out.\n"
 
 
-def test_interruption_prints_nothing(monkeypatch):
-    def interrupt(**arguments):
-        raise KeyboardInterrupt
-
-    monkeypatch.setitem(sys.modules, "rpil.cli.demo", types.SimpleNamespace(run=interrupt))
-    result = call("demo")
-    assert result.exit_code == 130
-    assert result.output.strip() == ""
-
-
 def test_long_command_reports_its_stage_within_two_seconds():
     script = (
         "import sys, time, types\n"
         "def run(progress, **_):\n"
         "    progress('waiting')\n"
-        "    time.sleep(3)\n"
+        "    time.sleep(2)\n"
         "    raise SystemExit(7)\n"
         "sys.modules['rpil.cli.demo'] = types.SimpleNamespace(run=run)\n"
         "from rpil.cli.main import main\n"
         "main(['demo', *sys.argv[1:]])\n"
     )
-    for options, pattern in (([], r"rpil: 2 s: waiting\n"), (["--quiet"], "")):
+    for options, pattern in (([], r"rpil: 1 s: waiting\n"), (["--quiet"], "")):
         done = subprocess.run([sys.executable, "-c", script, *options], capture_output=True, text=True)
         assert done.returncode == 7
         assert re.fullmatch(pattern, done.stderr), done.stderr

@@ -2,11 +2,18 @@
 
 from __future__ import annotations
 
+import dataclasses
+import io
+import sys
+
+import numpy as np
 import pytest
 
 from audits import make_audit
 from rpil.audit.label_choice import NEXT_STEPS
+from rpil.audit.record import Demonstrator, Interval
 from rpil.cli import terminal
+from rpil.data.formats import read_labels
 from rpil.inference.trust import FINDINGS
 
 
@@ -18,4 +25,81 @@ def test_every_finding_has_a_sentence_and_a_next_step(finding, capsys):
     assert lines[0] == f"{finding.capitalize()}: {FINDINGS[finding]}"
     assert lines[-1].startswith("10 demonstrations (100 steps) are ranked")
     assert lines[-1].endswith("except on labelled ones.")
-    assert terminal.next_step(make_audit(finding=finding)) == f"Next: {NEXT_STEPS[finding]}"
+    following = terminal.next_steps(make_audit(finding=finding), "labels.csv", "rpil audit x").splitlines()
+    assert following[0] == f"Next: {NEXT_STEPS[finding]}"
+    assert (len(following) == 1) == (finding == "nothing could be learned")
+
+
+N_HEAD_LINES = 8  # at most, of what was read: above the audit
+VERDICTS = ("adversary",) * 100 + ("uncertain",) * 40 + ("expert",) * 4860
+
+
+@pytest.fixture(scope="module")
+def many():
+    """5,000 demonstrations of 40 people, the least trusted first."""
+    log_odds = np.linspace(-9, 9, len(VERDICTS))
+    log_odds[100:140] = np.linspace(-1, 1, 40)
+    log_odds[:100], log_odds[140:] = np.linspace(-9, -3, 100), np.linspace(3, 9, 4860)
+    people = tuple(Demonstrator(f"person {k}", Interval(0.9, 0.8, 1), 125, 100, 25, 0) for k in range(40))
+    audit = make_audit(VERDICTS, lengths=[2] * len(VERDICTS), log_odds=log_odds, demonstrators=people)
+    parts = {"from_actions": audit.log_odds - 1, "from_demonstrator": np.ones(len(VERDICTS))}
+    return dataclasses.replace(audit, **parts)
+
+
+def test_many_demonstrations_are_printed_in_few_lines_of_ascii(many, capsys, monkeypatch):
+    monkeypatch.setenv("FORCE_COLOR", "1")
+    terminal.print_audit(many)
+    print(terminal.next_steps(many, "labels.csv", "rpil audit x"))
+    out = capsys.readouterr().out
+    out.encode("ascii")
+    assert "\x1b" not in out
+    assert len(out.splitlines()) < 60 - N_HEAD_LINES
+    assert "... and 4,975 more demonstrations: --all prints them." in out
+    assert "... and 35 more demonstrators: --all prints them." in out
+    terminal.print_audit(many, all_rows=True)
+    assert len(capsys.readouterr().out.splitlines()) > 5000
+
+
+def test_the_worst_and_the_most_doubtful_are_shown(many):
+    shown = terminal.worst_and_doubtful(many, 30)
+    assert shown[:15] == [*range(15)]
+    assert max(abs(many.log_odds[shown[15:]])) <= min(abs(many.log_odds[[m for m in range(140) if m not in shown]]))
+    assert terminal.worst_and_doubtful(many, 300)[:140] == [*range(140)]
+    certain = dataclasses.replace(many, verdicts=("adversary",) * 140 + VERDICTS[140:])
+    assert terminal.worst_and_doubtful(certain, 30) == [*range(30)]
+    unknown = dataclasses.replace(many, verdicts=("uncertain",) * 5000, finding="nobody stands out")
+    assert terminal.worst_and_doubtful(unknown, 30) == [*range(30)]
+
+
+def test_terminal_gets_lines_and_colours(monkeypatch):
+    stream = io.StringIO()
+    monkeypatch.setattr(stream, "isatty", lambda: True, raising=False)
+    monkeypatch.setattr(sys, "stdout", stream)
+    terminal.print_audit(make_audit())
+    assert "\u2500\u2500" in stream.getvalue()
+    assert "\x1b[31madversary" in stream.getvalue()
+
+
+@pytest.mark.parametrize(
+    ("labels_file", "labelled", "lines"),
+    [
+        ("labels.csv", (), ["id,label", '"a,""b""",expert']),
+        ("labels.csv", ("good", "bad"), ['"a,""b""",expert']),
+        ("labels.json", (), ['{"a,\\"b\\"": "expert"}']),
+        ("labels.json", ("good", "bad"), ['"a,\\"b\\"": "expert"']),
+    ],
+)
+def test_labels_to_paste_are_read_as_labels_of_the_demonstration(labels_file, labelled, lines, tmp_path):
+    audit = make_audit(("expert", "uncertain", "adversary"), ids=("good", 'a,"b"', "bad"), labelled=labelled)
+    text = terminal.next_steps(audit, labels_file, "rpil audit x", n_labels=1)
+    assert [line[4:] for line in text.splitlines() if line.startswith("    ")] == lines
+    assert text.splitlines()[-1] == f"Then run: rpil audit x --labels {labels_file}"
+    if not labelled:
+        path = tmp_path / labels_file
+        path.write_text("\n".join(lines))
+        assert read_labels(path) == {'a,"b"': "expert"}
+
+
+def test_labels_for_all_leave_nothing_to_label():
+    audit = make_audit(("expert", "adversary"), labelled=(0, 1))
+    assert terminal.next_steps(audit, "l.csv", "rpil audit x").endswith("Every demonstration has a label already.")

@@ -8,7 +8,7 @@ import os
 import re
 import sys
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -32,6 +32,9 @@ if TYPE_CHECKING:
 MAX_MEMORY_SHARE = 0.25
 """Share of the free memory that a file may take; a larger file is read in blocks."""
 
+KEPT = "rpil.kept"
+"""Key of what an interruption leaves, in the `meta` of a click context."""
+
 
 @dataclass(frozen=True)
 class CommandSettings:
@@ -50,8 +53,13 @@ class Commands(click.Group):
 
     def invoke(self, ctx: click.Context) -> object:
         ctx.ensure_object(CommandSettings)
-        with print_warnings():
-            return super().invoke(ctx)
+        try:
+            with print_warnings():
+                return super().invoke(ctx)
+        except KeyboardInterrupt:
+            kept = "; ".join(ctx.meta.get(KEPT, ())) or "nothing was written"
+            click.echo(f"rpil: interrupted; {kept}.", err=True)
+            raise click.Abort from None
 
     def main(
         self,
@@ -81,6 +89,11 @@ class Commands(click.Group):
                 raise
             _exit_with_error(f"{error.filename}: {error.strerror}; check the path.")
         sys.exit(code)
+
+
+def tell_if_interrupted(kept: str) -> None:
+    """Name what an interruption of the command leaves."""
+    click.get_current_context().meta.setdefault(KEPT, []).append(kept)
 
 
 def _exit_with_error(sentence: str) -> NoReturn:
@@ -143,11 +156,12 @@ def _free_memory() -> float:
 
 
 @contextmanager
-def connect_engine(address: str | None) -> Iterator[Engine | None]:
+def connect_engine(address: str | None, progress: StageProgress) -> Iterator[Engine | None]:
     """The engine of the Dask scheduler at an address, or None without an address."""
     if address is None:
         yield None
         return
+    progress(f"connecting to {address}")
     from rpil.scale.dask import DaskEngine, connect
 
     with connect(address) as client:
@@ -161,8 +175,9 @@ def fit_rpil(
     progress: StageProgress,
     engine: Engine | None = None,
     warn_if_ambiguous: bool = True,
-) -> RPIL:
-    """`RPIL`, fitted to the demonstrations in `file` with the options of the command line."""
+) -> tuple[RPIL, Mapping[str, str]]:
+    """`RPIL`, fitted to the demonstrations in `file` with the options of the command line, and the demonstrators by the
+    ids of their demonstrations as text."""
     if options.adversary != "auto" and options.minority != "ask":
         raise click.UsageError("--minority has no effect with a named --adversary: leave one out")
     from rpil.data import formats
@@ -171,8 +186,8 @@ def fit_rpil(
     labels = formats.read_labels(options.labels) if options.labels else {}
     # The estimator checks these ids too, but cannot name the file.
     check_ids(labels, demonstrations.ids, str(options.labels), "the labels")
-    demonstrators = formats.read_demonstrators(options.demonstrators, file) if options.demonstrators else None
-    check_ids(demonstrators or (), demonstrations.ids, str(options.demonstrators), "the demonstrators")
+    demonstrators = formats.read_demonstrators(options.demonstrators, file) if options.demonstrators else {}
+    check_ids(demonstrators, demonstrations.ids, str(options.demonstrators), "the demonstrators")
     progress("starting")
     from rpil.data.errors import AmbiguousWarning
     from rpil.estimators.rpil import RPIL
@@ -192,10 +207,10 @@ def fit_rpil(
     if not warn_if_ambiguous:
         warnings.simplefilter("ignore", AmbiguousWarning)
     try:
-        return model.fit(demonstrations, demonstrators=demonstrators)
+        return model.fit(demonstrations, demonstrators=demonstrators or None), demonstrators
     except KeyboardInterrupt:
         if checkpoint.exists():
-            click.echo(f"rpil: the work so far is in {checkpoint}; run the command again with --resume.", err=True)
+            tell_if_interrupted(f"the work so far is in {checkpoint}; run the command again with --resume")
         raise
 
 

@@ -6,7 +6,6 @@ from __future__ import annotations
 import shlex
 import time
 from contextlib import AbstractContextManager
-from pathlib import Path
 from pkgutil import resolve_name
 from typing import TYPE_CHECKING, Any
 
@@ -15,12 +14,24 @@ from click.core import ParameterSource
 
 from rpil.cli import commands, terminal
 from rpil.cli.commands import Commands, CommandSettings, connect_engine, fit_rpil, read_demonstrations
-from rpil.cli.options import FitOptions, LibraryChoice, json_option, quiet_option, seed_option, with_fit_options
+from rpil.cli.options import (
+    FitOptions,
+    LibraryChoice,
+    OutputFile,
+    json_option,
+    quiet_option,
+    seed_option,
+    with_fit_options,
+)
+from rpil.cli.outputs import OUTPUTS, write_outputs
 from rpil.cli.progress import StageProgress, show_count, show_stages
 from rpil.data.files import check_outputs
 
 if TYPE_CHECKING:
     from rpil.audit.record import Audit
+
+N_LABELS = 3
+"""Demonstrations that an audit proposes to label."""
 
 ERROR_NAMES = LibraryChoice(lambda: resolve_name("rpil.simulation.corruptions:KINDS"))
 
@@ -43,65 +54,67 @@ def main(ctx: click.Context, /) -> None:
 
 
 @main.command()
-@click.argument("file")
-@click.option("--report", metavar="OUT.html", help="Also write a report as a web page.")
-@click.option("--weights", metavar="OUT.parquet|OUT.csv", help="Also write a training weight for every step.")
-@click.option("--suggest", metavar="K", type=click.IntRange(1), help="Also print the K labels that would say most.")
+@click.argument("file", type=click.Path())
+@click.option("--report", type=OutputFile(".html"), metavar="OUT.html", help="Also write a report as a web page.")
+@click.option(
+    "--weights",
+    type=OutputFile(".parquet", ".csv"),
+    metavar="OUT.parquet|OUT.csv",
+    help="Also write a training weight for every step.",
+)
+@click.option(
+    "--verdicts",
+    type=OutputFile(".csv", ".parquet", ".json"),
+    metavar="OUT.csv|OUT.parquet|OUT.json",
+    help="Also write a table with one row for every demonstration.",
+)
+@click.option(
+    "--keep",
+    type=OutputFile(".json"),
+    metavar="OUT.json",
+    help="Also write the ids of the trusted demonstrations, as LeRobot takes them.",
+)
+@click.option("--suggest", metavar="K", type=click.IntRange(1), help="Name the K labels that would say most.")
+@click.option("--all", "all_rows", is_flag=True, help="Print all demonstrations, not the worst and doubtful ones only.")
 @json_option
 @with_fit_options
 @click.pass_context
 def audit(
-    ctx: click.Context,
-    /,
-    file: str,
-    report: str | None,
-    weights: str | None,
-    suggest: int | None,
-    json_wanted: bool,
-    **options: Any,
+    ctx: click.Context, /, file: str, suggest: int | None, all_rows: bool, json_wanted: bool, **options: Any
 ) -> None:
-    """Print how far each demonstration can be trusted."""
+    """Print how far each demonstration can be trusted, the least trusted first.
+
+    No policy is kept: with --features auto none are chosen for one, and the verdicts are those of rpil fit.
+    """
     start = time.perf_counter()
+    outputs = {title: options.pop(title) for title in OUTPUTS}
     quiet, stream, scheduler = (options.pop(name) for name in ("quiet", "stream", "scheduler"))
-    check_outputs((file, options["labels"], options["demonstrators"]), report, weights)
+    check_outputs((file, options["labels"], options["demonstrators"]), *outputs.values())
     stream = commands.resolve_stream(stream, scheduler)
     if options["features"] == "auto":
         options["features"] = "folded"  # the judge's features; no final policy is kept, so none need be chosen
     with _show_stages(quiet) as progress:
-        if weights:
-            from rpil.data.formats.weights import check_weights
-
-            check_weights(weights)
-        with connect_engine(scheduler) as engine:
+        with connect_engine(scheduler, progress) as engine:
             data = read_demonstrations(file, progress, stream)
-            fitted = fit_rpil(file, data, FitOptions(**options), progress, engine, warn_if_ambiguous=json_wanted)
-        seconds = time.perf_counter() - start
+            fitted, who = fit_rpil(file, data, FitOptions(**options), progress, engine, warn_if_ambiguous=json_wanted)
         result = fitted.audit_
-        if weights:
-            from rpil.data.formats.weights import write_weights
-
-            progress("writing the weights")
-            write_weights(weights, result.ids, result.offsets, result.step_weight, result.expert_proba, result.log_odds)
-        if report:
-            progress("writing the report")
-            from rpil.audit.html.page import Article, write_page
-
-            write_page(report, [Article(f"Audit of {Path(file).name}", result, file, seconds=seconds)])
+        write_outputs(outputs, result, who, file, time.perf_counter() - start, progress)
     if json_wanted:
         suggested = {"suggested": result.suggest_labels(suggest)} if suggest else {}
         click.echo(terminal.to_json({"run": result.run_id} | result.to_dict() | suggested))
     else:
-        terminal.print_audit(result)
-        if suggest:
-            click.echo(terminal.label_suggestion(result, suggest))
-        _print_next_step(ctx, result, quiet)
-    _print_path("Weights", weights, json_wanted)
-    _print_path("Report", report, json_wanted)
+        terminal.print_audit(result, all_rows)
+        _print_next_steps(ctx, result, quiet and not suggest, n_labels=suggest or N_LABELS)
+    for title, path in outputs.items():
+        if path is not None:
+            click.echo(f"{title.capitalize()}: {path}", err=json_wanted)
 
 
 @main.command()
-@click.argument("file")
-@click.option("-o", "--output", metavar="POLICY", required=True, help="File for the policy, with any name.")
+@click.argument("file", type=click.Path())
+@click.option(
+    "-o", "--output", type=click.Path(), metavar="POLICY", required=True, help="File for the policy, with any name."
+)
 @click.option(
     "--method",
     type=click.Choice(("rpil", "cloning", "rment")),
@@ -121,7 +134,7 @@ def fit(ctx: click.Context, /, file: str, output: str, method: str, trusted: int
         raise click.UsageError("--method rment and --trusted N need each other: give both or neither", ctx)
     check_outputs((file, options["labels"], options["demonstrators"]), output)
     stream = commands.resolve_stream(stream, scheduler)
-    with _show_stages(quiet) as progress:
+    with _show_stages(quiet) as progress, connect_engine(scheduler, progress) as engine:
         demonstrations = read_demonstrations(file, progress, stream)
         progress("starting")
         from rpil.estimators.cloning import BehavioralCloning
@@ -131,8 +144,7 @@ def fit(ctx: click.Context, /, file: str, output: str, method: str, trusted: int
 
         model: BehavioralCloning | RMEnt | RPIL
         if method == "rpil":
-            with connect_engine(scheduler) as engine:
-                model = fit_rpil(file, demonstrations, FitOptions(**options), progress, engine, warn_if_ambiguous=False)
+            model, _ = fit_rpil(file, demonstrations, FitOptions(**options), progress, engine, warn_if_ambiguous=False)
         else:
             progress("learning")
             if trusted is None:
@@ -144,7 +156,7 @@ def fit(ctx: click.Context, /, file: str, output: str, method: str, trusted: int
     size = f"{len(demonstrations):,} demonstrations ({demonstrations.n_steps:,} steps)"
     if isinstance(model, RPIL):
         click.echo(f"{terminal.finding_sentence(model.audit_)}\n{terminal.verdict_sentence(model.audit_)}")
-        _print_next_step(ctx, model.audit_, quiet, f"Without a label, the policy in {output} learns from both groups.")
+        _print_next_steps(ctx, model.audit_, quiet, f"Without a label, the policy in {output} learns from both groups.")
     elif trusted is None:
         click.echo(f"All of {size} were trusted alike.")
     else:
@@ -167,7 +179,7 @@ def _refuse_rpil_options(ctx: click.Context, method: str) -> None:
 
 
 @main.command()
-@click.argument("policy")
+@click.argument("policy", type=click.Path())
 @click.option("--env", metavar="ID", required=True, help="Name of the environment in Gymnasium, as LunarLander-v3.")
 @click.option("--episodes", type=click.IntRange(1), default=100, show_default=True, help="Number of episodes to play.")
 @json_option
@@ -195,7 +207,9 @@ def evaluate(policy: str, env: str, episodes: int, json_wanted: bool, seed: int,
 @click.option("--kind", type=ERROR_NAMES, required=True, help="The error in the bad demonstrations.")
 @click.option("--good", type=click.IntRange(0), required=True, help="Number of demonstrations of the expert.")
 @click.option("--bad", type=click.IntRange(0), required=True, help="Number of demonstrations with the error.")
-@click.option("-o", "--output", metavar="FILE", required=True, help="A .parquet, .csv or .npz file to write.")
+@click.option(
+    "-o", "--output", type=click.Path(), metavar="FILE", required=True, help="A .parquet, .csv or .npz file to write."
+)
 @seed_option
 @quiet_option
 def simulate(env: str, kind: str, good: int, bad: int, output: str, seed: int, quiet: bool) -> None:
@@ -224,36 +238,43 @@ def simulate(env: str, kind: str, good: int, bad: int, output: str, seed: int, q
 
 @main.command()
 @click.option("--episodes", type=click.IntRange(2), default=100, show_default=True, help="Episodes for each policy.")
-@click.option("-o", "--report", metavar="OUT.html", default="rpil-demo.html", show_default=True, help="The report.")
+@click.option(
+    "-o",
+    "--output",
+    type=OutputFile(".html"),
+    metavar="OUT.html",
+    default="rpil-demo.html",
+    show_default=True,
+    help="The report.",
+)
 @json_option
 @seed_option
 @quiet_option
-def demo(episodes: int, report: str, json_wanted: bool, seed: int, quiet: bool) -> None:
+def demo(episodes: int, output: str, json_wanted: bool, seed: int, quiet: bool) -> None:
     """Run rpil on two data sets that come with it.
 
     One is of people who play a cooking game, the other of a lunar lander.
     """
-    check_outputs((), report)
+    check_outputs((), output)
     with _show_stages(quiet) as progress:
         from rpil.cli.demo import run
 
         result = run(episodes=episodes, seed=seed, progress=progress)
         progress("writing the report")
-        result.write_report(report)
+        result.write_report(output)
     if json_wanted:
         click.echo(terminal.to_json(result.to_dict()))
     else:
         click.echo("\n".join(result.sentences()))
-    _print_path("Report", report, json_wanted)
+    click.echo(f"Report: {output}", err=json_wanted)
 
 
-def _print_next_step(ctx: click.Context, audit: Audit, quiet: bool, consequence: str = "") -> None:
-    """Print what to do next: if two groups compete, which demonstration to label, and the command to run then."""
-    if audit.identifiable:
-        if not quiet:
-            click.echo(terminal.next_step(audit))
+def _print_next_steps(
+    ctx: click.Context, audit: Audit, quiet: bool, consequence: str = "", n_labels: int = N_LABELS
+) -> None:
+    """Print what to do next, with the command to run then; if `quiet`, only where two groups compete."""
+    if quiet and audit.identifiable:
         return
-    labels = ctx.params["labels"] or "labels.csv"
     words = ["rpil", str(ctx.info_name)]
     for param in ctx.command.params:
         name, value = str(param.name), ctx.params[str(param.name)]
@@ -262,10 +283,5 @@ def _print_next_step(ctx: click.Context, audit: Audit, quiet: bool, consequence:
         elif name != "labels" and ctx.get_parameter_source(name) is ParameterSource.COMMANDLINE:
             flag = {True: param.opts[:1], False: param.secondary_opts[:1]}
             words += flag[value] if isinstance(value, bool) else [param.opts[0], str(value)]
-    terminal.print_ambiguity(audit, labels, consequence)
-    click.echo(f"Then run: {shlex.join([*words, '--labels', labels])}")
-
-
-def _print_path(title: str, path: str | None, json_wanted: bool) -> None:
-    if path:
-        click.echo(f"{title}: {path}", err=json_wanted)
+    labels = ctx.params["labels"] or "labels.csv"
+    click.echo(terminal.next_steps(audit, labels, shlex.join(words), n_labels, consequence))

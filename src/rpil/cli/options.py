@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING
 
 import click
 
+from rpil.data.files import StrPath, check_extension
+
 if TYPE_CHECKING:
     from rpil.inference.settings import Minority
 
@@ -43,7 +45,20 @@ class LibraryChoice(click.Choice[str]):
         return tuple(name.replace(" ", "-") for name in self.load())
 
     def convert(self, value: str, param: click.Parameter | None, ctx: click.Context | None) -> str:
+        if param is not None and value == param.default:  # without the import, which may take longer than a command may
+            return value  # be silent
         return super().convert(value.replace(" ", "-"), param, ctx).replace("-", " ")
+
+
+class OutputFile(click.Path):
+    """A file to write, whose name ends in one of `extensions`: another one is refused before any work."""
+
+    def __init__(self, *extensions: str) -> None:
+        super().__init__(path_type=str)
+        self.extensions = extensions
+
+    def convert(self, value: StrPath, param: click.Parameter | None, ctx: click.Context | None) -> str:
+        return str(check_extension(value, self.extensions, param.opts[-1] if param else ""))
 
 
 def _adversaries() -> Iterable[str]:
@@ -58,9 +73,12 @@ seed_option = click.option(
 quiet_option = click.option("--quiet", "-q", is_flag=True, help="Print results only: no progress, no hints.")
 json_option = click.option("--json", "json_wanted", is_flag=True, help="Print JSON, and nothing else, on stdout.")
 FIT_OPTIONS = (
-    click.option("--labels", metavar="FILE", help="Labels of some demonstrations: CSV (id,label) or JSON."),
+    click.option(
+        "--labels", type=click.Path(), metavar="FILE", help="Labels of some demonstrations: CSV (id,label) or JSON."
+    ),
     click.option(
         "--demonstrators",
+        type=click.Path(),
         metavar="FILE|COLUMN",
         help="The demonstrator of each demonstration: CSV (id,demonstrator), JSON, or a column of FILE.",
     ),

@@ -26,7 +26,7 @@ CountProgress = Callable[[int, int], None]
 class ProgressTiming:
     """When lines about progress are printed where there is no terminal."""
 
-    first: float = 1.5  # seconds until the first line
+    first: float = 1.0  # seconds until the first line
     interval: float = 3.0  # seconds between two lines, at least
     elapsed_share: float = 0.1  # the same as a share of the elapsed time: lines become rarer
 

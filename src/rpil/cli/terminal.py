@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import csv
+import io
 import json
 import math
+import shlex
 import sys
 import warnings
 from collections.abc import Hashable, Iterator, Sequence
@@ -13,14 +16,27 @@ from typing import TYPE_CHECKING
 import click
 
 if TYPE_CHECKING:
-    from rich.console import Console
     from rich.table import Table
 
-    from rpil.audit.record import Audit
+    from rpil.audit.record import Audit, Demonstrator
 
 VERDICT_COLOURS = {"expert": "green", "uncertain": "yellow", "adversary": "red"}
 
+MAX_ROWS = 25  # of the ranking, unless all are asked for
+MAX_DEMONSTRATORS = 5  # the same for the table of demonstrators
 MAX_IDS = 20  # in one line
+N_WORST = 3  # demonstrations to look at
+PIPE_WIDTH = 10_000  # of a table where there is no terminal: no line is wrapped
+
+CANNOT_BE_KNOWN = (
+    "Two groups of demonstrations act in two different ways in the same states. Nothing in the data says which of them "
+    "is the expert, so all verdicts are uncertain."
+)
+MINORITY_OPTIONS = "If both groups are good, use --minority trust. If group A is the expert's, use --minority distrust."
+TWO_STYLES = (
+    "There are two styles: two groups of demonstrations act differently in some states. Both may be good; if one is "
+    "bad, label one demonstration of each."
+)
 
 
 @contextmanager
@@ -58,19 +74,34 @@ def finding_sentence(audit: Audit) -> str:
     return f"{audit.finding.capitalize()}: {FINDINGS[audit.finding]}"
 
 
-def print_audit(audit: Audit) -> None:
-    """Print the finding, the ranking, the meaning of P(expert), the demonstrators, and the number of each verdict."""
+def print_audit(audit: Audit, all_rows: bool = False) -> None:
+    """Print the finding, the ranking, the meaning of P(expert), the demonstrators, and the number of each verdict.
+
+    The ranking has at most `MAX_ROWS` rows, and the demonstrators `MAX_DEMONSTRATORS`, unless `all_rows`.
+    """
     from rpil.audit.assumptions import P_EXPERT
 
     click.echo(f"{finding_sentence(audit)}\n")
-    _print_ranking(audit)
+    _print_ranking(audit, worst_and_doubtful(audit, len(audit.ids) if all_rows else MAX_ROWS))
     click.echo(f"\n{P_EXPERT}\n")
     if audit.demonstrators:
-        _print_demonstrators(audit)
+        _print_demonstrators(audit.demonstrators[::-1][: None if all_rows else MAX_DEMONSTRATORS], audit)
     click.echo(verdict_sentence(audit))
 
 
-def _print_ranking(audit: Audit) -> None:
+def worst_and_doubtful(audit: Audit, n_rows: int) -> list[int]:
+    """Up to `n_rows` indices of demonstrations, the least trusted first: half of them the most doubtful ones.
+
+    Doubtful are those that got no verdict although demonstrations were told apart.
+    """
+    order = audit.ranking()[::-1].tolist()
+    doubtful = [m for m in order if audit.finding == "told apart" and audit.verdicts[m] == "uncertain"]
+    shown = set(sorted(doubtful, key=lambda m: abs(audit.log_odds[m]))[: n_rows // 2])
+    shown |= set([m for m in order if m not in shown][: n_rows - len(shown)])
+    return [m for m in order if m in shown]
+
+
+def _print_ranking(audit: Audit, shown: Sequence[int]) -> None:
     from rich.text import Text
 
     parts = audit.evidence_columns()
@@ -81,7 +112,7 @@ def _print_ranking(audit: Audit) -> None:
     groups = {name: letter for letter, members in _groups(audit).items() for name in members}
     if groups:
         table.add_column("group", no_wrap=True)
-    for m in audit.ranking().tolist():
+    for m in shown:
         table.add_row(
             Text(printable(audit.ids[m])),
             f"{audit.lengths[m]:,}",
@@ -92,18 +123,18 @@ def _print_ranking(audit: Audit) -> None:
             " ".join(map(str, audit.worst_steps(m))),
             *([groups.get(audit.ids[m], "")] if groups else []),
         )
-    _console().print(table)
+    _print_table(table, len(audit.ids), "demonstrations")
 
 
-def _print_demonstrators(audit: Audit) -> None:
+def _print_demonstrators(shown: Sequence[Demonstrator], audit: Audit) -> None:
     from rich.text import Text
 
     table = _empty_table("demonstrator", "trust", "95 %", "demonstrations", *VERDICT_COLOURS)
-    for row in audit.demonstrators:
+    for row in shown:
         counts = row.n_demonstrations, row.experts, row.uncertain, row.adversaries
         trust = f"{row.trust.mean:.2f}", f"{row.trust.low:.2f} to {row.trust.high:.2f}"
         table.add_row(Text(printable(row.name)), *trust, *(f"{count:,}" for count in counts))
-    _console().print(table)
+    _print_table(table, len(audit.demonstrators), "demonstrators")
     click.echo("")
 
 
@@ -112,11 +143,22 @@ def _empty_table(name: str, *numbers: str) -> Table:
     from rich import box
     from rich.table import Table
 
-    table = Table(box=box.SIMPLE_HEAD, show_edge=False, pad_edge=False)
+    lines = box.SIMPLE_HEAD if sys.stdout.isatty() else box.Box(str(box.SIMPLE_HEAD).replace("\u2500", "-"), ascii=True)
+    table = Table(box=lines, show_edge=False, pad_edge=False)
     table.add_column(name, overflow="fold")
     for title in numbers:
         table.add_column(title, justify="right", no_wrap=True)
     return table
+
+
+def _print_table(table: Table, n_rows: int, what: str) -> None:
+    """Print a table, and how many of `n_rows` rows are not in it; in a pipe or a file nothing is cut or coloured."""
+    from rich.console import Console
+
+    terminal = sys.stdout.isatty()
+    Console(highlight=False, force_terminal=terminal, width=None if terminal else PIPE_WIDTH).print(table)
+    if n_rows > table.row_count:
+        click.echo(f"... and {n_rows - table.row_count:,} more {what}: --all prints them.")
 
 
 def verdict_sentence(audit: Audit) -> str:
@@ -127,55 +169,53 @@ def verdict_sentence(audit: Audit) -> str:
     return f"Of {size}, {expert} can be trusted, {adversary} cannot be trusted, and {uncertain} are uncertain."
 
 
-def next_step(audit: Audit) -> str:
-    """What to do next; before it, the two styles of demonstrations, if there are two."""
+def next_steps(audit: Audit, labels_file: str, command: str, n_labels: int = 3, consequence: str = "") -> str:
+    """What to do next: which demonstrations to look at and to label, what to write to `labels_file`, what to run then.
+
+    `command` is the command without ``--labels``. `consequence` is a sentence about having no label where two groups
+    compete.
+    """
     from rpil.audit.label_choice import NEXT_STEPS
 
-    sentence = f"Next: {NEXT_STEPS[audit.finding]}"
-    if not audit.competing:
-        return sentence
-    groups = "; ".join(f"{letter}: {join_ids(members)}" for letter, members in _groups(audit).items())
-    return (
-        f"There are two styles: two groups of demonstrations act differently in some states ({groups}). Both may be "
-        f"good; if one is bad, label one demonstration of each, say {join_ids(audit.to_label, ' and ')}.\n{sentence}"
-    )
+    lines = _group_lines(audit)
+    if consequence and not audit.identifiable:
+        lines.append(consequence)
+    lines.append(f"Next: {NEXT_STEPS[audit.finding]}")
+    if audit.finding in ("told apart", "nobody stands out"):
+        worst = [audit.ids[m] for m in audit.ranking()[::-1][:N_WORST].tolist()]
+        lines.append(f"The least trusted, the worst first: {join_ids(worst)}.")
+    if audit.finding != "nothing could be learned":
+        lines += _label_lines(audit, labels_file, command, n_labels)
+    return "\n".join(lines)
 
 
-def label_suggestion(audit: Audit, k: int) -> str:
-    suggested = audit.suggest_labels(k)
-    if not suggested:
-        return "Every demonstration has a label already."
-    return f"The labels that say most about the others, the best first: {join_ids(suggested)}."
+def _group_lines(audit: Audit) -> list[str]:
+    """The two groups that compete, or two styles, and what they mean."""
+    lines = [f"Group {letter}, {len(ids)} demonstrations: {join_ids(ids)}" for letter, ids in _groups(audit).items()]
+    if not audit.identifiable:
+        return [CANNOT_BE_KNOWN, *lines, MINORITY_OPTIONS]
+    return [TWO_STYLES, *lines] if lines else []
 
 
-def print_ambiguity(audit: Audit, labels_file: str, consequence: str = "") -> None:
-    """Print a box with the two groups that compete, and the label that decides between them, for `labels_file`.
-
-    `consequence` is a sentence about the consequence of having no label.
-    """
-    from rich.panel import Panel
-    from rich.text import Text
-
-    chosen = printable(audit.to_label[0])
-    is_json = labels_file.lower().endswith(".json")
-    content = [json.dumps({chosen: "expert"})] if is_json else ["id,label", f"{chosen},expert"]
-    lines = [
-        "Two groups of demonstrations act in two different ways in the same states. Nothing in the data says which of "
-        "them is the expert, so all verdicts are uncertain.",
-        "",
-        *(f"Group {letter}, {len(ids)} demonstrations: {join_ids(ids)}" for letter, ids in _groups(audit).items()),
-        "",
-        f"Look at one demonstration, say {join_ids(audit.to_label, ' or ')}, and write its label to {labels_file}, "
-        f"expert or adversary. If {chosen} is good:",
-        "",
+def _label_lines(audit: Audit, labels_file: str, command: str, n_labels: int) -> list[str]:
+    """Which demonstrations to label, and the text that calls the first of them an expert's."""
+    to_label = audit.suggest_labels(n_labels)
+    if not to_label:
+        return ["Every demonstration has a label already."]
+    name, add = printable(to_label[0]), bool(audit.labelled)
+    if labels_file.lower().endswith(".json"):
+        pair = json.dumps({name: "expert"}, ensure_ascii=False)
+        content = [pair[1:-1] if add else pair]
+    else:
+        row = io.StringIO()
+        csv.writer(row, lineterminator="").writerow([name, "expert"])
+        content = [row.getvalue()] if add else ["id,label", row.getvalue()]
+    return [
+        f"The labels that say most about the others, the best first: {join_ids(to_label)}.",
+        f"{'Add to' if add else 'Write'} {labels_file} expert or adversary for each that you judge; if {name} is good:",
         *(f"    {line}" for line in content),
-        "",
-        "If both groups are good, use --minority trust. If group A is the expert's, use --minority distrust.",
-        *(["", consequence] if consequence else []),
+        f"Then run: {command} --labels {shlex.quote(labels_file)}",
     ]
-    console = _console()
-    panel = Panel(Text("\n".join(lines)), title="Cannot be known", border_style="yellow", width=min(console.width, 100))
-    console.print(panel)
 
 
 def _groups(audit: Audit) -> dict[str, tuple[Hashable, ...]]:
@@ -193,10 +233,3 @@ def printable(name: Hashable) -> str:
     """An id as text without control characters, which a terminal would obey."""
     text = str(name)
     return text if text.isprintable() else repr(text)
-
-
-def _console() -> Console:
-    """The console of results; in a pipe or a file nothing is cut or wrapped."""
-    from rich.console import Console
-
-    return Console(highlight=False, width=None if sys.stdout.isatty() else 160)

@@ -9,9 +9,13 @@ import uuid
 import zlib
 from collections.abc import Collection, Iterable, Iterator
 from contextlib import contextmanager, suppress
+from fnmatch import fnmatch
 from pathlib import Path
 
 from rpil.data.errors import DataError
+
+_TABLES = (".parquet", ".csv", ".npz")
+"""Extensions of files that are read as data where they lie in a folder of data."""
 
 StrPath = str | os.PathLike[str]
 
@@ -91,10 +95,18 @@ def _remove_abandoned(folder: Path, mark: str, suffix: str) -> None:
 
 
 def check_outputs(inputs: Iterable[StrPath | None], *outputs: StrPath | None) -> None:
-    """A `DataError`, before any work, naming an output that cannot be written, is an input, or is named twice."""
-    taken = {Path(path).resolve() for path in inputs if path}
+    """A `DataError`, before any work, naming an output that cannot be written, is named twice, or is or joins an input.
+
+    An input may be a folder or a pattern: then a table in the folder, or a file that the pattern matches, joins it.
+    """
+    sources = [Path(os.path.abspath(path)).resolve() for path in inputs if path]
+    taken = set(sources)
     for path in (path for path in outputs if path is not None):
         place = check_writable(path).resolve()
         if place in taken:
             raise DataError(f"{path}: it is named twice in the command; give every file a name of its own.")
         taken.add(place)
+        for source in sources:
+            in_folder = place.suffix.lower() in _TABLES and source.is_dir() and source in place.parents
+            if in_folder or fnmatch(str(place), str(source)):
+                raise DataError(f"{path}: it would join the data in {source}; write it to another folder.")

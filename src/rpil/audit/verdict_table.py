@@ -1,0 +1,87 @@
+"""The verdicts of an audit as files: a table with one row for each demonstration, and the demonstrations to keep."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Hashable, Mapping, Sequence
+from pathlib import Path
+
+from rpil.audit.record import Audit
+from rpil.data.files import StrPath, check_extension, replacing
+from rpil.data.formats import csv, parquet
+
+TABLE_EXTENSIONS = (".csv", ".parquet", ".json")
+
+
+def verdict_columns(audit: Audit, demonstrators: Mapping[str, str]) -> dict[str, Sequence[object]]:
+    """The columns of the table, in the order of the data; `demonstrators` by the id of a demonstration as text."""
+    return {
+        "id": file_ids(audit.ids),
+        "verdict": audit.verdicts,
+        "expert_proba": audit.expert_proba.tolist(),
+        "log_odds": audit.log_odds.tolist(),
+        **{f"from_{part}": values.tolist() for part, values in audit.evidence.items()},
+        "reliability": audit.reliability.tolist(),
+        "demonstrator": [demonstrators.get(str(name), "") for name in audit.ids],
+        "n_steps": audit.lengths.tolist(),
+        "faults": [""] * len(audit.ids),
+        "reason": verdict_reasons(audit),
+        "run": [audit.run_id] * len(audit.ids),
+    }
+
+
+def verdict_reasons(audit: Audit) -> Sequence[str]:
+    """Why each demonstration has its verdict, in words; empty where that is not known."""
+    return [""] * len(audit.ids)
+
+
+def write_verdicts(path: StrPath, audit: Audit, demonstrators: Mapping[str, str]) -> None:
+    """Write one row for each demonstration to a .csv, .parquet or .json file, in the order of the data.
+
+    The columns are id, verdict, expert_proba, log_odds and its parts from_actions, from_demonstrator and from_label in
+    nats, reliability, demonstrator, n_steps, faults, reason, and the run id. JSON holds a list of objects.
+
+    Parameters
+    ----------
+    demonstrators : mapping of id, as text, to name
+        May be empty; a demonstration that is not in it gets an empty text.
+
+    Raises
+    ------
+    DataError
+        Where the path has another extension, or cannot be written.
+    """
+    path = check_extension(path, TABLE_EXTENSIONS, "verdicts")
+    columns = verdict_columns(audit, demonstrators)
+    if path.suffix.lower() == ".json":
+        _write_json(path, [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)])
+        return
+    import pyarrow as pa
+
+    writer = csv if path.suffix.lower() == ".csv" else parquet
+    writer.write_tables(path, iter([pa.table(columns)]))
+
+
+def write_kept(path: StrPath, audit: Audit) -> None:
+    """Write ``{"episodes": [...], "run": ...}``, the run id and the ids with the verdict "expert" in the order of the data, to a .json file.
+
+    Whole numbers are written as such: then the list is what LeRobot takes as the episodes of a data set.
+
+    Raises
+    ------
+    DataError
+        Where the path has another extension, or cannot be written.
+    """
+    trusted = [name for name, verdict in zip(file_ids(audit.ids), audit.verdicts, strict=True) if verdict == "expert"]
+    _write_json(check_extension(path, (".json",), "demonstrations to keep"), {"episodes": trusted, "run": audit.run_id})
+
+
+def file_ids(ids: Sequence[Hashable]) -> list[int] | list[str]:
+    """Ids as whole numbers where all are, else as text."""
+    numbers = [name for name in ids if isinstance(name, int)]
+    return numbers if len(numbers) == len(ids) else list(map(str, ids))
+
+
+def _write_json(path: Path, value: object) -> None:
+    with replacing(path) as temporary:
+        temporary.write_text(json.dumps(value, allow_nan=False, indent=1) + "\n", encoding="utf-8")

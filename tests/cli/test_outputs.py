@@ -1,0 +1,76 @@
+"""The files of ``rpil audit``: a table of verdicts and the demonstrations to keep; nothing joins the data."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+
+import pyarrow as pa
+import pyarrow.csv
+import pyarrow.parquet as pq
+import pytest
+
+from audits import make_audit
+from command_line import call, ok, refused
+from rpil.cli import outputs
+
+
+def test_audit_writes_verdicts_and_the_list_to_keep(folder):
+    who = "".join(f"{m},{'abcd'[m // 3]}\n" for m in range(11))
+    Path("who.csv").write_text(f"id,demonstrator\n{who}")
+    files = ["--verdicts", "v.csv", "--keep", "k.json", "--weights", "w.csv", "--report", "r.html"]
+    result = ok("audit", folder / "good.parquet", "--json", "--demonstrators", "who.csv", *files)
+    assert result.stderr.splitlines() == ["Weights: w.csv", "Verdicts: v.csv", "Keep: k.json", "Report: r.html"]
+    assert {row["run"] for row in pa.csv.read_csv("v.csv").to_pylist()} == {json.loads(result.stdout)["run"]}
+    printed = {entry["id"]: entry for entry in json.loads(result.stdout)["demonstrations"]}
+    rows = pa.csv.read_csv("v.csv").to_pylist()
+    assert [row["id"] for row in rows] == [*range(12)]
+    assert [row["demonstrator"] for row in rows] == [*"aaabbbcccdd", ""]
+    for row in rows:
+        for name in ("verdict", "log_odds", "expert_proba", "reliability", "n_steps"):
+            assert row[name] == printed[row["id"]][name]
+        assert row["from_demonstrator"] == printed[row["id"]]["evidence"]["demonstrator"]
+    assert json.loads(Path("k.json").read_text())["episodes"] == [*range(6)]
+
+
+def test_nothing_to_keep_is_said(folder):
+    result = ok("audit", folder / "shifted.parquet", "--keep", "k.json", "--quiet", "--minority", "ask")
+    assert json.loads(Path("k.json").read_text())["episodes"] == []
+    assert result.stderr == "note: k.json: no demonstration has the verdict expert, so that it lists none.\n"
+
+
+@pytest.mark.parametrize("data", ["data", "data/*.parquet", "data/**"])
+def test_outputs_do_not_join_the_data(folder, data):
+    Path("data").mkdir()
+    shutil.copy(folder / "good.parquet", "data/one.parquet")
+    for output in ("data/one.parquet", "data/two.parquet"):
+        refused("it would join the data in .*; write it to another folder", "audit", data, "--weights", output)
+    if data == "data":  # a page is not read as data
+        assert ok("audit", data, "--report", "data/r.html", "--quiet").exit_code == 0
+    assert pq.read_table("data/one.parquet").equals(pq.read_table(folder / "good.parquet"))
+
+
+def test_interruption_says_what_is_kept(folder, monkeypatch):
+    def interrupt(*_, **__):
+        raise KeyboardInterrupt
+
+    arguments = ["audit", folder / "good.parquet", "--weights", "w.csv", "--keep", "k.json"]
+    monkeypatch.setattr("rpil.audit.verdict_table.write_kept", interrupt)
+    result = call(*arguments)
+    assert (result.exit_code, result.stdout) == (130, "")
+    assert result.stderr == "rpil: interrupted; w.csv is written.\n"
+    monkeypatch.setattr("rpil.estimators.rpil.RPIL.fit", interrupt)
+    result = call(*arguments)
+    assert (result.exit_code, result.stdout) == (130, "")
+    assert result.stderr == "rpil: interrupted; nothing was written.\n"
+
+
+def test_every_output_has_a_writer(tmp_path, monkeypatch):
+    monkeypatch.setattr(outputs, "tell_if_interrupted", lambda kept: None)
+    paths = {"weights": "w.parquet", "verdicts": "v.parquet", "keep": "k.json", "report": "r.html"}
+    assert tuple(paths) == outputs.OUTPUTS
+    stages: list[str] = []
+    outputs.write_outputs(paths, make_audit(), {}, "data.csv", 1.0, stages.append)
+    assert stages == [f"writing {path}" for path in paths.values()]
+    assert all(Path(path).stat().st_size > 0 for path in paths.values())
