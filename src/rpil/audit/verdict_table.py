@@ -63,7 +63,7 @@ def write_verdicts(path: StrPath, audit: Audit, demonstrators: Mapping[str, str]
 
 
 def write_kept(path: StrPath, audit: Audit) -> None:
-    """Write ``{"episodes": [...], "run": ...}``, the run id and the ids with the verdict "expert" in the order of the data, to a .json file.
+    """Write ``{"episodes": [...], "run": ...}``: ids with the verdict "expert", in the order of the data; and the run id.
 
     Whole numbers are written as such: then the list is what LeRobot takes as the episodes of a data set.
 
