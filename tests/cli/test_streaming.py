@@ -15,6 +15,8 @@ from rpil import Dataset, open_dataset
 from rpil.cli import commands
 from rpil.data import formats
 from rpil.data.demonstrations import Demonstrations
+from rpil.data.errors import DataError
+from rpil.data.memory import limited
 from rpil.scale.dask import connect
 from small import SMALL, small_rpil
 
@@ -42,14 +44,18 @@ def test_a_folder_is_read_block_by_block(tmp_path):
     command("fit", folder, "-o", tmp_path / "policy", "--method", "cloning")
 
 
-def test_a_large_file_is_read_block_by_block(tmp_path, monkeypatch):
+def test_a_large_file_is_read_block_by_block(tmp_path):
     formats.write(tmp_path / "a.parquet", demonstrations())
     read = commands.read_demonstrations(str(tmp_path / "a.parquet"), lambda _: None, None)
     assert isinstance(read, Demonstrations)
-    monkeypatch.setattr(commands, "_free_memory", lambda: 1000.0)
-    assert isinstance(commands.read_demonstrations(str(tmp_path / "a.parquet"), lambda _: None, None), Dataset)
-    assert isinstance(commands.read_demonstrations(str(tmp_path / "a.parquet"), lambda _: None, False), Demonstrations)
-    assert commands._free_memory() > 0
+    with limited("1kB"):
+        assert isinstance(commands.read_demonstrations(str(tmp_path / "a.parquet"), lambda _: None, None), Dataset)
+        with pytest.raises(DataError, match=r"more than the 0\.0 MB that it may; allow more"):
+            commands.read_demonstrations(str(tmp_path / "a.parquet"), lambda _: None, False)
+    for size in ("300kB", "300MB"):
+        command("audit", tmp_path / "a.parquet", "--memory", size, "--weights", tmp_path / f"{size}.parquet")
+    one, other = (pq.read_table(tmp_path / f"{size}.parquet") for size in ("300kB", "300MB"))
+    assert one["log_odds"].equals(other["log_odds"])
 
 
 @pytest.mark.parametrize(
@@ -57,6 +63,8 @@ def test_a_large_file_is_read_block_by_block(tmp_path, monkeypatch):
     [
         (["audit", "a.csv", "--stream"], "a.csv: no .parquet file is there; only Parquet files make a data set"),
         (["audit", "a.parquet", "--scheduler", "tcp://127.0.0.1:9"], "tcp://127.0.0.1:9: no Dask scheduler answers"),
+        (["audit", "a.parquet", "--memory", "much"], "'much' is no amount of memory; give one such as 4GB"),
+        (["audit", "a.csv", "--memory", "1kB"], "a.csv: to read it would take"),
         (["audit", "a.parquet", "--scheduler", "x", "--no-stream"], "--scheduler and --no-stream exclude each other"),
         (["fit", "a.parquet", "-o", "p", "--method", "cloning", "--stream"], "needs all data in memory: leave out"),
     ],

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import io
-import math
 import os
-import re
 import sys
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
@@ -20,6 +18,7 @@ from rpil.cli.options import FitOptions
 from rpil.cli.progress import ProgressTiming, StageProgress
 from rpil.cli.terminal import print_warnings, to_one_line
 from rpil.data.errors import DataError, MissingExtraError
+from rpil.data.memory import budget
 
 if TYPE_CHECKING:
     from rpil.data.demonstrations import Demonstrations
@@ -28,9 +27,6 @@ if TYPE_CHECKING:
     from rpil.estimators.settings import Settings
     from rpil.scale.protocol import Engine
 
-
-MAX_MEMORY_SHARE = 0.25
-"""Share of the free memory that a file may take; a larger file is read in blocks."""
 
 KEPT = "rpil.kept"
 """Key of what an interruption leaves, in the `meta` of a click context."""
@@ -107,7 +103,7 @@ def read_demonstrations(file: str, progress: StageProgress, stream: bool | None 
     from rpil.data.formats.store import may_be_many_files
 
     progress(f"reading {file}")
-    if stream or (stream is None and (may_be_many_files(file) or _exceeds_memory_share(file))):
+    if stream or (stream is None and (may_be_many_files(file) or _exceeds_budget(file))):
         from rpil.data.formats.dataset import open_dataset
 
         return open_dataset(file)
@@ -130,29 +126,19 @@ def load_into_memory(demonstrations: Demonstrations | Dataset) -> Demonstrations
     return demonstrations.select(slice(None)) if isinstance(demonstrations, Dataset) else demonstrations
 
 
-def _exceeds_memory_share(file: str) -> bool:
-    """Whether a Parquet file would take more than `MAX_MEMORY_SHARE` of the free memory."""
+def _exceeds_budget(file: str) -> bool:
+    """Whether a Parquet file would take more memory than it may."""
     if Path(file).suffix.lower() != ".parquet" or not os.path.isfile(file):
         return False
     import pyarrow as pa
     import pyarrow.parquet as pq
 
+    from rpil.data.formats.parquet import decoded_bytes
+
     try:
-        metadata = pq.read_metadata(file)
+        return decoded_bytes(pq.read_metadata(file)) > budget()
     except (pa.ArrowException, OSError):
         return False  # reading the file will name the error
-    size = sum(metadata.row_group(k).total_byte_size for k in range(metadata.num_row_groups))
-    return bool(size > MAX_MEMORY_SHARE * _free_memory())
-
-
-def _free_memory() -> float:
-    """Free memory in bytes; infinite where the system does not report it."""
-    try:
-        text = Path("/proc/meminfo").read_text()
-    except OSError:
-        return math.inf
-    kibibytes = re.search(r"MemAvailable:\s*(\d+)", text)
-    return 1024.0 * int(kibibytes[1]) if kibibytes else math.inf
 
 
 @contextmanager

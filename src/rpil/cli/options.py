@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import click
 
 from rpil.data.files import StrPath, check_extension
+from rpil.data.memory import limited
 
 if TYPE_CHECKING:
     from rpil.inference.settings import Minority
@@ -67,6 +68,12 @@ def _adversaries() -> Iterable[str]:
     return dict.fromkeys(["auto", *(name for kind in ADVERSARIES.values() for name in kind)])
 
 
+def _limit_memory(ctx: click.Context, param: click.Parameter, size: str | None) -> str | None:
+    """Let data take `size` until the command ends."""
+    ctx.with_resource(limited(size))
+    return size
+
+
 seed_option = click.option(
     "--seed", type=click.IntRange(0), default=0, show_default=True, help="Seed of all random numbers."
 )
@@ -106,6 +113,13 @@ FIT_OPTIONS = (
     ),
     click.option("--resume", is_flag=True, help="Go on with a long run that was interrupted."),
     click.option("--stream/--no-stream", default=None, help="Leave data on disk, or read them; by default by size."),
+    click.option(
+        "--memory",
+        metavar="SIZE",
+        callback=_limit_memory,
+        help="Memory that data may take, such as 4GB; by default half of what is free. Larger Parquet files stay on "
+        "disk, others are refused.",
+    ),
     click.option("--scheduler", metavar="ADDRESS", help="Address of a Dask cluster that does the work; Parquet only."),
     seed_option,
     quiet_option,

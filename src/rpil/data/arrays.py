@@ -154,6 +154,12 @@ def _fault_of_id(i: Id) -> str:
     return "" if i.isascii() or not any(ord(c) in _SURROGATES for c in i) else "holds a character that is not Unicode"
 
 
+def check_text(text: str, what: str, where: str) -> None:
+    """Raise a `DataError` on a name that files and reports could not hold."""
+    if fault := _fault_of_id(text):
+        raise DataError(f"{where}: {what} {fault}; change it.")
+
+
 def _fits(number: int) -> bool:
     return -(1 << 63) <= number < 1 << 63
 

@@ -16,6 +16,7 @@ from rpil.data.formats import csv, npz, parquet
 from rpil.data.formats.id_values import Label, match_labels, read_demonstrators, read_labels
 from rpil.data.formats.table import is_data
 from rpil.data.formats.weights import write_weights
+from rpil.data.memory import Size, limited
 
 __all__ = ["Label", "match_labels", "read_demonstrators", "read_labels", "write_weights"]
 
@@ -28,16 +29,23 @@ def check_format(path: StrPath) -> Path:
     return check_extension(path, FORMATS)
 
 
-def read(path: StrPath) -> Demonstrations:
+def read(path: StrPath, *, memory: Size | None = None) -> Demonstrations:
     """Read demonstrations from a .parquet, .csv or .npz file.
+
+    Parameters
+    ----------
+    memory : int or str, optional
+        Bytes that the data may take, as a number or as text such as "4GB"; by default half of the free memory.
 
     Raises
     ------
     DataError
-        One sentence naming the file, the demonstration where there is one, and the remedy.
+        One sentence naming the file, the demonstration where there is one, and the remedy; before anything is read
+        where the data would take more memory.
     """
     path = check_readable(check_format(path))
-    demonstrations: Demonstrations = FORMATS[path.suffix.lower()].read(path)
+    with limited(memory):
+        demonstrations: Demonstrations = FORMATS[path.suffix.lower()].read(path)
     return demonstrations
 
 

@@ -12,10 +12,13 @@ from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
 from rpil.data.files import replacing
 from rpil.data.formats import table as flat
+from rpil.data.memory import check_memory
 from rpil.numerics.types import Array
 
 if TYPE_CHECKING:
     import pyarrow as pa
+
+_MEMORY_PER_BYTE = 4  # of a file whose numbers have four characters
 
 
 def read(path: Path) -> Demonstrations:
@@ -26,6 +29,7 @@ def read(path: Path) -> Demonstrations:
     def read_table(types: Mapping[str, pa.DataType]) -> pa.Table:
         return csv.read_csv(path, convert_options=csv.ConvertOptions(include_columns=columns.all, column_types=types))
 
+    check_memory(_MEMORY_PER_BYTE * path.stat().st_size, path.name)
     try:
         with csv.open_csv(path) as reader:
             names = reader.schema.names

@@ -20,6 +20,7 @@ from rpil.data.files import StrPath
 from rpil.data.formats import table as flat
 from rpil.data.formats.store import BATCH_ROWS, Store, describe, find_files, shifted
 from rpil.data.formats.table import Place
+from rpil.data.memory import check_memory
 from rpil.numerics.types import Array
 
 
@@ -140,6 +141,7 @@ class Dataset(DemonstrationSet):
         chosen = np.atleast_1d(np.arange(len(self))[indices])
         order = np.unique(chosen)
         offsets = np.concatenate([[0], np.cumsum(self.lengths[order])])
+        check_memory(self.nbytes * offsets[-1] / self.n_steps, self.source)
         observations, actions = self.store.empty(int(offsets[-1]))
         # Runs of consecutive demonstrations: their first and last rows, and the first row of each in the result.
         heads = np.flatnonzero(np.diff(order, prepend=-2) != 1)

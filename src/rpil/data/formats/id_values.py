@@ -4,15 +4,18 @@ from __future__ import annotations
 
 import csv
 import json
+import zipfile
 from collections.abc import Hashable, Mapping, Sequence
 from pathlib import Path
 from typing import Literal, TypeVar, cast
 
 import numpy as np
 
+from rpil.data.arrays import check_text
 from rpil.data.errors import DataError
 from rpil.data.files import StrPath, check_extension, check_readable
 from rpil.data.formats.table import EPISODE, check_ids, quoted
+from rpil.data.npy import read_arrays
 from rpil.numerics.types import Array
 
 Label = Literal["expert", "adversary"]
@@ -79,6 +82,7 @@ def read_demonstrators(where: str, data: StrPath) -> dict[str, str]:
         name = str(value).strip()
         if not name:
             raise DataError(f"{place}: it has no demonstrator; name one, or leave it out.")
+        check_text(name, "the demonstrator", place)
         if demonstrators.setdefault(m, name) != name:
             raise DataError(f"{place}: both {demonstrators[m]!r} and {name!r} gave it; name one.")
     if not demonstrators:
@@ -93,7 +97,9 @@ def _read_pairs(path: Path, column: str, example: str) -> list[tuple[str, object
         if path.suffix.lower() == ".csv":
             return _csv_pairs(text, column, path.name)
         pairs = cast(list[tuple[str, object]], json.loads(text, object_pairs_hook=list))
-    except (csv.Error, json.JSONDecodeError, UnicodeDecodeError, RecursionError) as error:
+    except DataError:
+        raise
+    except (csv.Error, ValueError, RecursionError) as error:  # ValueError: of Unicode, or of numbers of 5,000 digits
         raise DataError(f"{path.name}: it cannot be read as {path.suffix[1:].upper()}; write it again.") from error
     if not text.lstrip().startswith("{"):
         raise DataError(f'{path.name}: it must hold one object such as {{"17": "{example}"}}.')
@@ -152,8 +158,9 @@ def _table_columns(path: Path, names: Sequence[str]) -> dict[str, Array]:
 
 
 def _npz_columns(path: Path, names: Sequence[str]) -> dict[str, Array]:
-    with np.load(path, allow_pickle=False) as stored:  # an intact file: the demonstrations were read from it
-        return {name: stored[name] for name in names if name in stored.files}
+    with zipfile.ZipFile(path) as stored:  # an intact file: the demonstrations were read from it
+        found = [name for name in names if f"{name}.npy" in stored.namelist()]
+        return dict(zip(found, read_arrays(stored, [f"{name}.npy" for name in found], path.name), strict=True))
 
 
 def _as_text(values: Array) -> list[str]:

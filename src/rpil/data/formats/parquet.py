@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Container, Iterator, Mapping, Sequence
 from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -11,10 +11,12 @@ from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
 from rpil.data.files import replacing
 from rpil.data.formats import table as flat
+from rpil.data.memory import BYTES_PER_NUMBER, check_memory
 from rpil.numerics.types import Array
 
 if TYPE_CHECKING:
     import pyarrow as pa
+    import pyarrow.parquet as pq
 
 
 def read(path: Path) -> Demonstrations:
@@ -25,11 +27,33 @@ def read(path: Path) -> Demonstrations:
     try:
         with pq.ParquetFile(path, page_checksum_verification=True) as file:
             columns = flat.find_columns(file.schema_arrow.names, path.name)
+            check_memory(decoded_bytes(file.metadata, columns.all), path.name)
             table = file.read(columns=columns.all)
         table.validate(full=True)  # text from a damaged file need not be Unicode
     except (pa.ArrowException, OSError, UnicodeDecodeError) as error:
         raise DataError(f"{path.name}: not a Parquet file, or a damaged or truncated one; write it again.") from error
     return flat.to_demonstrations(table, columns, path.name)
+
+
+def decoded_bytes(metadata: pq.FileMetaData, columns: Sequence[str] | None = None) -> int:
+    """Bytes that `columns`, by default all, take in memory.
+
+    By the number of values, because a value that repeats is in the file only once.
+    """
+    wanted = None if columns is None else set(columns)
+    leaves = [metadata.schema.column(c) for c in range(metadata.num_columns)]
+    read = [c for c, leaf in enumerate(leaves) if wanted is None or _is_part(leaf.path, wanted)]
+    lists = [c for c in read if leaves[c].max_repetition_level]
+    groups = map(metadata.row_group, range(metadata.num_row_groups)) if lists else ()
+    n_listed = sum(group.column(c).num_values for group in groups for c in lists)
+    return BYTES_PER_NUMBER * int(metadata.num_rows * (len(read) - len(lists)) + n_listed)
+
+
+def _is_part(path: str, columns: Container[str]) -> bool:
+    """Whether the values at a path such as "observation.state.list.element" belong to one of the columns."""
+    while path and path not in columns:
+        path = path.rpartition(".")[0]
+    return bool(path)
 
 
 def write(path: Path, demonstrations: Demonstrations, truth: Mapping[str, Array]) -> None:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rpil.data.arrays import check_any
+from rpil.data.arrays import LONGEST_TEXT, as_array, check_any
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
 from rpil.numerics.types import Array
@@ -209,7 +209,13 @@ def column_values(table: pa.Table, name: str, at: Place) -> Array:
     elif pa.types.is_string(column.type) or pa.types.is_large_string(column.type):
         # Few texts, many rows: each text is converted once.
         encoded = column.combine_chunks().dictionary_encode()
-        return np.asarray(np.array(encoded.dictionary.to_pylist(), dtype=np.str_)[encoded.indices.to_numpy()])
+        texts = encoded.dictionary.to_pylist()
+        rows = encoded.indices.to_numpy()
+        longest = max(range(len(texts)), key=lambda k: len(texts[k]), default=None)
+        if longest is not None and len(texts[longest]) > LONGEST_TEXT:
+            here = at(int(np.argmax(rows == longest)))
+            raise DataError(f"{here}: column {name!r} holds a text of {len(texts[longest]):,} characters; shorten it.")
+        return np.asarray(as_array(texts, f"the texts of column {name!r}", at(0))[rows])
     raise DataError(f"{at(0)}: column {name!r} holds {column.type} where numbers or text are due; convert or drop it.")
 
 
