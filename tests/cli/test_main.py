@@ -348,20 +348,3 @@ def test_warnings_are_printed_once_as_notes(monkeypatch):
 
     monkeypatch.setitem(sys.modules, "rpil.cli.demo", types.SimpleNamespace(run=warn))
     assert ok("demo").stderr == "note: Watch out.\n"
-
-
-def test_long_command_reports_its_stage_within_two_seconds():
-    script = (
-        "import sys, time, types\n"
-        "def run(progress, **_):\n"
-        "    progress('waiting')\n"
-        "    time.sleep(2)\n"
-        "    raise SystemExit(7)\n"
-        "sys.modules['rpil.cli.demo'] = types.SimpleNamespace(run=run)\n"
-        "from rpil.cli.main import main\n"
-        "main(['demo', *sys.argv[1:]])\n"
-    )
-    for options, pattern in (([], r"rpil: 1 s: waiting\n"), (["--quiet"], "")):
-        done = subprocess.run([sys.executable, "-c", script, *options], capture_output=True, text=True)
-        assert done.returncode == 7
-        assert re.fullmatch(pattern, done.stderr), done.stderr

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import re
+import subprocess
 import sys
 import time
 
+from command_line import npz
 from rpil.cli.progress import ProgressTiming, show_count, show_stages
 
 
@@ -43,3 +45,41 @@ def test_pipe_gets_ever_rarer_lines(capsys):
     # At 0.2 s, 0.4 s and 0.8 s: each time that went by doubles the wait.
     lines = ["rpil: 0 s: reading", *2 * ["rpil: _ s: learning"], "rpil: 0 s: playing, 1 of 2"]
     assert [re.sub(r"[01] s: learning", "_ s: learning", line) for line in err.splitlines()] == lines
+
+
+def test_slow_imports_are_reported_within_two_seconds():
+    npz("data.npz")
+    script = (
+        "import sys, time\n"
+        "class Slow:\n"
+        "    def find_spec(self, name, *_):\n"
+        "        if name in ('numpy', 'sklearn', 'pyarrow', 'rpil.policies'):\n"
+        "            time.sleep(60)\n"
+        "from rpil.cli.main import main\n"
+        "sys.meta_path.insert(0, Slow())\n"
+        "main(sys.argv[1:])\n"
+    )
+    for options in ([], ["--features", "spline"], ["--report", "r.html"]):
+        start = time.monotonic()
+        command = [sys.executable, "-c", script, "audit", "data.npz", *options]
+        with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:
+            assert process.stderr.readline() == "rpil: 1 s: starting\n"
+            assert time.monotonic() - start < 30  # long before the first import ends
+            process.kill()
+
+
+def test_long_command_reports_its_stage_within_two_seconds():
+    script = (
+        "import sys, time, types\n"
+        "def run(progress, **_):\n"
+        "    progress('waiting')\n"
+        "    time.sleep(2)\n"
+        "    raise SystemExit(7)\n"
+        "sys.modules['rpil.cli.demo'] = types.SimpleNamespace(run=run)\n"
+        "from rpil.cli.main import main\n"
+        "main(['demo', *sys.argv[1:]])\n"
+    )
+    for options, pattern in (([], r"rpil: 1 s: waiting\n"), (["--quiet"], "")):
+        done = subprocess.run([sys.executable, "-c", script, *options], capture_output=True, text=True)
+        assert done.returncode == 7
+        assert re.fullmatch(pattern, done.stderr), done.stderr

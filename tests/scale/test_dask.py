@@ -6,6 +6,8 @@ import json
 import os
 import pickle
 import signal
+import socket
+import sys
 import threading
 from collections.abc import Callable
 from contextlib import suppress
@@ -172,7 +174,22 @@ def test_nobody_answers():
     with pytest.raises(DataError, match=r"tcp://127.0.0.1:9: no Dask scheduler answers there"):
         engine.connect("tcp://127.0.0.1:9", timeout=0.5)
     with pytest.raises(DataError, match="no Dask scheduler answers there"):
-        engine.connect("not an address", timeout=0.5)
+        engine.connect("tcp://localhost:99999", timeout=0.5)
+
+
+@pytest.mark.parametrize("address", ["nonsense", "not an address", "tcp://host", "http://host:8786", "host:port"])
+def test_what_is_no_address_is_refused_at_once(address, monkeypatch):
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    with pytest.raises(DataError, match=r"it is no address of a Dask scheduler; write it as tcp://HOST:8786"):
+        engine.connect(address)
+
+
+def test_another_server_is_refused():
+    with (
+        socket.create_server(("127.0.0.1", 0)) as server,
+        pytest.raises(DataError, match="no Dask scheduler answers there"),
+    ):
+        engine.connect(f"tcp://127.0.0.1:{server.getsockname()[1]}", timeout=0.5)
 
 
 def test_no_process_is_left():

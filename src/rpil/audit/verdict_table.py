@@ -63,9 +63,10 @@ def write_verdicts(path: StrPath, audit: Audit, demonstrators: Mapping[str, str]
 
 
 def write_kept(path: StrPath, audit: Audit) -> None:
-    """Write ``{"episodes": [...], "run": ...}``: ids with the verdict "expert", in the order of the data; and the run id.
+    """Write ``{"episodes": [...], "run": ...}``: the ids with the verdict "expert", and the run id.
 
-    Whole numbers are written as such: then the list is what LeRobot takes as the episodes of a data set.
+    Ids are in the order of the data. Whole numbers are written as such: then the list is what LeRobot takes as the
+    episodes of a data set.
 
     Raises
     ------

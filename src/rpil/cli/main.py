@@ -5,7 +5,8 @@ from __future__ import annotations
 
 import shlex
 import time
-from contextlib import AbstractContextManager
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pkgutil import resolve_name
 from typing import TYPE_CHECKING, Any
 
@@ -14,10 +15,12 @@ from click.core import ParameterSource
 
 from rpil.cli import commands, terminal
 from rpil.cli.commands import Commands, CommandSettings, connect_engine, fit_rpil, read_demonstrations
+from rpil.cli.completion import install_completion
 from rpil.cli.options import (
     FitOptions,
     LibraryChoice,
     OutputFile,
+    check_choices,
     json_option,
     quiet_option,
     seed_option,
@@ -36,12 +39,26 @@ N_LABELS = 3
 ERROR_NAMES = LibraryChoice(lambda: resolve_name("rpil.simulation.corruptions:KINDS"))
 
 
-def _show_stages(quiet: bool) -> AbstractContextManager[StageProgress]:
-    return show_stages(quiet, CommandSettings.current().timing)
+@contextmanager
+def _show_stages(quiet: bool) -> Iterator[StageProgress]:
+    """Show the stages of a command; the first is to check its choices."""
+    with show_stages(quiet, CommandSettings.current().timing) as progress:
+        check_choices(click.get_current_context())
+        yield progress
 
 
 @click.group("rpil", Commands, invoke_without_command=True, context_settings={"help_option_names": ["-h", "--help"]})
 @click.version_option(package_name="rpil")
+@click.option(
+    "--install-completion",
+    metavar="[bash|zsh|fish]",
+    is_flag=False,
+    flag_value="",
+    expose_value=False,
+    is_eager=True,
+    callback=install_completion,
+    help="Let the shell complete commands, options and files; by default the shell of $SHELL.",
+)
 @click.pass_context
 def main(ctx: click.Context, /) -> None:
     """Find out which demonstrations can be trusted, and learn a policy from these.

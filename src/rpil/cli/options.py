@@ -46,9 +46,18 @@ class LibraryChoice(click.Choice[str]):
         return tuple(name.replace(" ", "-") for name in self.load())
 
     def convert(self, value: str, param: click.Parameter | None, ctx: click.Context | None) -> str:
-        if param is not None and value == param.default:  # without the import, which may take longer than a command may
-            return value  # be silent
-        return super().convert(value.replace(" ", "-"), param, ctx).replace("-", " ")
+        return value.replace("-", " ")
+
+    def check(self, value: str, param: click.Parameter, ctx: click.Context) -> None:
+        """A usage error where `value` is not among the names."""
+        super().convert(value.replace(" ", "-"), param, ctx)
+
+
+def check_choices(ctx: click.Context) -> None:
+    """Check all choices among names of the library: not while options are read, when no progress can be shown."""
+    for param in ctx.command.params:
+        if isinstance(param.type, LibraryChoice):
+            param.type.check(ctx.params[str(param.name)], param, ctx)
 
 
 class OutputFile(click.Path):

@@ -6,9 +6,12 @@ to a worker; where the worker dies, the engine sends it again.
 
 from __future__ import annotations
 
+import asyncio
 import ctypes
+import re
+import socket
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from concurrent.futures import CancelledError
+from concurrent.futures import CancelledError, ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import dataclass, fields, is_dataclass
 from functools import cache, reduce
@@ -25,8 +28,11 @@ from rpil.scale.protocol import R, Shards, T
 if TYPE_CHECKING:
     from distributed import Client, Future
 
-TIMEOUT = 10.0
+TIMEOUT = 5.0
 """Seconds within which a scheduler answers."""
+
+_ADDRESS = re.compile(r"(?:(?:tcp|tls|ws|wss|ucx)://)?(\[[^]]+\]|[^\s/:]+):(\d{1,5})/?|inproc://\S+")
+"""Addresses of a scheduler, with host and port."""
 
 _SHARDS_PER_THREAD = 2
 """More than one, so that the shards of a worker that died can be divided among the others."""
@@ -48,12 +54,16 @@ def connect(address: str, timeout: float = TIMEOUT) -> Client:
     Raises
     ------
     DataError
-        Where nothing answers within `timeout` seconds, or the scheduler has no workers.
+        Where the address has another form, nothing answers within `timeout` seconds, or the scheduler has no workers.
     MissingExtraError
         Where ``distributed`` is not installed.
     """
+    _check_address(address, timeout)
     distributed = _distributed()
+    with ThreadPoolExecutor(1) as thread:  # the caller may be in an event loop
+        greeted = thread.submit(asyncio.run, _greet(distributed, address, timeout))
     try:
+        greeted.result()
         client = distributed.Client(address, timeout=timeout, set_as_default=False)
     except (OSError, ValueError) as error:
         raise DataError(f"{address}: no Dask scheduler answers there; check the address.") from error
@@ -64,6 +74,25 @@ def connect(address: str, timeout: float = TIMEOUT) -> Client:
         message = f"{address}: the scheduler has no workers; start some with: dask worker {address}."
         raise DataError(message) from error
     return client
+
+
+def _check_address(address: str, timeout: float) -> None:
+    """A `DataError` where no server can be at the address: Dask itself tries for long, and prints a traceback."""
+    match = _ADDRESS.fullmatch(address)
+    if match is None:
+        raise DataError(f"{address}: it is no address of a Dask scheduler; write it as tcp://HOST:8786.")
+    if match[1]:
+        try:
+            socket.create_connection((match[1].strip("[]"), int(match[2])), timeout).close()
+        except (OSError, OverflowError, UnicodeError) as error:
+            raise DataError(f"{address}: no Dask scheduler answers there; check the address.") from error
+
+
+async def _greet(distributed: Any, address: str, timeout: float) -> None:
+    """Exchange greetings with a Dask server, as a `distributed.Client` waits forever for those of another server."""
+    if address.startswith(("tcp://", "ws://")) or "://" not in address:
+        comm = await asyncio.wait_for(distributed.comm.connect(address, timeout=timeout), timeout)
+        await comm.close()
 
 
 class DaskEngine:
