@@ -56,7 +56,7 @@ def check_memory(n_bytes: float, where: str) -> None:
     if n_bytes > budget():
         raise DataError(
             f"{where}: to read it would take {_written(n_bytes)} of memory, more than the {_written(budget())} that it "
-            "may; allow more (--memory, memory=), read fewer columns, or make it Parquet files, which can stay on disk."
+            "may; allow more with --memory or memory=, or read less of it (Parquet files can stay on disk)."
         )
 
 

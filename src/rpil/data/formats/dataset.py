@@ -220,6 +220,8 @@ class _Starts:
 
     def add(self, row: int, ids: Array, at: Place) -> None:
         """Add the ids of the rows from number `row` on."""
+        if ids.ndim != 1:
+            raise DataError(f"{at(0)}: demonstration ids must be whole numbers or text, not lists.")
         if ids.dtype.kind == "f":
             if not are_whole(ids):
                 raise DataError(f"{at(0)}: demonstration ids must be whole numbers or text; fill in the missing ones.")

@@ -103,6 +103,8 @@ def _read_pairs(path: Path, column: str, example: str) -> list[tuple[str, object
         raise DataError(f"{path.name}: it cannot be read as {path.suffix[1:].upper()}; write it again.") from error
     if not text.lstrip().startswith("{"):
         raise DataError(f'{path.name}: it must hold one object such as {{"17": "{example}"}}.')
+    for m, _ in pairs:
+        check_text(m, "an id", path.name)
     return pairs
 
 

@@ -141,7 +141,9 @@ def opened(filesystem: fs.FileSystem, path: str) -> Iterator[pq.ParquetFile]:
         # Neither mapped into memory, where mapped pages stay and count, nor fetched by whole row groups.
         options = {"buffer_size": _BUFFER_BYTES, "pre_buffer": False, "page_checksum_verification": True}
         with filesystem.open_input_file(path) as stream, pq.ParquetFile(stream, **options) as file:
-            yield file
+            # A text that repeats stays in memory once.
+            texts = [field.name for field in file.schema_arrow if pa.types.is_string(field.type)]
+            yield pq.ParquetFile(stream, metadata=file.metadata, read_dictionary=texts, **options) if texts else file
     except FileNotFoundError as error:
         raise DataError(f"{path}: there is no such file here; check the path.") from error
     except PermissionError as error:

@@ -12,6 +12,7 @@ import numpy as np
 from rpil.data.arrays import LONGEST_TEXT, as_array, check_any
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
+from rpil.data.memory import check_memory
 from rpil.numerics.types import Array
 
 if TYPE_CHECKING:
@@ -190,8 +191,12 @@ def column_values(table: pa.Table, name: str, at: Place) -> Array:
             raise DataError(f"{at(row)}: column {name!r} has no value; fill it in or leave the demonstration out.")
 
     column = table[name]
-    if pa.types.is_dictionary(column.type):
-        column = column.cast(column.type.value_type)
+    kind = column.type
+    if pa.types.is_dictionary(kind):
+        kind = kind.value_type
+    is_text = pa.types.is_string(kind) or pa.types.is_large_string(kind)
+    if kind != column.type and not is_text:
+        column = column.cast(kind)
     refuse_nulls(column)
     if pa.types.is_list(column.type) or pa.types.is_large_list(column.type) or pa.types.is_fixed_size_list(column.type):
         widths = pc.list_value_length(column).to_numpy()
@@ -206,17 +211,29 @@ def column_values(table: pa.Table, name: str, at: Place) -> Array:
         return np.asarray(column.to_numpy())
     elif pa.types.is_decimal(column.type):
         return np.asarray(column.cast(pa.float64()).to_numpy())
-    elif pa.types.is_string(column.type) or pa.types.is_large_string(column.type):
-        # Few texts, many rows: each text is converted once.
-        encoded = column.combine_chunks().dictionary_encode()
-        texts = encoded.dictionary.to_pylist()
-        rows = encoded.indices.to_numpy()
-        longest = max(range(len(texts)), key=lambda k: len(texts[k]), default=None)
-        if longest is not None and len(texts[longest]) > LONGEST_TEXT:
-            here = at(int(np.argmax(rows == longest)))
-            raise DataError(f"{here}: column {name!r} holds a text of {len(texts[longest]):,} characters; shorten it.")
+    elif is_text:
+        texts, rows = encoded_texts(column, name, at)
+        check_memory(4.0 * len(rows) * max(map(len, texts), default=0), at(0))
         return np.asarray(as_array(texts, f"the texts of column {name!r}", at(0))[rows])
     raise DataError(f"{at(0)}: column {name!r} holds {column.type} where numbers or text are due; convert or drop it.")
+
+
+def encoded_texts(column: pa.ChunkedArray, name: str, at: Place) -> tuple[list[str], Array]:
+    """The different texts in a column, and the number (N,) of that of each row: a long text is in memory once.
+
+    A `DataError` where a text is missing, too long or not Unicode.
+    """
+    encoded = column.dictionary_encode().unify_dictionaries().combine_chunks()
+    rows = encoded.indices.to_numpy()
+    try:
+        texts = encoded.dictionary.to_pylist()
+    except UnicodeDecodeError as error:
+        raise DataError(f"{at(0)}: column {name!r} holds text that is not Unicode; write it again.") from error
+    for k, text in enumerate(texts):
+        if text is None or len(text) > LONGEST_TEXT:
+            fault = f"holds a text of {len(text):,} characters; shorten it" if text else "has no value; fill it in"
+            raise DataError(f"{at(int(np.argmax(rows == k)))}: column {name!r} {fault}.")
+    return texts, rows
 
 
 def _is_numeric(kind: pa.DataType) -> bool:

@@ -1,0 +1,131 @@
+"""Files made to break the reader: each is refused in one sentence, and none takes more than 1 GiB."""
+
+from __future__ import annotations
+
+import io
+import json
+import zipfile
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+from numpy.lib import format as npy
+
+from hostile import MAX_BYTES, assert_refused, read_all
+
+READ, OPEN = "rpil:read", "rpil:open_dataset"
+TABLE = {"episode_index": [0, 0, 1], "observation.x": [1.0, 2.0, 3.0], "action": [0, 1, 0]}
+NOT_UNICODE = np.array([0x110000, 97, 98], dtype=np.uint32).view("U1")
+GIANT = (7 * 10**9 // 8 // 2, 2)  # of float64: 7 GB
+
+
+def npz(**changes):
+    arrays = {"observations": np.ones((3, 2)), "actions": np.array([0, 1, 0]), "episode_ids": np.array([0, 0, 1])}
+    return lambda path: np.savez(path, **(arrays | changes))
+
+
+def giant_npz(member):
+    """An archive of a few kilobytes with a member that says that it holds 7 GB."""
+
+    def make(path):
+        npz()(path)
+        with zipfile.ZipFile(path) as archive:
+            members = {name: archive.read(name) for name in archive.namelist()}
+        head = io.BytesIO()
+        npy.write_array_header_1_0(head, {"descr": "<f8", "fortran_order": False, "shape": GIANT})
+        with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+            for name, content in (members | {member: head.getvalue() + bytes(1000)}).items():
+                archive.writestr(name, content)
+            archive.getinfo(member).file_size = len(head.getvalue()) + 8 * GIANT[0] * GIANT[1]
+
+    return make
+
+
+def short_npz(path):
+    """An archive with an array of 7 GB of which only a kilobyte is there."""
+    npz()(path)
+    with zipfile.ZipFile(path, "a") as archive:
+        head = io.BytesIO()
+        npy.write_array_header_1_0(head, {"descr": "<f8", "fortran_order": False, "shape": GIANT})
+        archive.writestr("observation_names.npy", head.getvalue() + bytes(1000))
+
+
+def parquet(**changes):
+    return lambda path: pq.write_table(pa.table(TABLE | changes), path)
+
+
+def constants(path):
+    """Twenty million rows in a few kilobytes."""
+    n = 1_000_000
+    block = pa.table({"episode_index": np.zeros(n, int), "observation.x": np.ones(n), "action": np.zeros(n, int)})
+    with pq.ParquetWriter(path, block.schema, compression="zstd") as writer:
+        for _ in range(20):
+            writer.write_table(block)
+    assert path.stat().st_size < 1e6
+
+
+def long_parquet_id(path):
+    """One id of a million characters, in 50,000 rows: 50 GB where every row has its own copy."""
+    n = 50_000
+    ids = pa.DictionaryArray.from_arrays(np.zeros(n, np.int32), ["x" * 1_000_000])
+    pq.write_table(pa.table({"episode_index": ids, "observation.x": np.ones(n), "action": np.zeros(n, int)}), path)
+
+
+def long_csv_id(path):
+    rows = "".join(f"{'x' * 1_000_000 if row == 9 else 'a'},{row},0\n" for row in range(20_000))
+    path.write_text("episode_index,observation.x,action\n" + rows)
+
+
+def text(content):
+    return lambda path: path.write_text(content)
+
+
+FILES = {
+    "giant-observations.npz": (giant_npz("observations.npy"), READ),
+    "giant-names.npz": (giant_npz("observation_names.npy"), READ),
+    "short.npz": (short_npz, READ),
+    "constants.parquet": (constants, READ),
+    "long-id.csv": (long_csv_id, READ),
+    "long-id.parquet": (long_parquet_id, READ),
+    "long-id-on-disk.parquet": (long_parquet_id, OPEN),
+    "surrogate.npz": (npz(episode_ids=np.array(["a", "a", "\ud800"])), READ),
+    "code-point.npz": (npz(episode_ids=NOT_UNICODE), READ),
+    "code-point-of-action.npz": (npz(actions=NOT_UNICODE), READ),
+    "code-point-of-name.npz": (npz(observation_names=NOT_UNICODE[:2]), READ),
+    "names-of-no-shape.npz": (npz(observation_names=np.array("x")), READ),
+    "negative-shape.npz": (npz(observations=np.ones((0, 2))), READ),
+    "trailing-nul.parquet": (parquet(episode_index=["a", "a\0", "a\0"]), READ),
+    "trailing-nul-on-disk.parquet": (parquet(episode_index=["a", "a\0", "a\0"]), OPEN),
+    "empty-id.parquet": (parquet(episode_index=["", "", "b"]), READ),
+    "empty-id-on-disk.parquet": (parquet(episode_index=["", "", "b"]), OPEN),
+    "large-id.parquet": (parquet(episode_index=np.array([2**63, 2**63, 1], np.uint64)), READ),
+    "large-id-on-disk.parquet": (parquet(episode_index=np.array([2**63, 2**63, 1], np.uint64)), OPEN),
+    "large-action.parquet": (parquet(action=np.array([2**63, 1, 1], np.uint64)), READ),
+    "large-action-on-disk.parquet": (parquet(action=np.array([2**63, 1, 1], np.uint64)), OPEN),
+    "list-of-ids.parquet": (parquet(episode_index=[[0], [0], [1]]), READ),
+    "list-of-ids-on-disk.parquet": (parquet(episode_index=[[0], [0], [1]]), OPEN),
+    "lists-of-ids-on-disk.parquet": (parquet(episode_index=[[0, 1], [0, 1], [1, 2]]), OPEN),
+    "digits.json": (text('{"a": ' + "9" * 5000 + "}"), "rpil.data.formats:read_labels"),
+    "deep.json": (text("[" * 100_000), "rpil.data.formats:read_labels"),
+    "digits-as-key.json": (text(json.dumps({"9" * 5000: 3})), "rpil.data.formats:read_labels"),
+}
+
+
+@pytest.fixture(scope="module")
+def ends(tmp_path_factory):
+    return read_all(tmp_path_factory.mktemp("hostile"), FILES)
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_it_is_refused_in_one_sentence(ends, name):
+    assert_refused(ends[0][name], name)
+
+
+def test_the_figures_are_named(ends):
+    for name, size in (("giant-observations.npz", "14.0 GB"), ("constants.parquet", "1.0 GB")):
+        assert f"would take {size} of memory, more than the 0.3 GB that it may" in ends[0][name][1]
+
+
+def test_no_file_takes_more_than_one_gib(ends):
+    assert ends[1] < MAX_BYTES
