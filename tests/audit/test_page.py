@@ -235,6 +235,8 @@ def test_long_page_has_timelines_of_the_least_trusted_demonstrations() -> None:
 def test_write_page_replaces_a_file_only_when_the_page_is_complete(tmp_path: Path, audit: Audit, monkeypatch) -> None:
     path = tmp_path / "report.html"
     part = Article("Été", audit, "demos.parquet")
+    write_page(path, [replace(part, source="\udcff.csv")])  # a file whose name is not Unicode
+    assert "\\udcff.csv" in path.read_text()
     write_page(path, [part])
     assert path.read_text(encoding="utf-8") == render(audit, title="Été")
     with pytest.raises(TypeError):

@@ -36,7 +36,11 @@ def test_demonstrators_are_grouped_by_id_or_in_order():
 
 @pytest.mark.parametrize(
     ("given", "message"),
-    [({"d": "Ann"}, "no demonstration is called 'd'"), (["Ann"], r"shape \(1,\); give one for each of the 3")],
+    [
+        ({"d": "Ann"}, "no demonstration is called 'd'"),
+        (["Ann", "\ud800", "Bob"], "demonstration 'b': the demonstrator holds a character that is not Unicode"),
+        (["Ann"], r"shape \(1,\); give one for each of the 3"),
+    ],
 )
 def test_unknown_ids_and_other_counts_are_refused(given, message):
     with pytest.raises(DataError, match=message):

@@ -156,6 +156,9 @@ def test_csv_ids_are_numbers_only_where_that_loses_nothing(tmp_path):
     d = formats.read(path)
     assert d.ids == ("01", "1")
     assert d.actions.tolist() == [1, 1, 2]
+    large = [str(2**63), str(2**63 + 1), "1"]  # the same float
+    d = formats.read(write_table(path, **columns(episode_index=large, action=large)))
+    assert (d.ids, d.actions.tolist()) == (tuple(large), large)
 
 
 @pytest.mark.parametrize("kind", [pa.list_(pa.float32()), pa.large_list(pa.float32()), pa.list_(pa.float32(), 2)])

@@ -42,8 +42,7 @@ def as_array(values: object, what: str, where: str) -> Array:
             n_text = sum(isinstance(item, str) for item in items)
             if 0 < n_text < len(items):
                 raise DataError(f"{where}: {what} mix text with numbers or missing values; use one kind throughout.")
-            if any(isinstance(item, int) and not _fits(item) for item in items):
-                raise DataError(f"{where}: {what} hold whole numbers of over 64 bits; use smaller ones, or text.")
+            _check_whole_numbers(items, what, where)
             flat = np.array(items)
             # None is the one object a column of numbers may hold; as NaN it meets the check for missing values.
             array = (flat.astype(np.float64) if flat.dtype.kind == "O" else flat).reshape(array.shape)
@@ -53,9 +52,17 @@ def as_array(values: object, what: str, where: str) -> Array:
         raise DataError(f"{where}: {what} must be a rectangular array of numbers or text.") from error
     if array.dtype.kind not in "biufU" and array.size:
         raise DataError(f"{where}: {what} must be numbers or text, not {array.dtype}.")
+    if array.dtype.kind == "f" and isinstance(values, list | tuple) and np.abs(array).max(initial=0) >= 2.0**63:
+        _check_whole_numbers(np.asarray(values, object).flat, what, where)
     if array.dtype.kind == "U" and array.dtype.itemsize:
         _check_characters(array, values, what, where)
     return array
+
+
+def _check_whole_numbers(items: Iterable[object], what: str, where: str) -> None:
+    """Raise a `DataError` on whole numbers that would become floats, several of them the same one."""
+    if any(isinstance(item, int) and not _fits(item) for item in items):
+        raise DataError(f"{where}: {what} hold whole numbers of over 64 bits; use smaller ones, or text.")
 
 
 def _check_characters(array: Array, values: object, what: str, where: str) -> None:

@@ -9,6 +9,7 @@ from functools import cached_property
 
 import numpy as np
 
+from rpil.data.arrays import check_text
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError, user_stack_level
 from rpil.data.formats.dataset import Dataset
@@ -82,9 +83,11 @@ def group_by_demonstrator(
             )
         names = array.tolist()
     for m, name in zip(ids, names, strict=True):
+        place = f"{source}, demonstration {m!r}"
         if not isinstance(name, Hashable):
-            place = f"{source}, demonstration {m!r}"
             raise DataError(f"{place}: the demonstrator {name!r} is no name; give text or a number.")
+        if isinstance(name, str):
+            check_text(name, "the demonstrator", place)
     groups = Demonstrators.from_names(names)
     if not groups.informative:
         warnings.warn(f"{source}: {groups.note}", UserWarning, stacklevel=user_stack_level())

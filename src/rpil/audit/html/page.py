@@ -72,7 +72,7 @@ def render_page(articles: Sequence[Article], *, title: str = "", headline: str =
 def write_page(path: str | os.PathLike[str], articles: Sequence[Article], **texts: str) -> None:
     """Write the page of `render_page` to `path`, which is replaced only once the new page is complete."""
     page = render_page(articles, **texts)
-    with replacing(path) as temporary, open(temporary, "w", encoding="utf-8") as stream:
+    with replacing(path) as temporary, open(temporary, "w", encoding="utf-8", errors="backslashreplace") as stream:
         stream.write(page)
 
 

@@ -71,7 +71,10 @@ def write_tables(path: Path, tables: Iterator[pa.Table]) -> None:
 
 
 def _parse(column: pa.ChunkedArray, floats: bool) -> pa.ChunkedArray:
-    """Text as integers if that loses nothing (01 does), else as `floats` if allowed, else as it is; "" as null."""
+    """Text as integers if that loses nothing (01 does), else as `floats` if allowed, else as it is; "" as null.
+
+    Whole numbers of over 64 bits stay text, because several would become the same float.
+    """
     import pyarrow as pa
     import pyarrow.compute as pc
 
@@ -79,7 +82,7 @@ def _parse(column: pa.ChunkedArray, floats: bool) -> pa.ChunkedArray:
     with suppress(pa.ArrowInvalid):
         numbers = column.cast(pa.int64())
         return numbers if numbers.cast(pa.string()).equals(column) else column
-    if floats:
+    if floats and not pc.any(pc.match_substring_regex(column, r"^[+-]?\d{19,}$")).as_py():
         with suppress(pa.ArrowInvalid):
             return column.cast(pa.float64())
     return column
