@@ -26,7 +26,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before NumPy; worker proce
 
 import numpy as np
 
-from options import at_least, output
+from options import at_least, counted, output
 from provenance import provenance
 from rpil import Settings
 from rpil.data.files import replacing
@@ -217,7 +217,8 @@ def main(arguments: list[str] | None = None) -> int:
         results |= json.loads(Path(options.json).read_text())["results"]
     jobs = [(v, cell) for v in VARIANTS for name, cell in found.items() if name not in results[v]]
     names = [(v, name) for v in VARIANTS for name in found if name not in results[v]]
-    for (variant, name), row in zip(names, in_processes(measure, jobs, options.processes), strict=True):
+    rows = counted(in_processes(measure, jobs, options.processes), len(jobs), "cells of the table")
+    for (variant, name), row in zip(names, rows, strict=True):
         results[variant][name] = row
         if options.json:
             with replacing(options.json) as temporary:

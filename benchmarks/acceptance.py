@@ -21,7 +21,7 @@ import numpy as np
 from sklearn.metrics import roc_auc_score
 
 from grid import ENVIRONMENTS, LABELS, N_GOOD
-from options import at_least, output, write_json
+from options import at_least, counted, output, write_json
 from provenance import provenance
 from rpil.audit.record import Audit
 from rpil.data.demonstrations import Demonstrations
@@ -58,7 +58,7 @@ def main(arguments: list[str] | None = None) -> int:
         for kind in (*PAPER, *PARTLY, COHERENT)
         for draw in range(draws)
     ]
-    rows = list(in_processes(one_draw, jobs, options.processes))
+    rows = list(counted(in_processes(one_draw, jobs, options.processes), len(jobs), "draws of the data"))
 
     cells = [summary([row for row in rows if key(row) == cell]) for cell in dict.fromkeys(map(key, rows))]
     print(table(cells))

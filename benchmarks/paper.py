@@ -10,12 +10,12 @@ peers.py that give a policy, with the features of our default; RM-ENT alone gets
 from __future__ import annotations
 
 import argparse
-import sys
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 from options import at_least, make_folder, output, write_json
+from rpil.cli.progress import ProgressTiming, show_count
 from rpil.data.demonstrations import Demonstrations
 from rpil.numerics.parallel import cores
 from study.experiments import ENVIRONMENTS, METHODS, N_GOOD, OUR_FEATURES, Experiment
@@ -41,15 +41,16 @@ def main(arguments: list[str] | None = None) -> int:
     if options.output:
         make_folder(options.output)
 
-    found = run(
-        draws=3 if options.quick else options.draws,
-        rollouts=20 if options.quick else options.rollouts,
-        seed=options.seed,
-        environments=options.env or ENVIRONMENTS,
-        methods=METHODS | (peers() if options.peers else {}),
-        processes=options.processes,
-        progress=lambda done, n: print(f"{done} of {n} draws", file=sys.stderr, flush=True),
-    )
+    with show_count("draws of the data", False, ProgressTiming()) as progress:
+        found = run(
+            draws=3 if options.quick else options.draws,
+            rollouts=20 if options.quick else options.rollouts,
+            seed=options.seed,
+            environments=options.env or ENVIRONMENTS,
+            methods=METHODS | (peers() if options.peers else {}),
+            processes=options.processes,
+            progress=progress,
+        )
     print(found.text())
     if options.json:
         write_json(options.json, found.to_dict())

@@ -130,7 +130,9 @@ def run(
         if env_id not in ENVIRONMENTS:
             raise DataError(f"The paper has no environment {env_id!r}: choose from {', '.join(ENVIRONMENTS)}.")
     jobs = [(env_id, seed + draw, rollouts, dict(methods)) for draw in range(draws) for env_id in environments]
-    done = []
+    done: list[list[Row]] = []
+    if progress is not None:
+        progress(0, len(jobs))
     for rows in in_processes(one_draw, jobs, processes):
         done.append(rows)
         if progress is not None:

@@ -8,6 +8,7 @@ import sys
 import time
 
 from command_line import npz
+from rpil.cli import progress
 from rpil.cli.progress import ProgressTiming, show_count, show_stages
 
 
@@ -22,6 +23,12 @@ def test_terminal_shows_the_stage_unless_quiet(monkeypatch, capsys):
     err = capsys.readouterr().err
     assert "stage [True]" not in err
     assert "stage [False]" in err
+
+
+def test_time_left_is_that_of_the_unfinished_items(monkeypatch):
+    monkeypatch.setattr("time.monotonic", lambda: 130.0)
+    assert progress._time_left(100.0, 3, 12) == ", about 90 s left"
+    assert progress._time_left(100.0, 0, 12) == ""
 
 
 def test_pipe_gets_ever_rarer_lines(capsys):
@@ -43,7 +50,7 @@ def test_pipe_gets_ever_rarer_lines(capsys):
     out, err = capsys.readouterr()
     assert out == ""
     # At 0.2 s, 0.4 s and 0.8 s: each time that went by doubles the wait.
-    lines = ["rpil: 0 s: reading", *2 * ["rpil: _ s: learning"], "rpil: 0 s: playing, 1 of 2"]
+    lines = ["rpil: 0 s: reading", *2 * ["rpil: _ s: learning"], "rpil: 0 s: playing, 1 of 2, about 0 s left"]
     assert [re.sub(r"[01] s: learning", "_ s: learning", line) for line in err.splitlines()] == lines
 
 

@@ -51,13 +51,19 @@ def show_count(title: str, quiet: bool, timing: ProgressTiming) -> Iterator[Coun
     if quiet or not sys.stderr.isatty():
         with _print_lines(quiet, timing) as show:
             show(title)
-            yield lambda done, total: show(f"{title}, {done} of {total}")
+            start = time.monotonic()
+            yield lambda done, total: show(f"{title}, {done} of {total}{_time_left(start, done, total)}")
         return
-    from rich.progress import BarColumn, MofNCompleteColumn
+    from rich.progress import BarColumn, MofNCompleteColumn, TimeRemainingColumn
 
-    with _progress_bar([], BarColumn(), MofNCompleteColumn()) as bar:
+    with _progress_bar([], BarColumn(), MofNCompleteColumn(), TimeRemainingColumn()) as bar:
         task = bar.add_task(title, total=None)
         yield lambda done, total: bar.update(task, completed=done, total=total)
+
+
+def _time_left(start: float, done: int, total: int) -> str:
+    """The time that the unfinished items will take if each takes as long as the finished ones did on average."""
+    return f", about {(time.monotonic() - start) * (total - done) / done:.0f} s left" if done else ""
 
 
 @contextmanager

@@ -1,0 +1,47 @@
+"""Options have one name and one default in all commands and in Python."""
+
+from __future__ import annotations
+
+import inspect
+import re
+from pathlib import Path
+
+import pytest
+
+from rpil import RPIL
+from rpil.cli.main import main
+
+COMMANDS = main.commands.values()
+PAGE = (Path(__file__).parents[2] / "docs" / "command-line.md").read_text(encoding="utf-8")
+
+
+def option(command, name):
+    return next(param for param in main.commands[command].params if param.name == name)
+
+
+def test_the_short_option_o_is_the_output_of_every_command():
+    short = {
+        name: param.opts for name, command in main.commands.items() for param in command.params if "-o" in param.opts
+    }
+    assert short == dict.fromkeys(("fit", "simulate", "demo"), ["-o", "--output"])
+
+
+@pytest.mark.parametrize("command", ["audit", "fit"])
+@pytest.mark.parametrize(
+    ("name", "argument"), [("adversary", "adversary"), ("minority", "minority"), ("seed", "random_state")]
+)
+def test_defaults_are_those_of_python(command, name, argument):
+    assert option(command, name).default == inspect.signature(RPIL).parameters[argument].default
+
+
+def test_one_option_has_one_default():
+    for name in {param.name for command in COMMANDS for param in command.params} - {"output", "file"}:
+        defaults = [param.default for command in COMMANDS for param in command.params if param.name == name]
+        if name != "episodes":  # to play a policy, and to play every policy of the demo
+            assert len(set(map(repr, defaults))) == 1, name
+
+
+def test_the_page_describes_the_files_of_an_audit():
+    for name in ("report", "weights", "verdicts", "keep"):
+        extensions = ", ".join(option("audit", name).type.extensions)
+        assert re.search(rf"\| `--{name}` \| {re.escape(extensions)} \|", PAGE), name
