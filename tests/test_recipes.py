@@ -92,12 +92,13 @@ JSON_LINES = """
 import json
 from rpil import Demonstrations
 from rpil.data.files import replacing
+from rpil.data.formats import Recording
 
 
-def read(path):
+def read(path, options):
     rows = [json.loads(line) for line in path.read_text().splitlines()]
     columns = ([row[name] for row in rows] for name in ("observation", "action", "episode"))
-    return Demonstrations.from_groups(*columns, source=path.name)
+    return Recording.of(Demonstrations.from_groups(*columns, source=path.name), "JSON lines")
 
 
 def write(path, demonstrations, truth):

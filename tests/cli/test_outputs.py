@@ -6,6 +6,7 @@ import json
 import shutil
 from pathlib import Path
 
+import numpy as np
 import pyarrow as pa
 import pyarrow.csv
 import pyarrow.parquet as pq
@@ -14,6 +15,8 @@ import pytest
 from audits import make_audit
 from command_line import call, ok, refused
 from rpil.cli import outputs
+from rpil.data.demonstrations import Demonstrations
+from rpil.data.formats import Recording
 
 
 def test_audit_writes_verdicts_and_the_list_to_keep(folder):
@@ -71,6 +74,7 @@ def test_every_output_has_a_writer(tmp_path, monkeypatch):
     paths = {"weights": "w.parquet", "verdicts": "v.parquet", "keep": "k.json", "report": "r.html"}
     assert tuple(paths) == outputs.OUTPUTS
     stages: list[str] = []
-    outputs.write_outputs(paths, make_audit(), {}, "data.csv", 1.0, stages.append)
+    recording = Recording.of(Demonstrations(np.ones((2, 1)), np.array([0, 1]), np.array([0, 2])), "arrays")
+    outputs.write_outputs(paths, make_audit(), recording, {}, "data.csv", 1.0, stages.append)
     assert stages == [f"writing {path}" for path in paths.values()]
     assert all(Path(path).stat().st_size > 0 for path in paths.values())

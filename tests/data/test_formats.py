@@ -208,8 +208,8 @@ def test_other_parquet_types(tmp_path):
         ({"action": ["a", "b", None]}, "demonstration 3, row 3: column 'action' has no value"),
         ({"action": None, "action_0": [1.0, 2.0, 3.0], "action_1": ["a", "b", "c"]}, "'action_1' holds text"),
         ({"episode_index": [1, None, 2]}, "row 2: column 'episode_index' has no value"),
-        ({"episode_index": None}, "name it episode_index .*'obs_x', 'obs_y', 'action'"),
-        ({"action": None}, "name it action .*'episode_index', 'obs_x', 'obs_y'"),
+        ({"episode_index": None}, "name it episode_index.*'obs_x', 'obs_y', 'action'"),
+        ({"action": None}, "name it action.*'episode_index', 'obs_x', 'obs_y'"),
         ({"obs_x": None, "obs_y": None}, "no column holds observations"),
         ({"episode_index": [], "obs_x": [], "obs_y": [], "action": []}, "there are no demonstrations"),
         ({"obs_x": [pa.scalar(0).cast(pa.timestamp("s"))] * 3}, "column 'obs_x' holds timestamp"),
@@ -232,11 +232,11 @@ def test_repeated_columns(path):
         ({"obs_x": [[1.0, 2.0], [1.0, None], [1.0, 2.0]]}, "demonstration 1, row 2: column 'obs_x' has no value"),
         ({"obs_x": [[1.0, 2.0], None, [1.0, 2.0]]}, "demonstration 1, row 2: column 'obs_x' has no value"),
         ({"obs_x": pa.array([[], [], []], pa.list_(pa.float64())), "obs_y": None}, "observations must be"),
-        ({"obs_x": [[[1.0]], [[1.0]], [[1.0]]]}, "holds list<.*> where numbers or text are due"),
-        ({"obs_x": [{"bytes": b""}] * 3}, "holds struct<.*> where numbers or text are due"),
+        ({"obs_x": [[[1.0]], [[1.0]], [[1.0]]], "obs_y": None}, "no column holds observations"),
+        ({"obs_x": [{"bytes": b""}] * 3, "obs_y": None}, "no column holds observations"),
         ({"action": [[1.0, 2.0], [1.0, np.nan], [1.0, 2.0]]}, "demonstration 1, step 0: action 1 is nan"),
         ({"episode_index": [1.0, np.nan, 1.0]}, "fill in the missing"),
-        ({"episode_index": [[1], [2], [3]]}, "one row per step"),
+        ({"episode_index": [[1], [2], [3]]}, "demonstration ids must be numbers or text"),
     ],
 )
 def test_bad_parquet_tables(tmp_path, changes, match):
@@ -268,9 +268,10 @@ def test_one_wrong_byte_in_a_parquet_file_is_noticed(tmp_path):
 
 def test_unknown_extensions(tmp_path):
     path = tmp_path / "x.xlsx"
+    path.write_text("x")
     for call in (formats.read, formats.check_format, lambda path: formats.write(path, demonstrations())):
         refused("'.xlsx'; use one of .parquet, .csv, .npz", call, path)
-    refused("extension ''", formats.read, tmp_path / "x")
+    refused("there is no such file or folder; did you mean .*x.xlsx", formats.read, tmp_path / "x.xls")
 
 
 def npz(path, **changes):

@@ -82,9 +82,10 @@ def test_labels_that_are_not_text(tmp_path):
 def test_reading_demonstrators(tmp_path):
     (tmp_path / "who.csv").write_text("id,demonstrator\n0,Ann\n1, Bob\n")
     (tmp_path / "who.json").write_text('{"0": "Ann", "1": "Bob"}')
-    np.savez(tmp_path / "each.npz", episode_ids=np.repeat([5, 2], 3), who=np.array(["x", "y"]), n=np.zeros((2, 2)))
-    (tmp_path / "data.csv").write_text("episode_index,who,action\n0,Ann,1\n0,Ann,0\n1,Bob,0\n")
-    (tmp_path / "two.csv").write_text("episode_index,who,action\n0,Ann,1\n0,Bob,0\n1,,0\n")
+    steps = {"episode_ids": np.repeat([5, 2], 3), "observations": np.ones((6, 1)), "actions": np.zeros(6)}
+    np.savez(tmp_path / "each.npz", **steps, who=np.array(["x", "y"]), n=np.zeros((2, 2)))
+    (tmp_path / "data.csv").write_text("episode_index,who,action,x\n0,Ann,1,1\n0,Ann,0,1\n1,Bob,0,1\n")
+    (tmp_path / "two.csv").write_text("episode_index,who,action,x\n0,Ann,1,1\n0,Bob,0,1\n1,,0,1\n")
     for name in ("who.csv", "who.json"):
         assert formats.read_demonstrators(str(tmp_path / name), tmp_path / "data.csv") == {"0": "Ann", "1": "Bob"}
     assert formats.read_demonstrators("who", tmp_path / "data.csv") == {"0": "Ann", "1": "Bob"}
@@ -93,7 +94,7 @@ def test_reading_demonstrators(tmp_path):
     assert formats.read_demonstrators("demonstrator_ids", tmp_path / "data.parquet") == {"0": "3", "1": "4"}
     for where, file, match in (
         ("who", "two.csv", "'0': both 'Ann' and 'Bob' gave it"),
-        ("nothing", "data.csv", "holds no 'nothing'"),
+        ("nothing", "data.csv", "no column is called 'nothing'"),
         ("n", "each.npz", r"shape \(2, 2\)"),
         (str(tmp_path / "missing.csv"), "data.csv", "no such file"),
         (str(tmp_path / "data.csv"), "data.csv", "columns must be id and demonstrator"),
@@ -114,7 +115,8 @@ def test_reading_demonstrators(tmp_path):
         ("short.csv", "id,demonstrator\n0\n", "demonstration '0': it has no demonstrator; name one, or leave it out"),
         ("long.csv", "id,demonstrator\n0,Ann,Bob\n", "line 2: it has more values than there are columns; give"),
         ("no-id.csv", "id,demonstrator\n,Ann\n", "line 2: it names no demonstration; give"),
-        ("null.json", '{"0": null}', "demonstration '0': the demonstrator is neither text nor a whole number"),
+        ("null.json", '{"0": null}', "demonstration '0': it has no demonstrator; name one, or leave it out"),
+        ("object.json", '{"0": {}}', "demonstration '0': the demonstrator is neither text nor a whole number"),
         ("list.json", '["Ann"]', "it must hold one object"),
         ("cut.json", '{"0": "Ann"', "it cannot be read as JSON; write it again"),
         ("bytes.csv", b"\xff\xfe\x00", "it cannot be read as CSV; write it again"),

@@ -35,10 +35,11 @@ def test_each_step_has_its_weight_and_the_values_of_its_demonstration(tmp_path, 
         write_weights(tmp_path / "w.npz", [], [0], [], [], [])
 
 
-def test_weights_are_written_in_blocks(tmp_path):
+def test_weights_are_written_in_blocks(tmp_path, monkeypatch):
+    monkeypatch.setattr("rpil.data.formats.weights._BLOCK_STEPS", 1000)
     data = demonstrations()
     weight, each = np.random.default_rng(0).random(data.n_steps), np.arange(120.0)
-    write_weights(tmp_path / "w.parquet", data.ids, data.offsets, weight, each, -each, block_steps=1000)
+    write_weights(tmp_path / "w.parquet", data.ids, data.offsets, weight, each, -each)
     assert pq.read_metadata(tmp_path / "w.parquet").num_row_groups > 3
     table = pq.read_table(tmp_path / "w.parquet")
     np.testing.assert_array_equal(table["weight"].to_numpy(), weight)
@@ -49,7 +50,8 @@ def test_weights_are_written_in_blocks(tmp_path):
     np.testing.assert_array_equal(table["step_index"].to_numpy(), np.arange(data.n_steps) - starts)
 
 
-def test_weights_are_written_whole_or_not_at_all(tmp_path):
+def test_weights_are_written_whole_or_not_at_all(tmp_path, monkeypatch):
+    monkeypatch.setattr("rpil.data.formats.weights._BLOCK_STEPS", 1000)
     (tmp_path / "w.parquet").write_text("old")
 
     class Torn(np.ndarray):
@@ -62,6 +64,6 @@ def test_weights_are_written_whole_or_not_at_all(tmp_path):
     weight, each = np.ones(data.n_steps).view(Torn), np.ones(len(data))
     for name in ("w.parquet", "w.csv"):
         with pytest.raises(DataError, match=r"it cannot be written \(No space left"):
-            write_weights(tmp_path / name, data.ids, data.offsets, weight, each, each, block_steps=1000)
+            write_weights(tmp_path / name, data.ids, data.offsets, weight, each, each)
     assert (tmp_path / "w.parquet").read_text() == "old"
     assert [path.name for path in tmp_path.iterdir()] == ["w.parquet"]

@@ -22,7 +22,9 @@ from rpil.data.memory import budget
 
 if TYPE_CHECKING:
     from rpil.data.demonstrations import Demonstrations
+    from rpil.data.formats.columns import ColumnOptions
     from rpil.data.formats.dataset import Dataset
+    from rpil.data.formats.recording import Recording
     from rpil.estimators.rpil import RPIL
     from rpil.estimators.settings import Settings
     from rpil.scale.protocol import Engine
@@ -97,23 +99,21 @@ def _exit_with_error(sentence: str) -> NoReturn:
     sys.exit(2)
 
 
-def read_demonstrations(file: str, progress: StageProgress, stream: bool | None = False) -> Demonstrations | Dataset:
-    """The demonstrations in a file; a `Dataset` on disk if `stream`, or if `stream` is None and the file is large."""
+def read_recording(
+    file: str, columns: ColumnOptions, progress: StageProgress, stream: bool | None = False
+) -> Recording:
+    """What a file holds; on disk if `stream`, or if `stream` is None and it is large, or many Parquet files."""
     from rpil.data import formats
-    from rpil.data.formats.store import may_be_many_files
+    from rpil.data.formats.store import find_files, may_be_many_files
 
     progress(f"reading {file}")
-    if stream or (stream is None and (may_be_many_files(file) or _exceeds_budget(file))):
-        from rpil.data.formats.dataset import open_dataset
-
-        return open_dataset(file)
-    if stream is False and may_be_many_files(file):
-        return load_into_memory(read_demonstrations(file, progress, True))
-    return formats.read(file)
+    if stream is None:
+        stream = bool(find_files(file)[1]) if may_be_many_files(file) else _exceeds_budget(file)
+    return formats.read_recording(file, columns, on_disk=stream)
 
 
 def resolve_stream(stream: bool | None, scheduler: str | None) -> bool | None:
-    """`stream` for `read_demonstrations`: with a cluster the data stay on disk, because its workers read them."""
+    """`stream` for `read_recording`: with a cluster the data stay on disk, because its workers read them."""
     if scheduler and stream is False:
         raise click.UsageError("--scheduler and --no-stream exclude each other: leave one out")
     return True if scheduler else stream
@@ -156,7 +156,7 @@ def connect_engine(address: str | None, progress: StageProgress) -> Iterator[Eng
 
 def fit_rpil(
     file: str,
-    demonstrations: Demonstrations | Dataset,
+    recording: Recording,
     options: FitOptions,
     progress: StageProgress,
     engine: Engine | None = None,
@@ -169,11 +169,12 @@ def fit_rpil(
     from rpil.data import formats
     from rpil.data.formats.table import check_ids
 
+    demonstrations = recording.demonstrations
     labels = formats.read_labels(options.labels) if options.labels else {}
     # The estimator checks these ids too, but cannot name the file.
     check_ids(labels, demonstrations.ids, str(options.labels), "the labels")
-    demonstrators = formats.read_demonstrators(options.demonstrators, file) if options.demonstrators else {}
-    check_ids(demonstrators, demonstrations.ids, str(options.demonstrators), "the demonstrators")
+    demonstrators = formats.read_demonstrators(options.operator, recording) if options.operator else {}
+    check_ids(demonstrators, demonstrations.ids, str(options.operator), "the demonstrators")
     progress("starting")
     from rpil.data.errors import AmbiguousWarning
     from rpil.estimators.rpil import RPIL

@@ -14,14 +14,16 @@ import click
 from click.core import ParameterSource
 
 from rpil.cli import commands, terminal
-from rpil.cli.commands import Commands, CommandSettings, connect_engine, fit_rpil, read_demonstrations
+from rpil.cli.commands import Commands, CommandSettings, connect_engine, fit_rpil, read_recording
 from rpil.cli.completion import install_completion
+from rpil.cli.info import info
 from rpil.cli.options import (
     FitOptions,
     LibraryChoice,
     OutputFile,
     check_choices,
     json_option,
+    pop_columns,
     quiet_option,
     seed_option,
     with_fit_options,
@@ -63,11 +65,15 @@ def _show_stages(quiet: bool) -> Iterator[StageProgress]:
 def main(ctx: click.Context, /) -> None:
     """Find out which demonstrations can be trusted, and learn a policy from these.
 
-    FILE holds demonstrations as .parquet, .csv or .npz: one row per step, with the columns episode_index, action and
-    observation.*. It can also be a folder of .parquet files, or the address of one, larger than the memory.
+    FILE holds demonstrations as .parquet, .csv or .npz: one row per step, with columns such as episode_index, action
+    and observation.*. It can also be a folder of .parquet or .csv files, or the address of one, larger than the memory.
+    rpil info FILE tells how it is read.
     """
     if ctx.invoked_subcommand is None:
         click.echo(ctx.get_help())
+
+
+main.add_command(info)
 
 
 @main.command()
@@ -106,20 +112,24 @@ def audit(
     start = time.perf_counter()
     outputs = {title: options.pop(title) for title in OUTPUTS}
     quiet, stream, scheduler, _ = (options.pop(name) for name in ("quiet", "stream", "scheduler", "memory"))
-    check_outputs((file, options["labels"], options["demonstrators"]), *outputs.values())
+    check_outputs((file, options["labels"], options["operator"]), *outputs.values())
+    columns = pop_columns(options)
     stream = commands.resolve_stream(stream, scheduler)
     if options["features"] == "auto":
         options["features"] = "folded"  # the judge's features; no final policy is kept, so none need be chosen
     with _show_stages(quiet) as progress:
         with connect_engine(scheduler, progress) as engine:
-            data = read_demonstrations(file, progress, stream)
-            fitted, who = fit_rpil(file, data, FitOptions(**options), progress, engine, warn_if_ambiguous=json_wanted)
+            read = read_recording(file, columns, progress, stream)
+            fitted, who = fit_rpil(file, read, FitOptions(**options), progress, engine, warn_if_ambiguous=json_wanted)
         result = fitted.audit_
-        write_outputs(outputs, result, who, file, time.perf_counter() - start, progress)
+        write_outputs(outputs, result, read, who, file, time.perf_counter() - start, progress)
     if json_wanted:
         suggested = {"suggested": result.suggest_labels(suggest)} if suggest else {}
-        click.echo(terminal.to_json({"run": result.run_id} | result.to_dict() | suggested))
+        click.echo(
+            terminal.to_json({"run": result.run_id, "input": read.description.to_dict()} | result.to_dict() | suggested)
+        )
     else:
+        terminal.print_lines([*read.description.short(), ""])
         terminal.print_audit(result, all_rows)
         _print_next_steps(ctx, result, quiet and not suggest, n_labels=suggest or N_LABELS)
     for title, path in outputs.items():
@@ -149,10 +159,12 @@ def fit(ctx: click.Context, /, file: str, output: str, method: str, trusted: int
         _refuse_rpil_options(ctx, method)
     if (method == "rment") != (trusted is not None):
         raise click.UsageError("--method rment and --trusted N need each other: give both or neither", ctx)
-    check_outputs((file, options["labels"], options["demonstrators"]), output)
+    check_outputs((file, options["labels"], options["operator"]), output)
+    columns = pop_columns(options)
     stream = commands.resolve_stream(stream, scheduler)
     with _show_stages(quiet) as progress, connect_engine(scheduler, progress) as engine:
-        demonstrations = read_demonstrations(file, progress, stream)
+        recording = read_recording(file, columns, progress, stream)
+        demonstrations = recording.demonstrations
         progress("starting")
         from rpil.estimators.cloning import BehavioralCloning
         from rpil.estimators.persistence import save
@@ -161,7 +173,7 @@ def fit(ctx: click.Context, /, file: str, output: str, method: str, trusted: int
 
         model: BehavioralCloning | RMEnt | RPIL
         if method == "rpil":
-            model, _ = fit_rpil(file, demonstrations, FitOptions(**options), progress, engine, warn_if_ambiguous=False)
+            model, _ = fit_rpil(file, recording, FitOptions(**options), progress, engine, warn_if_ambiguous=False)
         else:
             progress("learning")
             if trusted is None:
@@ -184,7 +196,7 @@ def fit(ctx: click.Context, /, file: str, output: str, method: str, trusted: int
 
 def _refuse_rpil_options(ctx: click.Context, method: str) -> None:
     """Refuse options that only --method rpil has."""
-    given = [name for name in ("labels", "demonstrators", "resume") if ctx.params[name]]
+    given = [name for name in ("labels", "operator", "resume") if ctx.params[name]]
     chosen = ("adversary", "minority")
     given += [name for name in chosen if ctx.get_parameter_source(name) is ParameterSource.COMMANDLINE]
     if given:

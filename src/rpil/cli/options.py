@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import reduce
 from pkgutil import resolve_name
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -14,6 +14,7 @@ from rpil.data.files import StrPath, check_extension
 from rpil.data.memory import limited
 
 if TYPE_CHECKING:
+    from rpil.data.formats.columns import ColumnOptions
     from rpil.inference.settings import Minority
 
 
@@ -22,7 +23,7 @@ class FitOptions:
     """The options of ``rpil audit`` and ``rpil fit`` that say how to fit; see their ``--help``."""
 
     labels: str | None
-    demonstrators: str | None
+    operator: str | None
     features: str
     adversary: str
     minority: Minority
@@ -88,15 +89,31 @@ seed_option = click.option(
 )
 quiet_option = click.option("--quiet", "-q", is_flag=True, help="Print results only: no progress, no hints.")
 json_option = click.option("--json", "json_wanted", is_flag=True, help="Print JSON, and nothing else, on stdout.")
+COLUMN_OPTIONS = (
+    click.option("--id", metavar="COLUMN", help="The column that names the demonstration of a step."),
+    click.option("--action", metavar="COLUMNS", multiple=True, help="The column of the action, or several."),
+    click.option("--observations", metavar="COLUMNS", multiple=True, help="Observations, as names or 'joint_*'."),
+    click.option("--exclude", metavar="COLUMNS", multiple=True, help="Columns to leave out."),
+    click.option("--order", metavar="COLUMN", help="The column that orders the steps of a demonstration."),
+    click.option(
+        "--operator",
+        "--demonstrators",
+        metavar="COLUMN|FILE",
+        help="Who gave each demonstration: a column of FILE, a CSV file (id,demonstrator), or JSON.",
+    ),
+    click.option("--task", metavar="COLUMN", help="The column that names the task."),
+    click.option(
+        "--action-kind",
+        type=click.Choice(("auto", "discrete", "continuous")),
+        default="auto",
+        show_default=True,
+        help="Whether one column of whole numbers holds classes or amounts.",
+    ),
+)
 FIT_OPTIONS = (
+    *COLUMN_OPTIONS,
     click.option(
         "--labels", type=click.Path(), metavar="FILE", help="Labels of some demonstrations: CSV (id,label) or JSON."
-    ),
-    click.option(
-        "--demonstrators",
-        type=click.Path(),
-        metavar="FILE|COLUMN",
-        help="The demonstrator of each demonstration: CSV (id,demonstrator), JSON, or a column of FILE.",
     ),
     click.option(
         "--features",
@@ -137,3 +154,20 @@ FIT_OPTIONS = (
 
 def with_fit_options(command: Callable[..., None]) -> Callable[..., None]:
     return reduce(lambda wrapped, option: option(wrapped), reversed(FIT_OPTIONS), command)
+
+
+def with_column_options(command: Callable[..., None]) -> Callable[..., None]:
+    return reduce(lambda wrapped, option: option(wrapped), reversed(COLUMN_OPTIONS), command)
+
+
+def pop_columns(options: dict[str, Any]) -> ColumnOptions:
+    """The options of the columns, taken out of all options but for the operator, whom a fit needs as well."""
+    from rpil.data.formats.columns import ColumnOptions
+    from rpil.data.formats.id_values import is_id_file
+
+    names = ("id", "action", "observations", "exclude", "order", "task", "action_kind")
+    operator = options["operator"]
+    return ColumnOptions(
+        operator=None if operator is None or is_id_file(operator) else operator,
+        **{name: options.pop(name) for name in names},
+    )

@@ -12,6 +12,7 @@ from rpil.cli.progress import StageProgress
 
 if TYPE_CHECKING:
     from rpil.audit.record import Audit
+    from rpil.data.formats.recording import Recording
 
 OUTPUTS = ("weights", "verdicts", "keep", "report")
 """The options that name these files, in the order in which they are written."""
@@ -20,6 +21,7 @@ OUTPUTS = ("weights", "verdicts", "keep", "report")
 def write_outputs(
     paths: Mapping[str, str | None],
     audit: Audit,
+    recording: Recording,
     demonstrators: Mapping[str, str],
     source: str,
     seconds: float,
@@ -32,7 +34,8 @@ def write_outputs(
     def write_report(path: str) -> None:
         from rpil.audit.html.page import Article, write_page
 
-        write_page(path, [Article(f"Audit of {Path(source).name}", audit, source, seconds=seconds)])
+        read = "What was read", "\n".join(recording.description.short())
+        write_page(path, [Article(f"Audit of {Path(source).name}", audit, source, sections=[read], seconds=seconds)])
 
     def write_keep(path: str) -> None:
         write_kept(path, audit)
@@ -41,7 +44,7 @@ def write_outputs(
 
     steps = audit.ids, audit.offsets, audit.step_weight, audit.expert_proba, audit.log_odds
     writers: dict[str, Callable[[str], None]] = {
-        "weights": lambda path: write_weights(path, *steps),
+        "weights": lambda path: write_weights(path, *steps, recording.step_columns),
         "verdicts": lambda path: write_verdicts(path, audit, demonstrators),
         "keep": write_keep,
         "report": write_report,

@@ -9,7 +9,7 @@ import math
 import shlex
 import sys
 import warnings
-from collections.abc import Hashable, Iterator, Sequence
+from collections.abc import Hashable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
@@ -72,6 +72,12 @@ def finding_sentence(audit: Audit) -> str:
     from rpil.inference.trust import FINDINGS
 
     return f"{audit.finding.capitalize()}: {FINDINGS[audit.finding]}"
+
+
+def print_lines(lines: Iterable[str]) -> None:
+    """Print lines, without control characters."""
+    for line in lines:
+        click.echo(printable(line))
 
 
 def print_audit(audit: Audit, all_rows: bool = False) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable, Sequence
-from typing import cast
+from typing import Literal, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +17,12 @@ Id = int | str
 
 Indices = slice | int | Sequence[int] | Array
 """Numbers of demonstrations, or a mask over them."""
+
+ActionKind = Literal["auto", "discrete", "continuous"]
+"""Of the actions; "auto" decides by `action_kind`."""
+
+FEW_CLASSES, MAX_CLASSES, STEPS_PER_CLASS = 10, 100, 10
+"""Whole numbers are classes where at most `FEW_CLASSES` differ, or at most `MAX_CLASSES` with this many steps each."""
 
 LARGEST = 1e150
 """Largest number that may be squared in double precision."""
@@ -96,28 +102,70 @@ def as_observations(values: object, where: str) -> Array:
     return np.ascontiguousarray(array, dtype=np.float32 if array.dtype == np.float32 else np.float64)
 
 
-def as_actions(values: object, where: str) -> Array:
+def as_actions(values: object, where: str, wanted: ActionKind = "auto") -> Array:
     """Actions as (N,) int64 or text if discrete, C-contiguous (N, A) float32 or float64 if continuous.
 
-    One-dimensional floats are discrete where all are whole numbers, else one continuous action.
+    One number a step is discrete or continuous by `action_kind`.
     """
     array = as_array(values, "actions", where)
     kind = array.dtype.kind
-    if kind != "f" and array.ndim == 2 and array.shape[1] == 1:
+    if array.ndim == 2 and array.shape[1] == 1 and (kind != "f" or wanted == "discrete"):
         array = array[:, 0]
-    if array.ndim not in (1, 2) or (array.ndim == 2 and (kind != "f" or array.shape[1] == 0)):
+    if array.ndim not in (1, 2) or (array.ndim == 2 and (kind != "f" or array.shape[1] == 0 or wanted == "discrete")):
         raise DataError(
             f"{where}: actions of shape {array.shape} and type {array.dtype} are neither (N,) discrete nor (N, A) "
             "floats; number the combinations, or convert to float if they are continuous."
         )
-    if kind == "U":
-        return np.ascontiguousarray(array)
-    if array.ndim == 1 and (kind != "f" or are_whole(array)):
+    if array.ndim == 1 and action_kind(array, where, wanted)[0] == "discrete":
+        if kind == "U":
+            return np.ascontiguousarray(array)
         if kind == "u" and array.size and array.max() > np.iinfo(np.int64).max:
             raise DataError(f"{where}: actions do not fit into 64-bit integers; renumber them.")
         return np.ascontiguousarray(array, dtype=np.int64)
     array = array.reshape(len(array), -1)
     return np.ascontiguousarray(array, dtype=np.float32 if array.dtype == np.float32 else np.float64)
+
+
+def action_kind(actions: Array, where: str, wanted: ActionKind = "auto") -> tuple[ActionKind, str]:
+    """Whether actions (N,) of one number or text each are "discrete" or "continuous", and why in words.
+
+    A `DataError` where they cannot be what is `wanted`, or where nearly every step has a text of its own.
+    """
+    whole = actions.dtype.kind != "f" or are_whole(actions)
+    few = wanted == "auto" and whole and actions.dtype.kind != "b"
+    n_classes = len(np.unique(actions)) if few else 0
+    return kind_by_count(n_classes, len(actions), actions.dtype.kind == "U", whole, wanted, where)
+
+
+def kind_by_count(
+    n_classes: int, n_steps: int, is_text: bool, whole: bool, wanted: ActionKind, where: str
+) -> tuple[ActionKind, str]:
+    """`action_kind` by the number of different actions, and by whether they are text or whole numbers."""
+    if wanted != "auto":
+        if (is_text and wanted == "continuous") or (not whole and wanted == "discrete"):
+            found = "text" if is_text else "numbers that are not whole"
+            raise DataError(f"{where}: the actions are {found}, which cannot be {wanted}; leave out the action kind.")
+        return wanted, "as asked"
+    if not whole:
+        return "continuous", "not all of its numbers are whole"
+    if is_text:
+        if n_classes > FEW_CLASSES and n_steps < 2 * n_classes:
+            raise DataError(
+                f"{where}: the action takes {n_classes:,} different texts in {n_steps:,} steps, nearly one for each "
+                "step; name the column of the action, or say that the action is discrete."
+            )
+        return "discrete", f"{n_classes:,} different texts"
+    if n_classes > MAX_CLASSES:
+        return "continuous", f"more than {MAX_CLASSES} different whole numbers"
+    differ = f"{n_classes:,} different whole numbers in {n_steps:,} steps"
+    if n_classes > FEW_CLASSES and n_steps < STEPS_PER_CLASS * n_classes:
+        return "continuous", f"{differ}, fewer than {STEPS_PER_CLASS} steps for each"
+    return "discrete", differ
+
+
+def number_reason(n_parts: int) -> str:
+    """Why actions of several columns, or of lists, are continuous."""
+    return "a column of a continuous action" if n_parts == 1 else f"{n_parts} numbers"
 
 
 def are_whole(array: Array) -> bool:
@@ -188,6 +236,27 @@ def as_offsets(values: object, ids: tuple[Id, ...], n_steps: int, where: str) ->
         empty = ids[int(np.argmin(lengths))]
         raise DataError(f"{where}, demonstration {empty!r}: it has no steps; leave it out.")
     return offsets
+
+
+def group_rows(group: Array, order: Array | None = None) -> tuple[Array, NDArray[np.int64], Array | None]:
+    """The demonstrations among the group numbers of the rows (N,): numbers by first appearance, and offsets.
+
+    Also the rows, (N,), so that those of a demonstration lie together, by `order` (N,) or else as they come; None where
+    they do already, because to gather rows copies all the data.
+    """
+    values, first, inverse = np.unique(group, return_index=True, return_inverse=True)
+    appearance = np.argsort(first, kind="stable")
+    rank = np.empty_like(appearance)
+    rank[appearance] = np.arange(len(appearance))
+    place = rank[inverse]
+    offsets = np.concatenate([[0], np.cumsum(np.bincount(place, minlength=len(values)))])
+    later = np.diff(place)
+    if order is None:
+        rows = np.argsort(place, kind="stable") if np.any(later < 0) else None
+    else:
+        in_place = np.all((later > 0) | ((later == 0) & (order[1:] >= order[:-1])))
+        rows = None if in_place else np.lexsort([order, place])
+    return values[appearance], offsets, rows
 
 
 def check_finite(

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rpil.data import arrays
-from rpil.data.arrays import Id, Indices
+from rpil.data.arrays import ActionKind, Id, Indices
 from rpil.data.episodes import lay_end_to_end
 from rpil.data.errors import DataError
 from rpil.numerics.types import Array
@@ -94,8 +94,8 @@ class Demonstrations(DemonstrationSet):
     observations : (N, D) array of numbers
         Kept as float32 when given so, float64 otherwise; finite.
     actions : (N,) array of integers or strings, or (N, A) array of floats
-        One-dimensional actions are discrete (whole floats become integers), two-dimensional floats continuous;
-        one-dimensional floats that are not whole become (N, 1).
+        Two-dimensional floats are continuous, text is discrete. One-dimensional numbers are discrete (whole floats
+        become integers) or continuous, (N, 1), by `rpil.data.arrays.action_kind`.
     offsets : (M + 1,) array of integers
         From 0 to N, strictly increasing.
     ids : sequence of M distinct ints, or of M distinct strings
@@ -104,6 +104,8 @@ class Demonstrations(DemonstrationSet):
         ``"0".."D-1"`` when not given.
     source : str
         The file name, or another name for the data, for use in messages.
+    action_kind : {"auto", "discrete", "continuous"}
+        Whether one-dimensional numbers are classes; afterwards what the actions are.
 
     Raises
     ------
@@ -117,12 +119,13 @@ class Demonstrations(DemonstrationSet):
     ids: tuple[Id, ...] = ()
     observation_names: tuple[str, ...] = ()
     source: str = SOURCE
+    action_kind: ActionKind = "auto"
 
     def __post_init__(self) -> None:
         source = self.source
         arrays.check_any(np.size(self.offsets) - 1, source)
         observations = arrays.as_observations(self.observations, source)
-        actions = arrays.as_actions(self.actions, source)
+        actions = arrays.as_actions(self.actions, source, self.action_kind)
         if len(observations) != len(actions):
             counts = f"{len(observations)} observations but {len(actions)} actions"
             raise DataError(f"{source}: {counts}; give one action per observation.")
@@ -141,6 +144,7 @@ class Demonstrations(DemonstrationSet):
             object.__setattr__(self, field, view)
         object.__setattr__(self, "ids", ids)
         object.__setattr__(self, "observation_names", names)
+        object.__setattr__(self, "action_kind", "discrete" if actions.ndim == 1 else "continuous")
 
     @classmethod
     def from_arrays(
@@ -152,6 +156,7 @@ class Demonstrations(DemonstrationSet):
         *,
         observation_names: Iterable[object] = (),
         source: str = SOURCE,
+        action_kind: ActionKind = "auto",
     ) -> Demonstrations:
         """From rows laid end to end; see the class for shapes and errors."""
         return cls(
@@ -161,6 +166,7 @@ class Demonstrations(DemonstrationSet):
             () if ids is None else arrays.as_ids(ids, source),
             arrays.as_names(observation_names, source),
             source,
+            action_kind,
         )
 
     @classmethod
@@ -171,6 +177,7 @@ class Demonstrations(DemonstrationSet):
         *,
         observation_names: Iterable[object] = (),
         source: str = SOURCE,
+        action_kind: ActionKind = "auto",
     ) -> Demonstrations:
         """From episodes as Gymnasium, Minari and imitation give them.
 
@@ -187,7 +194,8 @@ class Demonstrations(DemonstrationSet):
             As the class; also where an episode is none of these, or has other columns than the first.
         """
         observations, actions, offsets, names, named = lay_end_to_end(episodes, ids, source)
-        return cls(observations, actions, offsets, names, arrays.as_names(observation_names, source) or named, source)
+        observation_names = arrays.as_names(observation_names, source) or named
+        return cls(observations, actions, offsets, names, observation_names, source, action_kind)
 
     @classmethod
     def from_groups(
@@ -198,6 +206,7 @@ class Demonstrations(DemonstrationSet):
         *,
         observation_names: Iterable[object] = (),
         source: str = SOURCE,
+        action_kind: ActionKind = "auto",
     ) -> Demonstrations:
         """From scikit-learn's ``X, y, groups``: the rows of a group keep their order and need not lie together.
 
@@ -214,17 +223,12 @@ class Demonstrations(DemonstrationSet):
             if not arrays.are_whole(labels):
                 raise DataError(f"{source}: demonstration ids must be whole numbers or text; fill in the missing ones.")
             labels = labels.astype(np.int64)
-        values, first, inverse = np.unique(labels, return_index=True, return_inverse=True)
-        appearance = np.argsort(first, kind="stable")
-        rank = np.empty_like(appearance)
-        rank[appearance] = np.arange(len(appearance))
-        group = rank[inverse]
-        offsets = np.concatenate([[0], np.cumsum(np.bincount(group, minlength=len(values)))])
-        if np.any(np.diff(group) < 0):  # gather only rows that are out of place: a gather copies all the data
-            rows = np.argsort(group, kind="stable")
+        values, group = np.unique(labels, return_inverse=True)
+        chosen, offsets, rows = arrays.group_rows(group)
+        if rows is not None:
             X, y = X[rows], y[rows]
         names = arrays.as_names(observation_names, source)
-        return cls(X, y, offsets, tuple(values[appearance].tolist()), names, source)
+        return cls(X, y, offsets, tuple(values[chosen].tolist()), names, source, action_kind)
 
     @property
     def n_observations(self) -> int:
@@ -252,6 +256,7 @@ class Demonstrations(DemonstrationSet):
             tuple(self.ids[m] for m in chosen),
             self.observation_names,
             self.source,
+            self.action_kind,
         )
 
     def shards(self, n_shards: int = 1, block_steps: int = BLOCK_STEPS) -> list[list[Block]]:

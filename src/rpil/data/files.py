@@ -9,6 +9,7 @@ import uuid
 import zlib
 from collections.abc import Collection, Iterable, Iterator
 from contextlib import contextmanager, suppress
+from difflib import get_close_matches
 from fnmatch import fnmatch
 from pathlib import Path
 
@@ -29,11 +30,20 @@ def check_extension(path: StrPath, extensions: Collection[str], use: str = "") -
     return path
 
 
-def check_readable(path: StrPath) -> Path:
-    """`path`, or a `DataError` where it is missing, a folder, empty or may not be read."""
+def check_exists(path: StrPath) -> Path:
+    """`path`, or a `DataError` with names like it where it is missing."""
     path = Path(path)
     if not path.exists():
-        raise DataError(f"{path}: there is no such file; check the path.")
+        there = os.listdir(path.parent) if path.parent.is_dir() else []
+        close = get_close_matches(path.name, there, 1)
+        hint = f"did you mean {str(path.parent / close[0])!r}?" if close else "check the path"
+        raise DataError(f"{path}: there is no such file or folder; {hint.rstrip('?')}.")
+    return path
+
+
+def check_readable(path: StrPath) -> Path:
+    """`path`, or a `DataError` where it is missing, a folder, empty or may not be read."""
+    path = check_exists(path)
     if path.is_dir():
         raise DataError(f"{path}: it is a folder; give the path of one file.")
     if not os.access(path, os.R_OK):

@@ -16,7 +16,7 @@ from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
 from rpil.data.spaces import Space
 from rpil.estimators.final_policy import LinearPolicySpec
-from rpil.estimators.validation import checked_rows, observations_and_actions, source_of
+from rpil.estimators.validation import checked_rows, observations_and_actions, one_step_each, source_of
 from rpil.numerics.types import Array
 
 
@@ -135,7 +135,7 @@ class BehavioralCloning(PolicyEstimator):
         weight = _check_sample_weight(sample_weight, data[0], dtype=float, ensure_non_negative=True)
         if not weight.any():
             raise DataError(f"{source_of(X)}: sample_weight is zero everywhere; give at least one step some weight.")
-        rows = X if isinstance(X, Demonstrations) else Demonstrations(*data, np.arange(len(data[0]) + 1))
+        rows = X if isinstance(X, Demonstrations) else one_step_each(*data)
         self.space_, self.classes_, codes = code_actions(rows)
         with threadpool_limits(1, "blas"):  # thin products gain nothing from threads, and can lose a lot
             spec = LinearPolicySpec(self.features, self.C, self.tol)

@@ -10,7 +10,7 @@ from sklearn.base import BaseEstimator
 from sklearn.utils.multiclass import check_classification_targets
 from sklearn.utils.validation import validate_data
 
-from rpil.data.arrays import are_whole
+from rpil.data.arrays import ActionKind, are_whole
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
 from rpil.numerics.types import Array
@@ -83,4 +83,16 @@ def as_demonstrations(
             stacklevel=3,
         )
         groups = np.arange(len(observations))
-    return Demonstrations.from_groups(observations, actions, groups)
+    kind = _kind_of_targets(actions)
+    return Demonstrations.from_groups(observations, actions, groups, action_kind=kind)
+
+
+def one_step_each(observations: Array, actions: Array) -> Demonstrations:
+    """Every row (N, D) a demonstration of its own, the actions as scikit-learn takes them."""
+    offsets = np.arange(len(observations) + 1)
+    return Demonstrations(observations, actions, offsets, action_kind=_kind_of_targets(actions))
+
+
+def _kind_of_targets(y: Array) -> ActionKind:
+    """Targets (N,) are classes to scikit-learn, however many they are; (N, A) are not."""
+    return "discrete" if y.ndim == 1 else "continuous"

@@ -11,17 +11,22 @@ from numpy.typing import ArrayLike
 from rpil.data.arrays import as_array
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
-from rpil.data.files import StrPath, check_extension, check_readable
+from rpil.data.files import StrPath, check_exists, check_extension, check_readable
 from rpil.data.formats import csv, npz, parquet
-from rpil.data.formats.id_values import Label, match_labels, read_demonstrators, read_labels
-from rpil.data.formats.table import is_data
+from rpil.data.formats.columns import ColumnOptions, Names, is_data
+from rpil.data.formats.dataset import open_dataset
+from rpil.data.formats.description import Description
+from rpil.data.formats.dialect import TEXT_SUFFIXES
+from rpil.data.formats.id_values import Label, is_id_file, match_demonstrators, match_labels, read_id_pairs, read_labels
+from rpil.data.formats.recording import Recording, from_dataset
+from rpil.data.formats.store import find_files, may_be_many_files
 from rpil.data.formats.weights import write_weights
 from rpil.data.memory import Size, limited
 
-__all__ = ["Label", "match_labels", "read_demonstrators", "read_labels", "write_weights"]
+__all__ = ["ColumnOptions", "Description", "Label", "Recording", "match_labels", "read_labels", "write_weights"]
 
 FORMATS: dict[str, ModuleType] = {".parquet": parquet, ".csv": csv, ".npz": npz}
-"""Extension -> module with `read(path)` and `write(path, demonstrations, truth)`."""
+"""Extension -> module with `read(path, options)`, for a `Recording`, and `write(path, demonstrations, truth)`."""
 
 
 def check_format(path: StrPath) -> Path:
@@ -29,11 +34,24 @@ def check_format(path: StrPath) -> Path:
     return check_extension(path, FORMATS)
 
 
-def read(path: StrPath, *, memory: Size | None = None) -> Demonstrations:
-    """Read demonstrations from a .parquet, .csv or .npz file.
+def read(
+    path: StrPath,
+    *,
+    id: str | None = None,
+    action: Names = (),
+    observations: Names = (),
+    exclude: Names = (),
+    order: str | None = None,
+    memory: Size | None = None,
+) -> Demonstrations:
+    """Read demonstrations into memory: from a .parquet, .csv or .npz file, or a folder of .parquet or .csv files.
 
     Parameters
     ----------
+    id, order : str
+        The column of the demonstration, and the one that orders its steps; by default they are found by name.
+    action, observations, exclude : str or sequence of str
+        Columns, or patterns such as ``joint_*``; those of `exclude` are not read.
     memory : int or str, optional
         Bytes that the data may take, as a number or as text such as "4GB"; by default half of the free memory.
 
@@ -43,10 +61,55 @@ def read(path: StrPath, *, memory: Size | None = None) -> Demonstrations:
         One sentence naming the file, the demonstration where there is one, and the remedy; before anything is read
         where the data would take more memory.
     """
-    path = check_readable(check_format(path))
+    options = ColumnOptions(id, action, observations, exclude, order)
     with limited(memory):
-        demonstrations: Demonstrations = FORMATS[path.suffix.lower()].read(path)
+        demonstrations = read_recording(path, options).demonstrations
+    assert isinstance(demonstrations, Demonstrations)
     return demonstrations
+
+
+def read_recording(path: StrPath, options: ColumnOptions = ColumnOptions(), *, on_disk: bool = False) -> Recording:
+    """The recording in a file or folder: a description, and the demonstrations when they are asked for.
+
+    `on_disk` leaves the demonstrations, in Parquet files, where they are, see `open_dataset`. Errors are those of
+    `read`; a value that is missing, or of the wrong kind, is an error only of ``read_recording(...).demonstrations``.
+    """
+    if on_disk:
+        return from_dataset(open_dataset(path, options=options))
+    if may_be_many_files(path):
+        return _read_many(path, options)
+    path = check_exists(path)
+    is_text = path.name.lower().endswith(TEXT_SUFFIXES)
+    module = (
+        csv if is_text else FORMATS[check_extension(path, {**FORMATS, **dict.fromkeys(TEXT_SUFFIXES)}).suffix.lower()]
+    )
+    recording: Recording = module.read(check_readable(path), options)
+    return recording
+
+
+def read_demonstrators(where: str, data: StrPath | Recording) -> dict[str, str]:
+    """Demonstrator of each demonstration in the file `data`, by its id as text.
+
+    `where` names a CSV file with the columns ``id`` and ``demonstrator``, a JSON object of id to demonstrator; or else
+    a column, or NPZ array, of the data, which a `Recording` was read with. A `DataError` names the file: nothing of
+    that name, a demonstration with two demonstrators, an empty name.
+    """
+    if is_id_file(where):
+        return match_demonstrators(read_id_pairs(where, "demonstrator", "Ann"), Path(where).name)
+    recording = data if isinstance(data, Recording) else read_recording(data, ColumnOptions(operator=where))
+    return match_demonstrators(recording.operators, f"{recording.description.source}, {where!r}")
+
+
+def _read_many(path: StrPath, options: ColumnOptions) -> Recording:
+    """The recording in the Parquet files of a folder, or else in its text tables."""
+    filesystem, parquet_files, text_files = find_files(path)
+    source = Path(str(path)).name or str(path)
+    if not parquet_files and not text_files:
+        raise DataError(f"{path}: no .parquet or .csv file is there; check the path.")
+    if not parquet_files:
+        return csv.read_folder([Path(file) for file in text_files], options, source)
+    recording = parquet.read_files(filesystem, parquet_files, options, source)
+    return recording.with_ignored_files(text_files)
 
 
 def write(path: StrPath, demonstrations: Demonstrations, truth: Mapping[str, ArrayLike] | None = None) -> None:

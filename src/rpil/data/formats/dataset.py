@@ -9,19 +9,38 @@ import itertools
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rpil.data.arrays import Id, Indices, are_whole, as_actions, as_ids, check_any, check_finite
+from rpil.data.arrays import (
+    MAX_CLASSES,
+    ActionKind,
+    Id,
+    Indices,
+    are_whole,
+    as_actions,
+    check_any,
+    check_finite,
+    kind_by_count,
+    number_reason,
+)
 from rpil.data.demonstrations import BLOCK_STEPS, Block, Demonstrations, DemonstrationSet, shard_bounds
 from rpil.data.errors import DataError
 from rpil.data.files import StrPath
 from rpil.data.formats import table as flat
-from rpil.data.formats.store import BATCH_ROWS, Store, describe, find_files, shifted
+from rpil.data.formats.columns import ColumnOptions
+from rpil.data.formats.lerobot import Metadata
+from rpil.data.formats.order import Order
+from rpil.data.formats.starts import OrderCheck, Starts
+from rpil.data.formats.store import BATCH_ROWS, Statistics, Store, describe, find_files, shifted
 from rpil.data.formats.table import Place
 from rpil.data.memory import check_memory
 from rpil.numerics.types import Array
+
+if TYPE_CHECKING:
+    import pyarrow as pa
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,6 +89,19 @@ class Shard:
                 check_finite(values, tuple(names), block.offsets, self.ids[block.first - self.bounds[0] :], source)
 
 
+@dataclass(frozen=True, eq=False)
+class About:
+    """What the files of a data set say beside the demonstrations."""
+
+    n_files: int
+    ignored_files: tuple[str, ...]
+    metadata: Metadata
+    statistics: Statistics
+    order: Order
+    action_reason: str  # why actions are discrete or continuous
+    operators: list[tuple[str, object]]  # the different pairs of id, as text, and operator
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class Dataset(DemonstrationSet):
     """Demonstrations on disk, of any size, which `RPIL.fit` takes in the place of `Demonstrations`; see `open_dataset`.
@@ -87,6 +119,8 @@ class Dataset(DemonstrationSet):
         The distinct actions, in order; empty where they are continuous.
     low, high : (A,) arrays
         Smallest and largest continuous actions.
+    about : About
+        What the files say beside the demonstrations.
     """
 
     ids: tuple[Id, ...]
@@ -96,6 +130,7 @@ class Dataset(DemonstrationSet):
     classes: Array
     low: Array
     high: Array
+    about: About
 
     @property
     def observation_names(self) -> tuple[str, ...]:
@@ -161,11 +196,12 @@ class Dataset(DemonstrationSet):
                         rows = slice(start + a, start + b)
                         self.store.fill(observations[rows], actions[rows], table.slice(a, b - a), shifted(at, a))
         ids = tuple(self.ids[m] for m in order.tolist())
-        selected = Demonstrations(observations, actions, offsets, ids, self.observation_names, self.source)
+        kind: ActionKind = "discrete" if self.is_discrete else "continuous"
+        selected = Demonstrations(observations, actions, offsets, ids, self.observation_names, self.source, kind)
         return selected if np.array_equal(order, chosen) else selected.select(np.searchsorted(order, chosen))
 
 
-def open_dataset(path: StrPath, *, batch_rows: int = BATCH_ROWS) -> Dataset:
+def open_dataset(path: StrPath, *, options: ColumnOptions = ColumnOptions(), batch_rows: int = BATCH_ROWS) -> Dataset:
     """Open demonstrations in Parquet files, which need not fit in memory.
 
     Parameters
@@ -174,6 +210,8 @@ def open_dataset(path: StrPath, *, batch_rows: int = BATCH_ROWS) -> Dataset:
         A .parquet file; a folder of such files, with all folders in it (of LeRobot's, those in ``data``), taken in the
         order of their names; a pattern such as ``drive/*.parquet``; or an address that pyarrow knows, such as
         ``s3://bucket/folder``.
+    options : ColumnOptions
+        Which column holds what, where that cannot be told by its name.
     batch_rows : int
         Rows that are decoded at a time.
 
@@ -181,95 +219,81 @@ def open_dataset(path: StrPath, *, batch_rows: int = BATCH_ROWS) -> Dataset:
     ------
     DataError
         One sentence: no files, files with different columns, missing values among the actions and ids, or a
-        demonstration whose rows are not consecutive.
+        demonstration whose rows are not consecutive, or not in the order of their column.
     """
-    filesystem, paths = find_files(path)
+    filesystem, paths, text_files = find_files(path)
+    if not paths:
+        raise DataError(f"{path}: no .parquet file is there; only Parquet files make a data set on disk.")
     source = Path(str(path)).name or str(path)
-    store = replace(describe(filesystem, paths), batch_rows=batch_rows)
+    store, metadata, statistics = describe(filesystem, paths, options)
+    store = replace(store, batch_rows=batch_rows)
     n_rows = store.groups[-1].last if store.groups else 0
     check_any(n_rows, source)
-    starts, actions = _Starts(), _ActionRange()
-    columns = [store.columns.episode, *store.columns.actions]
+    given = store.columns
+    starts, actions, orders = Starts(given.episode), _ActionRange(options), OrderCheck(given)
+    who = [given.operator] if given.operator and options.operator else []
+    operators: dict[tuple[str, object], None] = {}
+    columns = list(dict.fromkeys([given.episode, *given.actions, *given.orders, *who]))
     for row, table, at in store.tables(0, n_rows, columns):
-        if store.action.kind == "U":
-            table.validate(full=True)
-        starts.add(row, flat.column_values(table, store.columns.episode, at), at)
-        if store.n_parts:
-            continuous = np.empty((len(table), store.n_parts), store.action)
-            store.fill_actions(continuous, table, at)
-            actions.add_numbers(continuous, at)
-        else:
-            actions.add(flat.column_values(table, store.columns.actions[0], at).reshape(-1), at)
+        table.validate(full=True)
+        begins = starts.add(row, table, at)
+        orders.add(table, begins, at)
+        actions.add(store, table, at)
+        for name in who:
+            pairs = table.group_by([given.episode, name], use_threads=False).aggregate([])
+            owners = map(str, pairs[given.episode].to_pylist())
+            operators |= dict.fromkeys(zip(owners, pairs[name].to_pylist(), strict=True))
     ids, offsets = starts.finish(store, source)
-    classes = np.empty(0) if store.n_parts or not actions.whole else actions.classes
-    if not store.n_parts and actions.whole:
-        store = replace(store, action=classes.dtype)
-    elif not store.n_parts:
-        store = replace(store, action=np.dtype(np.float32 if store.action == np.float32 else np.float64), n_parts=1)
-    return Dataset(ids, offsets, source, store, classes, np.atleast_1d(actions.low), np.atleast_1d(actions.high))
-
-
-class _Starts:
-    """Collects the first row and the id of every demonstration, table by table."""
-
-    def __init__(self) -> None:
-        self._starts: list[Array] = []
-        self._ids: list[Array] = []
-        self._last: Array | None = None
-        self._n_rows = 0
-
-    def add(self, row: int, ids: Array, at: Place) -> None:
-        """Add the ids of the rows from number `row` on."""
-        if ids.ndim != 1:
-            raise DataError(f"{at(0)}: demonstration ids must be whole numbers or text, not lists.")
-        if ids.dtype.kind == "f":
-            if not are_whole(ids):
-                raise DataError(f"{at(0)}: demonstration ids must be whole numbers or text; fill in the missing ones.")
-            ids = ids.astype(np.int64)
-        if self._last is not None and (self._last.dtype.kind == "U") != (ids.dtype.kind == "U"):
-            raise DataError(f"{at(0)}: demonstration ids must be all whole numbers or all text.")
-        new = np.flatnonzero(np.append(self._last is None or self._last != ids[:1], ids[1:] != ids[:-1]))
-        self._starts.append(row + new)
-        self._ids.append(ids[new])
-        self._last, self._n_rows = ids[-1:], row + len(ids)
-
-    def finish(self, store: Store, source: str) -> tuple[tuple[Id, ...], NDArray[np.int64]]:
-        """The ids, and the offsets, once all rows were added."""
-        starts, ids = np.concatenate(self._starts), np.concatenate(self._ids)
-        order = np.argsort(ids, kind="stable")
-        repeated = np.flatnonzero(ids[order[1:]] == ids[order[:-1]])
-        if len(repeated):
-            k = repeated[0]
-            first, second = (store.file_of(int(starts[order[m]])) for m in (k, k + 1))
-            remedy = f"it is both in {first} and in {second}; give each demonstration its own id, in one file"
-            if first == second:
-                remedy = f"its rows lie apart in {first}; sort them by {store.columns.episode}, or read it into memory"
-            raise DataError(f"{source}, demonstration {ids[order[k]].item()!r}: {remedy}.")
-        return as_ids(ids.tolist(), source), np.append(starts, self._n_rows).astype(np.int64)
+    store, reason = actions.finish(store, source)
+    about = About(len(paths), tuple(text_files), metadata, statistics, orders.finish(source), reason, list(operators))
+    low, high = np.atleast_1d(actions.low), np.atleast_1d(actions.high)
+    return Dataset(ids, offsets, source, store, actions.classes, low, high, about)
 
 
 class _ActionRange:
     """Collects the distinct actions and the range of continuous ones, table by table."""
 
-    def __init__(self) -> None:
+    def __init__(self, options: ColumnOptions) -> None:
+        self.wanted = options.action_kind
         self.classes: Array = np.empty(0)
         self.low: Array = np.array(np.inf)
         self.high: Array = np.array(-np.inf)
+        self.n_steps = 0
+        self.is_text = False
         self.whole = True
 
-    def add(self, values: Array, at: Place) -> None:
-        """Add actions (N,), of one number or text each."""
-        if values.dtype.kind == "f":
-            self.add_numbers(values, at)
-            self.whole = self.whole and are_whole(values)
-        if self.whole:
-            classes = np.unique(as_actions(values, at(0)))
+    def add(self, store: Store, table: pa.Table, at: Place) -> None:
+        """Add the actions of a table."""
+        self.n_steps += len(table)
+        if store.n_parts:
+            numbers = np.empty((len(table), store.n_parts), store.action)
+            store.fill_actions(numbers, table, at)
+            self._add_numbers(numbers, at)
+            return
+        values = flat.column_values(table, store.columns.actions[0], at).reshape(-1)
+        self.is_text = values.dtype.kind == "U"
+        if not self.is_text:
+            self._add_numbers(values, at)
+            self.whole = self.whole and (values.dtype.kind != "f" or are_whole(values))
+        if self.whole and (self.is_text or self.wanted == "discrete" or len(self.classes) <= MAX_CLASSES):
+            classes = np.unique(as_actions(values, at(0), "discrete"))
             self.classes = np.union1d(self.classes, classes) if len(self.classes) else classes
 
-    def add_numbers(self, values: Array, at: Place) -> None:
-        """Add continuous actions, (N,) or (N, A)."""
+    def _add_numbers(self, values: Array, at: Place) -> None:
+        """Add numbers, (N,) or (N, A)."""
         finite = np.isfinite(values)
         if not finite.all():
             row = int(np.argwhere(~finite)[0, 0])
             raise DataError(f"{at(row)}: an action is not finite; repair it or leave the demonstration out.")
         self.low, self.high = np.minimum(self.low, values.min(axis=0)), np.maximum(self.high, values.max(axis=0))
+
+    def finish(self, store: Store, source: str) -> tuple[Store, str]:
+        """The store with the type of its actions, and why it has it."""
+        if store.n_parts:
+            return store, number_reason(store.n_parts)
+        kind, reason = kind_by_count(len(self.classes), self.n_steps, self.is_text, self.whole, self.wanted, source)
+        if kind == "discrete":
+            return replace(store, action=self.classes.dtype), reason
+        self.classes = np.empty(0)
+        single = store.action == np.float32
+        return replace(store, action=np.dtype(np.float32 if single else np.float64), n_parts=1), reason

@@ -4,26 +4,21 @@ from __future__ import annotations
 
 import csv
 import json
-import zipfile
-from collections.abc import Hashable, Mapping, Sequence
+from collections.abc import Hashable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Literal, TypeVar, cast
-
-import numpy as np
 
 from rpil.data.arrays import check_text
 from rpil.data.errors import DataError
 from rpil.data.files import StrPath, check_extension, check_readable
-from rpil.data.formats.table import EPISODE, check_ids, quoted
-from rpil.data.npy import read_arrays
-from rpil.numerics.types import Array
+from rpil.data.formats.columns import EPISODE, quoted
+from rpil.data.formats.table import check_ids
 
 Label = Literal["expert", "adversary"]
 Key = TypeVar("Key", bound=Hashable)
 
 _LABELS: dict[str, Label] = {"expert": "expert", "adversary": "adversary", "good": "expert", "bad": "adversary"}
 _EXTENSIONS = (".csv", ".json")
-_EPISODE_ARRAYS = ("episode_ids", *EPISODE)
 
 
 def read_labels(path: StrPath) -> dict[str, Label]:
@@ -34,7 +29,7 @@ def read_labels(path: StrPath) -> dict[str, Label]:
     """
     path = check_extension(path, _EXTENSIONS, "labels")
     labels: dict[str, Label] = {}
-    for m, word in _read_pairs(check_readable(path), "label", "expert"):
+    for m, word in read_id_pairs(path, "label", "expert"):
         label = _LABELS.get(word.strip().lower()) if isinstance(word, str) else None
         if label is None:
             raise DataError(
@@ -62,24 +57,19 @@ def match_labels(labels: Mapping[Key, str], ids: Sequence[object], source: str =
     return {number[str(name)]: label == "expert" for name, label in labels.items()}
 
 
-def read_demonstrators(where: str, data: StrPath) -> dict[str, str]:
-    """Demonstrator of each demonstration in the file `data`, by its id as text.
+def is_id_file(where: str) -> bool:
+    """Whether `where` names a file of ids and values rather than a column."""
+    return Path(where).suffix.lower() in _EXTENSIONS
 
-    `where` names a CSV file with the columns ``id`` and ``demonstrator``, a JSON object of id to demonstrator; or else
-    a column, or NPZ array, of the data. A `DataError` names the file: nothing of that name, a demonstration with two
-    demonstrators, an empty name.
-    """
-    path = Path(where)
-    if path.suffix.lower() in _EXTENSIONS:
-        source, pairs = path.name, _read_pairs(check_readable(path), "demonstrator", "Ann")
-    else:
-        source, pairs = f"{Path(data).name}, {where!r}", _column_pairs(check_readable(data), where)
+
+def match_demonstrators(pairs: Iterable[tuple[str, object]], source: str) -> dict[str, str]:
+    """Demonstrator of each demonstration from pairs of the two; a `DataError` where one has two, or none."""
     demonstrators: dict[str, str] = {}
     for m, value in pairs:
         place = f"{source}, demonstration {m!r}"
-        if not isinstance(value, str | int):
+        if value is not None and not isinstance(value, str | int):
             raise DataError(f"{place}: the demonstrator is neither text nor a whole number; name one, or leave it out.")
-        name = str(value).strip()
+        name = "" if value is None else str(value).strip()
         if not name:
             raise DataError(f"{place}: it has no demonstrator; name one, or leave it out.")
         check_text(name, "the demonstrator", place)
@@ -90,8 +80,9 @@ def read_demonstrators(where: str, data: StrPath) -> dict[str, str]:
     return demonstrators
 
 
-def _read_pairs(path: Path, column: str, example: str) -> list[tuple[str, object]]:
+def read_id_pairs(path: StrPath, column: str, example: str) -> list[tuple[str, object]]:
     """Ids and values of a CSV file with the columns ``id`` and `column`, or of a JSON object; an id may come twice."""
+    path = check_readable(path)
     try:
         text = path.read_text(encoding="utf-8-sig")
         if path.suffix.lower() == ".csv":
@@ -122,51 +113,3 @@ def _csv_pairs(text: str, column: str, source: str) -> list[tuple[str, object]]:
             raise DataError(f"{source}, line {rows.line_num}: {problem}; give one id and one {column}.")
         pairs.append((m, row[column] or ""))
     return pairs
-
-
-def _column_pairs(path: Path, name: str) -> list[tuple[str, object]]:
-    """Distinct pairs of id and value; a column has one value for each step, an NPZ array one for each demonstration."""
-    columns = (_npz_columns if path.suffix.lower() == ".npz" else _table_columns)(path, (*_EPISODE_ARRAYS, name))
-    episode = next((columns[spelling] for spelling in _EPISODE_ARRAYS if spelling in columns), None)
-    if episode is None or name not in columns:
-        raise DataError(f"{path.name}: it holds no {name!r}; name a column of it, or a .csv or .json file.")
-    values = columns[name]
-    if len(values) != len(episode):
-        episode = episode[np.sort(np.unique(episode, return_index=True)[1])]  # in order of first appearance
-    if values.ndim != 1 or len(values) != len(episode):
-        raise DataError(f"{path.name}: {name!r} has the shape {values.shape}; give one for each step or demonstration.")
-    return list(dict.fromkeys(zip(_as_text(episode), _as_text(values), strict=True)))
-
-
-def _table_columns(path: Path, names: Sequence[str]) -> dict[str, Array]:
-    """Those of the columns `names` that a Parquet or CSV file has."""
-    import pyarrow as pa
-
-    try:
-        if path.suffix.lower() == ".parquet":
-            import pyarrow.parquet as pq
-
-            table = pq.read_table(path, columns=[name for name in pq.read_schema(path).names if name in names])
-        else:
-            from pyarrow import csv as pacsv
-
-            with pacsv.open_csv(path) as reader:
-                present = [name for name in reader.schema.names if name in names]
-            options = pacsv.ConvertOptions(include_columns=present, column_types=dict.fromkeys(present, pa.string()))
-            table = pacsv.read_csv(path, convert_options=options)
-    except (pa.ArrowException, OSError) as error:
-        raise DataError(f"{path.name}: {names[-1]!r} cannot be read from it; write it again.") from error
-    return {column: table[column].to_numpy(zero_copy_only=False) for column in table.column_names}
-
-
-def _npz_columns(path: Path, names: Sequence[str]) -> dict[str, Array]:
-    with zipfile.ZipFile(path) as stored:  # an intact file: the demonstrations were read from it
-        found = [name for name in names if f"{name}.npy" in stored.namelist()]
-        return dict(zip(found, read_arrays(stored, [f"{name}.npy" for name in found], path.name), strict=True))
-
-
-def _as_text(values: Array) -> list[str]:
-    """As ids are written: whole numbers without a decimal point."""
-    if values.dtype.kind == "f" and (values == np.round(values)).all():
-        values = values.astype(np.int64)
-    return ["" if value is None else str(value).strip() for value in values.tolist()]

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import zipfile
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
+from rpil.data.arrays import are_whole
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
 from rpil.data.files import replacing
-from rpil.data.formats.table import ACTION, EPISODE, quoted
+from rpil.data.formats.columns import ACTION, EPISODE, ColumnOptions, as_list, quoted
+from rpil.data.formats.recording import Recording
 from rpil.data.npy import read_arrays
 from rpil.numerics.types import Array
 
@@ -23,24 +26,27 @@ _SPELLINGS = {
 _OPTIONAL = "observation_names"
 
 
-def read(path: Path) -> Demonstrations:
+def read(path: Path, options: ColumnOptions) -> Recording:
     """Read ``observations``, ``actions``, ``episode_ids`` and, where there, ``observation_names``; nothing else."""
     source = path.name
     damaged = f"{source}: not an NPZ file, or a damaged or truncated one; write it again."
     with path.open("rb") as file:
         if file.read(2) != b"PK" or not zipfile.is_zipfile(file):  # numpy would take it for a pickle
             raise DataError(damaged)
+    given = {"observations": options.observations, "actions": options.action, "episode_ids": options.id}
     try:
         with zipfile.ZipFile(path) as stored:
             found = {name.removesuffix(".npy"): name for name in stored.namelist()}
-            wanted = {what: next((n for n in spellings if n in found), None) for what, spellings in _SPELLINGS.items()}
+            spellings = {what: as_list(given[what] or ()) or names for what, names in _SPELLINGS.items()}
+            wanted = {what: next((n for n in names if n in found), None) for what, names in spellings.items()}
             missing = next((what for what, name in wanted.items() if name is None), None)
             if missing:
                 raise DataError(
-                    f"{source}: no array is called {missing!r}; save it under that name (found {quoted(found)})."
+                    f"{source}: no array is called {spellings[missing][0]!r}; save it under that name (found "
+                    f"{quoted(found)})."
                 )
-            names = [name for name in (*wanted.values(), _OPTIONAL) if name in found]
-            arrays = read_arrays(stored, [found[name] for name in names], source)
+            names = [name for name in (*wanted.values(), _OPTIONAL, options.operator) if name in found]
+            arrays = dict(zip(names, read_arrays(stored, [found[name] for name in names], source), strict=True))
     except DataError:
         raise
     except Exception as error:  # a damaged file makes zipfile, zlib, tokenize and numpy raise errors of many types
@@ -50,10 +56,32 @@ def read(path: Path) -> Demonstrations:
                 "save plain arrays of numbers or text, with numpy.asarray(values.tolist()) where they are objects."
             ) from error
         raise DataError(damaged) from error
-    observations, actions, ids, *named = arrays
-    return Demonstrations.from_groups(
-        observations, actions, ids, observation_names=named[0] if named else (), source=source
+    observations, actions, steps = (arrays[str(name)] for name in wanted.values())
+    demonstrations = Demonstrations.from_groups(
+        *(observations, actions, steps),
+        observation_names=arrays.get(_OPTIONAL, ()),
+        source=source,
+        action_kind=options.action_kind,
     )
+    ignored = [name for name in found if name not in arrays]
+    recording = Recording.of(demonstrations, "NPZ", dict.fromkeys(ignored, "no array of demonstrations"))
+    if options.operator is None:
+        return recording
+    if options.operator not in arrays:
+        raise DataError(f"{source}: it holds no {options.operator!r}; name one of {quoted(ignored)}.")
+    pairs = _pairs(arrays[options.operator], steps, demonstrations.ids, f"{source}: {options.operator!r}")
+    return replace(recording, operators=pairs)
+
+
+def _pairs(who: Array, steps: Array, ids: Sequence[object], what: str) -> list[tuple[str, object]]:
+    """The different pairs of id, as text, and operator; `who` has one for each step, or for each demonstration."""
+    if who.ndim != 1 or len(who) not in (len(steps), len(ids)):
+        raise DataError(f"{what} has the shape {who.shape}; give one for each step or demonstration.")
+    if who.dtype.kind == "f" and are_whole(who):
+        who = who.astype(np.int64)
+    keys = steps.astype(np.int64) if steps.dtype.kind == "f" else steps
+    owners = (keys if len(who) == len(keys) else np.array(ids)).tolist()
+    return list(dict.fromkeys(zip(map(str, owners), who.tolist(), strict=True)))
 
 
 def write(path: Path, demonstrations: Demonstrations, truth: Mapping[str, Array]) -> None:

@@ -4,35 +4,53 @@ from __future__ import annotations
 
 from collections.abc import Container, Iterator, Mapping, Sequence
 from itertools import chain
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from typing import TYPE_CHECKING
 
 from rpil.data.demonstrations import Demonstrations
-from rpil.data.errors import DataError
 from rpil.data.files import replacing
 from rpil.data.formats import table as flat
+from rpil.data.formats.columns import ColumnOptions, Columns
+from rpil.data.formats.lerobot import format_name, read_metadata
+from rpil.data.formats.recording import Recording, from_table
+from rpil.data.formats.store import check_columns, columns_of_file, opened
+from rpil.data.formats.table import refuse_id_in_two_files
 from rpil.data.memory import BYTES_PER_NUMBER, check_memory
 from rpil.numerics.types import Array
 
 if TYPE_CHECKING:
     import pyarrow as pa
     import pyarrow.parquet as pq
+    from pyarrow import fs
 
 
-def read(path: Path) -> Demonstrations:
-    """Read the columns that hold data, and no others."""
+def read(path: Path, options: ColumnOptions) -> Recording:
+    """Read the columns that hold data, and the numbers of the rows."""
+    from pyarrow import fs
+
+    return read_files(fs.LocalFileSystem(), [str(path.absolute())], options, path.name)
+
+
+def read_files(filesystem: fs.FileSystem, paths: Sequence[str], options: ColumnOptions, source: str) -> Recording:
+    """Read files with the same columns into memory."""
     import pyarrow as pa
-    import pyarrow.parquet as pq
 
-    try:
-        with pq.ParquetFile(path, page_checksum_verification=True) as file:
-            columns = flat.find_columns(file.schema_arrow.names, path.name)
-            check_memory(decoded_bytes(file.metadata, columns.all), path.name)
-            table = file.read(columns=columns.all)
-        table.validate(full=True)  # text from a damaged file need not be Unicode
-    except (pa.ArrowException, OSError, UnicodeDecodeError) as error:
-        raise DataError(f"{path.name}: not a Parquet file, or a damaged or truncated one; write it again.") from error
-    return flat.to_demonstrations(table, columns, path.name)
+    names = [PurePosixPath(path).name for path in paths]
+    columns: Columns | None = None
+    tables, n_bytes = [], 0
+    for path, name in zip(paths, names, strict=True):
+        with opened(filesystem, path) as file:
+            columns = columns or columns_of_file(file, name, options)
+            check_columns(file, columns, name, names[0])
+            n_bytes += decoded_bytes(file.metadata, columns.all)
+            check_memory(n_bytes, source)
+            tables.append(file.read(columns=columns.all))
+            tables[-1].validate(full=True)  # text from a damaged file need not be Unicode
+    assert columns is not None
+    refuse_id_in_two_files([table[columns.episode] for table in tables], names, source)
+    metadata = read_metadata(filesystem, paths[0])
+    table = pa.concat_tables(tables, promote_options="permissive")
+    return from_table(table, columns, source, format_name(metadata, len(paths)), metadata)
 
 
 def decoded_bytes(metadata: pq.FileMetaData, columns: Sequence[str] | None = None) -> int:

@@ -7,15 +7,18 @@ import itertools
 import os
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
-from pathlib import Path, PurePosixPath
+from dataclasses import dataclass, field, replace
+from pathlib import PurePosixPath
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
 from rpil.data.errors import DataError
-from rpil.data.files import StrPath
+from rpil.data.files import StrPath, check_exists
 from rpil.data.formats import table as flat
+from rpil.data.formats.columns import ColumnOptions, Columns, check_unique, find_columns, is_data
+from rpil.data.formats.dialect import TEXT_SUFFIXES
+from rpil.data.formats.lerobot import Metadata, read_metadata
 from rpil.data.formats.table import Place
 from rpil.numerics.types import Array
 
@@ -25,6 +28,7 @@ if TYPE_CHECKING:
     from pyarrow import fs
 
 BATCH_ROWS = 65_536  # decoded at a time
+_HEAD_COLUMNS = 2000  # whose first values are looked at
 _BUFFER_BYTES = 1 << 18  # of a column, read at a time: a row group need not fit in memory
 
 
@@ -45,7 +49,7 @@ class Store:
 
     filesystem: fs.FileSystem
     groups: tuple[RowGroup, ...]
-    columns: flat.Columns
+    columns: Columns
     names: tuple[str, ...]  # of the D observations
     widths: tuple[int, ...]  # number of observations that each column holds
     observation: np.dtype[np.generic]
@@ -157,10 +161,10 @@ def may_be_many_files(path: StrPath) -> bool:
     return "://" in str(path) or os.path.isdir(path) or (not os.path.exists(path) and glob.has_magic(str(path)))
 
 
-def find_files(path: StrPath) -> tuple[fs.FileSystem, list[str]]:
-    """The file system, and the Parquet files of a data set in the order of their names.
+def find_files(path: StrPath) -> tuple[fs.FileSystem, list[str], list[str]]:
+    """The file system, and the Parquet files and the text tables of a data set in the order of their names.
 
-    A `DataError` where `path` does not exist, cannot be listed, or holds no Parquet file.
+    A `DataError` where `path` does not exist or cannot be listed.
     """
     import pyarrow as pa
     from pyarrow import fs
@@ -172,32 +176,80 @@ def find_files(path: StrPath) -> tuple[fs.FileSystem, list[str]]:
         else:
             filesystem, place = fs.LocalFileSystem(), os.path.abspath(where)
             if not os.path.exists(place) and glob.has_magic(place):
-                return filesystem, _parquet_files(sorted(glob.glob(place, recursive=True)), where)
+                return filesystem, *_tables(sorted(glob.glob(place, recursive=True)))
+            check_exists(where)
         kind = filesystem.get_file_info(place).type
         if kind == fs.FileType.NotFound:
             raise DataError(f"{where}: there is no such file or folder; check the path.")
         if kind == fs.FileType.File:
-            return filesystem, _parquet_files([place], where)
+            return filesystem, *_tables([place])
         # LeRobot keeps the steps in data/, and tables of other things in meta/.
         data = f"{place}/data"
         place = data if filesystem.get_file_info(data).type == fs.FileType.Directory else place
         entries = filesystem.get_file_info(fs.FileSelector(place, recursive=True))
     except (pa.ArrowException, OSError) as error:
         raise DataError(f"{where}: it cannot be listed ({' '.join(str(error).split())[:100]}).") from error
-    return filesystem, _parquet_files(sorted(info.path for info in entries if info.type == fs.FileType.File), where)
+    return filesystem, *_tables(sorted(info.path for info in entries if info.type == fs.FileType.File))
 
 
-def _parquet_files(paths: list[str], where: str) -> list[str]:
-    paths = [p for p in paths if p.lower().endswith(".parquet") and not Path(p).name.startswith((".", "_"))]
-    if not paths:
-        raise DataError(f"{where}: no .parquet file is there; only Parquet files make a data set on disk.")
-    return paths
+def _tables(paths: list[str]) -> tuple[list[str], list[str]]:
+    shown = [p for p in paths if not PurePosixPath(p).name.startswith((".", "_"))]
+    return [p for p in shown if p.lower().endswith(".parquet")], [p for p in shown if p.lower().endswith(TEXT_SUFFIXES)]
 
 
-def describe(filesystem: fs.FileSystem, paths: list[str]) -> Store:
-    """The store of the files `paths`; a `DataError` where their columns differ."""
+@dataclass(eq=False)
+class Statistics:
+    """Smallest and largest values and numbers of missing ones by column, as the files give them without being read."""
+
+    ranges: dict[str, tuple[float, float]] = field(default_factory=dict)
+    missing: dict[str, int] = field(default_factory=dict)
+
+    def add(self, metadata: pq.FileMetaData, columns: Sequence[str]) -> None:
+        """Add those of one file."""
+        wanted = {*columns}
+        for group, number in itertools.product(range(metadata.num_row_groups), range(metadata.num_columns)):
+            column = metadata.row_group(group).column(number)
+            name = column.path_in_schema.removesuffix(".list.element").removesuffix(".list.item")
+            found = column.statistics if name in wanted else None
+            if found is None:
+                continue
+            if found.null_count:
+                self.missing[name] = self.missing.get(name, 0) + found.null_count
+            if found.has_min_max and isinstance(found.min, int | float):
+                low, high = self.ranges.get(name, (np.inf, -np.inf))
+                self.ranges[name] = float(min(low, found.min)), float(max(high, found.max))
+
+
+def columns_of_file(file: pq.ParquetFile, name: str, options: ColumnOptions) -> Columns:
+    """The columns of an open file, by their names, types and first values."""
+    import pyarrow as pa
+
+    schema = file.schema_arrow
+    check_unique(schema.names, name)
+    kinds = {field.name: flat.kind_of_type(field.type) for field in schema} if file.metadata.num_rows else {}
+    # Of images no value is read, and of very many columns the types are enough.
+    plain = [name for name, kind in kinds.items() if kind in ("number", "text")][:_HEAD_COLUMNS]
+    head = next(file.iter_batches(flat.HEAD_ROWS, columns=plain), None)
+    if head is not None:
+        kinds |= flat.kinds_of(pa.Table.from_batches([head]))
+    return find_columns(schema.names, kinds, name, options)
+
+
+def check_columns(file: pq.ParquetFile, columns: Columns, name: str, first: str) -> None:
+    """A `DataError` where the file `name` lacks columns that are read, or has more that hold data, than `first`."""
+    names = set(file.schema_arrow.names)
+    known = {*columns.all, *columns.ignored}
+    if not names.issuperset(columns.all) or any(is_data(other) for other in names - known):
+        raise DataError(f"{name}: its columns are not those of {first}; give all files the same ones.")
+
+
+def describe(
+    filesystem: fs.FileSystem, paths: list[str], options: ColumnOptions = ColumnOptions()
+) -> tuple[Store, Metadata, Statistics]:
+    """The store of the files `paths`, and what they say of themselves; a `DataError` where their columns differ."""
+    metadata, statistics = read_metadata(filesystem, paths[0]), Statistics()
     groups: list[RowGroup] = []
-    first, store, begins = "", None, 0
+    columns, first, store, begins = None, "", None, 0
     for path in paths:
         name = PurePosixPath(path).name
         with opened(filesystem, path) as file:
@@ -207,27 +259,31 @@ def describe(filesystem: fs.FileSystem, paths: list[str]) -> Store:
                 groups.append(RowGroup(path, number, begins + row, begins + row + n_rows, row))
                 row += n_rows
             begins += row
-            columns = flat.find_columns(file.schema_arrow.names, name)
-            head = next(file.iter_batches(1, columns=columns.all), None)
+            columns, first = columns or columns_of_file(file, name, options), first or name
+            check_columns(file, columns, name, first)
+            statistics.add(file.metadata, columns.data)
+            head = next(file.iter_batches(1, columns=columns.data), None)
         if head is not None:
-            this = _store_of_row(filesystem, columns, head, name)
+            this = _store_of_row(filesystem, columns, head, name, metadata)
             if store is None:
-                first, store = name, this
+                store = this
             elif this.layout != store.layout:
                 raise DataError(f"{name}: its columns are not those of {first}; give all files the same ones.")
             else:
                 store = replace(store, observation=np.result_type(store.observation, this.observation))
     if store is None:
         raise DataError(f"{paths[0]}: there are no demonstrations; give at least one with at least one step.")
-    return replace(store, groups=tuple(groups))
+    return replace(store, groups=tuple(groups)), metadata, statistics
 
 
-def _store_of_row(filesystem: fs.FileSystem, columns: flat.Columns, head: pa.RecordBatch, name: str) -> Store:
+def _store_of_row(
+    filesystem: fs.FileSystem, columns: Columns, head: pa.RecordBatch, name: str, metadata: Metadata
+) -> Store:
     """The store of a file by its first row; later, all rows decide whether single floats are discrete actions."""
     import pyarrow as pa
 
     table = pa.Table.from_batches([head])
-    observations, names = flat.stack_columns(table, columns.observations, lambda _: name)
+    observations, names = flat.stack_columns(table, columns.observations, lambda _: name, metadata.names)
     widths = tuple(flat.column_values(table, column, lambda _: name).size for column in columns.observations)
     first = flat.column_values(table, columns.actions[0], lambda _: name)
     n_parts = 0

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rpil.data.arrays import LONGEST_TEXT, as_array, check_any
+from rpil.data.arrays import LONGEST_TEXT, are_whole, as_array
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
+from rpil.data.formats.columns import EPISODE, STEP, Kind, quoted, short_name
 from rpil.data.memory import check_memory
 from rpil.numerics.types import Array
 
@@ -21,52 +20,8 @@ if TYPE_CHECKING:
 Place = Callable[[int], str]
 """The place of a row of a table in messages: its file, demonstration and number."""
 
-EPISODE = ("episode_index", "episode_id", "episode_ids", "episode")
-ACTION = ("action", "actions")
-STEP = "step_index"
-# fmt: off
-RESERVED = frozenset({
-    "frame_index", "step", STEP, "timestamp", "index", "task_index", "task",
-    "reward", "rewards", "return", "next.reward", "next.done", "next.success", "done", "terminated", "truncated",
-    "weight", "expert_proba", "log_odds", "label",
-    "is_good", "episode_quality", "episode_return", "demonstrator", "demonstrator_id",
-    "demonstrator_ids", "noise_level", "agent_level", "trial_ids",
-})
-# fmt: on
-# pandas writes its row index under these names; as an observation it would reveal the order of the rows.
-_ROW_INDEX = re.compile(r"__index_level_\d+__|Unnamed: \d+|")
-_OBSERVATION = re.compile(r"observation|obs($|[._\d])")
-_OBSERVATION_PREFIX = re.compile(r"(observations?|obs)[._]?")
-_ACTION_PART = re.compile(r"actions?[._]")
-
-
-@dataclass(frozen=True)
-class Columns:
-    """Names of the columns that hold data."""
-
-    episode: str  # id of the demonstration
-    actions: tuple[str, ...]  # one column named in `ACTION`, or one for each number of a continuous action
-    observations: tuple[str, ...]
-
-    @property
-    def all(self) -> list[str]:
-        return [self.episode, *self.actions, *self.observations]
-
-    @property
-    def one_action(self) -> bool:
-        """Whether the action is one column, which may then be discrete."""
-        return self.actions[0] in ACTION
-
-
-def is_data(name: str) -> bool:
-    """Whether a column called `name` holds data: demonstration, step, action or, by its prefix, an observation."""
-    return bool(name in (*EPISODE, *ACTION, STEP) or _ACTION_PART.match(name) or _OBSERVATION.match(name))
-
-
-def quoted(names: Iterable[object], most: int = 12) -> str:
-    """Up to `most` of the names, quoted, for a message."""
-    texts = [repr(name) for name in names]
-    return ", ".join(texts[:most]) + (", ..." if len(texts) > most else "")
+HEAD_ROWS = 1000
+"""Rows by which the kinds of columns are told."""
 
 
 def check_ids(names: Iterable[object], ids: Iterable[object], source: str, what: str) -> None:
@@ -78,47 +33,44 @@ def check_ids(names: Iterable[object], ids: Iterable[object], source: str, what:
         raise DataError(f"{source}: no demonstration is called {wrong}; the ids are {right}; correct {what}.")
 
 
-def find_columns(names: Sequence[str], source: str) -> Columns:
-    """The columns to read, by their names; a `DataError` where a name appears twice, or columns cannot be found."""
-    repeated = sorted({name for name in names if names.count(name) > 1})
-    if repeated:
-        raise DataError(f"{source}: column {repeated[0]!r} appears twice; rename or drop one of them.")
-    found = quoted(names)
-    episode = [name for name in EPISODE if name in names]
-    if not episode:
-        raise DataError(
-            f"{source}: no column says which demonstration a row is from: name it {EPISODE[0]} (found {found})."
-        )
-    actions = [name for name in ACTION if name in names][:1] or [name for name in names if _ACTION_PART.match(name)]
-    if not actions:
-        raise DataError(f"{source}: no column holds the action: name it {ACTION[0]} (found {found}).")
-    observations = [name for name in names if _OBSERVATION.match(name)] or [
-        name for name in names if not (name in RESERVED or _ROW_INDEX.fullmatch(name) or is_data(name))
-    ]
-    if not observations:
-        raise DataError(f"{source}: no column holds observations: name them observation.* (found {found}).")
-    return Columns(episode[0], tuple(actions), tuple(observations))
+def kinds_of(head: pa.Table) -> dict[str, Kind]:
+    """The kind of every column by its type and its first values; of none where there are no values."""
+    if not head.num_rows:
+        return {}
+    return {name: _kind_of(column) for name, column in zip(head.column_names, head.columns, strict=True)}
 
 
-def to_demonstrations(table: pa.Table, columns: Columns, source: str) -> Demonstrations:
-    """`Demonstrations` from the `columns` of a ``pyarrow.Table``; the rows of one need not lie together.
+def kind_of_type(kind: pa.DataType) -> Kind:
+    """The kind of a column by its type."""
+    import pyarrow as pa
 
-    A `DataError` on missing values, text where numbers are due, lists of unequal length, and as of `Demonstrations`.
-    """
-    check_any(table.num_rows, source)
-    ids = column_values(table, columns.episode, lambda row: f"{source}, row {row + 1}")
+    if pa.types.is_dictionary(kind):
+        kind = kind.value_type
+    if pa.types.is_null(kind):
+        return "empty"
+    if _is_numeric(kind) or pa.types.is_decimal(kind):
+        return "number"
+    if pa.types.is_string(kind) or pa.types.is_large_string(kind):
+        return "text"
+    if pa.types.is_temporal(kind):
+        return "time"
+    return "list" if _is_list(kind) and _is_numeric(kind.value_type) else "nested"
 
-    def at(row: int) -> str:
-        return f"{source}, demonstration {ids[row].tolist()!r}, row {row + 1}"
 
-    if columns.one_action:
-        actions = column_values(table, columns.actions[0], at)
-        if actions.ndim == 2 and actions.shape[1] > 1:
-            actions = actions.astype(np.result_type(actions, np.float32), copy=False)
-    else:
-        actions, _ = stack_columns(table, columns.actions, at)
-    observations, names = stack_columns(table, columns.observations, at)
-    return Demonstrations.from_groups(observations, actions, ids, observation_names=names, source=source)
+def _kind_of(column: pa.ChunkedArray) -> Kind:
+    kind = kind_of_type(column.type)
+    if kind == "text":
+        texts = [text for text in column.unique().to_pylist() if text]
+        return "mixed" if texts and 2 * sum(map(_is_number, texts)) >= len(texts) else "text"
+    n_rows = len(column)
+    if kind != "number" or n_rows < _COUNTED_ROWS or column.null_count or column[0].as_py() not in (0, 1):
+        return kind
+    values = np.asarray(column.to_numpy(), dtype=float)
+    return "counter" if np.array_equal(values, values[0] + np.arange(n_rows)) else kind
+
+
+_COUNTED_ROWS = 30
+"""Rows that go up by one from 0 or 1, through all demonstrations, before a column is taken for their number."""
 
 
 def from_demonstrations(demonstrations: Demonstrations, truth: Mapping[str, Array]) -> pa.Table:
@@ -144,8 +96,13 @@ def step_columns(ids: Sequence[object], offsets: Array) -> dict[str, Array]:
     }
 
 
-def stack_columns(table: pa.Table, names: Sequence[str], at: Place) -> tuple[Array, tuple[str, ...]]:
-    """Columns of numbers side by side, (N, D), and a name for each; a column of lists counts as several."""
+def stack_columns(
+    table: pa.Table, names: Sequence[str], at: Place, joints: Mapping[str, Sequence[str]] | None = None
+) -> tuple[Array, tuple[str, ...]]:
+    """Columns of numbers side by side, (N, D), and a name for each; a column of lists counts as several.
+
+    `joints` are the names of the numbers in the lists of a column.
+    """
     blocks = {}
     for name in names:
         block = column_values(table, name, at)
@@ -153,20 +110,29 @@ def stack_columns(table: pa.Table, names: Sequence[str], at: Place) -> tuple[Arr
             row = next((row for row, text in enumerate(block) if not _is_number(text)), 0)
             text = str(block[row])[:40]
             raise DataError(
-                f"{at(row)}: column {name!r} holds text ({text!r}) where numbers are due; write numbers, or drop it."
+                f"{at(row)}: column {name!r} holds text ({text!r}) where numbers are due; write numbers, or leave the "
+                "column out with exclude."
             )
         blocks[name] = block.reshape(len(block), -1)
     single = all(block.dtype == np.float32 for block in blocks.values())
     stacked = np.concatenate(list(blocks.values()), axis=1, dtype=np.float32 if single else np.float64)
-    short = tuple(part for name, block in blocks.items() for part in _parts(name, block.shape[1]))
+    return stacked, part_names({name: block.shape[1] for name, block in blocks.items()}, joints or {})
+
+
+def part_names(widths: Mapping[str, int], joints: Mapping[str, Sequence[str]]) -> tuple[str, ...]:
+    """A name for every number in columns of these `widths`; no two alike."""
+    short = tuple(part for name, width in widths.items() for part in _parts(name, width, joints.get(name, ())))
     if len(set(short)) < len(short):
-        short = tuple(f"{name}.{k}" for name, block in blocks.items() for k in range(block.shape[1]))
-    return stacked, short
+        return tuple(f"{name}.{k}" for name, width in widths.items() for k in range(width))
+    return short
 
 
-def _parts(name: str, width: int) -> list[str]:
-    short = _OBSERVATION_PREFIX.sub("", name, count=1) if _OBSERVATION.match(name) else name
-    return [short or "0"] if width == 1 else [f"{short}.{k}" if short else str(k) for k in range(width)]
+def _parts(name: str, width: int, joints: Sequence[str]) -> list[str]:
+    short = short_name(name)
+    if width == 1:
+        return [short or "0"]
+    parts = joints if len(joints) == width else range(width)
+    return [f"{short}.{part}" if short else str(part) for part in parts]
 
 
 def _is_number(text: str) -> bool:
@@ -198,7 +164,7 @@ def column_values(table: pa.Table, name: str, at: Place) -> Array:
     if kind != column.type and not is_text:
         column = column.cast(kind)
     refuse_nulls(column)
-    if pa.types.is_list(column.type) or pa.types.is_large_list(column.type) or pa.types.is_fixed_size_list(column.type):
+    if _is_list(column.type):
         widths = pc.list_value_length(column).to_numpy()
         if np.any(widths != widths[0]):
             row = int(np.argmax(widths != widths[0]))
@@ -234,6 +200,71 @@ def encoded_texts(column: pa.ChunkedArray, name: str, at: Place) -> tuple[list[s
             fault = f"holds a text of {len(text):,} characters; shorten it" if text else "has no value; fill it in"
             raise DataError(f"{at(int(np.argmax(rows == k)))}: column {name!r} {fault}.")
     return texts, rows
+
+
+def id_codes(table: pa.Table, name: str, at: Place) -> tuple[list[int | str], Array]:
+    """The different ids in a column, and the number (N,) of that of each row.
+
+    Text is never an array of NumPy, which drops trailing NULs and takes the longest id's memory for every row. A
+    `DataError` where ids are missing, or neither whole numbers nor text.
+    """
+    import pyarrow as pa
+    import pyarrow.compute as pc
+
+    column = table[name]
+    if column.null_count:
+        row = pc.index(pc.is_null(column), True).as_py()
+        raise DataError(f"{at(row)}: column {name!r} has no value; fill it in or leave the demonstration out.")
+    if pa.types.is_floating(column.type):
+        if not are_whole(column.to_numpy()):
+            raise DataError(f"{at(0)}: demonstration ids must be whole numbers or text; fill in the missing ones.")
+        column = column.cast(pa.int64())
+    elif pa.types.is_decimal(column.type) or pa.types.is_temporal(column.type):
+        column = column.cast(pa.string())
+    kind = kind_of_type(column.type)
+    if kind not in ("number", "text"):
+        raise DataError(f"{at(0)}: column {name!r} holds {column.type}; demonstration ids must be numbers or text.")
+    if kind == "text":
+        texts, rows = encoded_texts(column, name, at)
+        return list(texts), rows.astype(np.int64)
+    encoded = column.combine_chunks().dictionary_encode()
+    return encoded.dictionary.to_pylist(), encoded.indices.to_numpy().astype(np.int64)
+
+
+def refuse_id_in_two_files(columns: Sequence[pa.ChunkedArray], files: Sequence[str], source: str) -> None:
+    """A `DataError` where a demonstration is in two files, unless the second begins with the rest of it."""
+    seen: dict[object, int] = {}
+    for k, column in enumerate(columns if len(columns) > 1 else ()):
+        for m in column.unique().to_pylist():
+            j = seen.setdefault(m, k)
+            goes_on = j == k - 1 and columns[j][-1].as_py() == m == column[0].as_py()
+            if j != k and not goes_on:
+                remedy = "give each demonstration its own id, in one file"
+                raise DataError(f"{source}, demonstration {m!r}: it is both in {files[j]} and in {files[k]}; {remedy}.")
+            seen[m] = k
+
+
+def numbers_or_missing(column: pa.ChunkedArray) -> Array | None:
+    """A column as (N, K) floats with NaN for missing values; None for text, and for lists of unequal length."""
+    import pyarrow as pa
+    import pyarrow.compute as pc
+
+    kind, n_rows, width = kind_of_type(column.type), len(column), 1
+    if kind == "list":
+        widths = pc.list_value_length(column)
+        if column.null_count or pc.count_distinct(widths).as_py() != 1:
+            return None
+        width, column = widths[0].as_py(), column.combine_chunks().flatten()
+    if kind not in ("list", "number"):
+        return None
+    floats = column if pa.types.is_floating(column.type) else column.cast(pa.float64())
+    return np.reshape(floats.to_numpy(zero_copy_only=False), (n_rows, width))
+
+
+def _is_list(kind: pa.DataType) -> bool:
+    import pyarrow as pa
+
+    return bool(pa.types.is_list(kind) or pa.types.is_large_list(kind) or pa.types.is_fixed_size_list(kind))
 
 
 def _is_numeric(kind: pa.DataType) -> bool:

@@ -9,14 +9,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rpil.data.files import StrPath, check_extension
-from rpil.data.formats import csv, parquet
-from rpil.data.formats.table import step_columns
+from rpil.data.formats import csv, parquet, table
+from rpil.data.formats.recording import StepColumns
 from rpil.data.run import RUN_KEY, run_id
 from rpil.numerics.types import Array
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
+_BLOCK_STEPS = 1 << 20
 _WRITERS = {".parquet": parquet.write_tables, ".csv": csv.write_tables}
 
 
@@ -32,13 +33,14 @@ def write_weights(
     step_weight: Array,
     expert_proba: Array,
     log_odds: Array,
-    block_steps: int = 1 << 20,
+    step_columns: StepColumns = lambda _: None,
 ) -> None:
     """Write one row per step, in the order of the steps: episode_index, step_index, weight, expert_proba, log_odds.
 
-    `expert_proba` and `log_odds` (M,) are repeated for each step of their demonstration. `block_steps` steps are in
-    memory at a time: `step_weight` (N,) may be in a file, and larger than memory. The metadata of a Parquet file hold
-    the `rpil.data.run.run_id`.
+    `expert_proba` and `log_odds` (M,) are repeated for each step of their demonstration. Numbers of the rows that the
+    file itself gives, such as ``index``, come with `Recording.step_columns`. A million steps are in memory at a time:
+    `step_weight` (N,) may be in a file, and larger than memory. The metadata of a Parquet file hold the
+    `rpil.data.run.run_id`.
 
     Raises
     ------
@@ -52,16 +54,19 @@ def write_weights(
     repeated = {"expert_proba": expert_proba, "log_odds": log_odds}
 
     def tables() -> Iterator[pa.Table]:
-        cuts = np.unique(np.append(np.searchsorted(offsets, np.arange(0, offsets[-1], block_steps)), len(ids)))
+        cuts = np.unique(np.append(np.searchsorted(offsets, np.arange(0, offsets[-1], _BLOCK_STEPS)), len(ids)))
         for block in map(slice, cuts[:-1].tolist(), cuts[1:].tolist()):
             steps = slice(int(offsets[block.start]), int(offsets[block.stop]))
             block_offsets = offsets[block.start : block.stop + 1] - steps.start
             lengths = np.diff(block_offsets)
-            yield pa.table(
-                step_columns(ids[block], block_offsets)
-                | {"weight": np.asarray(step_weight[steps])}
-                | {name: np.repeat(values[block], lengths) for name, values in repeated.items()},
-                metadata=metadata,
-            )
+            names = table.step_columns(ids[block], block_offsets)
+            weights = {"weight": np.asarray(step_weight[steps])} | {
+                name: np.repeat(values[block], lengths) for name, values in repeated.items()
+            }
+            own = step_columns(steps)
+            taken = {*names, *weights}
+            numbers = dict(zip(own.column_names, own.columns, strict=True)) if own else {}
+            numbers = {f"file.{name}" if name in taken else name: column for name, column in numbers.items()}
+            yield pa.table(names | numbers | weights, metadata=metadata)
 
     writer(Path(path), tables())

@@ -1,0 +1,351 @@
+"""Which column of a table holds what: found by name and type, or named by the user."""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from difflib import get_close_matches
+from fnmatch import fnmatchcase
+from typing import Literal
+
+from rpil.data.arrays import ActionKind
+from rpil.data.errors import DataError
+
+Kind = Literal["number", "list", "text", "mixed", "time", "counter", "empty", "nested"]
+"""Of a column's values; "mixed" is text in the place of some numbers, "counter" the number of the row."""
+
+Names = str | Sequence[str]
+"""Names of columns, or patterns such as ``joint_*``; several may stand in one text, with commas between them."""
+
+EPISODE = ("episode_index", "episode_id", "episode_ids", "episode")
+ACTION = ("action", "actions")
+STEP = "step_index"
+
+_NUMBER = r"(?:_(?:index|ids?|idx|no|num|number|nr|name|key))?"
+_EPISODE_STEMS = (
+    *("episode", "ep|eps", "traj|trajectory|trajectories", "demo|demonstration", "rollout", "run", "trial"),
+    *("sequence|seq", "session", "recording", "game|match", "group", ""),
+)
+_EPISODE = [re.compile(rf"(?:{stem})s?{_NUMBER}" if stem else "id|uuid") for stem in _EPISODE_STEMS]
+_OF_EPISODE = re.compile(
+    r"(?:episode|ep|traj|trajectory|demo|demonstration)_.*|is_good|noise_level|agent_level|trial_ids"
+)
+_ACTION_STEMS = ("actions?", "acts?", "ctrl|controls?", "cmds?|commands?", "a", "u")
+_ACTION = [
+    (re.compile(rf"(?:{stem})(?:_(?:ids?|index|idx|label|class|code|name))?"), re.compile(rf"(?:{stem})(?:{rest})"))
+    for stem, rest in zip(_ACTION_STEMS, [r"_\w+|\d+"] * 4 + [r"_?\d+"] * 2, strict=True)
+]
+_ABOUT_ACTION = re.compile(r".*_(?:mask|probs?|logp|log_?probs?|dim|time|timestamp|is_pad|names?|labels?|type)")
+_OBSERVATION = re.compile(r"(?:observations?|obs)(?:_.*|\d.*|)")
+_STATE = re.compile(r"states?(?:_.*|\d.*|)")
+_OUTCOME = re.compile(
+    r"(?:.*_)?(?:rewards?|rews?|returns?|scores?|success(?:es|ful)?|succeeded|dones?|terminals?|terminated|terminations?"
+    r"|truncated|truncations?|timeouts?)(?:_.*)?|weights?|expert_proba|log_odds|labels?|quality|ratings?|grades?|verdicts?"
+)
+_NEXT = re.compile(r"next_.*|.*_next")
+_UNIT = r"(?:_(?:s|ms|us|ns|secs?|seconds?|msecs?|nsecs?|nanosec|ros|utc|unix|epoch|index))?"
+_ORDER = [
+    re.compile(pattern)
+    for pattern in (
+        rf"frames?{_NUMBER}",
+        rf"(?:steps?|time_?steps?){_NUMBER}|ticks?",
+        rf"t{_UNIT}|ts",
+        rf"(?:.*_)?(?:time|timestamps?){_UNIT}|elapsed{_UNIT}|date|datetime",
+        rf"(?:.*_)?stamps?{_UNIT}",
+        r"index|idx|rows?|row_(?:id|index|idx|no|num|number)|line",
+    )
+]
+# pandas writes its row index under these names; as an observation it would reveal the order of the rows.
+_ROW_INDEX = re.compile(r"index_level_\d+|unnamed_\d+|")
+_OPERATOR = re.compile(
+    r"(?:operator|demonstrator|teleoperator|user|subject|participant|annotator|pilot|driver|person|worker)s?" + _NUMBER
+)
+_TASK = re.compile(rf"tasks?{_NUMBER}|(?:language_)?instructions?|task_description")
+_WORDS = re.compile(r"[\W_]+")
+_CAMEL = re.compile(r"(?<=[a-z0-9])(?=[A-Z])")
+
+
+@dataclass(frozen=True)
+class ColumnOptions:
+    """What the user says of the columns of a table; what is left out is found by name.
+
+    Attributes
+    ----------
+    id, order, operator, task : str
+        One column each: of the demonstration, of the order of its steps, of who gave it, of what was to be done.
+    action, observations, exclude : str or sequence of str
+        Any number of columns, or patterns such as ``joint_*``; those of `exclude` are not read.
+    action_kind : {"auto", "discrete", "continuous"}
+        Whether one column of whole numbers holds classes; "auto" decides by how many there are.
+    """
+
+    id: str | None = None
+    action: Names = ()
+    observations: Names = ()
+    exclude: Names = ()
+    order: str | None = None
+    operator: str | None = None
+    task: str | None = None
+    action_kind: ActionKind = "auto"
+
+
+@dataclass(frozen=True)
+class Columns:
+    """Names of the columns that are read, and why the others are not."""
+
+    episode: str  # id of the demonstration
+    actions: tuple[str, ...]  # one column, or one for each number of a continuous action
+    observations: tuple[str, ...]
+    one_action: bool  # whether the action is one column, which may then be discrete
+    orders: tuple[str, ...] = ()  # columns that may give the order of the steps, the likeliest first
+    index: tuple[str, ...] = ()  # numbers of rows that the file itself gives
+    operator: str | None = None
+    task: str | None = None
+    ignored: Mapping[str, str] = field(default_factory=dict, compare=False)  # name -> reason
+    action_kind: ActionKind = "auto"
+    order_given: bool = False
+
+    @property
+    def data(self) -> list[str]:
+        """The columns that hold the demonstrations themselves."""
+        return list(dict.fromkeys([self.episode, *self.actions, *self.observations]))
+
+    @property
+    def all(self) -> list[str]:
+        """All columns to read."""
+        named = [name for name in (self.operator, self.task) if name is not None]
+        return list(dict.fromkeys([*self.data, *self.orders, *self.index, *named]))
+
+
+def find_columns(
+    names: Sequence[str],
+    kinds: Mapping[str, Kind],
+    source: str,
+    options: ColumnOptions = ColumnOptions(),
+    default_id: str | None = None,
+) -> Columns:
+    """The columns to read; a `DataError` where columns cannot be found, and no `default_id` stands for the id."""
+    check_unique(names, source)
+    return _Search(names, kinds, source, options, default_id).columns()
+
+
+def check_unique(names: Sequence[str], source: str) -> None:
+    """A `DataError` where two columns have one name."""
+    repeated = sorted(name for name, n in Counter(names).items() if n > 1)
+    if repeated:
+        raise DataError(f"{source}: column {repeated[0]!r} appears twice; rename or drop one of them.")
+
+
+def is_data(name: str) -> bool:
+    """Whether a column called `name` would be read as demonstration, step, action or, by its prefix, observation."""
+    plain = plain_name(name)
+    words = plain in (*EPISODE, STEP) or _OBSERVATION.fullmatch(plain)
+    return bool(words or any(pattern.fullmatch(plain) for pattern in _ACTION[0]))
+
+
+def is_row_index(name: str) -> bool:
+    """Whether pandas calls its row index so."""
+    return bool(_ROW_INDEX.fullmatch(plain_name(name)))
+
+
+def as_list(names: Names) -> list[str]:
+    """Names as the user gave them: one text, which may hold several with commas between them, or a sequence."""
+    texts = [names] if isinstance(names, str) else names
+    return [name.strip() for text in texts for name in text.split(",")]
+
+
+def plain_name(name: str) -> str:
+    """The words of a name in lower case with _ between them: ``next.Reward`` and ``nextReward`` are next_reward."""
+    return _WORDS.sub("_", _CAMEL.sub("_", name)).strip("_").lower()
+
+
+def short_name(name: str) -> str:
+    """An observation's name without the prefix that says that it is one."""
+    return re.sub(r"^\s*(observations?|obs)[._/ -]?", "", name, count=1, flags=re.I) if is_observation(name) else name
+
+
+def is_observation(name: str) -> bool:
+    """Whether the name starts with obs or observation."""
+    return bool(_OBSERVATION.fullmatch(plain_name(name)))
+
+
+def quoted(names: Iterable[object], most: int = 12) -> str:
+    """Up to `most` of the names, quoted, for a message."""
+    texts = [repr(name) for name in names]
+    return ", ".join(texts[:most]) + (", ..." if len(texts) > most else "")
+
+
+class _Search:
+    """The search for the columns of one table; every column that is given a role leaves `free`."""
+
+    def __init__(
+        self,
+        names: Sequence[str],
+        kinds: Mapping[str, Kind],
+        source: str,
+        options: ColumnOptions,
+        default_id: str | None = None,
+    ) -> None:
+        self.names, self.kinds, self.source, self.options, self.default_id = names, kinds, source, options, default_id
+        self.plain = {name: plain_name(name) for name in names}
+        self.ignored = dict.fromkeys(self.matching(options.exclude, "exclude"), "excluded as asked")
+        self.free = {name: plain for name, plain in self.plain.items() if name not in self.ignored}
+
+    def columns(self) -> Columns:
+        """All roles."""
+        options = self.options
+        asked = self.matching(options.observations, "observations")
+        actions = self.matching(options.action, "action")
+        order, operator, task = (self.one(getattr(options, role), role) for role in ("order", "operator", "task"))
+        given: set[str | None] = {*asked, *actions, order, operator, task}
+        episode = self.one(options.id, "id") or self.episode(given)
+        self.take(episode, *actions)
+        one_action = len(actions) == 1
+        if not actions:
+            actions, one_action = self.actions(given)
+        self.take(*actions)
+        orders = [order] if order else self.first_named(_ORDER, ("number", "time", "counter"))
+        operator = operator or next(iter(self.first_named([_OPERATOR], ("number", "text"))), None)
+        task = task or next(iter(self.first_named([_TASK], ("number", "text"))), None)
+        index = tuple(name for name, plain in self.free.items() if plain in ("index", "frame_index"))
+        self.take(*(name for name in (*orders, operator, task) if name and name not in asked))
+        observations = asked or self.observations()
+        for name in self.free.keys() - {*observations}:
+            self.ignored.setdefault(name, "not among the observations that were named")
+        ignored = {name: self.ignored[name] for name in self.names if name in self.ignored}
+        return Columns(
+            *(episode, tuple(actions), tuple(observations), one_action, tuple(orders), index, operator, task, ignored),
+            *(options.action_kind, order is not None),
+        )
+
+    def take(self, *names: str) -> None:
+        """Give these columns a role."""
+        for name in names:
+            self.free.pop(name, None)
+
+    def matching(self, wanted: Names, option: str) -> list[str]:
+        """The columns that the user names; a `DataError` naming the closest ones where there is none."""
+        found: dict[str, None] = {}
+        for text in [wanted] if isinstance(wanted, str) else wanted:
+            for pattern in [text] if text in self.plain else text.split(","):
+                hits = list(self.named(pattern.strip()))
+                if not hits:
+                    close = get_close_matches(pattern, self.names[:10_000], 3) or self.names
+                    raise DataError(
+                        f"{self.source}: no column is called {pattern.strip()!r}; correct {option} "
+                        f"(found {quoted(close)})."
+                    )
+                found |= dict.fromkeys(hits)
+        return list(found)
+
+    def named(self, pattern: str) -> Iterator[str]:
+        if pattern in self.plain:
+            yield pattern
+            return
+        lower, plain = pattern.lower(), plain_name(pattern)
+        for name in self.names:
+            is_pattern = any(sign in pattern for sign in "*?[")
+            if fnmatchcase(name.strip().lower(), lower) if is_pattern else self.plain[name] == plain:
+                yield name
+
+    def one(self, wanted: str | None, option: str) -> str | None:
+        """The one column that the user names for a role, if any."""
+        if wanted is None:
+            return None
+        found = self.matching([wanted], option)
+        if len(found) > 1:
+            raise DataError(f"{self.source}: {option} needs one column, but {quoted(found)} are called {wanted!r}.")
+        return found[0]
+
+    def first_named(self, patterns: Sequence[re.Pattern[str]], kinds: Iterable[Kind]) -> list[str]:
+        """The free columns of one of the `kinds` whose names match, in the order of the patterns."""
+        free = [(name, plain) for name, plain in self.free.items() if self.kinds.get(name, "number") in kinds]
+        return [name for pattern in patterns for name, plain in free if pattern.fullmatch(plain)]
+
+    def episode(self, given: set[str | None]) -> str:
+        kinds: list[Kind] = ["number", "text", "mixed", "time", "list"]
+        found = [name for name in self.first_named(_EPISODE[:-1], [*kinds, "counter"]) if name not in given]
+        found = found or [name for name in self.first_named(_EPISODE[-1:], kinds) if name not in given]
+        found.sort(key=lambda name: EPISODE.index(plain) if (plain := self.plain[name]) in EPISODE else len(EPISODE))
+        if not found and self.default_id is None:
+            raise DataError(
+                f"{self.source}: no column says which demonstration a row is from: name it {EPISODE[0]}, or name the "
+                f"column with id (found {quoted(self.names)})."
+            )
+        for name in found[1:]:
+            self.ignored[name] = "another id"
+        return found[0] if found else str(self.default_id)
+
+    def actions(self, given: set[str | None]) -> tuple[list[str], bool]:
+        """The columns of the action, and whether it is one column."""
+        free = [(name, plain) for name, plain in self.free.items() if name not in given]
+        for whole, part in _ACTION:
+            found = [name for name, plain in free if whole.fullmatch(plain) and self.kinds.get(name) != "nested"]
+            # `action` comes before `action_id`, which comes before `action_name`.
+            found.sort(key=lambda name: (self.plain[name] not in ACTION, self.kinds.get(name) == "text"))
+            parts = [name for name, plain in free if part.fullmatch(plain)]
+            numbers = [name for name in parts if self.plain[name][-1].isdigit() or self.is_number(name)]
+            numbers = [name for name in numbers if not _ABOUT_ACTION.fullmatch(self.plain[name])]
+            if found:
+                return found[:1], True
+            if numbers:
+                return numbers, False
+        raise DataError(
+            f"{self.source}: no column holds the action: name it {ACTION[0]}, or name the columns with action (found "
+            f"{quoted(self.names)})."
+        )
+
+    def is_number(self, name: str) -> bool:
+        return self.kinds.get(name, "number") in ("number", "list", "mixed", "counter")
+
+    def observations(self) -> list[str]:
+        """The columns called obs or observation, else those called state, else all numbers without another role."""
+        for name, plain in self.free.items():
+            reason = self.reason(name, plain)
+            if reason:
+                self.ignored.setdefault(name, reason)
+        free = {name: plain for name, plain in self.free.items() if name not in self.ignored}
+        named = [name for name, plain in free.items() if _OBSERVATION.fullmatch(plain)]
+        if not named:
+            named = [name for name, plain in free.items() if _STATE.fullmatch(plain)]
+            named = [] if len(named) == 1 and self.kinds.get(named[0]) != "list" else named
+        for name in free.keys() - set(named or free):
+            self.ignored[name] = f"not named as an observation, as {named[0]} is"
+        if not free:
+            raise DataError(
+                f"{self.source}: no column holds observations: name them observation.*, or name the columns with "
+                f"observations (found {quoted(self.names)})."
+            )
+        return named or list(free)
+
+    def reason(self, name: str, plain: str) -> str:
+        """Why a column without another role is no observation; empty where it is one."""
+        kind, prefixed = self.kinds.get(name, "number"), _OBSERVATION.fullmatch(plain)
+        if kind == "text":
+            return "text"
+        if kind == "nested":
+            return "images or nested values"
+        if prefixed:
+            return ""
+        if kind == "empty":
+            return "no values"
+        if kind == "counter" or _ROW_INDEX.fullmatch(plain):
+            return "number of the row"
+        if kind == "time" or any(pattern.fullmatch(plain) for pattern in _ORDER):
+            return "time or number of the step"
+        for pattern, why in _REASONS:
+            if pattern.fullmatch(plain):
+                return why
+        return ""
+
+
+_REASONS = (
+    (_NEXT, "what follows the step"),
+    (_OUTCOME, "reward, end or verdict"),
+    (_OF_EPISODE, "describes a demonstration as a whole"),
+    (_OPERATOR, "who demonstrated"),
+    (_TASK, "task"),
+    *((pattern, "another spelling of the action") for pair in _ACTION[:2] for pattern in pair),
+)

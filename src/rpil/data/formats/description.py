@@ -1,0 +1,104 @@
+"""What was read from a file, in figures and in words, before anything is judged."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import asdict, dataclass, field
+
+SHORT_NAMES = 6  # in one line
+
+
+@dataclass(frozen=True)
+class Description:
+    """What a recording holds: demonstrations, steps, and the part that each column plays.
+
+    Attributes
+    ----------
+    format : str
+        Format and version of the file, as "LeRobot v3.0" or "CSV, separated by ;".
+    seconds, fps : float, optional
+        Duration of all demonstrations, and steps a second.
+    action_kind, action_reason : str
+        "discrete" or "continuous", and why.
+    order_column, order : str
+        The column that orders the steps of a demonstration, if any, and what was done about the order, in words.
+    operators, tasks : tuple of str
+        Their names, the first ones.
+    ignored : mapping of str to str
+        Columns that are not read, and why.
+    missing : mapping of str to int
+        Values that are missing, by column.
+    ranges : mapping of str to pair of float
+        Smallest and largest value of each observation and continuous action.
+    notes : tuple of str
+        What else a user should know, in sentences.
+    """
+
+    source: str
+    format: str
+    demonstrations: int
+    steps: int
+    observations: tuple[str, ...]
+    actions: tuple[str, ...]
+    action_kind: str
+    action_reason: str
+    id_column: str
+    order_column: str | None = None
+    order: str = "steps in the order of the file"
+    seconds: float | None = None
+    fps: float | None = None
+    operator_column: str | None = None
+    operators: tuple[str, ...] = ()
+    task_column: str | None = None
+    tasks: tuple[str, ...] = ()
+    ignored: Mapping[str, str] = field(default_factory=dict)
+    missing: Mapping[str, int] = field(default_factory=dict)
+    ranges: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
+
+    def to_dict(self) -> dict[str, object]:
+        """All of it, for JSON."""
+        return asdict(self)
+
+    def short(self) -> list[str]:
+        """A few lines for the head of an audit."""
+        observations = f"Observations: {len(self.observations):,}: {listed(self.observations)}."
+        lines = [self._size(), self._actions(), observations, f"Demonstrations by {self.id_column}; {self.order}."]
+        missing = [f"Missing values: {listed(f'{n:,} in {name}' for name, n in self.missing.items())}."]
+        ignored = [f"Ignored: {listed(f'{name} ({reason})' for name, reason in self.ignored.items())}."]
+        return [*lines, *(missing if self.missing else []), *(ignored if self.ignored else []), *self.notes]
+
+    def lines(self) -> list[str]:
+        """Everything, for ``rpil info``; a column a line."""
+        lines = [self._size(), f"Demonstrations by {self.id_column}; {self.order}.", self._actions()]
+        if self.task_column:
+            lines.append(f"Task, in {self.task_column}: {listed(self.tasks)}.")
+        if self.operator_column:
+            lines.append(f"Operator, in {self.operator_column}: {listed(self.operators)}.")
+        lines += [*self.notes, "", f"Observations: {len(self.observations):,}"]
+        lines += [f"  {name}{self._range(name)}" for name in self.observations]
+        if self.action_kind == "continuous":
+            lines += ["Actions:", *(f"  {name}{self._range(name)}" for name in self.actions)]
+        for title, values in (("Ignored", self.ignored), ("Missing values", self.missing)):
+            if values:
+                lines += [f"{title}:", *(f"  {name}: {value}" for name, value in values.items())]
+        return lines
+
+    def _size(self) -> str:
+        size = f"{self.source}: {self.format}; {self.demonstrations:,} demonstrations, {self.steps:,} steps"
+        if self.seconds is not None:
+            size += f", {self.seconds:,.1f} s"
+        return f"{size} at {self.fps:.4g} a second." if self.fps else f"{size}."
+
+    def _actions(self) -> str:
+        return f"Action: {listed(self.actions)}: {self.action_kind}, {self.action_reason}."
+
+    def _range(self, name: str) -> str:
+        return f": {self.ranges[name][0]:.6g} to {self.ranges[name][1]:.6g}" if name in self.ranges else ""
+
+
+def listed(names: Iterable[str] | Sequence[str], most: int = SHORT_NAMES) -> str:
+    """Up to `most` of the names in one line, without control characters, and how many more there are."""
+    texts = [name if name.isprintable() else repr(name) for name in names]
+    more = f" and {len(texts) - most:,} more" if len(texts) > most else ""
+    return ", ".join(text or "''" for text in texts[:most]) + more

@@ -1,0 +1,115 @@
+"""The order of the steps of a demonstration, by a column of the file, and the time that they take."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from rpil.data.errors import DataError
+from rpil.data.formats.columns import Columns, plain_name
+from rpil.data.formats.table import Place, kind_of_type
+from rpil.numerics.types import Array
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+NO_NUMBERS = "values that are missing or no numbers"
+REPEATS = "repeated values within a demonstration"
+_FILE_ORDER = "steps in the order of the file"
+
+_SECONDS = {"s": 1.0, "sec": 1.0, "secs": 1.0, "seconds": 1.0, "ms": 1e-3, "msec": 1e-3, "us": 1e-6, "ns": 1e-9}
+_SECONDS |= {"nsec": 1e-9, "nsecs": 1e-9, "nanosec": 1e-9, "msecs": 1e-3}
+
+
+@dataclass(frozen=True, eq=False)
+class Order:
+    """The order of the steps within a demonstration."""
+
+    column: str | None = None  # None: as in the file
+    values: Array | None = None  # (N,): sorted by these
+    words: str = _FILE_ORDER
+
+
+def find_order(table: pa.Table, columns: Columns, group: Array, at: Place) -> Order:
+    """By the first of the likely columns that tells the steps of every demonstration apart.
+
+    `group` (N,) numbers the demonstration of each row. A `DataError` where the user named a column that does not.
+    """
+    by_group = np.argsort(group, kind="stable") if np.any(group[1:] < group[:-1]) else np.arange(len(group))
+    same = group[by_group][1:] == group[by_group][:-1]
+    faults: dict[str, str] = {}
+    for name in columns.orders:
+        values = order_values(table[name])
+        if values is None:
+            faults[name] = NO_NUMBERS
+        else:
+            step = values[by_group]
+            if np.all(step[1:][same] > step[:-1][same]):
+                return Order(name, values, f"steps in the order of {name}")
+            rows = np.lexsort([values, group])
+            twice = np.flatnonzero((values[rows][1:] == values[rows][:-1]) & (group[rows][1:] == group[rows][:-1]))
+            if not len(twice):
+                return Order(name, values, f"steps sorted by {name}, because rows of the file are out of order")
+            faults[name] = REPEATS
+            if columns.order_given:
+                row = int(rows[twice[0] + 1])
+                raise DataError(f"{at(row)}: order column {name!r} repeats a value; name another, or leave it out.")
+        if columns.order_given:
+            raise DataError(f"{at(0)}: order column {name!r} needs a number or time in every row; name another.")
+    return Order(words=order_words(faults))
+
+
+def order_words(faults: Mapping[str, str]) -> str:
+    """That no column gives the order, and why the likeliest one does not."""
+    name = next(iter(faults), None)
+    return _FILE_ORDER if name is None else f"{_FILE_ORDER}, because {name} has {faults[name]}"
+
+
+def order_values(column: pa.ChunkedArray) -> Array | None:
+    """A column as numbers to sort by; None where values are missing, or are neither numbers nor times."""
+    kind = kind_of_type(column.type)
+    if column.null_count or kind not in ("number", "time"):
+        return None
+    values = np.asarray(column.to_numpy())
+    if values.dtype.kind in "mM":
+        values = values.astype(np.int64)
+    return values if values.dtype.kind in "iu" or (values.dtype.kind == "f" and np.isfinite(values).all()) else None
+
+
+def seconds_of_steps(
+    table: pa.Table, columns: Columns, rows: Array | None, offsets: Array
+) -> tuple[float | None, float | None]:
+    """Duration of all demonstrations in seconds, and steps a second, by a column of time; None where there is none."""
+    for name in columns.orders:
+        values = order_values(table[name])
+        unit = None if values is None else _unit(name, table[name].type, values)
+        if values is None or unit is None:
+            continue
+        values = values if rows is None else values[rows]
+        lengths = values[offsets[1:] - 1] - values[offsets[:-1]]
+        steps = np.diff(values)
+        steps = steps[steps > 0]
+        if np.all(lengths >= 0) and len(steps):
+            return float(lengths.sum() * unit), float(1 / (np.median(steps) * unit))
+    return None, None
+
+
+def _unit(name: str, kind: pa.DataType, values: Array) -> float | None:
+    """Seconds in one unit of a column of time; by its type, its name, or the size of a time since 1970."""
+    import pyarrow as pa
+
+    if pa.types.is_timestamp(kind) or pa.types.is_duration(kind) or pa.types.is_time(kind):
+        return _SECONDS[kind.unit]
+    words = plain_name(name).split("_")
+    if words[-1] in _SECONDS and len(words) > 1:
+        return _SECONDS[words[-1]]
+    if not {"t", "ts", "time", "timestamp", "timestamps", "stamp", "elapsed"} & set(words):
+        return None
+    largest = float(np.abs(values).max())
+    for limit, unit in ((1e17, 1e-9), (1e14, 1e-6), (1e11, 1e-3)):
+        if largest > limit:
+            return unit
+    return 1.0 if values.dtype.kind == "f" and not np.array_equal(values, np.round(values)) else None

@@ -1,0 +1,276 @@
+"""A recording: the demonstrations in a file, with a description of them and what the file says of every step."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from pathlib import PurePosixPath
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from rpil.data.arrays import action_kind, are_whole, check_any, group_rows, number_reason
+from rpil.data.demonstrations import Demonstrations
+from rpil.data.errors import DataError
+from rpil.data.formats import table as flat
+from rpil.data.formats.columns import Columns
+from rpil.data.formats.dataset import Dataset
+from rpil.data.formats.description import Description
+from rpil.data.formats.lerobot import Metadata, format_name
+from rpil.data.formats.order import Order, find_order, seconds_of_steps
+from rpil.numerics.types import Array
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+StepColumns = Callable[[slice], "pa.Table | None"]
+"""The columns of some steps by which a file itself numbers its rows, if it does."""
+
+MAX_NAMES = 20
+"""Tasks and operators of a description, at most."""
+
+
+@dataclass(frozen=True, eq=False)
+class Recording:
+    """The demonstrations in a file; they are checked when they are first asked for, the description before.
+
+    Attributes
+    ----------
+    description : Description
+    load : function
+        Makes the demonstrations.
+    step_columns : function of a slice of the N steps
+        The file's own numbers of its rows, such as ``index``, in the order of the steps.
+    operators : list of pairs
+        The different pairs of a demonstration's id, as text, and the value in the column of operators.
+    """
+
+    description: Description
+    load: Callable[[], Demonstrations | Dataset]
+    step_columns: StepColumns = lambda _: None
+    operators: list[tuple[str, object]] = field(default_factory=list)
+
+    @cached_property
+    def demonstrations(self) -> Demonstrations | Dataset:
+        """The demonstrations; a `DataError` where a value is missing or of the wrong kind."""
+        return self.load()
+
+    def with_ignored_files(self, paths: Sequence[str]) -> Recording:
+        """The same, where files beside those of the recording are not read."""
+        names = {PurePosixPath(path).name: "a text table beside Parquet files" for path in paths}
+        return replace(self, description=replace(self.description, ignored={**self.description.ignored, **names}))
+
+    @classmethod
+    def of(cls, demonstrations: Demonstrations, name: str, ignored: Mapping[str, str] | None = None) -> Recording:
+        """Of demonstrations in memory, from a format called `name` that has no table of columns."""
+        d = demonstrations
+        n_parts = 0 if d.is_discrete else d.actions.shape[1]
+        actions = tuple(f"action.{a}" for a in range(n_parts)) or ("action",)
+        description = Description(
+            source=d.source,
+            format=name,
+            demonstrations=len(d),
+            steps=d.n_steps,
+            observations=d.observation_names,
+            actions=actions,
+            action_kind=d.action_kind,
+            action_reason=number_reason(n_parts) if n_parts else action_kind(d.actions, d.source, "auto")[1],
+            id_column="episode_ids",
+            ignored=ignored or {},
+            ranges=_ranges(d.observation_names, d.observations) | (_ranges(actions, d.actions) if n_parts else {}),
+        )
+        return cls(description, lambda: demonstrations)
+
+
+def from_table(
+    table: pa.Table,
+    columns: Columns,
+    source: str,
+    format_name: str,
+    metadata: Metadata = Metadata(),
+    notes: tuple[str, ...] = (),
+) -> Recording:
+    """The recording in a table, whose rows may lie in any order; a `DataError` where ids are missing."""
+    check_any(table.num_rows, source)
+    names, group = flat.id_codes(table, columns.episode, lambda row: f"{source}, row {row + 1}")
+
+    def at(row: int) -> str:
+        return f"{source}, demonstration {names[group[row]]!r}, row {row + 1}"
+
+    order = find_order(table, columns, group, at)
+    chosen, offsets, rows = group_rows(group, order.values)
+    ids = tuple(names[g] for g in chosen.tolist())
+
+    def load() -> Demonstrations:
+        actions = _actions(table, columns, at)
+        observations, parts = flat.stack_columns(table, columns.observations, at, metadata.names)
+        if rows is not None:
+            observations, actions = observations[rows], actions[rows]
+        return Demonstrations(observations, actions, offsets, ids, parts, source, columns.action_kind)
+
+    numbers = _numbers_of_rows(table, _own_numbers(columns, order), rows)
+    described = _describe(table, columns, order, rows, offsets, metadata)
+    description = replace(described, source=source, format=format_name, notes=notes)
+    operators = _pairs(table, columns.operator, names, group)
+    description = replace(description, operators=tuple(dict.fromkeys(str(who) for _, who in operators))[:MAX_NAMES])
+    return Recording(description, load, numbers, operators)
+
+
+def from_dataset(data: Dataset) -> Recording:
+    """The recording in files that stay on disk; its description is what opening them, and their footers, say."""
+    about, columns, store = data.about, data.store.columns, data.store
+    fps = about.metadata.fps
+    widths = dict.fromkeys(columns.actions, max(store.n_parts, 1) // len(columns.actions))
+    description = Description(
+        source=data.source,
+        format=format_name(about.metadata, about.n_files),
+        demonstrations=len(data),
+        steps=data.n_steps,
+        observations=data.observation_names,
+        actions=flat.part_names(widths, about.metadata.names),
+        action_kind="discrete" if data.is_discrete else "continuous",
+        action_reason=about.action_reason,
+        id_column=columns.episode,
+        order_column=about.order.column,
+        order=about.order.words,
+        seconds=data.n_steps / fps if fps else None,
+        fps=fps,
+        operator_column=columns.operator,
+        operators=tuple(dict.fromkeys(str(who) for _, who in about.operators))[:MAX_NAMES],
+        task_column=columns.task,
+        tasks=tuple(about.metadata.tasks.values())[:MAX_NAMES],
+        ignored={**columns.ignored, **unused_orders(columns, about.order.column)},
+        missing=about.statistics.missing,
+        ranges=about.statistics.ranges,
+    )
+    recording = Recording(description, lambda: data, lambda steps: _stored_numbers(data, steps), about.operators)
+    return recording.with_ignored_files(about.ignored_files)
+
+
+def _stored_numbers(data: Dataset, steps: slice) -> pa.Table | None:
+    """The file's own numbers of some of its rows."""
+    import pyarrow as pa
+
+    names = _own_numbers(data.store.columns, data.about.order)
+    tables = [table for _, table, _ in data.store.tables(steps.start, steps.stop, names)] if names else []
+    return pa.concat_tables(tables) if tables else None
+
+
+def _own_numbers(columns: Columns, order: Order) -> list[str]:
+    return list(dict.fromkeys([*columns.index, *([order.column] if order.column else [])]))
+
+
+def _actions(table: pa.Table, columns: Columns, at: flat.Place) -> Array:
+    if not columns.one_action:
+        return flat.stack_columns(table, columns.actions, at)[0]
+    actions = flat.column_values(table, columns.actions[0], at)
+    several = actions.ndim == 2 and actions.shape[1] > 1
+    return actions.astype(np.result_type(actions, np.float32), copy=False) if several else actions
+
+
+def _numbers_of_rows(table: pa.Table, names: list[str], rows: Array | None) -> StepColumns:
+    """The file's own numbers of its rows, in the order of the steps; where it has none, and rows moved, their place."""
+    import pyarrow as pa
+
+    numbers = table.select(names)
+    if rows is not None:
+        numbers = numbers.take(rows) if names else pa.table({"row": rows + 1})
+    return lambda steps: numbers.slice(steps.start, steps.stop - steps.start) if numbers.num_columns else None
+
+
+def _describe(
+    table: pa.Table, columns: Columns, order: Order, rows: Array | None, offsets: Array, metadata: Metadata
+) -> Description:
+    """All of a description but the names of file and format."""
+    missing: dict[str, int] = {}
+    ranges: dict[str, tuple[float, float]] = {}
+    names: dict[str, tuple[str, ...]] = {}
+    for name in (*columns.observations, *columns.actions):
+        values = flat.numbers_or_missing(table[name])
+        n_missing = table[name].null_count if values is None else int(np.isnan(values).sum())
+        missing |= {name: n_missing} if n_missing else {}
+        names[name] = flat.part_names({name: 1 if values is None else values.shape[1]}, metadata.names)
+        ranges |= {} if values is None else _ranges(names[name], values)
+    seconds, fps = (len(table) / metadata.fps, metadata.fps) if metadata.fps else (None, None)
+    if not metadata.fps:
+        seconds, fps = seconds_of_steps(table, columns, rows, offsets)
+    kind, reason = _kind_of_action(table, columns)
+    return Description(
+        source="",
+        format="",
+        demonstrations=len(offsets) - 1,
+        steps=len(table),
+        observations=tuple(part for name in columns.observations for part in names[name]),
+        actions=tuple(part for name in columns.actions for part in names[name]),
+        action_kind=kind,
+        action_reason=reason,
+        id_column=columns.episode,
+        order_column=order.column,
+        order=order.words,
+        seconds=seconds,
+        fps=fps,
+        operator_column=columns.operator,
+        task_column=columns.task,
+        tasks=_tasks(table, columns.task, metadata),
+        ignored={**columns.ignored, **unused_orders(columns, order.column)},
+        missing=missing,
+        ranges=ranges,
+    )
+
+
+def _ranges(names: tuple[str, ...], values: Array) -> dict[str, tuple[float, float]]:
+    """Smallest and largest of the numbers (N, K) that are there."""
+    low, high = np.fmin.reduce(values, axis=0).tolist(), np.fmax.reduce(values, axis=0).tolist()
+    return {name: (a, b) for name, a, b in zip(names, low, high, strict=True) if a == a}
+
+
+def unused_orders(columns: Columns, chosen: str | None) -> dict[str, str]:
+    """The columns of time that are read for other things than the order of the steps."""
+    others = [*columns.orders, *columns.index]
+    return {name: "time or number of the step" for name in others if name != chosen}
+
+
+def _kind_of_action(table: pa.Table, columns: Columns) -> tuple[str, str]:
+    """Whether the action is discrete, and why, leaving missing values out."""
+    column = table[columns.actions[0]]
+    if not columns.one_action or flat.kind_of_type(column.type) == "list":
+        values = flat.numbers_or_missing(column)
+        if values is None or not columns.one_action or values.shape[1] != 1:
+            return "continuous", number_reason(len(columns.actions) if values is None else values.shape[1])
+        present = values[:, 0]
+    else:
+        present = flat.column_values(pa_table(column.drop_null()), "action", lambda _: "")
+    present = present[~np.isnan(present)] if present.dtype.kind == "f" else present
+    try:
+        return action_kind(present, "", columns.action_kind)
+    except DataError as error:
+        return "refused", str(error).removeprefix(": ").rstrip(".")
+
+
+def pa_table(column: pa.ChunkedArray) -> pa.Table:
+    import pyarrow as pa
+
+    return pa.table({"action": column})
+
+
+def _pairs(table: pa.Table, name: str | None, ids: list[int | str], group: Array) -> list[tuple[str, object]]:
+    """The different pairs of id, as text, and value, in the order of the file."""
+    if name is None:
+        return []
+    column = table[name].dictionary_encode().unify_dictionaries().combine_chunks()
+    values, codes = column.dictionary.to_pylist(), column.indices.fill_null(-1).to_numpy()
+    _, first = np.unique(group * (len(values) + 1) + codes, return_index=True)
+    found = [(str(ids[group[row]]), values[codes[row]] if codes[row] >= 0 else None) for row in np.sort(first).tolist()]
+    return [(m, _as_whole(value)) for m, value in found]
+
+
+def _as_whole(value: object) -> object:
+    return int(value) if isinstance(value, float) and are_whole(np.array([value])) else value
+
+
+def _tasks(table: pa.Table, name: str | None, metadata: Metadata) -> tuple[str, ...]:
+    if name is None:
+        return ()
+    values = map(str, table[name].unique().drop_null().to_pylist()[:MAX_NAMES])
+    return tuple(metadata.tasks.get(value, value) for value in values)

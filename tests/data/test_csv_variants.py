@@ -1,0 +1,198 @@
+"""CSV files as people write them: each is read as meant, or refused with a sentence that says what to do."""
+
+from __future__ import annotations
+
+import gzip
+
+import numpy as np
+import pytest
+
+from rpil.data import formats
+from rpil.data.errors import DataError
+from rpil.data.formats import ColumnOptions, read_recording
+
+M, T = 4, 15
+RNG = np.random.default_rng(7)
+X = RNG.normal(size=(M * T, 2)).round(4)
+TURN = RNG.integers(0, 3, M * T)
+FORCE = RNG.normal(size=(M * T, 2)).round(3)
+RUN = np.repeat(np.arange(M), T)
+STEP = np.tile(np.arange(T), M)
+BASE = {"episode": RUN, "step": STEP, "x": X[:, 0], "v": X[:, 1], "action": TURN}
+SHUFFLED = np.random.default_rng(3).permutation(M * T)
+
+
+def text(columns, sep=",", decimal=".", rows=None, quote=False):
+    """The columns as text, one row a line."""
+
+    def cell(value):
+        shown = f"{value:g}".replace(".", decimal) if isinstance(value, float | np.floating) else str(value)
+        return f'"{shown}"' if quote or sep in shown else shown
+
+    chosen = range(len(next(iter(columns.values())))) if rows is None else rows
+    lines = [sep.join(cell(values[row]) for values in columns.values()) for row in chosen]
+    return "\n".join([sep.join(columns), *lines, ""])
+
+
+def named(**changes):
+    """The base columns under other names, in the same order."""
+    return {changes.get(name, name): values for name, values in BASE.items()}
+
+
+def with_columns(**more):
+    return BASE | more
+
+
+words = np.array(["left", "stay", "right"])[TURN]
+pwm = np.random.default_rng(5).integers(1000, 2000, M * T)
+ns = 1_700_000_000_000_000_000 + 50_000_000 * np.arange(M * T)
+VARIANTS = {
+    "plain": (text(BASE), {}),
+    "semicolons": (text(BASE, ";"), {}),
+    "tabs": (text(BASE, "\t"), {}),
+    "bars": (text(BASE, "|"), {}),
+    "decimal commas": (text(BASE, ";", ","), {}),
+    "all quoted": (text(BASE, quote=True), {}),
+    "upper case": (text(named(episode="EPISODE", step="Step", x="X", v="V", action="Action")), {}),
+    "spaces around names": (text(BASE).replace("episode,step,x,v,action", " episode , step, x ,v , action"), {}),
+    "camel case": (text(named(episode="episodeId", step="timeStep", action="actionId")), {}),
+    "trajectory": (text(named(episode="traj_id", step="t")), {}),
+    "demo": (text(named(episode="demo", step="timestep", action="act")), {}),
+    "rollout and state": (text(named(episode="rollout", x="state_0", v="state_1", action="a")), {}),
+    "observation prefix": (text(named(x="obs_0", v="obs_1") | {"altitude": X[:, 0]}), {}),
+    "dotted": (text(named(episode="episode_index", step="frame_index", x="observation.x", v="observation.v")), {}),
+    "rewards and ends": (text(with_columns(rew=X[:, 1], success=TURN, score=STEP, done=STEP == T - 1)), {}),
+    "times": (text(with_columns(t=STEP * 0.05, stamp_ns=ns, wall_time=ns * 1e-9)), {}),
+    "row index of pandas": (text({"": np.arange(M * T)} | BASE), {}),
+    "row counter": (text({"k": 1 + np.arange(M * T)} | BASE), {}),
+    "comments": (text(with_columns(comment=["fine"] * (M * T))), {}),
+    "comment lines": ("# recorded on Monday\n# by hand\n" + text(BASE), {}),
+    "blank last lines": (text(BASE) + "\n\n\n", {}),
+    "trailing separators": (text(BASE).replace("\n", ",\n"), {}),
+    "shuffled rows": (text(BASE, rows=SHUFFLED), {}),
+    "reversed rows": (text(BASE, rows=range(M * T)[::-1]), {"order_of_ids": RUN[::-1]}),
+    "interleaved": (text(BASE, rows=np.argsort(STEP, kind="stable")), {}),
+    "text ids": (text(BASE | {"episode": [f"day {m}, run {m}" for m in RUN]}), {"ids": "text"}),
+    "leading zeros": (text(BASE | {"episode": [f"{m:03d}" for m in RUN]}), {"ids": "text"}),
+    "long ids": (text(BASE | {"episode": [f"{2**64 + int(m)}" for m in RUN]}), {"ids": "text"}),
+    "words as actions": (text(BASE | {"action": words}), {"actions": words}),
+    "floats as classes": (text(BASE | {"action": TURN.astype(float)}).replace("action\n", "action\n"), {}),
+    "several actions": (
+        text(
+            {name: values for name, values in BASE.items() if name != "action"} | {"a0": FORCE[:, 0], "a1": FORCE[:, 1]}
+        ),
+        {"actions": FORCE},
+    ),
+    "one float action": (text(BASE | {"action": FORCE[:, 0]}), {"actions": FORCE[:, :1]}),
+    "amounts": (text(BASE | {"action": pwm}), {"actions": pwm[:, None].astype(float)}),
+    "operator and task": (text(with_columns(operator=["Ann"] * (M * T), task=["push"] * (M * T))), {}),
+    "next observations": (text(with_columns(next_x=X[:, 0], next_v=X[:, 1])), {}),
+}
+NAMED = {
+    "other id": (text(named(episode="bout")), ColumnOptions(id="bout")),
+    "other action": (text(named(action="gear")), ColumnOptions(action="gear")),
+    "other order": (text(named(step="beat"), rows=SHUFFLED), ColumnOptions(order="beat", observations="x,v")),
+    "excluded": (text(with_columns(height=X[:, 0], helper=X[:, 1])), ColumnOptions(exclude="h*")),
+    "named observations": (text(with_columns(height=X[:, 0])), ColumnOptions(observations=("x", "v"))),
+}
+
+
+def check(d, expected):
+    assert len(d) == M
+    assert sorted(map(str, d.ids)) == list(map(str, d.ids)) or "order_of_ids" in expected or len(set(d.ids)) == M
+    order = np.lexsort([STEP, RUN])
+    by_id = sorted(range(M), key=lambda m: str(d.ids[m]))
+    rows = np.concatenate([np.arange(d.offsets[m], d.offsets[m + 1]) for m in by_id])
+    np.testing.assert_array_equal(d.observations[rows], X[order])
+    np.testing.assert_array_equal(d.actions[rows], expected.get("actions", TURN)[order])
+    assert all(isinstance(name, str) == (expected.get("ids") == "text") for name in d.ids)
+
+
+@pytest.mark.parametrize("variant", VARIANTS)
+def test_variants_are_read_as_meant(tmp_path, variant):
+    content, expected = VARIANTS[variant]
+    (tmp_path / "a.csv").write_text(content, encoding="utf-8")
+    check(formats.read(tmp_path / "a.csv"), expected)
+
+
+@pytest.mark.parametrize("variant", NAMED)
+def test_variants_are_read_as_named(tmp_path, variant):
+    content, options = NAMED[variant]
+    (tmp_path / "a.csv").write_text(content, encoding="utf-8")
+    check(read_recording(tmp_path / "a.csv", options).demonstrations, {})
+
+
+@pytest.mark.parametrize("encoding", ["utf-8-sig", "utf-16", "latin-1", "cp1252"])
+def test_encodings(tmp_path, encoding):
+    (tmp_path / "a.csv").write_bytes(text(BASE | {"episode": [f"Läufe {m}" for m in RUN]}).encode(encoding))
+    recording = read_recording(tmp_path / "a.csv")
+    check(recording.demonstrations, {"ids": "text"})
+    assert recording.demonstrations.ids[0] == "Läufe 0"
+    assert any("cp1252" in note for note in recording.description.notes) == (encoding in ("latin-1", "cp1252"))
+
+
+@pytest.mark.parametrize("name", ["a.tsv", "a.txt", "a.csv.gz", "a.tsv.gz", "A.CSV"])
+def test_extensions(tmp_path, name):
+    content = text(BASE, "\t").encode()
+    (tmp_path / name).write_bytes(gzip.compress(content) if name.endswith("gz") else content)
+    check(formats.read(tmp_path / name), {})
+
+
+@pytest.mark.parametrize("has_id", [False, True])
+def test_a_folder_of_files(tmp_path, has_id):
+    names = list(BASE) if has_id else [name for name in BASE if name != "episode"]
+    for m in range(M):
+        rows = np.flatnonzero(m == RUN)
+        (tmp_path / f"day {m}.csv").write_text(text({name: BASE[name] for name in names}, rows=rows))
+    d = formats.read(tmp_path)
+    assert d.ids == ((0, 1, 2, 3) if has_id else ("day 0", "day 1", "day 2", "day 3"))
+    np.testing.assert_array_equal(d.observations, X)
+
+
+def test_an_id_in_two_files_is_refused(tmp_path):
+    for name in ("a.csv", "b.csv"):
+        (tmp_path / name).write_text(text(BASE))
+    with pytest.raises(DataError, match=r"demonstration '0': it is both in a.csv and in b.csv; give each"):
+        formats.read(tmp_path)
+
+
+REFUSED = {
+    "no id": (
+        text({n: v for n, v in BASE.items() if n != "episode"}),
+        "name it episode_index, or name the column with",
+    ),
+    "no action": (text({n: v for n, v in BASE.items() if n != "action"}), "name it action, or name the columns with"),
+    "no names": (text(BASE).split("\n", 1)[1], "the first row holds numbers, not names; put the names of the columns"),
+    "a word among numbers": (
+        text(BASE).replace(f"{X[20, 0]:g}", "oops"),
+        r"demonstration 1, row 21: column 'x' holds tex",
+    ),
+    "a value missing": (
+        text(BASE).replace(f",{X[20, 0]:g},", ",,"),
+        r"demonstration 1, row 21: column 'x' has no value",
+    ),
+    "a row too short": (text(BASE) + "3,1\n", "row 61: 2 values for 5 columns in '3,1'"),
+    "an action for each step": (
+        text(BASE | {"action": [f"go {k}" for k in range(M * T)]}),
+        "the action takes 60 different texts in 60 steps, nearly one for each step; name the column of the action",
+    ),
+    "a name twice": (text(BASE).replace("x,v", "x,x"), "column 'x' appears twice"),
+    "a wrong word": ("episode;step\n", "no column holds the action"),
+}
+
+
+@pytest.mark.parametrize("variant", REFUSED)
+def test_what_cannot_be_read_is_refused_with_the_place_and_the_remedy(tmp_path, variant):
+    content, match = REFUSED[variant]
+    (tmp_path / "a.csv").write_text(content)
+    with pytest.raises(DataError, match=match) as error:
+        formats.read(tmp_path / "a.csv")
+    assert str(error.value).startswith("a.csv")
+    assert str(error.value).count(". ") == 0
+
+
+def test_a_field_of_more_than_a_block(tmp_path):
+    note = ["short"] * (M * T)
+    note[7] = "long " * 500_000
+    (tmp_path / "a.csv").write_text(text(with_columns(note=note)))
+    check(formats.read(tmp_path / "a.csv"), {})
