@@ -13,11 +13,12 @@ from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
 from rpil.data.files import StrPath, check_exists, check_extension, check_readable
 from rpil.data.formats import csv, npz, parquet
-from rpil.data.formats.columns import ColumnOptions, Names, is_data
+from rpil.data.formats.columns import ColumnOptions, Names
 from rpil.data.formats.dataset import open_dataset
 from rpil.data.formats.description import Description
 from rpil.data.formats.dialect import TEXT_SUFFIXES
 from rpil.data.formats.id_values import Label, is_id_file, match_demonstrators, match_labels, read_id_pairs, read_labels
+from rpil.data.formats.names import is_data
 from rpil.data.formats.recording import Recording, from_dataset
 from rpil.data.formats.store import find_files, may_be_many_files
 from rpil.data.formats.weights import write_weights

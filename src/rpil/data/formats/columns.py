@@ -12,59 +12,30 @@ from typing import Literal
 
 from rpil.data.arrays import ActionKind
 from rpil.data.errors import DataError
+from rpil.data.formats.names import (
+    ABOUT_ACTION,
+    ACTION,
+    ACTION_COLUMNS,
+    EPISODE,
+    EPISODE_COLUMNS,
+    NEXT_STEP,
+    OBSERVATION,
+    OF_EPISODE,
+    OPERATOR,
+    ORDER_COLUMNS,
+    OUTCOME,
+    ROW_INDEX,
+    STATE,
+    TASK,
+    plain_name,
+    quoted,
+)
 
 Kind = Literal["number", "list", "text", "mixed", "time", "counter", "empty", "nested"]
 """Of a column's values; "mixed" is text in the place of some numbers, "counter" the number of the row."""
 
 Names = str | Sequence[str]
 """Names of columns, or patterns such as ``joint_*``; several may stand in one text, with commas between them."""
-
-EPISODE = ("episode_index", "episode_id", "episode_ids", "episode")
-ACTION = ("action", "actions")
-STEP = "step_index"
-
-_NUMBER = r"(?:_(?:index|ids?|idx|no|num|number|nr|name|key))?"
-_EPISODE_STEMS = (
-    *("episode", "ep|eps", "traj|trajectory|trajectories", "demo|demonstration", "rollout", "run", "trial"),
-    *("sequence|seq", "session", "recording", "game|match", "group", ""),
-)
-_EPISODE = [re.compile(rf"(?:{stem})s?{_NUMBER}" if stem else "id|uuid") for stem in _EPISODE_STEMS]
-_OF_EPISODE = re.compile(
-    r"(?:episode|ep|traj|trajectory|demo|demonstration)_.*|is_good|noise_level|agent_level|trial_ids"
-)
-_ACTION_STEMS = ("actions?", "acts?", "ctrl|controls?", "cmds?|commands?", "a", "u")
-_ACTION = [
-    (re.compile(rf"(?:{stem})(?:_(?:ids?|index|idx|label|class|code|name))?"), re.compile(rf"(?:{stem})(?:{rest})"))
-    for stem, rest in zip(_ACTION_STEMS, [r"_\w+|\d+"] * 4 + [r"_?\d+"] * 2, strict=True)
-]
-_ABOUT_ACTION = re.compile(r".*_(?:mask|probs?|logp|log_?probs?|dim|time|timestamp|is_pad|names?|labels?|type)")
-_OBSERVATION = re.compile(r"(?:observations?|obs)(?:_.*|\d.*|)")
-_STATE = re.compile(r"states?(?:_.*|\d.*|)")
-_OUTCOME = re.compile(
-    r"(?:.*_)?(?:rewards?|rews?|returns?|scores?|success(?:es|ful)?|succeeded|dones?|terminals?|terminated|terminations?"
-    r"|truncated|truncations?|timeouts?)(?:_.*)?|weights?|expert_proba|log_odds|labels?|quality|ratings?|grades?|verdicts?"
-)
-_NEXT = re.compile(r"next_.*|.*_next")
-_UNIT = r"(?:_(?:s|ms|us|ns|secs?|seconds?|msecs?|nsecs?|nanosec|ros|utc|unix|epoch|index))?"
-_ORDER = [
-    re.compile(pattern)
-    for pattern in (
-        rf"frames?{_NUMBER}",
-        rf"(?:steps?|time_?steps?){_NUMBER}|ticks?",
-        rf"t{_UNIT}|ts",
-        rf"(?:.*_)?(?:time|timestamps?){_UNIT}|elapsed{_UNIT}|date|datetime",
-        rf"(?:.*_)?stamps?{_UNIT}",
-        r"index|idx|rows?|row_(?:id|index|idx|no|num|number)|line",
-    )
-]
-# pandas writes its row index under these names; as an observation it would reveal the order of the rows.
-_ROW_INDEX = re.compile(r"index_level_\d+|unnamed_\d+|")
-_OPERATOR = re.compile(
-    r"(?:operator|demonstrator|teleoperator|user|subject|participant|annotator|pilot|driver|person|worker)s?" + _NUMBER
-)
-_TASK = re.compile(rf"tasks?{_NUMBER}|(?:language_)?instructions?|task_description")
-_WORDS = re.compile(r"[\W_]+")
-_CAMEL = re.compile(r"(?<=[a-z0-9])(?=[A-Z])")
 
 
 @dataclass(frozen=True)
@@ -138,43 +109,10 @@ def check_unique(names: Sequence[str], source: str) -> None:
         raise DataError(f"{source}: column {repeated[0]!r} appears twice; rename or drop one of them.")
 
 
-def is_data(name: str) -> bool:
-    """Whether a column called `name` would be read as demonstration, step, action or, by its prefix, observation."""
-    plain = plain_name(name)
-    words = plain in (*EPISODE, STEP) or _OBSERVATION.fullmatch(plain)
-    return bool(words or any(pattern.fullmatch(plain) for pattern in _ACTION[0]))
-
-
-def is_row_index(name: str) -> bool:
-    """Whether pandas calls its row index so."""
-    return bool(_ROW_INDEX.fullmatch(plain_name(name)))
-
-
 def as_list(names: Names) -> list[str]:
     """Names as the user gave them: one text, which may hold several with commas between them, or a sequence."""
     texts = [names] if isinstance(names, str) else names
     return [name.strip() for text in texts for name in text.split(",")]
-
-
-def plain_name(name: str) -> str:
-    """The words of a name in lower case with _ between them: ``next.Reward`` and ``nextReward`` are next_reward."""
-    return _WORDS.sub("_", _CAMEL.sub("_", name)).strip("_").lower()
-
-
-def short_name(name: str) -> str:
-    """An observation's name without the prefix that says that it is one."""
-    return re.sub(r"^\s*(observations?|obs)[._/ -]?", "", name, count=1, flags=re.I) if is_observation(name) else name
-
-
-def is_observation(name: str) -> bool:
-    """Whether the name starts with obs or observation."""
-    return bool(_OBSERVATION.fullmatch(plain_name(name)))
-
-
-def quoted(names: Iterable[object], most: int = 12) -> str:
-    """Up to `most` of the names, quoted, for a message."""
-    texts = [repr(name) for name in names]
-    return ", ".join(texts[:most]) + (", ..." if len(texts) > most else "")
 
 
 class _Search:
@@ -206,9 +144,9 @@ class _Search:
         if not actions:
             actions, one_action = self.actions(given)
         self.take(*actions)
-        orders = [order] if order else self.first_named(_ORDER, ("number", "time", "counter"))
-        operator = operator or next(iter(self.first_named([_OPERATOR], ("number", "text"))), None)
-        task = task or next(iter(self.first_named([_TASK], ("number", "text"))), None)
+        orders = [order] if order else self.first_named(ORDER_COLUMNS, ("number", "time", "counter"))
+        operator = operator or next(iter(self.first_named([OPERATOR], ("number", "text"))), None)
+        task = task or next(iter(self.first_named([TASK], ("number", "text"))), None)
         index = tuple(name for name, plain in self.free.items() if plain in ("index", "frame_index"))
         self.take(*(name for name in (*orders, operator, task) if name and name not in asked))
         observations = asked or self.observations()
@@ -266,8 +204,8 @@ class _Search:
 
     def episode(self, given: set[str | None]) -> str:
         kinds: list[Kind] = ["number", "text", "mixed", "time", "list"]
-        found = [name for name in self.first_named(_EPISODE[:-1], [*kinds, "counter"]) if name not in given]
-        found = found or [name for name in self.first_named(_EPISODE[-1:], kinds) if name not in given]
+        found = [name for name in self.first_named(EPISODE_COLUMNS[:-1], [*kinds, "counter"]) if name not in given]
+        found = found or [name for name in self.first_named(EPISODE_COLUMNS[-1:], kinds) if name not in given]
         found.sort(key=lambda name: EPISODE.index(plain) if (plain := self.plain[name]) in EPISODE else len(EPISODE))
         if not found and self.default_id is None:
             raise DataError(
@@ -281,13 +219,13 @@ class _Search:
     def actions(self, given: set[str | None]) -> tuple[list[str], bool]:
         """The columns of the action, and whether it is one column."""
         free = [(name, plain) for name, plain in self.free.items() if name not in given]
-        for whole, part in _ACTION:
+        for whole, part in ACTION_COLUMNS:
             found = [name for name, plain in free if whole.fullmatch(plain) and self.kinds.get(name) != "nested"]
             # `action` comes before `action_id`, which comes before `action_name`.
             found.sort(key=lambda name: (self.plain[name] not in ACTION, self.kinds.get(name) == "text"))
             parts = [name for name, plain in free if part.fullmatch(plain)]
             numbers = [name for name in parts if self.plain[name][-1].isdigit() or self.is_number(name)]
-            numbers = [name for name in numbers if not _ABOUT_ACTION.fullmatch(self.plain[name])]
+            numbers = [name for name in numbers if not ABOUT_ACTION.fullmatch(self.plain[name])]
             if found:
                 return found[:1], True
             if numbers:
@@ -307,9 +245,9 @@ class _Search:
             if reason:
                 self.ignored.setdefault(name, reason)
         free = {name: plain for name, plain in self.free.items() if name not in self.ignored}
-        named = [name for name, plain in free.items() if _OBSERVATION.fullmatch(plain)]
+        named = [name for name, plain in free.items() if OBSERVATION.fullmatch(plain)]
         if not named:
-            named = [name for name, plain in free.items() if _STATE.fullmatch(plain)]
+            named = [name for name, plain in free.items() if STATE.fullmatch(plain)]
             named = [] if len(named) == 1 and self.kinds.get(named[0]) != "list" else named
         for name in free.keys() - set(named or free):
             self.ignored[name] = f"not named as an observation, as {named[0]} is"
@@ -322,7 +260,7 @@ class _Search:
 
     def reason(self, name: str, plain: str) -> str:
         """Why a column without another role is no observation; empty where it is one."""
-        kind, prefixed = self.kinds.get(name, "number"), _OBSERVATION.fullmatch(plain)
+        kind, prefixed = self.kinds.get(name, "number"), OBSERVATION.fullmatch(plain)
         if kind == "text":
             return "text"
         if kind == "nested":
@@ -331,9 +269,9 @@ class _Search:
             return ""
         if kind == "empty":
             return "no values"
-        if kind == "counter" or _ROW_INDEX.fullmatch(plain):
+        if kind == "counter" or ROW_INDEX.fullmatch(plain):
             return "number of the row"
-        if kind == "time" or any(pattern.fullmatch(plain) for pattern in _ORDER):
+        if kind == "time" or any(pattern.fullmatch(plain) for pattern in ORDER_COLUMNS):
             return "time or number of the step"
         for pattern, why in _REASONS:
             if pattern.fullmatch(plain):
@@ -342,10 +280,10 @@ class _Search:
 
 
 _REASONS = (
-    (_NEXT, "what follows the step"),
-    (_OUTCOME, "reward, end or verdict"),
-    (_OF_EPISODE, "describes a demonstration as a whole"),
-    (_OPERATOR, "who demonstrated"),
-    (_TASK, "task"),
-    *((pattern, "another spelling of the action") for pair in _ACTION[:2] for pattern in pair),
+    (NEXT_STEP, "what follows the step"),
+    (OUTCOME, "reward, end or verdict"),
+    (OF_EPISODE, "describes a demonstration as a whole"),
+    (OPERATOR, "who demonstrated"),
+    (TASK, "task"),
+    *((pattern, "another spelling of the action") for pair in ACTION_COLUMNS[:2] for pattern in pair),
 )

@@ -11,7 +11,7 @@ from typing import Literal, TypeVar, cast
 from rpil.data.arrays import check_text
 from rpil.data.errors import DataError
 from rpil.data.files import StrPath, check_extension, check_readable
-from rpil.data.formats.columns import EPISODE, quoted
+from rpil.data.formats.names import EPISODE, quoted
 from rpil.data.formats.table import check_ids
 
 Label = Literal["expert", "adversary"]

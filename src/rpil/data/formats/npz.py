@@ -13,7 +13,8 @@ from rpil.data.arrays import are_whole
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
 from rpil.data.files import replacing
-from rpil.data.formats.columns import ACTION, EPISODE, ColumnOptions, as_list, quoted
+from rpil.data.formats.columns import ColumnOptions, as_list
+from rpil.data.formats.names import ACTION, EPISODE, quoted
 from rpil.data.formats.recording import Recording
 from rpil.data.npy import read_arrays
 from rpil.numerics.types import Array

@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rpil.data.errors import DataError
-from rpil.data.formats.columns import Columns, plain_name
+from rpil.data.formats.columns import Columns
+from rpil.data.formats.names import plain_name
 from rpil.data.formats.table import Place, kind_of_type
 from rpil.numerics.types import Array
 

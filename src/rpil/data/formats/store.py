@@ -16,9 +16,10 @@ import numpy as np
 from rpil.data.errors import DataError
 from rpil.data.files import StrPath, check_exists
 from rpil.data.formats import table as flat
-from rpil.data.formats.columns import ColumnOptions, Columns, check_unique, find_columns, is_data
+from rpil.data.formats.columns import ColumnOptions, Columns, check_unique, find_columns
 from rpil.data.formats.dialect import TEXT_SUFFIXES
 from rpil.data.formats.lerobot import Metadata, read_metadata
+from rpil.data.formats.names import is_data
 from rpil.data.formats.table import Place
 from rpil.numerics.types import Array
 

@@ -10,7 +10,8 @@ import numpy as np
 from rpil.data.arrays import LONGEST_TEXT, are_whole, as_array
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
-from rpil.data.formats.columns import EPISODE, STEP, Kind, quoted, short_name
+from rpil.data.formats.columns import Kind
+from rpil.data.formats.names import EPISODE, STEP, quoted, short_name
 from rpil.data.memory import check_memory
 from rpil.numerics.types import Array
 

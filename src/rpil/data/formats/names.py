@@ -1,0 +1,81 @@
+"""What the names of columns mean, in the spellings that people use."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable
+
+EPISODE = ("episode_index", "episode_id", "episode_ids", "episode")
+ACTION = ("action", "actions")
+STEP = "step_index"
+
+_NUMBER = r"(?:_(?:index|ids?|idx|no|num|number|nr|name|key))?"
+_EPISODE_STEMS = (
+    *("episode", "ep|eps", "traj|trajectory|trajectories", "demo|demonstration", "rollout", "run", "trial"),
+    *("sequence|seq", "session", "recording", "game|match", "group", ""),
+)
+EPISODE_COLUMNS = [re.compile(rf"(?:{stem})s?{_NUMBER}" if stem else "id|uuid") for stem in _EPISODE_STEMS]
+OF_EPISODE = re.compile(
+    r"(?:episode|ep|traj|trajectory|demo|demonstration)_.*|is_good|noise_level|agent_level|trial_ids"
+)
+_ACTION_STEMS = ("actions?", "acts?", "ctrl|controls?", "cmds?|commands?", "a", "u")
+ACTION_COLUMNS = [
+    (re.compile(rf"(?:{stem})(?:_(?:ids?|index|idx|label|class|code|name))?"), re.compile(rf"(?:{stem})(?:{rest})"))
+    for stem, rest in zip(_ACTION_STEMS, [r"_\w+|\d+"] * 4 + [r"_?\d+"] * 2, strict=True)
+]
+ABOUT_ACTION = re.compile(r".*_(?:mask|probs?|logp|log_?probs?|dim|time|timestamp|is_pad|names?|labels?|type)")
+OBSERVATION = re.compile(r"(?:observations?|obs)(?:_.*|\d.*|)")
+STATE = re.compile(r"states?(?:_.*|\d.*|)")
+OUTCOME = re.compile(
+    r"(?:.*_)?(?:rewards?|rews?|returns?|scores?|success(?:es|ful)?|succeeded|dones?|terminals?|terminated|terminations?"
+    r"|truncated|truncations?|timeouts?)(?:_.*)?|weights?|expert_proba|log_odds|labels?|quality|ratings?|grades?|verdicts?"
+)
+NEXT_STEP = re.compile(r"next_.*|.*_next")
+_UNIT = r"(?:_(?:s|ms|us|ns|secs?|seconds?|msecs?|nsecs?|nanosec|ros|utc|unix|epoch|index))?"
+ORDER_COLUMNS = [
+    re.compile(pattern)
+    for pattern in (
+        rf"frames?{_NUMBER}",
+        rf"(?:steps?|time_?steps?){_NUMBER}|ticks?",
+        rf"t{_UNIT}|ts",
+        rf"(?:.*_)?(?:time|timestamps?){_UNIT}|elapsed{_UNIT}|date|datetime",
+        rf"(?:.*_)?stamps?{_UNIT}",
+        r"index|idx|rows?|row_(?:id|index|idx|no|num|number)|line",
+    )
+]
+# pandas writes its row index under these names; as an observation it would reveal the order of the rows.
+ROW_INDEX = re.compile(r"index_level_\d+|unnamed_\d+|")
+OPERATOR = re.compile(
+    r"(?:operator|demonstrator|teleoperator|user|subject|participant|annotator|pilot|driver|person|worker)s?" + _NUMBER
+)
+TASK = re.compile(rf"tasks?{_NUMBER}|(?:language_)?instructions?|task_description")
+_WORDS = re.compile(r"[\W_]+")
+_CAMEL = re.compile(r"(?<=[a-z0-9])(?=[A-Z])")
+
+
+def is_data(name: str) -> bool:
+    """Whether a column called `name` would be read as demonstration, step, action or, by its prefix, observation."""
+    plain = plain_name(name)
+    words = plain in (*EPISODE, STEP) or OBSERVATION.fullmatch(plain)
+    return bool(words or any(pattern.fullmatch(plain) for pattern in ACTION_COLUMNS[0]))
+
+
+def plain_name(name: str) -> str:
+    """The words of a name in lower case with _ between them: ``next.Reward`` and ``nextReward`` are next_reward."""
+    return _WORDS.sub("_", _CAMEL.sub("_", name)).strip("_").lower()
+
+
+def short_name(name: str) -> str:
+    """An observation's name without the prefix that says that it is one."""
+    return re.sub(r"^\s*(observations?|obs)[._/ -]?", "", name, count=1, flags=re.I) if is_observation(name) else name
+
+
+def is_observation(name: str) -> bool:
+    """Whether the name starts with obs or observation."""
+    return bool(OBSERVATION.fullmatch(plain_name(name)))
+
+
+def quoted(names: Iterable[object], most: int = 12) -> str:
+    """Up to `most` of the names, quoted, for a message."""
+    texts = [repr(name) for name in names]
+    return ", ".join(texts[:most]) + (", ..." if len(texts) > most else "")
