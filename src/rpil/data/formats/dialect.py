@@ -19,7 +19,7 @@ _MEMORY_PER_BYTE = 4  # of a file whose numbers have four characters
 _CHUNK = 1 << 24
 _QUOTED = re.compile(r'"(?:[^"]|"")*"')
 _DECIMAL_COMMA = re.compile(r"\s*[+-]?\d*,\d+(?:[eE][+-]?\d+)?\s*")
-_NUMBER = re.compile(r"\s*[+-]?(?:\d+[.,]?\d*|[.,]\d+)(?:[eE][+-]?\d+)?\s*")
+_NUMERIC_TEXT = re.compile(r"\s*[+-]?(?:\d+[.,]?\d*|[.,]\d+)(?:[eE][+-]?\d+)?\s*")
 
 
 @dataclass(frozen=True)
@@ -58,7 +58,7 @@ def find_dialect(path: Path) -> Dialect:
     reader = csv.reader(lines[start:], delimiter=separator, skipinitialspace=True)
     names = [name.strip() for name in next(reader)]
     names = [name or (f"Unnamed: {k}" if k else "") for k, name in enumerate(names)]
-    if 2 * sum(bool(_NUMBER.fullmatch(name)) for name in names) > len(names):
+    if 2 * sum(bool(_NUMERIC_TEXT.fullmatch(name)) for name in names) > len(names):
         raise DataError(f"{path.name}: the first row holds numbers, not names; put the names of the columns above it.")
     body = [line for line in lines[start + reader.line_num :] if line.strip()]
     return Dialect(tuple(names), start + reader.line_num, separator, encoding, _decimal(body, separator))
