@@ -258,7 +258,7 @@ def numbers_or_missing(column: pa.ChunkedArray) -> Array | None:
         width, column = widths[0].as_py(), column.combine_chunks().flatten()
     if kind not in ("list", "number"):
         return None
-    floats = column if pa.types.is_floating(column.type) else column.cast(pa.float64())
+    floats = column if pa.types.is_floating(column.type) else column.cast(pa.float64(), safe=False)
     return np.reshape(floats.to_numpy(zero_copy_only=False), (n_rows, width))
 
 
