@@ -158,8 +158,8 @@ def test_audit_prints_json(folder):
     audit = json.loads(result.stdout, parse_constant=pytest.fail)
     # The issue's, and what is needed where the data do not settle it.
     assert list(audit) == [
-        "n_demonstrations", "n_steps", "finding", "adversary", "prior", "identifiable", "groups", "to_label",
-        "assumptions", "demonstrations", "demonstrators",
+        "run", "input", "n_demonstrations", "n_steps", "finding", "adversary", "prior", "identifiable", "groups",
+        "to_label", "assumptions", "demonstrations", "demonstrators",
     ]  # fmt: skip
     assert audit["n_demonstrations"] == 12
     assert audit["n_steps"] == formats.read(folder / "good.parquet").n_steps

@@ -16,6 +16,7 @@ from rpil.cli import commands
 from rpil.data import formats
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
+from rpil.data.formats.columns import ColumnOptions
 from rpil.data.memory import limited
 from rpil.scale.dask import connect
 from small import SMALL, small_rpil
@@ -46,12 +47,18 @@ def test_a_folder_is_read_block_by_block(tmp_path):
 
 def test_a_large_file_is_read_block_by_block(tmp_path):
     formats.write(tmp_path / "a.parquet", demonstrations())
-    read = commands.read_demonstrations(str(tmp_path / "a.parquet"), lambda _: None, None)
-    assert isinstance(read, Demonstrations)
-    with limited("1kB"):
-        assert isinstance(commands.read_demonstrations(str(tmp_path / "a.parquet"), lambda _: None, None), Dataset)
-        with pytest.raises(DataError, match=r"more than the 0\.0 MB that it may; allow more"):
-            commands.read_demonstrations(str(tmp_path / "a.parquet"), lambda _: None, False)
+
+    def read(stream):
+        path = str(tmp_path / "a.parquet")
+        return commands.read_recording(path, ColumnOptions(), lambda _: None, stream).demonstrations
+
+    assert isinstance(read(None), Demonstrations)
+    with limited("100kB"):
+        assert isinstance(read(None), Dataset)
+        with pytest.raises(DataError, match=r"more than the 0\.1 MB that it may; allow more"):
+            read(False)
+    with limited("1kB"), pytest.raises(DataError, match="to read it would take"):
+        read(None)  # the ids alone
     for size in ("300kB", "300MB"):
         command("audit", tmp_path / "a.parquet", "--memory", size, "--weights", tmp_path / f"{size}.parquet")
     one, other = (pq.read_table(tmp_path / f"{size}.parquet") for size in ("300kB", "300MB"))
@@ -65,6 +72,7 @@ def test_a_large_file_is_read_block_by_block(tmp_path):
         (["audit", "a.parquet", "--scheduler", "tcp://127.0.0.1:9"], "tcp://127.0.0.1:9: no Dask scheduler answers"),
         (["audit", "a.parquet", "--memory", "much"], "'much' is no amount of memory; give one such as 4GB"),
         (["audit", "a.csv", "--memory", "1kB"], "a.csv: to read it would take"),
+        (["info", "a.csv", "--memory", "1kB"], "a.csv: to read it would take"),
         (["audit", "a.parquet", "--scheduler", "x", "--no-stream"], "--scheduler and --no-stream exclude each other"),
         (["fit", "a.parquet", "-o", "p", "--method", "cloning", "--stream"], "needs all data in memory: leave out"),
     ],

@@ -111,7 +111,7 @@ def audit(
     """
     start = time.perf_counter()
     outputs = {title: options.pop(title) for title in OUTPUTS}
-    quiet, stream, scheduler, _ = (options.pop(name) for name in ("quiet", "stream", "scheduler", "memory"))
+    quiet, stream, scheduler = (options.pop(name) for name in ("quiet", "stream", "scheduler"))
     check_outputs((file, options["labels"], options["operator"]), *outputs.values())
     columns = pop_columns(options)
     stream = commands.resolve_stream(stream, scheduler)
@@ -154,7 +154,7 @@ def audit(
 @click.pass_context
 def fit(ctx: click.Context, /, file: str, output: str, method: str, trusted: int | None, **options: Any) -> None:
     """Learn a policy from the demonstrations that can be trusted."""
-    quiet, stream, scheduler, _ = (options.pop(name) for name in ("quiet", "stream", "scheduler", "memory"))
+    quiet, stream, scheduler = (options.pop(name) for name in ("quiet", "stream", "scheduler"))
     if method != "rpil":
         _refuse_rpil_options(ctx, method)
     if (method == "rment") != (trusted is not None):

@@ -109,6 +109,13 @@ COLUMN_OPTIONS = (
         show_default=True,
         help="Whether one column of whole numbers holds classes or amounts.",
     ),
+    click.option(
+        "--memory",
+        metavar="SIZE",
+        callback=_limit_memory,
+        help="Memory that data may take, such as 4GB; by default half of what is free. Larger Parquet files stay on "
+        "disk, others are refused.",
+    ),
 )
 FIT_OPTIONS = (
     *COLUMN_OPTIONS,
@@ -139,13 +146,6 @@ FIT_OPTIONS = (
     ),
     click.option("--resume", is_flag=True, help="Go on with a long run that was interrupted."),
     click.option("--stream/--no-stream", default=None, help="Leave data on disk, or read them; by default by size."),
-    click.option(
-        "--memory",
-        metavar="SIZE",
-        callback=_limit_memory,
-        help="Memory that data may take, such as 4GB; by default half of what is free. Larger Parquet files stay on "
-        "disk, others are refused.",
-    ),
     click.option("--scheduler", metavar="ADDRESS", help="Address of a Dask cluster that does the work; Parquet only."),
     seed_option,
     quiet_option,
@@ -161,12 +161,13 @@ def with_column_options(command: Callable[..., None]) -> Callable[..., None]:
 
 
 def pop_columns(options: dict[str, Any]) -> ColumnOptions:
-    """The options of the columns, taken out of all options but for the operator, whom a fit needs as well."""
+    """The options for reading, taken out of all options but for the operator, whom a fit needs as well."""
     from rpil.data.formats.columns import ColumnOptions
     from rpil.data.formats.id_values import is_id_file
 
     names = ("id", "action", "observations", "exclude", "order", "task", "action_kind")
     operator = options["operator"]
+    del options["memory"]  # `_limit_memory` has set it
     return ColumnOptions(
         operator=None if operator is None or is_id_file(operator) else operator,
         **{name: options.pop(name) for name in names},

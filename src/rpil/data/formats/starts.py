@@ -14,10 +14,13 @@ from rpil.data.formats.columns import Columns
 from rpil.data.formats.order import NO_NUMBERS, REPEATS, Order, order_values, order_words
 from rpil.data.formats.store import Store
 from rpil.data.formats.table import Place
+from rpil.data.memory import check_memory
 from rpil.numerics.types import Array
 
 if TYPE_CHECKING:
     import pyarrow as pa
+
+_BYTES_PER_ID = 200  # of a demonstration: its id as an object of Python, and its place
 
 
 class Starts:
@@ -39,6 +42,7 @@ class Starts:
         self._starts.append(row + begins)
         self._ids += [names[k] for k in codes[begins].tolist()]
         self._n_rows = row + len(table)
+        check_memory(_BYTES_PER_ID * len(self._ids), at(0))
         return begins
 
     def finish(self, store: Store, source: str) -> tuple[tuple[Id, ...], NDArray[np.int64]]:
