@@ -10,6 +10,7 @@ peers.py that give a policy, with the features of our default; RM-ENT alone gets
 from __future__ import annotations
 
 import argparse
+import sys
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -22,6 +23,7 @@ from study.experiments import ENVIRONMENTS, METHODS, N_GOOD, OUR_FEATURES, Exper
 from study.figures import draw
 from study.tables import run
 
+QUICK = "3 draws, 20 rollouts: two minutes of one core that has nothing else to do"
 ALREADY = ("rpil", "trust all", "oracle", "paper's recipe")
 """Methods of peers.py that the tables have without it."""
 
@@ -32,7 +34,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--rollouts", type=at_least(2), default=100, help="episodes each policy plays")
     parser.add_argument("--seed", type=at_least(0), default=0, help="of the first draw")
     parser.add_argument("--env", choices=ENVIRONMENTS, action="append", help="may be repeated; default all")
-    parser.add_argument("--quick", action="store_true", help="3 draws, 20 rollouts")
+    parser.add_argument("--quick", action="store_true", help=QUICK)
     parser.add_argument("--peers", action="store_true", help="every method of peers.py that gives a policy, too")
     parser.add_argument("--processes", type=at_least(1), default=cores())
     parser.add_argument("--json", type=output, help="where to write all figures")
@@ -41,6 +43,8 @@ def main(arguments: list[str] | None = None) -> int:
     if options.output:
         make_folder(options.output)
 
+    if options.quick:
+        print(QUICK, file=sys.stderr)
     with show_count("draws of the data", False, ProgressTiming()) as progress:
         found = run(
             draws=3 if options.quick else options.draws,

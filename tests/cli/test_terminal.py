@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import io
+import re
 import sys
 
 import numpy as np
@@ -69,6 +70,13 @@ def test_the_worst_and_the_most_doubtful_are_shown(many):
     assert terminal.worst_and_doubtful(certain, 30) == [*range(30)]
     unknown = dataclasses.replace(many, verdicts=("uncertain",) * 5000, finding="nobody stands out")
     assert terminal.worst_and_doubtful(unknown, 30) == [*range(30)]
+
+
+def test_the_worst_are_given_with_their_reasons(monkeypatch, capsys):
+    monkeypatch.setattr("rpil.audit.verdict_table.verdict_reasons", lambda audit: [f"reason {m}." for m in audit.ids])
+    terminal.print_audit(make_audit())
+    found = re.findall(r"^(\d+): reason (\d+)\.$", capsys.readouterr().out, re.MULTILINE)
+    assert found == [(str(m), str(m)) for m in make_audit().ranking()[::-1][:3]]
 
 
 def test_terminal_gets_lines_and_colours(monkeypatch):

@@ -25,7 +25,7 @@ VERDICT_COLOURS = {"expert": "green", "uncertain": "yellow", "adversary": "red"}
 MAX_ROWS = 25  # of the ranking, unless all are asked for
 MAX_DEMONSTRATORS = 5  # the same for the table of demonstrators
 MAX_IDS = 20  # in one line
-N_WORST = 3  # demonstrations to look at
+N_WORST = 3  # demonstrations whose reasons are printed, and that the next step names
 PIPE_WIDTH = 10_000  # of a table where there is no terminal: no line is wrapped
 
 CANNOT_BE_KNOWN = (
@@ -88,7 +88,9 @@ def print_audit(audit: Audit, all_rows: bool = False) -> None:
     from rpil.audit.assumptions import P_EXPERT
 
     click.echo(f"{finding_sentence(audit)}\n")
-    _print_ranking(audit, worst_and_doubtful(audit, len(audit.ids) if all_rows else MAX_ROWS))
+    shown = worst_and_doubtful(audit, len(audit.ids) if all_rows else MAX_ROWS)
+    _print_ranking(audit, shown)
+    _print_reasons(audit, shown[:N_WORST])
     click.echo(f"\n{P_EXPERT}\n")
     if audit.demonstrators:
         _print_demonstrators(audit.demonstrators[::-1][: None if all_rows else MAX_DEMONSTRATORS], audit)
@@ -132,6 +134,16 @@ def _print_ranking(audit: Audit, shown: Sequence[int]) -> None:
     _print_table(table, len(audit.ids), "demonstrations")
 
 
+def _print_reasons(audit: Audit, shown: Sequence[int]) -> None:
+    """Print why some demonstrations have their verdicts, where that is known."""
+    from rpil.audit.verdict_table import verdict_reasons
+
+    reasons = verdict_reasons(audit)
+    for m in shown:
+        if reasons[m]:
+            click.echo(f"{printable(audit.ids[m])}: {reasons[m]}")
+
+
 def _print_demonstrators(shown: Sequence[Demonstrator], audit: Audit) -> None:
     from rich.text import Text
 
@@ -172,7 +184,7 @@ def verdict_sentence(audit: Audit) -> str:
     if audit.finding != "told apart":
         return f"{size} are ranked; there are no verdicts{' except on labelled ones' if audit.labelled else ''}."
     expert, uncertain, adversary = (audit.verdicts.count(verdict) for verdict in ("expert", "uncertain", "adversary"))
-    return f"Of {size}, {expert} can be trusted, {adversary} cannot be trusted, and {uncertain} are uncertain."
+    return f"Of {size}, {expert:,} can be trusted, {adversary:,} cannot be trusted, and {uncertain:,} are uncertain."
 
 
 def next_steps(audit: Audit, labels_file: str, command: str, n_labels: int = 3, consequence: str = "") -> str:
@@ -216,9 +228,10 @@ def _label_lines(audit: Audit, labels_file: str, command: str, n_labels: int) ->
         row = io.StringIO()
         csv.writer(row, lineterminator="").writerow([name, "expert"])
         content = [row.getvalue()] if add else ["id,label", row.getvalue()]
+    verb = "Add" if add else "Write"
     return [
         f"The labels that say most about the others, the best first: {join_ids(to_label)}.",
-        f"{'Add to' if add else 'Write'} {labels_file} expert or adversary for each that you judge; if {name} is good:",
+        f"{verb} expert or adversary for those you can judge to {labels_file}; if {name} is good:",
         *(f"    {line}" for line in content),
         f"Then run: {command} --labels {shlex.quote(labels_file)}",
     ]
