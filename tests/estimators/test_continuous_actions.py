@@ -18,7 +18,6 @@ from sklearn.metrics import r2_score, roc_auc_score
 
 from problems import Toy, continuous_zoo, make, make_continuous, pooled_state
 from rpil import Settings
-from rpil.audit import plots
 from rpil.cli import main as cli
 from rpil.data import formats
 from rpil.data.demonstrations import Demonstrations
@@ -417,14 +416,6 @@ def test_everything_comes_back_bit_for_bit(estimator, tmp_path):
         assert loaded.audit_.to_dict() == model.audit_.to_dict()
     save(loaded, tmp_path / "again")
     assert (tmp_path / "again").read_bytes() == (tmp_path / "p").read_bytes()
-
-
-def test_a_policy_map_has_a_colour_bar():
-    toy = make_continuous("random", 0)
-    model = BehavioralCloning().fit(toy.demonstrations)
-    shown = plots.PolicyMapDisplay.from_estimator(model, toy.observations, grid=5)
-    assert shown.classes is None
-    assert shown.figure_.axes[1].get_ylabel() == "Action"
 
 
 @pytest.mark.parametrize("name", ["swings.npz", "swings.parquet", "swings.csv"])

@@ -37,20 +37,11 @@ class Interval:
 @stored()
 @dataclass(frozen=True)
 class Demonstrator:
-    """Trust in a demonstrator who gave several demonstrations.
-
-    Attributes
-    ----------
-    name : hashable
-    trust : Interval
-        Probability that a demonstration of this demonstrator is an expert's.
-    n_demonstrations : int
-    experts, adversaries, uncertain : int
-        Number of demonstrations with each verdict.
-    """
+    """Trust in a demonstrator who gave several demonstrations, and how many of them have each verdict."""
 
     name: Hashable
     trust: Interval
+    """Probability that a demonstration of this demonstrator is an expert's."""
     n_demonstrations: int
     experts: int
     adversaries: int

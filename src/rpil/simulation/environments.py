@@ -17,24 +17,10 @@ DISCRETISED: dict[str, tuple[str, NDArray[np.float32]]] = {
 
 
 def make(env_id: str) -> Any:
-    """Make an environment.
+    """Make a `gymnasium.Env` by its id with a version, or one of `DISCRETISED`.
 
-    Parameters
-    ----------
-    env_id : str
-        A Gymnasium id with its version, or one of `DISCRETISED`.
-
-    Returns
-    -------
-    gymnasium.Env
-        With one-hot rows (n,) where Gymnasium's own observations are one of n numbers.
-
-    Raises
-    ------
-    DataError
-        If Gymnasium does not know the id.
-    MissingExtraError
-        If Gymnasium, or a package that the environment needs, is not installed.
+    Its observations are one-hot rows (n,) where Gymnasium's own are one of n numbers. A `DataError` where Gymnasium
+    does not know the id; a `MissingExtraError` where it, or a package that the environment needs, is not installed.
     """
     try:
         import gymnasium
