@@ -172,6 +172,7 @@ def _try_out(estimator: Any) -> None:
         audit, state, judged = estimator.audit_, estimator.state_, estimator.judge_ is not None
         bounds = audit.offsets[[0, -1]].tolist() == [0, len(audit.step_weight)] and (audit.lengths > 0).all()
         sound &= bounds and len(audit.ids) == len(audit.verdicts) == len(audit.log_odds)
+        sound &= len(audit.deviations) in (0, len(audit.ids))
         sound &= audit.finding in FINDINGS and judged == (state is None)
         json.dumps(audit.to_dict())
         one_step = Demonstrations(observation, classes[action] if len(classes) else action, np.array([0, 1]))

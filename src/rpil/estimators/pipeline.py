@@ -14,6 +14,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import ArrayLike
 
+from rpil.audit.deviations import deviations
 from rpil.audit.record import Audit, Interval
 from rpil.audit.settings import AuditSettings
 from rpil.audit.summary import audit_from_judgement, audit_from_mixture, is_anyone_trusted
@@ -258,13 +259,22 @@ class Whole:
         data, weight = posed.data, decision.audit.step_weight
         if not is_anyone_trusted(decision.audit.expert_proba, data.lengths):
             weight = decision.step  # the steps that are most likely an expert's
+        features, policy = self._final_policy(posed, weight)
+
+        def outputs(rows: Array) -> Array:
+            return policy.outputs(features.design(posed.demonstrations.observations[rows]))
+
+        phrases = deviations(decision.audit, data.space, self.task.classes, data.actions, outputs)
+        return features, policy, replace(decision, audit=replace(decision.audit, deviations=phrases))
+
+    def _final_policy(self, posed: JudgeInput, weight: Array) -> tuple[Features, FinalPolicy]:
+        data = posed.data
         if self.options.policy is None:
             trusted = weight > 0.5 * weight.max()
-            spec = self.options.linear
-            return *spec.fit(posed.demonstrations, data.actions, weight, trusted, data.space), decision
+            return self.options.linear.fit(posed.demonstrations, data.actions, weight, trusted, data.space)
         # Cross-fitted again by the final weights: the temperature of the policy comes from held-out steps.
         start, _ = cross_fitted_policy(self.options.policy, data.space, len(weight)).fit(data, weight)
-        return posed.features, start.fit_all(data, weight), decision
+        return posed.features, start.fit_all(data, weight)
 
 
 def design_data(task: Task, demonstrations: Demonstrations, features: Features, single: bool) -> FitData:

@@ -23,9 +23,6 @@ from rpil.inference.trust import FINDINGS
 MAX_TIMELINES = 200
 """Timelines on a page, those of the least trusted demonstrations: a page with more is slow to open."""
 
-GROUP_LETTERS = "AB"
-"""Names of two competing groups, in the order of `Audit.competing`."""
-
 
 @dataclass(frozen=True, eq=False)
 class Article:
@@ -92,7 +89,7 @@ def _template_values(audit: Audit, prefix: str) -> dict[str, object]:
         "n_steps": int(audit.offsets[-1]),
         "mean_weight": float(np.mean(audit.step_weight)),
         "n_rounds": len(audit.history),
-        "groups": dict(zip(GROUP_LETTERS, audit.competing, strict=False)),
+        "groups": audit.groups,
         "scale": timelines,
         "length_picture": inline_svg(LengthDisplay(audit).plot, size, reliability, salt=f"{prefix}length"),
         "history_picture": inline_svg(HistoryDisplay(audit).plot, size, objective, salt=f"{prefix}history"),
@@ -101,7 +98,7 @@ def _template_values(audit: Audit, prefix: str) -> dict[str, object]:
 
 def _rows(audit: Audit, parts: Mapping[str, np.ndarray], timelines: Timelines, prefix: str) -> list[dict[str, object]]:
     """The rows of the ranking, the most trusted first; `parts` are those of the log-odds."""
-    letters = {name: GROUP_LETTERS[g] for g, group in enumerate(audit.competing) for name in group}
+    letters = {name: letter for letter, group in audit.groups.items() for name in group}
     order = audit.ranking().tolist()
     return [
         {
@@ -110,6 +107,7 @@ def _rows(audit: Audit, parts: Mapping[str, np.ndarray], timelines: Timelines, p
             "rank": rank,
             "group": letters.get(audit.ids[m], ""),
             "verdict": audit.verdicts[m],
+            "reason": audit.reasons[m],
             "log_odds": float(audit.log_odds[m]),
             "parts": [float(part[m]) for part in parts.values()],
             "expert_proba": float(audit.expert_proba[m]),
