@@ -136,7 +136,7 @@ def ring_demonstrations() -> tuple[Demonstrations, Array]:
 
 
 RIVALS: dict[str, Callable[[], RPIL]] = {
-    "a straight line": lambda: RPIL(settings=Settings(search_features="raw")),
+    "a straight line": lambda: RPIL(settings=Settings(judge_features="raw")),
     'features="auto"': lambda: RPIL(features="auto"),
     "gradient boosting": lambda: RPIL(policy=HistGradientBoostingClassifier(max_iter=10, random_state=0)),
 }

@@ -139,7 +139,7 @@ def test_a_curved_expert_needs_curved_features_and_auto_finds_them():
     curve = 3 * toy.observations[:, 0] * toy.observations[:, 1]
     actions = np.where(good, curve + 0.2 * np.random.default_rng(0).normal(size=len(good)), toy.actions[:, 0])[:, None]
     data = Demonstrations.from_arrays(toy.observations, actions, toy.offsets)
-    model = RPIL("auto", settings=Settings(search_features="poly")).fit(data)
+    model = RPIL("auto", settings=Settings(judge_features="poly")).fit(data)
     assert model.features_.kind == "poly"
     assert roc_auc_score(toy.is_good, model.log_odds_) == 1.0
 

@@ -91,7 +91,7 @@ def refused(path, match):
     "estimator",
     [
         RPIL(labels={"é0": "expert", "é7": "adversary"}, minority="trust", random_state=5),
-        RPIL(features="spline", settings=Settings(search_features="poly")),
+        RPIL(features="spline", settings=Settings(judge_features="poly")),
         RPIL(adversary="uniform", settings=mixture_settings(prior=(3, 2))),
         RPIL(features="spline", adversary="own policy"),
         RPIL(
@@ -260,8 +260,8 @@ def test_truncated_or_damaged_files(saved):
     ("field", "value", "match"),
     [
         ("schema", "other", "no policy that rpil saved"),
-        ("version", 1, r"version 1 of the format, but rpil .* reads version 5; use"),
-        ("version", 3, r"version 3 of the format, but rpil .* reads version 5; use"),
+        ("version", 1, r"version 1 of the format, but rpil .* reads version 6; use"),
+        ("version", 3, r"version 3 of the format, but rpil .* reads version 6; use"),
         ("version", None, "version None"),
         ("class", "GaussianPolicy", "holds a 'GaussianPolicy', which rpil .* does not know"),
     ],
@@ -400,15 +400,15 @@ def test_a_checkpoint_keeps_the_final_policy_of_one_fit(fitted, data, tmp_path):
         places = np.random.default_rng(0).random((n_places, 2, *fitted.policy_.weights.shape))
         checkpoint.keep(AscentState(fitted.policy_, passes, radius, places))
         found = checkpoint.read()
-        np.testing.assert_array_equal(found.state.weights, fitted.policy_.weights)
-        np.testing.assert_array_equal(found.path, places)
+        np.testing.assert_array_equal(found.policy.weights, fitted.policy_.weights)
+        np.testing.assert_array_equal(found.curvature, places)
         assert (found.history.tolist(), found.radius) == (passes.tolist(), radius)
     others = [Checkpoint.of(path, "C=2.0", (data.observations, trust))]
     others.append(Checkpoint.of(path, "C=None", (data.observations, trust / 2)))
     for one in others:
         with pytest.raises(DataError, match="of other data, or other settings; delete it to start anew"):
             one.read()
-    rewrite(path, {"state/state/weights.npy": None})
+    rewrite(path, {"state/policy/weights.npy": None})
     with pytest.raises(DataError, match="its parts do not belong together; delete it to start anew"):
         checkpoint.read()
     rewrite(path, header=lambda tree: tree.update(state=3))

@@ -137,11 +137,11 @@ def test_the_trusted_choose_in_rpil_and_twice_the_same():
     bad = np.arange(len(codes)) >= offsets[8]
     codes = np.where(bad, rng.integers(2, size=len(codes)), codes)
     data = Demonstrations.from_arrays(observations, codes, offsets)
-    model = RPIL("auto", settings=Settings(search_features="poly")).fit(data)
+    model = RPIL("auto", settings=Settings(judge_features="poly")).fit(data)
     assert model.audit_.verdicts == ("expert",) * 8 + ("adversary",) * 6
     assert model.features_.kind == "poly"
     assert any("poly" in sentence for sentence in model.audit_.assumptions)
-    again = RPIL("auto", settings=Settings(search_features="poly")).fit(data)
+    again = RPIL("auto", settings=Settings(judge_features="poly")).fit(data)
     np.testing.assert_array_equal(again.policy_.weights, model.policy_.weights)
 
 

@@ -23,7 +23,7 @@ from rpil.data.errors import DataError
 from rpil.data.files import StrPath, replacing
 from rpil.numerics.types import Array
 
-VERSION = 5
+VERSION = 6
 """Version of the format; a file of another version is refused."""
 
 _HEADER = "header.json"

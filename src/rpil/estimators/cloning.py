@@ -11,7 +11,7 @@ from sklearn.metrics import accuracy_score, r2_score
 from sklearn.utils.validation import _check_sample_weight, check_is_fitted
 from threadpoolctl import threadpool_limits
 
-from rpil.data.coding import code_actions, encode_actions
+from rpil.data.coding import action_space, encode_actions
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
 from rpil.data.spaces import Space
@@ -136,8 +136,9 @@ class BehavioralCloning(PolicyEstimator):
         if not weight.any():
             raise DataError(f"{source_of(X)}: sample_weight is zero everywhere; give at least one step some weight.")
         rows = X if isinstance(X, Demonstrations) else Demonstrations(*data, np.arange(len(data[0]) + 1))
-        self.space_, self.classes_, codes = code_actions(rows)
+        self.space_, self.classes_ = action_space(rows)
+        codes = encode_actions(self.classes_, rows.actions, rows.source)
         with threadpool_limits(1, "blas"):  # thin products gain nothing from threads, and can lose a lot
             spec = LinearPolicySpec(self.features, self.C, self.tol)
-            self.features_, self.policy_ = spec.fit(rows, codes, weight, weight > 0.0, self.space_)
+            self.features_, self.policy_ = spec.fit(rows, codes, weight, self.space_)
         return self

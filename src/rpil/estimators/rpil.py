@@ -18,9 +18,10 @@ from rpil.data.files import StrPath
 from rpil.data.fit_data import FitData
 from rpil.data.formats.dataset import Dataset
 from rpil.estimators.cloning import PolicyEstimator
-from rpil.estimators.passes import Passes, is_sampled
-from rpil.estimators.pipeline import ActionBox, Fitted, Labels, Names, Options, Task, Whole, fit
+from rpil.estimators.passes import SampledFit, is_sampled
+from rpil.estimators.pipeline import Fitted, FullFit, Options, fit
 from rpil.estimators.settings import Settings
+from rpil.estimators.task import ActionBox, Labels, Names, Task
 from rpil.estimators.validation import as_demonstrations
 from rpil.inference.fitted_judge import FittedJudge
 from rpil.inference.settings import JudgeSettings, Minority
@@ -174,12 +175,12 @@ class RPIL(PolicyEstimator):
             or `demonstrators`, a wrong number of `demonstrators`, or only known adversaries.
         """
         options = self._options()
-        options.check()
         source = X if isinstance(X, Dataset) else as_demonstrations(self, X, y, groups)
-        task = Task.of(source, self.action_box, labels if labels is not None else self.labels, demonstrators, options)
+        task = Task.of(source, self.action_box, labels if labels is not None else self.labels, demonstrators)
+        options.check(task)
         with threadpool_limits(1, "blas"):  # thin products gain nothing from threads, and can lose a lot
-            found = fit(Passes(task, options) if is_sampled(task, options) else Whole(task, options), options)
-        self._keep(task, found)
+            fitted = fit(SampledFit(task, options) if is_sampled(task, options) else FullFit(task, options), options)
+        self._keep(task, fitted)
         self._explain(task, options)
         return self
 
@@ -209,13 +210,13 @@ class RPIL(PolicyEstimator):
         chosen["progress"] = self.progress or (lambda _: None)
         return Options(**chosen, seed=self.random_state)
 
-    def _keep(self, task: Task, found: Fitted) -> None:
+    def _keep(self, task: Task, fitted: Fitted) -> None:
         """Copy the result of a fit."""
-        decision = found.decision
+        decision = fitted.decision
         if isinstance(task.source, Dataset):
             self.n_features_in_, self.observation_names_ = task.source.n_observations, task.source.observation_names
         self.space_, self.classes_ = task.space, task.classes
-        self.features_, self.policy_, self.judge_features_ = found.features, found.policy, found.judge_features
+        self.features_, self.policy_, self.judge_features_ = fitted.features, fitted.policy, fitted.judge_features
         self.judge_, self.state_, self.audit_ = decision.judge, decision.state, decision.audit
         self.n_iter_, self.lower_bound_, self.converged_ = decision.n_iter, decision.lower_bound, decision.converged
 

@@ -1,4 +1,4 @@
-"""What only an expert changes about a fit of `RPIL`."""
+"""What only an expert changes about a fit of `RPIL` or `RMEnt`."""
 
 from __future__ import annotations
 
@@ -14,28 +14,21 @@ from rpil.scale.settings import AscentSettings, SampleSettings
 
 @stored()
 @dataclass(frozen=True)
+class ConcentrationSettings:
+    """The search of `RMEnt` for the best demonstrations, as in FAST-LTS (Rousseeuw and Van Driessen, 2006)."""
+
+    start_steps: int = 2
+    """Concentration steps of every start; two as in that paper."""
+    n_carried: int = 5
+    """Best starts that go on until the selection stays the same. Chosen by hand, not tuned."""
+    start_tol: float = 1e-3
+    """Largest entry of the gradient, a step, at which the policy of a start is fitted. Chosen by hand, not tuned."""
+
+
+@stored()
+@dataclass(frozen=True)
 class Settings:
     """Settings of every stage of a fit.
-
-    Attributes
-    ----------
-    search_features : str
-        The features while trust is decided: a kind of features, or "auto", which is the kind of the final policy, or
-        "folded" where that is "raw" or "auto". A straight line takes an expert in a rare situation for an adversary.
-        benchmarks/ablations.py ("raw features").
-    single_precision : int
-        Entries of the observations above which the judge reads discrete actions in single precision. Chosen by
-        hand, not tuned.
-    judge : JudgeSettings
-    mixture : MixtureSettings
-        Of a fit with a named adversary: the prior, the M-step, and when EM stops.
-    audit : AuditSettings
-        When a demonstration gets a verdict and its steps full weight.
-    selection : SelectionSettings
-        Of the choice of features, where these are "auto".
-    sample : SampleSettings
-    ascent : AscentSettings
-        Of the fit of the final policy.
 
     Examples
     --------
@@ -43,11 +36,23 @@ class Settings:
     >>> model = RPIL(adversary="uniform", settings=Settings(mixture=MixtureSettings(prior=0.5)))
     """
 
-    search_features: str = "auto"
+    judge_features: str = "auto"
+    """The features while trust is decided: a kind of features, or "auto", which is the kind of the final policy, or
+    "folded" where that is "raw" or "auto". A straight line takes an expert in a rare situation for an adversary.
+    benchmarks/ablations.py ("raw features")."""
+    min_feature_weight: float = 0.5
+    """Weight of a step, divided by the largest one, above which the feature map of the final policy is fitted to it.
+    Chosen by hand, not tuned."""
     single_precision: int = 50_000
+    """Entries of the observations above which the judge reads discrete actions in single precision. By hand, not tuned.
+    """
     judge: JudgeSettings = JudgeSettings()
     mixture: MixtureSettings = MixtureSettings()
+    """Of a fit with a named adversary: the prior, the M-step, and when EM stops."""
     audit: AuditSettings = AuditSettings()
+    """When a demonstration gets a verdict and its steps full weight."""
     selection: SelectionSettings = SelectionSettings()
+    """Of the choice of features, where these are "auto"."""
     sample: SampleSettings = SampleSettings()
     ascent: AscentSettings = AscentSettings()
+    """Of the fit of the final policy."""
