@@ -180,5 +180,43 @@ def test_types_are_precise():
     assert "strict = true" in (ROOT.parents[1] / "pyproject.toml").read_text()
 
 
+def calls_through_any(source: str) -> list[str]:
+    """Methods called on arguments and on attributes of `self` that are declared as ``Any``.
+
+    Objects of libraries without types have a name of their own, such as ``Estimator = Any``, and are left out.
+    """
+    tree = ast.parse(source)
+    declared = [node for node in ast.walk(tree) if isinstance(node, ast.AnnAssign) and is_any(node.annotation)]
+    fields = {"self." + ast.unparse(node.target).removeprefix("self.") for node in declared}
+    calls = []
+    for function in (node for node in ast.walk(tree) if isinstance(node, ast.FunctionDef)):
+        given = [*function.args.posonlyargs, *function.args.args, *function.args.kwonlyargs]
+        names = fields | {argument.arg for argument in given if is_any(argument.annotation)}
+        called = (node.func for node in ast.walk(function) if isinstance(node, ast.Call))
+        methods = (method for method in called if isinstance(method, ast.Attribute))
+        calls += [ast.unparse(method) for method in methods if ast.unparse(method.value) in names]
+    return calls
+
+
+def is_any(annotation):
+    return annotation is not None and ast.unparse(annotation) in ("Any", "Any | None")
+
+
+@pytest.mark.parametrize("path", sorted(ROOT.rglob("*.py")), ids=lambda path: str(path.relative_to(ROOT)))
+def test_no_method_is_called_through_any(path):
+    assert calls_through_any(path.read_text()) == []
+
+
+@pytest.mark.parametrize(
+    "source",
+    [
+        "def f(policy: Any):\n    return policy.outputs(1)",
+        "class A:\n    policy_: Any\n    def f(self):\n        return self.policy_.outputs(1)",
+    ],
+)
+def test_a_method_called_through_any_is_seen(source):
+    assert len(calls_through_any(source)) == 1
+
+
 def test_the_constructor_of_rpil_has_twelve_parameters_at_most():
     assert len(inspect.signature(rpil.RPIL).parameters) <= 12

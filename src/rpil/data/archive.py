@@ -159,7 +159,7 @@ class Decoder:
             raise ValueError(node)
         return array
 
-    def value(self, node: Any) -> Any:
+    def value(self, node: object) -> Any:
         """The value that `encode` made the `node` from; lists come back as tuples."""
         if isinstance(node, list):
             return tuple(self.value(item) for item in node)

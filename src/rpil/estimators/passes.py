@@ -11,8 +11,8 @@ from rpil.audit.record import Audit
 from rpil.audit.summary import longest_unlabelled
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.fit_data import FitData
-from rpil.estimators.pipeline import FinalPolicy, JudgeInput, Options, TrustDecision
-from rpil.estimators.task import Features, Task
+from rpil.estimators.pipeline import JudgeInput, Options, TrustDecision
+from rpil.estimators.task import Features, FinalPolicy, Task
 from rpil.inference.settings import Minority
 from rpil.numerics.newton import Preconditioner
 from rpil.numerics.types import Array

@@ -21,7 +21,7 @@ from rpil.data.files import StrPath
 from rpil.data.fit_data import FitData
 from rpil.estimators.final_policy import LinearPolicySpec
 from rpil.estimators.settings import Settings
-from rpil.estimators.task import Features, Task
+from rpil.estimators.task import Features, FinalPolicy, Task
 from rpil.inference.fitted_judge import FittedJudge
 from rpil.inference.held_out import HeldOutModel, HeldOutPolicy, held_out_model
 from rpil.inference.search import SearchSettings, fit_mixture
@@ -34,11 +34,9 @@ from rpil.numerics.types import Array
 from rpil.policies.cross_fitted import cross_fitted_policy
 from rpil.policies.features import FeatureMap, IdentityMap, ridge_of
 from rpil.policies.linear import linear_policy
-from rpil.policies.protocol import CrossFittedPolicy, Policy
 from rpil.scale.protocol import Engine, Shards
 
 Progress = Callable[[str], None]
-FinalPolicy = Policy | CrossFittedPolicy
 
 
 @dataclass(frozen=True)

@@ -21,13 +21,14 @@ from rpil.estimators.cloning import PolicyEstimator
 from rpil.estimators.passes import SampledFit, is_sampled
 from rpil.estimators.pipeline import Fitted, FullFit, Options, fit
 from rpil.estimators.settings import Settings
-from rpil.estimators.task import ActionBox, Labels, Names, Task
+from rpil.estimators.task import ActionBox, Features, Labels, Names, Task
 from rpil.estimators.validation import as_demonstrations
 from rpil.inference.fitted_judge import FittedJudge
 from rpil.inference.settings import JudgeSettings, Minority
 from rpil.mixture.adversaries.protocol import Adversary
 from rpil.mixture.em import State, e_step
 from rpil.numerics.types import Array
+from rpil.policies.protocol import CrossFittedPolicy
 from rpil.scale.protocol import Engine
 
 
@@ -112,6 +113,7 @@ class RPIL(PolicyEstimator):
     """
 
     audit_: Audit
+    judge_features_: Features
     judge_: FittedJudge | None
     state_: State | None
 
@@ -262,5 +264,6 @@ class RPIL(PolicyEstimator):
         assert self.judge_ is not None
         if self.judge_.scale is not None:
             return self.judge_.step_ratios(design, codes, settings)[0]
+        assert isinstance(self.policy_, CrossFittedPolicy)
         outputs = self.policy_.outputs(self.features_.design(demonstrations.observations))
         return self.judge_.step_ratios_of(self.policy_, outputs, codes, settings)

@@ -18,10 +18,12 @@ from rpil.data.formats.dataset import Dataset
 from rpil.data.spaces import Space
 from rpil.numerics.types import Array
 from rpil.policies.features import FeatureMap, IdentityMap
+from rpil.policies.protocol import CrossFittedPolicy, Policy
 from rpil.scale.sample import Source
 
 ActionBox = tuple[ArrayLike, ArrayLike]
 Features = FeatureMap | IdentityMap
+FinalPolicy = Policy | CrossFittedPolicy
 Labels = Mapping[Any, str]
 Names = Mapping[Any, Hashable] | Sequence[Hashable]
 

@@ -50,17 +50,8 @@ def draw_sample(
 ) -> Array:
     """Draw the demonstrations of the sample at random, in order: (S,) indices.
 
-    Known experts, known adversaries and demonstrations without a label are drawn apart, each up to `n_steps` steps.
-
-    Parameters
-    ----------
-    lengths : (M,) int array
-        Steps of the demonstrations.
-    labels : (M,) int array
-        1 known expert, -1 known adversary, 0 unknown.
-    n_steps : int
-    rng : Generator
-    settings : SampleSettings
+    Known experts, known adversaries and demonstrations without a label (`labels` 1, -1, 0, each (M,)) are drawn apart,
+    each up to `n_steps` steps; `lengths` (M,) are the steps of the demonstrations.
     """
 
     def first(order: Array) -> Array:
