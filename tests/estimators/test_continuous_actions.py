@@ -58,7 +58,7 @@ def one_sentence(error: Any) -> bool:
 
 
 @pytest.mark.parametrize("which", ADVERSARIES["continuous"])
-def test_the_objective_never_falls(which):
+def test_objective_never_falls(which):
     for name, toy in ZOO.items():
         problem = toy.problem()
         state = pooled_state(problem, which)
@@ -68,14 +68,14 @@ def test_the_objective_never_falls(which):
 
 
 @pytest.mark.parametrize("which", ADVERSARIES["continuous"])
-def test_the_objective_never_falls_with_splines(which):
+def test_objective_never_falls_with_splines(which):
     for seed in range(3):
         problem = make_continuous("window", seed).problem("spline")
         history = run_em(problem, pooled_state(problem, which), MixtureSettings(max_iter=12, tol=0.0)).history
         assert np.diff(history).min() >= -1e-9 * np.abs(history).max()
 
 
-def test_experts_who_push_as_hard_as_the_box_allows_are_not_taken_for_noise():
+def test_experts_with_actions_on_the_bounds_of_the_box_are_trusted():
     """Most of their actions are at a bound: a straight line misses these, and random ones look more of one mind."""
     rng, is_good, lengths = np.random.default_rng(0), np.arange(30) % 3 > 0, np.full(30, 100)
     observations = rng.normal(size=(3000, 6))
@@ -87,7 +87,7 @@ def test_experts_who_push_as_hard_as_the_box_allows_are_not_taken_for_noise():
     assert audit.verdicts == tuple(np.where(is_good, "expert", "adversary"))
 
 
-def test_one_step_far_off_does_not_condemn_a_demonstration():
+def test_one_outlying_step_does_not_decide_a_verdict():
     """Under a Gaussian its density would be e^-5000; the box and the tails forgive it."""
     toy = make_continuous("random", 0, **MANY)
     spoiled = replace(toy, actions=toy.actions.copy())
@@ -103,7 +103,7 @@ def test_one_step_far_off_does_not_condemn_a_demonstration():
 @pytest.mark.parametrize("seed", [0, 1])
 @pytest.mark.parametrize("n_parts", [1, 2])
 @pytest.mark.parametrize("kind", ["random", "noisy", "window"])
-def test_finds_the_bad_and_learns_the_policy_of_the_good(kind, n_parts, seed):
+def test_adversaries_are_found_and_the_experts_policy_is_learned(kind, n_parts, seed):
     toy = make_continuous(kind, seed, n_parts=n_parts, **MANY)
     model = RPIL().fit(toy.demonstrations)
     assert roc_auc_score(toy.is_good, model.log_odds_) == 1.0
@@ -118,13 +118,13 @@ def test_finds_the_bad_and_learns_the_policy_of_the_good(kind, n_parts, seed):
 
 
 @pytest.mark.parametrize(("n_good", "n_bad"), [(4, 12), (3, 27)])
-def test_also_where_the_bad_are_many(n_good, n_bad):
+def test_adversaries_in_the_majority_are_found(n_good, n_bad):
     toy = make_continuous("random", 2, n_good=n_good, n_bad=n_bad, steps=STEPS)
     assert right(RPIL().fit(toy.demonstrations), toy)
 
 
 @pytest.mark.parametrize("features", ["spline", "poly", "auto"])
-def test_other_features(features):
+def test_every_kind_of_features_with_continuous_actions(features):
     toy = make_continuous("random", 1, **MANY)
     model = RPIL(features).fit(toy.demonstrations)
     assert right(model, toy)
@@ -133,7 +133,7 @@ def test_other_features(features):
     assert any(f"linear in {model.features_.kind} features" in sentence for sentence in model.audit_.assumptions)
 
 
-def test_a_curved_expert_needs_curved_features_and_auto_finds_them():
+def test_auto_features_fit_a_nonlinear_expert():
     toy = make_continuous("random", 0, **MANY)
     good = toy.is_good[toy.groups]
     curve = 3 * toy.observations[:, 0] * toy.observations[:, 1]
@@ -145,7 +145,7 @@ def test_a_curved_expert_needs_curved_features_and_auto_finds_them():
 
 
 @pytest.mark.parametrize("bad", ["noisy", "window"])
-def test_an_expert_who_does_one_thing_in_the_air_and_another_on_the_ground_is_one_expert(bad):
+def test_expert_with_a_policy_in_two_parts_is_one_expert(bad):
     # A straight line sees two experts in a lander, and trusts half of each demonstration.
     made = simulate("LunarLanderContinuous-v3", bad, n_good=10, n_bad=10, seed=1000)
     model = RPIL().fit(Demonstrations.from_episodes(made.episodes))
@@ -157,7 +157,7 @@ def test_an_expert_who_does_one_thing_in_the_air_and_another_on_the_ground_is_on
 
 @pytest.mark.parametrize("kind", ["flipped", "smooth"])
 @pytest.mark.parametrize("seed", [0, 1, 2])
-def test_which_of_two_coherent_groups_is_the_expert_is_told_by_a_label_alone(kind, seed):
+def test_of_two_consistent_groups_only_a_label_names_the_expert(kind, seed):
     toy = make_continuous(kind, seed, steps=STEPS)
     with pytest.warns(AmbiguousWarning, match="two groups of demonstrations act in two different ways"):
         blind = RPIL().fit(toy.demonstrations)
@@ -170,14 +170,14 @@ def test_which_of_two_coherent_groups_is_the_expert_is_told_by_a_label_alone(kin
         assert np.abs(told.predict(toy.observations) - told.space_.act(means(toy))).mean() < 0.1
 
 
-def test_noise_and_clean_data_are_no_groups():
+def test_noisy_and_clean_demonstrations_form_no_rival_groups():
     for kind in ("random", "noisy", "window", "none"):
         with warnings.catch_warnings():
             warnings.simplefilter("error", AmbiguousWarning)
             assert RPIL().fit(make_continuous(kind, 3, **MANY).demonstrations).audit_.identifiable
 
 
-def test_where_all_are_alike_none_is_accused():
+def test_no_adversary_among_equal_demonstrations():
     toy = make_continuous("none", 0, **MANY)
     audit = RPIL().fit(toy.demonstrations).audit_
     assert audit.finding == "nobody stands out"
@@ -186,7 +186,7 @@ def test_where_all_are_alike_none_is_accused():
 
 @pytest.mark.parametrize("which", ADVERSARIES["continuous"])
 @pytest.mark.parametrize("kind", ["random", "none"])
-def test_every_adversary(which, kind):
+def test_every_named_adversary_of_continuous_actions(which, kind):
     toy = make_continuous(kind, 0, **MANY)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", AmbiguousWarning)
@@ -197,7 +197,7 @@ def test_every_adversary(which, kind):
         assert roc_auc_score(toy.is_good, model.log_odds_) == 1.0
 
 
-def test_an_instance_and_the_given_prior():
+def test_adversary_instance_and_fixed_prior():
     toy = make_continuous("random", 0, **MANY)
     box = Box.around(toy.actions)
     model = RPIL(adversary=UniformBox(box.log_volume), settings=mixture(prior=0.5)).fit(toy.demonstrations)
@@ -205,7 +205,7 @@ def test_an_instance_and_the_given_prior():
     assert model.audit_.prior.mean == 0.5
 
 
-def test_a_part_that_never_moves_and_no_noise_at_all():
+def test_constant_part_of_an_action_and_no_noise():
     for name in ("a part that never moves", "no noise at all"):
         toy = ZOO[name]
         model = RPIL().fit(toy.demonstrations)
@@ -216,7 +216,7 @@ def test_a_part_that_never_moves_and_no_noise_at_all():
     np.testing.assert_allclose(still.predict(toy.observations)[:, 1], 3.0, atol=1e-3)
 
 
-def test_a_regressor_as_the_policy():
+def test_regressor_as_policy():
     toy = make_continuous("random", 1, **MANY)
     model = RPIL(policy=LinearRegression()).fit(toy.demonstrations)
     assert right(model, toy)
@@ -245,7 +245,7 @@ def test_score_demonstrations_of_new_data():
     assert one_sentence(error)
 
 
-def test_score_demonstrations_that_go_beyond_the_box():
+def test_score_demonstrations_outside_the_box():
     """What nobody did while it was fitted is no reason to fail."""
     toy = make_continuous("random", 0, **MANY)
     model = RPIL().fit(toy.demonstrations)
@@ -255,7 +255,7 @@ def test_score_demonstrations_that_go_beyond_the_box():
     assert (found < 0).all()
 
 
-def test_same_seed_same_bits_and_arrays_as_demonstrations():
+def test_same_seed_gives_same_bits_for_arrays_and_demonstrations():
     toy = make_continuous("noisy", 0)
     one, two = (RPIL(random_state=3).fit(toy.demonstrations) for _ in range(2))
     three = RPIL(random_state=3).fit(toy.observations, toy.actions, groups=toy.groups)
@@ -279,7 +279,7 @@ def test_units_of_the_actions_do_not_matter():
 
 @pytest.mark.parametrize("n_parts", [1, 2])
 @pytest.mark.parametrize("estimator", ESTIMATORS, ids=lambda e: type(e).__name__)
-def test_predictions_are_numbers_within_the_box(estimator, n_parts):
+def test_predictions_lie_in_the_box(estimator, n_parts):
     toy = make_continuous("random", 0, n_parts=n_parts)
     model = clone(estimator).fit(toy.demonstrations)
     assert len(model.classes_) == 0
@@ -301,14 +301,14 @@ def test_predictions_are_numbers_within_the_box(estimator, n_parts):
 
 
 @pytest.mark.parametrize("estimator", ESTIMATORS, ids=lambda e: type(e).__name__)
-def test_score_is_what_a_regressors_is(estimator):
+def test_score_is_r_squared(estimator):
     toy = make_continuous("noisy", 0, n_bad=2)
     model = clone(estimator).fit(toy.demonstrations)
     expected = r2_score(toy.actions, model.predict(toy.observations))
     assert model.score(toy.observations, toy.actions) == pytest.approx(expected)
 
 
-def test_behavioral_cloning_is_least_squares_where_nothing_is_far_off():
+def test_behavioral_cloning_without_outliers_is_least_squares():
     toy = make_continuous("none", 0, n_good=30, n_bad=0, steps=(100, 100))
     ours = BehavioralCloning().fit(toy.observations, toy.actions)
     theirs = LinearRegression().fit(toy.observations, toy.actions)
@@ -316,7 +316,7 @@ def test_behavioral_cloning_is_least_squares_where_nothing_is_far_off():
     np.testing.assert_allclose(ours.intercept_, theirs.intercept_, atol=0.01)
 
 
-def test_weights_of_steps():
+def test_sample_weight_of_continuous_actions():
     toy = make_continuous("random", 0)
     good = toy.is_good[toy.groups]
     weighted = BehavioralCloning().fit(toy.observations, toy.actions, sample_weight=good)
@@ -326,7 +326,7 @@ def test_weights_of_steps():
     )
 
 
-def test_one_action_a_step_as_one_dimensional_floats():
+def test_one_dimensional_float_actions():
     toy = make_continuous("random", 0, n_parts=1)
     columns = Demonstrations.from_arrays(toy.observations, toy.actions, toy.offsets)
     flat = Demonstrations.from_arrays(toy.observations, toy.actions[:, 0], toy.offsets)
@@ -353,14 +353,14 @@ def test_one_action_a_step_as_one_dimensional_floats():
         (("a", "b"), r"give \(low, high\)"),
     ],
 )
-def test_action_boxes_that_do_not_fit_are_one_sentence(box, words):
+def test_action_box_that_does_not_fit_is_refused_in_one_sentence(box, words):
     toy = make_continuous("random", 0)
     with pytest.raises(DataError, match=words) as error:
         RPIL(action_box=box).fit(toy.demonstrations)
     assert one_sentence(error)
 
 
-def test_a_box_is_declared_and_kept():
+def test_declared_action_box_is_kept():
     toy = make_continuous("random", 0)
     model = RPIL(action_box=([-50, -40], 60)).fit(toy.demonstrations)
     np.testing.assert_array_equal(model.space_.low, [-50, -40])
@@ -368,7 +368,7 @@ def test_a_box_is_declared_and_kept():
 
 
 @pytest.mark.parametrize("estimator", ESTIMATORS, ids=lambda e: type(e).__name__)
-def test_bad_data_are_one_sentence(estimator):
+def test_invalid_continuous_actions_are_refused_in_one_sentence(estimator):
     toy = make_continuous("random", 0)
     same = Demonstrations.from_arrays(toy.observations, np.full_like(toy.actions, 0.5), toy.offsets)
     with pytest.raises(DataError, match="every action is the same; give demonstrations with two at least") as error:
@@ -380,7 +380,7 @@ def test_bad_data_are_one_sentence(estimator):
         clone(estimator).fit(toy.observations, spoiled)
 
 
-def test_a_box_for_discrete_actions_is_one_sentence():
+def test_action_box_for_discrete_actions_is_refused_in_one_sentence():
     with pytest.raises(DataError, match="the actions are discrete, which no action_box fits; leave it out") as error:
         RPIL(action_box=(0, 1)).fit(make("random", 0).demonstrations)
     assert one_sentence(error)
@@ -399,7 +399,7 @@ def test_a_box_for_discrete_actions_is_one_sentence():
     ids=lambda e: f"{type(e).__name__} {getattr(e, 'adversary', '')}",
 )
 @pytest.mark.filterwarnings("ignore::rpil.AmbiguousWarning")
-def test_everything_comes_back_bit_for_bit(estimator, tmp_path):
+def test_loaded_estimator_predicts_the_same_bits(estimator, tmp_path):
     toy = make_continuous("noisy", 0)
     model = clone(estimator).fit(toy.demonstrations)
     save(model, tmp_path / "p")
@@ -419,7 +419,7 @@ def test_everything_comes_back_bit_for_bit(estimator, tmp_path):
 
 
 @pytest.mark.parametrize("name", ["swings.npz", "swings.parquet", "swings.csv"])
-def test_files(name, tmp_path):
+def test_file_formats_with_continuous_actions(name, tmp_path):
     """What is read back is what was written, so that the commands need but one sort of file."""
     toy = make_continuous("random", 0, **MANY)
     formats.write(tmp_path / name, Demonstrations.from_arrays(toy.observations, toy.actions, toy.offsets), {})
@@ -429,7 +429,7 @@ def test_files(name, tmp_path):
     np.testing.assert_array_equal(read.offsets, toy.offsets)
 
 
-def test_the_commands(tmp_path, monkeypatch):
+def test_commands_with_continuous_actions(tmp_path, monkeypatch):
     name = "swings.csv"
 
     def ok(*arguments: Any) -> str:
@@ -453,7 +453,7 @@ def test_the_commands(tmp_path, monkeypatch):
     assert other["adversary"] == "own policy"
 
 
-def test_an_adversary_for_other_actions_is_refused():
+def test_adversary_for_other_actions_is_refused():
     toy = make_continuous("random", 0)
     for which in ("complement", "confusion", "constant", "normalised complement"):
         with pytest.raises(DataError, match=f"'{which}' for continuous actions; choose auto, uniform") as error:

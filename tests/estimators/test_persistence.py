@@ -106,7 +106,7 @@ def refused(path, match):
         BehavioralCloning(features="spline"),
     ],
 )
-def test_everything_comes_back_bit_for_bit(estimator, data, tmp_path):
+def test_loaded_estimator_predicts_the_same_bits(estimator, data, tmp_path):
     estimator.fit(data)
     path = tmp_path / "any.name"
     save(estimator, path)
@@ -134,7 +134,7 @@ def test_everything_comes_back_bit_for_bit(estimator, data, tmp_path):
 
 
 @pytest.mark.parametrize("kind", ["fitted", "mixture"])
-def test_the_audit_and_the_scores_come_back(kind, data, tmp_path, request):
+def test_loaded_rpil_has_the_same_audit_and_scores(kind, data, tmp_path, request):
     fitted = request.getfixturevalue(kind)
     save(fitted, tmp_path / "p")
     loaded = load(tmp_path / "p")
@@ -152,7 +152,7 @@ def test_the_audit_and_the_scores_come_back(kind, data, tmp_path, request):
     )
 
 
-def test_the_judge_of_continuous_actions_comes_back(tmp_path):
+def test_loaded_judge_of_continuous_actions_scores_the_same(tmp_path):
     rng = np.random.default_rng(0)
     X = rng.normal(size=(400, 3))
     y = X[:, :2] + np.where(np.arange(400) < 240, 0.1, 2.0)[:, None] * rng.normal(size=(400, 2))
@@ -166,7 +166,7 @@ def test_the_judge_of_continuous_actions_comes_back(tmp_path):
     refused(tmp_path / "p", LOST)
 
 
-def test_what_robust_maximum_entropy_trusts_comes_back(data, tmp_path):
+def test_loaded_rment_has_the_same_weights(data, tmp_path):
     model = RMEnt(4).fit(data)
     path = tmp_path / "p"
     save(model, path)
@@ -185,7 +185,7 @@ def test_what_robust_maximum_entropy_trusts_comes_back(data, tmp_path):
 @pytest.mark.parametrize(
     "actions", [["left", "right"], np.array(["left", "right"], dtype=object), [True, False], [2.0, 5.0]]
 )
-def test_actions_of_any_type(actions, tmp_path):
+def test_classes_of_every_type_are_saved(actions, tmp_path):
     rng = np.random.default_rng(0)
     X, codes = rng.normal(size=(50, 2)), rng.integers(2, size=50)
     y = np.asarray(actions)[codes]
@@ -196,14 +196,14 @@ def test_actions_of_any_type(actions, tmp_path):
     assert not hasattr(loaded, "feature_names_in_")
 
 
-def test_an_adversary_of_an_unknown_class_is_refused(data, tmp_path):
+def test_save_refuses_an_adversary_of_the_users_class(data, tmp_path):
     model = RPIL(adversary=MyAdversary()).fit(data)
     with pytest.raises(DataError, match="an adversary of the class MyAdversary cannot be saved without pickle; keep"):
         save(model, tmp_path / "p")
     assert not list(tmp_path.iterdir())
 
 
-def test_only_fitted_estimators_of_ours_are_saved(tmp_path):
+def test_save_refuses_other_and_unfitted_estimators(tmp_path):
     from sklearn.exceptions import NotFittedError
     from sklearn.linear_model import LogisticRegression
 
@@ -216,7 +216,7 @@ def test_only_fitted_estimators_of_ours_are_saved(tmp_path):
     assert not list(tmp_path.iterdir())
 
 
-def test_a_failed_save_leaves_the_old_file(fitted, saved, monkeypatch):
+def test_failed_save_keeps_the_existing_file(fitted, saved, monkeypatch):
     before = saved.read_bytes()
     monkeypatch.setattr(zipfile.ZipFile, "writestr", lambda *args: (_ for _ in ()).throw(OSError(28, "No space left")))
     with pytest.raises(DataError, match="No space left"):
@@ -225,28 +225,28 @@ def test_a_failed_save_leaves_the_old_file(fitted, saved, monkeypatch):
     assert [path.name for path in saved.parent.iterdir()] == [saved.name]
 
 
-def test_no_such_file(tmp_path):
+def test_load_refuses_a_missing_file(tmp_path):
     refused(tmp_path / "nothing", "there is no such file")
 
 
-def test_an_empty_file(tmp_path):
+def test_load_refuses_an_empty_file(tmp_path):
     (tmp_path / "empty").touch()
     refused(tmp_path / "empty", "empty")
 
 
 @pytest.mark.parametrize("content", [b"hello", pickle.dumps({"a": 1}), npy(np.ones(3)), npy(np.array([{}]))])
-def test_other_files(content, tmp_path):
+def test_load_refuses_other_files(content, tmp_path):
     path = tmp_path / "other"
     path.write_bytes(content)
     refused(path, "no policy that rpil saved")
 
 
-def test_an_archive_of_demonstrations(tmp_path):
+def test_load_refuses_an_archive_of_demonstrations(tmp_path):
     np.savez(tmp_path / "d.npz", observations=np.ones((2, 2)))
     refused(tmp_path / "d.npz", "no policy that rpil saved; make one with rpil fit")
 
 
-def test_truncated_or_damaged_files(saved):
+def test_load_refuses_truncated_and_damaged_files(saved):
     content = saved.read_bytes()
     for n in (5, 100, len(content) // 2, len(content) - 1):
         saved.write_bytes(content[:n])
@@ -266,7 +266,7 @@ def test_truncated_or_damaged_files(saved):
         ("class", "GaussianPolicy", "holds a 'GaussianPolicy', which rpil .* does not know"),
     ],
 )
-def test_unknown_schemas_versions_and_classes(saved, field, value, match):
+def test_load_refuses_unknown_schemas_versions_and_classes(saved, field, value, match):
     rewrite(saved, header=lambda tree: tree.update({field: value}))
     refused(saved, match)
 
@@ -306,7 +306,7 @@ LOST = "do not belong together"
         ("audit/log_odds.npy", np.ones(7)),
     ],
 )
-def test_missing_extra_and_misshapen_arrays(saved, member, array):
+def test_load_refuses_missing_extra_and_misshapen_arrays(saved, member, array):
     rewrite(saved, {member: None if array is None else npy(array)})
     refused(saved, LOST)
 
@@ -348,7 +348,7 @@ def set_in(tree, path, value):
         (("params",), None),
     ],
 )
-def test_headers_that_make_no_sense(saved, path, value):
+def test_load_refuses_inconsistent_headers(saved, path, value):
     rewrite(saved, header=lambda tree: set_in(tree, path, value))
     refused(saved, LOST)
 
@@ -361,12 +361,12 @@ def test_headers_that_make_no_sense(saved, path, value):
         (("fitted", "audit_", "fields", "prior"), None),
     ],
 )
-def test_headers_of_a_mixture_that_make_no_sense(saved_mixture, path, value):
+def test_load_refuses_inconsistent_headers_of_a_mixture(saved_mixture, path, value):
     rewrite(saved_mixture, header=lambda tree: set_in(tree, path, value))
     refused(saved_mixture, LOST)
 
 
-def test_a_mixture_without_its_policy(saved_mixture):
+def test_load_refuses_a_mixture_without_its_policy(saved_mixture):
     rewrite(saved_mixture, {"state/policy/weights.npy": None})
     refused(saved_mixture, LOST)
 
@@ -381,17 +381,17 @@ def test_nothing_is_unpickled(saved, monkeypatch):
     refused(saved, "never unpickled")
 
 
-def test_bytes_after_an_array(saved):
+def test_load_refuses_bytes_after_an_array(saved):
     rewrite(saved, {WEIGHTS: members(saved)[WEIGHTS] + b"x"})
     refused(saved, "damaged or truncated")
 
 
-def test_numpy_reads_the_arrays_too(fitted, saved):
+def test_numpy_reads_saved_arrays(fitted, saved):
     with np.load(saved, allow_pickle=False) as stored:
         np.testing.assert_array_equal(stored["policy/weights"], fitted.policy_.weights)
 
 
-def test_a_checkpoint_keeps_the_final_policy_of_one_fit(fitted, data, tmp_path):
+def test_checkpoint_holds_the_final_policy_of_one_fit(fitted, data, tmp_path):
     path, trust = tmp_path / "checkpoint", fitted.audit_.expert_proba
     checkpoint = Checkpoint.of(path, "C=None", (data.observations, trust))
     assert checkpoint.read() is None
@@ -422,7 +422,7 @@ def test_a_checkpoint_keeps_the_final_policy_of_one_fit(fitted, data, tmp_path):
         checkpoint.read()
 
 
-def test_bounds_that_are_arrays_come_back(tmp_path):
+def test_action_box_of_arrays_is_saved(tmp_path):
     rng = np.random.default_rng(0)
     made = Demonstrations.from_arrays(rng.normal(size=(80, 2)), rng.uniform(-1, 1, size=(80, 2)), np.arange(0, 81, 10))
     model = RPIL(features="raw", action_box=(np.array([-2.0, -1.0]), np.array([1.0, 2.0]))).fit(made)

@@ -37,13 +37,13 @@ PAPER = {"adversary": "complement", "settings": mixture(m_step="expert_only", pr
 
 @parametrize_with_checks([BehavioralCloning(), RMEnt(), RPIL()])
 @pytest.mark.filterwarnings("ignore:No groups:UserWarning", "ignore::rpil.AmbiguousWarning")
-def test_scikit_learns_own_checks(estimator, check):
+def test_estimator_checks_of_scikit_learn(estimator, check):
     """All of them: repeated rows and weights are the same to `BehavioralCloning`, the others take no weights. How well
     `RMEnt` predicts is not among them, see the next test."""
     check(estimator)
 
 
-def test_half_of_single_steps_leave_out_a_class():
+def test_rment_of_single_steps_may_leave_out_a_class():
     """It is the optimum of eq. 2 and no failure of the search; nine tenths predict as well as scikit-learn asks."""
     rng = np.random.default_rng(0)
     y = np.repeat([0, 1, 2], 20)
@@ -86,7 +86,7 @@ def test_behavioral_cloning_with_C_is_logistic_regression(n_actions, C):
 
 
 @pytest.mark.parametrize("n_actions", [2, 3])
-def test_coefficients_are_those_that_predict(n_actions):
+def test_coefficients_give_the_predictions(n_actions):
     toy = make("random", 1, n_actions=n_actions)
     model = RPIL(adversary="uniform").fit(toy.demonstrations)
     scores = toy.observations @ model.coef_.T + model.intercept_
@@ -97,7 +97,7 @@ def test_coefficients_are_those_that_predict(n_actions):
 
 @pytest.mark.parametrize("features", ["raw", "spline", "poly"])
 @pytest.mark.parametrize("kind", ["random", "noisy", "window"])
-def test_finds_the_bad_and_learns_the_policy_of_the_good(kind, features):
+def test_adversaries_are_found_and_the_experts_policy_is_learned(kind, features):
     toy = make(kind, 1, n_actions=4, n_good=10, n_bad=10, steps=STEPS)
     model = RPIL(features).fit(toy.demonstrations)
     assert roc_auc_score(toy.is_good, model.log_odds_) == 1.0
@@ -114,7 +114,7 @@ def test_finds_the_bad_and_learns_the_policy_of_the_good(kind, features):
         assert np.abs(proba - oracle).mean() < 0.3 * np.abs(naive - oracle).mean()
 
 
-def test_attributes_tell_what_happened():
+def test_fitted_attributes_agree_with_the_audit():
     toy = make("random", 0, steps=STEPS)
     model = RPIL().fit(toy.demonstrations)
     assert right(model, toy)
@@ -129,7 +129,7 @@ def test_attributes_tell_what_happened():
 
 
 @pytest.mark.filterwarnings("ignore::rpil.AmbiguousWarning")
-def test_the_papers_recipe():
+def test_paper_settings():
     """Raw complement: right where the bad ones do the opposite, and are few."""
     toy = make("flipped", 0, n_actions=2, n_bad=3, steps=STEPS)
     model = RPIL(**PAPER).fit(toy.demonstrations)
@@ -148,7 +148,7 @@ def test_demonstrations_and_arrays_are_the_same_fit():
     np.testing.assert_array_equal(predicted(plain, toy), predicted(other, toy))
 
 
-def test_rows_of_a_demonstration_need_not_lie_together():
+def test_rows_of_a_demonstration_may_be_scattered():
     toy = make("random", 0)
     plain = RPIL(adversary="uniform").fit(toy.observations, toy.actions, groups=toy.groups)
     within = np.arange(len(toy.actions)) - toy.offsets[toy.groups]
@@ -191,7 +191,7 @@ def test_text_for_actions_and_ids():
     assert text.score(toy.observations, words) == numbers.score(toy.observations, toy.actions)
 
 
-def test_actions_that_are_no_codes():
+def test_actions_that_are_not_0_to_k_minus_1():
     toy = make("random", 0)
     model = RPIL(adversary="uniform").fit(toy.observations, toy.actions * 10 - 5, groups=toy.groups)
     assert set(model.predict(toy.observations)) <= {-5, 5, 15}
@@ -222,7 +222,7 @@ def test_in_a_pipeline():
 
 
 @pytest.mark.filterwarnings("ignore::rpil.AmbiguousWarning")
-def test_cross_validate_does_not_pass_groups_unless_asked_to_and_that_is_loud():
+def test_cross_validate_without_groups_warns():
     toy = make("random", 0)
     model, splits = RPIL(adversary="uniform"), GroupKFold(3)
     arguments = model, toy.observations, toy.actions
@@ -252,7 +252,7 @@ def test_labels():
             np.testing.assert_allclose(predicted(told, toy), best_possible(toy), atol=0.15)
 
 
-def test_the_group_of_a_labelled_expert_is_the_experts():
+def test_group_of_a_labelled_expert_is_trusted():
     """Even the shifted half: the data are symmetric."""
     toy = make("shifted", 2, steps=STEPS)
     model = RPIL().fit(toy.demonstrations, labels={"d0": "adversary", "d6": "expert"})
@@ -297,12 +297,12 @@ def test_progress_is_reported():
     assert "start: pooled" in said
 
 
-def test_no_convergence_is_loud():
+def test_warning_without_convergence():
     with pytest.warns(ConvergenceWarning, match="raise max_iter"):
         RPIL(adversary="confusion", settings=mixture(max_iter=1, tol=0.0)).fit(make("window", 0).demonstrations)
 
 
-def test_unfitted():
+def test_unfitted_estimators_raise():
     for method in ("predict", "predict_proba"):
         with pytest.raises(NotFittedError):
             getattr(RPIL(), method)(np.zeros((2, 2)))
@@ -365,12 +365,12 @@ def test_errors_are_one_sentence(model, data, words):
 
 
 @pytest.mark.parametrize(("weight", "words"), [(0.0, "zero"), (-1.0, "[Nn]egative")])
-def test_weights_must_weigh(weight, words):
+def test_zero_and_negative_sample_weights_are_refused(weight, words):
     with pytest.raises(ValueError, match=words):
         BehavioralCloning().fit(TOY.observations, TOY.actions, sample_weight=np.full(len(TOY.actions), weight))
 
 
-def test_a_fit_leaves_the_data_alone():
+def test_fit_changes_no_data():
     toy = make("random", 0)
     before = toy.observations.copy(), toy.actions.copy()
     RPIL().fit(toy.observations, toy.actions, groups=toy.groups)

@@ -48,7 +48,7 @@ def by_point(found: Adversary, points: NDArray) -> NDArray:
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_names_are_those_of_the_table(name):
+def test_names_are_those_of_adversaries(name):
     assert adversary(name, PROBLEM.space, fresh()).name == name
 
 
@@ -107,14 +107,14 @@ def test_the_ends_of_the_box_are_in_its_first_and_last_bins():
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_steps_teach_the_policy_nothing(name):
+def test_adversaries_of_continuous_actions_have_no_intended_action(name):
     found, outputs = fitted(name)
     assert found.intended_action_proba(outputs, PROBLEM.actions) is None
 
 
 @pytest.mark.parametrize("seed", range(3))
 @pytest.mark.parametrize("name", NAMES)
-def test_fit_never_loses(name, seed):
+def test_fit_never_lowers_the_objective(name, seed):
     for which, toy in continuous_zoo(seed).items():
         problem = toy.problem()
         rng = np.random.default_rng(seed)
@@ -145,7 +145,7 @@ def test_the_marginal_is_the_mode_under_its_prior_of_a_step_in_each_bin():
     assert found.log_prior() == pytest.approx(np.log(counts / 23.5).sum())
 
 
-def test_before_it_has_seen_data_the_marginal_is_uniform():
+def test_marginal_before_a_fit_is_uniform():
     start = MarginalBox.start(TOY.space)
     steps = PROBLEM.features, PROBLEM.actions, PROBLEM.actions
     np.testing.assert_allclose(start.log_prob(*steps), UniformBox(TOY.space.log_volume).log_prob(*steps))
@@ -159,7 +159,7 @@ def test_marginal_fit_is_a_histogram():
     np.testing.assert_allclose(share, expected / expected.sum())
 
 
-def test_an_own_policy_learns_what_made_the_steps():
+def test_own_policy_recovers_the_true_policy():
     toy = make_continuous("none", 5, n_good=30, n_bad=0, steps=(100, 100))
     problem = toy.problem()
     found = adversary("own policy", problem.space, fresh(problem))
@@ -169,7 +169,7 @@ def test_an_own_policy_learns_what_made_the_steps():
     assert np.abs(found.policy.outputs(problem.features) - truth).mean() < 0.03
 
 
-def test_no_steps_at_all_leave_a_finite_density():
+def test_fit_without_weight_has_a_finite_density():
     """Where EM trusts everybody the adversary has none."""
     outputs = np.zeros_like(PROBLEM.actions)
     for name in NAMES:
@@ -185,7 +185,7 @@ def test_unknown_names(name):
     assert ". " not in str(error.value)
 
 
-def test_an_instance_is_taken_as_it_is():
+def test_adversary_instance_is_unchanged():
     given = UniformBox(3.0)
     assert adversary(given, PROBLEM.space, fresh()) is given
     assert adversary(Uniform(), Discrete(2), fresh()) == Uniform()
