@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Hashable, Mapping
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from typing import Literal, TypeVar
 
@@ -15,7 +15,7 @@ from rpil.audit.calibration import PlattCalibration
 from rpil.audit.label_choice import choose_labels
 from rpil.audit.reasons import MAX_LOG_RATIO, Grounds, worst_stretch
 from rpil.audit.settings import AUDIT_SETTINGS, AuditSettings
-from rpil.data.archive import ADDED, stored
+from rpil.data.archive import stored
 from rpil.data.errors import DataError
 from rpil.data.formats.id_values import match_labels
 from rpil.numerics.types import Array, Float, Int
@@ -141,7 +141,7 @@ class Audit:
     assumptions: tuple[str, ...] = ()
     demonstrators: tuple[Demonstrator, ...] = ()
     labelled: tuple[Hashable, ...] = ()
-    deviations: tuple[str, ...] = field(default=(), metadata=ADDED)
+    deviations: tuple[str, ...] = ()
 
     @property
     def evidence(self) -> dict[str, Float[Array, " M"]]:

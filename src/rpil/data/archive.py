@@ -11,7 +11,7 @@ import io
 import json
 import zipfile
 from collections.abc import Callable, Mapping
-from dataclasses import Field, dataclass, fields
+from dataclasses import dataclass, fields
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any, TypeVar
@@ -39,9 +39,6 @@ Class = TypeVar("Class", bound=type)
 
 NOT_STORED = {"stored": False}
 """Metadata of a dataclass field that files do not hold; it has a default."""
-
-ADDED = {"added": True}
-"""Metadata of a field that older files of this version lack; a file holds it only where it is not the default."""
 
 
 @dataclass(frozen=True)
@@ -119,8 +116,7 @@ def encode(value: object, name: str, arrays: dict[str, Array]) -> Json:
     class_name = stored_name(value)
     if class_name is None:
         raise TypeError(type(value).__name__)
-    held = [f for f in _fields(type(value)) if "added" not in f.metadata or getattr(value, f.name) != f.default]
-    content = {f.name: encode(getattr(value, f.name), f"{name}/{f.name}", arrays) for f in held}
+    content = {f: encode(getattr(value, f), f"{name}/{f}", arrays) for f in _field_names(type(value))}
     return {"class": class_name, "fields": content}
 
 
@@ -129,9 +125,9 @@ def stored_name(value: object) -> str | None:
     return next((name for name, entry in CLASSES.items() if entry.kind is type(value)), None)
 
 
-def _fields(kind: type) -> list[Field[Any]]:
+def _field_names(kind: type) -> list[str]:
     """The stored fields of a class: private ones are caches, see also `NOT_STORED`."""
-    return [f for f in fields(kind) if not f.name.startswith("_") and f.metadata.get("stored", True)]
+    return [f.name for f in fields(kind) if not f.name.startswith("_") and f.metadata.get("stored", True)]
 
 
 class Decoder:
@@ -168,9 +164,7 @@ class Decoder:
         if node.keys() == {"pairs"}:
             return {self.value(key): self.value(value) for key, value in node["pairs"]}
         entry, content = CLASSES[node["class"]], node["fields"]
-        missing = {f.name: f for f in _fields(entry.kind)}
-        surplus = [name for name in content if missing.pop(name, None) is None]
-        if node.keys() != {"class", "fields"} or surplus or any("added" not in f.metadata for f in missing.values()):
+        if node.keys() != {"class", "fields"} or content.keys() != set(_field_names(entry.kind)):
             raise KeyError(node["class"])
         self.sizes = {letter: size for letter, size in self.sizes.items() if letter not in entry.renews}
         values = {}
