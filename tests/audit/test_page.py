@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import base64
+import hashlib
 import json
 import re
 import shutil
 import subprocess
+import unicodedata
 from dataclasses import replace
 from pathlib import Path
 
@@ -29,6 +32,10 @@ from rpil.inference.trust import FINDINGS
 def render(audit: Audit, **options: object) -> str:
     article = Article(**({"title": "An audit", "audit": audit, "source": "demos.parquet"} | options))
     return render_page([article])
+
+
+def csp_hash(code: str) -> str:
+    return f"'sha256-{base64.b64encode(hashlib.sha256(code.encode()).digest()).decode()}'"
 
 
 @pytest.fixture(scope="module")
@@ -193,6 +200,44 @@ def test_text_from_the_data_is_escaped() -> None:
     assert text.count("&lt;script&gt;") >= 9
 
 
+def test_only_the_script_and_the_style_of_the_page_are_allowed() -> None:
+    text = render(make_audit())
+    (policy,) = (m["content"] for m in Page(text).all("meta") if m.get("http-equiv") == "Content-Security-Policy")
+    rules = dict(rule.strip().split(" ", 1) for rule in policy.split(";"))
+    assert rules.pop("default-src") == rules.pop("base-uri") == rules.pop("form-action") == "'none'"
+    for tag, rule in (("script", "script-src"), ("style", "style-src-elem")):
+        (code,) = re.findall(f"<{tag}>(.*?)</{tag}>", text, re.DOTALL)
+        assert len(code) > 1000
+        assert rules.pop(rule) == csp_hash(code)
+    assert rules == {"style-src-attr": "'unsafe-inline'"}
+    assert text.index("Content-Security-Policy") < text.index("<style>")
+
+
+def test_characters_that_cannot_be_seen_are_shown_as_escapes() -> None:
+    ids = ("bell\x07", "half \ud800", "reversed \u202e", "noncharacter \ufffe", "a\u00a0b", "naïve 漢字")
+    audit = make_audit(("expert",) * 6, ids=ids, competing=(ids[:3], ids[3:]), to_label=ids[2:4])
+    text = render(audit, title="null \x00", source="demo\x1b[31m.csv", sections=[("\x7f", "two\nlines")])
+    text.encode("utf-8")
+    assert {c for c in text if unicodedata.category(c) in ("Cc", "Cs", "Cf", "Cn")} == {"\n"}
+    shown = Page(text).text
+    for name in (
+        r"bell\x07",
+        r"half \ud800",
+        r"reversed \u202e",
+        r"noncharacter \ufffe",
+        "naïve 漢字",
+        r"demo\x1b[31m.csv",
+    ):
+        assert name in shown
+    assert "a\u00a0b" in text
+
+
+def test_reason_stands_with_every_verdict(audit: Audit, page: Page) -> None:
+    reasons = {mark["title"] for mark in page.all("span") if "verdict" in (mark.get("class") or "") and "title" in mark}
+    assert reasons == set(audit.reasons)
+    assert all(reason in page.text for reason in audit.reasons)
+
+
 def test_sections_precede_the_ranking_and_only_markup_is_html(audit: Audit) -> None:
     text = render(audit, sections=[("One", Markup("<em>kept</em>")), ("Two", "a < b")])
     assert text.index("<em>kept</em>") < text.index("<p>a &lt; b</p>") < text.index('id="ranking"')
@@ -279,16 +324,20 @@ def test_page_works_in_a_browser(tmp_path: Path, unknown: Audit) -> None:
     document.title = JSON.stringify({ up, down, opened, all: document.querySelectorAll("details[open]").length,
       sort: head.parentElement.getAttribute("aria-sort"), wide: document.documentElement.scrollWidth > innerWidth });
     </script>"""
-    plain, probed, picture = (tmp_path / name for name in ("plain.html", "probed.html", "report.png"))
-    plain.write_text(render(unknown), encoding="utf-8")
-    probed.write_text(render(unknown).replace("</body>", probe + "</body>"), encoding="utf-8")
+    plain, probed, foreign = (tmp_path / f"{name}.html" for name in ("plain", "probed", "foreign"))
+    picture = tmp_path / "report.png"
+    page = render(unknown)
+    plain.write_text(page, encoding="utf-8")
+    allowed = page.replace("script-src ", f"script-src {csp_hash(probe[8:-9])} ")
+    probed.write_text(allowed.replace("</body>", probe + "</body>"), encoding="utf-8")
+    foreign.write_text(page.replace("</body>", "<script>document.title = 'ran'</script></body>"), encoding="utf-8")
     quiet = [f"--disable-{name}" for name in ("gpu", "quic", "background-networking", "component-update", "sync")]
     command = ["chromium", "--headless", "--no-sandbox", "--no-first-run", "--enable-logging=stderr", *quiet]
     command += [f"--user-data-dir={tmp_path / 'profile'}", "--window-size=500,2000"]
 
-    def run(*arguments: str) -> str:
+    def run(*arguments: str, refused: bool = False) -> str:
         done = subprocess.run([*command, *arguments], capture_output=True, text=True, timeout=120, check=True)
-        assert "CONSOLE" not in done.stderr
+        assert ("CONSOLE" in done.stderr) == ("Content Security Policy" in done.stderr) == refused
         return done.stdout
 
     seen = json.loads(re.search("<title>(.*?)</title>", run("--dump-dom", probed.as_uri()))[1])
@@ -296,3 +345,4 @@ def test_page_works_in_a_browser(tmp_path: Path, unknown: Audit) -> None:
     assert seen == {"up": lengths, "down": lengths[::-1], "opened": 2, "all": 30, "sort": "descending", "wide": False}
     run(f"--screenshot={picture}", plain.as_uri())
     assert imread(picture).std() > 0.05
+    assert "<title>An audit</title>" in run("--dump-dom", foreign.as_uri(), refused=True)

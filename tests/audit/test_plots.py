@@ -5,6 +5,7 @@ from __future__ import annotations
 import subprocess
 import sys
 from collections.abc import Iterator
+from pathlib import Path
 
 import matplotlib
 import numpy as np
@@ -148,3 +149,14 @@ def test_history_shows_the_objective_of_every_round() -> None:
     (line,) = plots.HistoryDisplay.from_audit(audit).ax_.lines
     np.testing.assert_array_equal(line.get_xdata(), np.arange(1, 6))
     np.testing.assert_array_equal(line.get_ydata(), audit.history)
+
+
+@pytest.mark.parametrize("display", [plots.RankingDisplay, plots.TimelineDisplay])
+def test_names_are_text_and_not_formulas(display: type, tmp_path: Path) -> None:
+    audit = make_audit(("expert", "adversary"), ids=("$\\frac$ \ud800", "cost $5$ \x07"))
+    shown = display.from_audit(audit)
+    texts = [*shown.ax_.get_yticklabels(), shown.ax_.title]
+    assert r"cost $5$ \x07" in {text.get_text().removeprefix("Demonstration ") for text in texts}
+    for ending in ("png", "svg"):
+        shown.figure_.savefig(tmp_path / f"picture.{ending}")
+    assert "cost $5$" in (tmp_path / "picture.svg").read_text(encoding="utf-8")

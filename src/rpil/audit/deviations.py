@@ -18,6 +18,9 @@ Outputs = Callable[[Int[Array, " R"]], Float[Array, "R O"]]
 MAX_STEPS = 20
 """Steps of a stretch that are compared, those with the lowest log-ratios: enough to name an action."""
 
+MIN_SHARE = 0.3
+"""Share of these steps with one other action from which that action is named."""
+
 MAX_TRUSTED_STEPS = 10_000
 """Steps that give the spread of the trusted around their policy."""
 
@@ -64,6 +67,8 @@ def _other_action(taken: Array, likely: Array) -> str:
     if not pairs:
         return ""
     (own, other), count = pairs.most_common(1)[0]
+    if count < MIN_SHARE * len(taken):
+        return ""
     return f"it takes action {own} where the trusted most likely take {other} ({count} of its {len(taken)} worst steps)"
 
 

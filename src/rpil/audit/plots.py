@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, Literal, Protocol, Self
 
 import numpy as np
 
+from rpil.audit.text import printable
 from rpil.numerics.types import Array, Float
 
 if TYPE_CHECKING:
@@ -112,7 +113,7 @@ class RankingDisplay(_AuditDisplay):
             ax.axvline(0, color=COLOURS["uncertain"], linewidth=0.8)
             ax.set(xlabel="Log-odds of expert against adversary (nats, logarithmic beyond 10)")
         if has_names:
-            ax.set_yticks(rows, [str(audit.ids[m]) for m in order])
+            ax.set_yticks(rows, [printable(audit.ids[m]) for m in order], parse_math=False)
         ax.set(ylim=(size - 0.5, -0.5), ylabel="Demonstration" if has_names else "Rank")
         _add_legend(ax)
         return self
@@ -170,7 +171,8 @@ class TimelineDisplay(_AuditDisplay):
                 text = ax.text(step, ratio[step], f"\n{step}", ha="center", va="top", linespacing=0.8)
                 text.set(fontsize="small", color=COLOURS["adversary"])
         ax.margins(x=0.01, y=0.12)
-        ax.set(xlabel="Step", ylabel="Log-ratio (nats)", title=f"Demonstration {self.audit.ids[index]}")
+        ax.set(xlabel="Step", ylabel="Log-ratio (nats)")
+        ax.set_title(f"Demonstration {printable(self.audit.ids[index])}", parse_math=False)
         return self
 
 

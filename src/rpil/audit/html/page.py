@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import base64
+import hashlib
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -17,6 +19,7 @@ from rpil.audit.label_choice import NEXT_STEPS
 from rpil.audit.plots import HistoryDisplay, LengthDisplay
 from rpil.audit.record import Audit
 from rpil.audit.settings import AUDIT_SETTINGS
+from rpil.audit.text import printable
 from rpil.data.files import replacing
 from rpil.inference.trust import FINDINGS
 
@@ -37,11 +40,23 @@ class Article:
 
 
 def html_environment(package: str, folder: str) -> Environment:
-    """The environment of the Jinja templates in a folder of a package; what they insert is escaped."""
-    loader = PackageLoader(package, folder)
-    jinja = Environment(loader=loader, autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
-    jinja.filters |= {"number": format_number, "percent": format_percent, "count": format_count}
+    """The environment of the Jinja templates in a folder of a package; what they insert is escaped and `printable`."""
+    jinja = Environment(
+        loader=PackageLoader(package, folder),
+        autoescape=True,
+        undefined=StrictUndefined,
+        finalize=lambda value: value if isinstance(value, Markup) else printable(value),
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    jinja.filters |= {"number": format_number, "percent": format_percent, "count": format_count, "hash": _csp_hash}
     return jinja
+
+
+def _csp_hash(code: str) -> Markup:
+    """The hash by which a Content-Security-Policy allows the code of an element, and no other code."""
+    digest = base64.b64encode(hashlib.sha256(code.encode()).digest()).decode()
+    return Markup("'sha256-{}'").format(digest)
 
 
 def render_page(articles: Sequence[Article], *, title: str = "", headline: str = "", introduction: str = "") -> str:
