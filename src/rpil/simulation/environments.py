@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import os
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
@@ -16,6 +20,20 @@ DISCRETISED: dict[str, tuple[str, NDArray[np.float32]]] = {
 """Id -> the continuous environment, and the action (A,) of each of K choices, (K, A)."""
 
 
+@contextmanager
+def kept_process_settings() -> Iterator[None]:
+    """Undo changes to warning filters and environment variables: Gymnasium makes some when it is imported."""
+    before = dict(os.environ)
+    with warnings.catch_warnings():
+        try:
+            yield
+        finally:
+            for name in os.environ.keys() - before.keys():
+                del os.environ[name]
+            os.environ.update({name: value for name, value in before.items() if os.environ.get(name) != value})
+
+
+@kept_process_settings()
 def make(env_id: str) -> Any:
     """Make a `gymnasium.Env` by its id with a version, or one of `DISCRETISED`.
 
