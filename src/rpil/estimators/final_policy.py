@@ -36,13 +36,13 @@ class LinearPolicySpec:
     def choice(self, data: Demonstrations, codes: Array, weight: Array, space: Space) -> Choice:
         """The features: those asked for, or chosen by held-out steps of `weight` (N,)."""
         if self.features != "auto":
-            return Choice(self.features)
+            return Choice(self.features, self.selection.maps.ridge_per_step)
         return choose_features(data.observations, codes, data.offsets, weight, space, self.C, self.selection)
 
     def feature_map(self, choice: Choice, observations: Array, weight: Array) -> FeatureMap:
         """The features of the `choice`, fitted to the observations of the trusted steps."""
         trusted = weight > self.min_feature_weight * weight.max()
-        return FeatureMap.fit(choice.kind, observations[trusted], weight[trusted], choice.ridge)
+        return FeatureMap.fit(choice.kind, observations[trusted], weight[trusted], choice.ridge, self.selection.maps)
 
     def fit(self, data: Demonstrations, codes: Array, weight: Array, space: Space) -> tuple[FeatureMap, Policy]:
         """The feature map, and the policy fitted to all steps by their `weight` (N,)."""

@@ -16,7 +16,7 @@ from rpil.estimators.task import Features, FinalPolicy, Task
 from rpil.inference.settings import Minority
 from rpil.numerics.newton import Preconditioner
 from rpil.numerics.types import Array
-from rpil.policies.features import FeatureMap, FeatureSettings, ridge_of
+from rpil.policies.features import FeatureMap, ridge_of
 from rpil.policies.linear import linear_policy
 from rpil.policies.protocol import AdditivePolicy
 from rpil.policies.selection import Choice
@@ -39,7 +39,7 @@ def is_sampled(task: Task, options: Options) -> bool:
 def budget(task: Task, options: Options) -> int:
     """Steps of the sample for the policy of the judge."""
     # Enough demonstrations to count the columns of the features.
-    first = int(np.searchsorted(task.source.offsets, FeatureSettings.n_landmarks))
+    first = int(np.searchsorted(task.source.offsets, options.settings.selection.maps.n_landmarks))
     features = options.judge_features(task.source.select(slice(0, first)))
     assert isinstance(features, FeatureMap)
     return sample_steps(features.n_columns * task.space.n_parts, options.settings.sample)
@@ -108,7 +108,7 @@ class SampledFit:
         weights = StepWeights.of(decision.audit, decision.judge, options.settings.judge, options.settings.audit)
         weight = weights.weight(data, weights.trust[posed.indices])[0]
         choice = options.linear.choice(posed.demonstrations, data.actions, weight, task.space)
-        if choice != Choice(features.kind):
+        if choice != Choice(features.kind, features.ridge_per_step):
             observations = posed.demonstrations.observations
             features = options.linear.feature_map(choice, observations, weight)
             weights = replace(weights, final=DesignMap(features, task.space, task.classes))

@@ -19,6 +19,7 @@ from rpil.data.demonstrations import Block, Demonstrations
 from rpil.data.errors import DataError
 from rpil.data.files import StrPath
 from rpil.data.fit_data import FitData
+from rpil.data.spaces import Space
 from rpil.estimators.final_policy import LinearPolicySpec
 from rpil.estimators.settings import Settings
 from rpil.estimators.task import Features, FinalPolicy, Task
@@ -34,6 +35,7 @@ from rpil.numerics.types import Array
 from rpil.policies.cross_fitted import cross_fitted_policy
 from rpil.policies.features import FeatureMap, IdentityMap, ridge_of
 from rpil.policies.linear import linear_policy
+from rpil.policies.protocol import CrossFittedPolicy
 from rpil.scale.protocol import Engine, Shards
 
 Progress = Callable[[str], None]
@@ -67,6 +69,10 @@ class Options:
             self.features, self.C, settings.ascent.tol, settings.selection, settings.min_feature_weight
         )
 
+    def cross_fitted(self, space: Space, n_steps: int) -> CrossFittedPolicy:
+        """The user's policy before it is fitted."""
+        return cross_fitted_policy(self.policy, space, n_steps, self.settings.cross_fit)
+
     def check(self, task: Task) -> None:
         """Refuse options that are unknown, or that do not fit the demonstrations, before any work."""
         mixture = self.settings.mixture
@@ -76,7 +82,7 @@ class Options:
                 raise DataError(f"There is no {name} {value!r}; choose {' or '.join(known)}.")
         as_prior(mixture.prior)
         if self.policy is not None:
-            cross_fitted_policy(self.policy, task.space, int(task.source.offsets[-1]))
+            self.cross_fitted(task.space, int(task.source.offsets[-1]))  # refuses an unsuitable estimator
         if not self.judges and (task.demonstrators.informative or self.policy is not None):
             raise DataError("A named adversary knows neither demonstrators= nor policy=; leave out one.")
 
@@ -87,7 +93,7 @@ class Options:
         kind = self.settings.judge_features
         if kind == "auto":
             kind = self.features if self.features not in ("raw", "auto") else "folded"
-        return FeatureMap.fit(kind, demonstrations.observations)
+        return FeatureMap.fit(kind, demonstrations.observations, settings=self.settings.selection.maps)
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,7 +143,7 @@ def decide_trust(posed: JudgeInput, options: Options) -> TrustDecision:
     if options.judges:
         model: HeldOutModel
         if own:
-            policy = cross_fitted_policy(options.policy, data.space, n_steps)
+            policy = options.cross_fitted(data.space, n_steps)
             model = HeldOutPolicy(data, policy, settings.judge.held_out)
         else:
             model = held_out_model(data, options.seed, settings.judge.held_out)
@@ -229,5 +235,5 @@ class FullFit:
         if self.options.policy is None:
             return self.options.linear.fit(posed.demonstrations, data.actions, weight, data.space)
         # Cross-fitted again by the final weights: the temperature of the policy comes from held-out steps.
-        start, _ = cross_fitted_policy(self.options.policy, data.space, len(weight)).fit(data, weight)
+        start, _ = self.options.cross_fitted(data.space, len(weight)).fit(data, weight)
         return posed.features, start.fit_all(data, weight)

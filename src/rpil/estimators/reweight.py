@@ -17,12 +17,13 @@ from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
 from rpil.data.fit_data import FitData
 from rpil.estimators.task import ActionBox, Labels, Task
-from rpil.inference.held_out import HeldOutLogProb, deal, log_reference
+from rpil.inference.held_out import HeldOutLogProb, log_reference
 from rpil.inference.settings import MINORITY, JudgeSettings, Minority
 from rpil.inference.trust import judge
 from rpil.numerics.regression import column_scales
 from rpil.numerics.types import Array
 from rpil.policies.features import FeatureMap
+from rpil.policies.folds import deal
 
 P = TypeVar("P")
 LogProb = Callable[[Any, Array, Array], object]

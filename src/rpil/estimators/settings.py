@@ -8,6 +8,7 @@ from rpil.audit.settings import AuditSettings
 from rpil.data.archive import stored
 from rpil.inference.settings import JudgeSettings
 from rpil.mixture.settings import MixtureSettings
+from rpil.policies.cross_fitted import CrossFitSettings
 from rpil.policies.selection import SelectionSettings
 from rpil.scale.settings import AscentSettings, SampleSettings
 
@@ -52,7 +53,9 @@ class Settings:
     audit: AuditSettings = AuditSettings()
     """When a demonstration gets a verdict and its steps full weight."""
     selection: SelectionSettings = SelectionSettings()
-    """Of the choice of features, where these are "auto"."""
+    """Of feature maps, and of the choice of one where features are "auto"."""
+    cross_fit: CrossFitSettings = CrossFitSettings()
+    """Of the folds of an estimator that is given as `policy`."""
     sample: SampleSettings = SampleSettings()
     ascent: AscentSettings = AscentSettings()
     """Of the fit of the final policy."""

@@ -78,8 +78,8 @@ class StudentRatio:
         weights = solve_ridge(*normal_equations(data.features[rows], actions[rows], weight[rows]), ridge)
         errors = actions - linear(data.features, weights)
         center = np.median(actions, axis=0)
-        width = error_scale(actions - center, np.ones(len(actions)))
-        scale = error_scale(errors, weight)
+        width = error_scale(actions - center, np.ones(len(actions)), settings.errors)
+        scale = error_scale(errors, weight, settings.errors)
         return cls(weights, data.actions.mean(axis=0), column_scales(data.actions), scale, center, width)
 
     def step_ratios(
@@ -87,8 +87,8 @@ class StudentRatio:
     ) -> StepRatios:
         """Log-ratios of the actions taken; the reference of the score is a constant, which is left out."""
         scaled = (actions - self.location) / self.spread
-        log_prob = student_log_density(scaled - linear(features, self.weights), self.scale)
-        return log_prob, log_prob - student_log_density(scaled - self.center, self.width)
+        log_prob = student_log_density(scaled - linear(features, self.weights), self.scale, settings.errors)
+        return log_prob, log_prob - student_log_density(scaled - self.center, self.width, settings.errors)
 
 
 @stored()

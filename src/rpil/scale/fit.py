@@ -75,8 +75,8 @@ def score_block(
 def _step_ratios(data: FitData, judge: FittedJudge, settings: JudgeSettings) -> tuple[Array, Array, StepTrust]:
     """Of each step: the log-ratio of which the score is the mean, log pi - log q, (N,) each, and the trust in it."""
     scored, log_ratio = judge.step_ratios(data.features, data.actions, settings)
-    power = np.full(data.n_demonstrations, min(judge.independent, 1.0))
-    return scored, log_ratio, step_trust(data, log_ratio, power, settings.reliability_nodes)
+    temperature = np.full(data.n_demonstrations, min(judge.independent, 1.0))
+    return scored, log_ratio, step_trust(data, log_ratio, temperature, settings)
 
 
 @dataclass(frozen=True, eq=False)
