@@ -175,6 +175,38 @@ def test_no_two_constants_share_a_name():
     assert {name: files for name, files in homes.items() if len(files) > 1} == {}
 
 
+WITHOUT_TESTS = {
+    "audit/settings.py": "values alone; the file that uses them is tested",
+    "inference/settings.py": "values alone",
+    "mixture/settings.py": "values alone",
+    "scale/settings.py": "values alone",
+    "estimators/settings.py": "values alone",
+    "mixture/adversaries/protocol.py": "a protocol; every adversary is tested",
+    "policies/protocol.py": "a protocol; every policy is tested",
+    "scale/protocol.py": "a protocol; every engine is tested",
+    "policies/linear.py": "a table of two lines",
+    "estimators/task.py": "what RPIL, RMEnt and reweight read; each of them is tested",
+    "data/formats/csv.py": "every format passes tests/data/test_formats.py",
+    "data/formats/npz.py": "as csv.py",
+    "data/formats/parquet.py": "as csv.py",
+    "data/formats/table.py": "as csv.py",
+    "data/formats/store.py": "holds the files of a Dataset: tests/data/formats/test_dataset.py",
+}
+"""Files of the library that no test file is named after, and why."""
+
+
+def test_tests_mirror_the_rooms():
+    tests = Path(__file__).parent
+    files = {path.relative_to(ROOT) for path in ROOT.rglob("*.py") if not path.name.startswith("__")}
+    without = {str(file) for file in files if not (tests / file.parent / f"test_{file.name}").exists()}
+    assert without == set(WITHOUT_TESTS)
+
+
+@pytest.mark.parametrize("path", sorted(Path(__file__).parent.rglob("*.py")), ids=lambda path: path.name)
+def test_test_files_are_short(path):
+    assert len(path.read_text().splitlines()) <= MAX_LINES
+
+
 def test_types_are_precise():
     assert sum(len(re.findall(r"\bAny\b", path.read_text())) for path in ROOT.rglob("*.py")) <= MAX_ANY
     assert "strict = true" in (ROOT.parents[1] / "pyproject.toml").read_text()

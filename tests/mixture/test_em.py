@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy.special import expit, log_softmax, logit
 
-from problems import Toy, make, pooled_state, ridge, zoo
+from problems import Toy, continuous_zoo, make, make_continuous, pooled_state, ridge, zoo
 from rpil.data.fit_data import FitData
 from rpil.data.spaces import Discrete
 from rpil.mixture.adversaries.discrete import Complement, Uniform
@@ -20,6 +20,7 @@ from rpil.mixture.settings import MixtureSettings
 from rpil.policies.softmax import SoftmaxPolicy
 
 ZOO = zoo(0)
+CONTINUOUS_ZOO = continuous_zoo(0)
 
 
 def tiny(seed: int = 0, labels: tuple[int, ...] = (0, 0, 0, 0), n_actions: int = 3) -> Toy:
@@ -227,3 +228,30 @@ def test_em_recovers_true_parameters():
     assert result.state.prior.p == pytest.approx(0.75, abs=0.05)
     assert isinstance(result.state.adversary, Uniform)
     assert ((result.posterior.log_odds > 0) == toy.is_good).all()
+
+
+@pytest.mark.parametrize("which", ADVERSARIES["continuous"])
+def test_the_objective_never_falls_for_continuous_actions(which):
+    for name, toy in CONTINUOUS_ZOO.items():
+        problem = toy.problem()
+        state = pooled_state(problem, which)
+        history = run_em(problem, state, MixtureSettings(max_iter=12, tol=0.0)).history
+        assert np.isfinite(history).all(), name
+        assert np.diff(history).min() >= -1e-9 * np.abs(history).max(), name
+
+
+@pytest.mark.parametrize("which", ADVERSARIES["continuous"])
+def test_the_objective_never_falls_with_splines_and_continuous_actions(which):
+    for seed in range(3):
+        problem = make_continuous("window", seed).problem("spline")
+        history = run_em(problem, pooled_state(problem, which), MixtureSettings(max_iter=12, tol=0.0)).history
+        assert np.diff(history).min() >= -1e-9 * np.abs(history).max()
+
+
+def test_an_e_step_is_finite_for_long_demonstrations():
+    toy = make_continuous("random", 0, n_good=2, n_bad=2, steps=(3000, 3000))
+    problem = toy.problem()
+    state = pooled_state(problem, "uniform")
+    posterior = e_step(problem, state, state.policy.outputs(problem.features))
+    assert np.isfinite(posterior.log_odds).all()
+    assert np.isfinite(posterior.expert).all()

@@ -61,8 +61,7 @@ def assert_same(one, other):
     assert one.audit_.verdicts == other.audit_.verdicts
 
 
-@pytest.mark.parametrize("maker", [make, make_continuous])
-@pytest.mark.parametrize("on_disk", [False, True])
+@pytest.mark.parametrize(("maker", "on_disk"), [(make, True), (make_continuous, False)])
 def test_fit_on_a_cluster_is_the_fit_in_memory(cluster, tmp_path, maker, on_disk):
     data = demonstrations(maker)
     labels = {0: "expert", 100: "adversary"}

@@ -222,18 +222,6 @@ def test_given_confusion_must_be_square_rows_of_distributions(bad):
     assert ". " not in str(error.value)
 
 
-def test_unknown_name():
-    with pytest.raises(DataError, match="'evil' for discrete actions; choose auto, constant, uniform"):
-        named("evil", 3)
-
-
-def test_given_confusion_must_have_the_actions_of_the_data():
-    given = Confusion.given(np.eye(2))
-    assert named(given, 2) is given
-    with pytest.raises(DataError, match="2 x 2 was given for 3 actions"):
-        named(given, 3)
-
-
 def test_impossible_action_has_no_intended_action():
     features, log_policy, _ = steps(3)
     stuck = Confusion.given([[0, 1, 0]] * 3)

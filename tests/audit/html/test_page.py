@@ -20,9 +20,9 @@ from matplotlib.image import imread
 from audits import make_audit
 from html_page import Page
 from rpil.audit.assumptions import P_EXPERT
-from rpil.audit.html.number_format import format_number, format_percent
+from rpil.audit.html.number_format import format_number
 from rpil.audit.html.page import Article, render_page, write_page
-from rpil.audit.html.pictures import MAX_CURVE_POINTS, Timelines, returns_figure
+from rpil.audit.html.pictures import returns_figure
 from rpil.audit.label_choice import NEXT_STEPS
 from rpil.audit.record import Audit
 from rpil.data.errors import DataError
@@ -148,32 +148,6 @@ def test_worst_steps_are_named_marked_and_linked(page: Page, audit: Audit) -> No
     assert len(page.all("a", href=f"#demonstration-{index}")) == 3
 
 
-def test_timeline_places_curves_and_marks_at_their_steps() -> None:
-    audit = make_audit(("expert", "adversary"), lengths=[40, 1000])
-    timelines = Timelines(audit)
-    shown = timelines.timeline(1)
-    band = np.array([point.split(",") for point in shown["band"].split()], dtype=float)
-    mean = np.array([point.split(",") for point in shown["mean"].split()], dtype=float)
-    assert len(mean) == MAX_CURVE_POINTS + 2
-    assert len(band) == 2 * len(mean)
-    assert mean.min() >= 0
-    assert mean.max() <= 1000
-    assert (band[: len(mean), 1] <= band[::-1][: len(mean), 1]).all()
-    # The adversary goes wrong in the middle half: lower (further from the top) there than at either end.
-    assert mean[80:120, 1].mean() > timelines.zero > mean[:30, 1].mean()
-    for mark, step in zip(shown["marks"], audit.worst_steps(1), strict=True):
-        assert mark["step"] == step
-        assert mark["left"] == pytest.approx((step + 0.5) / 10)
-        assert mark["value"] == audit.step_log_ratio[40 + step]
-
-
-def test_timeline_of_one_step_has_the_full_width() -> None:
-    shown = Timelines(make_audit(("expert", "adversary"), lengths=[1, 5])).timeline(0)
-    first, *_, last = shown["mean"].split()
-    assert first.startswith("0,")
-    assert last.startswith("1000,")
-
-
 def test_competing_groups_are_listed_with_what_to_label(unknown: Audit, page: Page) -> None:
     text = Page(render(unknown)).text
     assert f"Cannot be known. {FINDINGS['cannot be known']} 30 demonstrations, ranked below" in text
@@ -243,17 +217,6 @@ def test_sections_precede_the_ranking_and_only_markup_is_html(audit: Audit) -> N
     assert text.index("<em>kept</em>") < text.index("<p>a &lt; b</p>") < text.index('id="ranking"')
 
 
-def test_returns_figure_has_its_numbers_in_the_description(audit: Audit) -> None:
-    rows = [("R-PIL", -104.25, -110.0, -98.5), ("Trusting <all>", -128.0, -140.0, -116.0)]
-    figure = returns_figure(rows)
-    (svg,) = Page(figure).all("svg")
-    assert svg["aria-label"] == "Mean returns: R-PIL −104.2 (−110.0 to −98.5); Trusting <all> −128.0 (−140.0 to −116.0)"
-    assert "−104.2" in Page(figure).text
-    assert "Trusting <all>" in Page(figure).text
-    assert "var(--expert)" in figure
-    assert "currentColor" in figure
-
-
 def test_infinite_log_odds_are_shown_as_infinity() -> None:
     text = Page(render(make_audit(("expert", "adversary"), log_odds=np.array([np.inf, -np.inf])))).text
     assert "∞" in text
@@ -291,20 +254,6 @@ def test_write_page_replaces_a_file_only_when_the_page_is_complete(tmp_path: Pat
 def test_write_page_names_a_missing_folder(tmp_path: Path, audit: Audit) -> None:
     with pytest.raises(DataError, match="nowhere"):
         write_page(tmp_path / "nowhere" / "report.html", [Article("", audit, "")])
-
-
-@pytest.mark.parametrize(
-    ("value", "text"), [(-3.14159, "−3.1"), (-0.04, "0.0"), (12345.6, "12,346"), (np.inf, "∞"), (-np.inf, "−∞")]
-)
-def test_format_number(value: float, text: str) -> None:
-    assert format_number(value) == text
-
-
-@pytest.mark.parametrize(
-    ("share", "text"), [(0.0, "0 %"), (0.001, "<1 %"), (0.5, "50 %"), (0.999, ">99 %"), (1.0, "100 %")]
-)
-def test_format_percent(share: float, text: str) -> None:
-    assert format_percent(share) == text
 
 
 @pytest.mark.slow
