@@ -180,7 +180,6 @@ WITHOUT_TESTS = {
     "inference/settings.py": "values alone",
     "mixture/settings.py": "values alone",
     "scale/settings.py": "values alone",
-    "estimators/settings.py": "values alone",
     "mixture/adversaries/protocol.py": "a protocol; every adversary is tested",
     "policies/protocol.py": "a protocol; every policy is tested",
     "scale/protocol.py": "a protocol; every engine is tested",
