@@ -169,7 +169,7 @@ def set_in(tree, path, value):
         (("fitted", "judge_"), None),
         (("fitted", "judge_", "fields", "groups"), None),
         (("fitted", "judge_", "fields", "scale"), None),
-        (("fitted", "judge_", "fields", "pooled"), "a"),
+        (("fitted", "judge_", "fields", "step_variance"), "a"),
         (("fitted", "judge_features_"), None),
         (("names", "observation_names_"), ["x"]),
         (("names", "predict"), ["x", "y"]),

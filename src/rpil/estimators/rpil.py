@@ -262,7 +262,7 @@ class RPIL(PolicyEstimator):
     ) -> Array:
         """The log-ratio of each step under the fitted policy, (N,)."""
         assert self.judge_ is not None
-        if self.judge_.scale is not None:
+        if self.judge_.ratio is not None:
             return self.judge_.step_ratios(design, codes, settings)[0]
         assert isinstance(self.policy_, CrossFittedPolicy)
         outputs = self.policy_.outputs(self.features_.design(demonstrations.observations))

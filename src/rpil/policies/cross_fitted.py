@@ -162,10 +162,7 @@ def cross_fitted_policy(
 ) -> CrossFittedPolicy:
     """The policy before it is fitted: of a scikit-learn `estimator`, or a `TorchPolicy` for these actions.
 
-    Raises
-    ------
-    DataError
-        If it is no estimator, gives no probabilities, takes no weights, or is made for other actions.
+    A `DataError` where it is no estimator, gives no probabilities, takes no weights, or is made for other actions.
     """
     if hasattr(estimator, "for_space"):
         policy: CrossFittedPolicy = estimator.for_space(space)

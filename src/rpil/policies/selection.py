@@ -115,18 +115,9 @@ def choose_features(
 ) -> Choice:
     """The feature map, ridge and temperature under which held-out demonstrations are predicted best.
 
-    Parameters
-    ----------
-    codes : (N,) int array, or (N, A) array
-        Actions, 0 .. K-1, or numbers.
-    offsets : (M + 1,) int array
-        Demonstration m owns the steps ``offsets[m]:offsets[m + 1]``.
-    weight : (N,) array
-        Trust in each step.
-    space : Space
-        Space of the actions.
-    C : float, optional
-        Inverse ridge strength of scikit-learn; if given, it is not chosen.
+    `codes` are the actions in `space`, 0 .. K-1 or numbers, and `weight` is the trust in each step; demonstration m has
+    the steps ``offsets[m]:offsets[m + 1]``. Where `C`, scikit-learn's inverse ridge strength, is given, no ridge is
+    chosen.
     """
     everything = FitData(observations, codes, offsets, space, np.zeros(len(offsets) - 1, dtype=int))
     sample = _sample(everything, weight, settings)

@@ -24,7 +24,6 @@ from rpil.data.spaces import Space
 from rpil.inference.fitted_judge import FittedJudge
 from rpil.inference.groups import fit_groups
 from rpil.inference.labels import Decision
-from rpil.inference.scores import mean_variance
 from rpil.inference.settings import JudgeSettings, Minority
 from rpil.inference.step_trust import StepTrust, step_trust
 from rpil.inference.trust import Judgement, conclude
@@ -75,7 +74,7 @@ def score_block(
 def _step_ratios(data: FitData, judge: FittedJudge, settings: JudgeSettings) -> tuple[Array, Array, StepTrust]:
     """Of each step: the log-ratio of which the score is the mean, log pi - log q, (N,) each, and the trust in it."""
     scored, log_ratio = judge.step_ratios(data.features, data.actions, settings)
-    temperature = np.full(data.n_demonstrations, min(judge.independent, 1.0))
+    temperature = np.full(data.n_demonstrations, min(judge.effective_per_step, 1.0))
     return scored, log_ratio, step_trust(data, log_ratio, temperature, settings)
 
 
@@ -97,8 +96,8 @@ def judge_everyone(
     score, squares, reliability, interval = map(np.concatenate, zip(*blocks, strict=True))
     judge, lengths = sample.judge, data.lengths
     score[sample.indices] = sample.judgement.scores.score  # held out, as the scores of all others are
-    effective = judge.independent * lengths
-    variance = mean_variance(squares, lengths, judge.pooled, effective, settings.variance_steps)
+    effective = judge.effective_per_step * lengths
+    variance = judge.score_variance(squares, lengths, settings)
     groups = fit_groups(score, variance, data.labels, effective, lengths, settings.groups)
     rival = sample.judgement.rival
     if rival is not None:
