@@ -53,21 +53,6 @@ def test_display_makes_a_new_figure_at_each_plot(display: type) -> None:
     assert shown.figure_ is not first
 
 
-@pytest.mark.parametrize("display", AUDIT_DISPLAYS)
-def test_from_estimator_takes_the_audit_of_a_fitted_estimator(display: type) -> None:
-    from sklearn.base import BaseEstimator
-    from sklearn.exceptions import NotFittedError
-
-    class Estimator(BaseEstimator):
-        def fit(self) -> Estimator:
-            self.audit_ = make_audit()
-            return self
-
-    assert display.from_estimator(Estimator().fit()).ax_.has_data()
-    with pytest.raises(NotFittedError):
-        display.from_estimator(Estimator())
-
-
 def test_running_mean_is_the_mean_of_the_window_cut_at_the_ends() -> None:
     values = np.array([1.0, 2.0, 6.0, 3.0])
     np.testing.assert_allclose(plots.running_mean(values, 3), [1.5, 3.0, 11 / 3, 4.5])

@@ -56,6 +56,8 @@ def test_verdicts_from_a_sample_are_those_from_all_demonstrations(maker, kind, m
         model, other = both(data)
     assert_alike(model, other, most_verdicts)
     assert roc_auc_score(toy.is_good, model.log_odds_) > 0.99
+    assert len(model.audit_.reasons) == len(data)
+    assert model.audit_.deviations == ()  # actions are compared in memory only
     if maker is make:
         assert np.abs(model.predict_proba(data.observations) - other.predict_proba(data.observations)).max() < 0.1
     else:

@@ -9,7 +9,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Hashable
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, Literal, Protocol, Self
+from typing import TYPE_CHECKING, Any, Literal, Self
 
 import numpy as np
 
@@ -26,12 +26,6 @@ if TYPE_CHECKING:
 # The palette of Okabe and Ito, which readers with any of the common colour deficiencies can distinguish.
 COLOURS: dict[Verdict, str] = {"expert": "#0072b2", "uncertain": "#7f8790", "adversary": "#d55e00"}
 MAX_NAMED_ROWS = 40
-
-
-class HasAudit(Protocol):
-    """A fitted estimator with an audit, such as `rpil.RPIL`."""
-
-    audit_: Audit
 
 
 def running_mean(values: Float[Array, " N"], window: int | None = None) -> Float[Array, " N"]:
@@ -65,14 +59,6 @@ class _AuditDisplay(ABC):
     def from_audit(cls, audit: Audit, *, ax: Axes | None = None, **options: Any) -> Self:
         """Draw the picture from an `Audit`; `options` are those of ``plot``."""
         return cls(audit).plot(ax, **options)
-
-    @classmethod
-    def from_estimator(cls, estimator: HasAudit, *, ax: Axes | None = None, **options: Any) -> Self:
-        """Draw the picture from a fitted `RPIL`; `options` are those of ``plot``."""
-        from sklearn.utils.validation import check_is_fitted
-
-        check_is_fitted(estimator, "audit_")
-        return cls.from_audit(estimator.audit_, ax=ax, **options)
 
     def _prepare_axes(self, ax: Axes | None, size: tuple[float, float] = (6.4, 3.6)) -> Axes:
         if ax is None:
