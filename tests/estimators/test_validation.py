@@ -14,7 +14,6 @@ from rpil.estimators.cloning import BehavioralCloning
 from rpil.estimators.rment import RMEnt
 from rpil.estimators.rpil import RPIL
 from rpil.mixture.adversaries.discrete import Confusion
-from small import mixture
 
 ESTIMATORS = [RPIL(), BehavioralCloning(), RMEnt()]
 
@@ -59,10 +58,6 @@ def test_action_box_for_discrete_actions_is_refused_in_one_sentence():
     assert one_sentence(error)
 
 
-UNKNOWN_M_STEP = mixture()
-object.__setattr__(UNKNOWN_M_STEP.mixture, "m_step", "none")  # past the check of types, which users do not have
-
-
 def test_unfitted_estimators_raise():
     for method in ("predict", "predict_proba"):
         with pytest.raises(NotFittedError):
@@ -92,21 +87,6 @@ CONTINUOUS = Demonstrations.from_arrays(TOY.observations, TOY.observations, TOY.
             "no adversary called 'evil' for discrete actions; choose auto, constant",
         ),
         (RPIL(adversary=Confusion.given(np.eye(2))), TOY.demonstrations, "2 x 2 was given for 3 actions"),
-        (
-            RPIL(settings=UNKNOWN_M_STEP),
-            TOY.demonstrations,
-            "no m_step 'none'; choose joint or expert_only",
-        ),
-        (
-            RPIL(settings=mixture(prior=1.5)),
-            TOY.demonstrations,
-            "prior 1.5 is no probability",
-        ),
-        (
-            RPIL(settings=mixture(prior=(0.5, 2))),
-            TOY.demonstrations,
-            r"Beta prior \(0.5, 2.0\) has no single mode",
-        ),
         (RPIL(C=-1.0), TOY.demonstrations, "C=-1.0 must be a positive number"),
         (BehavioralCloning(C=0.0), TOY.demonstrations, "C=0.0 must be a positive number"),
         (RPIL(), ONE_ACTION, "every action is 0, one class only"),

@@ -23,14 +23,14 @@ from rpil.data.spaces import Space
 from rpil.estimators.final_policy import LinearPolicySpec
 from rpil.estimators.settings import Settings
 from rpil.estimators.task import Features, FinalPolicy, Task
+from rpil.estimators.validation import check_minority
 from rpil.inference.fitted_judge import FittedJudge
 from rpil.inference.held_out import HeldOutModel, HeldOutPolicy, held_out_model
 from rpil.inference.search import SearchSettings, fit_mixture
-from rpil.inference.settings import MINORITY, Minority
+from rpil.inference.settings import Minority
 from rpil.inference.trust import Judgement, judge
 from rpil.mixture.adversaries.protocol import Adversary
 from rpil.mixture.em import State
-from rpil.mixture.expert_prior import as_prior
 from rpil.numerics.types import Array
 from rpil.policies.cross_fitted import cross_fitted_policy
 from rpil.policies.features import FeatureMap, IdentityMap, ridge_of
@@ -75,12 +75,7 @@ class Options:
 
     def check(self, task: Task) -> None:
         """Refuse options that are unknown, or that do not fit the demonstrations, before any work."""
-        mixture = self.settings.mixture
-        choices = {"m_step": (mixture.m_step, ("joint", "expert_only")), "minority": (self.minority, MINORITY)}
-        for name, (value, known) in choices.items():
-            if value not in known:
-                raise DataError(f"There is no {name} {value!r}; choose {' or '.join(known)}.")
-        as_prior(mixture.prior)
+        check_minority(self.minority)
         if self.policy is not None:
             self.cross_fitted(task.space, int(task.source.offsets[-1]))  # refuses an unsuitable estimator
         if not self.judges and (task.demonstrators.informative or self.policy is not None):

@@ -13,12 +13,14 @@ from rpil.audit.assumptions import IN_SAMPLE_POLICY, assumption_sentences
 from rpil.audit.record import Audit
 from rpil.audit.settings import AuditSettings
 from rpil.audit.summary import audit_from_judgement
+from rpil.data.checks import check_settings
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
 from rpil.data.fit_data import FitData
 from rpil.estimators.task import ActionBox, Labels, Task
+from rpil.estimators.validation import check_minority
 from rpil.inference.held_out import HeldOutLogProb, log_reference
-from rpil.inference.settings import MINORITY, JudgeSettings, Minority
+from rpil.inference.settings import JudgeSettings, Minority
 from rpil.inference.trust import judge
 from rpil.numerics.regression import column_scales
 from rpil.numerics.types import Array
@@ -48,16 +50,9 @@ class ReweightOptions:
     action_box: ActionBox | None = None
     random_state: int = 0
 
-    def check(self, n_demonstrations: int) -> None:
-        """Refuse impossible options before any work."""
-        if not 1 <= self.n_folds <= n_demonstrations:
-            raise DataError(
-                f"n_folds={self.n_folds!r} must be from 1 to the number of demonstrations, {n_demonstrations}."
-            )
-        if self.max_rounds < 1:
-            raise DataError(f"max_rounds={self.max_rounds!r} must be 1 or more.")
-        if self.minority not in MINORITY:
-            raise DataError(f"There is no minority {self.minority!r}; choose {' or '.join(MINORITY)}.")
+    def __post_init__(self) -> None:
+        check_settings(self, min_gain="[0, inf)", min_weight="[0, inf)", random_state="[0, inf)")
+        check_minority(self.minority)
 
 
 @dataclass(frozen=True, eq=False)
@@ -242,7 +237,10 @@ def reweight(
         raise TypeError(f"reweight() got an unexpected keyword argument {min(unknown)!r}")
     progress, chosen = progress or (lambda _: None), ReweightOptions(**options)
     task = Task.of(demonstrations, chosen.action_box, labels)
-    chosen.check(len(demonstrations))
+    if chosen.n_folds > len(demonstrations):
+        raise DataError(
+            f"n_folds={chosen.n_folds}, but there are {len(demonstrations)} demonstrations; give fewer folds."
+        )
     features = FeatureMap.fit("folded", demonstrations.observations)
     data = replace(task.data(demonstrations, features), labels=task.labels)
     seed, fold = chosen.random_state, data.per_step(deal(data, chosen.n_folds, chosen.random_state))

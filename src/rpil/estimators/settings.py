@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from rpil.audit.settings import AuditSettings
 from rpil.data.archive import stored
+from rpil.data.checks import check_settings
 from rpil.inference.settings import JudgeSettings
 from rpil.mixture.settings import MixtureSettings
 from rpil.policies.cross_fitted import CrossFitSettings
@@ -24,6 +25,9 @@ class ConcentrationSettings:
     """Best starts that go on until the selection stays the same. Chosen by hand, not tuned."""
     start_tol: float = 1e-3
     """Largest entry of the gradient, a step, at which the policy of a start is fitted. Chosen by hand, not tuned."""
+
+    def __post_init__(self) -> None:
+        check_settings(self, start_steps="[0, inf)")
 
 
 @stored()
@@ -59,3 +63,6 @@ class Settings:
     sample: SampleSettings = SampleSettings()
     ascent: AscentSettings = AscentSettings()
     """Of the fit of the final policy."""
+
+    def __post_init__(self) -> None:
+        check_settings(self, min_feature_weight="[0, 1)", single_precision="[0, inf)")

@@ -19,7 +19,6 @@ from rpil.data.spaces import Space
 from rpil.numerics.types import Array
 from rpil.policies.features import FeatureMap, IdentityMap
 from rpil.policies.protocol import CrossFittedPolicy, Policy
-from rpil.scale.sample import Source
 
 ActionBox = tuple[ArrayLike, ArrayLike]
 Features = FeatureMap | IdentityMap
@@ -32,7 +31,7 @@ Names = Mapping[Any, Hashable] | Sequence[Hashable]
 class Task:
     """The demonstrations of a fit, checked."""
 
-    source: Source
+    source: Demonstrations | Dataset
     space: Space
     classes: Array
     """The discrete actions, or an empty array."""

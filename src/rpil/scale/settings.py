@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from rpil.data.archive import stored
+from rpil.data.checks import check_settings
 from rpil.data.demonstrations import BLOCK_STEPS
 
 
@@ -28,6 +29,9 @@ class SampleSettings:
     block_steps: int = BLOCK_STEPS
     """Steps of a block, about, in the passes over all data."""
 
+    def __post_init__(self) -> None:
+        check_settings(self, max_ratio="[1, inf)")
+
 
 @stored()
 @dataclass(frozen=True)
@@ -49,3 +53,6 @@ class AscentSettings:
     """Passes in which the gradient must halve or the objective grow."""
     rounding: float = 1e-8
     """Relative change of the objective that is taken for rounding: single precision changes it by some 3e-9."""
+
+    def __post_init__(self) -> None:
+        check_settings(self, tol="[0, inf)", rounding="[0, inf)")
