@@ -24,6 +24,7 @@ DISCRETISED: dict[str, tuple[str, NDArray[np.float32]]] = {
 def kept_process_settings() -> Iterator[None]:
     """Undo changes to warning filters and environment variables: Gymnasium makes some when it is imported."""
     before = dict(os.environ)
+    os.environ.setdefault("PYGAME_HIDE_SUPPORT_PROMPT", "hide")  # else the import of some environments prints a line
     with warnings.catch_warnings():
         try:
             yield
