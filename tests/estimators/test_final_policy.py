@@ -47,6 +47,7 @@ def test_a_given_ridge_is_kept():
     np.testing.assert_allclose(ratio, ratio[0, 0])  # but for the temperature
 
 
+@pytest.mark.slow
 def test_the_trusted_choose_in_rpil_and_twice_the_same():
     observations, codes, offsets = told(curved, 14)
     rng = np.random.default_rng(3)
