@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from problems import fit_data_of, make, make_continuous
 from rpil.inference.fitted_judge import FittedJudge
