@@ -110,7 +110,7 @@ def test_loaded_judge_of_continuous_actions_scores_the_same(tmp_path):
     loaded = load(tmp_path / "p")
     assert type(loaded.judge_.ratio).__name__ == "StudentRatio"
     np.testing.assert_array_equal(loaded.score_demonstrations(data), model.score_demonstrations(data))
-    rewrite(tmp_path / "p", {"judge/scale/width.npy": npy(np.ones(3))})
+    rewrite(tmp_path / "p", {"judge/ratio/width.npy": npy(np.ones(3))})
     refused(tmp_path / "p", LOST)
 
 

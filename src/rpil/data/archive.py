@@ -11,7 +11,7 @@ import io
 import json
 import zipfile
 from collections.abc import Callable, Mapping
-from dataclasses import MISSING, Field, dataclass, fields
+from dataclasses import dataclass, fields
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any, TypeVar
@@ -116,7 +116,7 @@ def encode(value: object, name: str, arrays: dict[str, Array]) -> Json:
     class_name = stored_name(value)
     if class_name is None:
         raise TypeError(type(value).__name__)
-    content = {f.name: encode(getattr(value, f.name), f"{name}/{f.name}", arrays) for f in _stored_fields(type(value))}
+    content = {f: encode(getattr(value, f), f"{name}/{f}", arrays) for f in _field_names(type(value))}
     return {"class": class_name, "fields": content}
 
 
@@ -125,9 +125,9 @@ def stored_name(value: object) -> str | None:
     return next((name for name, entry in CLASSES.items() if entry.kind is type(value)), None)
 
 
-def _stored_fields(kind: type) -> list[Field[Any]]:
+def _field_names(kind: type) -> list[str]:
     """The stored fields of a class: private ones are caches, see also `NOT_STORED`."""
-    return [f for f in fields(kind) if not f.name.startswith("_") and f.metadata.get("stored", True)]
+    return [f.name for f in fields(kind) if not f.name.startswith("_") and f.metadata.get("stored", True)]
 
 
 class Decoder:
@@ -164,9 +164,7 @@ class Decoder:
         if node.keys() == {"pairs"}:
             return {self.value(key): self.value(value) for key, value in node["pairs"]}
         entry, content = CLASSES[node["class"]], node["fields"]
-        known = _stored_fields(entry.kind)
-        required = {f.name for f in known if f.default is MISSING}  # a setting that was added later has its default
-        if node.keys() != {"class", "fields"} or not required <= content.keys() <= {f.name for f in known}:
+        if node.keys() != {"class", "fields"} or content.keys() != set(_field_names(entry.kind)):
             raise KeyError(node["class"])
         self.sizes = {letter: size for letter, size in self.sizes.items() if letter not in entry.renews}
         values = {}
