@@ -9,6 +9,7 @@ import numpy as np
 
 from rpil.audit.reasons import MAX_LOG_RATIO, worst_stretch
 from rpil.audit.record import Audit
+from rpil.audit.text import printable
 from rpil.data.spaces import Space
 from rpil.numerics.types import Array, Float, Int, Num
 
@@ -69,7 +70,8 @@ def _other_action(taken: Array, likely: Array) -> str:
     (own, other), count = pairs.most_common(1)[0]
     if count < MIN_SHARE * len(taken):
         return ""
-    return f"it takes action {own} where the trusted most likely take {other} ({count} of its {len(taken)} worst steps)"
+    compared = f"it takes action {printable(own)} where the trusted most likely take {printable(other)}"
+    return f"{compared} ({count} of its {len(taken)} worst steps)"
 
 
 def _far_part(error: Float[Array, "R A"], spread: Float[Array, " A"]) -> str:
