@@ -94,7 +94,7 @@ VARIANTS: dict[str, Variant] = {
     "the share is not halved": Variant(_trimming(halvings=0)),
     "the upper group does not teach again": Variant(function=(scores.Scoring, "fit_group", _first_fit)),
     "one ridge, 1e-4": Variant(_held_out(ridges=(1e-4,))),
-    "raw features": Variant(Settings(search_features="raw")),
+    "raw features": Variant(Settings(judge_features="raw")),
     "steps are independent": Variant(
         function=(scores, "effective_steps", lambda covariances, lengths: lengths.astype(float))
     ),

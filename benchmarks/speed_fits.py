@@ -132,7 +132,7 @@ def plain_fit(design: Array, codes: Array, ridge: Array, goal: float, solver: st
 
 
 def _given(kind: str) -> RPIL:
-    return RPIL(features=kind, settings=Settings(search_features=kind))
+    return RPIL(features=kind, settings=Settings(judge_features=kind))
 
 
 def auroc(model: RPIL, data: Planted) -> float:

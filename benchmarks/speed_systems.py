@@ -98,7 +98,7 @@ def cluster(size: dict[str, int], repeats: int) -> Measured | Skipped:
 
 
 def _given(**parameters: Any) -> RPIL:
-    return RPIL(features="raw", settings=Settings(search_features="raw"), **parameters)
+    return RPIL(features="raw", settings=Settings(judge_features="raw"), **parameters)
 
 
 def write_shards(path: Path, n_steps: int, n_features: int, n_actions: int) -> Path:

@@ -23,10 +23,11 @@ from numpy.typing import NDArray
 from sklearn.ensemble import HistGradientBoostingClassifier
 
 from rpil import RPIL, Demonstrations, Settings
-from rpil.audit.plots import ACTION_COLOURS, COLOURS, RankingDisplay
+from rpil.audit.plots import COLOURS, RankingDisplay
 
 Array = NDArray[Any]
 N_ACTIONS = 4
+ACTION_COLOURS = ("#0072b2", "#e69f00", "#009e73", "#cc79a7", "#56b4e9", "#d55e00", "#f0e442", "#7f8790")
 ADVERSARIES = ("auto", "uniform", "marginal", "normalised complement", "confusion", "own policy")
 
 
@@ -135,7 +136,7 @@ def ring_demonstrations() -> tuple[Demonstrations, Array]:
 
 
 RIVALS: dict[str, Callable[[], RPIL]] = {
-    "a straight line": lambda: RPIL(settings=Settings(search_features="raw")),
+    "a straight line": lambda: RPIL(settings=Settings(judge_features="raw")),
     'features="auto"': lambda: RPIL(features="auto"),
     "gradient boosting": lambda: RPIL(policy=HistGradientBoostingClassifier(max_iter=10, random_state=0)),
 }

@@ -2,29 +2,38 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import pytest
 
 import typecheck
 
 typecheck.install()
 
+TESTS = Path(__file__).parent
 
 SLOW_FILES = {
-    "test_commands.py",
-    "test_continuous_actions.py",
-    "test_dask.py",
-    "test_demo.py",
-    "test_fit_from_disk.py",
-    "test_fitted_audits.py",
+    "cli/test_audit_command.py",
+    "cli/test_commands.py",
+    "cli/test_demo.py",
+    "cli/test_main.py",
+    "cli/test_streaming.py",
+    "data/test_archive.py",
+    "estimators/test_continuous_actions.py",
+    "estimators/test_continuous_predictions.py",
+    "estimators/test_fitted_audits.py",
+    "estimators/test_passes.py",
+    "estimators/test_pipeline.py",
+    "estimators/test_reweight.py",
+    "estimators/test_rment.py",
+    "estimators/test_rpil.py",
+    "inference/test_labels.py",
+    "inference/test_trust.py",
+    "policies/test_torch.py",
+    "scale/test_checkpoint.py",
+    "scale/test_dask.py",
+    "scale/test_disk.py",
     "test_golden.py",
-    "test_judge.py",
-    "test_main.py",
-    "test_passes.py",
-    "test_reweight.py",
-    "test_rment.py",
-    "test_rpil.py",
-    "test_streaming.py",
-    "test_torch.py",
 }
 """Files in which most tests take more than a second; a slow test of another file has the marker `slow` itself."""
 
@@ -32,5 +41,10 @@ SLOW_FILES = {
 def pytest_collection_modifyitems(items):
     """Mark the tests of `SLOW_FILES`."""
     for item in items:
-        if item.path.name in SLOW_FILES:
+        if item.path.relative_to(TESTS).as_posix() in SLOW_FILES:
             item.add_marker(pytest.mark.slow)
+
+
+def pytest_runtest_setup():
+    """Types are checked in the first calls of each test."""
+    typecheck.calls.clear()

@@ -254,3 +254,9 @@ def two_styles(
     second = np.arange(len(observations)) >= n_first * steps
     actions |= second & (observations[:, 1] > above)
     return Demonstrations.from_arrays(observations, actions.astype(int), offsets), second[offsets[:-1]]
+
+
+def one_sentence(error: Any) -> bool:
+    """Whether the message of an error that pytest caught is one sentence."""
+    message = str(error.value)
+    return message.endswith(".") and ". " not in message.replace("\n", " ")

@@ -175,9 +175,89 @@ def test_no_two_constants_share_a_name():
     assert {name: files for name, files in homes.items() if len(files) > 1} == {}
 
 
+WITHOUT_TESTS = {
+    "audit/settings.py": "values alone; the file that uses them is tested",
+    "inference/settings.py": "values alone",
+    "mixture/settings.py": "values alone",
+    "scale/settings.py": "values alone",
+    "mixture/adversaries/protocol.py": "a protocol; every adversary is tested",
+    "policies/protocol.py": "a protocol; every policy is tested",
+    "scale/protocol.py": "a protocol; every engine is tested",
+    "policies/linear.py": "a table of two lines",
+    "estimators/task.py": "what RPIL, RMEnt and reweight read; each of them is tested",
+    "data/formats/csv.py": "every format passes tests/data/test_formats.py",
+    "data/formats/npz.py": "as csv.py",
+    "data/formats/parquet.py": "as csv.py",
+    "data/formats/table.py": "as csv.py",
+    "data/formats/dialect.py": "tests/data/test_csv_variants.py",
+    "data/formats/names.py": "as dialect.py",
+    "data/formats/columns.py": "as dialect.py",
+    "data/formats/order.py": "as dialect.py",
+    "data/formats/starts.py": "as store.py",
+    "data/formats/recording.py": "as csv.py",
+    "data/formats/lerobot.py": "as csv.py",
+    "data/formats/description.py": "as csv.py",
+    "data/npy.py": "tests/data/test_hostile_files.py",
+    "data/run.py": "one function, tested with the files that carry its result",
+    "cli/info.py": "as csv.py",
+    "data/formats/store.py": "holds the files of a Dataset: tests/data/formats/test_dataset.py",
+}
+"""Files of the library that no test file is named after, and why."""
+
+
+def test_tests_mirror_the_rooms():
+    tests = Path(__file__).parent
+    files = {path.relative_to(ROOT) for path in ROOT.rglob("*.py") if not path.name.startswith("__")}
+    without = {str(file) for file in files if not (tests / file.parent / f"test_{file.name}").exists()}
+    assert without == set(WITHOUT_TESTS)
+
+
+@pytest.mark.parametrize("path", sorted(Path(__file__).parent.rglob("*.py")), ids=lambda path: path.name)
+def test_test_files_are_short(path):
+    assert len(path.read_text().splitlines()) <= MAX_LINES
+
+
 def test_types_are_precise():
     assert sum(len(re.findall(r"\bAny\b", path.read_text())) for path in ROOT.rglob("*.py")) <= MAX_ANY
     assert "strict = true" in (ROOT.parents[1] / "pyproject.toml").read_text()
+
+
+def calls_through_any(source: str) -> list[str]:
+    """Methods called on arguments and on attributes of `self` that are declared as ``Any``.
+
+    Objects of libraries without types have a name of their own, such as ``Estimator = Any``, and are left out.
+    """
+    tree = ast.parse(source)
+    declared = [node for node in ast.walk(tree) if isinstance(node, ast.AnnAssign) and is_any(node.annotation)]
+    fields = {"self." + ast.unparse(node.target).removeprefix("self.") for node in declared}
+    calls = []
+    for function in (node for node in ast.walk(tree) if isinstance(node, ast.FunctionDef)):
+        given = [*function.args.posonlyargs, *function.args.args, *function.args.kwonlyargs]
+        names = fields | {argument.arg for argument in given if is_any(argument.annotation)}
+        called = (node.func for node in ast.walk(function) if isinstance(node, ast.Call))
+        methods = (method for method in called if isinstance(method, ast.Attribute))
+        calls += [ast.unparse(method) for method in methods if ast.unparse(method.value) in names]
+    return calls
+
+
+def is_any(annotation):
+    return annotation is not None and ast.unparse(annotation) in ("Any", "Any | None")
+
+
+@pytest.mark.parametrize("path", sorted(ROOT.rglob("*.py")), ids=lambda path: str(path.relative_to(ROOT)))
+def test_no_method_is_called_through_any(path):
+    assert calls_through_any(path.read_text()) == []
+
+
+@pytest.mark.parametrize(
+    "source",
+    [
+        "def f(policy: Any):\n    return policy.outputs(1)",
+        "class A:\n    policy_: Any\n    def f(self):\n        return self.policy_.outputs(1)",
+    ],
+)
+def test_a_method_called_through_any_is_seen(source):
+    assert len(calls_through_any(source)) == 1
 
 
 def test_the_constructor_of_rpil_has_twelve_parameters_at_most():

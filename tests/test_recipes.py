@@ -1,4 +1,4 @@
-"""The recipes of docs/architecture.md, each done with code of its own."""
+"""The recipes of docs/architecture.md: what has a line in a table of the library is a module of a temporary package."""
 
 from __future__ import annotations
 
@@ -20,9 +20,8 @@ from problems import make
 from rpil import RPIL, Demonstrations, load, save
 from rpil.audit.html.page import Article, render_page
 from rpil.data import formats
-from rpil.data.archive import CLASSES, stored
+from rpil.data.archive import CLASSES
 from rpil.mixture.adversaries.named import ADVERSARIES
-from rpil.mixture.adversaries.protocol import Adversary
 from rpil.numerics.blocks import add
 from rpil.scale.memory import InMemory
 from rpil.scale.protocol import Engine, Shards
@@ -63,30 +62,23 @@ def test_policy_recipe():
     assert (model.predict(demonstrations.observations) == demonstrations.actions)[steps].mean() > 0.99
 
 
+MOSTLY_ZERO = """
+from dataclasses import dataclass
+
+import numpy as np
+
+from rpil.data.archive import stored
+from rpil.mixture.adversaries.protocol import Adversary
+
+
+@stored()
 @dataclass(frozen=True)
 class MostlyZero(Adversary):
-    """psi(0|s) = 0.9; the other actions share the rest."""
-
     name: str = "mostly zero"
 
     def log_prob(self, features, outputs, actions):
         return np.log(np.where(actions == 0, 0.9, 0.1 / (outputs.shape[1] - 1)))
-
-
-def test_adversary_recipe(monkeypatch, tmp_path):
-    monkeypatch.setitem(ADVERSARIES["discrete"], "mostly zero", lambda space, policy: MostlyZero())
-    monkeypatch.setattr("rpil.data.archive.CLASSES", CLASSES.copy())  # as it was, once the test is over
-    stored()(MostlyZero)
-    toy = make("random", 0, n_good=8, n_bad=4, steps=(40, 60))
-    rng = np.random.default_rng(0)
-    bad = ~toy.is_good[toy.groups].astype(bool)
-    toy.actions[bad] = np.where(rng.random(bad.sum()) < 0.9, 0, rng.integers(3, size=bad.sum()))
-    model = RPIL(adversary="mostly zero").fit(toy.demonstrations)
-    assert model.audit_.adversary == "mostly zero"
-    assert ((model.log_odds_ > 0) == toy.is_good).all()
-    save(model, tmp_path / "model.rpil")
-    assert load(tmp_path / "model.rpil").state_.adversary == MostlyZero()
-
+"""
 
 JSON_LINES = """
 import json
@@ -112,11 +104,35 @@ def write(path, demonstrations, truth):
 """
 
 
-def test_format_recipe(monkeypatch, tmp_path):
-    (tmp_path / "json_lines.py").write_text(JSON_LINES)
+@pytest.fixture
+def package(tmp_path, monkeypatch):
+    """A module of a temporary package by its name; tables of the library are as they were once the test is over."""
+    (tmp_path / "extension").mkdir()
+    for name, source in (("__init__", ""), ("mostly_zero", MOSTLY_ZERO), ("json_lines", JSON_LINES)):
+        (tmp_path / "extension" / f"{name}.py").write_text(source)
     monkeypatch.syspath_prepend(tmp_path)
-    monkeypatch.delitem(sys.modules, "json_lines", raising=False)
-    monkeypatch.setitem(formats.FORMATS, ".jsonl", importlib.import_module("json_lines"))
+    monkeypatch.setattr("rpil.data.archive.CLASSES", CLASSES.copy())
+    yield lambda name: importlib.import_module(f"extension.{name}")
+    for name in [name for name in sys.modules if name.partition(".")[0] == "extension"]:
+        del sys.modules[name]
+
+
+def test_adversary_recipe(package, monkeypatch, tmp_path):
+    mostly_zero = package("mostly_zero").MostlyZero
+    monkeypatch.setitem(ADVERSARIES["discrete"], "mostly zero", lambda space, policy: mostly_zero())
+    toy = make("random", 0, n_good=8, n_bad=4, steps=(40, 60))
+    rng = np.random.default_rng(0)
+    bad = ~toy.is_good[toy.groups].astype(bool)
+    toy.actions[bad] = np.where(rng.random(bad.sum()) < 0.9, 0, rng.integers(3, size=bad.sum()))
+    model = RPIL(adversary="mostly zero").fit(toy.demonstrations)
+    assert model.audit_.adversary == "mostly zero"
+    assert ((model.log_odds_ > 0) == toy.is_good).all()
+    save(model, tmp_path / "model.rpil")
+    assert load(tmp_path / "model.rpil").state_.adversary == mostly_zero()
+
+
+def test_format_recipe(package, monkeypatch, tmp_path):
+    monkeypatch.setitem(formats.FORMATS, ".jsonl", package("json_lines"))
     toy = make("random", 0, n_good=2, n_bad=2, steps=(4, 6)).demonstrations
     formats.write(tmp_path / "toy.jsonl", toy, {"is_good": [1, 1, 0, 0]})
     again = formats.read(tmp_path / "toy.jsonl")

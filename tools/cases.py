@@ -221,8 +221,8 @@ for continuous, action in ((False, "discrete"), (True, "continuous")):
         add(f"features {features} {action}", partial(rpil.RPIL, features=features), noisy)
         add(f"cloning {features} {action}", partial(rpil.BehavioralCloning, features=features), noisy)
     add(
-        f"search_features {action}",
-        partial(rpil.RPIL, features="auto", settings=rpil.Settings(search_features="spline")),
+        f"judge_features {action}",
+        partial(rpil.RPIL, features="auto", settings=rpil.Settings(judge_features="spline")),
         noisy,
     )
     for adversary in CONTINUOUS if continuous else DISCRETE:

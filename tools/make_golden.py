@@ -34,9 +34,7 @@ def models(continuous: bool) -> dict[str, Any]:
         "rment": rpil.RMEnt(n_trusted=7, n_starts=3),
         "judge": rpil.RPIL(),
         "judge of styles": rpil.RPIL(minority="trust", random_state=5),
-        "judge with labels": rpil.RPIL(
-            labels=LABELS, features="spline", settings=rpil.Settings(search_features="poly")
-        ),
+        "judge with labels": rpil.RPIL(labels=LABELS, features="spline", settings=rpil.Settings(judge_features="poly")),
         "mixture expert_only": rpil.RPIL(
             adversary="uniform",
             settings=rpil.Settings(mixture=rpil.MixtureSettings(m_step="expert_only", prior=(3.0, 2.0))),

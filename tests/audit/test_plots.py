@@ -5,7 +5,7 @@ from __future__ import annotations
 import subprocess
 import sys
 from collections.abc import Iterator
-from types import SimpleNamespace
+from pathlib import Path
 
 import matplotlib
 import numpy as np
@@ -15,7 +15,6 @@ from matplotlib.figure import Figure
 
 from audits import make_audit
 from rpil.audit import plots
-from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
 
 AUDIT_DISPLAYS = [plots.RankingDisplay, plots.LengthDisplay, plots.TimelineDisplay, plots.HistoryDisplay]
@@ -28,24 +27,6 @@ def closed_figures() -> Iterator[None]:
 
     yield
     plt.close("all")
-
-
-@pytest.fixture
-def demonstrations() -> Demonstrations:
-    observations = np.random.default_rng(0).normal(size=(60, 3))
-    actions = (observations[:, 0] > 0).astype(int)
-    return Demonstrations.from_arrays(
-        observations, actions, [0, 20, 60], observation_names=("position", "speed", "wind")
-    )
-
-
-class Threshold:
-    """Acts by the sign of the first column, and by the third one where that is large."""
-
-    classes_ = np.array(["left", "none", "right"])
-
-    def predict(self, X: np.ndarray) -> np.ndarray:
-        return np.where(X[:, 2] > 100, "none", np.where(X[:, 0] > 0, "right", "left"))
 
 
 def test_importing_plots_does_not_import_matplotlib() -> None:
@@ -70,21 +51,6 @@ def test_display_makes_a_new_figure_at_each_plot(display: type) -> None:
     first = shown.figure_
     assert shown.plot() is shown
     assert shown.figure_ is not first
-
-
-@pytest.mark.parametrize("display", AUDIT_DISPLAYS)
-def test_from_estimator_takes_the_audit_of_a_fitted_estimator(display: type) -> None:
-    from sklearn.base import BaseEstimator
-    from sklearn.exceptions import NotFittedError
-
-    class Estimator(BaseEstimator):
-        def fit(self) -> Estimator:
-            self.audit_ = make_audit()
-            return self
-
-    assert display.from_estimator(Estimator().fit()).ax_.has_data()
-    with pytest.raises(NotFittedError):
-        display.from_estimator(Estimator())
 
 
 def test_running_mean_is_the_mean_of_the_window_cut_at_the_ends() -> None:
@@ -170,55 +136,12 @@ def test_history_shows_the_objective_of_every_round() -> None:
     np.testing.assert_array_equal(line.get_ydata(), audit.history)
 
 
-def test_policy_map_shows_the_action_at_each_point_with_other_columns_at_their_median(
-    demonstrations: Demonstrations,
-) -> None:
-    X = demonstrations.observations.copy()
-    X[0, 2] = 1000.0  # moves the mean, not the median
-    shown = plots.PolicyMapDisplay.from_estimator(
-        Threshold(), X, features=("speed", "position"), grid=7, observation_names=demonstrations.observation_names
-    )
-    assert shown.names == ("speed", "position")
-    assert (shown.actions == np.where(shown.y > 0, "right", "left")[:, None]).all()
-    (mesh,) = shown.ax_.collections
-    np.testing.assert_array_equal(np.unique(mesh.get_array()), [0, 2])
-    assert [text.get_text() for text in shown.ax_.get_legend().texts] == ["action left", "action none", "action right"]
-
-
-def test_policy_map_of_a_continuous_policy_has_a_colour_bar(demonstrations: Demonstrations) -> None:
-    policy = SimpleNamespace(predict=lambda X: X[:, :2] * 2)
-    shown = plots.PolicyMapDisplay.from_estimator(policy, demonstrations.observations, grid=5)
-    np.testing.assert_allclose(shown.actions[0], 2 * shown.x)
-    assert shown.ax_.get_xlabel() == "observation 0"
-    assert shown.figure_.axes[1].get_ylabel() == "Action"
-
-
-def test_demonstrations_are_coloured_by_action(demonstrations: Demonstrations) -> None:
-    shown = plots.DemonstrationDisplay.from_demonstrations(demonstrations, features=(0, "wind"))
-    (dots,) = shown.ax_.collections
-    np.testing.assert_array_equal(dots.get_offsets(), demonstrations.observations[:, [0, 2]])
-    np.testing.assert_array_equal(dots.get_array(), demonstrations.actions)
-    assert (shown.ax_.get_xlabel(), shown.ax_.get_ylabel()) == ("position", "wind")
-    assert [to_hex(dots.cmap(code)) for code in range(2)] == list(plots.ACTION_COLOURS[:2])
-
-
-def test_continuous_demonstrations_are_coloured_by_their_first_component() -> None:
-    rng = np.random.default_rng(0)
-    observations, actions = rng.normal(size=(30, 2)), rng.normal(size=(30, 2))
-    shown = plots.DemonstrationDisplay.from_demonstrations(Demonstrations.from_arrays(observations, actions, [0, 30]))
-    np.testing.assert_array_equal(shown.ax_.collections[0].get_array(), actions[:, 0])
-    assert shown.ax_.get_legend() is None
-
-
-@pytest.mark.parametrize("feature", [3, -1, "height"])
-def test_unknown_observation_column_is_refused_with_the_known_ones(
-    demonstrations: Demonstrations, feature: int | str
-) -> None:
-    with pytest.raises(DataError, match=f"no observation column {feature!r}: .* position, speed, wind"):
-        plots.DemonstrationDisplay.from_demonstrations(demonstrations, features=(0, feature))
-
-
-def test_more_actions_than_the_palette_have_different_colours(demonstrations: Demonstrations) -> None:
-    many = Demonstrations.from_arrays(demonstrations.observations, np.arange(60) % 12, [0, 60])
-    (dots,) = plots.DemonstrationDisplay.from_demonstrations(many).ax_.collections
-    assert len({to_hex(dots.cmap(code)) for code in range(12)}) == 12
+@pytest.mark.parametrize("display", [plots.RankingDisplay, plots.TimelineDisplay])
+def test_names_are_text_and_not_formulas(display: type, tmp_path: Path) -> None:
+    audit = make_audit(("expert", "adversary"), ids=("$\\frac$ \ud800", "cost $5$ \x07"))
+    shown = display.from_audit(audit)
+    texts = [*shown.ax_.get_yticklabels(), shown.ax_.title]
+    assert r"cost $5$ \x07" in {text.get_text().removeprefix("Demonstration ") for text in texts}
+    for ending in ("png", "svg"):
+        shown.figure_.savefig(tmp_path / f"picture.{ending}")
+    assert "cost $5$" in (tmp_path / "picture.svg").read_text(encoding="utf-8")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 import json
 import struct
 from types import SimpleNamespace
@@ -13,7 +12,7 @@ from scipy import stats
 from scipy.special import expit, logit
 
 from rpil import BehavioralCloning, Demonstrations, rollout, simulate
-from rpil.data.errors import DataError, MissingExtraError
+from rpil.data.errors import DataError
 from rpil.simulation.experts import expert
 from study.experiments import EXPERIMENTS, METHODS, NAMES, ORACLE, OURS, RAW_ORACLE, RECIPE
 from study.figures import draw
@@ -147,11 +146,6 @@ def test_methods_get_the_same_demonstrations_and_no_truth(found):
 def test_errors(change, match):
     with pytest.raises(DataError, match=match):
         run(**SMALL | change)
-
-
-def test_an_error_of_another_process_arrives():
-    error = MissingExtraError("Playing", "gym")
-    assert str(copy.copy(error)) == str(error)  # as pickling does
 
 
 def test_probability_of_one_half_is_wrong():

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import json
-import re
-import shlex
 import subprocess
 import sys
 import time
@@ -13,23 +11,13 @@ import warnings
 from pathlib import Path
 
 import numpy as np
-import pyarrow as pa
-import pyarrow.csv
 import pyarrow.parquet as pq
 import pytest
 
 import rpil
-from command_line import ENV, call, npz, ok, refused
-from rpil.audit.assumptions import P_EXPERT
-from rpil.audit.label_choice import NEXT_STEPS
-from rpil.cli import main as cli
+from command_line import ENV, call, ok, refused
 from rpil.data import formats
 from rpil.estimators.persistence import load
-from rpil.inference.settings import MINORITY
-from rpil.inference.trust import FINDINGS
-from rpil.mixture.adversaries.named import ADVERSARIES
-from rpil.policies.features import FEATURES
-from rpil.simulation.corruptions import KINDS
 
 
 def test_help_and_version():
@@ -50,17 +38,6 @@ def test_help_is_fast_and_imports_no_slow_module():
         subprocess.run([Path(sys.executable).parent / "rpil", "--help"], check=True, capture_output=True)
         took.append(time.perf_counter() - start)
     assert min(took) < 0.5
-
-
-def test_choices_are_those_of_the_library():
-    for command, option, expected in (
-        ("audit", "features", FEATURES),
-        ("audit", "minority", MINORITY),
-        ("audit", "adversary", ["auto", *ADVERSARIES["discrete"], *ADVERSARIES["continuous"]]),
-        ("simulate", "kind", KINDS),
-    ):
-        (parameter,) = [param for param in cli.main.commands[command].params if param.name == option]
-        assert {name.replace("-", " ") for name in parameter.type.choices} == set(expected)
 
 
 def test_simulate_writes_demonstrations_with_their_truth(folder):
@@ -91,175 +68,6 @@ def test_simulate_is_reproducible():
         assert f"Next: rpil audit {name}.csv" in result.stdout
     a, b, c = (Path(f"{name}.csv").read_bytes() for name in "abc")
     assert a == b != c
-
-
-def printed_ranking(result):
-    """The rows of the ranking, and the titles of its columns."""
-    lines = result.stdout.splitlines()
-    start = next(k for k, line in enumerate(lines) if line.startswith("---"))
-    stop = next(k for k in range(start, len(lines)) if not lines[k].strip())
-    return re.split(r"\s{2,}", lines[start - 1].strip()), [line.split() for line in lines[start + 1 : stop]]
-
-
-def test_audit_prints_finding_ranking_and_next_step(folder):
-    result = ok("audit", folder / "good.parquet")
-    titles, rows = printed_ranking(result)
-    assert result.stdout.startswith(f"Told apart: {FINDINGS['told apart']}\n")
-    assert titles[:6] == ["id", "steps", "log-odds", "P(expert)", "reliability", "verdict"]  # actions are all there is
-    assert [int(row[0]) < 6 for row in rows] == [False] * 6 + [True] * 6
-    assert [row[5] for row in rows] == ["adversary"] * 6 + ["expert"] * 6
-    odds = [float(row[2]) for row in rows]
-    assert odds == sorted(odds)
-    assert result.stdout.count(P_EXPERT) == 1
-    headline, following = result.stdout.split("\n\n")[-1].splitlines()[:2]
-    assert headline == "Of 12 demonstrations (1,160 steps), 6 can be trusted, 6 cannot be trusted, and 0 are uncertain."
-    assert following == f"Next: {NEXT_STEPS['told apart']}"
-    assert "Next" not in ok("audit", folder / "good.parquet", "--quiet").stdout
-    assert result.stderr == ""
-
-
-def test_parts_of_the_log_odds_add_up(folder):
-    Path("labels.csv").write_text("id,label\n3,good\n")
-    titles, rows = printed_ranking(ok("audit", folder / "good.parquet", "--labels", "labels.csv"))
-    assert titles[2:6] == ["log-odds", "= actions", "+ label", "P(expert)"]
-    for row in rows:
-        total, actions, label = map(float, row[2:5])
-        assert total == pytest.approx(actions + label, abs=0.011)
-        assert (label != 0) == (row[0] == "3")
-    who = "".join(f"{m},{'abcd'[m // 3]}\n" for m in range(12))
-    Path("who.csv").write_text(f"id,demonstrator\n{who}")
-    result = ok("audit", folder / "good.parquet", "--demonstrators", "who.csv")
-    titles, rows = printed_ranking(result)
-    assert titles[2:6] == ["log-odds", "= actions", "+ demonstrator", "P(expert)"]
-    for row in rows:
-        total, actions, lent = map(float, row[2:5])
-        assert total == pytest.approx(actions + lent, abs=0.011)
-        assert (lent > 0) == (int(row[0]) < 6)
-    assert re.search(r"^demonstrator +trust", result.stdout, re.MULTILINE)
-
-
-def test_audit_without_groups_prints_no_verdicts():
-    rng = np.random.default_rng(1)
-    x = rng.normal(size=(1200, 2))
-    y = (x[:, 0] + rng.logistic(size=1200) > 0).astype(int)  # all act by one policy
-    npz("data.npz", observations=x, actions=y, episode_ids=np.repeat(np.arange(20), 60))
-    result = ok("audit", "data.npz")
-    assert result.stdout.startswith(f"Nobody stands out: {FINDINGS['nobody stands out']}\n")
-    assert "\n20 demonstrations (1,200 steps) are ranked; there are no verdicts.\n" in result.stdout
-    assert "can be trusted" not in result.stdout
-    assert f"\nNext: {NEXT_STEPS['nobody stands out']}\n" in result.stdout
-    assert {row[5] for row in printed_ranking(result)[1]} == {"uncertain"}
-    assert len({row[3] for row in printed_ranking(result)[1]}) > 5  # P(expert) is graded
-
-
-def test_audit_prints_json(folder):
-    result = ok("audit", folder / "good.parquet", "--json")
-    assert result.stderr == ""
-    audit = json.loads(result.stdout, parse_constant=pytest.fail)
-    # The issue's, and what is needed where the data do not settle it.
-    assert list(audit) == [
-        "run", "input", "n_demonstrations", "n_steps", "finding", "adversary", "prior", "identifiable", "groups",
-        "to_label", "assumptions", "demonstrations", "demonstrators",
-    ]  # fmt: skip
-    assert audit["n_demonstrations"] == 12
-    assert audit["n_steps"] == formats.read(folder / "good.parquet").n_steps
-    assert audit["finding"] == "told apart"
-    assert audit["prior"].keys() == {"mean", "low", "high"}
-    assert 0 < audit["prior"]["low"] < audit["prior"]["mean"] < audit["prior"]["high"] < 1
-    assert audit["identifiable"] is True
-    assert len(audit["demonstrations"]) == 12
-    for entry in audit["demonstrations"]:
-        kinds = {
-            "id": int, "n_steps": int, "log_odds": float, "evidence": dict, "expert_proba": float, "reliability": float,
-            "verdict": str, "worst_steps": list,
-        }  # fmt: skip
-        assert {key: type(value) for key, value in entry.items()} == kinds
-        assert entry["verdict"] == ("expert" if entry["id"] < 6 else "adversary")
-        assert list(entry["evidence"]) == ["actions", "demonstrator", "label"]
-        assert sum(entry["evidence"].values()) == pytest.approx(entry["log_odds"], abs=1e-9)
-        assert all(0 <= step < entry["n_steps"] for step in entry["worst_steps"])
-    assert ok("audit", folder / "good.parquet", "--json", "--quiet").stdout == result.stdout
-    other = ok("audit", folder / "good.parquet", "--json", "--adversary", "normalised-complement")
-    assert json.loads(other.stdout)["adversary"] == "normalised complement"
-
-
-def test_audit_does_not_choose_features(folder, monkeypatch):
-    def never(*_):
-        pytest.fail("features were chosen")
-
-    folded = ok("audit", folder / "good.parquet", "--json", "--features", "folded").stdout
-    chosen = load(folder / "policy").audit_.to_dict()
-    monkeypatch.setattr("rpil.estimators.final_policy.choose_features", never)
-    assert ok("audit", folder / "good.parquet", "--json").stdout == folded
-    assert json.loads(folded)["demonstrations"] == chosen["demonstrations"]
-
-
-def test_audit_writes_a_report_and_weights(folder):
-    result = ok("audit", folder / "good.parquet", "--json", "--report", "r.html", "--weights", "w.parquet")
-    json.loads(result.stdout)
-    assert result.stderr.splitlines() == ["Weights: w.parquet", "Report: r.html"]
-    assert "good.parquet" in Path("r.html").read_text()
-    weights = pq.read_table("w.parquet").to_pydict()
-    assert list(weights) == ["episode_index", "step_index", "weight", "expert_proba", "log_odds"]
-    demonstrations = formats.read(folder / "good.parquet")
-    assert weights["episode_index"] == np.repeat(demonstrations.ids, demonstrations.lengths).tolist()
-    good = np.array(weights["episode_index"]) < 6
-    assert np.mean(np.array(weights["weight"])[good]) > 0.9
-    assert np.mean(np.array(weights["weight"])[~good]) < 0.1
-    result = ok("audit", folder / "good.parquet", "--weights", "w.csv", "--features", "poly")
-    assert "Weights: w.csv" in result.stdout
-    assert pa.csv.read_csv("w.csv").num_rows == demonstrations.n_steps
-
-
-def proposed_labels_file(result):
-    """The labels file that is printed to be pasted."""
-    return [line[4:] for line in result.stdout.splitlines() if line.startswith("    ")]
-
-
-def test_one_label_decides_between_competing_groups(folder):
-    file = folder / "shifted.parquet"
-    result = ok("audit", file, "--seed", 2)
-    assert result.stdout.startswith(f"Cannot be known: {FINDINGS['cannot be known']}\n")
-    groups = re.findall(r"Group [AB], 6 demonstrations: ([\d, ]+)", result.stdout)
-    assert sorted(sorted(map(int, group.split(", "))) for group in groups) == [[*range(6)], [*range(6, 12)]]
-    assert re.search(
-        r"labels that say most about the others, the best first: \d+, \d+, \d+\.\nWrite .* to labels.csv", result.stdout
-    )
-    assert "--minority" in result.stdout
-    assert "there are no verdicts." in result.stdout
-    assert result.stderr == ""
-    again = result.stdout.splitlines()[-1].removeprefix("Then run: ")
-    assert shlex.split(again) == ["rpil", "audit", str(file), "--seed", "2", "--labels", "labels.csv"]
-    # What is proposed works as it stands.
-    header, label = proposed_labels_file(result)
-    Path("labels.csv").write_text(f"{header}\n{label}\n")
-    result = ok(*shlex.split(again)[1:], "--json")
-    audit = json.loads(result.stdout)
-    assert audit["identifiable"] is True
-    assert audit["finding"] == "told apart"
-    assert result.stderr == ""
-    trusted = int(label.split(",")[0]) < 6
-    for entry in audit["demonstrations"]:
-        assert entry["verdict"] == ("expert" if (entry["id"] < 6) == trusted else "adversary")
-
-
-def test_competing_groups_in_json_and_minority_options(folder):
-    result = ok("audit", folder / "shifted.parquet", "--json")
-    audit = json.loads(result.stdout)
-    assert audit["identifiable"] is False
-    assert audit["finding"] == "cannot be known"
-    assert sorted(map(sorted, audit["groups"])) == [[*range(6)], [*range(6, 12)]]
-    assert len(audit["to_label"]) == 2
-    assert re.fullmatch(r"note: shifted\.parquet: two groups .* label one demonstration, say .*\n", result.stderr)
-    trusted = set(audit["groups"][0])
-    for minority in ("trust", "distrust"):
-        told = json.loads(ok("audit", folder / "shifted.parquet", "--json", "--minority", minority).stdout)
-        assert told["identifiable"] is True
-        rival = [entry["log_odds"] for entry in told["demonstrations"] if entry["id"] not in trusted]
-        least = min(entry["log_odds"] for entry in told["demonstrations"] if entry["id"] in trusted)
-        assert (min(rival) >= least) == (minority == "trust")
-    ok("fit", folder / "shifted.parquet", "-o", "p", "--minority", "trust", "--features", "raw")
-    assert load("p").minority == "trust"
 
 
 def test_fit_reports_a_policy_of_both_groups(folder):

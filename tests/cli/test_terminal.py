@@ -12,7 +12,7 @@ import pytest
 
 from audits import make_audit
 from rpil.audit.label_choice import NEXT_STEPS
-from rpil.audit.record import Demonstrator, Interval
+from rpil.audit.record import Audit, Demonstrator, Interval
 from rpil.cli import terminal
 from rpil.data.formats import read_labels
 from rpil.inference.trust import FINDINGS
@@ -73,7 +73,7 @@ def test_the_worst_and_the_most_doubtful_are_shown(many):
 
 
 def test_the_worst_are_given_with_their_reasons(monkeypatch, capsys):
-    monkeypatch.setattr("rpil.audit.verdict_table.verdict_reasons", lambda audit: [f"reason {m}." for m in audit.ids])
+    monkeypatch.setattr(Audit, "reasons", property(lambda audit: tuple(f"reason {m}." for m in audit.ids)))
     terminal.print_audit(make_audit())
     found = re.findall(r"^(\d+): reason (\d+)\.$", capsys.readouterr().out, re.MULTILINE)
     assert found == [(str(m), str(m)) for m in make_audit().ranking()[::-1][:3]]

@@ -32,7 +32,7 @@ def fitted():
     return RPIL().fit(X, y, groups, demonstrators=who)
 
 
-def test_a_short_demonstration_borrows_from_its_demonstrator(fitted):
+def test_short_demonstration_is_shrunk_to_its_demonstrator(fitted):
     audit = fitted.audit_
     known_good, known_bad, unknown = audit.log_odds[[6, 7, 8]]
     assert known_good > unknown + 0.5 > known_bad + 1.0
@@ -47,13 +47,13 @@ def test_a_short_demonstration_borrows_from_its_demonstrator(fitted):
     assert told[0]["trust"].keys() == {"mean", "low", "high"}
 
 
-def test_saving_keeps_them(fitted, tmp_path):
+def test_demonstrators_are_saved(fitted, tmp_path):
     save(fitted, tmp_path / "model")
     loaded = load(tmp_path / "model")
     assert loaded.audit_.demonstrators == fitted.audit_.demonstrators
 
 
-def test_useless_demonstrators_change_no_bit():
+def test_uninformative_demonstrators_change_no_bit():
     X, y, groups, _ = people()
     model = RPIL()
     alone = model.fit(X, y, groups).log_odds_
@@ -74,7 +74,7 @@ def test_useless_demonstrators_change_no_bit():
         (np.zeros((15, 2)), r"shape \(15, 2\)"),
     ],
 )
-def test_bad_input_is_one_sentence(demonstrators, match):
+def test_invalid_demonstrators_are_refused_in_one_sentence(demonstrators, match):
     X, y, groups, _ = people()
     with pytest.raises(DataError, match=match) as error:
         RPIL().fit(X, y, groups, demonstrators=demonstrators)

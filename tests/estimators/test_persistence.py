@@ -1,16 +1,14 @@
-import io
-import json
-import pickle
-import zipfile
-
 import numpy as np
 import pytest
+from sklearn.base import clone
+from sklearn.linear_model import LogisticRegression
 
+from archives import LOST, npy, refused, rewrite
+from problems import make_continuous
 from rpil import RPIL, BehavioralCloning, Confusion, Demonstrations, RMEnt, Settings, load, save
 from rpil.data.errors import DataError
 from rpil.mixture.adversaries.discrete import Uniform
-from rpil.scale.ascent import AscentState
-from rpil.scale.checkpoint import Checkpoint
+from rpil.mixture.adversaries.named import ADVERSARIES
 from rpil.simulation.simulate import simulate
 from small import mixture as mixture_settings
 
@@ -37,61 +35,11 @@ def mixture(data):
     return RPIL(adversary="uniform").fit(data)
 
 
-@pytest.fixture
-def saved(fitted, tmp_path):
-    path = tmp_path / "policy.rpil"
-    save(fitted, path)
-    return path
-
-
-@pytest.fixture
-def saved_mixture(mixture, tmp_path):
-    path = tmp_path / "mixture.rpil"
-    save(mixture, path)
-    return path
-
-
-def members(path):
-    with zipfile.ZipFile(path) as archive:
-        return {name: archive.read(name) for name in archive.namelist()}
-
-
-def rewrite(path, changes=(), header=None):
-    """Write the archive again with other members (None: without), and with the header changed in place."""
-    content = members(path) | dict(changes)
-    if header is not None:
-        tree = json.loads(content["header.json"])
-        header(tree)
-        content["header.json"] = json.dumps(tree).encode()
-    with zipfile.ZipFile(path, "w") as archive:
-        for name, part in content.items():
-            if part is not None:
-                archive.writestr(name, part)
-
-
-def npy(array):
-    stream = io.BytesIO()
-    np.save(stream, array, allow_pickle=True)
-    return stream.getvalue()
-
-
-def refused(path, match):
-    """Loading fails with one sentence that names the file and the remedy."""
-    with pytest.raises(DataError, match=match) as caught:
-        load(path)
-    message = str(caught.value)
-    assert message.startswith(str(path))
-    assert "\n" not in message
-    assert message.endswith(".")
-    assert ". " not in message
-    assert ";" in message
-
-
 @pytest.mark.parametrize(
     "estimator",
     [
         RPIL(labels={"é0": "expert", "é7": "adversary"}, minority="trust", random_state=5),
-        RPIL(features="spline", settings=Settings(search_features="poly")),
+        RPIL(features="spline", settings=Settings(judge_features="poly")),
         RPIL(adversary="uniform", settings=mixture_settings(prior=(3, 2))),
         RPIL(features="spline", adversary="own policy"),
         RPIL(
@@ -106,7 +54,7 @@ def refused(path, match):
         BehavioralCloning(features="spline"),
     ],
 )
-def test_everything_comes_back_bit_for_bit(estimator, data, tmp_path):
+def test_loaded_estimator_predicts_the_same_bits(estimator, data, tmp_path):
     estimator.fit(data)
     path = tmp_path / "any.name"
     save(estimator, path)
@@ -134,7 +82,7 @@ def test_everything_comes_back_bit_for_bit(estimator, data, tmp_path):
 
 
 @pytest.mark.parametrize("kind", ["fitted", "mixture"])
-def test_the_audit_and_the_scores_come_back(kind, data, tmp_path, request):
+def test_loaded_rpil_has_the_same_audit_and_scores(kind, data, tmp_path, request):
     fitted = request.getfixturevalue(kind)
     save(fitted, tmp_path / "p")
     loaded = load(tmp_path / "p")
@@ -152,7 +100,7 @@ def test_the_audit_and_the_scores_come_back(kind, data, tmp_path, request):
     )
 
 
-def test_the_judge_of_continuous_actions_comes_back(tmp_path):
+def test_loaded_judge_of_continuous_actions_scores_the_same(tmp_path):
     rng = np.random.default_rng(0)
     X = rng.normal(size=(400, 3))
     y = X[:, :2] + np.where(np.arange(400) < 240, 0.1, 2.0)[:, None] * rng.normal(size=(400, 2))
@@ -160,13 +108,13 @@ def test_the_judge_of_continuous_actions_comes_back(tmp_path):
     model = RPIL().fit(data)
     save(model, tmp_path / "p")
     loaded = load(tmp_path / "p")
-    assert type(loaded.judge_.scale).__name__ == "StudentRatio"
+    assert type(loaded.judge_.ratio).__name__ == "StudentRatio"
     np.testing.assert_array_equal(loaded.score_demonstrations(data), model.score_demonstrations(data))
-    rewrite(tmp_path / "p", {"judge/scale/width.npy": npy(np.ones(3))})
+    rewrite(tmp_path / "p", {"judge/ratio/width.npy": npy(np.ones(3))})
     refused(tmp_path / "p", LOST)
 
 
-def test_what_robust_maximum_entropy_trusts_comes_back(data, tmp_path):
+def test_loaded_rment_has_the_same_weights(data, tmp_path):
     model = RMEnt(4).fit(data)
     path = tmp_path / "p"
     save(model, path)
@@ -185,7 +133,7 @@ def test_what_robust_maximum_entropy_trusts_comes_back(data, tmp_path):
 @pytest.mark.parametrize(
     "actions", [["left", "right"], np.array(["left", "right"], dtype=object), [True, False], [2.0, 5.0]]
 )
-def test_actions_of_any_type(actions, tmp_path):
+def test_classes_of_every_type_are_saved(actions, tmp_path):
     rng = np.random.default_rng(0)
     X, codes = rng.normal(size=(50, 2)), rng.integers(2, size=50)
     y = np.asarray(actions)[codes]
@@ -196,16 +144,15 @@ def test_actions_of_any_type(actions, tmp_path):
     assert not hasattr(loaded, "feature_names_in_")
 
 
-def test_an_adversary_of_an_unknown_class_is_refused(data, tmp_path):
+def test_save_refuses_an_adversary_of_the_users_class(data, tmp_path):
     model = RPIL(adversary=MyAdversary()).fit(data)
     with pytest.raises(DataError, match="an adversary of the class MyAdversary cannot be saved without pickle; keep"):
         save(model, tmp_path / "p")
     assert not list(tmp_path.iterdir())
 
 
-def test_only_fitted_estimators_of_ours_are_saved(tmp_path):
+def test_save_refuses_other_and_unfitted_estimators(tmp_path):
     from sklearn.exceptions import NotFittedError
-    from sklearn.linear_model import LogisticRegression
 
     with pytest.raises(NotFittedError):
         save(RPIL(), tmp_path / "p")
@@ -216,212 +163,40 @@ def test_only_fitted_estimators_of_ours_are_saved(tmp_path):
     assert not list(tmp_path.iterdir())
 
 
-def test_a_failed_save_leaves_the_old_file(fitted, saved, monkeypatch):
-    before = saved.read_bytes()
-    monkeypatch.setattr(zipfile.ZipFile, "writestr", lambda *args: (_ for _ in ()).throw(OSError(28, "No space left")))
-    with pytest.raises(DataError, match="No space left"):
-        save(fitted, saved)
-    assert saved.read_bytes() == before
-    assert [path.name for path in saved.parent.iterdir()] == [saved.name]
-
-
-def test_no_such_file(tmp_path):
-    refused(tmp_path / "nothing", "there is no such file")
-
-
-def test_an_empty_file(tmp_path):
-    (tmp_path / "empty").touch()
-    refused(tmp_path / "empty", "empty")
-
-
-@pytest.mark.parametrize("content", [b"hello", pickle.dumps({"a": 1}), npy(np.ones(3)), npy(np.array([{}]))])
-def test_other_files(content, tmp_path):
-    path = tmp_path / "other"
-    path.write_bytes(content)
-    refused(path, "no policy that rpil saved")
-
-
-def test_an_archive_of_demonstrations(tmp_path):
-    np.savez(tmp_path / "d.npz", observations=np.ones((2, 2)))
-    refused(tmp_path / "d.npz", "no policy that rpil saved; make one with rpil fit")
-
-
-def test_truncated_or_damaged_files(saved):
-    content = saved.read_bytes()
-    for n in (5, 100, len(content) // 2, len(content) - 1):
-        saved.write_bytes(content[:n])
-        refused(saved, "damaged or truncated")
-    middle = content.index(b"policy/weights.npy") + 200
-    saved.write_bytes(content[:middle] + bytes([content[middle] ^ 1]) + content[middle + 1 :])
-    refused(saved, "damaged or truncated")
-
-
-@pytest.mark.parametrize(
-    ("field", "value", "match"),
-    [
-        ("schema", "other", "no policy that rpil saved"),
-        ("version", 1, r"version 1 of the format, but rpil .* reads version 5; use"),
-        ("version", 3, r"version 3 of the format, but rpil .* reads version 5; use"),
-        ("version", None, "version None"),
-        ("class", "GaussianPolicy", "holds a 'GaussianPolicy', which rpil .* does not know"),
-    ],
-)
-def test_unknown_schemas_versions_and_classes(saved, field, value, match):
-    rewrite(saved, header=lambda tree: tree.update({field: value}))
-    refused(saved, match)
-
-
-WEIGHTS = "policy/weights.npy"
-LOST = "do not belong together"
-
-
-@pytest.mark.parametrize(
-    ("member", "array"),
-    [
-        (WEIGHTS, None),
-        ("audit/log_odds.npy", None),
-        ("audit/from_label.npy", None),
-        ("audit/from_actions.npy", np.ones(7)),
-        ("judge/scale/weights.npy", None),
-        ("judge/scale/weights.npy", np.ones((3, 3))),
-        ("judge/scale/frequency.npy", np.ones(2)),
-        ("judge/groups/mean.npy", np.ones(3)),
-        ("judge/groups/quantiles.npy", np.ones((2, 2))),
-        ("judge/groups/spread.npy", np.array([-9.0, -9.0])),
-        ("more.npy", np.ones(3)),
-        (WEIGHTS, np.ones((3, 3), dtype=np.float32)),
-        (WEIGHTS, np.ones((3, 3), dtype=np.int64)),
-        (WEIGHTS, np.ones((4, 3))),
-        (WEIGHTS, np.ones((3, 2))),
-        (WEIGHTS, np.ones(9)),
-        (WEIGHTS, np.full((3, 3), np.nan)),
-        (WEIGHTS, np.full((3, 3), np.inf)),
-        ("features/scale.npy", np.ones(1)),
-        ("features/location.npy", np.ones(3)),
-        ("classes.npy", np.arange(4)),
-        ("classes.npy", np.array([2, 1, 0])),
-        ("audit/offsets.npy", np.arange(9.0)),
-        ("audit/offsets.npy", np.arange(9)),
-        ("audit/step_weight.npy", np.ones(7)),
-        ("audit/log_odds.npy", np.ones(7)),
-    ],
-)
-def test_missing_extra_and_misshapen_arrays(saved, member, array):
-    rewrite(saved, {member: None if array is None else npy(array)})
-    refused(saved, LOST)
-
-
-def set_in(tree, path, value):
-    *parents, last = path
-    for key in parents:
-        tree = tree[key]
-    if value is ...:
-        del tree[last]
-    else:
-        tree[last] = value
-
-
-@pytest.mark.parametrize(
-    ("path", "value"),
-    [
-        (("params", "colour"), "red"),
-        (("fitted", "policy_"), ...),
-        (("fitted", "more_"), 1),
-        (("fitted", "policy_", "class"), "os.system"),
-        (("fitted", "policy_", "fields", "more"), 1),
-        (("fitted", "policy_", "fields", "ridge"), ...),
-        (("fitted", "features_", "fields", "kind"), "spline"),
-        (("fitted", "audit_", "fields", "ids"), [1, 2]),
-        (("fitted", "audit_"), 3),
-        (("fitted", "audit_", "fields", "finding"), "all is well"),
-        (("fitted", "judge_"), None),
-        (("fitted", "judge_", "fields", "groups"), None),
-        (("fitted", "judge_", "fields", "scale"), None),
-        (("fitted", "judge_", "fields", "pooled"), "a"),
-        (("fitted", "judge_features_"), None),
-        (("names", "observation_names_"), ["x"]),
-        (("names", "predict"), ["x", "y"]),
-        (("classes",), None),
-        (("params",), None),
-    ],
-)
-def test_headers_that_make_no_sense(saved, path, value):
-    rewrite(saved, header=lambda tree: set_in(tree, path, value))
-    refused(saved, LOST)
-
-
-@pytest.mark.parametrize(
-    ("path", "value"),
-    [
-        (("state", "fields", "prior", "fields", "p"), "a"),
-        (("state",), None),
-        (("fitted", "audit_", "fields", "prior"), None),
-    ],
-)
-def test_headers_of_a_mixture_that_make_no_sense(saved_mixture, path, value):
-    rewrite(saved_mixture, header=lambda tree: set_in(tree, path, value))
-    refused(saved_mixture, LOST)
-
-
-def test_a_mixture_without_its_policy(saved_mixture):
-    rewrite(saved_mixture, {"state/policy/weights.npy": None})
-    refused(saved_mixture, LOST)
-
-
-def test_nothing_is_unpickled(saved, monkeypatch):
-    def never(*args, **kwargs):
-        raise AssertionError("unpickled")
-
-    rewrite(saved, {WEIGHTS: npy(np.array([{}, []], dtype=object))})
-    monkeypatch.setattr(pickle, "load", never)
-    monkeypatch.setattr(pickle, "loads", never)
-    refused(saved, "never unpickled")
-
-
-def test_bytes_after_an_array(saved):
-    rewrite(saved, {WEIGHTS: members(saved)[WEIGHTS] + b"x"})
-    refused(saved, "damaged or truncated")
-
-
-def test_numpy_reads_the_arrays_too(fitted, saved):
-    with np.load(saved, allow_pickle=False) as stored:
-        np.testing.assert_array_equal(stored["policy/weights"], fitted.policy_.weights)
-
-
-def test_a_checkpoint_keeps_the_final_policy_of_one_fit(fitted, data, tmp_path):
-    path, trust = tmp_path / "checkpoint", fitted.audit_.expert_proba
-    checkpoint = Checkpoint.of(path, "C=None", (data.observations, trust))
-    assert checkpoint.read() is None
-    passes = np.array([[-3.0, 0.5], [-2.0, 0.1]])
-    for radius, n_places in ((np.inf, 0), (2.0, 3)):
-        places = np.random.default_rng(0).random((n_places, 2, *fitted.policy_.weights.shape))
-        checkpoint.keep(AscentState(fitted.policy_, passes, radius, places))
-        found = checkpoint.read()
-        np.testing.assert_array_equal(found.state.weights, fitted.policy_.weights)
-        np.testing.assert_array_equal(found.path, places)
-        assert (found.history.tolist(), found.radius) == (passes.tolist(), radius)
-    others = [Checkpoint.of(path, "C=2.0", (data.observations, trust))]
-    others.append(Checkpoint.of(path, "C=None", (data.observations, trust / 2)))
-    for one in others:
-        with pytest.raises(DataError, match="of other data, or other settings; delete it to start anew"):
-            one.read()
-    rewrite(path, {"state/state/weights.npy": None})
-    with pytest.raises(DataError, match="its parts do not belong together; delete it to start anew"):
-        checkpoint.read()
-    rewrite(path, header=lambda tree: tree.update(state=3))
-    with pytest.raises(DataError, match="its parts do not belong together"):
-        checkpoint.read()
-    checkpoint.done()
-    checkpoint.done()  # nothing is there any more, which is as it should be
-    assert list(tmp_path.iterdir()) == []
-    save(fitted, path)
-    with pytest.raises(DataError, match="it is no checkpoint of rpil; choose another name"):
-        checkpoint.read()
-
-
-def test_bounds_that_are_arrays_come_back(tmp_path):
+def test_action_box_of_arrays_is_saved(tmp_path):
     rng = np.random.default_rng(0)
     made = Demonstrations.from_arrays(rng.normal(size=(80, 2)), rng.uniform(-1, 1, size=(80, 2)), np.arange(0, 81, 10))
     model = RPIL(features="raw", action_box=(np.array([-2.0, -1.0]), np.array([1.0, 2.0]))).fit(made)
     save(model, tmp_path / "p")
     np.testing.assert_array_equal(load(tmp_path / "p").action_box, model.action_box)
+
+
+@pytest.mark.parametrize(
+    "estimator",
+    [
+        RPIL(),
+        BehavioralCloning(),
+        RMEnt(),
+        *(RPIL(adversary=which) for which in ADVERSARIES["continuous"]),
+        RPIL("spline", action_box=([-50.0, -40.0], 60.0)),
+    ],
+    ids=lambda e: f"{type(e).__name__} {getattr(e, 'adversary', '')}",
+)
+@pytest.mark.filterwarnings("ignore::rpil.AmbiguousWarning")
+def test_continuous_models_come_back_bit_for_bit(estimator, tmp_path):
+    toy = make_continuous("noisy", 0)
+    model = clone(estimator).fit(toy.demonstrations)
+    save(model, tmp_path / "p")
+    loaded = load(tmp_path / "p")
+    np.testing.assert_array_equal(loaded.predict(toy.observations), model.predict(toy.observations))
+    np.testing.assert_array_equal(
+        loaded.log_prob(toy.observations, toy.actions), model.log_prob(toy.observations, toy.actions)
+    )
+    assert len(loaded.classes_) == 0
+    np.testing.assert_array_equal(loaded.space_.high, model.space_.high)
+    if isinstance(model, RPIL):
+        data = toy.demonstrations
+        np.testing.assert_array_equal(loaded.score_demonstrations(data), model.score_demonstrations(data))
+        assert loaded.audit_.to_dict() == model.audit_.to_dict()
+    save(loaded, tmp_path / "again")
+    assert (tmp_path / "again").read_bytes() == (tmp_path / "p").read_bytes()

@@ -47,7 +47,7 @@ def agrees(policy, toy: Toy) -> float:
 
 
 @pytest.mark.parametrize("n_folds", [1, 3])
-def test_a_policy_of_numpy_arrays(n_folds):
+def test_reweight_of_a_numpy_policy(n_folds):
     mine = Linear()
     found = reweight(mine, TOY.demonstrations, log_prob=log_prob, train=train, n_folds=n_folds)
     assert found.policy is mine
@@ -63,7 +63,7 @@ def test_a_policy_of_numpy_arrays(n_folds):
     assert ("memorise" in " ".join(found.audit.assumptions)) == (n_folds == 1)
 
 
-def test_same_bits_and_the_demonstrations_stay():
+def test_reweight_gives_same_bits_and_changes_no_demonstration():
     data = TOY.demonstrations
     before = data.observations.copy()
 
@@ -77,7 +77,7 @@ def test_same_bits_and_the_demonstrations_stay():
     np.testing.assert_array_equal(data.observations, before)
 
 
-def test_train_may_return_a_new_policy():
+def test_train_returns_a_new_policy():
     def anew(weights, observations, actions, trust):
         policy = Linear(weights)
         train(policy, observations, actions, trust)
@@ -90,7 +90,7 @@ def test_train_may_return_a_new_policy():
     assert agrees(Linear(found.policy), TOY) > 0.93
 
 
-def test_who_is_judged_was_not_trained_on():
+def test_log_prob_is_held_out():
     asked, taught = {}, {}
 
     def spy_log_prob(policy, observations, actions):
@@ -108,7 +108,7 @@ def test_who_is_judged_was_not_trained_on():
         assert not asked[weights] & taught[weights]
 
 
-def test_labels_are_taken_as_certain():
+def test_labels_decide_log_odds_of_reweight():
     toy = make("flipped", 1, n_good=5, n_bad=7, steps=(30, 40))
     labels = {f"d{m}": "adversary" for m in range(5, 9)} | {"d0": "expert"}
     found = reweight(Linear(), toy.demonstrations, log_prob=log_prob, train=train, labels=labels)
@@ -141,7 +141,7 @@ def test_continuous_actions():
     np.testing.assert_allclose(found.policy.mean, [[1.0], [-1.0]], atol=0.05)
 
 
-def test_impossible_actions_are_no_accident():
+def test_minus_infinite_log_prob_lowers_log_odds():
     """A policy may be certain, and wrong."""
 
     def certain(policy, observations, actions):
@@ -188,7 +188,7 @@ def frozen_elsewhere(policy, observations, actions, weights):
         ({"labels": {"d99": "expert"}}, "d99"),
     ],
 )
-def test_mistakes_are_told_in_one_sentence(wrong, words):
+def test_invalid_functions_and_options_are_refused_in_one_sentence(wrong, words):
     with pytest.raises(DataError, match=words) as told:
         reweight(Linear(), TOY.demonstrations, **({"log_prob": log_prob, "train": train} | wrong))
     text = str(told.value)
@@ -196,14 +196,14 @@ def test_mistakes_are_told_in_one_sentence(wrong, words):
     assert "\n" not in text
 
 
-def test_what_is_no_demonstrations():
+def test_reweight_refuses_arrays_and_a_single_demonstration():
     with pytest.raises(DataError, match="needs Demonstrations, not ndarray"):
         reweight(Linear(), TOY.observations, log_prob=log_prob, train=train)
     with pytest.raises(DataError, match="one demonstration alone"):
         reweight(Linear(), TOY.demonstrations.select([0]), log_prob=log_prob, train=train)
 
 
-def test_nobody_trusted_is_nobody_trained():
+def test_steps_keep_weight_where_no_demonstration_is_trusted():
     def never(policy, observations, actions):
         return np.full(len(actions), -50.0 - 1e-3 * policy.trained)
 
@@ -218,13 +218,13 @@ def test_nobody_trusted_is_nobody_trained():
     assert min(weights) > 0.0
 
 
-def test_it_is_a_function_however_it_is_imported():
+def test_reweight_is_a_function_and_no_module():
     import rpil.estimators.reweight
 
     assert rpil.reweight is rpil.estimators.reweight.reweight
 
 
-def test_a_torch_module_cross_fitted_and_with_its_own_optimiser(request):
+def test_reweight_of_a_torch_module_with_its_optimiser(request):
     torch = pytest.importorskip("torch", reason="torch is not installed: pip install 'rpil[torch]'")
     threads = torch.get_num_threads()
     torch.set_num_threads(1)  # a network so small only loses by more

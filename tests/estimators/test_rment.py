@@ -22,7 +22,7 @@ TOY = make("random", 0)
 
 @pytest.mark.parametrize("kind", ["random", "flipped", "noisy"])
 @pytest.mark.parametrize("start", [[0], [11], [3, 9], list(range(12))])
-def test_concentration_never_raises_the_objective_and_ends_at_the_best_of_its_policy(kind, start):
+def test_concentration_lowers_the_objective_to_a_fixed_point(kind, start):
     problem = make(kind, 2, n_actions=4).problem()
     policy = SoftmaxPolicy.zero(4, ridge(problem))
     first = fit_selected(problem, policy, np.isin(np.arange(12), start), 1e-8)
@@ -33,7 +33,7 @@ def test_concentration_never_raises_the_objective_and_ends_at_the_best_of_its_po
     assert found.selected.sum() == 6
 
 
-def test_concentration_has_something_to_do():
+def test_concentration_changes_a_bad_selection():
     """Else the test above says nothing."""
     problem = make("random", 2, n_actions=4).problem()
     first = fit_selected(problem, SoftmaxPolicy.zero(4, ridge(problem)), np.arange(12) >= 6, 1e-8)
@@ -43,7 +43,7 @@ def test_concentration_has_something_to_do():
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_exact_against_all_subsets(seed):
+def test_search_finds_the_best_of_all_subsets(seed):
     toy = make("noisy", seed, n_good=4, n_bad=4, steps=(5, 15), sharpness=2.0)
     model = RMEnt(n_trusted=4, tol=1e-10).fit(toy.demonstrations)
     problem, lengths = toy.problem(), np.diff(toy.offsets)
@@ -62,7 +62,7 @@ def test_exact_against_all_subsets(seed):
     assert tuple(np.flatnonzero(model.weights_)) == best
 
 
-def test_the_best_start_wins():
+def test_more_starts_find_a_lower_objective():
     problem = make("flipped", 7, n_actions=4).problem()
     policy = SoftmaxPolicy.zero(4, ridge(problem))
     ends = [
@@ -82,7 +82,7 @@ def test_starts_are_all_demonstrations_single_ones_and_random_subsets():
 
 @pytest.mark.parametrize("features", ["raw", "spline"])
 @pytest.mark.parametrize("kind", ["random", "noisy"])
-def test_finds_the_good_and_learns_their_policy(kind, features):
+def test_experts_are_selected_and_their_policy_is_learned(kind, features):
     toy = make(kind, 1, n_good=8, n_bad=8, steps=(40, 60))
     model = RMEnt(n_trusted=8, features=features).fit(toy.demonstrations)
     np.testing.assert_array_equal(model.weights_, toy.is_good)
@@ -117,7 +117,7 @@ def test_continuous_actions(kind):
 
 
 @pytest.mark.parametrize("start", [[0], [11], [3, 9], list(range(12))])
-def test_concentration_never_raises_the_objective_where_actions_are_continuous(start):
+def test_concentration_lowers_the_objective_with_continuous_actions(start):
     problem = make_continuous("noisy", 2).problem()
     policy = linear_policy(problem.space, ridge(problem), len(problem.actions) / 2)
     first = fit_selected(problem, policy, np.isin(np.arange(12), start), 1e-10)
@@ -136,7 +136,7 @@ def test_log_likelihood_is_the_mean_over_steps():
     assert model.objective_ == pytest.approx(penalty - np.mean(np.array(means)[model.weights_ == 1]))
 
 
-def test_a_demonstration_counts_the_same_however_long_it_is():
+def test_demonstrations_weigh_the_same_whatever_their_length():
     """Repeating all steps of one changes nothing when everybody is trusted."""
     observations, actions, groups = TOY.observations, TOY.actions, TOY.groups
     order = np.argsort(np.concatenate([groups, groups[groups == 7]]), kind="stable")
@@ -161,7 +161,7 @@ def test_share_is_rounded_up():
     assert RMEnt(0.28, n_starts=1).fit(many).weights_.sum() == 7
 
 
-def test_same_seed_same_bits_and_arrays_as_demonstrations():
+def test_same_seed_gives_same_bits_for_arrays_and_demonstrations():
     toy = make("noisy", 0)
     one = RMEnt(random_state=3).fit(toy.demonstrations)
     two = RMEnt(random_state=3).fit(toy.observations, toy.actions, groups=toy.groups)
@@ -170,7 +170,7 @@ def test_same_seed_same_bits_and_arrays_as_demonstrations():
     assert one.objective_ == two.objective_
 
 
-def test_no_convergence_is_loud():
+def test_warning_without_convergence():
     toy = make("noisy", 1, n_good=40, n_bad=40, steps=(2, 5), sharpness=1.5)
     with pytest.warns(ConvergenceWarning, match="raise it"):
         RMEnt(n_trusted=40, n_starts=1, max_iter=1).fit(toy.demonstrations)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from problems import fit_data_of, make, make_continuous
 from rpil.inference.fitted_judge import FittedJudge
@@ -12,6 +13,7 @@ from rpil.inference.trust import judge
 STEPS = (40, 60)
 
 
+@pytest.mark.slow
 def test_fitted_judge_gives_the_signs_of_the_judgement():
     for toy in (make("random", 0, n_good=10, n_bad=10, steps=STEPS), make_continuous("random", 0, steps=STEPS)):
         problem = fit_data_of(toy)

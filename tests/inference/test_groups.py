@@ -27,6 +27,7 @@ def test_two_clear_groups_have_their_share_and_means():
     assert (log_odds[14:] > 2.2).all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("draw", ["normal", "skewed"])
 def test_one_group_is_rarely_taken_for_two(draw):
     rng, found = np.random.default_rng(0), []

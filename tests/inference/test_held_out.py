@@ -1,4 +1,4 @@
-"""Held-out log-probabilities against scikit-learn, and folds."""
+"""Held-out log-probabilities against scikit-learn."""
 
 from __future__ import annotations
 
@@ -9,9 +9,10 @@ import pytest
 from sklearn.linear_model import LogisticRegression, Ridge
 
 from problems import fit_data_of, make, make_continuous
-from rpil.inference.held_out import HeldOutRidge, HeldOutSoftmax, deal, frequencies, log_reference
+from rpil.inference.held_out import HeldOutRidge, HeldOutSoftmax, frequencies, log_reference
 from rpil.inference.settings import HeldOutSettings
 from rpil.numerics.regression import error_scale, standardise, student_log_density
+from rpil.policies.folds import deal
 
 STEPS = (40, 60)
 LAPSE = HeldOutSettings().lapse
@@ -67,12 +68,6 @@ def test_policy_is_fitted_without_the_demonstrations_that_it_evaluates():
     proba = (np.exp(one.log_prob[changed]) - LAPSE * q_one[problem.actions[changed]]) / (1 - LAPSE)
     shifted = (np.exp(two.log_prob[changed]) - LAPSE * q_two[other.actions[changed]]) / (1 - LAPSE)
     assert (proba + shifted <= 1 + 1e-9).all()  # two actions of one distribution
-
-
-def test_fold_of_a_demonstration_does_not_depend_on_the_order():
-    problem = fit_data_of(make("noisy", 1, steps=(30, 30)))
-    order = np.random.default_rng(0).permutation(problem.n_demonstrations)
-    np.testing.assert_array_equal(deal(problem, 5, 0)[order], deal(problem.select(order), 5, 0))
 
 
 def test_reference_does_not_depend_on_the_state():

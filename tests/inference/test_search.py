@@ -63,6 +63,7 @@ def test_experts_agree_where_these_are_few():
     assert max(int(weight.argmax()) for name, weight in found.items() if name.startswith("single")) < 10
 
 
+@pytest.mark.slow
 def test_known_adversaries_alone_point_to_those_unlike_them():
     toy = make("shifted", 1, steps=STEPS).labelled({8: -1})
     problem = toy.problem()
@@ -73,10 +74,12 @@ def test_known_adversaries_alone_point_to_those_unlike_them():
 
 @pytest.fixture(scope="module")
 def fits() -> dict[str, tuple[FitData, Result]]:
-    problems = {name: toy.problem() for name, toy in zoo(2).items()}
+    names = "shifted", "window", "mostly bad", "unequal lengths", "two actions", "labelled"
+    problems = {name: zoo(2)[name].problem() for name in names}
     return {name: (problem, fitted(problem)) for name, problem in problems.items()}
 
 
+@pytest.mark.slow
 def test_a_fit_is_no_worse_than_em_from_the_pooled_start(fits):
     for name, (problem, result) in fits.items():
         if problem.labels.any():
@@ -87,6 +90,7 @@ def test_a_fit_is_no_worse_than_em_from_the_pooled_start(fits):
         assert result.objective >= alone.objective - 1.0, name  # the pooled policy here is fitted to the end
 
 
+@pytest.mark.slow
 def test_the_history_never_falls_and_the_last_step_was_an_e_step(fits):
     for name, (problem, result) in fits.items():
         assert np.diff(result.history).min(initial=0.0) >= -1e-10 * np.abs(result.history).max(), name
@@ -94,6 +98,7 @@ def test_the_history_never_falls_and_the_last_step_was_an_e_step(fits):
         np.testing.assert_allclose(again.log_odds, result.posterior.log_odds, atol=1e-8)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("bad", [4, 8, 10])
 @pytest.mark.parametrize("which", ["uniform", "marginal"])
 def test_random_actions_are_found_also_where_they_are_many(which, bad):
@@ -101,6 +106,7 @@ def test_random_actions_are_found_also_where_they_are_many(which, bad):
     assert right(toy, fitted(toy.problem(), which).posterior.log_odds)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("n_bad", [6, 10])
 @pytest.mark.parametrize("labels", ["expert", "adversary", "both"])
 def test_labels_overrule_a_coherent_majority(n_bad, labels):
@@ -123,6 +129,7 @@ def test_long_bad_demonstrations_do_not_win():
     assert right(toy, fitted(swamped).posterior.log_odds)
 
 
+@pytest.mark.slow
 def test_an_own_policy_finds_two_groups():
     """The adversary has a policy too, so that either group may be called the expert's."""
     toy = make("shifted", 1, n_good=8, n_bad=4, steps=STEPS)
@@ -132,6 +139,7 @@ def test_an_own_policy_finds_two_groups():
     assert right(toy, -fitted(known.problem(), "own policy").posterior.log_odds)
 
 
+@pytest.mark.slow
 def test_the_same_seed_and_several_threads_change_no_bit(monkeypatch):
     problem = make("noisy", 0).problem()
     one = fitted(problem, "confusion", 3)
@@ -142,6 +150,7 @@ def test_the_same_seed_and_several_threads_change_no_bit(monkeypatch):
     np.testing.assert_array_equal(one.history, several.history)
 
 
+@pytest.mark.slow
 def test_every_start_is_announced():
     said: list[str] = []
     problem = make("random", 0).problem()

@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy.special import expit, log_softmax, logit
 
-from problems import Toy, make, pooled_state, ridge, zoo
+from problems import Toy, continuous_zoo, make, make_continuous, pooled_state, ridge, zoo
 from rpil.data.fit_data import FitData
 from rpil.data.spaces import Discrete
 from rpil.mixture.adversaries.discrete import Complement, Uniform
@@ -20,6 +20,7 @@ from rpil.mixture.settings import MixtureSettings
 from rpil.policies.softmax import SoftmaxPolicy
 
 ZOO = zoo(0)
+CONTINUOUS_ZOO = continuous_zoo(0)
 
 
 def tiny(seed: int = 0, labels: tuple[int, ...] = (0, 0, 0, 0), n_actions: int = 3) -> Toy:
@@ -70,7 +71,7 @@ def test_lower_bound_is_likelihood_and_priors():
 
 @pytest.mark.parametrize("n_actions", [2, 4])
 @pytest.mark.parametrize("which", ["uniform", "complement", "normalised complement"])
-def test_the_papers_model_is_its_equation_11(which, n_actions):
+def test_objective_is_equation_11(which, n_actions):
     """delta_m = logit p + sum_n log pi - log psi, exactly."""
     problem = make("random", 1, n_actions=n_actions).problem()
     state = tiny_state(problem, which)
@@ -105,7 +106,7 @@ def test_log_odds_of_long_demonstrations_are_finite(which):
 
 
 @pytest.mark.parametrize("which", ADVERSARIES["discrete"])
-def test_the_objective_never_falls(which):
+def test_objective_never_falls(which):
     """Over the whole zoo; hmmlearn's own test lets it fall so long as it rises once."""
     for name, toy in ZOO.items():
         problem = toy.problem()
@@ -116,7 +117,7 @@ def test_the_objective_never_falls(which):
 
 
 @pytest.mark.parametrize("which", ["complement", "confusion"])
-def test_the_objective_never_falls_with_splines(which):
+def test_objective_never_falls_with_splines(which):
     for seed in range(3):
         problem = make("noisy", seed).problem("spline")
         history = run_em(problem, pooled_state(problem, which), MixtureSettings(max_iter=12, tol=0.0)).history
@@ -124,7 +125,7 @@ def test_the_objective_never_falls_with_splines(which):
 
 
 @pytest.mark.parametrize("which", ["uniform", "confusion"])
-def test_single_precision_costs_precision_and_nothing_else(which):
+def test_single_precision_gives_the_same_fit_up_to_rounding(which):
     for name, toy in ZOO.items():
         double = toy.problem("spline")
         single = replace(double, features=double.features.astype(np.float32))
@@ -155,7 +156,7 @@ def test_run_ends_at_a_stationary_point(which):
         assert abs(up - down) / 2e-4 < 0.02  # nats for a unit step, of hundreds
 
 
-def test_the_trap_of_starting_at_zero():
+def test_start_at_zero_is_a_stationary_point_of_two_actions():
     """model.md: with two actions and the complement, pi = psi = 1/2 everywhere is a fixed point; the pooled start is
     none."""
     toy = make("flipped", 0, n_actions=2, n_bad=3)
@@ -170,7 +171,7 @@ def test_the_trap_of_starting_at_zero():
     assert ((free.posterior.log_odds > 0) == toy.is_good).all()
 
 
-def test_the_trap_of_starting_at_zero_with_more_actions():
+def test_zero_weights_with_more_actions_make_all_adversaries():
     """model.md: 1 - 1/K beats 1/K at every step, so everything turns adversary."""
     problem = ZOO["random"].problem()
     zero = SoftmaxPolicy.zero(3, ridge(problem))
@@ -197,7 +198,7 @@ def test_m_step_uses_soft_targets_or_the_experts_term_alone():
         assert new.prior.p == pytest.approx((posterior.expert.sum() + 1) / (4 + 2))
 
 
-def test_labels_hold_against_the_data():
+def test_labels_fix_the_posterior():
     toy = make("random", 0)
     problem = toy.labelled({0: -1, 11: 1}).problem()
     posterior = run_em(problem, pooled_state(problem, "uniform"), MixtureSettings(max_iter=30, tol=1e-4)).posterior
@@ -205,7 +206,7 @@ def test_labels_hold_against_the_data():
     assert posterior.log_odds[0] > 0 > posterior.log_odds[11]  # what the data say, labels not counted
 
 
-def test_select_is_the_same_data():
+def test_select_keeps_the_data_of_a_demonstration():
     problem = ZOO["labelled"].problem()
     part = problem.select(np.array([13, 2]))
     rows = np.r_[problem.offsets[13] : problem.offsets[14], problem.offsets[2] : problem.offsets[3]]
@@ -216,7 +217,7 @@ def test_select_is_the_same_data():
     np.testing.assert_array_equal(problem.select(np.array([13, 2]), unlabelled=True).labels, 0)
 
 
-def test_recovers_the_truth():
+def test_em_recovers_true_parameters():
     """Enough data from the model itself: the policy and the prior come back."""
     toy = make("random", 0, n_good=60, n_bad=20, steps=(100, 100), sharpness=2.0)
     problem = toy.problem()
@@ -227,3 +228,30 @@ def test_recovers_the_truth():
     assert result.state.prior.p == pytest.approx(0.75, abs=0.05)
     assert isinstance(result.state.adversary, Uniform)
     assert ((result.posterior.log_odds > 0) == toy.is_good).all()
+
+
+@pytest.mark.parametrize("which", ADVERSARIES["continuous"])
+def test_the_objective_never_falls_for_continuous_actions(which):
+    for name, toy in CONTINUOUS_ZOO.items():
+        problem = toy.problem()
+        state = pooled_state(problem, which)
+        history = run_em(problem, state, MixtureSettings(max_iter=12, tol=0.0)).history
+        assert np.isfinite(history).all(), name
+        assert np.diff(history).min() >= -1e-9 * np.abs(history).max(), name
+
+
+@pytest.mark.parametrize("which", ADVERSARIES["continuous"])
+def test_the_objective_never_falls_with_splines_and_continuous_actions(which):
+    for seed in range(3):
+        problem = make_continuous("window", seed).problem("spline")
+        history = run_em(problem, pooled_state(problem, which), MixtureSettings(max_iter=12, tol=0.0)).history
+        assert np.diff(history).min() >= -1e-9 * np.abs(history).max()
+
+
+def test_an_e_step_is_finite_for_long_demonstrations():
+    toy = make_continuous("random", 0, n_good=2, n_bad=2, steps=(3000, 3000))
+    problem = toy.problem()
+    state = pooled_state(problem, "uniform")
+    posterior = e_step(problem, state, state.policy.outputs(problem.features))
+    assert np.isfinite(posterior.log_odds).all()
+    assert np.isfinite(posterior.expert).all()

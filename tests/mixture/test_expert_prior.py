@@ -13,7 +13,7 @@ from rpil.mixture.expert_prior import ExpertPrior, as_prior
 EXPERT = np.array([1.0, 1.0, 0.5, 1.0, 1.0, 1.0, 1.0, 0.0, 0.0, 0.0])
 
 
-def test_the_share_is_the_mode():
+def test_prior_is_fitted_at_its_posterior_mode():
     found = ExpertPrior(0.5, 3.0, 2.0).fit(EXPERT)
     grid = np.linspace(1e-6, 1 - 1e-6, 1_000_001)
     log_posterior = (6.5 + 3 - 1) * np.log(grid) + (3.5 + 2 - 1) * np.log1p(-grid)
@@ -23,7 +23,7 @@ def test_the_share_is_the_mode():
     assert found.log_prior() == pytest.approx(2 * np.log(found.p) + np.log1p(-found.p))
 
 
-def test_a_given_share_stays():
+def test_fixed_prior_is_not_fitted():
     fixed = ExpertPrior(0.2, fixed=True)
     assert fixed.fit(np.ones(9)).p == 0.2
     assert fixed.log_prior() == 0.0
@@ -32,13 +32,13 @@ def test_a_given_share_stays():
 
 
 @pytest.mark.parametrize("expert", [EXPERT, np.ones(2), np.zeros(2000)])
-def test_the_interval_is_that_of_the_beta_posterior(expert):
+def test_interval_is_that_of_the_beta_posterior(expert):
     posterior = beta(3.0 + expert.sum(), 2.0 + len(expert) - expert.sum())
     expected = posterior.mean(), *posterior.ppf([0.025, 0.975])
     np.testing.assert_allclose(ExpertPrior(0.5, 3.0, 2.0).interval(expert), expected)
 
 
-def test_what_a_user_may_give():
+def test_as_prior_takes_a_probability_or_a_beta_prior():
     assert as_prior(None) == ExpertPrior()
     assert as_prior(0.3) == ExpertPrior(0.3, fixed=True)
     assert as_prior((3.0, 1.0)) == ExpertPrior(0.75, 3.0, 1.0)

@@ -5,12 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from rpil import Settings
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.spaces import Discrete
 from rpil.estimators.cloning import BehavioralCloning
-from rpil.estimators.rpil import RPIL
-from rpil.policies.features import FeatureMap, FeatureSettings
+from rpil.policies.features import FeatureMap
 from rpil.policies.selection import Choice, SelectionSettings, _fit_least_squares, _median, choose_features
 
 
@@ -106,43 +104,6 @@ def test_a_noisy_rule_makes_a_policy_less_sure():
     right = model.predict(observations) == noise
     assert abs(proba.max(axis=1).mean() - right.mean()) < 0.05  # as often right as it says
     assert np.mean(model.predict(observations) == straight(observations)) > 0.95
-
-
-def test_cloning_takes_what_is_chosen():
-    observations, codes, offsets = told(curved)
-    data = Demonstrations.from_arrays(observations, codes, offsets)
-    chosen = choose_features(observations, codes, offsets, np.ones(len(codes)), Discrete(2))
-    model = BehavioralCloning("auto").fit(data)
-    assert (model.features_.kind, model.features_.ridge_per_step) == (chosen.kind, chosen.ridge)
-    fixed = BehavioralCloning("poly").fit(data)
-    assert fixed.features_.ridge_per_step == FeatureSettings.ridge_per_step
-    assert np.mean(model.predict(observations) == codes) > 0.97
-    rows = BehavioralCloning("auto").fit(observations, codes)  # every row is held out on its own
-    assert rows.features_.kind == "poly"
-
-
-def test_a_given_ridge_is_kept():
-    observations, codes, offsets = told(curved)
-    data = Demonstrations.from_arrays(observations, codes, offsets)
-    model = BehavioralCloning("auto", C=0.5).fit(data)
-    expected = BehavioralCloning(model.features_.kind, C=0.5).fit(data)
-    np.testing.assert_array_equal(model.predict(observations), expected.predict(observations))
-    ratio = model.policy_.weights / expected.policy_.weights
-    np.testing.assert_allclose(ratio, ratio[0, 0])  # but for the temperature
-
-
-def test_the_trusted_choose_in_rpil_and_twice_the_same():
-    observations, codes, offsets = told(curved, 14)
-    rng = np.random.default_rng(3)
-    bad = np.arange(len(codes)) >= offsets[8]
-    codes = np.where(bad, rng.integers(2, size=len(codes)), codes)
-    data = Demonstrations.from_arrays(observations, codes, offsets)
-    model = RPIL("auto", settings=Settings(search_features="poly")).fit(data)
-    assert model.audit_.verdicts == ("expert",) * 8 + ("adversary",) * 6
-    assert model.features_.kind == "poly"
-    assert any("poly" in sentence for sentence in model.audit_.assumptions)
-    again = RPIL("auto", settings=Settings(search_features="poly")).fit(data)
-    np.testing.assert_array_equal(again.policy_.weights, model.policy_.weights)
 
 
 def test_wide_kinds_are_left_out():

@@ -78,6 +78,7 @@ def test_it_integrates_to_one(freedom):
     assert total == pytest.approx(1.0, abs=1e-6)
 
 
+@pytest.mark.slow
 def test_it_integrates_to_one_in_two_dimensions():
     policy, mean = some_policy(2, 8.0), np.array([[0.7, -0.2]])
     total, _ = dblquad(
@@ -249,6 +250,7 @@ def test_nobody_to_learn_from_leaves_a_policy_with_a_finite_density():
     assert np.isfinite(policy.penalty())
 
 
+@pytest.mark.slow
 def test_units_of_the_actions_do_not_matter():
     toy = make_continuous("noisy", 0)
     problem = toy.problem()

@@ -63,9 +63,8 @@ def assert_same(one, other):
     assert one.audit_.verdicts == other.audit_.verdicts
 
 
-@pytest.mark.parametrize("maker", [make, make_continuous])
-@pytest.mark.parametrize("on_disk", [False, True])
-def test_a_cluster_says_what_one_process_says(cluster, tmp_path, maker, on_disk):
+@pytest.mark.parametrize(("maker", "on_disk"), [(make, True), (make_continuous, False)])
+def test_fit_on_a_cluster_is_the_fit_in_memory(cluster, tmp_path, maker, on_disk):
     data = demonstrations(maker)
     labels = {0: "expert", 100: "adversary"}
     here = small_rpil(engine=InMemory(), labels=labels).fit(data)
@@ -110,7 +109,7 @@ def test_killed_worker_changes_no_result(cluster, tmp_path, on_disk, monkeypatch
     assert_same(here, there)
 
 
-def test_each_worker_holds_a_share(cluster):
+def test_workers_hold_equal_shares_of_the_data(cluster):
     cluster.wait_for_workers(2, timeout=30)
     placed = DaskEngine(cluster, n_shards=4).place(demonstrations().shards(4, SAMPLE.block_steps))
     keys = [future.key for future in placed.futures]
@@ -121,7 +120,7 @@ def test_each_worker_holds_a_share(cluster):
     assert sum(cluster.nbytes(keys, summary=False).values()) == pytest.approx(held, rel=0.05)
 
 
-def test_only_parameters_and_sums_travel(cluster):
+def test_only_parameters_and_sums_are_sent(cluster):
     data = demonstrations()
     model = small_rpil(engine=InMemory()).fit(data)
     problem = FitData(
@@ -158,7 +157,7 @@ def size(value):
     return len(pickle.dumps(value))
 
 
-def test_a_path_that_workers_cannot_read(cluster, tmp_path):
+def test_files_that_workers_cannot_read_are_refused(cluster, tmp_path):
     formats.write(tmp_path / "a.parquet", demonstrations())
     data = open_dataset(tmp_path / "a.parquet")
     groups = tuple(replace(group, path="/nowhere/a.parquet") for group in data.store.groups)
@@ -170,7 +169,7 @@ def test_a_path_that_workers_cannot_read(cluster, tmp_path):
         list(placed.map(_steps))
 
 
-def test_nobody_answers():
+def test_connect_refuses_an_address_without_scheduler():
     with pytest.raises(DataError, match=r"tcp://127.0.0.1:9: no Dask scheduler answers there"):
         engine.connect("tcp://127.0.0.1:9", timeout=0.5)
     with pytest.raises(DataError, match="no Dask scheduler answers there"):
@@ -192,7 +191,7 @@ def test_another_server_is_refused():
         engine.connect(f"tcp://127.0.0.1:{server.getsockname()[1]}", timeout=0.5)
 
 
-def test_no_process_is_left():
+def test_no_process_is_left_after_close():
     with distributed.LocalCluster(
         n_workers=1, processes=True, threads_per_worker=1, dashboard_address=":0", silence_logs="CRITICAL"
     ) as cluster:
@@ -206,7 +205,7 @@ def test_no_process_is_left():
     assert not [thread for thread in threading.enumerate() if "IO loop" in thread.name and not thread.daemon]
 
 
-def test_the_command_uses_a_cluster(cluster, tmp_path):
+def test_audit_command_with_a_cluster(cluster, tmp_path):
     data = demonstrations()
     formats.write(tmp_path / "a.parquet", data)
     arguments = ["audit", str(tmp_path / "a.parquet"), "--json", "--scheduler", cluster.scheduler.address]

@@ -72,28 +72,6 @@ def test_rollout_reports_the_recorded_episodes(env_id):
     assert seen.mean == seen.returns.mean()
 
 
-def test_discrete_observations_are_one_hot_rows():
-    observations = record(Always(2), "FrozenLake-v1", n_episodes=3, seed=0)[1].observations
-    env = gymnasium.make("FrozenLake-v1")
-    square, _ = env.reset(seed=np.random.SeedSequence(0).generate_state(3).tolist()[1])
-    for row in observations:
-        np.testing.assert_array_equal(row, np.eye(16)[square])
-        square = env.step(2)[0]
-
-
-def test_discretised_pendulum_takes_the_torque_of_each_choice():
-    seeds = np.random.SeedSequence(6).generate_state(1).tolist()
-    for choice, torque in enumerate((-2, -1, 0, 1, 2)):
-        (episode,) = record(Always(choice), "rpil/DiscretePendulum-v1", n_episodes=1, seed=6)
-        env = gymnasium.make("Pendulum-v1")
-        observation, _ = env.reset(seed=seeds[0])
-        for row, reward in zip(episode.observations[:20], episode.rewards, strict=False):
-            np.testing.assert_array_equal(row, observation)
-            observation, wanted, *_ = env.step(np.array([torque], np.float32))
-            assert reward == wanted
-        assert len(episode.actions) == 200
-
-
 def test_same_seed_same_bits_and_another_seed_others():
     first, again, other = (
         record(RandomPolicy(Discrete(4), 7), "LunarLander-v3", n_episodes=4, seed=seed) for seed in (1, 1, 2)

@@ -1,4 +1,4 @@
-"""Pictures of an audit, of a policy and of the data, as scikit-learn Display objects.
+"""Pictures of an audit, as scikit-learn Display objects.
 
 A Display holds the data of one picture; ``plot`` draws it and keeps the axes in ``ax_`` and the figure in ``figure_``,
 so that either can be changed afterwards. Matplotlib is imported when something is drawn, not before.
@@ -8,19 +8,16 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Hashable
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Literal, Protocol, Self
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, Literal, Self
 
 import numpy as np
-from numpy.typing import ArrayLike
 
-from rpil.data.demonstrations import Demonstrations
-from rpil.data.errors import DataError
+from rpil.audit.text import printable
 from rpil.numerics.types import Array, Float
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.cm import ScalarMappable
     from matplotlib.figure import Figure, SubFigure
 
     from rpil.audit.record import Audit, Verdict
@@ -28,21 +25,7 @@ if TYPE_CHECKING:
 
 # The palette of Okabe and Ito, which readers with any of the common colour deficiencies can distinguish.
 COLOURS: dict[Verdict, str] = {"expert": "#0072b2", "uncertain": "#7f8790", "adversary": "#d55e00"}
-ACTION_COLOURS = ("#0072b2", "#e69f00", "#009e73", "#cc79a7", "#56b4e9", "#d55e00", "#f0e442", "#7f8790")
 MAX_NAMED_ROWS = 40
-Columns = tuple[int | str, int | str]
-
-
-class HasAudit(Protocol):
-    """A fitted estimator with an audit, such as `rpil.RPIL`."""
-
-    audit_: Audit
-
-
-class HasPredict(Protocol):
-    """A fitted policy."""
-
-    def predict(self, X: Array) -> ArrayLike: ...
 
 
 def running_mean(values: Float[Array, " N"], window: int | None = None) -> Float[Array, " N"]:
@@ -54,22 +37,6 @@ def running_mean(values: Float[Array, " N"], window: int | None = None) -> Float
     return np.asarray((totals[stop] - totals[start]) / (stop - start))
 
 
-class _Display:
-    """The axes of a picture: those of the caller, or new ones."""
-
-    ax_: Axes
-    figure_: Figure | SubFigure
-
-    def _prepare_axes(self, ax: Axes | None, size: tuple[float, float] = (6.4, 3.6)) -> Axes:
-        if ax is None:
-            import matplotlib.pyplot as plt
-
-            _, ax = plt.subplots(figsize=size, layout="constrained")
-        ax.spines[["top", "right"]].set_visible(False)
-        self.ax_, self.figure_ = ax, ax.figure
-        return ax
-
-
 def _add_legend(ax: Axes) -> None:
     # Above the axes, so that nothing is covered.
     if ax.get_legend_handles_labels()[0]:
@@ -77,10 +44,12 @@ def _add_legend(ax: Axes) -> None:
 
 
 @dataclass(eq=False)
-class _AuditDisplay(_Display, ABC):
-    """A picture of an audit."""
+class _AuditDisplay(ABC):
+    """A picture of an audit, on the axes of the caller or on new ones."""
 
     audit: Audit
+    ax_: Axes = field(init=False, repr=False)
+    figure_: Figure | SubFigure = field(init=False, repr=False)
 
     @abstractmethod
     def plot(self, *args: Any, **options: Any) -> Self:
@@ -91,13 +60,14 @@ class _AuditDisplay(_Display, ABC):
         """Draw the picture from an `Audit`; `options` are those of ``plot``."""
         return cls(audit).plot(ax, **options)
 
-    @classmethod
-    def from_estimator(cls, estimator: HasAudit, *, ax: Axes | None = None, **options: Any) -> Self:
-        """Draw the picture from a fitted `RPIL`; `options` are those of ``plot``."""
-        from sklearn.utils.validation import check_is_fitted
+    def _prepare_axes(self, ax: Axes | None, size: tuple[float, float] = (6.4, 3.6)) -> Axes:
+        if ax is None:
+            import matplotlib.pyplot as plt
 
-        check_is_fitted(estimator, "audit_")
-        return cls.from_audit(estimator.audit_, ax=ax, **options)
+            _, ax = plt.subplots(figsize=size, layout="constrained")
+        ax.spines[["top", "right"]].set_visible(False)
+        self.ax_, self.figure_ = ax, ax.figure
+        return ax
 
 
 class RankingDisplay(_AuditDisplay):
@@ -129,7 +99,7 @@ class RankingDisplay(_AuditDisplay):
             ax.axvline(0, color=COLOURS["uncertain"], linewidth=0.8)
             ax.set(xlabel="Log-odds of expert against adversary (nats, logarithmic beyond 10)")
         if has_names:
-            ax.set_yticks(rows, [str(audit.ids[m]) for m in order])
+            ax.set_yticks(rows, [printable(audit.ids[m]) for m in order], parse_math=False)
         ax.set(ylim=(size - 0.5, -0.5), ylabel="Demonstration" if has_names else "Rank")
         _add_legend(ax)
         return self
@@ -187,7 +157,8 @@ class TimelineDisplay(_AuditDisplay):
                 text = ax.text(step, ratio[step], f"\n{step}", ha="center", va="top", linespacing=0.8)
                 text.set(fontsize="small", color=COLOURS["adversary"])
         ax.margins(x=0.01, y=0.12)
-        ax.set(xlabel="Step", ylabel="Log-ratio (nats)", title=f"Demonstration {self.audit.ids[index]}")
+        ax.set(xlabel="Step", ylabel="Log-ratio (nats)")
+        ax.set_title(f"Demonstration {printable(self.audit.ids[index])}", parse_math=False)
         return self
 
 
@@ -202,107 +173,4 @@ class HistoryDisplay(_AuditDisplay):
         ax.plot(np.arange(1, len(history) + 1), history, "-o", color=COLOURS["expert"], markersize=2.5)
         ax.xaxis.set_major_locator(MaxNLocator(integer=True))
         ax.set(xlabel="Round", ylabel="Objective (nats)")
-        return self
-
-
-def _column_indices(features: Columns, names: tuple[str, ...]) -> tuple[int, int]:
-    """Two observation columns, each given by its number or its name."""
-    for feature in features:
-        if feature not in (range(len(names)) if isinstance(feature, int) else names):
-            known = ", ".join(names)
-            raise DataError(f"There is no observation column {feature!r}: choose a number or one of {known}.")
-    first, second = (feature if isinstance(feature, int) else names.index(feature) for feature in features)
-    return first, second
-
-
-@dataclass(eq=False)
-class _ActionDisplay(_Display):
-    """Actions over two observation columns."""
-
-    x: Array
-    y: Array
-    actions: Array
-    names: tuple[str, str]  # of the columns
-    classes: Array | None  # (K,): the discrete actions in order; None where an action is a number
-
-    def _colours(self) -> tuple[Array, dict[str, Any]]:
-        """The number to draw for each action, and the options that map numbers to colours."""
-        from matplotlib import colormaps, colors
-
-        if self.classes is None:
-            return self.actions, {"cmap": "viridis"}
-        size = len(self.classes)
-        colours = ACTION_COLOURS[:size] if size <= len(ACTION_COLOURS) else colormaps["turbo"](np.linspace(0, 1, size))
-        codes = np.searchsorted(self.classes, self.actions)
-        return codes, {"cmap": colors.ListedColormap(list(colours)), "vmin": -0.5, "vmax": size - 0.5}
-
-    def _label(self, ax: Axes, drawn: ScalarMappable) -> None:
-        ax.set(xlabel=self.names[0], ylabel=self.names[1])
-        if self.classes is None:
-            ax.figure.colorbar(drawn, ax=ax, label="Action")
-            return
-        for code, name in enumerate(self.classes):
-            ax.plot([], [], "s", color=drawn.cmap(code), label=f"action {name}")
-        _add_legend(ax)
-
-
-class PolicyMapDisplay(_ActionDisplay):
-    """A policy's action over two observation columns, the other columns held at their median.
-
-    `x` and `y` are the sides of the grid, `actions` has one row for each `y`; of an action that is a vector the first
-    component is drawn.
-    """
-
-    @classmethod
-    def from_estimator(
-        cls,
-        estimator: HasPredict,
-        X: ArrayLike,
-        *,
-        features: Columns = (0, 1),
-        grid: int = 100,
-        observation_names: tuple[str, ...] | None = None,
-        ax: Axes | None = None,
-    ) -> Self:
-        """The actions of an estimator at each point of a grid over the range of the observations `X`."""
-        observations = np.asarray(X)
-        names = observation_names or tuple(f"observation {d}" for d in range(observations.shape[1]))
-        i, j = _column_indices(features, names)
-        x, y = (np.linspace(observations[:, d].min(), observations[:, d].max(), grid) for d in (i, j))
-        points = np.tile(np.median(observations, axis=0), (grid * grid, 1))
-        points[:, i], points[:, j] = np.tile(x, grid), np.repeat(y, grid)
-        actions = np.asarray(estimator.predict(points)).reshape(grid, grid, -1)[..., 0]
-        classes = getattr(estimator, "classes_", None)
-        has_classes = classes is not None and len(classes) > 0
-        return cls(x, y, actions, (names[i], names[j]), classes if has_classes else None).plot(ax)
-
-    def plot(self, ax: Axes | None = None) -> Self:
-        """Draw the map."""
-        ax = self._prepare_axes(ax)
-        values, colours = self._colours()
-        self._label(ax, ax.pcolormesh(self.x, self.y, values, shading="nearest", rasterized=True, **colours))
-        return self
-
-
-class DemonstrationDisplay(_ActionDisplay):
-    """One dot for each demonstrated step over two observation columns, coloured by its action."""
-
-    @classmethod
-    def from_demonstrations(
-        cls, demonstrations: Demonstrations, *, features: Columns = (0, 1), ax: Axes | None = None
-    ) -> Self:
-        """Draw every step; of an action that is a vector, the first component."""
-        names = demonstrations.observation_names
-        i, j = _column_indices(features, names)
-        discrete = demonstrations.actions.ndim == 1
-        actions = demonstrations.actions if discrete else demonstrations.actions[:, 0]
-        x, y = demonstrations.observations[:, i], demonstrations.observations[:, j]
-        return cls(x, y, actions, (names[i], names[j]), np.unique(actions) if discrete else None).plot(ax)
-
-    def plot(self, ax: Axes | None = None) -> Self:
-        """Draw the dots."""
-        ax = self._prepare_axes(ax)
-        values, colours = self._colours()
-        # Rasterized: 40,000 dots would make a vector file that no viewer opens.
-        self._label(ax, ax.scatter(self.x, self.y, c=values, s=6, linewidths=0, rasterized=True, **colours))
         return self

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Hashable, Mapping
 from dataclasses import asdict, dataclass, replace
+from functools import cached_property
 from typing import Literal, TypeVar
 
 import numpy as np
@@ -11,6 +13,7 @@ from scipy.special import expit
 
 from rpil.audit.calibration import PlattCalibration
 from rpil.audit.label_choice import choose_labels
+from rpil.audit.reasons import MAX_LOG_RATIO, Grounds, worst_stretch
 from rpil.audit.settings import AUDIT_SETTINGS, AuditSettings
 from rpil.data.archive import stored
 from rpil.data.errors import DataError
@@ -38,20 +41,11 @@ class Interval:
 @stored()
 @dataclass(frozen=True)
 class Demonstrator:
-    """Trust in a demonstrator who gave several demonstrations.
-
-    Attributes
-    ----------
-    name : hashable
-    trust : Interval
-        Probability that a demonstration of this demonstrator is an expert's.
-    n_demonstrations : int
-    experts, adversaries, uncertain : int
-        Number of demonstrations with each verdict.
-    """
+    """Trust in a demonstrator who gave several demonstrations, and how many of them have each verdict."""
 
     name: Hashable
     trust: Interval
+    """Probability that a demonstration of this demonstrator is an expert's."""
     n_demonstrations: int
     experts: int
     adversaries: int
@@ -121,6 +115,9 @@ class Audit:
         The most trusted first; empty where demonstrators were not given.
     labelled : tuple of ids
         Demonstrations whose label was given.
+    deviations : tuple of str
+        What each demonstration does in its worst steps, against what the trusted do there, or ""; empty where the data
+        are not in memory (`rpil.audit.deviations`).
     """
 
     ids: tuple[Hashable, ...]
@@ -145,6 +142,7 @@ class Audit:
     assumptions: tuple[str, ...] = ()
     demonstrators: tuple[Demonstrator, ...] = ()
     labelled: tuple[Hashable, ...] = ()
+    deviations: tuple[str, ...] = ()
 
     @property
     def evidence(self) -> dict[str, Float[Array, " M"]]:
@@ -155,6 +153,37 @@ class Audit:
         """The parts of `log_odds` that a table shows: those that are not all 0, and none where there is only one."""
         parts = {name: part for name, part in self.evidence.items() if part.any()}
         return parts if len(parts) > 1 else {}
+
+    @cached_property
+    def reasons(self) -> tuple[str, ...]:
+        """The reason for the verdict on each demonstration, one sentence each."""
+        log_ratio = np.clip(self.step_log_ratio, -MAX_LOG_RATIO, MAX_LOG_RATIO, dtype=float)
+        score = np.add.reduceat(log_ratio, self.offsets[:-1]) / self.lengths
+        trusted = score[np.array(self.verdicts) == "expert"]
+        letters = {name: letter for letter, group in self.groups.items() for name in group}
+        labelled = set(self.labelled)
+        grounds = (
+            Grounds(
+                finding=self.finding,
+                verdict=self.verdicts[m],
+                log_odds=float(self.log_odds[m]),
+                from_actions=float(self.from_actions[m]),
+                from_demonstrator=float(self.from_demonstrator[m]),
+                is_labelled=name in labelled,
+                group=letters.get(name, ""),
+                score=float(score[m]),
+                trusted_score=float(np.median(trusted)) if len(trusted) else math.nan,
+                stretch=worst_stretch(log_ratio[self.steps(m)]),
+                deviation=self.deviations[m] if self.deviations else "",
+            )
+            for m, name in enumerate(self.ids)
+        )
+        return tuple(each.sentence() for each in grounds)
+
+    @property
+    def groups(self) -> dict[str, tuple[Hashable, ...]]:
+        """The `competing` groups by their names, A and B."""
+        return dict(zip("AB", self.competing, strict=False))
 
     @property
     def lengths(self) -> Int[Array, " M"]:
@@ -280,6 +309,7 @@ class Audit:
                     "expert_proba": float(self.expert_proba[m]),
                     "reliability": float(self.reliability[m]),
                     "verdict": self.verdicts[m],
+                    "reason": self.reasons[m],
                     "worst_steps": self.worst_steps(m),
                 }
                 for m in self.ranking().tolist()

@@ -25,14 +25,9 @@ def verdict_columns(audit: Audit, demonstrators: Mapping[str, str]) -> dict[str,
         "demonstrator": [demonstrators.get(str(name), "") for name in audit.ids],
         "n_steps": audit.lengths.tolist(),
         "faults": [""] * len(audit.ids),
-        "reason": verdict_reasons(audit),
+        "reason": list(audit.reasons),
         "run": [audit.run_id] * len(audit.ids),
     }
-
-
-def verdict_reasons(audit: Audit) -> Sequence[str]:
-    """Why each demonstration has its verdict, in words; empty where that is not known."""
-    return [""] * len(audit.ids)
 
 
 def write_verdicts(path: StrPath, audit: Audit, demonstrators: Mapping[str, str]) -> None:

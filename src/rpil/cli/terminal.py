@@ -135,13 +135,10 @@ def _print_ranking(audit: Audit, shown: Sequence[int]) -> None:
 
 
 def _print_reasons(audit: Audit, shown: Sequence[int]) -> None:
-    """Print why some demonstrations have their verdicts, where that is known."""
-    from rpil.audit.verdict_table import verdict_reasons
-
-    reasons = verdict_reasons(audit)
+    """Print why some demonstrations have their verdicts."""
+    reasons = audit.reasons
     for m in shown:
-        if reasons[m]:
-            click.echo(f"{printable(audit.ids[m])}: {reasons[m]}")
+        click.echo(f"{printable(audit.ids[m])}: {reasons[m]}")
 
 
 def _print_demonstrators(shown: Sequence[Demonstrator], audit: Audit) -> None:

@@ -25,7 +25,7 @@ from rpil.data.memory import check_memory
 from rpil.data.npy import read_arrays
 from rpil.numerics.types import Array
 
-VERSION = 5
+VERSION = 6
 """Version of the format; a file of another version is refused."""
 
 _HEADER = "header.json"
@@ -157,7 +157,7 @@ class Decoder:
             raise ValueError(node)
         return array
 
-    def value(self, node: Any) -> Any:
+    def value(self, node: object) -> Any:
         """The value that `encode` made the `node` from; lists come back as tuples."""
         if isinstance(node, list):
             return tuple(self.value(item) for item in node)

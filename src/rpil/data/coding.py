@@ -19,12 +19,6 @@ Bounds = tuple[ArrayLike, ArrayLike]
 """Low and high end of every number of an action: a number for all, or (A,) numbers."""
 
 
-def code_actions(demonstrations: Demonstrations, box: Bounds | None = None) -> tuple[Space, Array, Array]:
-    """The space of the actions, the K classes (none where continuous), and codes (N,) or continuous actions (N, A)."""
-    space, classes = action_space(demonstrations, box)
-    return space, classes, encode_actions(classes, demonstrations.actions, demonstrations.source)
-
-
 def action_space(data: Demonstrations | Dataset, box: Bounds | None = None) -> tuple[Space, Array]:
     """The space of the actions, and the K classes where they are discrete, else none.
 

@@ -6,9 +6,9 @@ and tuples become columns, each with a name.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence, Sized
 from itertools import product
-from typing import Any
+from typing import Protocol, TypeGuard
 
 import numpy as np
 
@@ -77,7 +77,7 @@ def _kind(part: object) -> object:
     return (part.shape[1:], part.dtype.kind == "U") if isinstance(part, np.ndarray) else part
 
 
-def _parts(given: Any) -> tuple[object, object] | None:
+def _parts(given: object) -> tuple[object, object] | None:
     """The observations and the actions in one of the forms of an episode; None where it has none of them."""
     found = [_first_of(given, names) for names in NAMES]
     if all(part is not None for part in found):
@@ -104,17 +104,23 @@ def _by_number(parts: tuple[object, ...]) -> dict[str, object]:
     return {str(k): part for k, part in enumerate(parts)}
 
 
-def _is_structure(part: object) -> bool:
-    """Whether `part` has entries by name: a dict, or imitation's DictObs, but no table of pandas."""
+class Structure(Protocol):
+    """Entries by name: a dict, or imitation's DictObs."""
+
+    def items(self) -> Iterable[tuple[object, object]]: ...
+
+
+def _is_structure(part: object) -> TypeGuard[Structure]:
+    """Whether `part` has entries by name, and is no table of pandas."""
     return isinstance(part, Mapping) or (hasattr(part, "items") and not hasattr(part, "__array__"))
 
 
-def _n_rows(part: Any) -> int:
+def _n_rows(part: object) -> int:
     if isinstance(part, tuple):
         return _n_rows(_by_number(part))
     if _is_structure(part):
         return max((_n_rows(value) for _, value in part.items()), default=0)
-    return len(part) if hasattr(part, "__len__") and getattr(part, "shape", True) else 0
+    return len(part) if isinstance(part, Sized) and getattr(part, "shape", True) else 0
 
 
 def _as_table(part: object, what: str, where: str) -> tuple[Array, tuple[str, ...]]:
@@ -138,7 +144,7 @@ def _as_table(part: object, what: str, where: str) -> tuple[Array, tuple[str, ..
     return np.concatenate(blocks, axis=1), tuple(names)
 
 
-def _columns(part: Any, name: str, what: str, where: str) -> dict[str, Array]:
+def _columns(part: object, name: str, what: str, where: str) -> dict[str, Array]:
     """The arrays in nested dicts and tuples, by their names joined with dots; an array by itself is called ""."""
     if isinstance(part, list) and part and (isinstance(part[0], tuple) or _is_structure(part[0])):
         steps = [_by_number(step) if isinstance(step, tuple) else dict(step.items()) for step in part]

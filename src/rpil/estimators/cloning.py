@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from numpy.typing import ArrayLike
 from sklearn.base import BaseEstimator, ClassifierMixin
@@ -11,13 +9,16 @@ from sklearn.metrics import accuracy_score, r2_score
 from sklearn.utils.validation import _check_sample_weight, check_is_fitted
 from threadpoolctl import threadpool_limits
 
-from rpil.data.coding import code_actions, encode_actions
+from rpil.data.coding import action_space, encode_actions
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
 from rpil.data.spaces import Space
 from rpil.estimators.final_policy import LinearPolicySpec
+from rpil.estimators.task import Features, FinalPolicy
 from rpil.estimators.validation import checked_rows, observations_and_actions, one_step_each, source_of
 from rpil.numerics.types import Array
+from rpil.policies.features import FeatureMap
+from rpil.policies.linear import LinearPolicy
 
 
 class PolicyEstimator(ClassifierMixin, BaseEstimator):  # type: ignore[misc]  # scikit-learn has no types
@@ -25,8 +26,8 @@ class PolicyEstimator(ClassifierMixin, BaseEstimator):  # type: ignore[misc]  # 
 
     space_: Space
     classes_: Array
-    features_: Any
-    policy_: Any
+    features_: Features
+    policy_: FinalPolicy
     features: str
     C: float | None
     n_features_in_: int
@@ -68,27 +69,33 @@ class PolicyEstimator(ClassifierMixin, BaseEstimator):  # type: ignore[misc]  # 
         DataError
             Where an action is not among `classes_`.
         """
-        outputs = self._outputs(X)
-        log_prob: Array = self.policy_.log_prob(outputs, encode_actions(self.classes_, np.asarray(y), "the steps"))
-        return log_prob
+        return self.policy_.log_prob(self._outputs(X), encode_actions(self.classes_, np.asarray(y), "the steps"))
 
     def _outputs(self, X: ArrayLike) -> Array:
         check_is_fitted(self)
-        outputs: Array = self.policy_.outputs(self.features_.design(checked_rows(self, X)))
-        return outputs
+        return self.policy_.outputs(self.features_.design(checked_rows(self, X)))
+
+    def _linear(self) -> tuple[FeatureMap, Array]:
+        """The feature map and the weights (F + 1, K) of a linear policy; no other policy has coefficients."""
+        if not isinstance(self.features_, FeatureMap) or not isinstance(self.policy_, LinearPolicy):
+            raise AttributeError(f"The policy is a {type(self.policy_).__name__}, which has no coefficients.")
+        return self.features_, self.policy_.weights
+
+    def _contrast(self, coefficients: Array) -> Array:
+        """Of two actions scikit-learn has the second less the first."""
+        return coefficients[1:] - coefficients[:1] if len(self.classes_) == 2 else coefficients
 
     @property
     def coef_(self) -> Array:
         """Coefficients on the unscaled columns of the feature map, shaped as scikit-learn's."""
-        coefficients: Array = (self.policy_.weights[:-1] / self.features_.scale[:, None]).T
-        return coefficients[1:] - coefficients[:1] if len(self.classes_) == 2 else coefficients
+        features, weights = self._linear()
+        return self._contrast((weights[:-1] / features.scale[:, None]).T)
 
     @property
     def intercept_(self) -> Array:
         """Intercepts that go with `coef_`."""
-        weights = self.policy_.weights
-        intercepts: Array = weights[-1] - (self.features_.center / self.features_.scale) @ weights[:-1]
-        return intercepts[1:] - intercepts[:1] if len(self.classes_) == 2 else intercepts
+        features, weights = self._linear()
+        return self._contrast(weights[-1] - (features.center / features.scale) @ weights[:-1])
 
 
 class BehavioralCloning(PolicyEstimator):
@@ -136,8 +143,9 @@ class BehavioralCloning(PolicyEstimator):
         if not weight.any():
             raise DataError(f"{source_of(X)}: sample_weight is zero everywhere; give at least one step some weight.")
         rows = X if isinstance(X, Demonstrations) else one_step_each(*data)
-        self.space_, self.classes_, codes = code_actions(rows)
+        self.space_, self.classes_ = action_space(rows)
+        codes = encode_actions(self.classes_, rows.actions, rows.source)
         with threadpool_limits(1, "blas"):  # thin products gain nothing from threads, and can lose a lot
             spec = LinearPolicySpec(self.features, self.C, self.tol)
-            self.features_, self.policy_ = spec.fit(rows, codes, weight, weight > 0.0, self.space_)
+            self.features_, self.policy_ = spec.fit(rows, codes, weight, self.space_)
         return self

@@ -30,19 +30,24 @@ class LinearPolicySpec:
     tol: float
     """Largest entry of the gradient, a step, at which the fit stops."""
     selection: SelectionSettings = SelectionSettings()
+    min_feature_weight: float = 0.0
+    """See `rpil.estimators.settings.Settings`."""
 
     def choice(self, data: Demonstrations, codes: Array, weight: Array, space: Space) -> Choice:
         """The features: those asked for, or chosen by held-out steps of `weight` (N,)."""
         if self.features != "auto":
-            return Choice(self.features)
+            return Choice(self.features, self.selection.maps.ridge_per_step)
         return choose_features(data.observations, codes, data.offsets, weight, space, self.C, self.selection)
 
-    def fit(
-        self, data: Demonstrations, codes: Array, weight: Array, trusted: Array, space: Space
-    ) -> tuple[FeatureMap, Policy]:
-        """Fit the feature map to the `trusted` (N,) bool steps, and the policy to all steps by `weight` (N,)."""
+    def feature_map(self, choice: Choice, observations: Array, weight: Array) -> FeatureMap:
+        """The features of the `choice`, fitted to the observations of the trusted steps."""
+        trusted = weight > self.min_feature_weight * weight.max()
+        return FeatureMap.fit(choice.kind, observations[trusted], weight[trusted], choice.ridge, self.selection.maps)
+
+    def fit(self, data: Demonstrations, codes: Array, weight: Array, space: Space) -> tuple[FeatureMap, Policy]:
+        """The feature map, and the policy fitted to all steps by their `weight` (N,)."""
         choice = self.choice(data, codes, weight, space)
-        features = FeatureMap.fit(choice.kind, data.observations[trusted], weight[trusted], choice.ridge)
+        features = self.feature_map(choice, data.observations, weight)
         ridge = ridge_of(features, self.C, weight.sum(), space)
         used = weight > 0.0
         single = bool(used.sum() * features.n_columns > SINGLE_PRECISION_ENTRIES)

@@ -11,11 +11,12 @@ from rpil.audit.record import Audit
 from rpil.audit.summary import longest_unlabelled
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.fit_data import FitData
-from rpil.estimators.pipeline import Features, FinalPolicy, JudgeInput, Options, Task, TrustDecision, design_data
+from rpil.estimators.pipeline import JudgeInput, Options, TrustDecision
+from rpil.estimators.task import Features, FinalPolicy, Task
 from rpil.inference.settings import Minority
 from rpil.numerics.newton import Preconditioner
 from rpil.numerics.types import Array
-from rpil.policies.features import FeatureMap, FeatureSettings, ridge_of
+from rpil.policies.features import FeatureMap, ridge_of
 from rpil.policies.linear import linear_policy
 from rpil.policies.protocol import AdditivePolicy
 from rpil.policies.selection import Choice
@@ -38,15 +39,15 @@ def is_sampled(task: Task, options: Options) -> bool:
 def budget(task: Task, options: Options) -> int:
     """Steps of the sample for the policy of the judge."""
     # Enough demonstrations to count the columns of the features.
-    first = int(np.searchsorted(task.source.offsets, FeatureSettings.n_landmarks))
+    first = int(np.searchsorted(task.source.offsets, options.settings.selection.maps.n_landmarks))
     features = options.judge_features(task.source.select(slice(0, first)))
     assert isinstance(features, FeatureMap)
     return sample_steps(features.n_columns * task.space.n_parts, options.settings.sample)
 
 
 @dataclass(frozen=True, eq=False)
-class Passes:
-    """The stages of a fit by passes, which an engine runs."""
+class SampledFit:
+    """The stages of a fit whose decision reads a sample, and which passes of an engine extend to everything."""
 
     task: Task
     options: Options
@@ -65,7 +66,7 @@ class Passes:
         demonstrations = task.source.select(indices)
         features = options.judge_features(demonstrations)
         assert isinstance(features, FeatureMap)
-        data = replace(design_data(task, demonstrations, features, single=True), labels=task.labels[indices])
+        data = replace(task.data(demonstrations, features, single=True), labels=task.labels[indices])
         # A rival group to trust is reported by the sample, and trusted among all demonstrations.
         minority: Minority = "ask" if options.minority == "trust" else options.minority
         engine = self.engine
@@ -88,16 +89,16 @@ class Passes:
         judgement = judge_everyone(sample, everyone, scores, options.minority, options.settings.judge)
         # The steps are weighted in the next pass; until then the audit is of demonstrations without steps.
         stepless = replace(everyone, offsets=np.zeros_like(source.offsets))
-        found = TrustDecision.of(
+        extended = TrustDecision.of(
             judgement, replace(sample.judge, groups=judgement.groups), stepless, source.ids, options.settings.audit
         )
-        audit = replace(found.audit, offsets=np.asarray(source.offsets, dtype=np.int64))
+        audit = replace(extended.audit, offsets=np.asarray(source.offsets, dtype=np.int64))
         rival = sample.judgement.rival
         if judgement.rival is not None and rival is not None:
             # Only the demonstrations of the sample were compared: all others may be in either group.
             to_label = longest_unlabelled(sample.data, (rival.trusted, rival.rival))
             audit = replace(audit, to_label=tuple(posed.demonstrations.ids[m] for m in to_label))
-        return replace(found, audit=audit)
+        return replace(extended, audit=audit)
 
     def fit_policy(self, posed: JudgeInput, decision: TrustDecision) -> tuple[Features, FinalPolicy, TrustDecision]:
         task, options, data, features = self.task, self.options, posed.data, posed.features
@@ -107,9 +108,9 @@ class Passes:
         weights = StepWeights.of(decision.audit, decision.judge, options.settings.judge, options.settings.audit)
         weight = weights.weight(data, weights.trust[posed.indices])[0]
         choice = options.linear.choice(posed.demonstrations, data.actions, weight, task.space)
-        if choice != Choice(features.kind):
-            trusted, observations = weight > 0.5 * weight.max(), posed.demonstrations.observations
-            features = FeatureMap.fit(choice.kind, observations[trusted], weight[trusted], choice.ridge)
+        if choice != Choice(features.kind, features.ridge_per_step):
+            observations = posed.demonstrations.observations
+            features = options.linear.feature_map(choice, observations, weight)
             weights = replace(weights, final=DesignMap(features, task.space, task.classes))
             data = replace(data, features=features.design(observations, single=True))
         blocks = posed.blocks.then(weights)

@@ -39,7 +39,7 @@ FITTED_ARRAYS = {"weights_": "M", "log_likelihood_": "M"}
 _NAMES = ("feature_names_in_", "observation_names_")  # from data frames, and from `Demonstrations`
 
 
-def save(estimator: RPIL | RMEnt | BehavioralCloning, path: StrPath) -> None:
+def save(estimator: Estimator, path: StrPath) -> None:
     """Write a fitted estimator to a file of any name.
 
     `load` returns the same estimator, bit for bit, without `progress`, `engine` and `checkpoint`.
@@ -87,7 +87,7 @@ def save(estimator: RPIL | RMEnt | BehavioralCloning, path: StrPath) -> None:
     write_archive(path, header, arrays)
 
 
-def load(path: StrPath) -> RPIL | RMEnt | BehavioralCloning:
+def load(path: StrPath) -> Estimator:
     """Read what `save` wrote; nothing is ever unpickled.
 
     Raises
@@ -123,7 +123,7 @@ def _plain(classes: Array, path: StrPath) -> Array:
     return classes
 
 
-def _params(estimator: Any, arrays: dict[str, Array]) -> dict[str, Any]:
+def _params(estimator: Estimator, arrays: dict[str, Array]) -> dict[str, Any]:
     """The constructor parameters that can be encoded; others are dropped."""
     params = {}
     given = estimator.get_params(deep=False)
@@ -159,7 +159,7 @@ def _restore(header: dict[str, Any], decoder: Decoder) -> Estimator:
     return estimator
 
 
-def _try_out(estimator: Any) -> None:
+def _try_out(estimator: Estimator) -> None:
     """Use the estimator on one step, so that parts of different shapes fail here and not later."""
     observation, classes = np.zeros((1, estimator.n_features_in_)), estimator.classes_
     outputs = estimator.policy_.outputs(estimator.features_.design(observation))
@@ -172,6 +172,7 @@ def _try_out(estimator: Any) -> None:
         audit, state, judged = estimator.audit_, estimator.state_, estimator.judge_ is not None
         bounds = audit.offsets[[0, -1]].tolist() == [0, len(audit.step_weight)] and (audit.lengths > 0).all()
         sound &= bounds and len(audit.ids) == len(audit.verdicts) == len(audit.log_odds)
+        sound &= len(audit.deviations) in (0, len(audit.ids))
         sound &= audit.finding in FINDINGS and judged == (state is None)
         json.dumps(audit.to_dict())
         one_step = Demonstrations(observation, classes[action] if len(classes) else action, np.array([0, 1]))

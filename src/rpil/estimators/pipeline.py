@@ -1,54 +1,44 @@
 """Every fit of `RPIL`, by one path: code the actions, pose, decide which demonstrations to trust, fit the final policy.
 
-The parts of the path are exchanged. `Whole` (here) poses all demonstrations in memory, and `Passes`
-(`rpil.estimators.passes`) a sample of many. The judge decides, or the mixture with a named adversary. The final policy
-is linear, or the user's.
+The parts of the path are exchanged. In a `FullFit` (here) the decision reads all demonstrations, in memory; in a
+`SampledFit` (`rpil.estimators.passes`) it reads a sample of many. The judge decides, or the mixture with a named
+adversary. The final policy is linear, or the user's.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable, Mapping, Sequence
+from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, Protocol
+from typing import Protocol
 
-import numpy as np
-from numpy.typing import ArrayLike
-
+from rpil.audit.deviations import deviations
 from rpil.audit.record import Audit, Interval
 from rpil.audit.settings import AuditSettings
 from rpil.audit.summary import audit_from_judgement, audit_from_mixture, is_anyone_trusted
-from rpil.data.coding import action_space, code_actions, encode_actions, label_codes
 from rpil.data.demonstrations import Block, Demonstrations
-from rpil.data.demonstrators import Demonstrators, group_by_demonstrator
 from rpil.data.errors import DataError
 from rpil.data.files import StrPath
 from rpil.data.fit_data import FitData
-from rpil.data.formats.dataset import Dataset
 from rpil.data.spaces import Space
 from rpil.estimators.final_policy import LinearPolicySpec
 from rpil.estimators.settings import Settings
+from rpil.estimators.task import Features, FinalPolicy, Task
+from rpil.estimators.validation import check_minority
 from rpil.inference.fitted_judge import FittedJudge
 from rpil.inference.held_out import HeldOutModel, HeldOutPolicy, held_out_model
 from rpil.inference.search import SearchSettings, fit_mixture
-from rpil.inference.settings import MINORITY, Minority
+from rpil.inference.settings import Minority
 from rpil.inference.trust import Judgement, judge
 from rpil.mixture.adversaries.protocol import Adversary
 from rpil.mixture.em import State
-from rpil.mixture.expert_prior import as_prior
 from rpil.numerics.types import Array
 from rpil.policies.cross_fitted import cross_fitted_policy
 from rpil.policies.features import FeatureMap, IdentityMap, ridge_of
 from rpil.policies.linear import linear_policy
-from rpil.policies.protocol import CrossFittedPolicy, Policy
+from rpil.policies.protocol import CrossFittedPolicy
 from rpil.scale.protocol import Engine, Shards
-from rpil.scale.sample import Source
 
 Progress = Callable[[str], None]
-Features = FeatureMap | IdentityMap
-FinalPolicy = Policy | CrossFittedPolicy
-ActionBox = tuple[ArrayLike, ArrayLike]
-Labels = Mapping[Any, str]
-Names = Mapping[Any, Hashable] | Sequence[Hashable]
 
 
 @dataclass(frozen=True)
@@ -74,63 +64,31 @@ class Options:
     @property
     def linear(self) -> LinearPolicySpec:
         """The linear final policy."""
-        return LinearPolicySpec(self.features, self.C, self.settings.ascent.tol, self.settings.selection)
+        settings = self.settings
+        return LinearPolicySpec(
+            self.features, self.C, settings.ascent.tol, settings.selection, settings.min_feature_weight
+        )
 
-    def check(self) -> None:
-        """Refuse an unknown option before any work."""
-        mixture = self.settings.mixture
-        choices = {"m_step": (mixture.m_step, ("joint", "expert_only")), "minority": (self.minority, MINORITY)}
-        for name, (value, known) in choices.items():
-            if value not in known:
-                raise DataError(f"There is no {name} {value!r}; choose {' or '.join(known)}.")
-        as_prior(mixture.prior)
+    def cross_fitted(self, space: Space, n_steps: int) -> CrossFittedPolicy:
+        """The user's policy before it is fitted."""
+        return cross_fitted_policy(self.policy, space, n_steps, self.settings.cross_fit)
+
+    def check(self, task: Task) -> None:
+        """Refuse options that are unknown, or that do not fit the demonstrations, before any work."""
+        check_minority(self.minority)
+        if self.policy is not None:
+            self.cross_fitted(task.space, int(task.source.offsets[-1]))  # refuses an unsuitable estimator
+        if not self.judges and (task.demonstrators.informative or self.policy is not None):
+            raise DataError("A named adversary knows neither demonstrators= nor policy=; leave out one.")
 
     def judge_features(self, demonstrations: Demonstrations) -> Features:
         """The feature map while trust is decided."""
         if self.policy is not None:
             return IdentityMap()
-        kind = self.settings.search_features
+        kind = self.settings.judge_features
         if kind == "auto":
             kind = self.features if self.features not in ("raw", "auto") else "folded"
-        return FeatureMap.fit(kind, demonstrations.observations)
-
-
-@dataclass(frozen=True, eq=False)
-class Task:
-    """The demonstrations of a fit, checked."""
-
-    source: Source
-    space: Space
-    classes: Array
-    """The discrete actions, or an empty array."""
-    labels: Array
-    """1 known expert, -1 known adversary, 0 unknown."""
-    demonstrators: Demonstrators
-
-    @classmethod
-    def of(
-        cls,
-        source: Demonstrations | Dataset,
-        action_box: ActionBox | None,
-        labels: Labels | None,
-        demonstrators: Names | None,
-        options: Options,
-    ) -> Task:
-        """Find the space of the actions; match labels and demonstrators with the demonstrations."""
-        if isinstance(source, Dataset):
-            space, classes = action_space(source, action_box)
-        else:
-            space, classes, _ = code_actions(source, action_box)
-        if len(source.ids) < 2:
-            raise DataError(
-                f"{source.source}: one demonstration alone (n_samples=1) cannot be compared; give at least two."
-            )
-        if options.policy is not None:
-            cross_fitted_policy(options.policy, space, int(source.offsets[-1]))  # refuses an unsuitable estimator
-        groups = group_by_demonstrator(demonstrators, source)
-        if not options.judges and (groups.informative or options.policy is not None):
-            raise DataError("A named adversary knows neither demonstrators= nor policy=; leave out one.")
-        return cls(source, space, classes, label_codes(labels, source), groups)
+        return FeatureMap.fit(kind, demonstrations.observations, settings=self.settings.selection.maps)
 
 
 @dataclass(frozen=True, eq=False)
@@ -180,7 +138,7 @@ def decide_trust(posed: JudgeInput, options: Options) -> TrustDecision:
     if options.judges:
         model: HeldOutModel
         if own:
-            policy = cross_fitted_policy(options.policy, data.space, n_steps)
+            policy = options.cross_fitted(data.space, n_steps)
             model = HeldOutPolicy(data, policy, settings.judge.held_out)
         else:
             model = held_out_model(data, options.seed, settings.judge.held_out)
@@ -233,8 +191,8 @@ def fit(stages: Stages, options: Options) -> Fitted:
 
 
 @dataclass(frozen=True, eq=False)
-class Whole:
-    """The stages of a fit to demonstrations in memory, all of which the decision reads."""
+class FullFit:
+    """The stages of a fit whose decision reads all demonstrations, in memory."""
 
     task: Task
     options: Options
@@ -247,8 +205,9 @@ class Whole:
         features = options.judge_features(demonstrations)
         n_entries = demonstrations.n_steps * demonstrations.n_observations
         single = options.judges and task.space.kind == "discrete" and n_entries > options.settings.single_precision
-        data = design_data(task, demonstrations, features, single)
-        data = replace(data, labels=task.labels, demonstrators=task.demonstrators)
+        data = replace(
+            task.data(demonstrations, features, single), labels=task.labels, demonstrators=task.demonstrators
+        )
         return JudgeInput(demonstrations, data, features, options.minority)
 
     def extend(self, posed: JudgeInput, decision: TrustDecision) -> TrustDecision:
@@ -258,18 +217,18 @@ class Whole:
         data, weight = posed.data, decision.audit.step_weight
         if not is_anyone_trusted(decision.audit.expert_proba, data.lengths):
             weight = decision.step  # the steps that are most likely an expert's
+        features, policy = self._final_policy(posed, weight)
+
+        def outputs(rows: Array) -> Array:
+            return policy.outputs(features.design(posed.demonstrations.observations[rows]))
+
+        phrases = deviations(decision.audit, data.space, self.task.classes, data.actions, outputs)
+        return features, policy, replace(decision, audit=replace(decision.audit, deviations=phrases))
+
+    def _final_policy(self, posed: JudgeInput, weight: Array) -> tuple[Features, FinalPolicy]:
+        data = posed.data
         if self.options.policy is None:
-            trusted = weight > 0.5 * weight.max()
-            spec = self.options.linear
-            return *spec.fit(posed.demonstrations, data.actions, weight, trusted, data.space), decision
+            return self.options.linear.fit(posed.demonstrations, data.actions, weight, data.space)
         # Cross-fitted again by the final weights: the temperature of the policy comes from held-out steps.
-        start, _ = cross_fitted_policy(self.options.policy, data.space, len(weight)).fit(data, weight)
-        return posed.features, start.fit_all(data, weight), decision
-
-
-def design_data(task: Task, demonstrations: Demonstrations, features: Features, single: bool) -> FitData:
-    """The data of a fit to some demonstrations, without labels and demonstrators."""
-    codes = encode_actions(task.classes, demonstrations.actions, demonstrations.source)
-    design = features.design(demonstrations.observations, single=single)
-    labels = np.zeros(len(demonstrations), dtype=int)
-    return FitData(design, codes, demonstrations.offsets, task.space, labels)
+        start, _ = self.options.cross_fitted(data.space, len(weight)).fit(data, weight)
+        return posed.features, start.fit_all(data, weight)

@@ -2,27 +2,30 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from copy import deepcopy
 from dataclasses import dataclass, field, fields, replace
 from typing import Any, TypeVar
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from rpil.audit.assumptions import IN_SAMPLE_POLICY, assumption_sentences
 from rpil.audit.record import Audit
+from rpil.audit.settings import AuditSettings
 from rpil.audit.summary import audit_from_judgement
-from rpil.data.coding import code_actions, label_codes
+from rpil.data.checks import check_settings
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
 from rpil.data.fit_data import FitData
-from rpil.inference.held_out import HeldOutLogProb, deal, log_reference
-from rpil.inference.settings import MINORITY, JudgeSettings, Minority
+from rpil.estimators.task import ActionBox, Labels, Task
+from rpil.estimators.validation import check_minority
+from rpil.inference.held_out import HeldOutLogProb, log_reference
+from rpil.inference.settings import JudgeSettings, Minority
 from rpil.inference.trust import judge
 from rpil.numerics.regression import column_scales
 from rpil.numerics.types import Array
 from rpil.policies.features import FeatureMap
+from rpil.policies.folds import deal
 
 P = TypeVar("P")
 LogProb = Callable[[Any, Array, Array], object]
@@ -31,63 +34,39 @@ Train = Callable[[Any, Array, Array, Array], object]
 
 @dataclass(frozen=True)
 class ReweightOptions:
-    """The options of `reweight`, where the last four are described; the numbers were chosen by hand, not tuned.
-
-    Attributes
-    ----------
-    patience : int
-        Rounds without a gain after which training stops.
-    min_gain : float
-        Gain of a round on held-out steps, in nats a step, that counts as a gain.
-    min_weight : float
-        A policy is not trained on steps all of which have less weight.
-    judge : JudgeSettings
-    n_folds, max_rounds, minority, action_box, random_state
-    """
+    """The options of `reweight`, where the last four are described; the numbers were chosen by hand, not tuned."""
 
     patience: int = 3
+    """Rounds without a gain after which training stops."""
     min_gain: float = 1e-3
+    """Gain of a round on held-out steps, in nats a step, that counts as a gain."""
     min_weight: float = 1e-6
+    """A policy is not trained on steps all of which have less weight."""
     judge: JudgeSettings = JudgeSettings()
+    audit: AuditSettings = AuditSettings()
     n_folds: int = 3
     max_rounds: int = 50
     minority: Minority = "ask"
-    action_box: tuple[ArrayLike, ArrayLike] | None = None
+    action_box: ActionBox | None = None
     random_state: int = 0
 
-    def check(self, demonstrations: Demonstrations) -> None:
-        """Refuse impossible options before any work."""
-        size, source = len(demonstrations), demonstrations.source
-        if size < 2:
-            raise DataError(f"{source}: one demonstration alone cannot be compared; give at least two.")
-        if not 1 <= self.n_folds <= size:
-            raise DataError(f"n_folds={self.n_folds!r} must be from 1 to the number of demonstrations, {size}.")
-        if self.max_rounds < 1:
-            raise DataError(f"max_rounds={self.max_rounds!r} must be 1 or more.")
-        if self.minority not in MINORITY:
-            raise DataError(f"There is no minority {self.minority!r}; choose {' or '.join(MINORITY)}.")
+    def __post_init__(self) -> None:
+        check_settings(self, min_gain="[0, inf)", min_weight="[0, inf)", random_state="[0, inf)")
+        check_minority(self.minority)
 
 
 @dataclass(frozen=True, eq=False)
 class Reweighted:
-    """The result of `reweight`.
-
-    Attributes
-    ----------
-    policy : object
-        The policy, trained with the step weights of the audit.
-    audit : Audit
-        As `RPIL.audit_`.
-    n_rounds : int
-        Rounds of training.
-    converged : bool
-        Whether training gained nothing more before `max_rounds`.
-    """
+    """The result of `reweight`."""
 
     policy: object
+    """The policy, trained with the step weights of the audit."""
     audit: Audit
+    """As `RPIL.audit_`."""
     n_rounds: int
+    """Rounds of training."""
     converged: bool
+    """Whether training gained nothing more before `max_rounds`."""
 
     @property
     def step_weight(self) -> Array:
@@ -208,7 +187,7 @@ def reweight(
     *,
     log_prob: LogProb,
     train: Train,
-    labels: Mapping[Any, str] | None = None,
+    labels: Labels | None = None,
     progress: Callable[[str], None] | None = None,
     **options: Any,
 ) -> Reweighted:
@@ -257,17 +236,20 @@ def reweight(
     if unknown:
         raise TypeError(f"reweight() got an unexpected keyword argument {min(unknown)!r}")
     progress, chosen = progress or (lambda _: None), ReweightOptions(**options)
-    chosen.check(demonstrations)
-    space, _, codes = code_actions(demonstrations, chosen.action_box)
-    states = FeatureMap.fit("folded", demonstrations.observations).design(demonstrations.observations)
-    data = FitData(states, codes, demonstrations.offsets, space, label_codes(labels, demonstrations))
+    task = Task.of(demonstrations, chosen.action_box, labels)
+    if chosen.n_folds > len(demonstrations):
+        raise DataError(
+            f"n_folds={chosen.n_folds}, but there are {len(demonstrations)} demonstrations; give fewer folds."
+        )
+    features = FeatureMap.fit("folded", demonstrations.observations)
+    data = replace(task.data(demonstrations, features), labels=task.labels)
     seed, fold = chosen.random_state, data.per_step(deal(data, chosen.n_folds, chosen.random_state))
     model = TrainedPolicy(policy, data, demonstrations, log_prob, train, fold, chosen, progress)
     judgement = judge(data, model, chosen.judge, seed=seed, minority=chosen.minority, progress=progress)
-    audit = audit_from_judgement(judgement, data, demonstrations.ids)
+    audit = audit_from_judgement(judgement, data, demonstrations.ids, chosen.audit)
     n_rounds = model.cache[data.per_step(judgement.training_group.astype(float)).tobytes()][1]
     for n in range(n_rounds):
         progress(f"training the policy: {n + 1} of {n_rounds}")
-        policy = model.train_round(policy, np.arange(len(codes)), audit.step_weight)
+        policy = model.train_round(policy, np.arange(demonstrations.n_steps), audit.step_weight)
     sentences = assumption_sentences(judgement.finding, IN_SAMPLE_POLICY if chosen.n_folds == 1 else "")
     return Reweighted(policy, replace(audit, assumptions=sentences), n_rounds, n_rounds < chosen.max_rounds)

@@ -25,30 +25,19 @@ from sklearn.exceptions import ConvergenceWarning
 from sklearn.utils import Tags
 from threadpoolctl import threadpool_limits
 
-from rpil.data.coding import code_actions
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
 from rpil.data.fit_data import FitData
 from rpil.estimators.cloning import PolicyEstimator
 from rpil.estimators.final_policy import LinearPolicySpec
+from rpil.estimators.settings import ConcentrationSettings
+from rpil.estimators.task import Task
 from rpil.estimators.validation import as_demonstrations
 from rpil.numerics.parallel import in_parallel
 from rpil.numerics.types import Array
-from rpil.policies.features import FeatureMap, ridge_of
+from rpil.policies.features import ridge_of
 from rpil.policies.linear import linear_policy
 from rpil.policies.protocol import Policy
-
-
-@dataclass(frozen=True)
-class ConcentrationSettings:
-    """The search for the best selection, as in FAST-LTS (Rousseeuw and Van Driessen, 2006)."""
-
-    start_steps: int = 2
-    """Concentration steps of every start; two as in that paper."""
-    n_carried: int = 5
-    """Best starts that go on until the selection stays the same. Chosen by hand, not tuned."""
-    start_tol: float = 1e-3
-    """Largest entry of the gradient, a step, at which the policy of a start is fitted. Chosen by hand, not tuned."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -153,6 +142,8 @@ class RMEnt(PolicyEstimator):
         Largest gradient entry, a step, at which the solver stops.
     random_state : int
         Same seed, same bits.
+    settings : ConcentrationSettings, optional
+        The search for the best demonstrations.
 
     Attributes
     ----------
@@ -190,6 +181,7 @@ class RMEnt(PolicyEstimator):
         max_iter: int = 100,
         tol: float = 1e-6,
         random_state: int = 0,
+        settings: ConcentrationSettings | None = None,
     ) -> None:
         self.n_trusted = n_trusted
         self.features = features
@@ -198,6 +190,7 @@ class RMEnt(PolicyEstimator):
         self.max_iter = max_iter
         self.tol = tol
         self.random_state = random_state
+        self.settings = settings
 
     def fit(self, X: ArrayLike | Demonstrations, y: ArrayLike | None = None, groups: ArrayLike | None = None) -> RMEnt:
         """Learn from observations X (N, D), actions y (N,) and the demonstration of each step, groups (N,).
@@ -210,28 +203,22 @@ class RMEnt(PolicyEstimator):
             One sentence: constant actions, a single demonstration, an impossible `n_trusted`.
         """
         demonstrations = as_demonstrations(self, X, y, groups)
-        source = demonstrations.source
-        self.space_, self.classes_, codes = code_actions(demonstrations)
-        if len(demonstrations) < 2:
-            raise DataError(f"{source}: one demonstration alone (n_samples=1) cannot be compared; give at least two.")
-        n_trusted = self._number_trusted(len(demonstrations), source)
+        task = Task.of(demonstrations)
+        self.space_, self.classes_ = task.space, task.classes
+        n_trusted = self._number_trusted(len(demonstrations), demonstrations.source)
         with threadpool_limits(1, "blas"):  # thin products gain nothing from threads, and can lose a lot
             equal = (1.0 / demonstrations.lengths)[demonstrations.groups]
             spec = LinearPolicySpec(self.features, self.C, self.tol)
+            codes = task.codes(demonstrations)
             choice = spec.choice(demonstrations, codes, np.ones(len(codes)), self.space_)
-            self.features_ = FeatureMap.fit(choice.kind, demonstrations.observations, equal, choice.ridge)
-            data = FitData(
-                self.features_.design(demonstrations.observations),
-                codes,
-                demonstrations.offsets,
-                self.space_,
-                np.zeros(len(demonstrations), dtype=int),
-            )
+            self.features_ = spec.feature_map(choice, demonstrations.observations, equal)
+            data = task.data(demonstrations, self.features_)
             weight = n_trusted * demonstrations.lengths.mean()
             policy = linear_policy(self.space_, ridge_of(self.features_, self.C, weight, self.space_), weight)
             rng = np.random.default_rng(self.random_state)
             subsets = starts(len(demonstrations), n_trusted, max(1, self.n_starts), rng)
-            selection = search(data, policy, n_trusted, subsets, self.tol, self.max_iter)
+            settings = self.settings or ConcentrationSettings()
+            selection = search(data, policy, n_trusted, subsets, self.tol, self.max_iter, settings)
         self.policy_ = selection.policy.with_temperature(choice.temperature)
         self.ids_ = demonstrations.ids
         self.weights_ = selection.selected.astype(float)

@@ -18,15 +18,17 @@ from rpil.data.files import StrPath
 from rpil.data.fit_data import FitData
 from rpil.data.formats.dataset import Dataset
 from rpil.estimators.cloning import PolicyEstimator
-from rpil.estimators.passes import Passes, is_sampled
-from rpil.estimators.pipeline import ActionBox, Fitted, Labels, Names, Options, Task, Whole, fit
+from rpil.estimators.passes import SampledFit, is_sampled
+from rpil.estimators.pipeline import Fitted, FullFit, Options, fit
 from rpil.estimators.settings import Settings
+from rpil.estimators.task import ActionBox, Features, Labels, Names, Task
 from rpil.estimators.validation import as_demonstrations
 from rpil.inference.fitted_judge import FittedJudge
 from rpil.inference.settings import JudgeSettings, Minority
 from rpil.mixture.adversaries.protocol import Adversary
 from rpil.mixture.em import State, e_step
 from rpil.numerics.types import Array
+from rpil.policies.protocol import CrossFittedPolicy
 from rpil.scale.protocol import Engine
 
 
@@ -111,6 +113,7 @@ class RPIL(PolicyEstimator):
     """
 
     audit_: Audit
+    judge_features_: Features
     judge_: FittedJudge | None
     state_: State | None
 
@@ -174,12 +177,12 @@ class RPIL(PolicyEstimator):
             or `demonstrators`, a wrong number of `demonstrators`, or only known adversaries.
         """
         options = self._options()
-        options.check()
         source = X if isinstance(X, Dataset) else as_demonstrations(self, X, y, groups)
-        task = Task.of(source, self.action_box, labels if labels is not None else self.labels, demonstrators, options)
+        task = Task.of(source, self.action_box, labels if labels is not None else self.labels, demonstrators)
+        options.check(task)
         with threadpool_limits(1, "blas"):  # thin products gain nothing from threads, and can lose a lot
-            found = fit(Passes(task, options) if is_sampled(task, options) else Whole(task, options), options)
-        self._keep(task, found)
+            fitted = fit(SampledFit(task, options) if is_sampled(task, options) else FullFit(task, options), options)
+        self._keep(task, fitted)
         self._explain(task, options)
         return self
 
@@ -209,13 +212,13 @@ class RPIL(PolicyEstimator):
         chosen["progress"] = self.progress or (lambda _: None)
         return Options(**chosen, seed=self.random_state)
 
-    def _keep(self, task: Task, found: Fitted) -> None:
+    def _keep(self, task: Task, fitted: Fitted) -> None:
         """Copy the result of a fit."""
-        decision = found.decision
+        decision = fitted.decision
         if isinstance(task.source, Dataset):
             self.n_features_in_, self.observation_names_ = task.source.n_observations, task.source.observation_names
         self.space_, self.classes_ = task.space, task.classes
-        self.features_, self.policy_, self.judge_features_ = found.features, found.policy, found.judge_features
+        self.features_, self.policy_, self.judge_features_ = fitted.features, fitted.policy, fitted.judge_features
         self.judge_, self.state_, self.audit_ = decision.judge, decision.state, decision.audit
         self.n_iter_, self.lower_bound_, self.converged_ = decision.n_iter, decision.lower_bound, decision.converged
 
@@ -259,7 +262,8 @@ class RPIL(PolicyEstimator):
     ) -> Array:
         """The log-ratio of each step under the fitted policy, (N,)."""
         assert self.judge_ is not None
-        if self.judge_.scale is not None:
+        if self.judge_.ratio is not None:
             return self.judge_.step_ratios(design, codes, settings)[0]
+        assert isinstance(self.policy_, CrossFittedPolicy)
         outputs = self.policy_.outputs(self.features_.design(demonstrations.observations))
         return self.judge_.step_ratios_of(self.policy_, outputs, codes, settings)

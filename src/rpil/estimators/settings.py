@@ -1,4 +1,4 @@
-"""What only an expert changes about a fit of `RPIL`."""
+"""What only an expert changes about a fit of `RPIL` or `RMEnt`."""
 
 from __future__ import annotations
 
@@ -6,10 +6,28 @@ from dataclasses import dataclass
 
 from rpil.audit.settings import AuditSettings
 from rpil.data.archive import stored
+from rpil.data.checks import check_settings
 from rpil.inference.settings import JudgeSettings
 from rpil.mixture.settings import MixtureSettings
+from rpil.policies.cross_fitted import CrossFitSettings
 from rpil.policies.selection import SelectionSettings
 from rpil.scale.settings import AscentSettings, SampleSettings
+
+
+@stored()
+@dataclass(frozen=True)
+class ConcentrationSettings:
+    """The search of `RMEnt` for the best demonstrations, as in FAST-LTS (Rousseeuw and Van Driessen, 2006)."""
+
+    start_steps: int = 2
+    """Concentration steps of every start; two as in that paper."""
+    n_carried: int = 5
+    """Best starts that go on until the selection stays the same. Chosen by hand, not tuned."""
+    start_tol: float = 1e-3
+    """Largest entry of the gradient, a step, at which the policy of a start is fitted. Chosen by hand, not tuned."""
+
+    def __post_init__(self) -> None:
+        check_settings(self, start_steps="[0, inf)")
 
 
 @stored()
@@ -17,37 +35,34 @@ from rpil.scale.settings import AscentSettings, SampleSettings
 class Settings:
     """Settings of every stage of a fit.
 
-    Attributes
-    ----------
-    search_features : str
-        The features while trust is decided: a kind of features, or "auto", which is the kind of the final policy, or
-        "folded" where that is "raw" or "auto". A straight line takes an expert in a rare situation for an adversary.
-        benchmarks/ablations.py ("raw features").
-    single_precision : int
-        Entries of the observations above which the judge reads discrete actions in single precision. Chosen by
-        hand, not tuned.
-    judge : JudgeSettings
-    mixture : MixtureSettings
-        Of a fit with a named adversary: the prior, the M-step, and when EM stops.
-    audit : AuditSettings
-        When a demonstration gets a verdict and its steps full weight.
-    selection : SelectionSettings
-        Of the choice of features, where these are "auto".
-    sample : SampleSettings
-    ascent : AscentSettings
-        Of the fit of the final policy.
-
     Examples
     --------
     >>> from rpil import RPIL, MixtureSettings, Settings
     >>> model = RPIL(adversary="uniform", settings=Settings(mixture=MixtureSettings(prior=0.5)))
     """
 
-    search_features: str = "auto"
+    judge_features: str = "auto"
+    """The features while trust is decided: a kind of features, or "auto", which is the kind of the final policy, or
+    "folded" where that is "raw" or "auto". A straight line takes an expert in a rare situation for an adversary.
+    benchmarks/ablations.py ("raw features")."""
+    min_feature_weight: float = 0.5
+    """Weight of a step, divided by the largest one, above which the feature map of the final policy is fitted to it.
+    Chosen by hand, not tuned."""
     single_precision: int = 50_000
+    """Entries of the observations above which the judge reads discrete actions in single precision. By hand, not tuned.
+    """
     judge: JudgeSettings = JudgeSettings()
     mixture: MixtureSettings = MixtureSettings()
+    """Of a fit with a named adversary: the prior, the M-step, and when EM stops."""
     audit: AuditSettings = AuditSettings()
+    """When a demonstration gets a verdict and its steps full weight."""
     selection: SelectionSettings = SelectionSettings()
+    """Of feature maps, and of the choice of one where features are "auto"."""
+    cross_fit: CrossFitSettings = CrossFitSettings()
+    """Of the folds of an estimator that is given as `policy`."""
     sample: SampleSettings = SampleSettings()
     ascent: AscentSettings = AscentSettings()
+    """Of the fit of the final policy."""
+
+    def __post_init__(self) -> None:
+        check_settings(self, min_feature_weight="[0, 1)", single_precision="[0, inf)")

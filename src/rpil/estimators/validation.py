@@ -13,7 +13,14 @@ from sklearn.utils.validation import validate_data
 from rpil.data.arrays import ActionKind, are_whole
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
+from rpil.inference.settings import MINORITY
 from rpil.numerics.types import Array
+
+
+def check_minority(minority: str) -> None:
+    """Refuse an unknown value of the parameter `minority`."""
+    if minority not in MINORITY:
+        raise DataError(f"There is no minority {minority!r}; choose {' or '.join(MINORITY)}.")
 
 
 def source_of(X: object) -> str:

@@ -23,15 +23,8 @@ def autocovariances(
     offsets: Int[Array, " M1"],
     settings: EffectiveStepsSettings = EffectiveStepsSettings(),
 ) -> Float[Array, " L"]:
-    """Autocovariances g_0, g_1, ... of a series with mean zero, pooled over demonstrations.
-
-    Parameters
-    ----------
-    residual : (N,) array
-        Values of expectation zero, such as log pi(a|s) - E log pi(.|s).
-    offsets : (M + 1,) int array
-        Demonstration m has the steps ``offsets[m]:offsets[m + 1]``.
-    """
+    """Autocovariances g_0, g_1, ... of a series of expectation zero, such as log pi(a|s) - E log pi(.|s), pooled over
+    demonstrations; demonstration m has the steps ``offsets[m]:offsets[m + 1]``."""
     lengths = np.diff(offsets)
     variance = float(residual @ residual) / len(residual)
     covariances, quiet, bartlett = [variance], 0, 1.0

@@ -78,8 +78,8 @@ class StudentRatio:
         weights = solve_ridge(*normal_equations(data.features[rows], actions[rows], weight[rows]), ridge)
         errors = actions - linear(data.features, weights)
         center = np.median(actions, axis=0)
-        width = error_scale(actions - center, np.ones(len(actions)))
-        scale = error_scale(errors, weight)
+        width = error_scale(actions - center, np.ones(len(actions)), settings.errors)
+        scale = error_scale(errors, weight, settings.errors)
         return cls(weights, data.actions.mean(axis=0), column_scales(data.actions), scale, center, width)
 
     def step_ratios(
@@ -87,8 +87,8 @@ class StudentRatio:
     ) -> StepRatios:
         """Log-ratios of the actions taken; the reference of the score is a constant, which is left out."""
         scaled = (actions - self.location) / self.spread
-        log_prob = student_log_density(scaled - linear(features, self.weights), self.scale)
-        return log_prob, log_prob - student_log_density(scaled - self.center, self.width)
+        log_prob = student_log_density(scaled - linear(features, self.weights), self.scale, settings.errors)
+        return log_prob, log_prob - student_log_density(scaled - self.center, self.width, settings.errors)
 
 
 @stored()
@@ -96,37 +96,37 @@ class StudentRatio:
 class FittedJudge:
     """What is needed to judge demonstrations that were not fitted."""
 
-    scale: SoftmaxRatio | StudentRatio | None
+    ratio: SoftmaxRatio | StudentRatio | None
     """Gives the log-ratios of steps; None where the user's policy gives them."""
     groups: Groups
-    pooled: float
-    """Variance of the log-ratio of a step within a demonstration."""
-    independent: float
+    step_variance: float
+    """Of the log-ratio of a step within a demonstration."""
+    effective_per_step: float
     """Effective steps of one step, on average."""
     reference: Shaped[Array, " K"] | None = None
-    """Without a `scale`: the frequencies of the actions, (K,), or the standard deviations of their parts, (A,)."""
+    """Without a `ratio`: the frequencies of the actions, (K,), or the standard deviations of their parts, (A,)."""
 
     @classmethod
     def of(
         cls, judgement: Judgement, data: FitData, settings: JudgeSettings = JudgeSettings(), user_policy: bool = False
     ) -> FittedJudge:
-        """From a judgement of `data`; with `user_policy` there is no `scale`, because the user's policy replaces it."""
+        """From a judgement of `data`; with `user_policy` there is no `ratio`, because the user's policy replaces it."""
         scores, discrete = judgement.scores, data.space.kind == "discrete"
-        independent = float(scores.effective_steps.sum() / data.lengths.sum())
+        per_step = float(scores.effective_steps.sum() / data.lengths.sum())
         if user_policy:
             reference = frequencies(data) if discrete else column_scales(data.actions)
-            return cls(None, scores.groups, scores.step_variance, independent, reference)
+            return cls(None, scores.groups, scores.step_variance, per_step, reference)
         kind: type[SoftmaxRatio | StudentRatio] = SoftmaxRatio if discrete else StudentRatio
         weight = data.per_step(judgement.training_group.astype(float))
-        scale = kind.fit(data, weight, scores.fit.ridge, settings.held_out)
-        return cls(scale, scores.groups, scores.step_variance, independent)
+        ratio = kind.fit(data, weight, scores.fit.ridge, settings.held_out)
+        return cls(ratio, scores.groups, scores.step_variance, per_step)
 
     def step_ratios(
         self, features: Float[Array, "N D"], actions: Shaped[Array, "N ..."], settings: JudgeSettings = JudgeSettings()
     ) -> StepRatios:
         """Log-ratios of the actions taken."""
-        assert self.scale is not None
-        return self.scale.step_ratios(features, actions, settings.held_out)
+        assert self.ratio is not None
+        return self.ratio.step_ratios(features, actions, settings.held_out)
 
     def step_ratios_of(
         self,
@@ -150,6 +150,12 @@ class FittedJudge:
         lengths = np.diff(offsets)
         score = np.add.reduceat(log_ratio, offsets[:-1]) / lengths
         squares = np.add.reduceat((log_ratio - np.repeat(score, lengths)) ** 2, offsets[:-1])
-        effective = self.independent * lengths
-        variance = mean_variance(squares, lengths, self.pooled, effective, settings.variance_steps)
+        variance = self.score_variance(squares, lengths, settings)
         return self.groups.bounded(self.groups.log_odds(score, variance, settings.groups), settings.groups)
+
+    def score_variance(
+        self, squares: Float[Array, " M"], lengths: Int[Array, " M"], settings: JudgeSettings
+    ) -> Float[Array, " M"]:
+        """Variance of the score, see `rpil.inference.scores.mean_variance`."""
+        effective = self.effective_per_step * lengths
+        return mean_variance(squares, lengths, self.step_variance, effective, settings.variance_steps)

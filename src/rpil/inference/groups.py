@@ -92,16 +92,9 @@ def fit_groups(
     lengths: Int[Array, " M"],
     settings: GroupSettings = GroupSettings(),
 ) -> Groups:
-    """The groups of M scores.
+    """The groups of M scores, means over steps whose `variance` is given.
 
-    Parameters
-    ----------
-    score, variance : (M,) arrays
-        Mean over the steps of a demonstration, and the variance of that mean.
-    labels : (M,) int array
-        1 labelled expert, -1 labelled adversary, 0 unlabelled.
-    effective, lengths : (M,) arrays
-        Effective steps and steps of each demonstration.
+    Labels are 1 for experts, -1 for adversaries and 0; `effective` and `lengths` are the effective steps and the steps.
     """
     quantiles = np.quantile(score, np.linspace(0, 1, min(len(score), 201)))
     total = max(float(score.var()), float(np.finfo(float).tiny))

@@ -20,7 +20,6 @@ from rpil.data.spaces import Discrete
 from rpil.inference.settings import HeldOutSettings
 from rpil.numerics.blocks import log_softmax
 from rpil.numerics.newton import NewtonSettings, Preconditioner, fit_softmax
-from rpil.numerics.parallel import in_parallel
 from rpil.numerics.regression import (
     MIN_WEIGHT,
     column_scales,
@@ -31,6 +30,7 @@ from rpil.numerics.regression import (
     student_log_density,
 )
 from rpil.numerics.types import Array, Float, Int
+from rpil.policies.folds import deal, out_of_fold
 from rpil.policies.protocol import CrossFittedPolicy
 from rpil.policies.softmax import one_hot
 
@@ -71,18 +71,6 @@ class HeldOutModel(Protocol):
         return self
 
 
-def deal(data: FitData, n_folds: int, seed: int) -> Int[Array, " M"]:
-    """The fold of each demonstration, at random, but the same for a demonstration wherever it stands in the data."""
-    keys = data.sum_steps(np.asarray(data.features[:, :-1], dtype=float)).sum(axis=1)
-    columns = standardise(np.asarray(data.actions, dtype=float).reshape(len(data.actions), -1))
-    actions = data.sum_steps(columns).sum(axis=1)
-    # Rounded, because sums over the same values in another order differ in their last digits.
-    order = np.lexsort((np.round(keys, 6), np.round(actions, 6), data.lengths))
-    fold = np.empty(len(order), dtype=int)
-    fold[order] = np.random.default_rng(seed).permutation(len(order)) % n_folds
-    return fold
-
-
 @dataclass(eq=False)
 class HeldOutSoftmax(HeldOutModel):
     """Softmax policies with lapses, for discrete actions; `fold` (M,) is the fold of each demonstration."""
@@ -100,17 +88,14 @@ class HeldOutSoftmax(HeldOutModel):
         return HeldOutSoftmax(self.data, self.fold, self.settings)
 
     def evaluate(self, weight: Float[Array, " N"], ridge: float) -> HeldOutLogProb:
-        log_proba = np.empty((len(weight), n_actions(self.data)))
-        fold_of_step = self.data.per_step(self.fold)
+        features = self.data.features
 
-        def fit_fold(k: int) -> None:
-            train, test = (fold_of_step != k) & (weight > 0), fold_of_step == k
-            rows = np.flatnonzero(train)
-            fit = fit_weighted(self.data, rows, weight[train], ridge, self.settings, self._fits.get(k))
-            self._fits[k] = fit
-            log_proba[test] = log_softmax(self.data.features[test] @ fit[0])
+        def predict(k: int, test: Array) -> Array:
+            rows = np.flatnonzero(~test & (weight > 0))
+            self._fits[k] = fit_weighted(self.data, rows, weight[rows], ridge, self.settings, self._fits.get(k))
+            return log_softmax(features[test] @ self._fits[k][0])
 
-        in_parallel(fit_fold, range(int(self.fold.max()) + 1), self.data.features)
+        log_proba = out_of_fold(self.data.per_step(self.fold), predict, features)
         return with_lapses(log_proba, frequencies(self.data), self.data.actions, self.settings.lapse)
 
 
@@ -169,15 +154,17 @@ class HeldOutRidge(HeldOutModel):
         return self.settings.ridges
 
     def evaluate(self, weight: Float[Array, " N"], ridge: float) -> HeldOutLogProb:
-        errors = np.empty_like(self.actions)
-        fold_of_step = self.data.per_step(self.fold)
-        tests = [fold_of_step == k for k in range(int(self.fold.max()) + 1)]
-        sums = [normal_equations(self.data.features[test], self.actions[test], weight[test]) for test in tests]
-        gram, product, total = (sum(terms) for terms in zip(*sums, strict=True))
-        for test, (own_gram, own_product, own_total) in zip(tests, sums, strict=True):
-            weights = solve_ridge(gram - own_gram, product - own_product, total - own_total, ridge)
-            errors[test] = self.actions[test] - self.data.features[test] @ weights
-        return HeldOutLogProb.centred(student_log_density(errors, error_scale(errors, weight)), weight)
+        features, actions, fold = self.data.features, self.actions, self.data.per_step(self.fold)
+        tests = (fold == k for k in range(int(fold.max()) + 1))
+        sums = [normal_equations(features[test], actions[test], weight[test]) for test in tests]
+        of_all = [sum(terms) for terms in zip(*sums, strict=True)]
+
+        def errors_of(k: int, test: Array) -> Array:
+            gram, product, total = (every - own for every, own in zip(of_all, sums[k], strict=True))
+            return np.asarray(actions[test] - features[test] @ solve_ridge(gram, product, total, ridge))
+
+        errors = out_of_fold(fold, errors_of)
+        return HeldOutLogProb.centred(log_density_of_errors(errors, weight, self.settings), weight)
 
 
 @dataclass(eq=False)
@@ -203,12 +190,18 @@ def held_out_model(data: FitData, seed: int, settings: HeldOutSettings = HeldOut
     return HeldOutRidge(data, deal(data, min(settings.max_folds_continuous, data.n_demonstrations), seed), settings)
 
 
-def log_reference(data: FitData, group: Array) -> Float[Array, " N"]:
+def log_density_of_errors(
+    errors: Float[Array, "N A"], weight: Float[Array, " N"], settings: HeldOutSettings
+) -> Float[Array, " N"]:
+    """Student's log-density of errors, with the scale of those with `weight`."""
+    return student_log_density(errors, error_scale(errors, weight, settings.errors), settings.errors)
+
+
+def log_reference(data: FitData, group: Array, settings: HeldOutSettings = HeldOutSettings()) -> Float[Array, " N"]:
     """log q(a) of each step: the distribution of the actions of a `group` (M,) bool of demonstrations, whatever the
     state. It is the frequencies of discrete actions, or one Student distribution."""
     weight = data.per_step(group.astype(float))
     if isinstance(data.space, Discrete):
         return np.asarray(np.log(frequencies(data, weight))[data.actions])
     actions = standardise(data.actions)
-    errors = actions - np.median(actions[weight > 0], axis=0)
-    return student_log_density(errors, error_scale(errors, weight))
+    return log_density_of_errors(actions - np.median(actions[weight > 0], axis=0), weight, settings)

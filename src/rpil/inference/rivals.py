@@ -28,6 +28,7 @@ most max_shared_gain times as much as that group's own. All limits are `RivalSet
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from scipy.linalg import cholesky, solve_triangular
@@ -35,11 +36,12 @@ from scipy.special import expit
 
 from rpil.data.fit_data import FitData
 from rpil.data.spaces import Discrete
-from rpil.inference.held_out import HeldOutModel, deal, fit_weighted, log_reference, n_actions
+from rpil.inference.held_out import HeldOutModel, fit_weighted, log_reference, n_actions
 from rpil.inference.settings import HeldOutSettings, JudgeSettings, RivalSettings
 from rpil.numerics.blocks import linear
 from rpil.numerics.regression import normal_equations, solve_ridge, standardise
 from rpil.numerics.types import Array, Bool, Float, Int
+from rpil.policies.folds import deal, out_of_fold
 from rpil.policies.softmax import one_hot
 
 
@@ -75,8 +77,9 @@ def find_rival(
         if (closer == rival).all():
             break
         rival = closer
-    gain, gain_rival = _gain(data, log_pi, trusted), _gain(data, log_pi_rival, rival)
-    if gain <= 0 or gain_rival < limits.min_gain * gain or _gain(data, log_pi_rival, trusted) > gain_rival:
+    gain = partial(_gain, data, settings.held_out)
+    gain_trusted, gain_rival = gain(log_pi, trusted), gain(log_pi_rival, rival)
+    if gain_trusted <= 0 or gain_rival < limits.min_gain * gain_trusted or gain(log_pi_rival, trusted) > gain_rival:
         return None
     return _rival_if_distinct(data, trusted, rival, log_pi - log_pi_rival, settings, seed)
 
@@ -86,7 +89,7 @@ def find_style(data: FitData, model: HeldOutModel, ridge: float, settings: Judge
     limits = settings.rivals
     if data.n_demonstrations < 2 * limits.min_group:
         return None
-    second = split_by_gradients(data, ridge)
+    second = split_by_gradients(data, ridge, limits)
     models = model.cold_copy(), model.cold_copy()
     for _ in range(limits.max_iter):
         if not limits.min_group <= second.sum() <= len(second) - limits.min_group:
@@ -105,17 +108,18 @@ def find_style(data: FitData, model: HeldOutModel, ridge: float, settings: Judge
         return None
     groups = ~second, second
     alone = [model.cold_copy().evaluate(data.per_step(group.astype(float)), ridge).log_prob for group in groups]
-    own, shared = (np.array([_gain(data, alone[k], ~second), _gain(data, alone[1 - k], second)]) for k in (0, 1))
+    gain = partial(_gain, data, settings.held_out)
+    own, shared = (np.array([gain(alone[k], ~second), gain(alone[1 - k], second)]) for k in (0, 1))
     if not own.min() > limits.min_gain * own.max():
         return None
     return replace(styles, opposed=bool((shared <= limits.max_shared_gain * own).all()))
 
 
-def split_by_gradients(data: FitData, ridge: float) -> Bool[Array, " M"]:
+def split_by_gradients(data: FitData, ridge: float, settings: RivalSettings = RivalSettings()) -> Bool[Array, " M"]:
     """Two groups of demonstrations: those above and below the best cut of the first principal component of g."""
     features, ones = np.asarray(data.features, dtype=float), np.ones(len(data.features))
     if not ridge:  # columns of a user's policy are neither scaled nor followed by a constant
-        features, ridge = np.column_stack([standardise(features), ones]), 1e-3
+        features, ridge = np.column_stack([standardise(features), ones]), settings.gradient_ridge
     if isinstance(data.space, Discrete):
         actions = one_hot(data.actions, ones, n_actions(data))
     else:
@@ -135,9 +139,9 @@ def split_by_gradients(data: FitData, ridge: float) -> Bool[Array, " M"]:
     return np.asarray(component > order[int(np.argmin(within))])
 
 
-def _gain(data: FitData, log_prob: Array, group: Array) -> float:
+def _gain(data: FitData, settings: HeldOutSettings, log_prob: Array, group: Array) -> float:
     """Median over a `group` (M,) bool of the mean log-ratio against its reference, in nats a step."""
-    return float(np.median(data.mean_steps(log_prob - log_reference(data, group))[group]))
+    return float(np.median(data.mean_steps(log_prob - log_reference(data, group, settings))[group]))
 
 
 def _rival_if_distinct(
@@ -170,14 +174,14 @@ def state_overlap(
     columns = np.column_stack([standardise(np.asarray(both.features, dtype=float)), np.ones(len(is_first))])
     states = FitData(columns, is_first.astype(int), both.offsets, Discrete(2), both.labels)
     fold = both.per_step(deal(states, min(settings.overlap_folds, states.n_demonstrations), seed))
-    ratio = np.ones(len(is_first))
     balance = np.where(is_first, 0.5 / is_first.sum(), 0.5 / (~is_first).sum()) * len(is_first)
-    for k in range(int(fold.max()) + 1):
-        train = np.flatnonzero(fold != k)
+
+    def density_ratio(_: int, test: Array) -> Array:
+        train = np.flatnonzero(~test)
         if len(np.unique(is_first[train])) < 2:
-            continue
-        weights, _ = fit_weighted(states, train, balance[train], settings.overlap_ridge, held_out)
-        logits = columns[fold == k] @ weights
+            return np.ones(test.sum())
+        logits = columns[test] @ fit_weighted(states, train, balance[train], settings.overlap_ridge, held_out)[0]
         proba = expit(logits[:, 1] - logits[:, 0])
-        ratio[fold == k] = np.minimum(1.0, proba / np.maximum(1 - proba, 1e-12))
-    return float(ratio[~is_first].mean())
+        return np.asarray(np.minimum(1.0, proba / np.maximum(1 - proba, 1e-12)))
+
+    return float(out_of_fold(fold, density_ratio)[~is_first].mean())

@@ -60,7 +60,7 @@ class Scoring:
         """Choose the ridge, and test whether the state predicts the action, by policies of all demonstrations that are
         not labelled adversaries."""
         group = data.labels >= 0
-        log_q = log_reference(data, np.ones(data.n_demonstrations, dtype=bool))
+        log_q = log_reference(data, np.ones(data.n_demonstrations, dtype=bool), settings.held_out)
         ridge = choose_ridge(data, model, group)
         gain = data.mean_steps(model.evaluate(data.per_step(group.astype(float)), ridge).log_prob - log_q)
         error = gain.std() / np.sqrt(len(gain))

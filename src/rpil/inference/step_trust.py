@@ -16,9 +16,6 @@ from rpil.data.fit_data import FitData
 from rpil.inference.settings import JudgeSettings
 from rpil.numerics.types import Array, Float
 
-_MAX_LOG_RATIO = 50.0
-"""Log-ratios of steps, in nats, are bounded by this: exp(50) is certain."""
-
 
 @dataclass(frozen=True, eq=False)
 class StepTrust:
@@ -35,22 +32,23 @@ class StepTrust:
 def step_trust(
     data: FitData,
     log_ratio: Float[Array, " N"],
-    power: Float[Array, " M"],
-    n_nodes: int = JudgeSettings().reliability_nodes,
+    temperature: Float[Array, " M"],
+    settings: JudgeSettings = JudgeSettings(),
 ) -> StepTrust:
     """Reliability and trust in steps, given the held-out `log_ratio` log pi - log q of each step.
 
-    A step of demonstration m counts like `power` independent steps in the interval, and `n_nodes` is the size of the
-    grid of rho.
+    The likelihood of demonstration m is raised to `temperature` in the interval: the independent steps that one of its
+    steps is worth.
     """
+    n_nodes, bound = settings.reliability_nodes, settings.max_log_ratio
     nodes = (np.arange(n_nodes) + 0.5) / n_nodes
     evidence = np.empty((data.n_demonstrations, n_nodes))
-    clipped = np.clip(log_ratio, -_MAX_LOG_RATIO, _MAX_LOG_RATIO)
+    clipped = np.clip(log_ratio, -bound, bound)
     for j, rho in enumerate(nodes):
         evidence[:, j] = data.sum_steps(np.logaddexp(np.log(rho) + clipped, np.log1p(-rho)))
-    cumulated = softmax(power[:, None] * evidence, axis=1).cumsum(axis=1)
+    cumulated = softmax(temperature[:, None] * evidence, axis=1).cumsum(axis=1)
     ends = [nodes[np.minimum((cumulated < q).sum(axis=1), n_nodes - 1)] for q in (0.025, 0.975)]
     reliability = softmax(evidence, axis=1) @ nodes
     log_odds = data.per_step(np.interp(reliability, nodes, np.log(nodes) - np.log1p(-nodes)))
-    step = 1 / (1 + np.exp(-np.clip(log_odds + clipped, -_MAX_LOG_RATIO, _MAX_LOG_RATIO)))
+    step = 1 / (1 + np.exp(-np.clip(log_odds + clipped, -bound, bound)))
     return StepTrust(reliability, np.stack(ends, axis=1), step)

@@ -99,8 +99,8 @@ def judge(
     decision = decide(scoring, scores, rival, minority)
     fit = decision.scores.fit
     log_ratio = fit.held_out.log_prob - scoring.log_q
-    power = np.minimum(decision.scores.effective_steps / data.lengths, 1.0)
-    steps = step_trust(data, log_ratio, power, settings.reliability_nodes)
+    temperature = np.minimum(decision.scores.effective_steps / data.lengths, 1.0)
+    steps = step_trust(data, log_ratio, temperature, settings)
     return conclude(data, decision, steps, log_ratio, fit.group, settings)
 
 

@@ -49,15 +49,8 @@ def demonstrator_posterior(
     labels: Int[Array, " M"],
     settings: DemonstratorSettings = DemonstratorSettings(),
 ) -> DemonstratorPosterior:
-    """The posterior of the demonstrators.
-
-    Parameters
-    ----------
-    log_ratio : (M,) array
-        log p(D_m | expert) - log p(D_m | adversary).
-    labels : (M,) int array
-        1 labelled expert, -1 labelled adversary, 0 unlabelled.
-    """
+    """The posterior of the demonstrators, given log p(D_m | expert) - log p(D_m | adversary) of the demonstrations and
+    their labels: 1 expert, -1 adversary, 0 none."""
     index, counts = demonstrators.index, demonstrators.counts
     nodes = np.linspace(-settings.max_node, settings.max_node, settings.n_nodes)
     log_weight = -0.5 * nodes**2 - np.log(np.exp(-0.5 * nodes**2).sum())

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, get_args
 
 from rpil.data.archive import stored
+from rpil.data.checks import check_settings
+from rpil.data.errors import DataError
+from rpil.mixture.expert_prior import as_prior
 
 MStep = Literal["joint", "expert_only"]
 """Terms of the policy's M-step: the expert's and the adversary's, or the expert's alone as in the paper's code."""
@@ -17,66 +20,54 @@ class MixtureSettings:
     """EM for the paper's mixture (`rpil.mixture.em`) and its starts (`rpil.inference.search`).
 
     The seed is no field: it is an argument of the functions that draw.
-
-    Attributes
-    ----------
-    prior : float or (float, float) or None
-        P(expert): fixed, or estimated under Beta(a, b); None is Beta(2, 2).
-    m_step : {"joint", "expert_only"}
-        Terms of the policy's M-step; "expert_only" is the paper's code.
-    max_iter : int
-        EM iterations at most. Chosen by hand, not tuned.
-    tol : float
-        Gain of the objective, in nats a demonstration, at which EM stops; ten times as much where no responsibility
-        changes by more than `steady`. Chosen by hand, not tuned.
-    steady : float
-        Change of a responsibility in one iteration that is taken for none. Chosen by hand, not tuned.
-    newton_iter, cg_iter : int
-        Newton steps in one M-step of the policy, and iterations of conjugate gradients in each. One step makes it
-        generalised EM (Dempster, Laird and Rubin 1977). Chosen by hand, not tuned.
-    single_starts : int
-        Demonstrations of which each is a start by itself. Chosen by hand, not tuned.
-    start_iter : int
-        EM iterations after which the starts are compared. Chosen by hand, not tuned.
-    start_newton_iter, start_cg_iter : int
-        Newton steps, and iterations of conjugate gradients in each, of the policy at a start. By hand, not tuned.
-    start_tol : float
-        Gradient, a step, at which that policy is done. Chosen by hand, not tuned.
     """
 
     prior: float | tuple[float, float] | None = None
+    """P(expert): fixed, or estimated under Beta(a, b); None is Beta(2, 2)."""
     m_step: MStep = "joint"
+    """Terms of the policy's M-step; "expert_only" is the paper's code."""
     max_iter: int = 200
+    """EM iterations at most. Chosen by hand, not tuned."""
     tol: float = 1e-3
+    """Gain of the objective, in nats a demonstration, at which EM stops; ten times as much where no responsibility
+    changes by more than `steady`. Chosen by hand, not tuned."""
     steady: float = 1e-3
+    """Change of a responsibility in one iteration that is taken for none. Chosen by hand, not tuned."""
     newton_iter: int = 1
     cg_iter: int = 10
+    """Newton steps in one M-step of the policy, and iterations of conjugate gradients in each. One step makes it
+    generalised EM (Dempster, Laird and Rubin 1977). Chosen by hand, not tuned."""
     single_starts: int = 8
+    """Demonstrations of which each is a start by itself. Chosen by hand, not tuned."""
     start_iter: int = 18
+    """EM iterations after which the starts are compared. Chosen by hand, not tuned."""
     start_newton_iter: int = 20
     start_cg_iter: int = 20
+    """Newton steps, and iterations of conjugate gradients in each, of the policy at a start. By hand, not tuned."""
     start_tol: float = 1e-3
+    """Gradient, a step, at which that policy is done. Chosen by hand, not tuned."""
+
+    def __post_init__(self) -> None:
+        check_settings(self, tol="[0, inf)", steady="[0, inf)", single_starts="[0, inf)")
+        as_prior(self.prior)
+        if self.m_step not in get_args(MStep):
+            raise DataError(f"There is no m_step {self.m_step!r}; choose {' or '.join(get_args(MStep))}.")
 
 
 @stored()
 @dataclass(frozen=True)
 class DemonstratorSettings:
-    """The random intercepts of demonstrators (`rpil.mixture.demonstrator_prior`).
-
-    Attributes
-    ----------
-    spreads : tuple of float
-        Values of tau, the standard deviation of the intercepts in nats, equally likely beforehand: from 0, where
-        demonstrators do not differ, to 8, where all demonstrations of one are alike. Chosen by hand, not tuned.
-    n_nodes : int
-        Nodes of the grid of standardised intercepts.
-    max_node : float
-        The last node, in standard deviations.
-    max_log_ratio : float
-        Bound of the log-ratio of a demonstration, in nats.
-    """
+    """The random intercepts of demonstrators (`rpil.mixture.demonstrator_prior`)."""
 
     spreads: tuple[float, ...] = (0.0, 0.5, 1.0, 2.0, 4.0, 8.0)
+    """Values of tau, the standard deviation of the intercepts in nats, equally likely beforehand: from 0, where
+    demonstrators do not differ, to 8, where all demonstrations of one are alike. Chosen by hand, not tuned."""
     n_nodes: int = 25
+    """Nodes of the grid of standardised intercepts."""
     max_node: float = 3.0
+    """The last node, in standard deviations."""
     max_log_ratio: float = 1e5
+    """Bound of the log-ratio of a demonstration, in nats."""
+
+    def __post_init__(self) -> None:
+        check_settings(self, spreads="[0, inf)", n_nodes="[2, inf)")

@@ -68,18 +68,8 @@ def fit_softmax(
 ) -> SoftmaxFit:
     """Minimise -sum_nk T_nk log softmax(x_n W)_k + 1/2 sum_dk penalty_d W_dk^2, to no more than it is at `start`.
 
-    Parameters
-    ----------
-    features : (N, D) array
-        Design matrix, with a constant column where an intercept is wanted.
-    targets : (N, K) array
-        Non-negative soft targets; a row's sum is the weight of the step.
-    penalty : (D,) array
-        Ridge penalty of each feature (0 for the constant).
-    start : (D, K) array, optional
-        Where to start; zero by default.
-    preconditioner : Preconditioner, optional
-        Of a problem nearby, for the first Newton steps.
+    The sum of a row of the non-negative `targets` T is the weight of the step; a constant feature has penalty 0;
+    `start` is zero by default; a `preconditioner` of a problem nearby serves the first Newton steps.
     """
     ridge, weight = penalty[:, None], targets.sum(axis=1)
     scale = max(float(weight.sum()), np.finfo(float).tiny)
@@ -171,16 +161,10 @@ def lbfgs_step(
 class Preconditioner:
     """Inverse of the Hessian's class blocks X^T diag(s p_k (1 - p_k)) X + penalty, from an even subsample of the steps.
 
-    Parameters
-    ----------
-    proba : (N, K) array
-        Probabilities p of the policy.
-    weight : (N,) array
-        Weights s of the steps.
-    unseen_curvature : float, optional
-        Given for a sample of the data, whose Hessian serves many passes: curvature that a direction may have in all
-        data although the sample has none there. Then all steps are used, and the Hessian is inverted as a whole where
-        it has no more than `FULL_HESSIAN_MAX_COEFFICIENTS` rows.
+    `proba` are the probabilities p of the policy and `weight` the weights s of the steps. `unseen_curvature` is given
+    for a sample of the data, whose Hessian serves many passes: the curvature that a direction may have in all data
+    although the sample has none there. Then all steps are used, and the Hessian is inverted as a whole where it has no
+    more than `FULL_HESSIAN_MAX_COEFFICIENTS` rows.
     """
 
     def __init__(

@@ -49,14 +49,8 @@ def in_processes(
 ) -> Iterator[Result]:
     """``function(*job)`` for every job, in order, each as soon as it and all jobs before it are done.
 
-    Parameters
-    ----------
-    function : callable
-        A function of a module, so that another process can import it.
-    jobs : sequence of tuple
-        Arguments of each call, which can be pickled.
-    processes : int, optional
-        Python processes that share the work, one for each core by default; with 1 this process works alone.
+    The function must be one of a module, and the arguments such as can be pickled. The work is shared by one process
+    for each core, or by `processes`; with 1 this process works alone.
     """
     workers = min(cores() if processes is None else processes, len(jobs))
     if workers < 2:

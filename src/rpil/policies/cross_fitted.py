@@ -17,11 +17,14 @@ from sklearn.pipeline import Pipeline
 from sklearn.utils import get_tags
 from sklearn.utils.validation import has_fit_parameter
 
+from rpil.data.archive import stored
+from rpil.data.checks import check_settings
 from rpil.data.errors import DataError
 from rpil.data.fit_data import FitData
 from rpil.data.spaces import Discrete, Space
 from rpil.numerics.blocks import log_softmax
-from rpil.numerics.types import Array, Bool, Float, Int, Num
+from rpil.numerics.types import Array, Float, Int, Num
+from rpil.policies.folds import deal, out_of_fold, pieces
 from rpil.policies.protocol import CrossFittedPolicy
 from rpil.policies.softmax import at_actions
 from rpil.policies.student import StudentPolicy
@@ -36,6 +39,7 @@ PROBABILITY_TOLERANCE = 1e-3
 """Largest deviation from one of the sum of the probabilities in a state."""
 
 
+@stored()
 @dataclass(frozen=True)
 class CrossFitSettings:
     """How an estimator is cross-fitted. All were chosen by hand, not tuned."""
@@ -50,6 +54,9 @@ class CrossFitSettings:
     """Probabilities to choose from that the action is any, uniformly."""
     start_lapse: float = 0.01
     """That probability before the fit."""
+
+    def __post_init__(self) -> None:
+        check_settings(self, n_folds="[2, inf)", min_weight="[0, 1)", lapses="(0, 1)", start_lapse="(0, 1)")
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,7 +88,7 @@ class ClassifierPolicy:
     def fit(self, data: FitData, weight: Float[Array, " N"]) -> tuple[ClassifierPolicy, Float[Array, "N K"]]:
         """Models for folds of demonstrations, and held-out log-probabilities."""
         settings = self.settings
-        models, proba = _cross_fit(self, data, weight, self.n_actions)
+        models, proba = _cross_fit(self, data, weight)
         tried = [replace(self, temperature=t, lapse=p) for t in settings.temperatures for p in settings.lapses]
         best = max(tried, key=lambda policy: float(weight @ at_actions(policy._log_proba(proba), data.actions)))
         return replace(best, models=models), best._log_proba(proba)
@@ -136,7 +143,7 @@ class RegressorPolicy:
 
     def fit(self, data: FitData, weight: Float[Array, " N"]) -> tuple[RegressorPolicy, Float[Array, "N A"]]:
         """Models for folds of demonstrations, and held-out means."""
-        models, mean = _cross_fit(self, data, weight, data.actions.shape[1])
+        models, mean = _cross_fit(self, data, weight)
         if not np.isfinite(mean).all():
             raise DataError(f"{type(self.estimator).__name__}.predict gave NaN; scale its inputs or regularise.")
         errors = FitData.from_steps(np.ones((len(mean), 1)), data.actions - mean, data.space)
@@ -150,13 +157,12 @@ class RegressorPolicy:
         return np.asarray(model.predict(features).reshape(-1, self.noise.weights.shape[1]))
 
 
-def cross_fitted_policy(estimator: Estimator, space: Space, n_steps: int) -> CrossFittedPolicy:
+def cross_fitted_policy(
+    estimator: Estimator, space: Space, n_steps: int, settings: CrossFitSettings = CrossFitSettings()
+) -> CrossFittedPolicy:
     """The policy before it is fitted: of a scikit-learn `estimator`, or a `TorchPolicy` for these actions.
 
-    Raises
-    ------
-    DataError
-        If it is no estimator, gives no probabilities, takes no weights, or is made for other actions.
+    A `DataError` where it is no estimator, gives no probabilities, takes no weights, or is made for other actions.
     """
     if hasattr(estimator, "for_space"):
         policy: CrossFittedPolicy = estimator.for_space(space)
@@ -175,38 +181,30 @@ def cross_fitted_policy(estimator: Estimator, space: Space, n_steps: int) -> Cro
     if not isinstance(space, Discrete):
         if len(space.low) > 1 and not get_tags(estimator).target_tags.multi_output:
             estimator = MultiOutputRegressor(estimator)
-        return RegressorPolicy(estimator, StudentPolicy.of_errors(space, n_steps))
+        return RegressorPolicy(estimator, StudentPolicy.of_errors(space, n_steps), settings=settings)
     if not hasattr(estimator, "predict_proba"):
         raise DataError(
             f"The policy {name} has no predict_proba; give one that has, or wrap it in scikit-learn's "
             "CalibratedClassifierCV."
         )
-    return ClassifierPolicy(estimator, space.n)
+    return ClassifierPolicy(estimator, space.n, lapse=settings.start_lapse, settings=settings)
 
 
 def _cross_fit(
-    policy: ClassifierPolicy | RegressorPolicy, data: FitData, weight: Array, width: int
+    policy: ClassifierPolicy | RegressorPolicy, data: FitData, weight: Array
 ) -> tuple[tuple[Estimator, ...], Array]:
     """A model for each fold of demonstrations, fitted to the other folds, and its predictions for the fold, (N, O)."""
-    models, predictions = [], np.zeros((len(data.actions), width))
-    for test in _folds(data, policy.settings.n_folds):
-        train = ~test
+    models, n_folds = [], policy.settings.n_folds
+    units = data if data.n_demonstrations > 1 else pieces(data, n_folds)
+
+    def predict(_: int, test: Array) -> Array:
+        train = ~test if not test.all() else test  # an only step
         models.append(_fit_model(policy, data.features[train], data.actions[train], weight[train]))
-        if test.any():
-            predictions[test] = policy._predict(models[-1], data.features[test])
+        return policy._predict(models[-1], data.features[test])
+
+    fold = deal(units, min(n_folds, units.n_demonstrations), seed=0)
+    predictions = out_of_fold(units.per_step(fold), predict)
     return tuple(models), predictions
-
-
-def _folds(data: FitData, max_folds: int) -> list[Bool[Array, " N"]]:
-    """The steps of each fold: whole demonstrations, about as many steps in each fold."""
-    n_folds = min(max_folds, data.n_demonstrations)
-    fold = np.empty(data.n_demonstrations, dtype=int)
-    n_steps = np.zeros(n_folds)
-    for m in np.argsort(-data.lengths, kind="stable"):  # the longest first, each to the smallest fold so far
-        fold[m] = int(np.argmin(n_steps))
-        n_steps[fold[m]] += data.lengths[m]
-    of_step = data.per_step(fold)
-    return [of_step == k for k in range(n_folds)] if n_folds > 1 else [np.zeros(len(of_step), dtype=bool)]
 
 
 def _fit_model(policy: ClassifierPolicy | RegressorPolicy, features: Array, actions: Array, weight: Array) -> Estimator:

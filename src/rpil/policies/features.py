@@ -15,6 +15,7 @@ from sklearn.preprocessing import SplineTransformer
 
 from rpil.data.archive import stored
 from rpil.data.arrays import LARGEST
+from rpil.data.checks import check_settings
 from rpil.data.errors import DataError
 from rpil.data.spaces import Discrete, Space
 from rpil.numerics.types import Array, Float, Num
@@ -25,10 +26,6 @@ FEATURE_KINDS = ("raw", "folded", "spline", "poly", "nystroem")
 FEATURES = ("auto", *FEATURE_KINDS)
 """What the estimators accept; "auto" chooses among the kinds, see `rpil.policies.selection`."""
 
-KERNEL_WIDTH = 0.1
-"""gamma of the Gaussian kernel exp(-gamma |z - z'|^2), times the number of columns of z. Chosen by hand, not tuned. A
-saved map does not hold it, so that it is no field of the settings."""
-
 DESIGN_BLOCK_ROWS = 4096
 """Rows of a design matrix that are computed at a time, so that intermediate arrays stay in cache."""
 
@@ -36,33 +33,29 @@ SINGLE_MAX_CENTER = 4.0
 """Means, in standard deviations, that single precision subtracts with an error of 2e-7."""
 
 
+@stored()
 @dataclass(frozen=True)
 class FeatureSettings:
-    """How a `FeatureMap` is fitted. Unless stated otherwise, values were chosen by hand, not tuned.
-
-    Attributes
-    ----------
-    ridge_per_step : float
-        The default ridge, a step: strong enough to keep separable classes finite, too weak to bias a policy.
-    n_knots : int
-        Knots of a spline, evenly spaced over the range of an observation.
-    max_poly_columns : int
-        Columns of a polynomial map, at most: more do not fit in memory.
-    n_landmarks : int
-        Landmarks of Nystroem's approximation, at most.
-    max_candidates : int
-        Observations among which landmarks are drawn, at most.
-    landmark_tol : float
-        Mean of the unexplained part of the kernel, which is 1 at first, at which no more landmarks are drawn; also the
-        root of the smallest eigenvalue of the kernel of the landmarks.
-    """
+    """How a `FeatureMap` is fitted. Unless stated otherwise, values were chosen by hand, not tuned."""
 
     ridge_per_step: float = 1e-5
+    """The default ridge, a step: strong enough to keep separable classes finite, too weak to bias a policy."""
     n_knots: int = 8
+    """Knots of a spline, evenly spaced over the range of an observation."""
     max_poly_columns: int = 2_000
+    """Columns of a polynomial map, at most: more do not fit in memory."""
     n_landmarks: int = 200
+    """Landmarks of Nystroem's approximation, at most."""
     max_candidates: int = 4_096
+    """Observations among which landmarks are drawn, at most."""
     landmark_tol: float = 1e-6
+    """Mean of the unexplained part of the kernel, which is 1 at first, at which no more landmarks are drawn; also the
+    root of the smallest eigenvalue of the kernel of the landmarks."""
+    kernel_width: float = 0.1
+    """gamma of the Gaussian kernel exp(-gamma |z - z'|^2), times the number of columns of z."""
+
+    def __post_init__(self) -> None:
+        check_settings(self, n_knots="[2, inf)", landmark_tol="(0, 1)")
 
 
 @stored(
@@ -98,6 +91,8 @@ class FeatureMap:
     """Matrix that turns the similarities to the landmarks into features."""
     ridge_per_step: float = FeatureSettings.ridge_per_step
     """The default ridge, a step."""
+    kernel_width: float = FeatureSettings.kernel_width
+    """Of Nystroem's kernel, see `FeatureSettings`."""
 
     @classmethod
     def fit(
@@ -139,7 +134,7 @@ class FeatureMap:
             landmarks, mixing = _nystroem(_fold((observations - location) / spread), settings)
         none = np.zeros(0)
         ridge = settings.ridge_per_step if ridge is None else ridge
-        unscaled = cls(kind, knots, location, spread, none, none, landmarks, mixing, ridge)
+        unscaled = cls(kind, knots, location, spread, none, none, landmarks, mixing, ridge, settings.kernel_width)
         columns = unscaled._columns(observations)
         center, scale = _mean_and_spread(columns, weight, unit=1.0 if kind in ("poly", "nystroem") else 0.0)
         if kind == "spline":  # one scale for all columns: the coefficients of a rarely visited column must stay small
@@ -206,7 +201,7 @@ class FeatureMap:
             return np.hstack([observations, np.abs(z)])
         if self.kind == "nystroem":
             folded = _fold(z)
-            return np.hstack([folded, _similarity(folded, self.landmarks) @ self.mixing])
+            return np.hstack([folded, _similarity(folded, self.landmarks, self.kernel_width) @ self.mixing])
         i, j = np.triu_indices(z.shape[1])
         return np.hstack([z, z[:, i] * z[:, j]])
 
@@ -243,7 +238,7 @@ def _fold(z: Array) -> Array:
 def _nystroem(folded: Array, settings: FeatureSettings) -> tuple[Array, Array]:
     """Landmarks (R, 2 D) and mixing (R, R), the inverse root of their similarities (Williams and Seeger 2001)."""
     landmarks = _landmarks(folded, settings)
-    values, vectors = np.linalg.eigh(_similarity(landmarks, landmarks))
+    values, vectors = np.linalg.eigh(_similarity(landmarks, landmarks, settings.kernel_width))
     return landmarks, (vectors / np.sqrt(np.maximum(values, settings.landmark_tol**2))) @ vectors.T
 
 
@@ -262,7 +257,8 @@ def _landmarks(folded: Array, settings: FeatureSettings) -> Array:
     for k in range(factor.shape[1]):
         pivot = int(rng.choice(len(folded), p=unexplained / unexplained.sum()))
         chosen.append(pivot)
-        column = _similarity(folded, folded[pivot : pivot + 1])[:, 0] - factor[:, :k] @ factor[pivot, :k]
+        column = _similarity(folded, folded[pivot : pivot + 1], settings.kernel_width)[:, 0]
+        column -= factor[:, :k] @ factor[pivot, :k]
         factor[:, k] = column / np.sqrt(column[pivot])
         unexplained = np.maximum(unexplained - factor[:, k] ** 2, 0.0)
         if unexplained.mean() < settings.landmark_tol:
@@ -270,10 +266,10 @@ def _landmarks(folded: Array, settings: FeatureSettings) -> Array:
     return folded[chosen]
 
 
-def _similarity(folded: Array, landmarks: Array) -> Array:
+def _similarity(folded: Array, landmarks: Array, width: float) -> Array:
     from sklearn.metrics.pairwise import rbf_kernel
 
-    return np.asarray(rbf_kernel(folded, landmarks, gamma=KERNEL_WIDTH / folded.shape[1]))
+    return np.asarray(rbf_kernel(folded, landmarks, gamma=width / folded.shape[1]))
 
 
 def _mean_and_spread(columns: Array, weight: Array | None, unit: float = 0.0) -> tuple[Array, Array]:

@@ -7,8 +7,10 @@ from rpil.numerics.types import Array, Float
 from rpil.policies.softmax import SoftmaxPolicy
 from rpil.policies.student import StudentPolicy
 
+LinearPolicy = SoftmaxPolicy | StudentPolicy
 
-def linear_policy(space: Space, ridge: Float[Array, " D"], n_steps: float) -> SoftmaxPolicy | StudentPolicy:
+
+def linear_policy(space: Space, ridge: Float[Array, " D"], n_steps: float) -> LinearPolicy:
     """The policy before it is fitted; `n_steps` is the total weight of the steps that it will be fitted to."""
     return (
         SoftmaxPolicy.zero(space.n, ridge) if isinstance(space, Discrete) else StudentPolicy.zero(space, ridge, n_steps)

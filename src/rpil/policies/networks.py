@@ -65,13 +65,7 @@ class TrainingRows(NamedTuple):
 
 
 def import_torch() -> Any:
-    """The module torch.
-
-    Raises
-    ------
-    MissingExtraError
-        If it is not installed.
-    """
+    """The module torch; a `MissingExtraError` where it is not installed."""
     try:
         import torch  # lazily: it takes seconds, and most users do not need it
     except ImportError as error:
@@ -104,13 +98,7 @@ def initial_networks(sizes: tuple[int, ...], n_networks: int, rng: np.random.Gen
 
 @single_threaded()
 def raw_outputs(networks: Networks, inputs: Num[Array, "N D"], device: str) -> Float[Array, "k N O"]:
-    """The raw outputs of every network.
-
-    Raises
-    ------
-    DataError
-        If one is not finite.
-    """
+    """The raw outputs of every network; a `DataError` where one is not finite."""
     torch = import_torch()
     parameters = [on_device(array, device) for array in networks]
     parts = []
@@ -131,12 +119,8 @@ def train(
     """The networks after training, and the epoch, counted from 1, of the lowest validation loss, 0 for the start.
 
     One epoch is the best of all networks: the validation rows of a single network may be few, and all an adversary's.
-    The start is a candidate too, so that the validation loss never rises. `rng` draws the order of the rows.
-
-    Raises
-    ------
-    DataError
-        If the loss is not finite.
+    The start is a candidate too, so that the validation loss never rises. `rng` draws the order of the rows. A
+    `DataError` where the loss is not finite.
     """
     torch, weight = import_torch(), rows.weight
     used = np.flatnonzero((weight > 0.0) & rows.train.any(axis=0))
@@ -192,13 +176,7 @@ def _forward(parameters: list[Tensor], rows: Tensor) -> Tensor:
 
 
 def on_device(array: Shaped[Array, ...], device: str) -> Tensor:
-    """A copy as a tensor of single precision.
-
-    Raises
-    ------
-    DataError
-        If there is no such device.
-    """
+    """A copy as a tensor of single precision; a `DataError` where there is no such device."""
     torch = import_torch()
     try:
         return torch.tensor(array, dtype=torch.float32, device=device)

@@ -20,12 +20,15 @@ from scipy.linalg import solve
 from scipy.optimize import minimize_scalar
 
 from rpil.data.archive import stored
+from rpil.data.checks import check_settings
+from rpil.data.fit_data import FitData
 from rpil.data.spaces import Discrete, Space
 from rpil.numerics.blocks import linear, log_softmax
 from rpil.numerics.newton import NewtonSettings, fit_softmax
 from rpil.numerics.regression import MIN_WEIGHT, ErrorSettings, column_scales, normal_equations
 from rpil.numerics.types import Array, Float, Int, Num
 from rpil.policies.features import FEATURE_KINDS, FeatureMap, FeatureSettings, ridge_of
+from rpil.policies.folds import deal, out_of_fold, pieces
 from rpil.policies.softmax import one_hot
 
 for settings_class in (NewtonSettings, ErrorSettings):
@@ -37,39 +40,34 @@ for settings_class in (NewtonSettings, ErrorSettings):
 class SelectionSettings:
     """How features are chosen. benchmarks/features.py compares the choice with every single kind; unless stated
     otherwise, values were chosen by hand, not tuned.
-
-    Attributes
-    ----------
-    ridges : tuple of float
-        Ridges a step to choose from, the strongest first: each fit starts from the one before.
-    n_folds : int
-        Folds of demonstrations; one demonstration alone is cut into as many parts.
-    max_steps : int
-        Steps of the demonstrations by which features are chosen, about, at most.
-    max_columns : int
-        Columns of a feature map, at most; kinds with more are no candidates.
-    min_trust : float
-        Mean weight of a demonstration's steps, relative to the largest one, from which it is used.
-    temperatures : (float, float)
-        Bounds of the temperature.
-    newton : NewtonSettings
-        When a softmax fit stops.
-    n_reweightings : int
-        Least-squares fits after each of which steps with large errors get less weight: a bad step that is trusted by
-        mistake must not choose.
-    errors : ErrorSettings
-        Distribution of the errors by which they do.
     """
 
     ridges: tuple[float, ...] = (1e-2, 1e-3, 1e-4, 1e-5)
+    """Ridges a step to choose from, the strongest first: each fit starts from the one before."""
     n_folds: int = 5
+    """Folds of demonstrations; one demonstration alone is cut into as many parts."""
     max_steps: int = 6_000
+    """Steps of the demonstrations by which features are chosen, about, at most."""
     max_columns: int = 450
+    """Columns of a feature map, at most; kinds with more are no candidates."""
     min_trust: float = 0.1
+    """Mean weight of a demonstration's steps, relative to the largest one, from which it is used."""
     temperatures: tuple[float, float] = (0.03, 5.0)
+    """Bounds of the temperature."""
     newton: NewtonSettings = NewtonSettings(tol=1e-3, max_iter=20, max_cg=30)
+    """When a softmax fit stops."""
     n_reweightings: int = 4
+    """Least-squares fits after each of which steps with large errors get less weight: a bad step that is trusted by
+    mistake must not choose."""
     errors: ErrorSettings = ErrorSettings()
+    """Distribution of the errors by which they do."""
+    maps: FeatureSettings = FeatureSettings()
+    """How every feature map is fitted, that of the judge included."""
+
+    def __post_init__(self) -> None:
+        check_settings(self, n_folds="[2, inf)", min_trust="[0, 1)", n_reweightings="[0, inf)")
+        check_settings(self.newton, tol="[0, inf)")
+        check_settings(self.errors, min_scale="[0, inf)")
 
 
 @dataclass(frozen=True)
@@ -82,17 +80,20 @@ class Choice:
     temperature: float = 1.0
 
 
-class _Demonstrations(NamedTuple):
-    """The number (N,) of the demonstration of each step, the weights (N,), their sums (M,), and their means (M,)."""
+class _Sample(NamedTuple):
+    """The demonstrations by which features are chosen, and the weights (N,) of their steps."""
 
-    number: Array
+    data: FitData
     weight: Array
-    total: Array
-    trust: Array
+
+    @property
+    def trust(self) -> Array:
+        """Mean weight (M,) of the steps of a demonstration."""
+        return self.data.mean_steps(self.weight)
 
     def average(self, values: Array) -> Array:
         """Weighted means (M,) of values of steps (N,)."""
-        return np.asarray(np.bincount(self.number, self.weight * values) / self.total)
+        return np.asarray(self.data.sum_steps(self.weight * values) / self.data.sum_steps(self.weight))
 
 
 class _Candidate(NamedTuple):
@@ -114,43 +115,36 @@ def choose_features(
 ) -> Choice:
     """The feature map, ridge and temperature under which held-out demonstrations are predicted best.
 
-    Parameters
-    ----------
-    codes : (N,) int array, or (N, A) array
-        Actions, 0 .. K-1, or numbers.
-    offsets : (M + 1,) int array
-        Demonstration m owns the steps ``offsets[m]:offsets[m + 1]``.
-    weight : (N,) array
-        Trust in each step.
-    space : Space
-        Space of the actions.
-    C : float, optional
-        Inverse ridge strength of scikit-learn; if given, it is not chosen.
+    `codes` are the actions in `space`, 0 .. K-1 or numbers, and `weight` is the trust in each step; demonstration m has
+    the steps ``offsets[m]:offsets[m + 1]``. Where `C`, scikit-learn's inverse ridge strength, is given, no ridge is
+    chosen.
     """
-    steps, number = _sample(offsets, weight, settings)
-    observations, codes, weight = observations[steps], codes[steps], weight[steps]
-    discrete = isinstance(space, Discrete)
-    targets = one_hot(codes, np.ones(len(codes)), space.n) if isinstance(space, Discrete) else codes
+    everything = FitData(observations, codes, offsets, space, np.zeros(len(offsets) - 1, dtype=int))
+    sample = _sample(everything, weight, settings)
+    data, weight, discrete = sample.data, sample.weight, isinstance(space, Discrete)
+    observations, ones = data.features, np.ones(len(weight))
+    targets = one_hot(data.actions, ones, space.n) if isinstance(space, Discrete) else data.actions
     fit, assess = (_fit_softmax, _assess_logits) if discrete else (_fit_least_squares, _assess_means)
-    total = np.bincount(number, weight)
-    demonstrations = _Demonstrations(number, weight, total, total / np.bincount(number))
-    fold, ridges = number % settings.n_folds, settings.ridges if C is None else (FeatureSettings.ridge_per_step,)
-    candidates: list[_Candidate] = []
-    for kind in FEATURE_KINDS:
-        if kind != "raw" and _n_columns(kind, observations.shape[1]) > settings.max_columns:
-            continue
-        features = FeatureMap.fit(kind, observations, weight)
+    fold = data.per_step(deal(data, min(settings.n_folds, data.n_demonstrations), seed=0))
+    ridges = settings.ridges if C is None else (settings.maps.ridge_per_step,)
+
+    def candidates(kind: str) -> list[_Candidate]:
+        features = FeatureMap.fit(kind, observations, weight, settings=settings.maps)
         maps = [replace(features, ridge_per_step=ridge) for ridge in ridges]
         design = features.design(observations, single=discrete)
-        outputs = np.empty((len(maps), *targets.shape))
-        for test in (fold == k for k in np.unique(fold)):
+
+        def predict(_: int, test: Array) -> Array:
             train = ~test
             penalties = [ridge_of(of, C, weight[train].sum(), space) for of in maps]
-            for r, coefficients in enumerate(fit(design[train], targets[train], weight[train], penalties, settings)):
-                outputs[r, test] = space.bounded(linear(design[test], coefficients))
-        for ridge, of_ridge in zip(ridges, outputs, strict=True):
-            candidates.append(assess(Choice(kind, ridge), of_ridge, targets, demonstrations, settings))
-    return _weakest_ridge(candidates, demonstrations.trust)
+            fits = fit(design[train], targets[train], weight[train], penalties, settings)
+            return np.stack([space.bounded(linear(design[test], coefficients)) for coefficients in fits], axis=1)
+
+        outputs = out_of_fold(fold, predict)
+        return [assess(Choice(kind, ridge), outputs[:, r], targets, sample, settings) for r, ridge in enumerate(ridges)]
+
+    sizes = {kind: _n_columns(kind, observations.shape[1], settings.maps) for kind in FEATURE_KINDS}
+    kinds = [kind for kind, size in sizes.items() if kind == "raw" or size <= settings.max_columns]
+    return _weakest_ridge([candidate for kind in kinds for candidate in candidates(kind)], sample.trust)
 
 
 def _weakest_ridge(candidates: list[_Candidate], trust: Array) -> Choice:
@@ -162,26 +156,25 @@ def _weakest_ridge(candidates: list[_Candidate], trust: Array) -> Choice:
     return min(as_good, key=lambda choice: choice.ridge)
 
 
-def _sample(offsets: Array, weight: Array, settings: SelectionSettings) -> tuple[Array, Array]:
-    """Steps by which to choose, and the number 0, 1 .. of each one's demonstration: whole trusted demonstrations."""
-    rng = np.random.default_rng(0)
-    lengths = np.diff(offsets)
-    trust = np.add.reduceat(weight, offsets[:-1]) / lengths
-    order = rng.permutation(np.flatnonzero(trust > settings.min_trust * trust.max()))
-    enough = int(np.searchsorted(np.cumsum(lengths[order]), settings.max_steps)) + 1
+def _sample(data: FitData, weight: Array, settings: SelectionSettings) -> _Sample:
+    """Whole trusted demonstrations, drawn at random; or parts of the only one, which stand for demonstrations."""
+    trust = data.mean_steps(weight)
+    order = np.argsort(deal(data, data.n_demonstrations, seed=0))
+    order = order[trust[order] > settings.min_trust * trust.max()]
+    enough = int(np.searchsorted(np.cumsum(data.lengths[order]), settings.max_steps)) + 1
     kept = order[: max(enough, 2)]
-    steps = np.concatenate([np.arange(offsets[m], offsets[m + 1]) for m in kept])
     if len(kept) > 1:
-        return steps, np.repeat(np.arange(len(kept)), lengths[kept])
-    steps = steps[weight[steps] > 0.0]  # parts of the only demonstration stand for demonstrations
-    return steps, np.arange(len(steps)) * min(settings.n_folds, len(steps)) // len(steps)
+        steps = np.concatenate([np.arange(data.offsets[m], data.offsets[m + 1]) for m in kept])
+        return _Sample(data.select(kept, unlabelled=True), weight[steps])
+    steps = np.flatnonzero(data.per_step(np.arange(len(trust)) == kept[0]) & (weight > 0.0))
+    only = FitData.from_steps(data.features[steps], data.actions[steps], data.space)
+    return _Sample(pieces(only, settings.n_folds), weight[steps])
 
 
-def _n_columns(kind: str, n_observations: int) -> int:
-    """Columns of the feature map, about."""
-    n, of = n_observations, FeatureSettings
-    counts = {"raw": n, "folded": 2 * n, "spline": (of.n_knots + 2) * n, "poly": n * (n + 3) // 2}
-    return counts[kind] if kind in counts else 2 * n + of.n_landmarks
+def _n_columns(kind: str, n: int, settings: FeatureSettings) -> int:
+    """Columns of the feature map of `n` observations, about."""
+    counts = {"raw": n, "folded": 2 * n, "spline": (settings.n_knots + 2) * n, "poly": n * (n + 3) // 2}
+    return counts[kind] if kind in counts else 2 * n + settings.n_landmarks
 
 
 def _fit_softmax(
@@ -211,26 +204,26 @@ def _fit_least_squares(
 
 
 def _assess_logits(
-    choice: Choice, logits: Array, targets: Array, demonstrations: _Demonstrations, settings: SelectionSettings
+    choice: Choice, logits: Array, targets: Array, sample: _Sample, settings: SelectionSettings
 ) -> _Candidate:
     """Median log-likelihood at the best temperature, and share of actions that are the most likely one."""
 
     def loss(log_temperature: float) -> float:
         log_likelihood = (targets * log_softmax(np.exp(log_temperature) * logits)).sum(axis=1)
-        return -_median(demonstrations.average(log_likelihood), demonstrations.trust)
+        return -_median(sample.average(log_likelihood), sample.trust)
 
     bounds = np.log(settings.temperatures)
-    found = minimize_scalar(loss, bounds=bounds, method="bounded", options={"xatol": 0.02})
-    hit = demonstrations.average(logits.argmax(axis=1) == targets.argmax(axis=1))
-    return _Candidate(replace(choice, temperature=float(np.exp(found.x))), -float(found.fun), hit)
+    optimum = minimize_scalar(loss, bounds=bounds, method="bounded", options={"xatol": 0.02})
+    hit = sample.average(logits.argmax(axis=1) == targets.argmax(axis=1))
+    return _Candidate(replace(choice, temperature=float(np.exp(optimum.x))), -float(optimum.fun), hit)
 
 
 def _assess_means(
-    choice: Choice, mean: Array, actions: Array, demonstrations: _Demonstrations, settings: SelectionSettings
+    choice: Choice, mean: Array, actions: Array, sample: _Sample, settings: SelectionSettings
 ) -> _Candidate:
     """Minus the mean squared error: within the box no demonstration has an infinite one, so that the mean decides."""
-    loss = demonstrations.average((((actions - mean) / column_scales(actions)) ** 2).mean(axis=1))
-    return _Candidate(choice, -float(np.average(loss, weights=demonstrations.trust)), -loss)
+    loss = sample.average((((actions - mean) / column_scales(actions)) ** 2).mean(axis=1))
+    return _Candidate(choice, -float(np.average(loss, weights=sample.trust)), -loss)
 
 
 def _median(values: Array, weight: Array) -> float:

@@ -45,17 +45,12 @@ class SoftmaxPolicy:
     """pi(k|s) = softmax(phi(s)^T Lambda)_k, for a design matrix whose last column is the constant.
 
     A fit maximises sum_n w_n log pi(a_n|s_n) - 1/2 sum_dk ridge_d Lambda_dk^2.
-
-    Attributes
-    ----------
-    weights : (D, K) array
-        Coefficients Lambda, the intercepts in the last row.
-    ridge : (D,) array
-        Penalty on the squares of each feature's coefficients, 0 for the constant.
     """
 
     weights: Float[Array, "D K"]
+    """Coefficients Lambda, the intercepts in the last row."""
     ridge: Float[Array, " D"]
+    """Penalty on the squares of each feature's coefficients, 0 for the constant."""
     _preconditioner: Preconditioner | None = None
     _age: int = 0
 

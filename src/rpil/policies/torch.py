@@ -9,8 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from hashlib import blake2b
-from itertools import pairwise
 
 import numpy as np
 
@@ -18,6 +16,7 @@ from rpil.data.errors import DataError
 from rpil.data.fit_data import FitData
 from rpil.data.spaces import Space
 from rpil.numerics.types import Array, Bool, Float, Int, Num
+from rpil.policies.folds import deal, pieces
 from rpil.policies.heads import Head, Scale, initial_head
 from rpil.policies.networks import Networks, TrainingRows, TrainingSettings, initial_networks, raw_outputs, train
 from rpil.policies.protocol import Actions, Outputs
@@ -195,22 +194,10 @@ class TorchPolicy:
         return _Trained(networks, center, spread, head)
 
     def _unit_of_step(self, data: FitData) -> Int[Array, " N"]:
-        """The number of each step's unit, which is held out as a whole, of the network `number` modulo k.
-
-        It is derived from the contents of the unit, so that it does not depend on the order and copies share a fold.
-        """
-        offsets, keys = data.offsets, []
-        if len(offsets) < 4:  # too few demonstrations to hold out: the units are pieces of them
-            offsets = np.unique(np.linspace(0, len(data.actions), ValidationSettings.n_pieces + 1).astype(int))
-        columns = np.ascontiguousarray(data.features), np.ascontiguousarray(data.actions)
-        for start, stop in pairwise(offsets):
-            digest = blake2b(digest_size=8)
-            for column in columns:
-                digest.update(column[start:stop].tobytes())
-            keys.append(int.from_bytes(digest.digest()))
-        distinct, at = np.unique(keys, return_inverse=True)
-        place = np.random.default_rng([self.seed, 1]).permutation(len(distinct))
-        return np.repeat(place[at], np.diff(offsets))
+        """The number of each step's unit, which is held out as a whole, of the network `number` modulo k."""
+        if data.n_demonstrations < 3:  # too few to hold out
+            data = pieces(data, ValidationSettings.n_pieces)
+        return data.per_step(deal(data, data.n_demonstrations, self.seed))
 
     def _train(
         self, trained: _Trained, data: FitData, unit: Array, weight: Array, epochs: int, phase: int = 0

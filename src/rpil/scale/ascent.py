@@ -24,19 +24,18 @@ from rpil.scale.protocol import Shards
 from rpil.scale.settings import AscentSettings
 
 
-@stored(history="iterations 2", path="places 2 rows columns")
+@stored(history="iterations 2", curvature="points 2 rows columns")
 @dataclass(frozen=True, eq=False)
 class AscentState:
     """The state of the ascent between two passes."""
 
-    state: AdditivePolicy
-    """The policy."""
+    policy: AdditivePolicy
     history: Array = field(default_factory=lambda: np.empty((0, 2)))
     """Objective and gradient norm at the policies before."""
     radius: float = np.inf
     """Largest change of a coefficient in the next step."""
-    path: Array = field(default_factory=lambda: np.empty((0, 2, 0, 0)))
-    """The curvature along the path, see `rpil.numerics.newton.lbfgs_step`."""
+    curvature: Array = field(default_factory=lambda: np.empty((0, 2, 0, 0)))
+    """A `rpil.numerics.newton.CurvatureHistory`."""
 
 
 def gather_steps(blocks: Iterator[tuple[Array, Array]], n_steps: int, on_disk: bool) -> tuple[Array, Array, float]:
@@ -75,20 +74,9 @@ def ascend(
 ) -> AdditivePolicy:
     """Maximise the penalised log-likelihood of all weighted steps; returns the policy.
 
-    A step that lowers the objective, because the `hessian` of the sample is too small somewhere, is taken again within
-    a radius (Levenberg and Marquardt), which grows with every success.
-
-    Parameters
-    ----------
-    shards : Shards of WeightedBlock
-    start : AscentState
-    hessian : Preconditioner or None
-        From `AdditivePolicy.with_preconditioner`.
-    settings : AscentSettings
-    progress : callable
-        Called with one line before every pass.
-    keep : callable
-        Called with the state after every step; the ascent goes on from such a state to the same bits.
+    A step that lowers the objective, because the `hessian` of the sample (`AdditivePolicy.with_preconditioner`) is too
+    small somewhere, is taken again within a radius (Levenberg and Marquardt), which grows with every success. `keep` is
+    called with the state after every step; the ascent goes on from such a state to the same bits.
     """
 
     def objective(policy: AdditivePolicy) -> tuple[float, Sums]:
@@ -96,7 +84,7 @@ def ascend(
         return float(sums[0]) - policy.penalty(), sums
 
     begun = time.perf_counter()
-    policy, history, radius, path = start.state, start.history, start.radius, start.path
+    policy, history, radius, curvature = start.policy, start.history, start.radius, start.curvature
     value, sums = objective(policy)
     while len(history) < settings.max_passes:
         history = np.vstack([history, [value, policy.gradient_norm(sums[1])]])
@@ -106,18 +94,18 @@ def ascend(
         progress(f"pass {len(history)} over everything, objective {value:.6g}{left}")
         if history[-1, 1] <= goal or _is_stuck(history, settings):
             break
-        before = path
-        candidate, path = policy.m_step(sums[1], radius, hessian, before)
+        before = curvature
+        candidate, curvature = policy.m_step(sums[1], radius, hessian, before)
         new_value, new_sums = objective(candidate)
         while not new_value >= value - settings.rounding * abs(value):
             radius = min(settings.radius, radius / 8)
             if radius < settings.min_radius:
                 return policy
-            candidate, path = policy.m_step(sums[1], radius, hessian, before)
+            candidate, curvature = policy.m_step(sums[1], radius, hessian, before)
             new_value, new_sums = objective(candidate)
         policy, value, sums = candidate, new_value, new_sums
         radius = 2.0 * radius if radius < settings.max_radius else np.inf
-        keep(AscentState(policy, history, radius, path))
+        keep(AscentState(policy, history, radius, curvature))
     return policy
 
 

@@ -23,7 +23,7 @@ from threadpoolctl import threadpool_limits
 from rpil.data.errors import DataError, MissingExtraError
 from rpil.numerics.blocks import Sums, add
 from rpil.numerics.types import Array
-from rpil.scale.protocol import R, Shards, T
+from rpil.scale.protocol import PerDemonstration, R, Shards, T
 
 if TYPE_CHECKING:
     from distributed import Client, Future
@@ -134,17 +134,7 @@ class DaskEngine:
 
 
 class RemoteBlocks(Shards[T]):
-    """Blocks that workers keep.
-
-    Parameters
-    ----------
-    client : distributed.Client
-    shards : sequence
-    make : callable
-        The future of the blocks of a shard, by the number of the shard.
-    parent : RemoteBlocks, optional
-        The blocks from which these are made.
-    """
+    """Blocks that workers keep: `make` gives the future of those of shard k, made from those of `parent`, if any."""
 
     def __init__(
         self,
@@ -267,9 +257,9 @@ def _wait_for_workers(client: Client) -> None:
         raise DataError("The cluster has no workers left; start some, and fit again.") from error
 
 
-def _for_shard(function: Any, shard: Any) -> Any:
+def _for_shard(function: Callable[[T], R], shard: Any) -> Callable[[T], R]:
     """`function` with the values of the demonstrations of a shard alone."""
-    if not hasattr(function, "only"):
+    if not isinstance(function, PerDemonstration):
         return function
     blocks = shard if isinstance(shard, list) else [shard]
     return function.only(slice(blocks[0].demonstrations.start, blocks[-1].demonstrations.stop))

@@ -6,11 +6,9 @@ from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
-from functools import reduce
 from itertools import chain
 from typing import Any
 
-from rpil.numerics.blocks import Sums, add
 from rpil.numerics.parallel import cores
 from rpil.scale.protocol import R, Shards, T
 
@@ -38,9 +36,6 @@ class StreamedBlocks(Shards[T]):
         prepare = self.prepare
         return StreamedBlocks(self.shards, lambda block: function(prepare(block)))
 
-    def total(self, function: Callable[[T], Sums]) -> Sums:
-        return reduce(add, self.map(function))
-
 
 @dataclass(frozen=True)
 class Streamed:
@@ -49,8 +44,9 @@ class Streamed:
     n_shards: int = 1
 
     def place(self, shards: Sequence[Iterable[T]]) -> Shards[T]:
-        return StreamedBlocks(shards, _identity)
+        return StreamedBlocks(shards, identity)
 
 
-def _identity(block: T) -> T:
+def identity(block: T) -> T:
+    """The block as it is."""
     return block

@@ -24,7 +24,6 @@ from rpil.data.spaces import Space
 from rpil.inference.fitted_judge import FittedJudge
 from rpil.inference.groups import fit_groups
 from rpil.inference.labels import Decision
-from rpil.inference.scores import mean_variance
 from rpil.inference.settings import JudgeSettings, Minority
 from rpil.inference.step_trust import StepTrust, step_trust
 from rpil.inference.trust import Judgement, conclude
@@ -53,7 +52,7 @@ class BlockScores(NamedTuple):
     """What one pass computes for the M demonstrations of a block."""
 
     score: Array
-    """Mean measure of the steps, in nats."""
+    """Mean log-ratio of the steps, in nats."""
     squares: Array
     """Sum over the steps of the squared difference from the mean."""
     reliability: Array
@@ -66,17 +65,17 @@ def score_block(
 ) -> BlockScores:
     """Score the demonstrations of a block by the policy of the sample."""
     data = prepared[1]
-    measure, _, trust = _measure_steps(data, judge, settings)
-    score = data.sum_steps(measure) / data.lengths
-    squares = data.sum_steps((measure - data.per_step(score)) ** 2)
+    scored, _, trust = _step_ratios(data, judge, settings)
+    score = data.mean_steps(scored)
+    squares = data.sum_steps((scored - data.per_step(score)) ** 2)
     return BlockScores(score, squares, trust.reliability, trust.interval)
 
 
-def _measure_steps(data: FitData, judge: FittedJudge, settings: JudgeSettings) -> tuple[Array, Array, StepTrust]:
-    """The measure and the log-ratio of each step, (N,) each, and the trust in it."""
-    measure, log_ratio = judge.step_ratios(data.features, data.actions, settings)
-    power = np.full(data.n_demonstrations, min(judge.independent, 1.0))
-    return measure, log_ratio, step_trust(data, log_ratio, power, settings.reliability_nodes)
+def _step_ratios(data: FitData, judge: FittedJudge, settings: JudgeSettings) -> tuple[Array, Array, StepTrust]:
+    """Of each step: the log-ratio of which the score is the mean, log pi - log q, (N,) each, and the trust in it."""
+    scored, log_ratio = judge.step_ratios(data.features, data.actions, settings)
+    temperature = np.full(data.n_demonstrations, min(judge.effective_per_step, 1.0))
+    return scored, log_ratio, step_trust(data, log_ratio, temperature, settings)
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,33 +92,21 @@ class Sample:
 def judge_everyone(
     sample: Sample, data: FitData, blocks: Iterable[BlockScores], minority: Minority, settings: JudgeSettings
 ) -> Judgement:
-    """The judgement of all demonstrations by their scores.
-
-    Parameters
-    ----------
-    sample : Sample
-    data : FitData
-        All demonstrations, without their steps.
-    blocks : iterable of BlockScores
-        Of all demonstrations, in order.
-    minority : {"ask", "trust", "distrust"}
-    settings : JudgeSettings
-    """
+    """The judgement of all demonstrations, without their steps in `data`, by the scores of the blocks in order."""
     score, squares, reliability, interval = map(np.concatenate, zip(*blocks, strict=True))
     judge, lengths = sample.judge, data.lengths
     score[sample.indices] = sample.judgement.scores.score  # held out, as the scores of all others are
-    effective = judge.independent * lengths
-    variance = mean_variance(squares, lengths, judge.pooled, effective, settings.variance_steps)
+    effective = judge.effective_per_step * lengths
+    variance = judge.score_variance(squares, lengths, settings)
     groups = fit_groups(score, variance, data.labels, effective, lengths, settings.groups)
     rival = sample.judgement.rival
-    if rival is not None and not sample.judgement.groups.told_apart(
-        settings.groups
-    ):  # the scores do not tell which style they have
-        rival = replace(rival, trusted=sample.indices[rival.trusted], rival=sample.indices[rival.rival])
-    elif rival is not None:  # outside the sample, the scores alone assign demonstrations to the two groups
-        upper = groups.log_odds(score, variance) > 0
-        upper[sample.indices[rival.trusted]], upper[sample.indices[rival.rival]] = True, False
-        rival = replace(rival, trusted=np.flatnonzero(upper), rival=np.flatnonzero(~upper))
+    if rival is not None:
+        trusted, other = sample.indices[rival.trusted], sample.indices[rival.rival]
+        if sample.judgement.groups.told_apart(settings.groups):  # outside the sample, by the scores alone
+            upper = groups.log_odds(score, variance) > 0
+            upper[trusted], upper[other] = True, False
+            trusted, other = np.flatnonzero(upper), np.flatnonzero(~upper)
+        rival = replace(rival, trusted=trusted, rival=other)
     none = np.empty(0)
     scores = replace(sample.judgement.scores, score=score, variance=variance, groups=groups, effective_steps=effective)
     training_group = np.zeros(len(score), dtype=bool)
@@ -179,7 +166,7 @@ class StepWeights:
 
     def weight(self, data: FitData, trust: Array) -> tuple[Array, Array]:
         """Weights and log-ratios of the steps, (N,) each, of demonstrations with P(expert) `trust` (M,)."""
-        _, log_ratio, steps = _measure_steps(data, self.judge, self.settings)
+        _, log_ratio, steps = _step_ratios(data, self.judge, self.settings)
         return step_weight(
             data.lengths, trust, steps.reliability, steps.step, self.typical, self.audit_settings
         ), log_ratio

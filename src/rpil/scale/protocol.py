@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from functools import reduce
 from typing import Protocol, TypeVar, runtime_checkable
 
-from rpil.numerics.blocks import Sums
+from rpil.numerics.blocks import Sums, add
 
 T = TypeVar("T")
 T_co = TypeVar("T_co", covariant=True)
+T_contra = TypeVar("T_contra", contravariant=True)
 R = TypeVar("R")
+R_co = TypeVar("R_co", covariant=True)
 
 
 @runtime_checkable
@@ -20,14 +23,21 @@ class Shards(Protocol[T_co]):
         """The result for each block, in order, in this process."""
 
     def then(self, function: Callable[[T_co], R]) -> Shards[R]:
-        """The result for each block, kept where the block is.
-
-        A function with a value for each demonstration may have a method ``only(demonstrations: slice)`` that returns
-        the function for some of them: a worker gets that of its own shard.
-        """
+        """The result for each block, kept where the block is."""
 
     def total(self, function: Callable[[T_co], Sums]) -> Sums:
         """The sum of the results for all blocks, always added up in the same order."""
+        return reduce(add, self.map(function))
+
+
+@runtime_checkable
+class PerDemonstration(Protocol[T_contra, R_co]):
+    """A function of blocks that holds a value for each demonstration, of which a worker gets those of its own shard."""
+
+    def __call__(self, block: T_contra, /) -> R_co: ...
+
+    def only(self, demonstrations: slice) -> PerDemonstration[T_contra, R_co]:
+        """The same function for some of the demonstrations."""
 
 
 @runtime_checkable

@@ -2,34 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Iterable, Sequence
-from typing import Protocol, runtime_checkable
-
 import numpy as np
 
-from rpil.data.demonstrations import Block, Demonstrations
 from rpil.numerics.types import Array
 from rpil.scale.settings import SampleSettings
-
-
-@runtime_checkable
-class Source(Protocol):
-    """Demonstrations in memory (`Demonstrations`) or on disk (`Dataset`)."""
-
-    @property
-    def ids(self) -> tuple[Hashable, ...]: ...
-
-    @property
-    def offsets(self) -> Array: ...
-
-    @property
-    def source(self) -> str: ...
-
-    def shards(self, n_shards: int = 1, block_steps: int = ...) -> Sequence[Iterable[Block]]:
-        """All demonstrations in order, as shards; each is an iterable of blocks."""
-
-    def select(self, indices: Array | slice) -> Demonstrations:
-        """Some of the demonstrations, in memory."""
 
 
 def sample_steps(n_coefficients: int, settings: SampleSettings) -> int:
@@ -50,17 +26,8 @@ def draw_sample(
 ) -> Array:
     """Draw the demonstrations of the sample at random, in order: (S,) indices.
 
-    Known experts, known adversaries and demonstrations without a label are drawn apart, each up to `n_steps` steps.
-
-    Parameters
-    ----------
-    lengths : (M,) int array
-        Steps of the demonstrations.
-    labels : (M,) int array
-        1 known expert, -1 known adversary, 0 unknown.
-    n_steps : int
-    rng : Generator
-    settings : SampleSettings
+    Known experts, known adversaries and demonstrations without a label (`labels` 1, -1, 0, each (M,)) are drawn apart,
+    each up to `n_steps` steps; `lengths` (M,) are the steps of the demonstrations.
     """
 
     def first(order: Array) -> Array:

@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import os
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
@@ -16,25 +20,26 @@ DISCRETISED: dict[str, tuple[str, NDArray[np.float32]]] = {
 """Id -> the continuous environment, and the action (A,) of each of K choices, (K, A)."""
 
 
+@contextmanager
+def kept_process_settings() -> Iterator[None]:
+    """Undo changes to warning filters and environment variables: Gymnasium makes some when it is imported."""
+    before = dict(os.environ)
+    os.environ.setdefault("PYGAME_HIDE_SUPPORT_PROMPT", "hide")  # else the import of some environments prints a line
+    with warnings.catch_warnings():
+        try:
+            yield
+        finally:
+            for name in os.environ.keys() - before.keys():
+                del os.environ[name]
+            os.environ.update({name: value for name, value in before.items() if os.environ.get(name) != value})
+
+
+@kept_process_settings()
 def make(env_id: str) -> Any:
-    """Make an environment.
+    """Make a `gymnasium.Env` by its id with a version, or one of `DISCRETISED`.
 
-    Parameters
-    ----------
-    env_id : str
-        A Gymnasium id with its version, or one of `DISCRETISED`.
-
-    Returns
-    -------
-    gymnasium.Env
-        With one-hot rows (n,) where Gymnasium's own observations are one of n numbers.
-
-    Raises
-    ------
-    DataError
-        If Gymnasium does not know the id.
-    MissingExtraError
-        If Gymnasium, or a package that the environment needs, is not installed.
+    Its observations are one-hot rows (n,) where Gymnasium's own are one of n numbers. A `DataError` where Gymnasium
+    does not know the id; a `MissingExtraError` where it, or a package that the environment needs, is not installed.
     """
     try:
         import gymnasium

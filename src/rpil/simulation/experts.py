@@ -19,24 +19,14 @@ from rpil.numerics.types import Array
 
 @dataclass(frozen=True)
 class Expert:
-    """A deterministic controller for one Gymnasium environment.
-
-    Parameters
-    ----------
-    env_id : str
-        The id, as `rpil.simulation.environments.make` knows it, that the formula was made for.
-    n_features_in_ : int
-        D, the length of an observation.
-    actions : Space
-        The environment's: K numbered actions, or a box of A continuous ones.
-    rule : callable
-        Maps observations (n, D) to actions (n,) or, unclipped, (n, A).
-    """
+    """A deterministic controller for one environment, whose id is one of `rpil.simulation.environments.make`."""
 
     env_id: str
     n_features_in_: int
+    """D, the length of an observation."""
     actions: Space
     rule: Callable[[NDArray[np.floating]], Array]
+    """Maps observations (n, D) to actions (n,) or, unclipped, (n, A)."""
 
     @property
     def classes_(self) -> NDArray[np.int64]:

@@ -44,20 +44,13 @@ class RandomPolicy:
 
 @dataclass(frozen=True, eq=False)
 class Returns:
-    """Undiscounted returns of a policy.
-
-    Attributes
-    ----------
-    mean : float
-    ci95 : tuple of float
-        Low and high end of the 95 % t interval of the mean over these episodes; (nan, nan) for a single episode.
-    returns : array (n_episodes,)
-        The return of every episode.
-    """
+    """Undiscounted returns of a policy."""
 
     mean: float
     ci95: tuple[float, float]
+    """Low and high end of the 95 % t interval of the mean over these episodes; (nan, nan) for a single episode."""
     returns: NDArray[np.float64]
+    """The return of every episode, (n_episodes,)."""
 
     @classmethod
     def of(cls, returns: NDArray[np.float64]) -> Returns:
@@ -71,19 +64,12 @@ class Returns:
 
 @dataclass(frozen=True, eq=False)
 class Episode:
-    """One recorded episode of n steps.
-
-    Attributes
-    ----------
-    observations : array (n, D)
-        What the policy saw before each action; the observation after the last action is not kept.
-    actions : array of int64 (n,), or of floats (n, A)
-        What was done: continuous actions are clipped to the box of the environment.
-    rewards : array (n,)
-    """
+    """One recorded episode of n steps."""
 
     observations: Array
+    """What the policy saw before each action, (n, D); the observation after the last action is not kept."""
     actions: Array
+    """What was done, (n,) int64 or (n, A) floats, which are clipped to the box of the environment."""
     rewards: NDArray[np.float64]
 
     @property
@@ -165,11 +151,8 @@ def _returns(
 def record(policy: Policy, env_id: str, *, n_episodes: int, seed: int) -> list[Episode]:
     """Play a policy and keep every step; the parameters and errors are those of `rollout`.
 
-    Returns
-    -------
-    list of Episode
-        In the order of the seeds. With the same arguments `rollout` plays these very episodes, if the
-        policy is deterministic or created again from its own seed.
+    The episodes are in the order of the seeds. With the same arguments `rollout` plays these very episodes, if the
+    policy is deterministic or created again from its own seed.
     """
     steps = list(_play(policy, env_id, _seeds(seed, n_episodes)))
     if not steps:

@@ -16,24 +16,17 @@ from rpil.simulation.rollouts import RandomPolicy, record
 
 @dataclass(frozen=True, eq=False)
 class Simulation:
-    """M simulated demonstrations, the good first.
-
-    Attributes
-    ----------
-    env_id, kind : str
-        The environment, and the kind of the bad demonstrations.
-    episodes : list of (observations (n, D), actions (n,) or (n, A))
-    is_good : array of int (M,)
-        1 for the expert's own demonstrations, 0 for the bad ones.
-    returns : array (M,)
-        Undiscounted return of the episode as it was played: for all kinds but "random", the return of the expert.
-    """
+    """M simulated demonstrations, the good first."""
 
     env_id: str
     kind: str
+    """Of the bad demonstrations."""
     episodes: list[tuple[Array, Array]]
+    """Observations (n, D) and actions, (n,) or (n, A), of each."""
     is_good: NDArray[np.int64]
+    """1 for the expert's own demonstrations, 0 for the bad ones, (M,)."""
     returns: NDArray[np.float64]
+    """Undiscounted return of the episode as it was played, (M,): of the expert for all kinds but "random"."""
 
 
 def simulate(env_id: str, kind: str, *, n_good: int, n_bad: int, seed: int) -> Simulation:

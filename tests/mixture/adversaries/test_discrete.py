@@ -92,7 +92,7 @@ def test_log_prob_is_the_definition(name, n_actions):
 
 @pytest.mark.parametrize("n_actions", [2, 3, 5])
 @pytest.mark.parametrize("name", ADVERSARIES["discrete"])
-def test_sums(name, n_actions):
+def test_probabilities_sum_to_their_known_total(name, n_actions):
     """All but two are distributions: the constant sums to K, the paper's complement to K - 1."""
     features, log_policy, _ = steps(n_actions)
     total = {"constant": n_actions, "complement": n_actions - 1}.get(name, 1)
@@ -122,7 +122,7 @@ def test_confusion_contains_the_normalised_complement_and_the_uniform(n_actions)
     np.testing.assert_allclose(anything.intended_action_proba(log_policy, actions), np.exp(log_policy), atol=1e-12)
 
 
-def test_a_given_permutation_says_what_was_meant():
+def test_given_permutation_recovers_the_intended_action():
     swap = Confusion.given(np.eye(3)[[2, 1, 0]])
     features, log_policy, actions = steps(3)
     np.testing.assert_allclose(swap.intended_action_proba(log_policy, actions), np.eye(3)[2 - actions])
@@ -132,7 +132,7 @@ def test_a_given_permutation_says_what_was_meant():
 
 @pytest.mark.parametrize("n_actions", [2, 3, 5])
 @pytest.mark.parametrize("name", ["complement", "normalised complement", "confusion"])
-def test_intended_is_the_posterior(name, n_actions):
+def test_intended_action_proba_is_the_posterior(name, n_actions):
     """Bayes by enumeration: P(j | a) = P(j) P(a | j) / sum."""
     _, log_policy, actions = steps(n_actions)
     found = fitted(name, n_actions)
@@ -144,14 +144,14 @@ def test_intended_is_the_posterior(name, n_actions):
     np.testing.assert_allclose(intended.sum(axis=1), 1.0)
 
 
-def test_intended_where_the_policy_is_all_but_certain():
+def test_intended_action_proba_of_a_nearly_certain_policy():
     log_policy = log_softmax(np.array([[0.0, -2000.0, -2000.0 - np.log(3)]]), axis=1)
     intended = Complement().intended_action_proba(log_policy, np.array([0]))
     np.testing.assert_allclose(intended, [[0.0, 0.75, 0.25]], atol=1e-12)
 
 
 @pytest.mark.parametrize("name", ["constant", "uniform", "marginal", "own policy"])
-def test_the_others_teach_nothing(name):
+def test_other_adversaries_have_no_intended_action(name):
     _, log_policy, actions = steps(3)
     assert fitted(name, 3).intended_action_proba(log_policy, actions) is None
 
@@ -159,7 +159,7 @@ def test_the_others_teach_nothing(name):
 @pytest.mark.parametrize("seed", range(5))
 @pytest.mark.parametrize("n_actions", [2, 4])
 @pytest.mark.parametrize("name", ADVERSARIES["discrete"])
-def test_fit_never_loses(name, n_actions, seed):
+def test_fit_never_lowers_the_objective(name, n_actions, seed):
     features, log_policy, actions = steps(n_actions, seed)
     weight = np.random.default_rng(seed).random(N) * (actions > 0)  # one action never taken
 
@@ -177,7 +177,7 @@ def test_fit_never_loses(name, n_actions, seed):
 
 
 @pytest.mark.parametrize("name", LEARNED)
-def test_fit_learns(name):
+def test_fit_recovers_the_true_parameters(name):
     """Each recovers what made the steps."""
     rng = np.random.default_rng(0)
     n = 20_000
@@ -222,19 +222,7 @@ def test_given_confusion_must_be_square_rows_of_distributions(bad):
     assert ". " not in str(error.value)
 
 
-def test_unknown_name():
-    with pytest.raises(DataError, match="'evil' for discrete actions; choose auto, constant, uniform"):
-        named("evil", 3)
-
-
-def test_given_confusion_must_have_the_actions_of_the_data():
-    given = Confusion.given(np.eye(2))
-    assert named(given, 2) is given
-    with pytest.raises(DataError, match="2 x 2 was given for 3 actions"):
-        named(given, 3)
-
-
-def test_what_cannot_be_pressed_was_meant_by_nobody():
+def test_impossible_action_has_no_intended_action():
     features, log_policy, _ = steps(3)
     stuck = Confusion.given([[0, 1, 0]] * 3)
     actions = np.arange(N) % 2

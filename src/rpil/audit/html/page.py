@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import base64
+import hashlib
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -17,14 +19,12 @@ from rpil.audit.label_choice import NEXT_STEPS
 from rpil.audit.plots import HistoryDisplay, LengthDisplay
 from rpil.audit.record import Audit
 from rpil.audit.settings import AUDIT_SETTINGS
+from rpil.audit.text import printable
 from rpil.data.files import replacing
 from rpil.inference.trust import FINDINGS
 
 MAX_TIMELINES = 200
 """Timelines on a page, those of the least trusted demonstrations: a page with more is slow to open."""
-
-GROUP_LETTERS = "AB"
-"""Names of two competing groups, in the order of `Audit.competing`."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,11 +40,23 @@ class Article:
 
 
 def html_environment(package: str, folder: str) -> Environment:
-    """The environment of the Jinja templates in a folder of a package; what they insert is escaped."""
-    loader = PackageLoader(package, folder)
-    jinja = Environment(loader=loader, autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
-    jinja.filters |= {"number": format_number, "percent": format_percent, "count": format_count}
+    """The environment of the Jinja templates in a folder of a package; what they insert is escaped and `printable`."""
+    jinja = Environment(
+        loader=PackageLoader(package, folder),
+        autoescape=True,
+        undefined=StrictUndefined,
+        finalize=lambda value: value if isinstance(value, Markup) else printable(value),
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    jinja.filters |= {"number": format_number, "percent": format_percent, "count": format_count, "hash": _csp_hash}
     return jinja
+
+
+def _csp_hash(code: str) -> Markup:
+    """The hash by which a Content-Security-Policy allows the code of an element, and no other code."""
+    digest = base64.b64encode(hashlib.sha256(code.encode()).digest()).decode()
+    return Markup("'sha256-{}'").format(digest)
 
 
 def render_page(articles: Sequence[Article], *, title: str = "", headline: str = "", introduction: str = "") -> str:
@@ -92,7 +104,7 @@ def _template_values(audit: Audit, prefix: str) -> dict[str, object]:
         "n_steps": int(audit.offsets[-1]),
         "mean_weight": float(np.mean(audit.step_weight)),
         "n_rounds": len(audit.history),
-        "groups": dict(zip(GROUP_LETTERS, audit.competing, strict=False)),
+        "groups": audit.groups,
         "scale": timelines,
         "length_picture": inline_svg(LengthDisplay(audit).plot, size, reliability, salt=f"{prefix}length"),
         "history_picture": inline_svg(HistoryDisplay(audit).plot, size, objective, salt=f"{prefix}history"),
@@ -101,7 +113,7 @@ def _template_values(audit: Audit, prefix: str) -> dict[str, object]:
 
 def _rows(audit: Audit, parts: Mapping[str, np.ndarray], timelines: Timelines, prefix: str) -> list[dict[str, object]]:
     """The rows of the ranking, the most trusted first; `parts` are those of the log-odds."""
-    letters = {name: GROUP_LETTERS[g] for g, group in enumerate(audit.competing) for name in group}
+    letters = {name: letter for letter, group in audit.groups.items() for name in group}
     order = audit.ranking().tolist()
     return [
         {
@@ -110,6 +122,7 @@ def _rows(audit: Audit, parts: Mapping[str, np.ndarray], timelines: Timelines, p
             "rank": rank,
             "group": letters.get(audit.ids[m], ""),
             "verdict": audit.verdicts[m],
+            "reason": audit.reasons[m],
             "log_odds": float(audit.log_odds[m]),
             "parts": [float(part[m]) for part in parts.values()],
             "expert_proba": float(audit.expert_proba[m]),

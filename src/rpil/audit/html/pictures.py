@@ -74,7 +74,7 @@ def returns_figure(rows: Sequence[tuple[str, float, float, float]]) -> Markup:
         ax.plot(means, places, "o", color=COLOURS["expert"], markersize=6)
         for place, mean in enumerate(means):
             ax.annotate(format_number(mean), (mean, place), (0, 6), textcoords="offset points", ha="center")
-        ax.set_yticks(places, [name for name, *_ in rows])
+        ax.set_yticks(places, [name for name, *_ in rows], parse_math=False)
         ax.tick_params(axis="y", length=0)
         ax.spines[["top", "right", "left"]].set_visible(False)
         ax.set(ylim=(len(rows) - 0.5, -0.6), xlabel="Return (mean and 95 % interval)")
@@ -96,7 +96,8 @@ def score_figure(audit: Audit, score: Float[Array, " M"], name: str) -> Markup:
                 style: dict[str, Any] = {"markersize": 6, "linestyle": "none"} | MARKER_STYLES[verdict]
                 ax.plot(score[mask], audit.log_odds[mask], color=colour, label=f"{verdict} ({mask.sum()})", **style)
         ax.spines[["top", "right"]].set_visible(False)
-        ax.set(xlabel=name, ylabel="Log-odds (nats)")
+        ax.set_xlabel(name, parse_math=False)
+        ax.set_ylabel("Log-odds (nats)")
         ax.legend(loc="lower left", bbox_to_anchor=(-0.02, 1.0), ncols=3, frameon=False, handletextpad=0.2)
 
     description = f"Log-odds of each demonstration against {name}, coloured by verdict."

@@ -27,7 +27,7 @@ def test_to_dict_has_the_documented_keys_and_is_json():
     keys = {"n_demonstrations", "n_steps", "finding", "adversary", "prior", "identifiable", "demonstrations"}
     assert set(content) == keys | {"groups", "to_label", "assumptions", "demonstrators"}
     assert set(content["prior"]) == {"mean", "low", "high"}
-    keys = {"id", "n_steps", "log_odds", "evidence", "expert_proba", "reliability", "verdict", "worst_steps"}
+    keys = {"id", "n_steps", "log_odds", "evidence", "expert_proba", "reliability", "verdict", "reason", "worst_steps"}
     assert all(set(entry) == keys for entry in content["demonstrations"])
     assert [entry["id"] for entry in content["demonstrations"]] == ["b", "a", "d", "e", "c"]  # the most trusted first
     assert content["groups"] == []

@@ -1,0 +1,97 @@
+"""The reason for a verdict, as one sentence: the part of the evidence that decided, and the steps that stand out.
+
+Steps stand out where they are much more likely under the adversary, or the reference, than under the policy of an
+expert: the stretch of consecutive steps with the lowest sum of log-ratios.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from rpil.numerics.types import Array, Float
+
+MIN_STRETCH = 5.0
+"""Nats against an expert from which a stretch is named: a hundred and fifty to one. No verdict depends on it."""
+
+MAX_LOG_RATIO = 50.0
+"""Nats. Log-ratios of steps are bounded by this in sums: one impossible step is not all there is to say."""
+
+
+class Stretch(NamedTuple):
+    """Consecutive steps of a demonstration, counted from its first step, and the sum of their log-ratios in nats."""
+
+    first: int
+    last: int
+    nats: float
+
+    @property
+    def steps(self) -> str:
+        """The subject of a sentence, and its verb."""
+        return f"step {self.first} is" if self.first == self.last else f"steps {self.first} to {self.last} are"
+
+
+def worst_stretch(log_ratio: Float[Array, " n"]) -> Stretch | None:
+    """The stretch with the lowest sum of log-ratios; None where that is above -`MIN_STRETCH`."""
+    # Of all pairs of sums of the first steps, the one that falls most (Kadane's algorithm).
+    total = np.concatenate([[0.0], np.cumsum(log_ratio)])
+    fall = total - np.maximum.accumulate(total)
+    stop = int(np.argmin(fall))
+    if fall[stop] > -MIN_STRETCH:
+        return None
+    return Stretch(int(np.argmax(total[: stop + 1])), stop - 1, float(fall[stop]))
+
+
+@dataclass(frozen=True)
+class Grounds:
+    """What the reason for the verdict on one demonstration is made from."""
+
+    finding: str
+    verdict: str
+    log_odds: float
+    from_actions: float
+    from_demonstrator: float
+    is_labelled: bool
+    group: str
+    """The letter of its group, where two groups compete, or nothing."""
+    score: float
+    """Mean log-ratio of its steps, in nats."""
+    trusted_score: float
+    """The median score of the demonstrations with the verdict "expert"; NaN where there is none."""
+    stretch: Stretch | None
+    deviation: str
+    """What it does in its worst steps, against what the trusted do there; or nothing."""
+
+    def sentence(self) -> str:
+        """The reason."""
+        reason = self._decided()
+        if self.stretch is not None and self.finding != "nothing could be learned":
+            reason += f"; {self.stretch.steps} least like an expert's ({self.stretch.nats:+.1f} nats)"
+            reason += f": {self.deviation}" if self.deviation else ""
+        return f"{reason}."
+
+    def _decided(self) -> str:
+        """What decided."""
+        sign = {"expert": 1, "uncertain": 0, "adversary": -1}[self.verdict]
+        own, others = f"{self.from_actions:+.1f} nats", f"{self.from_demonstrator:+.1f} nats"
+        if self.is_labelled:
+            return f"Labelled {self.verdict}" + (
+                f", against its actions ({own})" if sign * self.from_actions < 0 else ""
+            )
+        if self.finding == "cannot be known":
+            group = f"It acts as group {self.group} does, and only" if self.group else "Only"
+            return f"{group} a label can tell which group is the expert's"
+        if self.finding == "nothing could be learned":
+            return "Nothing tells it from the others: the state does not help to predict anyone's actions"
+        if self.finding == "nobody stands out":
+            return "Nothing tells it from the others: all scores are one group"
+        if self.verdict == "uncertain":
+            return f"Its log-odds of {self.log_odds:+.1f} nats are too close to 0 for a verdict"
+        if sign * self.from_demonstrator > sign * self.from_actions:
+            return f"Judged by its demonstrator's other demonstrations ({others}; {own} from its own actions)"
+        # Without an expert the trusted score is NaN, which no score is below.
+        is_lower = self.verdict == "adversary" and self.score < self.trusted_score
+        trusted = f", that of the trusted {self.trusted_score:+.2f}" if is_lower else ""
+        return f"Judged by its actions: its mean log-ratio is {self.score:+.2f} nats{trusted}"

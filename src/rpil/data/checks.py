@@ -1,0 +1,37 @@
+"""The values of settings records, checked where a record is made."""
+
+from __future__ import annotations
+
+from dataclasses import fields
+from typing import Any
+
+import numpy as np
+
+from rpil.data.errors import DataError
+
+
+def check_settings(settings: Any, **intervals: str) -> None:
+    """Raise a `DataError` that names the first field of a dataclass with a number outside its interval.
+
+    An interval is written as in mathematics, such as "[0, 1)"; by default it is "[1, inf)" for fields whose default is
+    a whole number, and "(0, inf)" for others. Fields that default to something else than numbers are not checked.
+    """
+    for field in fields(settings):
+        value, default = getattr(settings, field.name), field.default
+        several = isinstance(default, tuple)
+        kind, numbers = (type(default[0]), value) if isinstance(default, tuple) else (type(default), (value,))
+        if kind not in (int, float):
+            continue
+        interval = intervals.get(field.name, "[1, inf)" if kind is int else "(0, inf)")
+        if not isinstance(numbers, tuple) or not numbers or not all(_is_in(x, interval, kind) for x in numbers):
+            noun = "whole number" if kind is int else "number"
+            must = f"a tuple of {noun}s, each" if several else f"a {noun}"
+            raise DataError(f"{type(settings).__name__}: {field.name}={value!r} must be {must} in {interval}.")
+
+
+def _is_in(value: object, interval: str, kind: type) -> bool:
+    low, high = map(float, interval[1:-1].split(","))
+    if not isinstance(value, int | float | np.integer | np.floating) or (kind is int and not float(value).is_integer()):
+        return False
+    above = low <= value if interval[0] == "[" else low < value
+    return bool(above and (value <= high if interval[-1] == "]" else value < high))

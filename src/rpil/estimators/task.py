@@ -1,0 +1,67 @@
+"""The demonstrations that an estimator is fitted to, checked once, and the data of a fit to some of them."""
+
+from __future__ import annotations
+
+from collections.abc import Hashable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from rpil.data.coding import action_space, encode_actions, label_codes
+from rpil.data.demonstrations import Demonstrations
+from rpil.data.demonstrators import Demonstrators, group_by_demonstrator
+from rpil.data.errors import DataError
+from rpil.data.fit_data import FitData
+from rpil.data.formats.dataset import Dataset
+from rpil.data.spaces import Space
+from rpil.numerics.types import Array
+from rpil.policies.features import FeatureMap, IdentityMap
+from rpil.policies.protocol import CrossFittedPolicy, Policy
+
+ActionBox = tuple[ArrayLike, ArrayLike]
+Features = FeatureMap | IdentityMap
+FinalPolicy = Policy | CrossFittedPolicy
+Labels = Mapping[Any, str]
+Names = Mapping[Any, Hashable] | Sequence[Hashable]
+
+
+@dataclass(frozen=True, eq=False)
+class Task:
+    """The demonstrations of a fit, checked."""
+
+    source: Demonstrations | Dataset
+    space: Space
+    classes: Array
+    """The discrete actions, or an empty array."""
+    labels: Array
+    """1 known expert, -1 known adversary, 0 unknown."""
+    demonstrators: Demonstrators
+
+    @classmethod
+    def of(
+        cls,
+        source: Demonstrations | Dataset,
+        action_box: ActionBox | None = None,
+        labels: Labels | None = None,
+        demonstrators: Names | None = None,
+    ) -> Task:
+        """Find the space of the actions; match labels and demonstrators with the demonstrations."""
+        space, classes = action_space(source, action_box)
+        if len(source.ids) < 2:
+            raise DataError(
+                f"{source.source}: one demonstration alone (n_samples=1) cannot be compared; give at least two."
+            )
+        groups = group_by_demonstrator(demonstrators, source)
+        return cls(source, space, classes, label_codes(labels, source), groups)
+
+    def codes(self, demonstrations: Demonstrations) -> Array:
+        """Codes (N,) of discrete actions, or continuous actions (N, A)."""
+        return encode_actions(self.classes, demonstrations.actions, demonstrations.source)
+
+    def data(self, demonstrations: Demonstrations, features: Features, single: bool = False) -> FitData:
+        """The data of a fit to some of the demonstrations, without labels and demonstrators."""
+        design, codes = features.design(demonstrations.observations, single=single), self.codes(demonstrations)
+        no_labels = np.zeros(len(demonstrations), dtype=int)
+        return FitData(design, codes, demonstrations.offsets, self.space, no_labels)

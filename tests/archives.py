@@ -1,0 +1,51 @@
+"""Archives of models: their members, and the same archive with other members."""
+
+from __future__ import annotations
+
+import io
+import json
+import zipfile
+
+import numpy as np
+import pytest
+
+from rpil import load
+from rpil.data.errors import DataError
+
+LOST = "do not belong together"
+
+
+def members(path):
+    with zipfile.ZipFile(path) as archive:
+        return {name: archive.read(name) for name in archive.namelist()}
+
+
+def rewrite(path, changes=(), header=None):
+    """Write the archive again with other members (None: without), and with the header changed in place."""
+    content = members(path) | dict(changes)
+    if header is not None:
+        tree = json.loads(content["header.json"])
+        header(tree)
+        content["header.json"] = json.dumps(tree).encode()
+    with zipfile.ZipFile(path, "w") as archive:
+        for name, part in content.items():
+            if part is not None:
+                archive.writestr(name, part)
+
+
+def npy(array):
+    stream = io.BytesIO()
+    np.save(stream, array, allow_pickle=True)
+    return stream.getvalue()
+
+
+def refused(path, match):
+    """Loading fails with one sentence that names the file and the remedy."""
+    with pytest.raises(DataError, match=match) as caught:
+        load(path)
+    message = str(caught.value)
+    assert message.startswith(str(path))
+    assert "\n" not in message
+    assert message.endswith(".")
+    assert ". " not in message
+    assert ";" in message

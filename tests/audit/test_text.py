@@ -1,0 +1,23 @@
+"""Names from data are shown as they are, but for characters that cannot be seen."""
+
+from __future__ import annotations
+
+import pytest
+
+from rpil.audit.text import printable
+
+
+@pytest.mark.parametrize(
+    ("name", "shown"),
+    [
+        (7, "7"),
+        ("naïve 漢字", "naïve 漢字"),
+        ("two\nlines\tand a tab", "two\nlines\tand a tab"),
+        ("\x1b[31mred", r"\x1b[31mred"),
+        ("right \u202e left", r"right \u202e left"),
+        ("half \ud800", r"half \ud800"),
+    ],
+)
+def test_invisible_characters_are_escaped(name, shown):
+    assert printable(name) == shown
+    printable(name).encode("utf-8")

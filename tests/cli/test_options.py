@@ -1,0 +1,20 @@
+"""The choices of the options are those of the library."""
+
+from __future__ import annotations
+
+from rpil.cli import main as cli
+from rpil.inference.settings import MINORITY
+from rpil.mixture.adversaries.named import ADVERSARIES
+from rpil.policies.features import FEATURES
+from rpil.simulation.corruptions import KINDS
+
+
+def test_choices_are_those_of_the_library():
+    for command, option, expected in (
+        ("audit", "features", FEATURES),
+        ("audit", "minority", MINORITY),
+        ("audit", "adversary", ["auto", *ADVERSARIES["discrete"], *ADVERSARIES["continuous"]]),
+        ("simulate", "kind", KINDS),
+    ):
+        (parameter,) = [param for param in cli.main.commands[command].params if param.name == option]
+        assert {name.replace("-", " ") for name in parameter.type.choices} == set(expected)

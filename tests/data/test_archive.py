@@ -1,0 +1,220 @@
+"""Archives that are damaged, edited or no archives at all are refused, each in one sentence."""
+
+from __future__ import annotations
+
+import pickle
+import zipfile
+
+import numpy as np
+import pytest
+
+from archives import LOST, members, npy, refused, rewrite
+from rpil import RPIL, Demonstrations, save
+from rpil.data.errors import DataError
+from rpil.simulation.simulate import simulate
+
+
+@pytest.fixture(scope="module")
+def data():
+    made = simulate("MountainCar-v0", "corrupted", n_good=4, n_bad=4, seed=0)
+    return Demonstrations.from_episodes(
+        made.episodes, ids=[f"é{m}" for m in range(8)], observation_names=["x", "v"], source="mc"
+    )
+
+
+@pytest.fixture(scope="module")
+def fitted(data):
+    return RPIL().fit(data)
+
+
+@pytest.fixture(scope="module")
+def mixture(data):
+    return RPIL(adversary="uniform").fit(data)
+
+
+@pytest.fixture
+def saved(fitted, tmp_path):
+    path = tmp_path / "policy.rpil"
+    save(fitted, path)
+    return path
+
+
+@pytest.fixture
+def saved_mixture(mixture, tmp_path):
+    path = tmp_path / "mixture.rpil"
+    save(mixture, path)
+    return path
+
+
+def test_failed_save_keeps_the_existing_file(fitted, saved, monkeypatch):
+    before = saved.read_bytes()
+    monkeypatch.setattr(zipfile.ZipFile, "writestr", lambda *args: (_ for _ in ()).throw(OSError(28, "No space left")))
+    with pytest.raises(DataError, match="No space left"):
+        save(fitted, saved)
+    assert saved.read_bytes() == before
+    assert [path.name for path in saved.parent.iterdir()] == [saved.name]
+
+
+def test_load_refuses_a_missing_file(tmp_path):
+    refused(tmp_path / "nothing", "there is no such file")
+
+
+def test_load_refuses_an_empty_file(tmp_path):
+    (tmp_path / "empty").touch()
+    refused(tmp_path / "empty", "empty")
+
+
+@pytest.mark.parametrize("content", [b"hello", pickle.dumps({"a": 1}), npy(np.ones(3)), npy(np.array([{}]))])
+def test_load_refuses_other_files(content, tmp_path):
+    path = tmp_path / "other"
+    path.write_bytes(content)
+    refused(path, "no policy that rpil saved")
+
+
+def test_load_refuses_an_archive_of_demonstrations(tmp_path):
+    np.savez(tmp_path / "d.npz", observations=np.ones((2, 2)))
+    refused(tmp_path / "d.npz", "no policy that rpil saved; make one with rpil fit")
+
+
+def test_load_refuses_truncated_and_damaged_files(saved):
+    content = saved.read_bytes()
+    for n in (5, 100, len(content) // 2, len(content) - 1):
+        saved.write_bytes(content[:n])
+        refused(saved, "damaged or truncated")
+    middle = content.index(b"policy/weights.npy") + 200
+    saved.write_bytes(content[:middle] + bytes([content[middle] ^ 1]) + content[middle + 1 :])
+    refused(saved, "damaged or truncated")
+
+
+@pytest.mark.parametrize(
+    ("field", "value", "match"),
+    [
+        ("schema", "other", "no policy that rpil saved"),
+        ("version", 1, r"version 1 of the format, but rpil .* reads version 6; use"),
+        ("version", 3, r"version 3 of the format, but rpil .* reads version 6; use"),
+        ("version", None, "version None"),
+        ("class", "GaussianPolicy", "holds a 'GaussianPolicy', which rpil .* does not know"),
+    ],
+)
+def test_load_refuses_unknown_schemas_versions_and_classes(saved, field, value, match):
+    rewrite(saved, header=lambda tree: tree.update({field: value}))
+    refused(saved, match)
+
+
+WEIGHTS = "policy/weights.npy"
+
+
+@pytest.mark.parametrize(
+    ("member", "array"),
+    [
+        (WEIGHTS, None),
+        ("audit/log_odds.npy", None),
+        ("audit/from_label.npy", None),
+        ("audit/from_actions.npy", np.ones(7)),
+        ("judge/ratio/weights.npy", None),
+        ("judge/ratio/weights.npy", np.ones((3, 3))),
+        ("judge/ratio/frequency.npy", np.ones(2)),
+        ("judge/groups/mean.npy", np.ones(3)),
+        ("judge/groups/quantiles.npy", np.ones((2, 2))),
+        ("judge/groups/spread.npy", np.array([-9.0, -9.0])),
+        ("more.npy", np.ones(3)),
+        (WEIGHTS, np.ones((3, 3), dtype=np.float32)),
+        (WEIGHTS, np.ones((3, 3), dtype=np.int64)),
+        (WEIGHTS, np.ones((4, 3))),
+        (WEIGHTS, np.ones((3, 2))),
+        (WEIGHTS, np.ones(9)),
+        (WEIGHTS, np.full((3, 3), np.nan)),
+        (WEIGHTS, np.full((3, 3), np.inf)),
+        ("features/scale.npy", np.ones(1)),
+        ("features/location.npy", np.ones(3)),
+        ("classes.npy", np.arange(4)),
+        ("classes.npy", np.array([2, 1, 0])),
+        ("audit/offsets.npy", np.arange(9.0)),
+        ("audit/offsets.npy", np.arange(9)),
+        ("audit/step_weight.npy", np.ones(7)),
+        ("audit/log_odds.npy", np.ones(7)),
+    ],
+)
+def test_load_refuses_missing_extra_and_misshapen_arrays(saved, member, array):
+    rewrite(saved, {member: None if array is None else npy(array)})
+    refused(saved, LOST)
+
+
+def set_in(tree, path, value):
+    *parents, last = path
+    for key in parents:
+        tree = tree[key]
+    if value is ...:
+        del tree[last]
+    else:
+        tree[last] = value
+
+
+@pytest.mark.parametrize(
+    ("path", "value"),
+    [
+        (("params", "colour"), "red"),
+        (("fitted", "policy_"), ...),
+        (("fitted", "more_"), 1),
+        (("fitted", "policy_", "class"), "os.system"),
+        (("fitted", "policy_", "fields", "more"), 1),
+        (("fitted", "policy_", "fields", "ridge"), ...),
+        (("fitted", "features_", "fields", "kind"), "spline"),
+        (("fitted", "audit_", "fields", "ids"), [1, 2]),
+        (("fitted", "audit_"), 3),
+        (("fitted", "audit_", "fields", "finding"), "all is well"),
+        (("fitted", "audit_", "fields", "deviations"), ["it takes action 1"]),
+        (("fitted", "audit_", "fields", "deviations"), 3),
+        (("fitted", "audit_", "fields", "labelled"), ...),
+        (("fitted", "judge_"), None),
+        (("fitted", "judge_", "fields", "groups"), None),
+        (("fitted", "judge_", "fields", "ratio"), None),
+        (("fitted", "judge_", "fields", "step_variance"), "a"),
+        (("fitted", "judge_features_"), None),
+        (("names", "observation_names_"), ["x"]),
+        (("names", "predict"), ["x", "y"]),
+        (("classes",), None),
+        (("params",), None),
+    ],
+)
+def test_load_refuses_inconsistent_headers(saved, path, value):
+    rewrite(saved, header=lambda tree: set_in(tree, path, value))
+    refused(saved, LOST)
+
+
+@pytest.mark.parametrize(
+    ("path", "value"),
+    [
+        (("state", "fields", "prior", "fields", "p"), "a"),
+        (("state",), None),
+        (("fitted", "audit_", "fields", "prior"), None),
+    ],
+)
+def test_load_refuses_inconsistent_headers_of_a_mixture(saved_mixture, path, value):
+    rewrite(saved_mixture, header=lambda tree: set_in(tree, path, value))
+    refused(saved_mixture, LOST)
+
+
+def test_load_refuses_a_mixture_without_its_policy(saved_mixture):
+    rewrite(saved_mixture, {"state/policy/weights.npy": None})
+    refused(saved_mixture, LOST)
+
+
+def test_nothing_is_unpickled(saved, monkeypatch):
+    def never(*args, **kwargs):
+        raise AssertionError("unpickled")
+
+    rewrite(saved, {WEIGHTS: npy(np.array([{}, []], dtype=object))})
+    monkeypatch.setattr(pickle, "load", never)
+    monkeypatch.setattr(pickle, "loads", never)
+    refused(saved, "never unpickled")
+
+
+def test_load_refuses_bytes_after_an_array(saved):
+    rewrite(saved, {WEIGHTS: members(saved)[WEIGHTS] + b"x"})
+    refused(saved, "damaged or truncated")
+
+
+def test_numpy_reads_saved_arrays(fitted, saved):
+    with np.load(saved, allow_pickle=False) as stored:
+        np.testing.assert_array_equal(stored["policy/weights"], fitted.policy_.weights)

@@ -1,0 +1,46 @@
+"""Values of settings records."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+
+from rpil.data.checks import check_settings
+from rpil.data.errors import DataError
+
+
+@dataclass(frozen=True)
+class Record:
+    count: int = 3
+    tol: float = 0.1
+    share: float = 0.5
+    ridges: tuple[float, ...] = (1.0, 0.1)
+    name: str = "raw"
+    prior: float | None = None
+
+    def __post_init__(self) -> None:
+        check_settings(self, share="[0, 1)")
+
+
+def test_values_inside_their_intervals_are_taken():
+    Record(count=1, tol=np.float64(2), share=0, ridges=(5,), name="", prior=-1.0)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "sentence"),
+    [
+        ({"count": 0}, "Record: count=0 must be a whole number in [1, inf)."),
+        ({"count": 1.5}, "Record: count=1.5 must be a whole number in [1, inf)."),
+        ({"tol": 0.0}, "Record: tol=0.0 must be a number in (0, inf)."),
+        ({"tol": float("nan")}, "Record: tol=nan must be a number in (0, inf)."),
+        ({"tol": "1"}, "Record: tol='1' must be a number in (0, inf)."),
+        ({"share": 1.0}, "Record: share=1.0 must be a number in [0, 1)."),
+        ({"ridges": ()}, "Record: ridges=() must be a tuple of numbers, each in (0, inf)."),
+        ({"ridges": (1.0, -1.0)}, "Record: ridges=(1.0, -1.0) must be a tuple of numbers, each in (0, inf)."),
+        ({"ridges": 1.0}, "Record: ridges=1.0 must be a tuple of numbers, each in (0, inf)."),
+    ],
+)
+def test_field_and_interval_of_a_wrong_value_are_named(wrong, sentence):
+    with pytest.raises(DataError) as error:
+        Record(**wrong)
+    assert str(error.value) == sentence

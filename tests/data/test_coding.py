@@ -1,0 +1,56 @@
+"""Codes of actions and labels."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from rpil.data.coding import action_space, class_codes, encode_actions, encode_demonstrations, label_codes
+from rpil.data.demonstrations import Demonstrations
+from rpil.data.errors import DataError
+
+X, OFFSETS = np.zeros((4, 1)), [0, 1, 4]
+WORDS = Demonstrations.from_arrays(X, np.array(["up", "down", "up", "left"]), OFFSETS, ids=["a", "b"])
+MOVES = Demonstrations.from_arrays(X, np.array([[0.0], [2.0], [1.0], [-1.0]]), OFFSETS, ids=["a", "b"])
+
+
+def test_classes_of_discrete_actions_are_in_order():
+    space, classes = action_space(WORDS)
+    assert space.n == 3
+    assert classes.tolist() == ["down", "left", "up"]
+    assert encode_actions(classes, WORDS.actions, "a.csv").tolist() == [2, 0, 2, 1]
+
+
+def test_continuous_actions_have_a_box():
+    space, classes = action_space(MOVES)
+    assert (space.low.tolist(), space.high.tolist(), len(classes)) == ([-1], [2], 0)
+    np.testing.assert_array_equal(encode_actions(classes, MOVES.actions, "a.csv"), MOVES.actions)
+    assert action_space(MOVES, (-5, 5))[0].high.tolist() == [5]
+    with pytest.raises(DataError, match="demonstration 'b': action 0 is 2, outside the declared box from -1 to 1"):
+        action_space(MOVES, (-1, 1))
+
+
+@pytest.mark.parametrize("classes", [[0, 1, 2], [2, 5, 7]])
+def test_codes_are_places_among_the_classes(classes):
+    classes = np.array(classes)
+    np.testing.assert_array_equal(encode_actions(classes, classes[[2, 0, 1]], "a.csv"), [2, 0, 1])
+    for unknown in (-1, 9):
+        with pytest.raises(DataError, match=rf"a\.csv: action {unknown} is not among the fitted ones"):
+            encode_actions(classes, np.array([classes[0], unknown]), "a.csv")
+
+
+def test_actions_of_another_kind_or_width_are_refused():
+    with pytest.raises(DataError, match="the actions are continuous, and the fitted ones were not"):
+        encode_demonstrations(np.array([0, 1]), 0, MOVES)
+    with pytest.raises(DataError, match="actions with 1 numbers each, but 2 were fitted"):
+        encode_demonstrations(np.empty(0), 2, MOVES)
+    with pytest.raises(DataError, match="one class only"):
+        class_codes(np.zeros(3, dtype=int), "a.csv")
+
+
+def test_labels_are_signs():
+    assert label_codes({"b": "expert"}, WORDS).tolist() == [0, 1]
+    assert label_codes({"a": "adversary"}, WORDS).tolist() == [-1, 0]
+    assert label_codes(None, WORDS).tolist() == [0, 0]
+    with pytest.raises(DataError, match="all demonstrations are labelled adversary"):
+        label_codes({"a": "adversary", "b": "adversary"}, WORDS)

@@ -1,0 +1,123 @@
+"""Predictions, scores and weights of the estimators where actions are continuous."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from sklearn.base import clone
+from sklearn.linear_model import LinearRegression
+from sklearn.metrics import r2_score
+
+from problems import Toy, make_continuous, one_sentence
+from rpil.data.demonstrations import Demonstrations
+from rpil.data.errors import DataError
+from rpil.data.spaces import Box
+from rpil.estimators.cloning import BehavioralCloning
+from rpil.estimators.rment import RMEnt
+from rpil.estimators.rpil import RPIL
+
+STEPS = (40, 60)
+
+MANY: dict[str, Any] = {"n_good": 10, "n_bad": 10, "steps": STEPS}
+
+ESTIMATORS = [RPIL(), BehavioralCloning(), RMEnt()]
+
+
+def right(model: RPIL, toy: Toy) -> bool:
+    return model.audit_.verdicts == tuple(np.where(toy.is_good, "expert", "adversary"))
+
+
+def means(toy: Toy) -> np.ndarray:
+    """What the expert means to do."""
+    return toy.observations @ toy.weights[:-1] + toy.weights[-1]
+
+
+def test_same_seed_gives_same_bits_for_arrays_and_demonstrations():
+    toy = make_continuous("noisy", 0)
+    one, two = (RPIL(random_state=3).fit(toy.demonstrations) for _ in range(2))
+    three = RPIL(random_state=3).fit(toy.observations, toy.actions, groups=toy.groups)
+    for other in (two, three):
+        np.testing.assert_array_equal(one.log_odds_, other.log_odds_)
+        np.testing.assert_array_equal(one.policy_.weights, other.policy_.weights)
+        np.testing.assert_array_equal(one.policy_.cholesky, other.policy_.cholesky)
+
+
+def test_units_of_the_actions_do_not_matter():
+    toy = make_continuous("noisy", 0, **MANY)
+    unit, shift = np.array([1e-3, 40.0]), np.array([3.0, -500.0])
+    other = replace(toy, actions=toy.actions * unit + shift)
+    one, two = (RPIL().fit(t.demonstrations) for t in (toy, other))
+    np.testing.assert_allclose(two.log_odds_, one.log_odds_, rtol=1e-3, atol=1e-3)
+    np.testing.assert_allclose((two.predict(toy.observations) - shift) / unit, one.predict(toy.observations), atol=1e-4)
+
+
+@pytest.mark.parametrize("n_parts", [1, 2])
+@pytest.mark.parametrize("estimator", ESTIMATORS, ids=lambda e: type(e).__name__)
+def test_predictions_lie_in_the_box(estimator, n_parts):
+    toy = make_continuous("random", 0, n_parts=n_parts)
+    model = clone(estimator).fit(toy.demonstrations)
+    assert len(model.classes_) == 0
+    assert isinstance(model.space_, Box)
+    np.testing.assert_array_equal(model.space_.low, toy.actions.min(axis=0))
+    predicted = model.predict(100 * toy.observations)
+    assert predicted.shape == (len(toy.actions), n_parts)
+    assert ((model.space_.low <= predicted) & (predicted <= model.space_.high)).all()
+    assert (predicted == model.space_.high).any()
+    log_prob = model.log_prob(toy.observations, toy.actions)
+    assert log_prob.shape == (len(toy.actions),)
+    assert model.coef_.shape == (n_parts, 3)
+    linear = toy.observations @ model.coef_.T + model.intercept_
+    np.testing.assert_allclose(model.predict(toy.observations), model.space_.act(linear), atol=1e-9)
+    for method in ("predict_proba", "predict_log_proba"):
+        with pytest.raises(DataError, match="The actions are continuous") as error:
+            getattr(model, method)(toy.observations)
+        assert one_sentence(error)
+
+
+@pytest.mark.parametrize("estimator", ESTIMATORS, ids=lambda e: type(e).__name__)
+def test_score_is_r_squared(estimator):
+    toy = make_continuous("noisy", 0, n_bad=2)
+    model = clone(estimator).fit(toy.demonstrations)
+    expected = r2_score(toy.actions, model.predict(toy.observations))
+    assert model.score(toy.observations, toy.actions) == pytest.approx(expected)
+
+
+def test_behavioral_cloning_without_outliers_is_least_squares():
+    toy = make_continuous("none", 0, n_good=30, n_bad=0, steps=(100, 100))
+    ours = BehavioralCloning().fit(toy.observations, toy.actions)
+    theirs = LinearRegression().fit(toy.observations, toy.actions)
+    np.testing.assert_allclose(ours.coef_, theirs.coef_, atol=0.01)
+    np.testing.assert_allclose(ours.intercept_, theirs.intercept_, atol=0.01)
+
+
+def test_sample_weight_of_continuous_actions():
+    toy = make_continuous("random", 0)
+    good = toy.is_good[toy.groups]
+    weighted = BehavioralCloning().fit(toy.observations, toy.actions, sample_weight=good)
+    alone = BehavioralCloning().fit(toy.observations[good], toy.actions[good])
+    np.testing.assert_allclose(
+        weighted.predict(toy.observations[good]), alone.predict(toy.observations[good]), atol=0.02
+    )
+
+
+def test_one_dimensional_float_actions():
+    toy = make_continuous("random", 0, n_parts=1)
+    columns = Demonstrations.from_arrays(toy.observations, toy.actions, toy.offsets)
+    flat = Demonstrations.from_arrays(toy.observations, toy.actions[:, 0], toy.offsets)
+    models = [RPIL().fit(data) for data in (columns, flat)]
+    np.testing.assert_array_equal(models[0].log_odds_, models[1].log_odds_)
+    assert models[1].predict(toy.observations).shape == (len(toy.actions), 1)
+    # scikit-learn's own checks want one-dimensional floats refused: they look like a regression
+    with pytest.raises(ValueError, match="continuous") as error:
+        RPIL().fit(toy.observations, toy.actions[:, 0], groups=toy.groups)
+    assert one_sentence(error)
+
+
+def test_declared_action_box_is_kept():
+    toy = make_continuous("random", 0)
+    model = RPIL(action_box=([-50, -40], 60)).fit(toy.demonstrations)
+    np.testing.assert_array_equal(model.space_.low, [-50, -40])
+    np.testing.assert_array_equal(model.space_.high, [60, 60])

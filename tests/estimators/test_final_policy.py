@@ -1,0 +1,63 @@
+"""The final policy: its features and ridge are chosen by the trusted demonstrations."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from rpil import Settings
+from rpil.data.demonstrations import Demonstrations
+from rpil.data.spaces import Discrete
+from rpil.estimators.cloning import BehavioralCloning
+from rpil.estimators.rpil import RPIL
+from rpil.policies.features import FeatureSettings
+from rpil.policies.selection import choose_features
+
+
+def told(rule, n_demonstrations: int = 8, n_steps: int = 120, seed: int = 0):
+    """Demonstrations of a rule on two observations: observations, actions, offsets."""
+    rng = np.random.default_rng(seed)
+    observations = rng.normal(size=(n_demonstrations * n_steps, 2))
+    return observations, rule(observations).astype(int), np.arange(n_demonstrations + 1) * n_steps
+
+
+def curved(o):
+    return o[:, 0] * o[:, 1] > 0.0
+
+
+def test_cloning_takes_what_is_chosen():
+    observations, codes, offsets = told(curved)
+    data = Demonstrations.from_arrays(observations, codes, offsets)
+    chosen = choose_features(observations, codes, offsets, np.ones(len(codes)), Discrete(2))
+    model = BehavioralCloning("auto").fit(data)
+    assert (model.features_.kind, model.features_.ridge_per_step) == (chosen.kind, chosen.ridge)
+    fixed = BehavioralCloning("poly").fit(data)
+    assert fixed.features_.ridge_per_step == FeatureSettings.ridge_per_step
+    assert np.mean(model.predict(observations) == codes) > 0.97
+    rows = BehavioralCloning("auto").fit(observations, codes)  # every row is held out on its own
+    assert rows.features_.kind == "poly"
+
+
+def test_a_given_ridge_is_kept():
+    observations, codes, offsets = told(curved)
+    data = Demonstrations.from_arrays(observations, codes, offsets)
+    model = BehavioralCloning("auto", C=0.5).fit(data)
+    expected = BehavioralCloning(model.features_.kind, C=0.5).fit(data)
+    np.testing.assert_array_equal(model.predict(observations), expected.predict(observations))
+    ratio = model.policy_.weights / expected.policy_.weights
+    np.testing.assert_allclose(ratio, ratio[0, 0])  # but for the temperature
+
+
+@pytest.mark.slow
+def test_the_trusted_choose_in_rpil_and_twice_the_same():
+    observations, codes, offsets = told(curved, 14)
+    rng = np.random.default_rng(3)
+    bad = np.arange(len(codes)) >= offsets[8]
+    codes = np.where(bad, rng.integers(2, size=len(codes)), codes)
+    data = Demonstrations.from_arrays(observations, codes, offsets)
+    model = RPIL("auto", settings=Settings(judge_features="poly")).fit(data)
+    assert model.audit_.verdicts == ("expert",) * 8 + ("adversary",) * 6
+    assert model.features_.kind == "poly"
+    assert any("poly" in sentence for sentence in model.audit_.assumptions)
+    again = RPIL("auto", settings=Settings(judge_features="poly")).fit(data)
+    np.testing.assert_array_equal(again.policy_.weights, model.policy_.weights)

@@ -1,0 +1,120 @@
+"""Arguments and data that a fit refuses, each in one sentence."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from sklearn.base import clone
+from sklearn.exceptions import NotFittedError
+
+from problems import make, make_continuous, one_sentence
+from rpil.data.demonstrations import Demonstrations
+from rpil.data.errors import DataError
+from rpil.estimators.cloning import BehavioralCloning
+from rpil.estimators.rment import RMEnt
+from rpil.estimators.rpil import RPIL
+from rpil.mixture.adversaries.discrete import Confusion
+
+ESTIMATORS = [RPIL(), BehavioralCloning(), RMEnt()]
+
+
+@pytest.mark.parametrize(
+    ("box", "words"),
+    [
+        ((-1.0, 1.0), r"demonstration 'd\d+': action [01] is -?[\d.]+, outside the declared box from -1 to 1; widen"),
+        (([-99.0, -0.1], [99.0, 0.1]), "action 1 is .*, outside the declared box from -0.1 to 0.1; widen action_box"),
+        ((1.0, -1.0), "is empty or unbounded; give finite low < high"),
+        ((-np.inf, np.inf), "is empty or unbounded"),
+        ((np.nan, 1.0), "is empty or unbounded"),
+        (([0.0, 0.0, 0.0], [1.0, 1.0, 1.0]), r"give \(low, high\), numbers or one for each part"),
+        (5.0, r"give \(low, high\)"),
+        ((1.0, 2.0, 3.0), r"give \(low, high\)"),
+        (("a", "b"), r"give \(low, high\)"),
+    ],
+)
+def test_action_box_that_does_not_fit_is_refused_in_one_sentence(box, words):
+    toy = make_continuous("random", 0)
+    with pytest.raises(DataError, match=words) as error:
+        RPIL(action_box=box).fit(toy.demonstrations)
+    assert one_sentence(error)
+
+
+@pytest.mark.parametrize("estimator", ESTIMATORS, ids=lambda e: type(e).__name__)
+def test_invalid_continuous_actions_are_refused_in_one_sentence(estimator):
+    toy = make_continuous("random", 0)
+    same = Demonstrations.from_arrays(toy.observations, np.full_like(toy.actions, 0.5), toy.offsets)
+    with pytest.raises(DataError, match="every action is the same; give demonstrations with two at least") as error:
+        clone(estimator).fit(same)
+    assert one_sentence(error)
+    spoiled = toy.actions.copy()
+    spoiled[3, 1] = np.nan
+    with pytest.raises(ValueError, match="NaN"):
+        clone(estimator).fit(toy.observations, spoiled)
+
+
+def test_action_box_for_discrete_actions_is_refused_in_one_sentence():
+    with pytest.raises(DataError, match="the actions are discrete, which no action_box fits; leave it out") as error:
+        RPIL(action_box=(0, 1)).fit(make("random", 0).demonstrations)
+    assert one_sentence(error)
+
+
+def test_unfitted_estimators_raise():
+    for method in ("predict", "predict_proba"):
+        with pytest.raises(NotFittedError):
+            getattr(RPIL(), method)(np.zeros((2, 2)))
+    with pytest.raises(NotFittedError):
+        RPIL().score_demonstrations(np.zeros((2, 2)), [0, 1], groups=[0, 0])
+
+
+TOY = make("random", 0)
+
+ONE_ACTION = Demonstrations.from_arrays(TOY.observations, np.zeros_like(TOY.actions), TOY.offsets, TOY.ids)
+
+CONTINUOUS = Demonstrations.from_arrays(TOY.observations, TOY.observations, TOY.offsets, TOY.ids)
+
+
+@pytest.mark.parametrize(
+    ("model", "data", "words"),
+    [
+        (
+            RPIL(features="fourier"),
+            TOY.demonstrations,
+            "no features called 'fourier'; choose .*raw, folded, spline, poly",
+        ),
+        (
+            RPIL(adversary="evil"),
+            TOY.demonstrations,
+            "no adversary called 'evil' for discrete actions; choose auto, constant",
+        ),
+        (RPIL(adversary=Confusion.given(np.eye(2))), TOY.demonstrations, "2 x 2 was given for 3 actions"),
+        (RPIL(C=-1.0), TOY.demonstrations, "C=-1.0 must be a positive number"),
+        (BehavioralCloning(C=0.0), TOY.demonstrations, "C=0.0 must be a positive number"),
+        (RPIL(), ONE_ACTION, "every action is 0, one class only"),
+        (BehavioralCloning(), ONE_ACTION, "every action is 0, one class only"),
+        (RPIL(action_box=(-1, 1)), CONTINUOUS, "outside the declared box from -1 to 1; widen action_box"),
+        (RPIL(), TOY.demonstrations.select([0]), "n_samples=1. cannot be compared; give at least two"),
+        (RPIL(labels={"d99": "expert"}), TOY.demonstrations, "d99"),
+        (RPIL(labels={"d0": "good"}), TOY.demonstrations, "'d0': the label 'good' is unknown"),
+        (RPIL(labels=dict.fromkeys(TOY.ids, "adversary")), TOY.demonstrations, "all demonstrations are labelled adv"),
+    ],
+)
+def test_errors_are_one_sentence(model, data, words):
+    with pytest.raises(DataError, match=words) as error:
+        model.fit(data)
+    message = str(error.value)
+    assert message.endswith(".")
+    assert ". " not in message.replace("\n", " ")
+
+
+@pytest.mark.parametrize(("weight", "words"), [(0.0, "zero"), (-1.0, "[Nn]egative")])
+def test_zero_and_negative_sample_weights_are_refused(weight, words):
+    with pytest.raises(ValueError, match=words):
+        BehavioralCloning().fit(TOY.observations, TOY.actions, sample_weight=np.full(len(TOY.actions), weight))
+
+
+def test_adversary_for_other_actions_is_refused():
+    toy = make_continuous("random", 0)
+    for which in ("complement", "confusion", "constant", "normalised complement"):
+        with pytest.raises(DataError, match=f"'{which}' for continuous actions; choose auto, uniform") as error:
+            RPIL(adversary=which).fit(toy.demonstrations)
+        assert one_sentence(error)

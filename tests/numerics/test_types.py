@@ -1,0 +1,23 @@
+"""Shapes in types are checked while the tests run."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from jaxtyping import TypeCheckError
+
+import typecheck
+from rpil.policies.softmax import at_actions
+
+
+def test_wrong_shape_is_refused():
+    with pytest.raises(TypeCheckError):
+        at_actions(np.zeros((3, 2)), np.zeros(4, dtype=int))
+
+
+def test_first_calls_of_each_test_are_checked():
+    for _ in range(typecheck.CHECKED_CALLS):
+        at_actions(np.zeros((3, 2)), np.zeros(3, dtype=int))
+    at_actions(np.zeros((3, 2)), np.zeros(3, dtype=object).astype(int).reshape(3))
+    with pytest.raises(IndexError):  # NumPy's own, for no type is checked any more
+        at_actions(np.zeros((3, 2)), np.zeros(3))
