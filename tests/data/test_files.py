@@ -1,11 +1,12 @@
 import os
 import subprocess
 import sys
+from contextlib import suppress
 
 import pytest
 
 from rpil.data.errors import DataError
-from rpil.data.files import check_readable, check_writable, replacing
+from rpil.data.files import check_readable, check_writable, new_folder, replacing
 
 
 def one_sentence(caught, path):
@@ -102,3 +103,15 @@ def test_bad_input_paths(tmp_path, monkeypatch):
     with pytest.raises(DataError, match="may not be read") as caught:
         check_readable(full)
     one_sentence(caught, full)
+
+
+def test_a_new_folder_is_whole_or_not_there(tmp_path):
+    with suppress(KeyError), new_folder(tmp_path / "out") as folder:
+        (folder / "a").write_text("half")
+        raise KeyError
+    assert not list(tmp_path.iterdir())
+    with new_folder(tmp_path / "out") as folder:
+        (folder / "a").write_text("whole")
+    assert (tmp_path / "out" / "a").read_text() == "whole"
+    with pytest.raises(DataError, match="out: it is there already"), new_folder(tmp_path / "out"):
+        pass

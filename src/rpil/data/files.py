@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import platform
 import re
+import shutil
 import uuid
 import zlib
 from collections.abc import Collection, Iterable, Iterator
@@ -86,6 +87,26 @@ def replacing(path: StrPath) -> Iterator[Path]:
         raise DataError(f"{path}: it cannot be written ({error.strerror or type(error).__name__}).") from error
     finally:
         temporary.unlink(missing_ok=True)
+
+
+@contextmanager
+def new_folder(path: StrPath) -> Iterator[Path]:
+    """Yield a folder beside `path` to fill, which is called `path` if the block ends without an error.
+
+    A `DataError` where `path` is there already, or cannot be written.
+    """
+    path = Path(path)
+    if path.exists():
+        raise DataError(f"{path}: it is there already; give the path of a new folder.")
+    temporary = check_writable(path).with_name(f".{path.name}-{os.getpid()}-{uuid.uuid4().hex[:8]}")
+    try:
+        temporary.mkdir()
+        yield temporary
+        os.rename(temporary, path)
+    except OSError as error:
+        raise DataError(f"{path}: it cannot be written ({error.strerror or type(error).__name__}).") from error
+    finally:
+        shutil.rmtree(temporary, ignore_errors=True)
 
 
 def _remove_abandoned(folder: Path, mark: str, suffix: str) -> None:

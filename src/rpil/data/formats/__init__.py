@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from types import ModuleType
 
 from numpy.typing import ArrayLike
 
-from rpil.data.arrays import as_array
+from rpil.data.arrays import Id, as_array
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
 from rpil.data.files import StrPath, check_exists, check_extension, check_readable
@@ -20,6 +20,7 @@ from rpil.data.formats.dialect import TEXT_SUFFIXES
 from rpil.data.formats.id_values import Label, is_id_file, match_demonstrators, match_labels, read_id_pairs, read_labels
 from rpil.data.formats.names import is_data
 from rpil.data.formats.recording import Recording, from_dataset
+from rpil.data.formats.registry import find_layout
 from rpil.data.formats.store import find_files, may_be_many_files
 from rpil.data.formats.weights import write_weights
 from rpil.data.memory import Size, limited
@@ -77,6 +78,9 @@ def read_recording(path: StrPath, options: ColumnOptions = ColumnOptions(), *, o
     """
     if on_disk:
         return from_dataset(open_dataset(path, options=options))
+    layout = find_layout(path)
+    if layout is not None:
+        return layout.read(Path(path), options)
     if may_be_many_files(path):
         return _read_many(path, options)
     path = check_exists(path)
@@ -111,6 +115,27 @@ def _read_many(path: StrPath, options: ColumnOptions) -> Recording:
         return csv.read_folder([Path(file) for file in text_files], options, source)
     recording = parquet.read_files(filesystem, parquet_files, options, source)
     return recording.with_ignored_files(text_files)
+
+
+def keep(path: StrPath, output: StrPath, ids: Sequence[Id]) -> None:
+    """Write some demonstrations of a file or folder to a new one of the same format.
+
+    Parameters
+    ----------
+    ids : sequence
+        Of the demonstrations to keep, as `read` gives them; they come in the order of the file.
+    output : path
+        A file is replaced whole; a folder must not be there yet. `path` itself is never changed.
+
+    Raises
+    ------
+    DataError
+        Where an id is unknown, the output cannot be written, or the format cannot be given back.
+    """
+    layout = find_layout(path)
+    if layout is None:
+        raise DataError(f"{path}: demonstrations of this format cannot be kept; convert it first.")
+    layout.keep(Path(path), Path(output), ids)
 
 
 def write(path: StrPath, demonstrations: Demonstrations, truth: Mapping[str, ArrayLike] | None = None) -> None:

@@ -1,0 +1,35 @@
+"""The formats that are told by their layout: each is one module, and one line here."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Protocol
+
+from rpil.data.arrays import Id
+from rpil.data.files import StrPath
+from rpil.data.formats.columns import ColumnOptions
+from rpil.data.formats.recording import Recording
+
+
+class Layout(Protocol):
+    """What the module of a format offers."""
+
+    def is_mine(self, path: Path, /) -> bool:
+        """Whether the file or folder at `path`, which exists, has this layout."""
+
+    def read(self, path: Path, options: ColumnOptions, /) -> Recording:
+        """The recording in it; a `DataError` where it cannot be read."""
+
+    def keep(self, path: Path, output: Path, ids: Sequence[Id], /) -> None:
+        """Write the demonstrations called `ids`, in the order of the file, and all else of it, to the new `output`."""
+
+
+LAYOUTS: tuple[Layout, ...] = ()
+"""The formats, in the order in which a path is shown to them."""
+
+
+def find_layout(path: StrPath) -> Layout | None:
+    """The format of a file or folder by its layout; None for tables, arrays of NumPy, and what is not there."""
+    place = Path(path)
+    return next((layout for layout in LAYOUTS if layout.is_mine(place)), None) if place.exists() else None
