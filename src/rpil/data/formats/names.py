@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable
+from math import inf
 
 EPISODE = ("episode_index", "episode_id", "episode_ids", "episode")
 ACTION = ("action", "actions")
@@ -68,6 +69,11 @@ def plain_name(name: str) -> str:
 def short_name(name: str) -> str:
     """An observation's name without the prefix that says that it is one."""
     return re.sub(r"^\s*(observations?|obs)[._/ -]?", "", name, count=1, flags=re.I) if is_observation(name) else name
+
+
+def natural_key(name: str) -> list[tuple[float, str]]:
+    """By which names sort with their numbers as numbers: demo_2 before demo_10."""
+    return [(int(part), "") if part.isdecimal() else (inf, part) for part in re.split(r"(\d{1,18})", name) if part]
 
 
 def is_observation(name: str) -> bool:
