@@ -309,8 +309,11 @@ def _print_next_steps(
         name, value = str(param.name), ctx.params[str(param.name)]
         if isinstance(param, click.Argument):
             words.append(value)
-        elif name != "labels" and ctx.get_parameter_source(name) is ParameterSource.COMMANDLINE:
-            flag = {True: param.opts[:1], False: param.secondary_opts[:1]}
-            words += flag[value] if isinstance(value, bool) else [param.opts[0], str(value)]
+        elif name not in ("labels", "resume") and ctx.get_parameter_source(name) is ParameterSource.COMMANDLINE:
+            if isinstance(value, bool):
+                words += param.opts[:1] if value else param.secondary_opts[:1]
+            else:
+                for one in value if isinstance(value, tuple) else (value,):
+                    words += [param.opts[0], str(one)]
     labels = ctx.params["labels"] or "labels.csv"
     click.echo(terminal.next_steps(audit, labels, shlex.join(words), n_labels, consequence))

@@ -22,8 +22,8 @@ if TYPE_CHECKING:
 
 VERDICT_COLOURS = {"expert": "green", "uncertain": "yellow", "adversary": "red"}
 
-MAX_ROWS = 25  # of the ranking, unless all are asked for
-MAX_DEMONSTRATORS = 5  # the same for the table of demonstrators
+MAX_ROWS = 20  # of the ranking, unless all are asked for
+MAX_DEMONSTRATORS = 4  # the same for the table of demonstrators
 MAX_IDS = 20  # in one line
 N_WORST = 3  # demonstrations whose reasons are printed, and that the next step names
 PIPE_WIDTH = 10_000  # of a table where there is no terminal: no line is wrapped
