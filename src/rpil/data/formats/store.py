@@ -205,13 +205,17 @@ class Statistics:
     ranges: dict[str, tuple[float, float]] = field(default_factory=dict)
     missing: dict[str, int] = field(default_factory=dict)
 
-    def add(self, metadata: pq.FileMetaData, columns: Sequence[str]) -> None:
+    def add(self, file: pq.ParquetFile, columns: Sequence[str]) -> None:
         """Add those of one file."""
-        wanted = {*columns}
-        for group, number in itertools.product(range(metadata.num_row_groups), range(metadata.num_columns)):
-            column = metadata.row_group(group).column(number)
-            name = column.path_in_schema.removesuffix(".list.element").removesuffix(".list.item")
-            found = column.statistics if name in wanted else None
+        leaves = [file.metadata.schema.column(k).path for k in range(file.metadata.num_columns)]
+        names = [path.removesuffix(".list.element").removesuffix(".list.item") for path in leaves]
+        kept = {*columns}
+        wanted = [k for k, name in enumerate(names) if name in kept]
+        for group, number in itertools.product(range(file.num_row_groups), wanted):
+            if number == wanted[0]:
+                # In a damaged file, `column` would end the process, where reading raises an error.
+                next(file.iter_batches(1, [group], list(columns)), None)
+            name, found = names[number], file.metadata.row_group(group).column(number).statistics
             if found is None:
                 continue
             if found.null_count:
@@ -262,7 +266,7 @@ def describe(
             begins += row
             columns, first = columns or columns_of_file(file, name, options), first or name
             check_columns(file, columns, name, first)
-            statistics.add(file.metadata, columns.data)
+            statistics.add(file, columns.data)
             head = next(file.iter_batches(1, columns=columns.data), None)
         if head is not None:
             this = _store_of_row(filesystem, columns, head, name, metadata)
