@@ -34,7 +34,7 @@ from rpil.data.formats.columns import ColumnOptions
 from rpil.data.formats.lerobot import Metadata
 from rpil.data.formats.order import Order
 from rpil.data.formats.starts import OrderCheck, Starts
-from rpil.data.formats.store import BATCH_ROWS, Statistics, Store, describe, find_files, shifted
+from rpil.data.formats.store import BATCH_ROWS, Store, describe, find_files, shifted
 from rpil.data.formats.table import Place
 from rpil.data.memory import check_memory
 from rpil.numerics.types import Array
@@ -96,7 +96,6 @@ class About:
     n_files: int
     ignored_files: tuple[str, ...]
     metadata: Metadata
-    statistics: Statistics
     order: Order
     action_reason: str  # why actions are discrete or continuous
     operators: list[tuple[str, object]]  # the different pairs of id, as text, and operator
@@ -225,7 +224,7 @@ def open_dataset(path: StrPath, *, options: ColumnOptions = ColumnOptions(), bat
     if not paths:
         raise DataError(f"{path}: no .parquet file is there; only Parquet files make a data set on disk.")
     source = Path(str(path)).name or str(path)
-    store, metadata, statistics = describe(filesystem, paths, options)
+    store, metadata = describe(filesystem, paths, options)
     store = replace(store, batch_rows=batch_rows)
     n_rows = store.groups[-1].last if store.groups else 0
     check_any(n_rows, source)
@@ -245,7 +244,7 @@ def open_dataset(path: StrPath, *, options: ColumnOptions = ColumnOptions(), bat
             operators |= dict.fromkeys(zip(owners, pairs[name].to_pylist(), strict=True))
     ids, offsets = starts.finish(store, source)
     store, reason = actions.finish(store, source)
-    about = About(len(paths), tuple(text_files), metadata, statistics, orders.finish(source), reason, list(operators))
+    about = About(len(paths), tuple(text_files), metadata, orders.finish(source), reason, list(operators))
     low, high = np.atleast_1d(actions.low), np.atleast_1d(actions.high)
     return Dataset(ids, offsets, source, store, actions.classes, low, high, about)
 

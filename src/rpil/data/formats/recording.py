@@ -118,7 +118,8 @@ def from_table(
 
 
 def from_dataset(data: Dataset) -> Recording:
-    """The recording in files that stay on disk; its description is what opening them, and their footers, say."""
+    """The recording in files that stay on disk, which are read once for their ranges and missing values."""
+    statistics = data.store.statistics()
     about, columns, store = data.about, data.store.columns, data.store
     fps = about.metadata.fps
     widths = dict.fromkeys(columns.actions, max(store.n_parts, 1) // len(columns.actions))
@@ -141,8 +142,8 @@ def from_dataset(data: Dataset) -> Recording:
         task_column=columns.task,
         tasks=tuple(about.metadata.tasks.values())[:MAX_NAMES],
         ignored={**columns.ignored, **unused_orders(columns, about.order.column)},
-        missing=about.statistics.missing,
-        ranges=about.statistics.ranges,
+        missing=statistics.missing,
+        ranges=statistics.ranges,
     )
     recording = Recording(description, lambda: data, lambda steps: _stored_numbers(data, steps), about.operators)
     return recording.with_ignored_files(about.ignored_files)
