@@ -50,7 +50,6 @@ def many():
 
 def test_many_demonstrations_are_printed_in_few_lines_of_ascii(many, capsys, monkeypatch):
     monkeypatch.setenv("FORCE_COLOR", "1")
-    monkeypatch.setattr("rpil.audit.verdict_table.verdict_reasons", lambda audit: ["A reason."] * len(audit.ids))
     terminal.print_audit(many)
     print(terminal.next_steps(many, "labels.csv", "rpil audit x"))
     out = capsys.readouterr().out
