@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import PurePosixPath
@@ -112,8 +112,8 @@ def from_table(
     numbers = _numbers_of_rows(table, _own_numbers(columns, order), rows)
     described = _describe(table, columns, order, rows, offsets, metadata)
     description = replace(described, source=source, format=format_name, notes=notes)
-    operators = _pairs(table, columns.operator, names, group)
-    description = replace(description, operators=tuple(dict.fromkeys(str(who) for _, who in operators))[:MAX_NAMES])
+    operators, tasks = (_pairs(table, name, names, group) for name in (columns.operator, columns.task))
+    description = replace(description, operators=_values(operators), tasks=_values(tasks, metadata.tasks))
     return Recording(description, load, numbers, operators)
 
 
@@ -138,9 +138,9 @@ def from_dataset(data: Dataset) -> Recording:
         seconds=data.n_steps / fps if fps else None,
         fps=fps,
         operator_column=columns.operator,
-        operators=tuple(dict.fromkeys(str(who) for _, who in about.operators))[:MAX_NAMES],
+        operators=_values(about.operators),
         task_column=columns.task,
-        tasks=tuple(about.metadata.tasks.values())[:MAX_NAMES],
+        tasks=_values(about.tasks, about.metadata.tasks),
         ignored={**columns.ignored, **unused_orders(columns, about.order.column)},
         missing=statistics.missing,
         ranges=statistics.ranges,
@@ -213,7 +213,6 @@ def _describe(
         fps=fps,
         operator_column=columns.operator,
         task_column=columns.task,
-        tasks=_tasks(table, columns.task, metadata),
         ignored={**columns.ignored, **unused_orders(columns, order.column)},
         missing=missing,
         ranges=ranges,
@@ -270,8 +269,7 @@ def _as_whole(value: object) -> object:
     return int(value) if isinstance(value, float) and are_whole(np.array([value])) else value
 
 
-def _tasks(table: pa.Table, name: str | None, metadata: Metadata) -> tuple[str, ...]:
-    if name is None:
-        return ()
-    values = map(str, table[name].unique().drop_null().to_pylist()[:MAX_NAMES])
-    return tuple(metadata.tasks.get(value, value) for value in values)
+def _values(pairs: Iterable[tuple[str, object]], names: Mapping[str, str] | None = None) -> tuple[str, ...]:
+    """The different values of pairs of id and value, the first ones, by their `names` if they have any."""
+    values = dict.fromkeys(str(value) for _, value in pairs if value is not None)
+    return tuple((names or {}).get(value, value) for value in list(values)[:MAX_NAMES])
