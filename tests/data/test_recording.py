@@ -70,7 +70,9 @@ def test_metadata_that_cannot_be_read_are_left_out(folder):
 
 @pytest.mark.parametrize("suffix", [".parquet", ".csv"])
 def test_rows_are_sorted_by_their_column_and_weights_find_them(tmp_path, suffix):
-    table = TABLE.drop_columns(["observation.image", "observation.state"]).append_column("x", [STATE[:, 0].astype(float)])
+    table = TABLE.drop_columns(["observation.image", "observation.state"]).append_column(
+        "x", [STATE[:, 0].astype(float)]
+    )
     table = table.take(SHUFFLED)
     (pq.write_table if suffix == ".parquet" else pa.csv.write_csv)(table, tmp_path / f"a{suffix}")
     recording = read_recording(tmp_path / f"a{suffix}")
