@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import gzip
+import time
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.csv
 import pytest
 
 from rpil.data import formats
@@ -199,3 +202,19 @@ def test_a_field_of_more_than_a_block(tmp_path):
     note[7] = "long " * 500_000
     (tmp_path / "a.csv").write_text(text(with_columns(note=note)))
     check(formats.read(tmp_path / "a.csv"), {})
+
+
+@pytest.mark.slow
+def test_a_million_rows_take_seconds(tmp_path):
+    n = 1_000_000
+    columns = {f"x{k}": np.random.default_rng(k).normal(size=n).round(5) for k in range(8)}
+    table = pa.table(
+        {"episode": np.repeat(np.arange(5000), 200), "step": np.arange(n) % 200, "action": np.arange(n) % 4}
+    )
+    for name, values in columns.items():
+        table = table.append_column(name, [values])
+    pa.csv.write_csv(table, tmp_path / "a.csv")
+    start = time.process_time()
+    d = formats.read(tmp_path / "a.csv")
+    assert time.process_time() - start < 5  # 1.6 seconds on an idle machine
+    np.testing.assert_array_equal(d.observations[:, 3], columns["x3"])

@@ -43,7 +43,7 @@ def folder(tmp_path):
     (tmp_path / "set" / "meta").mkdir()
     pq.write_table(TABLE, tmp_path / "set" / "data" / "chunk-000" / "file-000.parquet")
     pq.write_table(pa.table({"task_index": [0], "task": ["push"]}), tmp_path / "set" / "meta" / "tasks.parquet")
-    features = {"observation.state": {"shape": [2], "names": ["hip.pos", "knee.pos"]}}
+    features = {"observation.state": {"shape": [2], "names": ["hip.pos", "knee.pos"]}, "front": {"dtype": "video"}}
     info = {"codebase_version": "v3.0", "fps": 20, "features": features}
     (tmp_path / "set" / "meta" / "info.json").write_text(json.dumps(info))
     return tmp_path / "set"
@@ -59,6 +59,7 @@ def test_description_of_a_data_set_of_lerobot(folder, on_disk):
     assert (said.id_column, said.order_column, said.operators) == ("episode_index", "frame_index", ("Ann", "Bob"))
     assert said.ignored["observation.image"] == "images or nested values"
     assert said.ignored["next.reward"] == "reward, end or verdict"
+    assert said.ignored["front"] == "video"
     json.dumps(said.to_dict())
 
 

@@ -141,7 +141,7 @@ def from_dataset(data: Dataset) -> Recording:
         operators=_values(about.operators),
         task_column=columns.task,
         tasks=_values(about.tasks, about.metadata.tasks),
-        ignored={**columns.ignored, **unused_orders(columns, about.order.column)},
+        ignored=_ignored(columns, about.order, about.metadata),
         missing=statistics.missing,
         ranges=statistics.ranges,
     )
@@ -213,7 +213,7 @@ def _describe(
         fps=fps,
         operator_column=columns.operator,
         task_column=columns.task,
-        ignored={**columns.ignored, **unused_orders(columns, order.column)},
+        ignored=_ignored(columns, order, metadata),
         missing=missing,
         ranges=ranges,
     )
@@ -225,10 +225,11 @@ def _ranges(names: tuple[str, ...], values: Array) -> dict[str, tuple[float, flo
     return {name: (a, b) for name, a, b in zip(names, low, high, strict=True) if a == a}
 
 
-def unused_orders(columns: Columns, chosen: str | None) -> dict[str, str]:
-    """The columns of time that are read for other things than the order of the steps."""
-    others = [*columns.orders, *columns.index]
-    return {name: "time or number of the step" for name in others if name != chosen}
+def _ignored(columns: Columns, order: Order, metadata: Metadata) -> dict[str, str]:
+    """What is not read, and why: also columns of time that are read for other things than the order of the steps."""
+    times = [name for name in (*columns.orders, *columns.index) if name != order.column]
+    videos = dict.fromkeys(metadata.videos, "video")
+    return {**columns.ignored, **dict.fromkeys(times, "time or number of the step"), **videos}
 
 
 def _kind_of_action(table: pa.Table, columns: Columns) -> tuple[str, str]:
