@@ -118,7 +118,7 @@ def test_audit_prints_json(folder):
     for entry in audit["demonstrations"]:
         kinds = {
             "id": int, "n_steps": int, "log_odds": float, "evidence": dict, "expert_proba": float, "reliability": float,
-            "verdict": str, "worst_steps": list,
+            "verdict": str, "reason": str, "worst_steps": list,
         }  # fmt: skip
         assert {key: type(value) for key, value in entry.items()} == kinds
         assert entry["verdict"] == ("expert" if entry["id"] < 6 else "adversary")
