@@ -56,7 +56,7 @@ def test_many_demonstrations_are_printed_in_few_lines_of_ascii(many, capsys, mon
     out.encode("ascii")
     assert "\x1b" not in out
     assert len(out.splitlines()) < 60 - N_HEAD_LINES - len(OUTPUTS)
-    assert "... and 4,980 more demonstrations: --all prints them." in out
+    assert "... and 4,982 more demonstrations: --all prints them." in out
     assert "... and 36 more demonstrators: --all prints them." in out
     terminal.print_audit(many, all_rows=True)
     assert len(capsys.readouterr().out.splitlines()) > 5000

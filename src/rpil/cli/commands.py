@@ -128,7 +128,7 @@ def load_into_memory(demonstrations: Demonstrations | Dataset) -> Demonstrations
 
 def _exceeds_budget(file: str) -> bool:
     """Whether a Parquet file would take more memory than it may."""
-    if Path(file).suffix.lower() != ".parquet" or not os.path.isfile(file):
+    if Path(file).suffix.lower() != ".parquet" or not os.path.isfile(file) or not os.path.getsize(file):
         return False
     from pyarrow import fs
 
