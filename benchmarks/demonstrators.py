@@ -28,7 +28,7 @@ from options import at_least, output, write_json
 from provenance import provenance
 from rpil import RPIL, Demonstrations
 from rpil.data.errors import DataError
-from rpil.data.formats.id_values import read_demonstrators
+from rpil.data.formats import read_demonstrators
 from scoring import interval, pair_wins, stream
 from tables import table
 

@@ -199,7 +199,6 @@ WITHOUT_TESTS = {
     "data/formats/description.py": "as csv.py",
     "data/npy.py": "tests/data/test_hostile_files.py",
     "data/run.py": "one function, tested with the files that carry its result",
-    "cli/info.py": "as csv.py",
     "data/formats/store.py": "holds the files of a Dataset: tests/data/formats/test_dataset.py",
 }
 """Files of the library that no test file is named after, and why."""

@@ -180,9 +180,9 @@ def test_json_is_replaced_only_when_complete(tmp_path):
     assert [file.name for file in tmp_path.iterdir()] == ["found.json"]
 
 
-def test_modules_of_tests_and_benchmarks_have_different_names():
+def test_helpers_of_tests_and_benchmarks_have_different_names():
     """All of them are imported by their base names."""
     root = Path(__file__).parents[2]
-    modules = [*(root / "tests").rglob("*.py"), *(root / "benchmarks").glob("*.py")]
-    twice = [name for name, n in Counter(path.name for path in modules).items() if n > 1 and name != "conftest.py"]
+    modules = [*(root / "tests").glob("*.py"), *(root / "benchmarks").glob("*.py")]
+    twice = [name for name, n in Counter(path.name for path in modules).items() if n > 1]
     assert twice == []

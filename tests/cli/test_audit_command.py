@@ -51,7 +51,7 @@ def printed_ranking(result):
 def test_audit_prints_finding_ranking_and_next_step(folder):
     result = ok("audit", folder / "good.parquet")
     titles, rows = printed_ranking(result)
-    assert result.stdout.startswith(f"Told apart: {FINDINGS['told apart']}\n")
+    assert f"\nTold apart: {FINDINGS['told apart']}\n" in result.stdout
     assert titles[:6] == ["id", "steps", "log-odds", "P(expert)", "reliability", "verdict"]  # actions are all there is
     assert [int(row[0]) < 6 for row in rows] == [False] * 6 + [True] * 6
     assert [row[5] for row in rows] == ["adversary"] * 6 + ["expert"] * 6
@@ -91,7 +91,7 @@ def test_audit_without_groups_prints_no_verdicts():
     y = (x[:, 0] + rng.logistic(size=1200) > 0).astype(int)  # all act by one policy
     npz("data.npz", observations=x, actions=y, episode_ids=np.repeat(np.arange(20), 60))
     result = ok("audit", "data.npz")
-    assert result.stdout.startswith(f"Nobody stands out: {FINDINGS['nobody stands out']}\n")
+    assert f"\nNobody stands out: {FINDINGS['nobody stands out']}\n" in result.stdout
     assert "\n20 demonstrations (1,200 steps) are ranked; there are no verdicts.\n" in result.stdout
     assert "can be trusted" not in result.stdout
     assert f"\nNext: {NEXT_STEPS['nobody stands out']}\n" in result.stdout
@@ -118,7 +118,7 @@ def test_audit_prints_json(folder):
     for entry in audit["demonstrations"]:
         kinds = {
             "id": int, "n_steps": int, "log_odds": float, "evidence": dict, "expert_proba": float, "reliability": float,
-            "verdict": str, "worst_steps": list,
+            "verdict": str, "reason": str, "worst_steps": list,
         }  # fmt: skip
         assert {key: type(value) for key, value in entry.items()} == kinds
         assert entry["verdict"] == ("expert" if entry["id"] < 6 else "adversary")
@@ -166,7 +166,7 @@ def proposed_labels_file(result):
 def test_one_label_decides_between_competing_groups(folder):
     file = folder / "shifted.parquet"
     result = ok("audit", file, "--seed", 2)
-    assert result.stdout.startswith(f"Cannot be known: {FINDINGS['cannot be known']}\n")
+    assert f"\nCannot be known: {FINDINGS['cannot be known']}\n" in result.stdout
     groups = re.findall(r"Group [AB], 6 demonstrations: ([\d, ]+)", result.stdout)
     assert sorted(sorted(map(int, group.split(", "))) for group in groups) == [[*range(6)], [*range(6, 12)]]
     assert re.search(

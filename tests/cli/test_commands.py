@@ -52,15 +52,15 @@ def repeated(name):
 
 HEAD = "episode_index,action,observation.x"
 BAD_DATA = {
-    "missing.parquet": (lambda name: None, "there is no such file; check the path"),
-    "folder.csv": (lambda name: Path(name).mkdir(), r"no .parquet file is there; only Parquet files make a data set"),
+    "missing.parquet": (lambda name: None, "there is no such file or folder; check the path"),
+    "folder.csv": (lambda name: Path(name).mkdir(), r"no .parquet or .csv file is there; check the path"),
     "empty.parquet": (lambda name: Path(name).touch(), "the file is empty; write it again"),
     "empty.csv": (lambda name: Path(name).touch(), "the file is empty; write it again"),
     "empty.npz": (lambda name: Path(name).touch(), "the file is empty; write it again"),
     "cut.parquet": (truncated, "truncated one; write it again"),
     "cut.npz": (truncated, "truncated one; write it again"),
-    "cut.csv": (lambda name: text(name, HEAD, "0,1,2", "0,1"), r"truncated one .*; write it again"),
-    "data.txt": (lambda name: text(name, HEAD, "0,1,2"), r"unknown extension '.txt'; use one of .parquet, .csv, .npz"),
+    "cut.csv": (lambda name: text(name, HEAD, "0,1,2", "0,1"), "row 2: 2 values for 3 columns .* write it again"),
+    "data.xls": (lambda name: text(name, HEAD, "0,1,2"), r"unknown extension '.xls'; use one of .parquet, .csv, .npz"),
     "nan.npz": (lambda name: npz(name, observations=spoilt(np.nan)), "demonstration 3, step 3: .* is nan; repair"),
     "infinite.npz": (lambda name: npz(name, observations=spoilt(-np.inf)), "demonstration 3, step 3: .* -inf; repair"),
     "nan.parquet": (
@@ -117,7 +117,7 @@ def test_unknown_action_is_refused_when_scoring(folder):
 
 
 BAD_LABELS = {
-    "missing.csv": (None, "missing.csv: there is no such file; check the path"),
+    "missing.csv": (None, "missing.csv: there is no such file or folder; check the path"),
     "empty.csv": ("", "empty.csv: the file is empty; write it again"),
     "none.csv": ("id,label\n", "none.csv: it labels no demonstration; give"),
     "bad.csv": ("id,label\n" + "".join(f"{m},bad\n" for m in range(6)), "all demonstrations are labelled .*; leave"),
@@ -135,8 +135,8 @@ BAD_DEMONSTRATORS = {
     "none.csv": ("id,demonstrator\n", "none.csv: it names no demonstrator; give"),
     "twice.csv": ("id,demonstrator\n1,Ann\n1,Bob\n", "twice.csv, demonstration '1': both 'Ann' and 'Bob' gave it"),
     "columns.csv": ("id,label\n1,bad\n", "columns.csv: the columns must be id and demonstrator"),
-    "missing.csv": (None, "missing.csv: there is no such file; check the path"),
-    "column": (None, "data.npz: it holds no 'column'; name a column"),
+    "missing.csv": (None, "missing.csv: there is no such file or folder; check the path"),
+    "column": (None, "data.npz: it holds no 'column'; name one of"),
 }  # fmt: skip
 
 
@@ -250,7 +250,7 @@ def test_files_that_are_no_policy_are_refused(folder):
     Path("cut").write_bytes(content[: len(content) // 2])
     Path("empty").touch()
     for name, match in (
-        ("missing", "missing: there is no such file; check the path"),
+        ("missing", "missing: there is no such file or folder; check the path"),
         ("empty", "empty: the file is empty; write it again"),
         ("cut", "cut: it is damaged or truncated; fit and save it again"),
         ("data.npz", "data.npz: it is no policy that rpil saved; make one with rpil fit"),
@@ -288,4 +288,4 @@ def test_process_prints_one_sentence_and_no_traceback():
     result = subprocess.run(command, capture_output=True, text=True)
     assert result.returncode == 2
     assert result.stdout == ""
-    assert result.stderr == "rpil: nothing.csv: there is no such file; check the path.\n"
+    assert result.stderr == "rpil: nothing.csv: there is no such file or folder; check the path.\n"

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import json
+import os
 import subprocess
 import sys
-import time
 import types
 import warnings
 from pathlib import Path
@@ -34,9 +34,10 @@ def test_help_is_fast_and_imports_no_slow_module():
     assert subprocess.run([sys.executable, "-c", script]).returncode == 0
     took = []
     for _ in range(3):
-        start = time.perf_counter()
+        before = os.times()
         subprocess.run([Path(sys.executable).parent / "rpil", "--help"], check=True, capture_output=True)
-        took.append(time.perf_counter() - start)
+        after = os.times()  # of the processor: other processes take time, too
+        took.append(after.children_user + after.children_system - before.children_user - before.children_system)
     assert min(took) < 0.5
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shlex
 import shutil
 from pathlib import Path
 
@@ -78,3 +79,14 @@ def test_every_output_has_a_writer(tmp_path, monkeypatch):
     outputs.write_outputs(paths, make_audit(), recording, {}, "data.csv", 1.0, stages.append)
     assert stages == [f"writing {path}" for path in paths.values()]
     assert all(Path(path).stat().st_size > 0 for path in paths.values())
+
+
+def test_the_command_to_run_then_reads_the_same_data(folder):
+    given = ["--exclude", "is_good", "--exclude", "episode_return", "--memory", "2GB", "--no-stream", "--all"]
+    result = ok("audit", folder / "good.parquet", *given)
+    again = next(line for line in result.stdout.splitlines() if line.startswith("Then run: "))
+    words = shlex.split(again.removeprefix("Then run: rpil "))
+    Path("labels.csv").write_text("id,label\n0,expert\n")
+    assert words.count("--exclude") == 2
+    assert {"--no-stream", "--all"} < set(words)
+    assert "Of 12 demonstrations" in ok(*words).stdout

@@ -69,7 +69,7 @@ FILES = {
     "large-ridge.rpil": edited(
         lambda header: header["fitted"]["policy_"]["fields"].update(ridge=10**400, path=10**400)
     ),
-    "digits.rpil": edited(lambda header: json.dumps(header).replace('"version": 5', '"version": ' + "5" * 5000)),
+    "digits.rpil": edited(lambda header: json.dumps(header).replace('"version": ', '"version": ' + "5" * 5000)),
     "array-of-no-name.rpil": edited(lambda header: header.update(classes={"array": ["classes"]})),
     "fields-list.rpil": edited(lambda header: header["fitted"]["audit_"].update(fields=[1])),
     "class-of-part-list.rpil": edited(lambda header: header["fitted"]["audit_"].update({"class": [1]})),

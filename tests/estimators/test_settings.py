@@ -48,7 +48,7 @@ def test_cross_fit_settings_reach_a_policy_of_scikit_learn():
     [
         (partial(MixtureSettings, prior=1.5), "prior 1.5 is no probability"),
         (partial(MixtureSettings, prior=(0.5, 2)), r"Beta prior \(0.5, 2.0\) has no single mode"),
-        (partial(MixtureSettings, max_iter=0), "max_iter=0 must be a whole number"),
+        (partial(MixtureSettings, max_iter=-1), "max_iter=-1 must be a whole number"),
         (partial(MixtureSettings, tol=-1.0), "tol=-1.0 must be a number"),
         (partial(DemonstratorSettings, spreads=(0.0, -1.0)), "spreads"),
         (partial(SampleSettings, max_ratio=0.5), "max_ratio=0.5"),

@@ -128,17 +128,15 @@ def load_into_memory(demonstrations: Demonstrations | Dataset) -> Demonstrations
 
 def _exceeds_budget(file: str) -> bool:
     """Whether a Parquet file would take more memory than it may."""
-    if Path(file).suffix.lower() != ".parquet" or not os.path.isfile(file):
+    if Path(file).suffix.lower() != ".parquet" or not os.path.isfile(file) or not os.path.getsize(file):
         return False
-    import pyarrow as pa
-    import pyarrow.parquet as pq
+    from pyarrow import fs
 
     from rpil.data.formats.parquet import decoded_bytes
+    from rpil.data.formats.store import opened
 
-    try:
-        return decoded_bytes(pq.read_metadata(file)) > budget()
-    except (pa.ArrowException, OSError):
-        return False  # reading the file will name the error
+    with opened(fs.LocalFileSystem(), os.path.abspath(file)) as opened_file:
+        return decoded_bytes(opened_file) > budget()
 
 
 @contextmanager

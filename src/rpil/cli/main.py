@@ -113,13 +113,12 @@ def audit(
     outputs = {title: options.pop(title) for title in OUTPUTS}
     quiet, stream, scheduler = (options.pop(name) for name in ("quiet", "stream", "scheduler"))
     check_outputs((file, options["labels"], options["operator"]), *outputs.values())
-    columns = pop_columns(options)
     stream = commands.resolve_stream(stream, scheduler)
     if options["features"] == "auto":
         options["features"] = "folded"  # the judge's features; no final policy is kept, so none need be chosen
     with _show_stages(quiet) as progress:
         with connect_engine(scheduler, progress) as engine:
-            read = read_recording(file, columns, progress, stream)
+            read = read_recording(file, pop_columns(options), progress, stream)
             fitted, who = fit_rpil(file, read, FitOptions(**options), progress, engine, warn_if_ambiguous=json_wanted)
         result = fitted.audit_
         write_outputs(outputs, result, read, who, file, time.perf_counter() - start, progress)
@@ -160,10 +159,9 @@ def fit(ctx: click.Context, /, file: str, output: str, method: str, trusted: int
     if (method == "rment") != (trusted is not None):
         raise click.UsageError("--method rment and --trusted N need each other: give both or neither", ctx)
     check_outputs((file, options["labels"], options["operator"]), output)
-    columns = pop_columns(options)
     stream = commands.resolve_stream(stream, scheduler)
     with _show_stages(quiet) as progress, connect_engine(scheduler, progress) as engine:
-        recording = read_recording(file, columns, progress, stream)
+        recording = read_recording(file, pop_columns(options), progress, stream)
         demonstrations = recording.demonstrations
         progress("starting")
         from rpil.estimators.cloning import BehavioralCloning
@@ -309,8 +307,11 @@ def _print_next_steps(
         name, value = str(param.name), ctx.params[str(param.name)]
         if isinstance(param, click.Argument):
             words.append(value)
-        elif name != "labels" and ctx.get_parameter_source(name) is ParameterSource.COMMANDLINE:
-            flag = {True: param.opts[:1], False: param.secondary_opts[:1]}
-            words += flag[value] if isinstance(value, bool) else [param.opts[0], str(value)]
+        elif name not in ("labels", "resume") and ctx.get_parameter_source(name) is ParameterSource.COMMANDLINE:
+            if isinstance(value, bool):
+                words += param.opts[:1] if value else param.secondary_opts[:1]
+            else:
+                for one in value if isinstance(value, tuple) else (value,):
+                    words += [param.opts[0], str(one)]
     labels = ctx.params["labels"] or "labels.csv"
     click.echo(terminal.next_steps(audit, labels, shlex.join(words), n_labels, consequence))

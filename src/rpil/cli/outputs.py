@@ -32,9 +32,11 @@ def write_outputs(
     from rpil.data.formats.weights import write_weights
 
     def write_report(path: str) -> None:
+        from markupsafe import Markup
+
         from rpil.audit.html.page import Article, write_page
 
-        read = "What was read", "\n".join(recording.description.short())
+        read = "What was read", Markup("<p>%s</p>") % Markup("<br>").join(recording.description.short())
         write_page(path, [Article(f"Audit of {Path(source).name}", audit, source, sections=[read], seconds=seconds)])
 
     def write_keep(path: str) -> None:

@@ -22,8 +22,8 @@ if TYPE_CHECKING:
 
 VERDICT_COLOURS = {"expert": "green", "uncertain": "yellow", "adversary": "red"}
 
-MAX_ROWS = 25  # of the ranking, unless all are asked for
-MAX_DEMONSTRATORS = 5  # the same for the table of demonstrators
+MAX_ROWS = 26  # of the ranking, and of the demonstrators with their titles, unless all are asked for
+MAX_DEMONSTRATORS = 4
 MAX_IDS = 20  # in one line
 N_WORST = 3  # demonstrations whose reasons are printed, and that the next step names
 PIPE_WIDTH = 10_000  # of a table where there is no terminal: no line is wrapped
@@ -83,12 +83,13 @@ def print_lines(lines: Iterable[str]) -> None:
 def print_audit(audit: Audit, all_rows: bool = False) -> None:
     """Print the finding, the ranking, the meaning of P(expert), the demonstrators, and the number of each verdict.
 
-    The ranking has at most `MAX_ROWS` rows, and the demonstrators `MAX_DEMONSTRATORS`, unless `all_rows`.
+    Ranking and demonstrators have at most `MAX_ROWS` rows, unless `all_rows`.
     """
     from rpil.audit.assumptions import P_EXPERT
 
     click.echo(f"{finding_sentence(audit)}\n")
-    shown = worst_and_doubtful(audit, len(audit.ids) if all_rows else MAX_ROWS)
+    n_rows = MAX_ROWS - (MAX_DEMONSTRATORS + 4 if audit.demonstrators else 0)
+    shown = worst_and_doubtful(audit, len(audit.ids) if all_rows else n_rows)
     _print_ranking(audit, shown)
     _print_reasons(audit, shown[:N_WORST])
     click.echo(f"\n{P_EXPERT}\n")
@@ -137,6 +138,7 @@ def _print_ranking(audit: Audit, shown: Sequence[int]) -> None:
 def _print_reasons(audit: Audit, shown: Sequence[int]) -> None:
     """Print why some demonstrations have their verdicts."""
     reasons = audit.reasons
+    click.echo()
     for m in shown:
         click.echo(f"{printable(audit.ids[m])}: {reasons[m]}")
 

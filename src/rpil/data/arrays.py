@@ -132,8 +132,7 @@ def action_kind(actions: Array, where: str, wanted: ActionKind = "auto") -> tupl
     A `DataError` where they cannot be what is `wanted`, or where nearly every step has a text of its own.
     """
     whole = actions.dtype.kind != "f" or are_whole(actions)
-    few = wanted == "auto" and whole and actions.dtype.kind != "b"
-    n_classes = len(np.unique(actions)) if few else 0
+    n_classes = len(np.unique(actions)) if wanted == "auto" and whole else 0
     return kind_by_count(n_classes, len(actions), actions.dtype.kind == "U", whole, wanted, where)
 
 

@@ -18,7 +18,7 @@ def run_id(ids: Sequence[object], offsets: Array, log_odds: Array) -> str:
 
     It depends on the answer and not on the time, so that the same data, options and seed give the same files.
     """
-    digest = hashlib.sha256("\0".join(map(str, ids)).encode())
+    digest = hashlib.sha256("\0".join(map(str, ids)).encode("utf-8", "surrogatepass"))
     for values in (np.asarray(offsets, np.int64), np.asarray(log_odds, np.float64)):
         digest.update(np.ascontiguousarray(values).tobytes())
     return digest.hexdigest()[:12]

@@ -48,7 +48,7 @@ class MixtureSettings:
     """Gradient, a step, at which that policy is done. Chosen by hand, not tuned."""
 
     def __post_init__(self) -> None:
-        check_settings(self, tol="[0, inf)", steady="[0, inf)", single_starts="[0, inf)")
+        check_settings(self, max_iter="[0, inf)", tol="[0, inf)", steady="[0, inf)", single_starts="[0, inf)")
         as_prior(self.prior)
         if self.m_step not in get_args(MStep):
             raise DataError(f"There is no m_step {self.m_step!r}; choose {' or '.join(get_args(MStep))}.")

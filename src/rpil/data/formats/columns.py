@@ -210,7 +210,7 @@ class _Search:
         if not found and self.default_id is None:
             raise DataError(
                 f"{self.source}: no column says which demonstration a row is from: name it {EPISODE[0]}, or name the "
-                f"column with id (found {quoted(self.names)})."
+                f"column with --id or id= (found {quoted(self.names)})."
             )
         for name in found[1:]:
             self.ignored[name] = "another id"
@@ -231,8 +231,8 @@ class _Search:
             if numbers:
                 return numbers, False
         raise DataError(
-            f"{self.source}: no column holds the action: name it {ACTION[0]}, or name the columns with action (found "
-            f"{quoted(self.names)})."
+            f"{self.source}: no column holds the action: name it {ACTION[0]}, or name the columns with --action or "
+            f"action= (found {quoted(self.names)})."
         )
 
     def is_number(self, name: str) -> bool:
@@ -254,7 +254,7 @@ class _Search:
         if not free:
             raise DataError(
                 f"{self.source}: no column holds observations: name them observation.*, or name the columns with "
-                f"observations (found {quoted(self.names)})."
+                f"--observations or observations= (found {quoted(self.names)})."
             )
         return named or list(free)
 
@@ -280,8 +280,8 @@ class _Search:
 
 
 _REASONS = (
-    (NEXT_STEP, "what follows the step"),
     (OUTCOME, "reward, end or verdict"),
+    (NEXT_STEP, "what follows the step"),
     (OF_EPISODE, "describes a demonstration as a whole"),
     (OPERATOR, "who demonstrated"),
     (TASK, "task"),

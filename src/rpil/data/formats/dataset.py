@@ -34,7 +34,7 @@ from rpil.data.formats.columns import ColumnOptions
 from rpil.data.formats.lerobot import Metadata
 from rpil.data.formats.order import Order
 from rpil.data.formats.starts import OrderCheck, Starts
-from rpil.data.formats.store import BATCH_ROWS, Statistics, Store, describe, find_files, shifted
+from rpil.data.formats.store import BATCH_ROWS, Store, describe, find_files, shifted
 from rpil.data.formats.table import Place
 from rpil.data.memory import check_memory
 from rpil.numerics.types import Array
@@ -96,10 +96,10 @@ class About:
     n_files: int
     ignored_files: tuple[str, ...]
     metadata: Metadata
-    statistics: Statistics
     order: Order
     action_reason: str  # why actions are discrete or continuous
     operators: list[tuple[str, object]]  # the different pairs of id, as text, and operator
+    tasks: list[tuple[str, object]]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -225,27 +225,28 @@ def open_dataset(path: StrPath, *, options: ColumnOptions = ColumnOptions(), bat
     if not paths:
         raise DataError(f"{path}: no .parquet file is there; only Parquet files make a data set on disk.")
     source = Path(str(path)).name or str(path)
-    store, metadata, statistics = describe(filesystem, paths, options)
+    store, metadata = describe(filesystem, paths, options)
     store = replace(store, batch_rows=batch_rows)
     n_rows = store.groups[-1].last if store.groups else 0
     check_any(n_rows, source)
     given = store.columns
     starts, actions, orders = Starts(given.episode), _ActionRange(options), OrderCheck(given)
-    who = [given.operator] if given.operator and options.operator else []
-    operators: dict[tuple[str, object], None] = {}
-    columns = list(dict.fromkeys([given.episode, *given.actions, *given.orders, *who]))
+    names = [name for name in (given.operator, given.task) if name is not None]
+    pairs: dict[str, dict[tuple[str, object], None]] = {name: {} for name in names}
+    columns = list(dict.fromkeys([given.episode, *given.actions, *given.orders, *names]))
     for row, table, at in store.tables(0, n_rows, columns):
         table.validate(full=True)
         begins = starts.add(row, table, at)
         orders.add(table, begins, at)
         actions.add(store, table, at)
-        for name in who:
-            pairs = table.group_by([given.episode, name], use_threads=False).aggregate([])
-            owners = map(str, pairs[given.episode].to_pylist())
-            operators |= dict.fromkeys(zip(owners, pairs[name].to_pylist(), strict=True))
+        for name in names:
+            rows = table.group_by([given.episode, name], use_threads=False).aggregate([])
+            owners = map(str, rows[given.episode].to_pylist())
+            pairs[name] |= dict.fromkeys(zip(owners, rows[name].to_pylist(), strict=True))
     ids, offsets = starts.finish(store, source)
     store, reason = actions.finish(store, source)
-    about = About(len(paths), tuple(text_files), metadata, statistics, orders.finish(source), reason, list(operators))
+    found = [list(pairs.get(name or "", ())) for name in (given.operator, given.task)]
+    about = About(len(paths), tuple(text_files), metadata, orders.finish(source), reason, *found)
     low, high = np.atleast_1d(actions.low), np.atleast_1d(actions.high)
     return Dataset(ids, offsets, source, store, actions.classes, low, high, about)
 

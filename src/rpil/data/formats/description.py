@@ -79,9 +79,12 @@ class Description:
         lines += [f"  {name}{self._range(name)}" for name in self.observations]
         if self.action_kind == "continuous":
             lines += ["Actions:", *(f"  {name}{self._range(name)}" for name in self.actions)]
+        others = self.ranges.keys() - {*self.observations, *self.actions}
+        if others:
+            lines += ["Ranges of whole columns:", *(f"  {name}{self._range(name)}" for name in sorted(others))]
         for title, values in (("Ignored", self.ignored), ("Missing values", self.missing)):
             if values:
-                lines += [f"{title}:", *(f"  {name}: {value}" for name, value in values.items())]
+                lines += [f"{title}:", *(f"  {name or 'no name'}: {value}" for name, value in values.items())]
         return lines
 
     def _size(self) -> str:
@@ -91,7 +94,7 @@ class Description:
         return f"{size} at {self.fps:.4g} a second." if self.fps else f"{size}."
 
     def _actions(self) -> str:
-        return f"Action: {listed(self.actions)}: {self.action_kind}, {self.action_reason}."
+        return f"Action: {listed(self.actions)}; {self.action_kind}: {self.action_reason}."
 
     def _range(self, name: str) -> str:
         return f": {self.ranges[name][0]:.6g} to {self.ranges[name][1]:.6g}" if name in self.ranges else ""
@@ -101,4 +104,4 @@ def listed(names: Iterable[str] | Sequence[str], most: int = SHORT_NAMES) -> str
     """Up to `most` of the names in one line, without control characters, and how many more there are."""
     texts = [name if name.isprintable() else repr(name) for name in names]
     more = f" and {len(texts) - most:,} more" if len(texts) > most else ""
-    return ", ".join(text or "''" for text in texts[:most]) + more
+    return ", ".join(text or "no name" for text in texts[:most]) + more

@@ -20,6 +20,7 @@ class Metadata:
     fps: float | None = None
     names: Mapping[str, tuple[str, ...]] = field(default_factory=dict)  # of the numbers in a column of lists
     tasks: Mapping[str, str] = field(default_factory=dict)  # by task_index, as text
+    videos: tuple[str, ...] = ()  # observations that lie beside the table
 
 
 def format_name(metadata: Metadata, n_files: int) -> str:
@@ -37,10 +38,11 @@ def read_metadata(filesystem: fs.FileSystem, path: str) -> Metadata:
     try:
         with filesystem.open_input_stream(str(meta / "info.json")) as stream:
             info = json.loads(stream.read())
-        features = {name: _part_names(feature) for name, feature in info.get("features", {}).items()}
-        names = {name: parts for name, parts in features.items() if parts}
+        features = info.get("features", {})
+        names = {name: parts for name, feature in features.items() if (parts := _part_names(feature))}
+        videos = tuple(name for name, feature in features.items() if feature.get("dtype") == "video")
         fps = float(info["fps"]) if info.get("fps") else None
-        return Metadata(str(info.get("codebase_version", "")), fps, names, _tasks(filesystem, meta))
+        return Metadata(str(info.get("codebase_version", "")), fps, names, _tasks(filesystem, meta), videos)
     except (OSError, ValueError, TypeError, AttributeError, RecursionError):  # the data can be read without it
         return Metadata()
 

@@ -69,7 +69,7 @@ def read(path: Path, options: ColumnOptions) -> Recording:
     if options.operator is None:
         return recording
     if options.operator not in arrays:
-        raise DataError(f"{source}: it holds no {options.operator!r}; name one of {quoted(ignored)}.")
+        raise DataError(f"{source}: it holds no {options.operator!r}; name one of {quoted(found)}.")
     pairs = _pairs(arrays[options.operator], steps, demonstrations.ids, f"{source}: {options.operator!r}")
     return replace(recording, operators=pairs)
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Container, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from itertools import chain
 from pathlib import Path, PurePosixPath
 from typing import TYPE_CHECKING
@@ -42,7 +42,7 @@ def read_files(filesystem: fs.FileSystem, paths: Sequence[str], options: ColumnO
         with opened(filesystem, path) as file:
             columns = columns or columns_of_file(file, name, options)
             check_columns(file, columns, name, names[0])
-            n_bytes += decoded_bytes(file.metadata, columns.all)
+            n_bytes += decoded_bytes(file, columns.all)
             check_memory(n_bytes, source)
             tables.append(file.read(columns=columns.all))
             tables[-1].validate(full=True)  # text from a damaged file need not be Unicode
@@ -53,25 +53,19 @@ def read_files(filesystem: fs.FileSystem, paths: Sequence[str], options: ColumnO
     return from_table(table, columns, source, format_name(metadata, len(paths)), metadata)
 
 
-def decoded_bytes(metadata: pq.FileMetaData, columns: Sequence[str] | None = None) -> int:
+def decoded_bytes(file: pq.ParquetFile, columns: Sequence[str] | None = None) -> int:
     """Bytes that `columns`, by default all, take in memory.
 
-    By the number of values, because a value that repeats is in the file only once.
+    By the number of rows and the first one, because a value that repeats is in the file only once.
     """
-    wanted = None if columns is None else set(columns)
-    leaves = [metadata.schema.column(c) for c in range(metadata.num_columns)]
-    read = [c for c, leaf in enumerate(leaves) if wanted is None or _is_part(leaf.path, wanted)]
-    lists = [c for c in read if leaves[c].max_repetition_level]
-    groups = map(metadata.row_group, range(metadata.num_row_groups)) if lists else ()
-    n_listed = sum(group.column(c).num_values for group in groups for c in lists)
-    return BYTES_PER_NUMBER * int(metadata.num_rows * (len(read) - len(lists)) + n_listed)
+    import pyarrow.compute as pc
 
-
-def _is_part(path: str, columns: Container[str]) -> bool:
-    """Whether the values at a path such as "observation.state.list.element" belong to one of the columns."""
-    while path and path not in columns:
-        path = path.rpartition(".")[0]
-    return bool(path)
+    head = next(file.iter_batches(1, columns=columns), None)
+    if head is None:
+        return 0
+    lists = [column for column in head.columns if flat.kind_of_type(column.type) == "list"]
+    n_listed = sum(len(pc.list_flatten(column)) for column in lists)
+    return BYTES_PER_NUMBER * int(file.metadata.num_rows) * (len(head.columns) - len(lists) + n_listed)
 
 
 def write(path: Path, demonstrations: Demonstrations, truth: Mapping[str, Array]) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import PurePosixPath
@@ -112,13 +112,14 @@ def from_table(
     numbers = _numbers_of_rows(table, _own_numbers(columns, order), rows)
     described = _describe(table, columns, order, rows, offsets, metadata)
     description = replace(described, source=source, format=format_name, notes=notes)
-    operators = _pairs(table, columns.operator, names, group)
-    description = replace(description, operators=tuple(dict.fromkeys(str(who) for _, who in operators))[:MAX_NAMES])
+    operators, tasks = (_pairs(table, name, names, group) for name in (columns.operator, columns.task))
+    description = replace(description, operators=_values(operators), tasks=_values(tasks, metadata.tasks))
     return Recording(description, load, numbers, operators)
 
 
 def from_dataset(data: Dataset) -> Recording:
-    """The recording in files that stay on disk; its description is what opening them, and their footers, say."""
+    """The recording in files that stay on disk, which are read once for their ranges and missing values."""
+    statistics = data.store.statistics()
     about, columns, store = data.about, data.store.columns, data.store
     fps = about.metadata.fps
     widths = dict.fromkeys(columns.actions, max(store.n_parts, 1) // len(columns.actions))
@@ -137,12 +138,12 @@ def from_dataset(data: Dataset) -> Recording:
         seconds=data.n_steps / fps if fps else None,
         fps=fps,
         operator_column=columns.operator,
-        operators=tuple(dict.fromkeys(str(who) for _, who in about.operators))[:MAX_NAMES],
+        operators=_values(about.operators),
         task_column=columns.task,
-        tasks=tuple(about.metadata.tasks.values())[:MAX_NAMES],
-        ignored={**columns.ignored, **unused_orders(columns, about.order.column)},
-        missing=about.statistics.missing,
-        ranges=about.statistics.ranges,
+        tasks=_values(about.tasks, about.metadata.tasks),
+        ignored=_ignored(columns, about.order, about.metadata),
+        missing=statistics.missing,
+        ranges=statistics.ranges,
     )
     recording = Recording(description, lambda: data, lambda steps: _stored_numbers(data, steps), about.operators)
     return recording.with_ignored_files(about.ignored_files)
@@ -212,8 +213,7 @@ def _describe(
         fps=fps,
         operator_column=columns.operator,
         task_column=columns.task,
-        tasks=_tasks(table, columns.task, metadata),
-        ignored={**columns.ignored, **unused_orders(columns, order.column)},
+        ignored=_ignored(columns, order, metadata),
         missing=missing,
         ranges=ranges,
     )
@@ -225,10 +225,11 @@ def _ranges(names: tuple[str, ...], values: Array) -> dict[str, tuple[float, flo
     return {name: (a, b) for name, a, b in zip(names, low, high, strict=True) if a == a}
 
 
-def unused_orders(columns: Columns, chosen: str | None) -> dict[str, str]:
-    """The columns of time that are read for other things than the order of the steps."""
-    others = [*columns.orders, *columns.index]
-    return {name: "time or number of the step" for name in others if name != chosen}
+def _ignored(columns: Columns, order: Order, metadata: Metadata) -> dict[str, str]:
+    """What is not read, and why: also columns of time that are read for other things than the order of the steps."""
+    times = [name for name in (*columns.orders, *columns.index) if name != order.column]
+    videos = dict.fromkeys(metadata.videos, "video")
+    return {**columns.ignored, **dict.fromkeys(times, "time or number of the step"), **videos}
 
 
 def _kind_of_action(table: pa.Table, columns: Columns) -> tuple[str, str]:
@@ -269,8 +270,7 @@ def _as_whole(value: object) -> object:
     return int(value) if isinstance(value, float) and are_whole(np.array([value])) else value
 
 
-def _tasks(table: pa.Table, name: str | None, metadata: Metadata) -> tuple[str, ...]:
-    if name is None:
-        return ()
-    values = map(str, table[name].unique().drop_null().to_pylist()[:MAX_NAMES])
-    return tuple(metadata.tasks.get(value, value) for value in values)
+def _values(pairs: Iterable[tuple[str, object]], names: Mapping[str, str] | None = None) -> tuple[str, ...]:
+    """The different values of pairs of id and value, the first ones, by their `names` if they have any."""
+    values = dict.fromkeys(str(value) for _, value in pairs if value is not None)
+    return tuple((names or {}).get(value, value) for value in list(values)[:MAX_NAMES])

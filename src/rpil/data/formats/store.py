@@ -97,8 +97,17 @@ class Store:
                         a, b = max(first - row, 0), min(last - row, len(batch))
                         if a < b:
                             table = pa.Table.from_batches([batch.slice(a, b - a)])
+                            if any(pa.types.is_dictionary(field.type) for field in table.schema):
+                                table.validate(full=True)  # text from a damaged file need not be Unicode
                             yield row + a, table, _place(path, row + a, shift, demonstration)
                         row += len(batch)
+
+    def statistics(self) -> Statistics:
+        """The ranges of the columns that hold data, and their missing values, from one reading of all rows."""
+        found = Statistics()
+        for _, table, _ in self.tables(0, self.groups[-1].last, self.columns.data):
+            found.add(table)
+        return found
 
     def empty(self, n_steps: int) -> tuple[Array, Array]:
         """Uninitialised observations (n_steps, D) and actions, (n_steps,) or (n_steps, A)."""
@@ -200,25 +209,26 @@ def _tables(paths: list[str]) -> tuple[list[str], list[str]]:
 
 @dataclass(eq=False)
 class Statistics:
-    """Smallest and largest values and numbers of missing ones by column, as the files give them without being read."""
+    """Smallest and largest values and numbers of missing ones by column.
+
+    They are those of the values: to read what the footer of a damaged file says of them would end the process.
+    """
 
     ranges: dict[str, tuple[float, float]] = field(default_factory=dict)
     missing: dict[str, int] = field(default_factory=dict)
 
-    def add(self, metadata: pq.FileMetaData, columns: Sequence[str]) -> None:
-        """Add those of one file."""
-        wanted = {*columns}
-        for group, number in itertools.product(range(metadata.num_row_groups), range(metadata.num_columns)):
-            column = metadata.row_group(group).column(number)
-            name = column.path_in_schema.removesuffix(".list.element").removesuffix(".list.item")
-            found = column.statistics if name in wanted else None
-            if found is None:
+    def add(self, table: pa.Table) -> None:
+        """Add the values of a table."""
+        for name in table.column_names:
+            values = flat.numbers_or_missing(table[name])
+            if values is None or not values.size:
                 continue
-            if found.null_count:
-                self.missing[name] = self.missing.get(name, 0) + found.null_count
-            if found.has_min_max and isinstance(found.min, int | float):
+            n_missing = int(np.isnan(values).sum())
+            if n_missing:
+                self.missing[name] = self.missing.get(name, 0) + n_missing
+            if n_missing < values.size:
                 low, high = self.ranges.get(name, (np.inf, -np.inf))
-                self.ranges[name] = float(min(low, found.min)), float(max(high, found.max))
+                self.ranges[name] = float(min(low, np.nanmin(values))), float(max(high, np.nanmax(values)))
 
 
 def columns_of_file(file: pq.ParquetFile, name: str, options: ColumnOptions) -> Columns:
@@ -246,9 +256,9 @@ def check_columns(file: pq.ParquetFile, columns: Columns, name: str, first: str)
 
 def describe(
     filesystem: fs.FileSystem, paths: list[str], options: ColumnOptions = ColumnOptions()
-) -> tuple[Store, Metadata, Statistics]:
+) -> tuple[Store, Metadata]:
     """The store of the files `paths`, and what they say of themselves; a `DataError` where their columns differ."""
-    metadata, statistics = read_metadata(filesystem, paths[0]), Statistics()
+    metadata = read_metadata(filesystem, paths[0])
     groups: list[RowGroup] = []
     columns, first, store, begins = None, "", None, 0
     for path in paths:
@@ -262,7 +272,6 @@ def describe(
             begins += row
             columns, first = columns or columns_of_file(file, name, options), first or name
             check_columns(file, columns, name, first)
-            statistics.add(file.metadata, columns.data)
             head = next(file.iter_batches(1, columns=columns.data), None)
         if head is not None:
             this = _store_of_row(filesystem, columns, head, name, metadata)
@@ -274,7 +283,7 @@ def describe(
                 store = replace(store, observation=np.result_type(store.observation, this.observation))
     if store is None:
         raise DataError(f"{paths[0]}: there are no demonstrations; give at least one with at least one step.")
-    return replace(store, groups=tuple(groups)), metadata, statistics
+    return replace(store, groups=tuple(groups)), metadata
 
 
 def _store_of_row(

@@ -112,7 +112,7 @@ def stack_columns(
             text = str(block[row])[:40]
             raise DataError(
                 f"{at(row)}: column {name!r} holds text ({text!r}) where numbers are due; write numbers, or leave the "
-                "column out with exclude."
+                "column out with --exclude or exclude=."
             )
         blocks[name] = block.reshape(len(block), -1)
     single = all(block.dtype == np.float32 for block in blocks.values())

@@ -10,6 +10,7 @@ import numpy as np
 
 from rpil.data.files import StrPath, check_extension
 from rpil.data.formats import csv, parquet, table
+from rpil.data.formats.names import STEP
 from rpil.data.formats.recording import StepColumns
 from rpil.data.run import RUN_KEY, run_id
 from rpil.numerics.types import Array
@@ -64,7 +65,7 @@ def write_weights(
                 name: np.repeat(values[block], lengths) for name, values in repeated.items()
             }
             own = step_columns(steps)
-            taken = {*names, *weights}
+            taken = {*names, *weights} - {STEP}  # a file that numbers its steps knows better
             numbers = dict(zip(own.column_names, own.columns, strict=True)) if own else {}
             numbers = {f"file.{name}" if name in taken else name: column for name, column in numbers.items()}
             yield pa.table(names | numbers | weights, metadata=metadata)

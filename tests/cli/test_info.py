@@ -1,0 +1,60 @@
+"""What ``rpil info`` says, and the head of an audit."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+from command_line import call, ok, refused
+
+CODE = """
+import sys
+from rpil.cli.main import main
+main(["info", sys.argv[1]], standalone_mode=False)
+assert "sklearn" not in sys.modules
+"""
+
+
+def test_info_describes_a_file_in_words_and_as_json(folder):
+    text = ok("info", folder / "good.parquet").stdout
+    said = json.loads(ok("info", folder / "good.parquet", "--json").stdout)
+    assert f"{said['demonstrations']} demonstrations, {said['steps']:,} steps" in text
+    for name in said["observations"]:
+        assert f"  {name}: " in text
+    assert said["order_column"] == "step_index"
+
+
+def test_info_imports_no_scikit_learn(folder):
+    subprocess.run([sys.executable, "-c", CODE, str(folder / "good.parquet")], check=True, capture_output=True)
+
+
+def test_the_head_of_an_audit_is_what_info_says(folder):
+    said = json.loads(ok("info", folder / "good.parquet", "--json").stdout)
+    audit = ok("audit", folder / "good.parquet", "--json", "--report", "r.html")
+    assert json.loads(audit.stdout)["input"] == said
+    assert "What was read" in Path("r.html").read_text()
+    assert ok("audit", folder / "good.parquet").stdout.startswith("good.parquet: Parquet; ")
+
+
+def test_columns_are_named_with_options(folder):
+    Path("a.csv").write_text(
+        "bout,beat,x,y,who,gear\n" + "".join(f"{k // 9},{k % 9},{k / 2},1,Ann,{k % 2}\n" for k in range(36))
+    )
+    refused("name it episode_index, or name the column with --id", "info", "a.csv")
+    options = ["--id", "bout", "--action", "gear", "--exclude", "y", "--order", "beat", "--operator", "who"]
+    said = json.loads(ok("info", "a.csv", *options, "--json").stdout)
+    assert (said["demonstrations"], said["observations"], said["operators"]) == (4, ["x"], ["Ann"])
+    said = json.loads(
+        ok("info", "a.csv", *options[:4], "--observations", "x,y", "--action-kind", "continuous", "--json").stdout
+    )
+    assert (said["observations"], said["action_kind"]) == (["x", "y"], "continuous")
+
+
+def test_a_missing_value_is_described_and_refused(folder):
+    Path("b.csv").write_text("episode,x,action\n0,1,0\n0,,1\n1,2,0\n")
+    result = call("info", "b.csv")
+    assert result.exit_code == 2
+    assert "Missing values:\n  x: 1" in result.stdout
+    assert "demonstration 0, row 2: column 'x' has no value" in result.stderr

@@ -1,0 +1,198 @@
+"""What is said of a file, the order of its rows, and the numbers that the file gives them."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.csv
+import pyarrow.parquet as pq
+import pytest
+
+from rpil.data import formats
+from rpil.data.arrays import as_actions
+from rpil.data.demonstrations import Demonstrations
+from rpil.data.errors import DataError
+from rpil.data.formats import ColumnOptions, open_dataset, read_recording, write_weights
+
+M, T = 6, 30
+N = M * T
+STATE = np.random.default_rng(0).normal(size=(N, 2)).astype(np.float32)
+TABLE = pa.table(
+    {
+        "episode_index": np.repeat(np.arange(M), T),
+        "frame_index": np.tile(np.arange(T), M),
+        "index": np.arange(N),
+        "timestamp": np.tile(np.arange(T) / 10, M),
+        "observation.state": list(STATE),
+        "observation.image": [{"bytes": b""}] * N,
+        "operator": np.repeat(["Ann", "Bob"], N // 2),
+        "task_index": np.zeros(N, int),
+        "next.reward": np.ones(N),
+        "action": np.arange(N) % 3,
+    }
+)
+SHUFFLED = np.random.default_rng(1).permutation(N)
+
+
+@pytest.fixture
+def folder(tmp_path):
+    """A data set as LeRobot writes it."""
+    (tmp_path / "set" / "data" / "chunk-000").mkdir(parents=True)
+    (tmp_path / "set" / "meta").mkdir()
+    pq.write_table(TABLE, tmp_path / "set" / "data" / "chunk-000" / "file-000.parquet")
+    pq.write_table(pa.table({"task_index": [0], "task": ["push"]}), tmp_path / "set" / "meta" / "tasks.parquet")
+    features = {"observation.state": {"shape": [2], "names": ["hip.pos", "knee.pos"]}, "front": {"dtype": "video"}}
+    info = {"codebase_version": "v3.0", "fps": 20, "features": features}
+    (tmp_path / "set" / "meta" / "info.json").write_text(json.dumps(info))
+    return tmp_path / "set"
+
+
+@pytest.mark.parametrize("on_disk", [False, True])
+def test_description_of_a_data_set_of_lerobot(folder, on_disk):
+    said = read_recording(folder, on_disk=on_disk).description
+    assert (said.format, said.demonstrations, said.steps) == ("LeRobot v3.0", M, N)
+    assert (said.seconds, said.fps, said.tasks) == (9.0, 20.0, ("push",))
+    assert said.observations == ("state.hip.pos", "state.knee.pos")
+    assert (said.actions, said.action_kind) == (("action",), "discrete")
+    assert (said.id_column, said.order_column, said.operators) == ("episode_index", "frame_index", ("Ann", "Bob"))
+    assert said.ignored["observation.image"] == "images or nested values"
+    assert said.ignored["next.reward"] == "reward, end or verdict"
+    assert said.ignored["front"] == "video"
+    json.dumps(said.to_dict())
+
+
+def test_metadata_that_cannot_be_read_are_left_out(folder):
+    for text in ("{", "[]", '{"features": 3}', '{"fps": "x"}', "[" * 100_000):
+        (folder / "meta" / "info.json").write_text(text)
+        assert read_recording(folder).description.format == "Parquet"
+
+
+@pytest.mark.parametrize("suffix", [".parquet", ".csv"])
+def test_rows_are_sorted_by_their_column_and_weights_find_them(tmp_path, suffix):
+    table = TABLE.drop_columns(["observation.image", "observation.state"]).append_column(
+        "x", [STATE[:, 0].astype(float)]
+    )
+    table = table.take(SHUFFLED)
+    (pq.write_table if suffix == ".parquet" else pa.csv.write_csv)(table, tmp_path / f"a{suffix}")
+    recording = read_recording(tmp_path / f"a{suffix}")
+    d = recording.demonstrations
+    assert "sorted by frame_index" in recording.description.order
+    weight = np.arange(N, dtype=float)
+    each = np.zeros(M)
+    write_weights(tmp_path / "w.parquet", d.ids, d.offsets, weight, each, each, recording.step_columns)
+    weights = pq.read_table(tmp_path / "w.parquet")
+    assert set(weights.column_names[:4]) == {"episode_index", "step_index", "index", "frame_index"}
+    x_of_index = dict(zip(weights["index"].to_pylist(), d.observations[:, 0].tolist(), strict=True))
+    assert x_of_index == dict(zip(range(N), STATE[:, 0].tolist(), strict=True))
+    assert weights["frame_index"].to_pylist() == weights["step_index"].to_pylist()
+
+
+def test_on_disk_weights_have_the_numbers_of_the_file(folder, tmp_path):
+    recording = read_recording(folder, on_disk=True)
+    each = np.zeros(M)
+    offsets = recording.demonstrations.offsets
+    write_weights(tmp_path / "w.csv", range(M), offsets, np.zeros(N), each, each, recording.step_columns)
+    assert pa.csv.read_csv(tmp_path / "w.csv")["index"].to_pylist() == list(range(N))
+
+
+def test_a_file_that_numbers_steps_from_1_is_joined_by_its_own_numbers(tmp_path):
+    table = {"episode": [1, 1, 2], "step_index": [2, 1, 1], "x": [0.5, 0.25, 0.125], "action": [0, 1, 1]}
+    pq.write_table(pa.table(table), tmp_path / "a.parquet")
+    recording = read_recording(tmp_path / "a.parquet")
+    d = recording.demonstrations
+    assert d.observations[:, 0].tolist() == [0.25, 0.5, 0.125]
+    write_weights(tmp_path / "w.csv", d.ids, d.offsets, np.zeros(3), np.zeros(2), np.zeros(2), recording.step_columns)
+    assert pa.csv.read_csv(tmp_path / "w.csv")["step_index"].to_pylist() == [1, 2, 1]
+
+
+def test_a_column_that_repeats_values_is_no_order(tmp_path):
+    table = TABLE.set_column(1, "frame_index", pa.array(np.zeros(N, int))).drop_columns(["index", "timestamp"])
+    pq.write_table(table, tmp_path / "a.parquet")
+    for on_disk in (False, True):
+        said = read_recording(tmp_path / "a.parquet", on_disk=on_disk).description
+        assert said.order_column is None
+        assert said.order.endswith("because frame_index has repeated values within a demonstration")
+    with pytest.raises(DataError, match=r"demonstration 0, row 2: order column 'frame_index' repeats a value"):
+        formats.read(tmp_path / "a.parquet", order="frame_index")
+
+
+def test_on_disk_rows_out_of_order_are_refused(tmp_path):
+    rows = np.arange(N)
+    rows[[40, 41]] = rows[[41, 40]]
+    pq.write_table(TABLE.take(rows), tmp_path / "a.parquet")
+    with pytest.raises(
+        DataError, match=r"a.parquet, row 42: rows are not in the order of 'frame_index'; sort the file"
+    ):
+        open_dataset(tmp_path / "a.parquet")
+    pq.write_table(TABLE.take(SHUFFLED), tmp_path / "b.parquet")
+    with pytest.raises(DataError, match=r"its rows lie apart in b.parquet; sort them by episode_index"):
+        open_dataset(tmp_path / "b.parquet")
+
+
+@pytest.mark.parametrize("on_disk", [False, True])
+def test_operators_are_read_from_the_column_that_is_named(folder, on_disk):
+    pairs = read_recording(folder, ColumnOptions(operator="operator"), on_disk=on_disk).operators
+    assert dict(pairs) == {str(m): "Ann" if m < M // 2 else "Bob" for m in range(M)}
+
+
+def test_missing_values_are_described_before_they_are_refused(tmp_path):
+    x = STATE[:, 0].astype(float)
+    x[7] = np.nan
+    pq.write_table(TABLE.append_column("observation.x", pa.array(x)), tmp_path / "a.parquet")
+    recording = read_recording(tmp_path / "a.parquet")
+    assert recording.description.missing == {"observation.x": 1}
+    assert recording.description.ranges["x"] == (np.nanmin(x), np.nanmax(x))
+    with pytest.raises(DataError, match="demonstration 0, step 7: observation 'x' is nan"):
+        recording.demonstrations  # noqa: B018
+
+
+KINDS = {
+    "few": (np.arange(200) % 10, "discrete"),
+    "few in few steps": (np.array([5, 1, 900]), "discrete"),
+    "many with ten steps each": (np.arange(1000) % 100, "discrete"),
+    "many in few steps": (np.arange(500) % 100, "continuous"),
+    "over a hundred": (np.arange(100_000) % 101, "continuous"),
+    "pulses": (np.random.default_rng(0).integers(1000, 2000, 5000), "continuous"),
+}
+
+
+@pytest.mark.parametrize("case", KINDS)
+@pytest.mark.parametrize("kind", [int, float])
+def test_whole_numbers_are_classes_where_they_are_few(tmp_path, case, kind):
+    values, wanted = KINDS[case]
+    values, steps = values.astype(kind), np.array([0, 1, len(values)])
+    ones = np.ones((len(values), 1))
+    assert Demonstrations(ones, values, steps).action_kind == wanted
+    pq.write_table(
+        pa.table({"episode": np.arange(len(values)) > 0, "x": ones[:, 0], "action": values}), tmp_path / "a.parquet"
+    )
+    for on_disk in (False, True):
+        recording = read_recording(tmp_path / "a.parquet", on_disk=on_disk)
+        assert recording.description.action_kind == wanted
+        assert recording.demonstrations.is_discrete == (wanted == "discrete")
+        for asked in ("discrete", "continuous"):
+            options = ColumnOptions(action_kind=asked)
+            d = read_recording(tmp_path / "a.parquet", options, on_disk=on_disk).demonstrations
+            assert d.is_discrete == (asked == "discrete")
+
+
+def test_a_part_of_the_demonstrations_keeps_the_kind_of_their_actions():
+    d = Demonstrations(np.ones((1000, 1)), np.arange(1000) % 100, np.array([0, 50, 1000]))
+    assert d.is_discrete
+    assert d.select([0]).is_discrete
+    assert not Demonstrations.from_arrays(np.ones((50, 1)), np.arange(50), [0, 50]).is_discrete
+
+
+def test_an_action_kind_that_cannot_be():
+    for values, wanted in ((np.array(["a", "b"]), "continuous"), (np.array([0.5, 1.0]), "discrete")):
+        with pytest.raises(DataError, match=f"which cannot be {wanted}; leave out the action kind"):
+            as_actions(values, "here", wanted)
+
+
+def test_text_tables_beside_parquet_files_are_named(folder):
+    (folder / "data" / "notes.csv").write_text("a,b\n1,2\n")
+    for on_disk in (False, True):
+        said = read_recording(folder, on_disk=on_disk).description
+        assert said.ignored["notes.csv"] == "a text table beside Parquet files"
