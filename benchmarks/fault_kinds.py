@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rpil.audit.faults.check import find_faults
 from rpil.audit.faults.clock import Clock
 from rpil.data.demonstrations import Demonstrations
 
@@ -26,10 +27,12 @@ class Clean:
     episodes : list of (T, C) arrays
     n_observations : int
     spread, leap : (C,) arrays
-        Standard deviation, and 99.9 % quantile of the changes from one step to the next.
-    low, high : (C,) arrays
-    moving : (C,) bool array
-        Columns that change at 80 % of the steps, at least.
+        Standard deviation, and 99.9 % quantile of the changes from one step to the next, at least .05 spreads.
+    idle : (2,)
+        Upper quartile of the steps at the beginning, and at the end, in which nothing moves.
+    run : (C,) array
+        Upper quartile over the demonstrations of the longest run of one value.
+    high : (C,) array
     """
 
     demonstrations: Demonstrations
@@ -44,17 +47,38 @@ class Clean:
         ]
         rows = np.concatenate(self.episodes)
         changes = np.concatenate([np.abs(np.diff(e, axis=0)) for e in self.episodes])
-        self.spread, self.low, self.high = rows.std(axis=0), rows.min(axis=0), rows.max(axis=0)
-        self.leap = np.quantile(changes, 0.999, axis=0)
-        shares = [(np.diff(e, axis=0) != 0).mean(axis=0) for e in self.episodes if len(e) > 1]
-        distinct = np.array([len(np.unique(column)) >= 20 for column in rows.T])
-        self.moving = distinct & (np.median(shares, axis=0) >= 0.8)
+        self.spread, self.high = rows.std(axis=0), rows.max(axis=0)
+        self.leap = np.maximum(np.quantile(changes, 0.999, axis=0), 0.05 * self.spread)
+        self.run = np.quantile([_longest_runs(e) for e in self.episodes], 0.75, axis=0)
+        still = [(np.abs(np.diff(e, axis=0)) <= 0.05 * self.leap).all(axis=1) for e in self.episodes]
+        self.idle = tuple(np.quantile([_leading(s[::step]) for s in still], 0.75) for step in (1, -1))
+        self.distinct = np.array([len(np.unique(column)) >= 20 for column in rows.T])
+        self.report = find_faults(demonstrations)
 
-    def columns(self, observations: bool = True, actions: bool = True) -> Array:
-        """Numbers of the columns that move."""
-        chosen = np.flatnonzero(self.moving)
-        is_observation = chosen < self.n_observations
-        return chosen[(is_observation & observations) | (~is_observation & actions)]
+    @property
+    def names(self) -> list[str]:
+        """Names of the columns, as in the findings."""
+        n_actions = len(self.spread) - self.n_observations
+        observations = [f"observation {name!r}" for name in self.demonstrations.observation_names]
+        return observations + [f"action {a}" for a in range(n_actions)]
+
+    def columns(self, rule: str) -> Array:
+        """Numbers of the columns that measure something and of which the rule says that it can know."""
+        if rule in self.report.not_checked:
+            return np.arange(0)
+        unknown = self.report.unknown.get(rule, ())
+        kind = {"frozen sensor": "observation", "frozen action": "action"}.get(rule, "")
+        known = [name not in unknown and name.startswith(kind) for name in self.names]
+        return np.flatnonzero(self.distinct & np.array(known))
+
+
+def _leading(still: Array) -> int:
+    return int(np.argmin(np.append(still, False)))
+
+
+def _longest_runs(episode: Array) -> list[int]:
+    changed = np.vstack([np.ones_like(episode[:1], dtype=bool), np.diff(episode, axis=0) != 0])
+    return [int(np.diff(np.flatnonzero(column), append=len(episode)).max()) for column in changed.T]
 
 
 Fault = Callable[[Array, Clean, float, np.random.Generator], Array | None]
@@ -80,7 +104,7 @@ def drop(episode: Array, clean: Clean, size: float, rng: np.random.Generator) ->
 
 def repeat(episode: Array, clean: Clean, size: float, rng: np.random.Generator) -> Array | None:
     """A frame is written several times, where the demonstration moves at its usual speed."""
-    columns = clean.columns(actions=False)
+    columns = np.flatnonzero(clean.distinct[: clean.n_observations])
     if not len(columns) or len(episode) < 8:
         return None
     motion = (np.abs(np.diff(episode[:, columns], axis=0)) / clean.leap[columns]).mean(axis=1)
@@ -93,14 +117,15 @@ def repeat(episode: Array, clean: Clean, size: float, rng: np.random.Generator) 
     return again
 
 
-def _hold(columns: Callable[[Clean], Array], value: str) -> Fault:
+def _hold(rule: str) -> Fault:
     def hold(episode: Array, clean: Clean, size: float, rng: np.random.Generator) -> Array | None:
-        start, column = _place(episode, int(size), rng), _pick(columns(clean), rng)
+        column = _pick(clean.columns(rule), rng)
+        steps = 0 if column is None else int(size * max(15, 4 * clean.run[column]))
+        start = _place(episode, steps, rng)
         if start is None or column is None:
             return None
         held = episode.copy()
-        limits = {"own": episode[start, column], "limit": clean.high[column]}
-        held[start : start + int(size), column] = limits[value]
+        held[start : start + steps, column] = clean.high[column] if rule == "saturation" else episode[start, column]
         return held
 
     return hold
@@ -108,7 +133,7 @@ def _hold(columns: Callable[[Clean], Array], value: str) -> Fault:
 
 def spike(episode: Array, clean: Clean, size: float, rng: np.random.Generator) -> Array | None:
     """One value is off by so many times the largest usual change of its column."""
-    start, column = _place(episode, 1, rng), _pick(clean.columns(), rng)
+    start, column = _place(episode, 1, rng), _pick(clean.columns("spike"), rng)
     if start is None or column is None:
         return None
     off = episode.copy()
@@ -118,7 +143,7 @@ def spike(episode: Array, clean: Clean, size: float, rng: np.random.Generator) -
 
 def jump(episode: Array, clean: Clean, size: float, rng: np.random.Generator) -> Array | None:
     """All values of a column after a step are off by so many times its largest usual change."""
-    start, column = _place(episode, 1, rng), _pick(clean.columns(), rng)
+    start, column = _place(episode, 1, rng), _pick(clean.columns("jump"), rng)
     if start is None or column is None:
         return None
     off = episode.copy()
@@ -128,7 +153,7 @@ def jump(episode: Array, clean: Clean, size: float, rng: np.random.Generator) ->
 
 def scale(episode: Array, clean: Clean, size: float, rng: np.random.Generator) -> Array | None:
     """A column is in another unit, larger or smaller."""
-    column = _pick(clean.columns(), rng)
+    column = _pick(clean.columns("scale"), rng)
     if column is None:
         return None
     other = episode.copy()
@@ -150,7 +175,9 @@ def delay(episode: Array, clean: Clean, size: float, rng: np.random.Generator) -
 def _idle(at_head: bool) -> Fault:
     def idle(episode: Array, clean: Clean, size: float, rng: np.random.Generator) -> Array | None:
         row = episode[:1] if at_head else episode[-1:]
-        still = np.repeat(row, int(size), axis=0)
+        if ("idle head" if at_head else "idle tail") in clean.report.not_checked:
+            return None
+        still = np.repeat(row, int(size * max(15, 4 * clean.idle[not at_head])), axis=0)
         longer = np.concatenate([still, episode] if at_head else [episode, still])
         longer[:, -1] = np.arange(len(longer)) / FPS
         return longer
@@ -184,20 +211,20 @@ class Kind:
 
 
 HELD = ("frozen sensor", "frozen action", "saturation")
+HELD_UNIT = "times 15 steps, or 4 usual longest runs"
+IDLE_UNIT = "times 15 steps, or 4 usual idle ends"
 KINDS: dict[str, Kind] = {
     "dropped frames": Kind(drop, (1, 3, 10), "frames", "dropped frames"),
     "repeated frames": Kind(repeat, (1, 3, 10), "frames, without timestamps", "repeated frames"),
-    "frozen sensor": Kind(_hold(lambda c: c.columns(actions=False), "own"), (15, 25, 40), "steps", "frozen sensor", HELD),
-    "frozen action": Kind(
-        _hold(lambda c: c.columns(observations=False), "own"), (15, 25, 40), "steps", "frozen action", HELD
-    ),
-    "saturation": Kind(_hold(lambda c: c.columns(), "limit"), (15, 25, 40), "steps", "saturation", HELD),
+    "frozen sensor": Kind(_hold("frozen sensor"), (1, 2, 3), HELD_UNIT, "frozen sensor", HELD),
+    "frozen action": Kind(_hold("frozen action"), (1, 2, 3), HELD_UNIT, "frozen action", HELD),
+    "saturation": Kind(_hold("saturation"), (1, 2, 3), HELD_UNIT, "saturation", HELD),
     "spike": Kind(spike, (3, 6, 12), "times the 99.9 % quantile of changes", "spike"),
     "jump": Kind(jump, (3, 6, 12), "times the 99.9 % quantile of changes", "jump"),
     "scale": Kind(scale, (25.4, 57.3, 1000), "times or the inverse", "scale"),
     "lag": Kind(delay, (3, 5, 8), "steps late or early", "lag"),
-    "idle head": Kind(_idle(True), (15, 30, 60), "steps", "idle head"),
-    "idle tail": Kind(_idle(False), (15, 30, 60), "steps", "idle tail"),
+    "idle head": Kind(_idle(True), (1, 2, 3), IDLE_UNIT, "idle head"),
+    "idle tail": Kind(_idle(False), (1, 2, 3), IDLE_UNIT, "idle tail"),
     "length, cut": Kind(cut, (4, 7, 10), "times shorter", "length"),
     "length, run on": Kind(lengthen, (4, 7, 10), "times longer", "length"),
 }

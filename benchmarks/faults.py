@@ -84,7 +84,7 @@ def run(folder: Path | None, seeds: int, n_simulated: int, quick: bool = False) 
         for seed in range(seeds):
             for kind, k in KINDS.items():
                 for size in k.sizes:
-                    planted = plant(clean, kind, size, SHARE, np.random.default_rng([seed, int(size)]))
+                    planted = plant(clean, kind, size, SHARE, np.random.default_rng([seed, int(10 * size)]))
                     if planted is not None:
                         report = find_faults(planted.demonstrations, planted.clock)
                         row = {"group": group, "set": name, "kind": kind, "size": size, "seed": seed}

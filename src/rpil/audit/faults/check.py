@@ -8,10 +8,11 @@ from itertools import chain
 from rpil.audit.faults.clock import Clock, find_frame_counts, find_frame_times, frame_time
 from rpil.audit.faults.columns import Columns, describe_columns, pilot
 from rpil.audit.faults.duplicates import find_duplicates
+from rpil.audit.faults.expected import leave_out
 from rpil.audit.faults.lag import Pair, find_pairs
 from rpil.audit.faults.measure import measure
 from rpil.audit.faults.record import FaultReport, Finding
-from rpil.audit.faults.rules import COMPARISONS, Evidence
+from rpil.audit.faults.rules import COMPARISONS, Evidence, is_lag_known
 from rpil.audit.faults.settings import FaultSettings
 from rpil.data.arrays import Id
 from rpil.data.demonstrations import Demonstrations
@@ -19,6 +20,12 @@ from rpil.data.formats.dataset import Dataset
 
 FAULT_SETTINGS = FaultSettings()
 """The default."""
+
+COLUMN_RULES = ("frozen sensor", "frozen action", "saturation", "spike", "jump", "scale", "idle head", "idle tail")
+"""Rules that compare columns which measure something."""
+
+WHOLE_RULES = ("lag", "length", "repeated frames")
+"""Rules that compare demonstrations as a whole."""
 
 
 def find_faults(
@@ -51,72 +58,84 @@ def find_faults(
     values = columns.of(sample.shards(1, sample.n_steps + 1)[0][0])
     pairs = find_pairs(values, sample.offsets, columns, settings)
     measured = measure(demonstrations, columns, pairs, settings)
-    seen = Evidence(measured, columns, demonstrations.ids, demonstrations.lengths, settings)
-    not_checked = _not_checked(demonstrations, clock, columns, pairs, settings)
+    seen = Evidence(measured, columns, pairs, demonstrations.ids, demonstrations.lengths, settings)
+    not_checked = _not_applicable(demonstrations, clock, columns, pairs, settings)
     found = [
         *missing,
         *find_frame_counts(clock, demonstrations),
         *find_frame_times(clock, demonstrations, settings),
         *find_duplicates(seen),
-        *chain.from_iterable(
-            find(seen) for rules, find in COMPARISONS.items() if not all(rule in not_checked for rule in rules)
-        ),
     ]
-    on_purpose = {(rule, name) for rule, names in (expected or {}).items() for name in names}
-    kept = [f for f in found if not {(f.rule, str(f.id)), (f.rule, "all"), ("any", str(f.id))} & on_purpose]
+    unknown = {}
+    for comparison in chain.from_iterable(compare(seen) for compare in COMPARISONS):
+        rule = comparison.rule
+        if rule not in not_checked:
+            found += comparison.findings(demonstrations.ids)
+            if comparison.unknown:
+                unknown[rule] = comparison.unknown
+    found, n_expected = leave_out(found, expected or {})
     return FaultReport(
-        tuple(kept),
-        not_checked,
-        _usual(demonstrations, clock, columns, pairs),
+        tuple(found),
+        not_checked | _too_different(unknown, columns),
+        {rule: names for rule, names in unknown.items() if names != ("",)},
+        _usual(demonstrations, clock, seen),
         len(demonstrations),
         demonstrations.n_steps,
         tuple(dict.fromkeys(f.id for f in missing)),
-        len(found) - len(kept),
+        n_expected,
     )
 
 
-def _not_checked(
+def _not_applicable(
     demonstrations: Demonstrations | Dataset,
     clock: Clock,
     columns: Columns,
     pairs: tuple[Pair, ...],
     settings: FaultSettings,
 ) -> dict[str, str]:
-    """The rules that cannot be applied, and why."""
-    why = {}
-    few = f"needs {settings.min_demonstrations} demonstrations to know what is usual"
+    """The rules that do not apply to such data, and why."""
+    n_actions = int(columns.is_action.sum())
     codes = "no {} column measures something: all are constant, codes or pixels"
+    why = {}
     if clock.timestamps is None:
         why["dropped frames"] = "the recording has no timestamps"
     if not clock.frames:
         why["frame count"] = "the recording does not say how many frames there should be"
-    n_actions = int(columns.is_action.sum())
     if len(columns.names) == n_actions:
-        why |= dict.fromkeys(("frozen sensor", "idle head", "idle tail"), codes.format("observation"))
+        why["frozen sensor"] = codes.format("observation")
     if not n_actions:
         why["frozen action"] = "actions are discrete" if demonstrations.is_discrete else codes.format("action")
     if not columns.names:
-        why |= dict.fromkeys(("saturation", "spike", "jump", "scale"), codes.format("observation or action"))
+        why |= dict.fromkeys(COLUMN_RULES, codes.format("observation or action"))
     if not pairs:
         why["lag"] = "no observation follows an action"
     if len(demonstrations) < settings.min_demonstrations:
-        why |= {rule: few for rules in COMPARISONS for rule in rules if rule not in why}
+        few = f"it takes {settings.min_demonstrations} demonstrations to know what is usual"
+        why |= {rule: few for rule in (*COLUMN_RULES, *WHOLE_RULES) if rule not in why}
     return why
 
 
-def _usual(
-    demonstrations: Demonstrations | Dataset, clock: Clock, columns: Columns, pairs: tuple[Pair, ...]
-) -> dict[str, str]:
+def _too_different(unknown: dict[str, tuple[str, ...]], columns: Columns) -> dict[str, str]:
+    """Why rules that apply were silent in all columns."""
+    reasons = {"lag": "the lag between action and state is not the same in most demonstrations"}
+    other = "demonstrations differ too much in this to tell what is usual"
+    return {
+        rule: reasons.get(rule, other)
+        for rule, names in unknown.items()
+        if names == ("",) or len(names) == len(columns.names)
+    }
+
+
+def _usual(demonstrations: Demonstrations | Dataset, clock: Clock, seen: Evidence) -> dict[str, str]:
     """What is usual in these data."""
     usual, seconds = {}, frame_time(clock, demonstrations)
-    if pairs:
-        time = "" if seconds is None else f" ({1e3 * seconds * abs(pairs[0].lag):.0f} ms)"
-        best = max(pairs, key=lambda pair: pair.correlation)
-        usual["lag"] = (
-            f"{columns.names[best.state]} is best aligned with {columns.names[best.action]} {best.lag} steps{time} later"
-        )
+    if is_lag_known(seen):
+        best, names = max(seen.pairs, key=lambda pair: pair.correlation), seen.columns.names
+        time = "" if seconds is None else f" ({1e3 * seconds * abs(best.lag):.0f} ms)"
+        first, second = names[best.action], names[best.state]
+        if best.lag < 0:
+            first, second = second, first
+        usual["lag"] = f"{second} follows {first} after {abs(best.lag)} steps{time}"
     if seconds is not None:
         usual["dropped frames"] = f"a frame every {1e3 * seconds:.4g} ms"
     return usual
-
-

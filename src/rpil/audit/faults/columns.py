@@ -3,7 +3,7 @@ usually move."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -27,9 +27,11 @@ class Columns:
     scale : (C,) array
         Median of the changes that are not 0.
     spread : (C,) array
-        Standard deviation.
+        Standard deviation, by the median distance from the median, which a few wrong demonstrations do not change.
+    moving : (C,) array
+        Share of the steps in motion in which the column changes.
     motion : float
-        Median motion of the steps, see `motion_of`, that are not idle.
+        Median motion of the steps, see `motion_of`, of those that have any.
     """
 
     names: tuple[str, ...]
@@ -37,6 +39,7 @@ class Columns:
     is_action: Bool[Array, " C"]
     scale: Float[Array, " C"]
     spread: Float[Array, " C"]
+    moving: Float[Array, " C"]
     motion: float = 1.0
 
     def of(self, block: Block) -> Float[Array, "C T"]:
@@ -72,15 +75,23 @@ def describe_columns(sample: Demonstrations, settings: FaultSettings) -> Columns
     measured = [k for k, (_, column) in enumerate(everything) if _is_measurement(column, settings)]
     number = np.array([k if k < width else k - width + sample.n_observations for k in measured], dtype=np.int64)
     names = tuple(everything[k][0] for k in measured)
-    empty = Columns(names, number, number >= sample.n_observations, np.ones(len(number)), np.ones(len(number)))
+    ones = np.ones(len(number))
+    empty = Columns(names, number, number >= sample.n_observations, ones, ones, ones)
     if not names:
         return empty
     values = empty.of(sample.shards(1, sample.n_steps + 1)[0][0])
     size = np.abs(segments.changes(values, sample.offsets))
     scale = np.array([_median_or_one(moved[moved > 0]) for moved in size])
-    columns = Columns(names, number, empty.is_action, scale, values.std(axis=1))
+    columns = replace(empty, scale=scale, spread=_spread(values))
     motion = columns.motion_of(size)
-    return Columns(names, number, empty.is_action, scale, columns.spread, _median_or_one(motion[motion > 0]))
+    usual = _median_or_one(motion[motion > 0])
+    moves = motion > settings.idle_motion * usual
+    return replace(columns, moving=(size > 0)[:, moves].mean(axis=1) if moves.any() else ones, motion=usual)
+
+
+def _spread(values: Float[Array, "C T"]) -> Float[Array, " C"]:
+    off = np.median(np.abs(values - np.median(values, axis=1, keepdims=True)), axis=1)
+    return np.asarray(np.where(off > 0, off / 0.6745, values.std(axis=1)))
 
 
 def _median_or_one(values: Array) -> float:

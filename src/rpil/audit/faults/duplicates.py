@@ -21,7 +21,7 @@ def find_duplicates(seen: Evidence) -> Iterator[Finding]:
     for m, twin in exact.items():
         yield _finding(seen, m, twin, 0.0, 0.0, "it is the same as demonstration")
     signatures = seen.measured.signature
-    if signatures.shape[1] and np.ptp(signatures, axis=0).any() and len(signatures) >= seen.settings.min_demonstrations:
+    if seen.columns.names and len(signatures) >= seen.settings.min_demonstrations:
         distance, nearest = nearest_neighbours(signatures)
         limit = near_limit(distance, seen.settings)
         for m in np.flatnonzero(distance < limit).tolist():
@@ -42,7 +42,7 @@ def near_limit(distance: Array, settings: FaultSettings) -> float:
     if not 0 < middle < high:
         return 0.0
     power = np.log(high / middle) / np.log(2.0)
-    return middle * min(settings.near_duplicate, float((settings.near_share / np.log(2.0)) ** power))
+    return middle * float(np.clip((settings.near_share / np.log(2.0)) ** power, *settings.near_duplicate))
 
 
 def _finding(seen: Evidence, m: int, twin: int, value: float, limit: float, words: str) -> Finding:

@@ -18,8 +18,9 @@ from rpil.numerics.types import Array, Float, Int, Shaped
 BLOCK_STEPS = 8_192
 """Steps of a block: a dozen columns of them stay in a second-level cache."""
 
-POINTS, DIRECTIONS = 8, 8
-"""Of a signature: points along a demonstration, and random directions of its columns."""
+PARTS, DIRECTIONS, LENGTH_WEIGHT = 8, 8, 10.0
+"""Of a signature: parts of a demonstration, random directions of its columns, and standard deviations of a column to
+which a length e times longer amounts."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,6 +32,7 @@ class Measured:
     spike_step: Int[Array, "M C"]
     jump: Float[Array, "M C"]  # the largest change from one step to the next that is not taken back at once
     jump_step: Int[Array, "M C"]
+    largest: Float[Array, "M C"]  # change from one step to the next
     still: Int[Array, "M C"]  # steps in motion during which the column keeps one value, in its longest such run
     run_step: Int[Array, "M C"]
     run: Int[Array, "M C"]  # steps of that run
@@ -84,6 +86,7 @@ def _measure_block(
     return Measured(
         *segments.largest(spike, offsets),
         *segments.largest(jump, offsets),
+        np.maximum.reduceat(size, offsets[:-1], axis=1).T,
         still,
         run_step,
         run,
@@ -139,11 +142,13 @@ def _repeats(changed: Array, moves: Array, offsets: Array) -> tuple[Array, Array
 
 
 def _signatures(values: Array, offsets: Array, directions: Array) -> Array:
-    """Values at some points along each demonstration, seen from some directions, (M, S)."""
-    along = np.linspace(0.0, 1.0, POINTS)
-    rows = offsets[:-1, None] + np.rint(along * (np.diff(offsets) - 1)[:, None]).astype(np.int64)
-    seen = directions @ values[:, rows.ravel()]
-    return np.ascontiguousarray(seen.T).reshape(len(rows), -1).astype(np.float32)
+    """Means over parts of each demonstration, seen from some directions, and the logarithm of its length, (M, S)."""
+    lengths = np.diff(offsets)
+    firsts = offsets[:-1, None] + (np.arange(PARTS) * lengths[:, None]) // PARTS
+    widths = np.diff(firsts, append=offsets[1:, None]).ravel()
+    seen = np.add.reduceat(directions @ values, firsts.ravel(), axis=1) / np.maximum(widths, 1)
+    parts = np.ascontiguousarray(seen.T).reshape(len(lengths), -1)
+    return np.column_stack([parts, LENGTH_WEIGHT * np.log(lengths)])
 
 
 def _digests(block: Block) -> Array:

@@ -76,6 +76,9 @@ class FaultReport:
         The worst first.
     not_checked : mapping of rule to str
         The rules that could not be applied, and why.
+    unknown : mapping of rule to names of columns
+        The columns about which a rule says nothing, because they rest for long or clean demonstrations differ too much
+        in them.
     usual : mapping of rule to str
         What is usual in these data, in words, such as the lag between action and state.
     n_demonstrations, n_steps : int
@@ -87,6 +90,7 @@ class FaultReport:
 
     findings: tuple[Finding, ...]
     not_checked: Mapping[str, str]
+    unknown: Mapping[str, tuple[str, ...]]
     usual: Mapping[str, str]
     n_demonstrations: int
     n_steps: int
@@ -120,6 +124,7 @@ class FaultReport:
             "trims": [{"id": name, "first": first, "end": end} for name, (first, end) in self.trims().items()],
             "usual": dict(self.usual),
             "not_checked": dict(self.not_checked),
+            "unknown": {rule: list(names) for rule, names in self.unknown.items()},
             "set_aside": list(self.set_aside),
             "expected": self.n_expected,
         }

@@ -8,11 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from rpil.audit.faults.columns import Columns
+from rpil.audit.faults.lag import Pair
 from rpil.audit.faults.measure import Measured
 from rpil.audit.faults.record import Finding
 from rpil.audit.faults.settings import FaultSettings
 from rpil.data.arrays import Id
-from rpil.numerics.types import Array
+from rpil.numerics.types import Array, Float
 
 
 @dataclass(frozen=True, eq=False)
@@ -21,213 +22,230 @@ class Evidence:
 
     measured: Measured
     columns: Columns
+    pairs: tuple[Pair, ...]
     ids: tuple[Id, ...]
     lengths: Array
     settings: FaultSettings
 
-    def find(self, rule: str, worst: Worst, steps: Steps, say: Callable[[int, int], str]) -> Iterator[Finding]:
-        """A finding for each demonstration beyond its threshold; `say` and `steps` get the demonstration and column."""
-        for m in np.flatnonzero(worst.severity > 1.0).tolist():
-            c = int(worst.column[m])
-            first, last = steps(m, c)
-            more = int(worst.n_columns[m]) - 1
+
+@dataclass(frozen=True, eq=False)
+class Comparison:
+    """A rule applied to M demonstrations and the columns `names`, which are one, "", for the demonstration as a whole.
+
+    Where nothing can be known about a column, because it differs too much between demonstrations that are clean or
+    because it does not move, its severity is NaN.
+    """
+
+    rule: str
+    names: tuple[str, ...]
+    value: Float[Array, "M C"]
+    threshold: Float[Array, "M C"]
+    severity: Float[Array, "M C"]
+    steps: Callable[[int, int], tuple[int, int]]  # of a demonstration and a column
+    say: Callable[[int, int], str]
+
+    @classmethod
+    def above(
+        cls,
+        rule: str,
+        names: tuple[str, ...],
+        value: Array,
+        threshold: Array,
+        steps: Callable[[int, int], tuple[int, int]],
+        say: Callable[[int, int], str],
+    ) -> Comparison:
+        """Values above their thresholds are faults; an infinite or missing threshold says that nothing is known."""
+        value = np.reshape(value, (len(value), -1)).astype(float)
+        threshold = np.broadcast_to(threshold, value.shape)
+        severity = np.where(np.isfinite(threshold), value / np.where(threshold > 0, threshold, 1.0), np.nan)
+        return cls(rule, names, value, threshold, severity, steps, say)
+
+    @property
+    def unknown(self) -> tuple[str, ...]:
+        """The columns about which nothing can be known."""
+        return tuple(name for name, missing in zip(self.names, np.isnan(self.severity).all(axis=0), strict=True) if missing)
+
+    def findings(self, ids: tuple[Id, ...]) -> Iterator[Finding]:
+        """For each demonstration with a fault, its worst column."""
+        severity = np.nan_to_num(self.severity, nan=0.0)
+        for m in np.flatnonzero((severity > 1.0).any(axis=1)).tolist():
+            c = int(np.argmax(severity[m]))
+            more = int((severity[m] > 1.0).sum()) - 1
+            also = f", and {more} more column{'s' if more > 1 else ''}" if more else ""
+            value, threshold = float(self.value[m, c]), float(self.threshold[m, c])
+            at = self.steps(m, c)
             yield Finding(
-                rule,
-                self.ids[m],
-                first,
-                last,
-                self.columns.names[c] if worst.by_column else "",
-                float(worst.value[m]),
-                float(worst.threshold[m]),
-                float(worst.severity[m]),
-                say(m, c) + (f", and {more} more columns" if more > 1 else ", and 1 more column" if more else ""),
+                self.rule, ids[m], *at, self.names[c], value, threshold, float(severity[m, c]), self.say(m, c) + also
             )
 
 
-Steps = Callable[[int, int], tuple[int, int]]
-
-
-@dataclass(frozen=True, eq=False)
-class Worst:
-    """Of each demonstration the column that is furthest beyond its threshold, (M,) each."""
-
-    column: Array
-    value: Array
-    threshold: Array
-    severity: Array
-    n_columns: Array
-    by_column: bool = True
-
-    @classmethod
-    def of(cls, value: Array, threshold: Array, severity: Array | None = None) -> Worst:
-        """From (M, C) or (M,) values, and their thresholds."""
-        by_column = value.ndim == 2
-        value, threshold = (np.reshape(a, (len(value), -1)) for a in (value, np.broadcast_to(threshold, value.shape)))
-        ratio = np.divide(value, threshold) if severity is None else severity.reshape(value.shape)
-        column = np.argmax(ratio, axis=1) if ratio.shape[1] else np.zeros(len(value), dtype=int)
-        at = np.arange(len(value)), column
-        return cls(column, value[at], threshold[at], ratio[at], (ratio > 1).sum(axis=1), by_column)
-
-
 def fence(values: Array, factor: float, least: Array | float, settings: FaultSettings) -> Array:
-    """Where values (M, ...) of demonstrations begin to be unusual.
+    """Where values (M, ...) of demonstrations begin to be unusual; infinite where they differ too much to tell.
 
     With quartiles q1 and q3 over the demonstrations, and s = `least`, the size below which values do not differ:
 
-        (q3 + s) max(factor, ((q3 + s) / (q1 + s))^fence)
+        (q3 + s) max(factor, r),    r = ((q3 + s) / (q1 + s))^fence,    for r up to `max_spread`.
     """
     low, high = np.quantile(values, [0.25, 0.75], axis=0, method="lower") + least
-    return np.asarray(high * np.maximum(factor, (high / low) ** settings.fence))
+    spread = (high / np.maximum(low, 1e-300)) ** settings.fence
+    return np.asarray(np.where(spread <= settings.max_spread, high * np.maximum(factor, spread), np.inf))
 
 
-def find_spikes(seen: Evidence) -> Iterator[Finding]:
-    """Single values far from both neighbours."""
-    by, s = seen.measured, seen.settings
-    worst = Worst.of(by.spike, fence(by.spike, s.spike_factor, s.smallest * seen.columns.scale, s))
-    return seen.find(
-        "spike",
-        worst,
-        lambda m, c: (int(by.spike_step[m, c]),) * 2,
-        lambda m, c: (
-            f"{seen.columns.names[c]} is {by.spike[m, c]:.3g} away from its neighbours at step {by.spike_step[m, c]} "
-            f"(at most {worst.threshold[m]:.3g} is usual)"
-        ),
-    )
-
-
-def find_jumps(seen: Evidence) -> Iterator[Finding]:
-    """Leaps that are not taken back at the next step."""
-    by, s = seen.measured, seen.settings
-    worst = Worst.of(by.jump, fence(by.jump, s.jump_factor, s.smallest * seen.columns.scale, s))
-    return seen.find(
-        "jump",
-        worst,
-        lambda m, c: (int(by.jump_step[m, c]) - 1, int(by.jump_step[m, c])),
-        lambda m, c: (
-            f"{seen.columns.names[c]} leaps by {by.jump[m, c]:.3g} at step {by.jump_step[m, c]} "
-            f"(at most {worst.threshold[m]:.3g} is usual)"
-        ),
-    )
-
-
-def find_constant_runs(seen: Evidence) -> Iterator[Finding]:
-    """Frozen sensors, frozen actions and saturation: one value for long, while others move."""
-    by, s, columns = seen.measured, seen.settings, seen.columns
-    threshold = np.maximum(fence(by.still, s.frozen_factor, 2.0, s), s.min_frozen)
-    at_limit = (by.run_value == by.low.min(axis=0)) | (by.run_value == by.high.max(axis=0))
-    for rule, own in (
-        ("saturation", at_limit),
-        ("frozen sensor", ~at_limit & ~columns.is_action),
-        ("frozen action", ~at_limit & columns.is_action),
-    ):
-        worst = Worst.of(np.where(own, by.still, 0), threshold)
-        yield from seen.find(
-            rule,
-            worst,
-            lambda m, c: (int(by.run_step[m, c]), int(by.run_step[m, c] + by.run[m, c]) - 1),
-            lambda m, c, worst=worst: (  # type: ignore[misc]
-                f"{columns.names[c]} is {by.run_value[m, c]:.4g} for {by.run[m, c]} steps from step "
-                f"{by.run_step[m, c]} (at most {worst.threshold[m]:.0f} are usual) while others change"
-            ),
-        )
-
-
-def find_repeated_rows(seen: Evidence) -> Iterator[Finding]:
-    """Rows that repeat the one before while everything moves."""
-    by, s = seen.measured, seen.settings
-    worst = Worst.of(by.repeats, fence(by.repeats, s.repeat_factor, 0.1, s))
-    return seen.find(
-        "repeated frames",
-        worst,
-        lambda m, _: (int(by.repeat_step[m]), int(by.repeat_step[m] + by.repeat_run[m]) - 1),
-        lambda m, _: (
-            f"{by.repeats[m]} rows repeat the row before while all moves, the longest repetition at step "
-            f"{by.repeat_step[m]}"
-        ),
-    )
-
-
-def find_idle_ends(seen: Evidence) -> Iterator[Finding]:
-    """Idle beginnings and ends, which may be trimmed."""
-    by, s = seen.measured, seen.settings
-    for rule, idle in (("idle head", by.head), ("idle tail", by.tail)):
-        worst = Worst.of(idle, np.maximum(fence(idle, s.idle_factor, 1.0, s), s.min_idle))
-        is_head = rule == "idle head"
-        yield from seen.find(
-            rule,
-            worst,
-            lambda m, _, is_head=is_head: (  # type: ignore[misc]
-                (0, int(by.head[m]) - 1) if is_head else (int(seen.lengths[m] - by.tail[m]), int(seen.lengths[m]) - 1)
-            ),
-            lambda m, _, idle=idle, worst=worst, end="first" if is_head else "last": (  # type: ignore[misc]
-                f"nothing moves in the {end} {idle[m]} steps (at most {worst.threshold[m]:.0f} are usual)"
-            ),
-        )
-
-
-def find_lengths(seen: Evidence) -> Iterator[Finding]:
-    """Demonstrations far longer or shorter than the others."""
-    s, lengths = seen.settings, seen.lengths.astype(float)
-    low, high = _two_fences(lengths, s.length_factor, s)
-    severity = np.maximum(lengths / high, low / lengths)
-    worst = Worst.of(lengths, np.where(lengths > high, high, low), severity)
-    return seen.find(
-        "length",
-        worst,
-        lambda m, _: (0, int(lengths[m]) - 1),
-        lambda m, _: f"it has {lengths[m]:.0f} steps ({low:.0f} to {high:.0f} are usual)",
-    )
-
-
-def find_scales(seen: Evidence) -> Iterator[Finding]:
-    """Columns whose values and changes are both many times larger, or smaller, than elsewhere."""
-    by, s, least = seen.measured, seen.settings, 1e-3 * seen.columns.spread
-    levels, changes = by.level + least, by.change + 1e-3 * seen.columns.scale
-    (low, high), (slow, fast) = (_two_fences(values, s.scale_factor, s) for values in (levels, changes))
-    larger, smaller = np.minimum(levels / high, changes / fast), np.minimum(low / levels, slow / changes)
-    usual = np.median(levels, axis=0)
-    worst = Worst.of(levels / usual, np.where(larger > smaller, high, low) / usual, np.maximum(larger, smaller))
-    return seen.find(
-        "scale",
-        worst,
-        lambda m, _: (0, int(seen.lengths[m]) - 1),
-        lambda m, c: (
-            f"{seen.columns.names[c]} is {worst.value[m]:.3g} times its usual size, and so are its changes: "
-            "perhaps another unit"
-        ),
-    )
-
-
-def _two_fences(values: Array, factor: float, settings: FaultSettings) -> tuple[Array, Array]:
+def two_fences(values: Array, factor: float, settings: FaultSettings) -> tuple[Array, Array]:
     """Where positive values (M, ...) begin to be unusually small, and unusually large."""
     return 1.0 / fence(1.0 / values, factor, 0.0, settings), fence(values, factor, 0.0, settings)
 
 
-def find_lags(seen: Evidence) -> Iterator[Finding]:
-    """Demonstrations whose state follows the action sooner or later than elsewhere."""
-    by, s = seen.measured, seen.settings
-    is_odd = np.abs(by.shift) >= s.min_shift
-    worst = Worst.of(np.abs(by.shift), np.full(len(by.shift), s.min_shift), is_odd * by.shift_gain / s.shift_gain)
-    return seen.find(
-        "lag",
-        worst,
-        lambda m, _: (0, int(seen.lengths[m]) - 1),
-        lambda m, _: f"the state follows the action {abs(by.shift[m])} steps {_later(by.shift[m])} than is usual",
+def compare_leaps(seen: Evidence) -> Iterator[Comparison]:
+    """Spikes and jumps: larger than usual, than the usual largest change, and than a share of the column's spread."""
+    by, s, columns = seen.measured, seen.settings, seen.columns
+    usual = s.change_factor * np.quantile(by.largest, 0.75, axis=0, method="lower")
+    least = np.maximum(usual, s.smallest_leap * columns.spread)
+
+    def is_spike(m: int, c: int) -> str:
+        at = f"{columns.names[c]} is {by.spike[m, c]:.3g} away from its neighbours at step {by.spike_step[m, c]}"
+        return f"{at} ({spikes[c]:.3g} at most is usual)"
+
+    def is_jump(m: int, c: int) -> str:
+        leap = f"{columns.names[c]} leaps by {by.jump[m, c]:.3g} at step {by.jump_step[m, c]}"
+        return f"{leap} ({jumps[c]:.3g} at most is usual)"
+
+    spikes, jumps = (
+        np.maximum(fence(value, factor, s.smallest * columns.scale, s), least)
+        for value, factor in ((by.spike, s.spike_factor), (by.jump, s.jump_factor))
+    )
+    yield Comparison.above(
+        "spike", columns.names, by.spike, spikes, lambda m, c: (int(by.spike_step[m, c]),) * 2, is_spike
+    )
+    yield Comparison.above(
+        "jump", columns.names, by.jump, jumps, lambda m, c: (int(by.jump_step[m, c]) - 1, int(by.jump_step[m, c])), is_jump
     )
 
 
-def _later(shift: int) -> str:
-    return "later" if shift > 0 else "sooner"
+def compare_constant_runs(seen: Evidence) -> Iterator[Comparison]:
+    """Frozen sensors, frozen actions and saturation: one value for long, while others move."""
+    by, s, columns = seen.measured, seen.settings, seen.columns
+    limit = np.maximum(fence(by.still, s.frozen_factor, s.smallest_run, s), s.min_frozen)
+    limit = np.where(columns.moving >= s.min_moving, limit, np.inf)
+    is_extreme = (by.run_value == by.low.min(axis=0)) | (by.run_value == by.high.max(axis=0))
+
+    def steps(m: int, c: int) -> tuple[int, int]:
+        return int(by.run_step[m, c]), int(by.run_step[m, c] + by.run[m, c]) - 1
+
+    def say(m: int, c: int) -> str:
+        stays = f"{columns.names[c]} stays at {by.run_value[m, c]:.4g} for {by.run[m, c]} steps"
+        return f"{stays} from step {by.run_step[m, c]} while others move ({limit[c]:.0f} at most are usual)"
+
+    for rule, own in (
+        ("saturation", is_extreme),
+        ("frozen sensor", ~is_extreme & ~columns.is_action),
+        ("frozen action", ~is_extreme & columns.is_action),
+    ):
+        yield Comparison.above(rule, columns.names, np.where(own, by.still, 0), limit, steps, say)
 
 
-COMPARISONS: dict[tuple[str, ...], Callable[[Evidence], Iterator[Finding]]] = {
-    ("spike",): find_spikes,
-    ("jump",): find_jumps,
-    ("frozen sensor", "frozen action", "saturation"): find_constant_runs,
-    ("repeated frames",): find_repeated_rows,
-    ("idle head", "idle tail"): find_idle_ends,
-    ("scale",): find_scales,
-    ("lag",): find_lags,
-    ("length",): find_lengths,
-}
-"""The rules that compare demonstrations, and what they find."""
+def compare_repeated_rows(seen: Evidence) -> Iterator[Comparison]:
+    """Rows that repeat the one before while everything moves."""
+    by, s = seen.measured, seen.settings
+    limit = fence(by.repeats, s.repeat_factor, s.smallest_repeat, s)
+    yield Comparison.above(
+        "repeated frames",
+        ("",),
+        by.repeats,
+        limit,
+        lambda m, _: (int(by.repeat_step[m]), int(by.repeat_step[m] + by.repeat_run[m]) - 1),
+        lambda m, _: f"{by.repeats[m]} rows repeat the row before while all moves, the longest from step "
+        f"{by.repeat_step[m]} ({limit:.0f} at most are usual)",
+    )
+
+
+def compare_idle_ends(seen: Evidence) -> Iterator[Comparison]:
+    """Idle beginnings and ends, which may be trimmed."""
+    s, lengths = seen.settings, seen.lengths.astype(int)
+    for rule, words, idle in (
+        ("idle head", "first", seen.measured.head),
+        ("idle tail", "last", seen.measured.tail),
+    ):
+        limit = max(float(fence(idle, s.idle_factor, s.min_idle / s.idle_factor, s)), s.min_idle)
+
+        def steps(m: int, _: int, idle: Array = idle, at_head: bool = words == "first") -> tuple[int, int]:
+            return (0, int(idle[m]) - 1) if at_head else (int(lengths[m] - idle[m]), int(lengths[m]) - 1)
+
+        def say(m: int, _: int, idle: Array = idle, words: str = words, limit: float = limit) -> str:
+            return f"nothing moves in the {words} {idle[m]} steps ({limit:.0f} at most are usual)"
+
+        yield Comparison.above(rule, ("",), idle, np.asarray(limit), steps, say)
+
+
+def compare_lengths(seen: Evidence) -> Iterator[Comparison]:
+    """Demonstrations far longer or shorter than the others."""
+    lengths = seen.lengths.astype(float)[:, None]
+    low, high = two_fences(lengths, seen.settings.length_factor, seen.settings)
+    severity = np.maximum(lengths / high, low / lengths)
+    severity[:, ~np.isfinite(high) | (low == 0)] = np.nan
+    yield Comparison(
+        "length",
+        ("",),
+        lengths,
+        np.where(lengths > high, high, low),
+        severity,
+        lambda m, _: (0, int(lengths[m, 0]) - 1),
+        lambda m, _: f"it has {lengths[m, 0]:.0f} steps ({low[0]:.0f} to {high[0]:.0f} are usual)",
+    )
+
+
+def compare_scales(seen: Evidence) -> Iterator[Comparison]:
+    """Columns whose values and changes are both many times larger, or smaller, than elsewhere.
+
+    A quiet demonstration has small values in all its columns; a smaller column must be so beside the others as well.
+    """
+    by, s, columns = seen.measured, seen.settings, seen.columns
+    levels, changes = by.level + 1e-3 * columns.spread, by.change + 1e-3 * columns.scale
+    (low, high), (slow, fast) = (two_fences(values, s.scale_factor, s) for values in (levels, changes))
+    ratio = levels / np.median(levels, axis=0)
+    beside = np.median(ratio, axis=1, keepdims=True) / ratio / s.scale_factor
+    larger = np.minimum(levels / high, changes / fast)
+    smaller = np.minimum(np.minimum(low / levels, slow / changes), beside)
+    severity = np.maximum(larger, smaller)
+    severity[:, ~np.isfinite(high + fast) | (low * slow == 0)] = np.nan
+
+    def say(m: int, c: int) -> str:
+        times = f"{ratio[m, c]:.3g} times" if ratio[m, c] >= 1 else f"1 / {1 / ratio[m, c]:.3g} of"
+        return f"{columns.names[c]} has {times} its usual size, and so have its changes: perhaps another unit"
+
+    limits = np.where(larger > smaller, high, low) / np.median(levels, axis=0)
+    yield Comparison("scale", columns.names, ratio, limits, severity, lambda m, _: (0, int(seen.lengths[m]) - 1), say)
+
+
+def compare_lags(seen: Evidence) -> Iterator[Comparison]:
+    """Demonstrations whose state follows the action sooner or later than elsewhere."""
+    by, s = seen.measured, seen.settings
+    steps = np.abs(by.shift)
+    severity = np.where(steps >= s.min_shift, by.shift_gain / s.shift_gain, 0.0)
+    if not is_lag_known(seen):
+        severity = np.full(len(steps), np.nan)
+
+    def say(m: int, _: int) -> str:
+        return f"the state follows the action {steps[m]} steps {'later' if by.shift[m] > 0 else 'sooner'} than is usual"
+
+    limit = np.full((len(steps), 1), float(s.min_shift))
+    whole = "lag", ("",), steps[:, None].astype(float), limit, severity[:, None]
+    yield Comparison(*whole, lambda m, _: (0, int(seen.lengths[m]) - 1), say)
+
+
+def is_lag_known(seen: Evidence) -> bool:
+    """Whether most demonstrations have the same lag."""
+    agree = np.abs(seen.measured.shift) < seen.settings.min_shift
+    return bool(seen.pairs) and float(agree.mean()) >= seen.settings.min_agreement
+
+
+COMPARISONS: tuple[Callable[[Evidence], Iterator[Comparison]], ...] = (
+    compare_repeated_rows,
+    compare_constant_runs,
+    compare_leaps,
+    compare_scales,
+    compare_lags,
+    compare_idle_ends,
+    compare_lengths,
+)
+"""The rules that compare demonstrations."""
