@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rpil.audit.faults.check import find_faults
-from rpil.audit.faults.clock import Clock
 from rpil.data.demonstrations import Demonstrations
+from rpil.data.formats.times import Times
 
 Array = NDArray[Any]
 
@@ -232,20 +232,20 @@ KINDS: dict[str, Kind] = {
 
 @dataclass(frozen=True, eq=False)
 class Planted:
-    """Demonstrations with faults in some, their clock, and a mask of those."""
+    """Demonstrations with faults in some, their times, and a mask of those."""
 
     demonstrations: Demonstrations
-    clock: Clock
+    times: Times
     has_fault: Array
 
 
-def rebuild(clean: Clean, rows: list[Array], has_fault: Array, with_clock: bool, extra_actions: list[Array]) -> Planted:
+def rebuild(clean: Clean, rows: list[Array], has_fault: Array, with_times: bool, extra_actions: list[Array]) -> Planted:
     """`Planted` from demonstrations (T, C + 1), whose last column is time, and their discrete actions, if any."""
     n = clean.n_observations
     actions = extra_actions if clean.demonstrations.is_discrete else [e[:, n:-1] for e in rows]
     made = Demonstrations.from_episodes(list(zip((e[:, :n] for e in rows), actions, strict=True)))
-    clock = Clock(np.concatenate([e[:, -1] for e in rows]), FPS) if with_clock else Clock()
-    return Planted(made, clock, has_fault)
+    times = Times(np.concatenate([e[:, -1] for e in rows]), FPS) if with_times else Times()
+    return Planted(made, times, has_fault)
 
 
 def plant(clean: Clean, name: str, size: float, share: float, rng: np.random.Generator) -> Planted | None:

@@ -86,7 +86,7 @@ def run(folder: Path | None, seeds: int, n_simulated: int, quick: bool = False) 
                 for size in k.sizes:
                     planted = plant(clean, kind, size, SHARE, np.random.default_rng([seed, int(10 * size)]))
                     if planted is not None:
-                        report = find_faults(planted.demonstrations, planted.clock)
+                        report = find_faults(planted.demonstrations, planted.times)
                         row = {"group": group, "set": name, "kind": kind, "size": size, "seed": seed}
                         checked = k.rule not in report.not_checked
                         rows.append(row | {"checked": checked} | score(report, planted, k.rule, k.alike))
@@ -138,16 +138,13 @@ def splice(text: str, table: str) -> str:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--data", type=Path, metavar="DIR", help="folder of the NPZ files; without it, simulations only")
+    parser.add_argument("--data", type=Path, metavar="DIR", help="folder of the NPZ files; by default simulations only")
     parser.add_argument("--seeds", type=int, default=3)
     parser.add_argument("--quick", action="store_true", help="few simulated demonstrations, one seed")
     parser.add_argument("--json", type=Path, help="also write every row")
     parser.add_argument("--docs", type=Path, help="a file whose table to replace")
     options = parser.parse_args()
-    if options.quick:
-        rows = run(options.data, 1, 10, quick=True)
-    else:
-        rows = run(options.data, options.seeds, 40)
+    rows = run(options.data, 1, 10, quick=True) if options.quick else run(options.data, options.seeds, 40)
     if options.json:
         options.json.write_text(json.dumps(rows, indent=1))
     if options.docs:

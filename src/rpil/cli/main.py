@@ -14,6 +14,7 @@ import click
 from click.core import ParameterSource
 
 from rpil.cli import commands, terminal
+from rpil.cli.check import check
 from rpil.cli.commands import Commands, CommandSettings, connect_engine, fit_rpil, read_recording
 from rpil.cli.completion import install_completion
 from rpil.cli.info import info
@@ -74,6 +75,7 @@ def main(ctx: click.Context, /) -> None:
 
 
 main.add_command(info)
+main.add_command(check)
 
 
 @main.command()

@@ -3,11 +3,13 @@ usually move."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from rpil.audit.faults import segments
+from rpil.audit.faults.missing import set_aside
 from rpil.audit.faults.settings import FaultSettings
 from rpil.data.demonstrations import Block, Demonstrations
 from rpil.data.formats.dataset import Dataset
@@ -56,30 +58,35 @@ class Columns:
         return np.asarray(moved.mean(axis=0)) if len(moved) else np.zeros(size.shape[1])
 
 
-def pilot(demonstrations: Demonstrations | Dataset, settings: FaultSettings) -> Demonstrations:
-    """Demonstrations spread evenly over the data, of at most so many steps that the settings allow; at least one."""
+def pilot(demonstrations: Demonstrations | Dataset, settings: FaultSettings) -> Block:
+    """Demonstrations spread evenly over the data, of at most so many steps that the settings allow; those with missing
+    values are left out, unless all have some."""
     size = min(len(demonstrations), settings.pilot_demonstrations)
     spread = np.unique(np.linspace(0, len(demonstrations) - 1, size).astype(int))
     share = settings.pilot_steps / max(int(demonstrations.lengths[spread].sum()), 1)
     if share < 1:
         spread = spread[:: int(np.ceil(1 / share))]
-    return demonstrations.select(spread)
+    sample = demonstrations.select(spread)
+    block = Block(0, sample.observations, sample.actions, sample.offsets)
+    kept, mask, _ = set_aside(block, sample.ids, sample.observation_names)
+    return kept if mask.any() else block
 
 
-def describe_columns(sample: Demonstrations, settings: FaultSettings) -> Columns:
-    """The columns of the sample that measure something."""
-    width = sample.n_observations if sample.n_observations <= settings.max_columns else 0
-    everything = [(f"observation {sample.observation_names[d]!r}", sample.observations[:, d]) for d in range(width)]
-    if not sample.is_discrete:
+def describe_columns(sample: Block, names: Sequence[str], settings: FaultSettings) -> Columns:
+    """The columns of the sample that measure something; `names` are those of the observations."""
+    n_observations = sample.observations.shape[1]
+    width = n_observations if n_observations <= settings.max_columns else 0
+    everything = [(f"observation {names[d]!r}", sample.observations[:, d]) for d in range(width)]
+    if sample.actions.ndim == 2:
         everything += [(f"action {a}", column) for a, column in enumerate(sample.actions.T)]
     measured = [k for k, (_, column) in enumerate(everything) if _is_measurement(column, settings)]
-    number = np.array([k if k < width else k - width + sample.n_observations for k in measured], dtype=np.int64)
-    names = tuple(everything[k][0] for k in measured)
+    number = np.array([k if k < width else k - width + n_observations for k in measured], dtype=np.int64)
+    chosen = tuple(everything[k][0] for k in measured)
     ones = np.ones(len(number))
-    empty = Columns(names, number, number >= sample.n_observations, ones, ones, ones)
-    if not names:
+    empty = Columns(chosen, number, number >= n_observations, ones, ones, ones)
+    if not chosen:
         return empty
-    values = empty.of(sample.shards(1, sample.n_steps + 1)[0][0])
+    values = empty.of(sample)
     size = np.abs(segments.changes(values, sample.offsets))
     scale = np.array([_median_or_one(moved[moved > 0]) for moved in size])
     columns = replace(empty, scale=scale, spread=_spread(values))

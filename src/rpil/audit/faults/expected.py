@@ -39,9 +39,11 @@ def read_expected(path: StrPath) -> dict[str, set[str]]:
     except (UnicodeDecodeError, ValueError) as error:
         if isinstance(error, DataError):
             raise
-        raise DataError(f"{path.name}: it is not valid JSON in UTF-8; write an object of rule to list of ids.") from error
+        raise DataError(
+            f"{path.name}: it is not valid JSON in UTF-8; write an object of rule to list of ids."
+        ) from error
     if not isinstance(content, dict):
-        raise DataError(f"{path.name}: it holds no object of rule to list of ids; write, say, {{\"spike\": [3, 7]}}.")
+        raise DataError(f'{path.name}: it holds no object of rule to list of ids; write, say, {{"spike": [3, 7]}}.')
     expected: dict[str, set[str]] = {}
     for word, names in content.items():
         listed = [names] if isinstance(names, str | int) else names
@@ -70,9 +72,7 @@ def _read_yaml(text: str, name: str) -> dict[str, list[str]]:
     return content
 
 
-def leave_out(
-    found: Iterable[Finding], expected: Mapping[str, Collection[str]]
-) -> tuple[list[Finding], int]:
+def leave_out(found: Iterable[Finding], expected: Mapping[str, Collection[str]]) -> tuple[list[Finding], int]:
     """The findings that are not expected, and the number of those that are."""
     found = list(found)
     kept = [f for f in found if not {str(f.id), ALL} & set(expected.get(f.rule, ()))]

@@ -125,7 +125,7 @@ def _correlations(driver: Array, change: Array, offsets: Array, max_lag: int) ->
     other, _ = _padded(change, offsets, max_lag)
     middle = first[max_lag:-max_lag]
     lags = [other[:, k : k + len(middle)] @ middle for k in range(2 * max_lag + 1)]
-    return np.stack(lags, axis=1) / norm[:, None]
+    return np.asarray(np.stack(lags, axis=1) / norm[:, None])
 
 
 def _own_correlations(driver: Array, change: Array, offsets: Array, max_lag: int) -> Array:
@@ -135,4 +135,4 @@ def _own_correlations(driver: Array, change: Array, offsets: Array, max_lag: int
     other, _ = _padded(change, offsets, max_lag)
     middle, starts = first[max_lag:-max_lag], starts - max_lag
     lags = [np.add.reduceat(middle * other[k : k + len(middle)], starts) for k in range(2 * max_lag + 1)]
-    return np.stack(lags, axis=1) / np.sqrt(power + 1e-300)[:, None]
+    return np.asarray(np.stack(lags, axis=1) / np.sqrt(power + 1e-300)[:, None])

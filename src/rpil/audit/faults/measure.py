@@ -10,12 +10,14 @@ import numpy as np
 from rpil.audit.faults import segments
 from rpil.audit.faults.columns import Columns
 from rpil.audit.faults.lag import Pair, shifts
+from rpil.audit.faults.missing import set_aside
+from rpil.audit.faults.record import Finding
 from rpil.audit.faults.settings import FaultSettings
 from rpil.data.demonstrations import Block, Demonstrations
 from rpil.data.formats.dataset import Dataset
-from rpil.numerics.types import Array, Float, Int, Shaped
+from rpil.numerics.types import Array, Bool, Float, Int, Shaped
 
-BLOCK_STEPS = 8_192
+CACHE_STEPS = 8_192
 """Steps of a block: a dozen columns of them stay in a second-level cache."""
 
 PARTS, DIRECTIONS, LENGTH_WEIGHT = 8, 8, 10.0
@@ -57,17 +59,23 @@ def measure(
     columns: Columns,
     pairs: tuple[Pair, ...],
     settings: FaultSettings,
-) -> Measured:
-    """Measure all demonstrations, block by block."""
+) -> tuple[Measured | None, Bool[Array, " M"], list[Finding]]:
+    """What was measured of the demonstrations without missing values, block by block; None where none is.
+
+    Also a mask of these demonstrations, and the findings in the others.
+    """
     directions = np.random.default_rng(0).normal(size=(DIRECTIONS, len(columns.names)))
     directions /= np.where(columns.spread > 0, columns.spread, 1.0)
-    parts = [
-        _measure_block(block, columns, pairs, directions, settings)
-        for shard in demonstrations.shards(1, BLOCK_STEPS)
-        for block in shard
-    ]
-    joined = {f.name: np.concatenate([getattr(part, f.name) for part in parts]) for f in fields(Measured)}
-    return Measured(**joined)
+    parts, masks, missing = [], [], []
+    for shard in demonstrations.shards(1, CACHE_STEPS):
+        for whole in shard:
+            block, kept, found = set_aside(whole, demonstrations.ids, demonstrations.observation_names)
+            masks.append(kept)
+            missing += found
+            if kept.any():
+                parts.append(_measure_block(block, columns, pairs, directions, settings))
+    joined = {f.name: np.concatenate([getattr(part, f.name) for part in parts]) for f in fields(Measured) if parts}
+    return Measured(**joined) if parts else None, np.concatenate(masks), missing
 
 
 def _measure_block(
@@ -77,7 +85,7 @@ def _measure_block(
     change = segments.changes(values, offsets)
     size = np.abs(change)
     spike, jump = _spikes_and_jumps(change, size, offsets)
-    changed = size > 0
+    changed: Array = size > 0
     motion = columns.motion_of(size)
     moves = motion > settings.idle_motion * columns.motion
     still, run_step, run = segments.longest_runs(changed, moves, offsets)
@@ -95,7 +103,11 @@ def _measure_block(
         np.maximum.reduceat(values, offsets[:-1], axis=1).T,
         segments.means(size, offsets),
         segments.means(np.abs(values), offsets),
-        *_repeats(changed[~columns.is_action].any(axis=0), motion > settings.repeat_motion * columns.motion, offsets),
+        *_repeats(
+            np.asarray(changed[~columns.is_action].any(axis=0)),
+            motion > settings.repeat_motion * columns.motion,
+            offsets,
+        ),
         head,
         tail,
         shift,

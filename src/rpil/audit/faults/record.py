@@ -81,6 +81,8 @@ class FaultReport:
         in them.
     usual : mapping of rule to str
         What is usual in these data, in words, such as the lag between action and state.
+    trims : mapping of id to (int, int)
+        Demonstrations with idle ends, usual or not: the first step to keep, and the first after those to keep.
     n_demonstrations, n_steps : int
     set_aside : tuple of ids
         Demonstrations that could not be read on, because values are missing, and were left out.
@@ -92,6 +94,7 @@ class FaultReport:
     not_checked: Mapping[str, str]
     unknown: Mapping[str, tuple[str, ...]]
     usual: Mapping[str, str]
+    trims: Mapping[Id, tuple[int, int]]
     n_demonstrations: int
     n_steps: int
     set_aside: tuple[Id, ...] = ()
@@ -103,17 +106,6 @@ class FaultReport:
         counted = Counter(found.rule for found in self.findings)
         object.__setattr__(self, "counts", {rule: counted[rule] for rule in RULES if counted[rule]})
 
-    def trims(self) -> dict[Id, tuple[int, int]]:
-        """The first step to keep, and the first not to keep any more, of each demonstration with idle ends."""
-        kept: dict[Id, tuple[int, int]] = {}
-        for found in self.findings:
-            start, stop = kept.get(found.id, (0, 0))
-            if found.rule == "idle head":
-                kept[found.id] = found.last + 1, stop
-            elif found.rule == "idle tail":
-                kept[found.id] = start, found.first
-        return kept
-
     def to_dict(self) -> dict[str, object]:
         """As plain numbers and text."""
         return {
@@ -121,7 +113,7 @@ class FaultReport:
             "steps": self.n_steps,
             "counts": dict(self.counts),
             "findings": [found.to_dict() for found in self.findings],
-            "trims": [{"id": name, "first": first, "end": end} for name, (first, end) in self.trims().items()],
+            "trims": [{"id": name, "first": first, "end": end} for name, (first, end) in self.trims.items()],
             "usual": dict(self.usual),
             "not_checked": dict(self.not_checked),
             "unknown": {rule: list(names) for rule, names in self.unknown.items()},

@@ -63,7 +63,8 @@ class Comparison:
     @property
     def unknown(self) -> tuple[str, ...]:
         """The columns about which nothing can be known."""
-        return tuple(name for name, missing in zip(self.names, np.isnan(self.severity).all(axis=0), strict=True) if missing)
+        is_unknown: Array = np.isnan(self.severity)
+        return tuple(name for name, column in zip(self.names, is_unknown.T, strict=True) if column.all())
 
     def findings(self, ids: tuple[Id, ...]) -> Iterator[Finding]:
         """For each demonstration with a fault, its worst column."""
@@ -118,30 +119,38 @@ def compare_leaps(seen: Evidence) -> Iterator[Comparison]:
         "spike", columns.names, by.spike, spikes, lambda m, c: (int(by.spike_step[m, c]),) * 2, is_spike
     )
     yield Comparison.above(
-        "jump", columns.names, by.jump, jumps, lambda m, c: (int(by.jump_step[m, c]) - 1, int(by.jump_step[m, c])), is_jump
+        "jump",
+        columns.names,
+        by.jump,
+        jumps,
+        lambda m, c: (int(by.jump_step[m, c]) - 1, int(by.jump_step[m, c])),
+        is_jump,
     )
 
 
 def compare_constant_runs(seen: Evidence) -> Iterator[Comparison]:
     """Frozen sensors, frozen actions and saturation: one value for long, while others move."""
     by, s, columns = seen.measured, seen.settings, seen.columns
-    limit = np.maximum(fence(by.still, s.frozen_factor, s.smallest_run, s), s.min_frozen)
-    limit = np.where(columns.moving >= s.min_moving, limit, np.inf)
+    limits = np.maximum(fence(by.still, s.frozen_factor, s.smallest_run, s), s.min_frozen)
+    limits = np.where(columns.moving >= s.min_moving, limits, np.inf)
     is_extreme = (by.run_value == by.low.min(axis=0)) | (by.run_value == by.high.max(axis=0))
-
-    def steps(m: int, c: int) -> tuple[int, int]:
-        return int(by.run_step[m, c]), int(by.run_step[m, c] + by.run[m, c]) - 1
-
-    def say(m: int, c: int) -> str:
-        stays = f"{columns.names[c]} stays at {by.run_value[m, c]:.4g} for {by.run[m, c]} steps"
-        return f"{stays} from step {by.run_step[m, c]} while others move ({limit[c]:.0f} at most are usual)"
-
-    for rule, own in (
-        ("saturation", is_extreme),
-        ("frozen sensor", ~is_extreme & ~columns.is_action),
-        ("frozen action", ~is_extreme & columns.is_action),
+    for rule, own, is_fault in (
+        ("saturation", np.arange(len(columns.names)), is_extreme),
+        ("frozen sensor", np.flatnonzero(~columns.is_action), ~is_extreme),
+        ("frozen action", np.flatnonzero(columns.is_action), ~is_extreme),
     ):
-        yield Comparison.above(rule, columns.names, np.where(own, by.still, 0), limit, steps, say)
+
+        def steps(m: int, k: int, own: Array = own) -> tuple[int, int]:
+            first = int(by.run_step[m, own[k]])
+            return first, first + int(by.run[m, own[k]]) - 1
+
+        def say(m: int, k: int, own: Array = own) -> str:
+            c = own[k]
+            stays = f"{columns.names[c]} stays at {by.run_value[m, c]:.4g} for {by.run[m, c]} steps"
+            return f"{stays} from step {by.run_step[m, c]} while others move ({limits[c]:.0f} at most are usual)"
+
+        names = tuple(columns.names[c] for c in own)
+        yield Comparison.above(rule, names, np.where(is_fault, by.still, 0)[:, own], limits[own], steps, say)
 
 
 def compare_repeated_rows(seen: Evidence) -> Iterator[Comparison]:
@@ -154,8 +163,10 @@ def compare_repeated_rows(seen: Evidence) -> Iterator[Comparison]:
         by.repeats,
         limit,
         lambda m, _: (int(by.repeat_step[m]), int(by.repeat_step[m] + by.repeat_run[m]) - 1),
-        lambda m, _: f"{by.repeats[m]} rows repeat the row before while all moves, the longest from step "
-        f"{by.repeat_step[m]} ({limit:.0f} at most are usual)",
+        lambda m, _: (
+            f"{by.repeats[m]} rows repeat the row before while all moves, the longest from step "
+            f"{by.repeat_step[m]} ({limit:.0f} at most are usual)"
+        ),
     )
 
 
@@ -207,7 +218,7 @@ def compare_scales(seen: Evidence) -> Iterator[Comparison]:
     larger = np.minimum(levels / high, changes / fast)
     smaller = np.minimum(np.minimum(low / levels, slow / changes), beside)
     severity = np.maximum(larger, smaller)
-    severity[:, ~np.isfinite(high + fast) | (low * slow == 0)] = np.nan
+    severity[:, ~np.isfinite(high + fast) | (low * slow == 0) | (columns.moving < s.min_moving)] = np.nan
 
     def say(m: int, c: int) -> str:
         times = f"{ratio[m, c]:.3g} times" if ratio[m, c] >= 1 else f"1 / {1 / ratio[m, c]:.3g} of"
@@ -221,7 +232,8 @@ def compare_lags(seen: Evidence) -> Iterator[Comparison]:
     """Demonstrations whose state follows the action sooner or later than elsewhere."""
     by, s = seen.measured, seen.settings
     steps = np.abs(by.shift)
-    severity = np.where(steps >= s.min_shift, by.shift_gain / s.shift_gain, 0.0)
+    least_gain = float(fence(by.shift_gain, s.shift_factor, s.smallest_gain, s))
+    severity = np.where(steps >= s.min_shift, by.shift_gain / least_gain, 0.0)
     if not is_lag_known(seen):
         severity = np.full(len(steps), np.nan)
 
@@ -235,8 +247,9 @@ def compare_lags(seen: Evidence) -> Iterator[Comparison]:
 
 def is_lag_known(seen: Evidence) -> bool:
     """Whether most demonstrations have the same lag."""
-    agree = np.abs(seen.measured.shift) < seen.settings.min_shift
-    return bool(seen.pairs) and float(agree.mean()) >= seen.settings.min_agreement
+    s, by = seen.settings, seen.measured
+    agree = (np.abs(by.shift) < s.min_shift).mean() >= s.min_agreement
+    return bool(seen.pairs and agree and np.isfinite(fence(by.shift_gain, s.shift_factor, s.smallest_gain, s)))
 
 
 COMPARISONS: tuple[Callable[[Evidence], Iterator[Comparison]], ...] = (

@@ -69,9 +69,9 @@ class FaultSettings:
         Correlation of an action with the state, in the pilot, from which their lag is looked at. benchmarks/faults.py.
     min_agreement : float
         Share of the demonstrations that must have the usual lag.
-    shift_gain : float
-        Agreement with the usual cross-correlation that the shift must add, relative to the usual agreement.
-        benchmarks/faults.py.
+    shift_factor, smallest_gain : float
+        Times the usual gain in agreement by a shift, and gain by which demonstrations do not differ; gains are relative
+        to the usual agreement of the cross-correlations. benchmarks/faults.py.
     length_factor : float
         Times the usual length, or its inverse. benchmarks/faults.py.
     scale_factor : float
@@ -97,14 +97,14 @@ class FaultSettings:
     smallest: float = 0.3
     change_factor: float = 1.25
     smallest_leap: float = 0.1
-    frozen_factor: float = 3.0
+    frozen_factor: float = 2.5
     smallest_run: float = 2.0
     min_frozen: int = 10
     min_moving: float = 0.5
     frame_gap: float = 0.5
     repeat_motion: float = 0.5
     repeat_factor: float = 3.0
-    smallest_repeat: float = 0.1
+    smallest_repeat: float = 0.3
     idle_motion: float = 0.05
     min_idle: int = 10
     idle_factor: float = 3.0
@@ -113,9 +113,10 @@ class FaultSettings:
     min_shift: int = 2
     min_correlation: float = 0.3
     min_agreement: float = 0.75
-    shift_gain: float = 0.3
+    shift_factor: float = 3.0
+    smallest_gain: float = 0.03
     length_factor: float = 2.0
     scale_factor: float = 8.0
-    near_share: float = 0.002
-    near_duplicate: tuple[float, float] = (0.01, 0.1)
+    near_share: float = 0.005
+    near_duplicate: tuple[float, float] = (0.02, 0.2)
     min_duplicate: int = 50

@@ -2,44 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Iterator
 
 import numpy as np
 
 from rpil.audit.faults.record import Finding
 from rpil.audit.faults.settings import FaultSettings
-from rpil.data.arrays import Id
 from rpil.data.demonstrations import DemonstrationSet
-from rpil.numerics.types import Array, Float
+from rpil.data.formats.times import Times
+from rpil.numerics.types import Array
 
 
-@dataclass(frozen=True, eq=False)
-class Clock:
-    """What a recording says about its times and lengths.
-
-    Attributes
-    ----------
-    timestamps : (N,) array, optional
-        Time of each step in seconds, in the order of the demonstrations.
-    fps : float, optional
-        Frames a second; from the timestamps where not given.
-    frames : mapping of id to int
-        Frames that each demonstration should have.
-    """
-
-    timestamps: Float[Array, " N"] | None = None
-    fps: float | None = None
-    frames: Mapping[Id, int] = field(default_factory=dict)
-
-
-def frame_time(clock: Clock, demonstrations: DemonstrationSet) -> float | None:
+def frame_time(times: Times, demonstrations: DemonstrationSet) -> float | None:
     """Seconds between two frames: by the frame rate, else the median time between two steps; None if unknown."""
-    if clock.fps:
-        return 1.0 / clock.fps
-    if clock.timestamps is None:
+    if times.fps:
+        return 1.0 / times.fps
+    if times.timestamps is None:
         return None
-    between = np.diff(clock.timestamps)[_within(demonstrations)]
+    between = np.diff(times.timestamps)[_within(demonstrations)]
     median = float(np.median(between)) if len(between) else 0.0
     return median if median > 0 else None
 
@@ -51,14 +31,12 @@ def _within(demonstrations: DemonstrationSet) -> Array:
     return inside
 
 
-def find_frame_times(
-    clock: Clock, demonstrations: DemonstrationSet, settings: FaultSettings
-) -> Iterator[Finding]:
+def find_frame_times(times: Times, demonstrations: DemonstrationSet, settings: FaultSettings) -> Iterator[Finding]:
     """Times between two frames that are too long or too short."""
-    usual = frame_time(clock, demonstrations)
-    if clock.timestamps is None or usual is None:
+    usual = frame_time(times, demonstrations)
+    if times.timestamps is None or usual is None:
         return
-    frames = np.where(_within(demonstrations), np.diff(clock.timestamps), usual) / usual
+    frames = np.where(_within(demonstrations), np.diff(times.timestamps), usual) / usual
     for rule, off, limit in (
         ("dropped frames", frames - 1.0, settings.frame_gap),
         ("repeated frames", 1.0 - frames, settings.frame_gap),
@@ -70,7 +48,9 @@ def find_frame_times(
             worst = int(own[np.argmax(np.nan_to_num(off[own], nan=np.inf))])
             step = worst + 1 - int(demonstrations.offsets[m])
             lost = int(np.rint(np.nan_to_num(off[own], posinf=0.0)).sum())
-            what = f"about {lost} frames are missing" if rule == "dropped frames" else f"{len(own)} frames come too soon"
+            what = (
+                f"about {lost} frames are missing" if rule == "dropped frames" else f"{len(own)} frames come too soon"
+            )
             sentence = f"{what}, the worst at step {step}: {1e3 * usual * frames[worst]:.4g} ms after the one before"
             yield Finding(
                 rule,
@@ -85,15 +65,15 @@ def find_frame_times(
             )
 
 
-def find_frame_counts(clock: Clock, demonstrations: DemonstrationSet) -> Iterator[Finding]:
+def find_frame_counts(times: Times, demonstrations: DemonstrationSet) -> Iterator[Finding]:
     """Demonstrations with more or fewer frames than the recording says, and those that are not there at all."""
     for name, length in zip(demonstrations.ids, demonstrations.lengths.tolist(), strict=True):
-        declared = clock.frames.get(name, length)
+        declared = times.frames.get(name, length)
         if declared != length:
             kind = f"{declared - length} are missing" if declared > length else f"{length - declared} are too many"
             sentence = f"it has {length} frames, and the recording says {declared}: {kind}"
             severity = 1.0 + abs(declared - length)
             yield Finding("frame count", name, 0, length - 1, "", length, declared, severity, sentence)
-    for name in clock.frames.keys() - set(demonstrations.ids):
-        sentence = f"it is not in the data, and the recording says it has {clock.frames[name]} frames"
-        yield Finding("frame count", name, 0, 0, "", 0, clock.frames[name], 1.0 + clock.frames[name], sentence)
+    for name in times.frames.keys() - set(demonstrations.ids):
+        sentence = f"it is not in the data, and the recording says it has {times.frames[name]} frames"
+        yield Finding("frame count", name, 0, 0, "", 0, times.frames[name], 1.0 + times.frames[name], sentence)
