@@ -71,6 +71,18 @@ class Clean:
         known = [name not in unknown and name.startswith(kind) for name in self.names]
         return np.flatnonzero(self.distinct & np.array(known))
 
+    def known(self, rule: str) -> float | None:
+        """Share of the columns that measure something, or 1 or 0 for the data as a whole, about which a rule says that
+        it can know; None where the rule is about actions and these are discrete."""
+        about_actions = rule in ("frozen action", "lag")
+        if about_actions and self.demonstrations.is_discrete:
+            return None
+        if rule not in ("frozen sensor", "frozen action", "saturation", "spike", "jump", "scale"):
+            return float(rule not in self.report.not_checked or rule == "dropped frames")
+        kind = {"frozen sensor": "observation", "frozen action": "action"}.get(rule, "")
+        n_columns = sum(d and name.startswith(kind) for d, name in zip(self.distinct, self.names, strict=True))
+        return len(self.columns(rule)) / n_columns if n_columns else None
+
 
 def _leading(still: Array) -> int:
     return int(np.argmin(np.append(still, False)))

@@ -88,13 +88,13 @@ def run(folder: Path | None, seeds: int, n_simulated: int, quick: bool = False) 
                     if planted is not None:
                         report = find_faults(planted.demonstrations, planted.times)
                         row = {"group": group, "set": name, "kind": kind, "size": size, "seed": seed}
-                        checked = k.rule not in report.not_checked
-                        rows.append(row | {"checked": checked} | score(report, planted, k.rule, k.alike))
+                        row |= {"checked": k.rule not in report.not_checked, "known": clean.known(k.rule)}
+                        rows.append(row | score(report, planted, k.rule, k.alike))
             for noise in DUPLICATES:
                 planted = copies(clean, noise, SHARE, np.random.default_rng([seed, 7]))
                 report = find_faults(planted.demonstrations)
                 row = {"group": group, "set": name, "kind": "duplicate", "size": noise, "seed": seed}
-                rows.append(row | {"checked": True} | score(report, planted, "duplicate", ()))
+                rows.append(row | {"checked": True, "known": 1.0} | score(report, planted, "duplicate", ()))
         print(f"{name}: {time.perf_counter() - start:.0f} s", flush=True)
     return rows
 
@@ -109,15 +109,21 @@ def summarise(rows: list[dict[str, Any]]) -> dict[tuple[str, float, str], dict[s
     return sums
 
 
+def coverage(rows: list[dict[str, Any]], kind: str) -> str:
+    """Mean over the sets of the share that a rule knows about."""
+    shares = {row["set"]: row["known"] for row in rows if row["kind"] == kind and row["known"] is not None}
+    return f"{100 * np.mean(list(shares.values())):.0f} %" if shares else ""
+
+
 def render(rows: list[dict[str, Any]]) -> str:
     """The table of docs/faults.md."""
     sums = summarise(rows)
-    units = {name: kind.unit for name, kind in KINDS.items()} | {"duplicate": "noise, in standard deviations"}
+    units = {name: kind.unit for name, kind in KINDS.items()} | {"duplicate": "standard deviations of noise"}
     lines = [
-        "| fault | size | recall, chosen on | false alarms | recall, checked on | false alarms |",
-        "|---|---|---|---|---|---|",
+        "| fault | size | recall, chosen on | false alarms | recall, checked on | false alarms | known |",
+        "|---|---|---|---|---|---|---|",
     ]
-    for kind, size in dict.fromkeys((kind, size) for kind, size, _ in sums):
+    for kind, size in dict.fromkeys((kind, size) for kind in units for k, size, _ in sums if k == kind):
         cells = []
         for group in ("chosen", "checked"):
             n = sums.get((kind, size, group))
@@ -126,7 +132,7 @@ def render(rows: list[dict[str, Any]]) -> str:
             else:
                 recall, alarms = n["found"] / n["faults"], n["accused"] / max(n["clean"], 1)
                 cells += [f"{recall:.2f} of {n['faults']:,}", f"{100 * alarms:.1f} %"]
-        lines.append(f"| {kind} | {size:g} {units[kind]} | {' | '.join(cells)} |")
+        lines.append(f"| {kind} | {size:g} {units[kind]} | {' | '.join(cells)} | {coverage(rows, kind)} |")
     return "\n".join([*lines, "", line(provenance(SEED))])
 
 

@@ -110,9 +110,9 @@ def fault_lines(report: FaultReport, n_findings: int = MAX_FINDINGS) -> list[str
     if n > len(shown):
         lines.append(f"  ... and {n - len(shown):,} more; -o FILE.csv writes all")
     if report.set_aside:
-        lines += ["", f"Values are missing in {terminal.join_ids(report.set_aside)}."]
+        lines += ["", f"Set aside, because values are missing: {terminal.join_ids(report.set_aside)}."]
     if report.n_expected:
-        lines += ["", f"{report.n_expected:,} more are expected and left out."]
+        lines += ["", f"{report.n_expected:,} more {'is' if report.n_expected == 1 else 'are'} expected and left out."]
     if report.trims:
         trims = [f"{terminal.printable(name)}: {a} to {b - 1}" for name, (a, b) in report.trims.items()]
         more = "; ..." * (len(trims) > terminal.MAX_IDS)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from itertools import chain
 
 import numpy as np
@@ -13,7 +13,7 @@ from rpil.audit.faults.expected import leave_out
 from rpil.audit.faults.frames import find_frame_counts, find_frame_times, frame_time
 from rpil.audit.faults.lag import find_pairs
 from rpil.audit.faults.measure import measure
-from rpil.audit.faults.record import RULES, FaultReport
+from rpil.audit.faults.record import RULES, FaultReport, Finding
 from rpil.audit.faults.rules import COMPARISONS, Evidence, is_lag_known
 from rpil.audit.faults.settings import FaultSettings
 from rpil.data.arrays import Id
@@ -73,13 +73,14 @@ def find_faults(
         pairs = find_pairs(columns.of(sample), sample.offsets, columns, settings)
         measured, kept, missing = measure(demonstrations, columns, pairs, settings)
     found = [*missing, *find_frame_counts(times, demonstrations), *find_frame_times(times, demonstrations, settings)]
+    seconds = frame_time(times, demonstrations)
     why, unknown, usual, trims = _no_times(times), {}, {}, {}
     if measured is None or (missing and not skip_bad):
         others = (rule for rule in RULES if rule not in ("missing values", "frame count", "dropped frames"))
         why |= dict.fromkeys(others, "values are missing; set these demonstrations aside with --skip-bad")
     else:
         ids = tuple(name for name, keep in zip(demonstrations.ids, kept, strict=True) if keep)
-        seen = Evidence(measured, columns, pairs, ids, demonstrations.lengths[kept], settings)
+        seen = Evidence(measured, columns, pairs, ids, demonstrations.lengths[kept], seconds, settings)
         why |= _not_applicable(seen)
         found += find_duplicates(seen)
         for comparison in chain.from_iterable(compare(seen) for compare in COMPARISONS):
@@ -88,8 +89,8 @@ def find_faults(
                 unknown[comparison.rule] = comparison.unknown
                 if len(comparison.unknown) == len(comparison.names):
                     why[comparison.rule] = TOO_DIFFERENT.get(comparison.rule, TOO_DIFFERENT[""])
-        usual, trims = _usual(frame_time(times, demonstrations), seen), _trims(seen) if seen.columns.names else {}
-    found, n_expected = leave_out(found, expected or {})
+        usual, trims = _usual(seen), _trims(seen) if seen.columns.names else {}
+    found, n_expected = leave_out(without_consequences(found), expected or {})
     return FaultReport(
         tuple(found),
         why,
@@ -98,9 +99,17 @@ def find_faults(
         trims,
         len(demonstrations),
         demonstrations.n_steps,
-        tuple(f.id for f in missing),
+        tuple(f.id for f in missing) if skip_bad else (),
         n_expected,
     )
+
+
+def without_consequences(found: Iterable[Finding]) -> list[Finding]:
+    """The findings without the jumps at the ends of frozen and saturated stretches, which end with a leap."""
+    found = list(found)
+    held = [f for f in found if f.rule in ("frozen sensor", "frozen action", "saturation")]
+    ends = {(f.id, f.column, step) for f in held for step in (f.first, f.last + 1)}
+    return [f for f in found if f.rule != "jump" or (f.id, f.column, f.last) not in ends]
 
 
 def _trims(seen: Evidence) -> dict[Id, tuple[int, int]]:
@@ -140,16 +149,15 @@ def _not_applicable(seen: Evidence) -> dict[str, str]:
     return why
 
 
-def _usual(seconds: float | None, seen: Evidence) -> dict[str, str]:
-    """What is usual in these data; `seconds` is the time between two frames, if it is known."""
+def _usual(seen: Evidence) -> dict[str, str]:
+    """What is usual in these data."""
     usual = {}
     if is_lag_known(seen):
         best, names = max(seen.pairs, key=lambda pair: pair.correlation), seen.columns.names
-        time = "" if seconds is None else f" ({1e3 * seconds * abs(best.lag):.0f} ms)"
         first, second = names[best.action], names[best.state]
         if best.lag < 0:
             first, second = second, first
-        usual["lag"] = f"{second} follows {first} after {abs(best.lag)} steps{time}"
-    if seconds is not None:
-        usual["dropped frames"] = f"a frame every {1e3 * seconds:.4g} ms"
+        usual["lag"] = f"{second} follows {first} after {seen.duration(abs(best.lag))}"
+    if seen.seconds is not None:
+        usual["dropped frames"] = f"a frame every {1e3 * seen.seconds:.4g} ms"
     return usual

@@ -20,7 +20,7 @@ def frame_time(times: Times, demonstrations: DemonstrationSet) -> float | None:
     if times.timestamps is None:
         return None
     between = np.diff(times.timestamps)[_within(demonstrations)]
-    median = float(np.median(between)) if len(between) else 0.0
+    median = float(np.nanmedian(between)) if np.isfinite(between).any() else 0.0
     return median if median > 0 else None
 
 

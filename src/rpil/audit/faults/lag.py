@@ -21,8 +21,8 @@ class Pair:
     action, state : int
     of_change : bool
         Whether the changes of the state are aligned with the action (a speed), rather than its level (a position).
-    memory : float
-        Correlation of the action with itself one step before. It is taken out of both series (Box and Jenkins 1970,
+    memory : (P,) array
+        How the action follows from its last P values. It is taken out of both series (Box and Jenkins 1970,
         prewhitening), without which a slow action is correlated with what happens at many lags.
     usual : (2 L + 1,) array
         Usual cross-correlation at the lags -L to L steps; at a positive lag the state is later.
@@ -31,7 +31,7 @@ class Pair:
     action: int
     state: int
     of_change: bool
-    memory: float
+    memory: Float[Array, " P"]
     usual: Float[Array, " K"]
 
     @property
@@ -48,26 +48,33 @@ class Pair:
 def find_pairs(
     values: Float[Array, "C T"], offsets: Int[Array, " _"], columns: Columns, settings: FaultSettings
 ) -> tuple[Pair, ...]:
-    """The state column that is best aligned with each action, for the actions that have one."""
-    change = segments.changes(values, offsets)
-    state = np.flatnonzero(~columns.is_action)
+    """The state column that is best aligned with each action, for the actions that have one.
+
+    The longest memory with which there is one tells the lag best.
+    """
+    if columns.is_action.all():
+        return ()
     found = []
-    for action in np.flatnonzero(columns.is_action).tolist() if len(state) else []:
-        own = centred(values[action], offsets)
-        power = float(own @ own)
-        memory = 1.0 - float(change[action] @ change[action]) / (2.0 * power) if power else 0.0
-        driver = whitened(values[action], change[action], memory, offsets)
-        candidates = []
-        for of_change, series in ((False, values), (True, change)):
-            rates = segments.changes(series, offsets)
-            responses = np.stack([whitened(series[c], rates[c], memory, offsets) for c in state])
-            usual = _correlations(driver, responses, offsets, settings.max_lag)
-            s = int(np.argmax(np.abs(usual).max(axis=1)))
-            candidates.append(Pair(action, int(state[s]), of_change, memory, usual[s]))
-        best = max(candidates, key=lambda pair: pair.correlation)
-        if best.correlation >= settings.min_correlation:
-            found.append(best)
+    for action in np.flatnonzero(columns.is_action).tolist():
+        for order in settings.memories:
+            pair = _best_pair(values, offsets, columns, action, order, settings.max_lag)
+            if pair.correlation >= settings.min_correlation:
+                found.append(pair)
+                break
     return tuple(found)
+
+
+def _best_pair(values: Array, offsets: Array, columns: Columns, action: int, order: int, max_lag: int) -> Pair:
+    state = np.flatnonzero(~columns.is_action)
+    memory = _memory(values[action], offsets, order)
+    driver = whitened(values[action], memory, offsets)
+    candidates = []
+    for of_change, series in ((False, values[state]), (True, segments.changes(values[state], offsets))):
+        responses = np.stack([whitened(column, memory, offsets) for column in series])
+        usual = _correlations(driver, responses, offsets, max_lag)
+        s = int(np.argmax(np.abs(usual).max(axis=1)))
+        candidates.append(Pair(action, int(state[s]), of_change, memory, usual[s]))
+    return max(candidates, key=lambda pair: pair.correlation)
 
 
 def shifts(
@@ -80,11 +87,8 @@ def shifts(
         return np.zeros(n_demonstrations, dtype=np.int64), np.zeros(n_demonstrations)
     agreement = np.zeros((n_demonstrations, 2 * largest + 1))
     for pair in pairs:
-        driver = whitened(values[pair.action], change[pair.action], pair.memory, offsets)
-        series, rate = values[pair.state], change[pair.state]
-        if pair.of_change:
-            series, rate = rate, segments.changes(rate[None], offsets)[0]
-        response = whitened(series, rate, pair.memory, offsets)
+        driver = whitened(values[pair.action], pair.memory, offsets)
+        response = whitened((change if pair.of_change else values)[pair.state], pair.memory, offsets)
         own = _own_correlations(driver, response, offsets, settings.max_lag)
         middle = pair.usual[largest:-largest]
         for k in range(2 * largest + 1):
@@ -101,12 +105,26 @@ def centred(values: Float[Array, " T"], offsets: Int[Array, " _"]) -> Float[Arra
     return np.asarray(values - np.repeat(np.add.reduceat(values, offsets[:-1]) / lengths, lengths))
 
 
-def whitened(values: Array, change: Array, memory: float, offsets: Array) -> Float[Array, " T"]:
-    """x_t - memory x_(t-1) of the centred values, and 0 at the first step of each demonstration."""
+def whitened(values: Float[Array, " T"], memory: Float[Array, " P"], offsets: Int[Array, " _"]) -> Float[Array, " T"]:
+    """x_t - sum_i memory_i x_(t-i) of the centred values, and 0 at the first P steps of each demonstration."""
     own = centred(values, offsets)
-    out = memory * change + (1.0 - memory) * own
-    out[offsets[:-1]] = 0.0
+    out = own.copy()
+    for back, weight in enumerate(memory.tolist(), start=1):
+        out[back:] -= weight * own[:-back]
+    for step in range(len(memory)):
+        out[np.minimum(offsets[:-1] + step, offsets[1:] - 1)] = 0.0
     return np.asarray(out)
+
+
+def _memory(values: Float[Array, " T"], offsets: Int[Array, " _"], order: int) -> Float[Array, " P"]:
+    """The weights of the last values with which they predict the next one best."""
+    own = centred(values, offsets)
+    first = np.repeat(offsets[:-1], np.diff(offsets))
+    rows = np.flatnonzero(np.arange(len(own)) - first >= order)
+    if not len(rows):
+        return np.zeros(order)
+    past = np.stack([own[rows - back] for back in range(1, order + 1)], axis=1)
+    return np.asarray(np.linalg.lstsq(past, own[rows], rcond=1e-9)[0])
 
 
 def _padded(values: Array, offsets: Array, n_zeros: int) -> tuple[Array, Array]:

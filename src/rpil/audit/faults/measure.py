@@ -119,10 +119,10 @@ def _measure_block(
 
 def _spikes_and_jumps(change: Array, size: Array, offsets: Array) -> tuple[Array, Array]:
     """Of each step: by how much its value is further from both neighbours, on one side, than they are from theirs; and
-    by how much the change to it is larger than the changes before and after."""
+    by how much the change to it is larger than those before and after, if it is twice as large."""
     around = np.zeros_like(size)  # of the changes before and after that to a step
     np.maximum(size[:, :-2], size[:, 2:], out=around[:, 1:-1])
-    jump = np.maximum(size - around, 0.0)
+    jump = np.where(2.0 * around < size, size - around, 0.0)
     spike = np.zeros_like(size)
     np.minimum(size[:, 1:-2], size[:, 2:-1], out=spike[:, 1:-2])
     spike[:, 1:-2] *= change[:, 1:-2] * change[:, 2:-1] < 0

@@ -25,7 +25,13 @@ class Evidence:
     pairs: tuple[Pair, ...]
     ids: tuple[Id, ...]
     lengths: Array
+    seconds: float | None  # between two frames, if that is known
     settings: FaultSettings
+
+    def duration(self, steps: int) -> str:
+        """Steps in words, with their time where it is known."""
+        time = "" if self.seconds is None else f" ({1e3 * self.seconds * steps:.0f} ms)"
+        return f"{steps} step{'s' if steps != 1 else ''}{time}"
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,7 +118,7 @@ def compare_leaps(seen: Evidence) -> Iterator[Comparison]:
         return f"{leap} ({jumps[c]:.3g} at most is usual)"
 
     spikes, jumps = (
-        np.maximum(fence(value, factor, s.smallest * columns.scale, s), least)
+        np.maximum(fence(value, factor, s.smallest * least, s), least)
         for value, factor in ((by.spike, s.spike_factor), (by.jump, s.jump_factor))
     )
     yield Comparison.above(
@@ -211,6 +217,8 @@ def compare_scales(seen: Evidence) -> Iterator[Comparison]:
     A quiet demonstration has small values in all its columns; a smaller column must be so beside the others as well.
     """
     by, s, columns = seen.measured, seen.settings, seen.columns
+    if not columns.names:
+        return
     levels, changes = by.level + 1e-3 * columns.spread, by.change + 1e-3 * columns.scale
     (low, high), (slow, fast) = (two_fences(values, s.scale_factor, s) for values in (levels, changes))
     ratio = levels / np.median(levels, axis=0)
@@ -238,7 +246,8 @@ def compare_lags(seen: Evidence) -> Iterator[Comparison]:
         severity = np.full(len(steps), np.nan)
 
     def say(m: int, _: int) -> str:
-        return f"the state follows the action {steps[m]} steps {'later' if by.shift[m] > 0 else 'sooner'} than is usual"
+        off = seen.duration(int(steps[m]))
+        return f"the state follows the action {off} {'later' if by.shift[m] > 0 else 'sooner'} than is usual"
 
     limit = np.full((len(steps), 1), float(s.min_shift))
     whole = "lag", ("",), steps[:, None].astype(float), limit, severity[:, None]
@@ -248,7 +257,7 @@ def compare_lags(seen: Evidence) -> Iterator[Comparison]:
 def is_lag_known(seen: Evidence) -> bool:
     """Whether most demonstrations have the same lag."""
     s, by = seen.settings, seen.measured
-    agree = (np.abs(by.shift) < s.min_shift).mean() >= s.min_agreement
+    agree = ((np.abs(by.shift) < s.min_shift) | (by.shift_gain < s.smallest_gain)).mean() >= s.min_agreement
     return bool(seen.pairs and agree and np.isfinite(fence(by.shift_gain, s.shift_factor, s.smallest_gain, s)))
 
 

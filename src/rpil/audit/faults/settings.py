@@ -33,7 +33,7 @@ class FaultSettings:
     spike_factor, jump_factor : float
         Times the usual largest spike, and jump, of a demonstration. benchmarks/faults.py.
     smallest : float
-        Changes, relative to the usual one of their column, below which spikes and jumps do not differ.
+        Share of the smallest spike and jump by which demonstrations do not differ. benchmarks/faults.py.
     change_factor : float
         Times the usual largest change of a demonstration that a spike or jump has at least. benchmarks/faults.py.
     smallest_leap : float
@@ -65,6 +65,9 @@ class FaultSettings:
     max_shift, min_shift : int
         Steps by which a lag may differ from the usual one at most, and from which on that is a fault.
         benchmarks/faults.py.
+    memories : tuple of int
+        Steps that an action remembers, which are taken out before it is correlated with the state; the first with
+        which there is a correlation. benchmarks/faults.py.
     min_correlation : float
         Correlation of an action with the state, in the pilot, from which their lag is looked at. benchmarks/faults.py.
     min_agreement : float
@@ -90,11 +93,11 @@ class FaultSettings:
     pilot_steps: int = 50_000
     min_distinct: int = 20
     max_columns: int = 1_000
-    fence: float = 3.0
-    max_spread: float = 10.0
+    fence: float = 2.0
+    max_spread: float = 5.0
     spike_factor: float = 2.0
     jump_factor: float = 2.0
-    smallest: float = 0.3
+    smallest: float = 0.5
     change_factor: float = 1.25
     smallest_leap: float = 0.1
     frozen_factor: float = 2.5
@@ -111,6 +114,7 @@ class FaultSettings:
     max_lag: int = 20
     max_shift: int = 10
     min_shift: int = 2
+    memories: tuple[int, ...] = (3, 1)
     min_correlation: float = 0.3
     min_agreement: float = 0.75
     shift_factor: float = 3.0
