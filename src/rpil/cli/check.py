@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from rpil.cli import terminal
-from rpil.cli.commands import CommandSettings, read_demonstrations
-from rpil.cli.options import json_option, quiet_option
+from rpil.cli.commands import CommandSettings, read_recording
+from rpil.cli.options import OutputFile, json_option, pop_columns, quiet_option, with_column_options
 from rpil.cli.progress import show_stages
-from rpil.data.files import check_extension, check_outputs, replacing
+from rpil.data.files import check_outputs, replacing
 
 if TYPE_CHECKING:
     from rpil.audit.faults.record import FaultReport
@@ -22,15 +22,20 @@ MAX_FINDINGS = 30
 
 
 @click.command()
-@click.argument("file")
-@click.option("-o", "--output", metavar="OUT.csv|OUT.json", help="Also write all findings.")
-@click.option("--expected", metavar="FILE", help="What is so on purpose: JSON, or YAML lines rule: [id, id].")
+@click.argument("file", type=click.Path())
+@click.option(
+    "-o", "--output", type=OutputFile(".csv", ".json"), metavar="OUT.csv|OUT.json", help="Also write all findings."
+)
+@click.option(
+    "--expected", type=click.Path(), metavar="FILE", help="What is so on purpose: JSON, or YAML lines rule: [id, id]."
+)
 @click.option("--fail-on", metavar="RULE[,RULE]|any", help="Exit with code 1 where one of these rules finds a fault.")
 @click.option("--skip-bad", is_flag=True, help="Set demonstrations with missing values aside and check the others.")
 @click.option("--fps", type=click.FloatRange(0, min_open=True), help="Frames a second, if the recording does not say.")
 @click.option("--stream/--no-stream", default=None, help="Leave data on disk, or read them; by default by size.")
 @json_option
 @quiet_option
+@with_column_options
 def check(
     file: str,
     output: str | None,
@@ -53,14 +58,13 @@ def check(
         from rpil.data.formats.times import read_times
         from rpil.data.missing import allow_missing
 
-        if output:
-            check_extension(output, (".csv", ".json"), "the findings")
         fatal = _rules(fail_on)
         on_purpose = read_expected(expected) if expected else {}
         with allow_missing():
-            data = read_demonstrations(file, progress, options["stream"])
+            read = read_recording(file, pop_columns(options), progress, options["stream"])
+            data = read.demonstrations
         progress("checking")
-        times = read_times(file, data.ids)
+        times = read_times(file, data.ids, read.description.id_column)
         report = find_faults(data, replace(times, fps=options["fps"] or times.fps), on_purpose, options["skip_bad"])
     if output:
         write_findings(output, report)

@@ -12,6 +12,7 @@ import numpy as np
 from rpil.data.arrays import Id
 from rpil.data.errors import DataError
 from rpil.data.files import StrPath
+from rpil.data.formats.names import EPISODE
 from rpil.numerics.types import Array, Float
 
 TIMESTAMP = ("timestamp", "timestamps")
@@ -36,19 +37,19 @@ class Times:
     frames: Mapping[Id, int] = field(default_factory=dict)
 
 
-def read_times(path: StrPath, ids: Sequence[Id]) -> Times:
+def read_times(path: StrPath, ids: Sequence[Id], id_column: str | None = None) -> Times:
     """The times of a Parquet file, a folder of such files (LeRobot's with what ``meta`` says), a CSV or an NPZ file.
 
-    `ids` are those of the demonstrations, in order. A column ``timestamp`` or an array ``timestamps`` holds seconds;
-    where it is missing, or holds no numbers, times are not known.
+    `ids` are those of the demonstrations, in order, and `id_column` is the column that holds them, by default
+    "episode_index". A column ``timestamp`` or an array ``timestamps`` holds seconds; where there is none, times are not
+    known.
     """
-    place = Path(str(path))
-    if "://" in str(path):
+    place, id_column = Path(str(path)), id_column or EPISODE[0]
+    if "://" in str(path) or not place.exists():
         return Times()
-    suffix = place.suffix.lower()
-    if suffix == ".npz":
+    if place.suffix.lower() == ".npz":
         return Times(_npz_timestamps(place, ids))
-    timestamps = _table_timestamps(place, ids)
+    timestamps = _table_timestamps(place, id_column, ids)
     meta = place / "meta"
     if not (meta / "info.json").is_file():
         return Times(timestamps)
@@ -61,43 +62,33 @@ def read_times(path: StrPath, ids: Sequence[Id]) -> Times:
 
 
 def _npz_timestamps(path: Path, ids: Sequence[Id]) -> Array | None:
-    from rpil.data.formats.npz import SPELLINGS
-
     with np.load(path, allow_pickle=False) as stored:
         name = next((name for name in TIMESTAMP if name in stored.files), None)
-        episode = next((name for name in SPELLINGS["episode_ids"] if name in stored.files), None)
+        episode = next((name for name in ("episode_ids", *EPISODE) if name in stored.files), None)
         return None if name is None or episode is None else _in_order(stored[name], stored[episode], ids)
 
 
-def _table_timestamps(path: Path, ids: Sequence[Id]) -> Array | None:
-    """From Parquet or CSV."""
+def _table_timestamps(path: Path, id_column: str, ids: Sequence[Id]) -> Array | None:
+    """From Parquet, or from a table of text that is separated by commas; None from other tables."""
     import pyarrow as pa
-    from pyarrow import csv
-    from pyarrow import dataset as arrow_dataset
+    from pyarrow import csv, dataset
 
     from rpil.data.formats.store import find_files
-    from rpil.data.formats.table import EPISODE
 
     try:
         if path.suffix.lower() == ".csv":
-            with csv.open_csv(path) as reader:
-                names = reader.schema.names
-            wanted = [name for name in (*EPISODE, *TIMESTAMP) if name in names]
-            types = {name: pa.string() for name in wanted if name in EPISODE}
-            options = csv.ConvertOptions(include_columns=wanted, column_types=types)
+            options = csv.ConvertOptions(column_types={id_column: pa.string()})
             table = csv.read_csv(path, convert_options=options)
         else:
-            filesystem, files = find_files(path)
-            opened = arrow_dataset.dataset(files, filesystem=filesystem)
-            wanted = [name for name in (*EPISODE, *TIMESTAMP) if name in opened.schema.names]
-            table = opened.to_table(columns=wanted)
-    except (pa.ArrowException, OSError) as error:
-        raise DataError(f"{path}: its timestamps cannot be read ({' '.join(str(error).split())[:100]}).") from error
-    name = next((name for name in TIMESTAMP if name in wanted), None)
-    episode = next((name for name in EPISODE if name in wanted), None)
-    if name is None or episode is None:
+            filesystem, files, _ = find_files(path)
+            opened = dataset.dataset(files, filesystem=filesystem)
+            table = opened.to_table([name for name in (id_column, *TIMESTAMP) if name in opened.schema.names])
+    except (pa.ArrowException, OSError, DataError):
+        return None  # the demonstrations were read, so that there is no error to report
+    name = next((name for name in TIMESTAMP if name in table.column_names), None)
+    if name is None or id_column not in table.column_names:
         return None
-    return _in_order(table[name].to_numpy(), table[episode].to_numpy(), ids)
+    return _in_order(table[name].to_numpy(), table[id_column].to_numpy(), ids)
 
 
 def _in_order(times: Array, episodes: Array, ids: Sequence[Id]) -> Array | None:
