@@ -143,3 +143,17 @@ def test_at_most_thirty_findings_are_printed():
     lines = ok("check", "twice.parquet").stdout.splitlines()
     assert sum("duplicate: " in line for line in lines) == 30
     assert any("10 more" in line for line in lines)
+
+
+def test_an_audit_names_the_faults_beside_the_trust():
+    write("data.parquet", spike)
+    outputs = ["--report", "report.html", "--verdicts", "verdicts.json"]
+    printed = ok("audit", "data.parquet", *outputs).stdout
+    assert "1 spike; rpil check data.parquet lists them" in printed
+    with open("verdicts.json") as file:
+        assert {row["id"]: row["faults"] for row in json.load(file)}[4] == "spike"
+    with open("report.html") as file:
+        page = file.read()
+    assert "Recording faults" in page
+    assert "away from its neighbours at step 60" in page
+    assert json.loads(ok("audit", "data.parquet", "--json").stdout)["faults"]["counts"] == {"spike": 1}

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import csv
+import shlex
 import sys
+from collections.abc import Collection, Mapping
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -16,9 +19,14 @@ from rpil.data.files import check_outputs, replacing
 
 if TYPE_CHECKING:
     from rpil.audit.faults.record import FaultReport
+    from rpil.audit.record import Audit
+    from rpil.data.formats.recording import Recording
 
 MAX_FINDINGS = 30
 """Findings that are printed."""
+
+MAX_REASONS = 10
+"""Demonstrations with low trust whose faults are printed beside an audit."""
 
 
 @click.command()
@@ -51,21 +59,16 @@ def check(
     """
     check_outputs((file, expected), output)
     with show_stages(quiet, CommandSettings.current().timing) as progress:
-        from dataclasses import replace
-
-        from rpil.audit.faults.check import find_faults
         from rpil.audit.faults.expected import read_expected
-        from rpil.data.formats.times import read_times
         from rpil.data.missing import allow_missing
 
         fatal = _rules(fail_on)
         on_purpose = read_expected(expected) if expected else {}
         with allow_missing():
             read = read_recording(file, pop_columns(options), progress, options["stream"])
-            data = read.demonstrations
+            read.demonstrations  # noqa: B018  # are read here
         progress("checking")
-        times = read_times(file, data.ids, read.description.id_column)
-        report = find_faults(data, replace(times, fps=options["fps"] or times.fps), on_purpose, options["skip_bad"])
+        report = check_recording(file, read, options["fps"], on_purpose, options["skip_bad"])
     if output:
         write_findings(output, report)
     click.echo(terminal.to_json(report.to_dict()) if json_wanted else "\n".join(fault_lines(report)))
@@ -73,6 +76,37 @@ def check(
         click.echo(f"Findings: {output}", err=json_wanted)
     if fatal & set(report.counts):
         sys.exit(1)
+
+
+def check_recording(
+    file: str,
+    recording: Recording,
+    fps: float | None = None,
+    expected: Mapping[str, Collection[str]] | None = None,
+    skip_bad: bool = False,
+) -> FaultReport:
+    """The faults of a recording that was read from a file, which may hold timestamps as well."""
+    from rpil.audit.faults.check import find_faults
+    from rpil.data.formats.times import read_times
+
+    data = recording.demonstrations
+    times = read_times(file, data.ids, recording.description.id_column)
+    return find_faults(data, replace(times, fps=fps or recording.description.fps or times.fps), expected, skip_bad)
+
+
+def audit_fault_lines(report: FaultReport, audit: Audit, file: str) -> list[str]:
+    """The recording faults beside an audit: how many, and those that may explain low trust."""
+    from rpil.audit.faults.record import explain
+
+    if not report.findings:
+        return ["No recording faults found."]
+    counts = ", ".join(f"{count} {rule}" for rule, count in report.counts.items())
+    lines = [
+        f"Recording faults, which do not change the trust: {counts}; {shlex.join(['rpil', 'check', file])} lists them."
+    ]
+    distrusted = [name for name, verdict in zip(audit.ids, audit.verdicts, strict=True) if verdict == "adversary"]
+    reasons = [(name, reason) for name in distrusted if (reason := explain(report.findings, name))]
+    return lines + [f"  {terminal.printable(name)}: {reason}" for name, reason in reasons[:MAX_REASONS]]
 
 
 def _rules(fail_on: str | None) -> set[str]:
