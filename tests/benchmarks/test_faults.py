@@ -53,3 +53,7 @@ def test_table_replaces_table():
     once = faults.splice(text, "new")
     assert faults.splice(once, "new") == once
     assert "| spike |" in text
+
+
+def test_speed_is_a_sentence():
+    assert "million steps of 14 columns" in faults.speed(3_000)
