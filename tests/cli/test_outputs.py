@@ -15,6 +15,7 @@ import pytest
 
 from audits import make_audit
 from command_line import call, ok, refused
+from rpil.audit.faults.check import find_faults
 from rpil.cli import outputs
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.formats import Recording
@@ -76,7 +77,8 @@ def test_every_output_has_a_writer(tmp_path, monkeypatch):
     assert tuple(paths) == outputs.OUTPUTS
     stages: list[str] = []
     recording = Recording.of(Demonstrations(np.ones((2, 1)), np.array([0, 1]), np.array([0, 2])), "arrays")
-    outputs.write_outputs(paths, make_audit(), recording, {}, "data.csv", 1.0, stages.append)
+    given = outputs.Audited("data.csv", recording, find_faults(recording.demonstrations), {})
+    outputs.write_outputs(paths, make_audit(), given, 1.0, stages.append)
     assert stages == [f"writing {path}" for path in paths.values()]
     assert all(Path(path).stat().st_size > 0 for path in paths.values())
 

@@ -6,6 +6,7 @@ import json
 from collections.abc import Hashable, Mapping, Sequence
 from pathlib import Path
 
+from rpil.audit.faults.record import Finding
 from rpil.audit.record import Audit
 from rpil.data.files import StrPath, check_extension, replacing
 from rpil.data.formats import csv, parquet
@@ -13,8 +14,13 @@ from rpil.data.formats import csv, parquet
 TABLE_EXTENSIONS = (".csv", ".parquet", ".json")
 
 
-def verdict_columns(audit: Audit, demonstrators: Mapping[str, str]) -> dict[str, Sequence[object]]:
+def verdict_columns(
+    audit: Audit, demonstrators: Mapping[str, str], findings: Sequence[Finding] = ()
+) -> dict[str, Sequence[object]]:
     """The columns of the table, in the order of the data; `demonstrators` by the id of a demonstration as text."""
+    faults: dict[str, list[str]] = {}
+    for found in findings:
+        faults.setdefault(str(found.id), []).append(found.rule)
     return {
         "id": file_ids(audit.ids),
         "verdict": audit.verdicts,
@@ -24,13 +30,15 @@ def verdict_columns(audit: Audit, demonstrators: Mapping[str, str]) -> dict[str,
         "reliability": audit.reliability.tolist(),
         "demonstrator": [demonstrators.get(str(name), "") for name in audit.ids],
         "n_steps": audit.lengths.tolist(),
-        "faults": [""] * len(audit.ids),
+        "faults": [", ".join(faults.get(str(name), ())) for name in audit.ids],
         "reason": list(audit.reasons),
         "run": [audit.run_id] * len(audit.ids),
     }
 
 
-def write_verdicts(path: StrPath, audit: Audit, demonstrators: Mapping[str, str]) -> None:
+def write_verdicts(
+    path: StrPath, audit: Audit, demonstrators: Mapping[str, str], findings: Sequence[Finding] = ()
+) -> None:
     """Write one row for each demonstration to a .csv, .parquet or .json file, in the order of the data.
 
     The columns are id, verdict, expert_proba, log_odds and its parts from_actions, from_demonstrator and from_label in
@@ -40,6 +48,8 @@ def write_verdicts(path: StrPath, audit: Audit, demonstrators: Mapping[str, str]
     ----------
     demonstrators : mapping of id, as text, to name
         May be empty; a demonstration that is not in it gets an empty text.
+    findings : sequence of Finding
+        Recording faults; the column faults names the rules, the worst first.
 
     Raises
     ------
@@ -47,7 +57,7 @@ def write_verdicts(path: StrPath, audit: Audit, demonstrators: Mapping[str, str]
         Where the path has another extension, or cannot be written.
     """
     path = check_extension(path, TABLE_EXTENSIONS, "verdicts")
-    columns = verdict_columns(audit, demonstrators)
+    columns = verdict_columns(audit, demonstrators, findings)
     if path.suffix.lower() == ".json":
         _write_json(path, [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)])
         return

@@ -14,6 +14,7 @@ import click
 from click.core import ParameterSource
 
 from rpil.cli import commands, terminal
+from rpil.cli.check import audit_fault_lines, check, check_recording
 from rpil.cli.commands import Commands, CommandSettings, connect_engine, fit_rpil, read_recording
 from rpil.cli.completion import install_completion
 from rpil.cli.info import info
@@ -28,7 +29,7 @@ from rpil.cli.options import (
     seed_option,
     with_fit_options,
 )
-from rpil.cli.outputs import OUTPUTS, write_outputs
+from rpil.cli.outputs import OUTPUTS, Audited, write_outputs
 from rpil.cli.progress import StageProgress, show_count, show_stages
 from rpil.data.files import check_outputs
 
@@ -74,6 +75,7 @@ def main(ctx: click.Context, /) -> None:
 
 
 main.add_command(info)
+main.add_command(check)
 
 
 @main.command()
@@ -121,15 +123,23 @@ def audit(
             read = read_recording(file, pop_columns(options), progress, stream)
             fitted, who = fit_rpil(file, read, FitOptions(**options), progress, engine, warn_if_ambiguous=json_wanted)
         result = fitted.audit_
-        write_outputs(outputs, result, read, who, file, time.perf_counter() - start, progress)
+        progress("looking for recording faults")
+        faults = check_recording(file, read)
+        write_outputs(outputs, result, Audited(file, read, faults, who), time.perf_counter() - start, progress)
     if json_wanted:
         suggested = {"suggested": result.suggest_labels(suggest)} if suggest else {}
         click.echo(
-            terminal.to_json({"run": result.run_id, "input": read.description.to_dict()} | result.to_dict() | suggested)
+            terminal.to_json(
+                {"run": result.run_id, "input": read.description.to_dict()}
+                | result.to_dict()
+                | {"faults": faults.to_dict()}
+                | suggested
+            )
         )
     else:
         terminal.print_lines([*read.description.short(), ""])
         terminal.print_audit(result, all_rows)
+        terminal.print_lines(["", *audit_fault_lines(faults, result, file)])
         _print_next_steps(ctx, result, quiet and not suggest, n_labels=suggest or N_LABELS)
     for title, path in outputs.items():
         if path is not None:

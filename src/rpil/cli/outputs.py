@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -11,6 +12,7 @@ from rpil.cli.commands import tell_if_interrupted
 from rpil.cli.progress import StageProgress
 
 if TYPE_CHECKING:
+    from rpil.audit.faults.record import FaultReport
     from rpil.audit.record import Audit
     from rpil.data.formats.recording import Recording
 
@@ -18,26 +20,32 @@ OUTPUTS = ("weights", "verdicts", "keep", "report")
 """The options that name these files, in the order in which they are written."""
 
 
+@dataclass(frozen=True, eq=False)
+class Audited:
+    """What an audit was given: the path of the data, their recording, its faults, and the demonstrators."""
+
+    source: str
+    recording: Recording
+    faults: FaultReport
+    demonstrators: Mapping[str, str]
+
+
 def write_outputs(
-    paths: Mapping[str, str | None],
-    audit: Audit,
-    recording: Recording,
-    demonstrators: Mapping[str, str],
-    source: str,
-    seconds: float,
-    progress: StageProgress,
+    paths: Mapping[str, str | None], audit: Audit, given: Audited, seconds: float, progress: StageProgress
 ) -> None:
-    """Write the files of `OUTPUTS` whose paths are given; `source` is the path of the data, read in `seconds`."""
+    """Write the files of `OUTPUTS` whose paths are given; the audit took so many `seconds`."""
     from rpil.audit.verdict_table import write_kept, write_verdicts
     from rpil.data.formats.weights import write_weights
 
     def write_report(path: str) -> None:
         from markupsafe import Markup
 
+        from rpil.audit.html.faults import faults_section
         from rpil.audit.html.page import Article, write_page
 
-        read = "What was read", Markup("<p>%s</p>") % Markup("<br>").join(recording.description.short())
-        write_page(path, [Article(f"Audit of {Path(source).name}", audit, source, sections=[read], seconds=seconds)])
+        read = "What was read", Markup("<p>%s</p>") % Markup("<br>").join(given.recording.description.short())
+        title, sections = f"Audit of {Path(given.source).name}", [read, faults_section(given.faults)]
+        write_page(path, [Article(title, audit, given.source, sections=sections, seconds=seconds)])
 
     def write_keep(path: str) -> None:
         write_kept(path, audit)
@@ -46,8 +54,8 @@ def write_outputs(
 
     steps = audit.ids, audit.offsets, audit.step_weight, audit.expert_proba, audit.log_odds
     writers: dict[str, Callable[[str], None]] = {
-        "weights": lambda path: write_weights(path, *steps, recording.step_columns),
-        "verdicts": lambda path: write_verdicts(path, audit, demonstrators),
+        "weights": lambda path: write_weights(path, *steps, given.recording.step_columns),
+        "verdicts": lambda path: write_verdicts(path, audit, given.demonstrators, given.faults.findings),
         "keep": write_keep,
         "report": write_report,
     }

@@ -9,6 +9,7 @@ from typing import Literal, cast
 import numpy as np
 from numpy.typing import NDArray
 
+from rpil.data import missing
 from rpil.data.errors import DataError
 from rpil.numerics.types import Array
 
@@ -261,9 +262,12 @@ def group_rows(group: Array, order: Array | None = None) -> tuple[Array, NDArray
 def check_finite(
     values: Array, columns: tuple[str, ...], offsets: NDArray[np.int64], ids: tuple[Id, ...], where: str
 ) -> None:
-    """Raise a `DataError` naming the first value of `values` (N, K) that is not finite, if there is one."""
+    """Raise a `DataError` naming the first value of `values` (N, K) that is not finite, if there is one.
+
+    Within `rpil.data.missing.allow_missing` such values are let through.
+    """
     finite = np.isfinite(values)
-    if finite.all():
+    if finite.all() or missing.are_allowed():
         return
     row, column = (int(k) for k in np.argwhere(~finite)[0])
     m = int(np.searchsorted(offsets, row, side="right")) - 1

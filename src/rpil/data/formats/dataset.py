@@ -37,6 +37,7 @@ from rpil.data.formats.starts import OrderCheck, Starts
 from rpil.data.formats.store import BATCH_ROWS, Store, describe, find_files, shifted
 from rpil.data.formats.table import Place
 from rpil.data.memory import check_memory
+from rpil.data.missing import are_allowed
 from rpil.numerics.types import Array
 
 if TYPE_CHECKING:
@@ -283,7 +284,7 @@ class _ActionRange:
     def _add_numbers(self, values: Array, at: Place) -> None:
         """Add numbers, (N,) or (N, A)."""
         finite = np.isfinite(values)
-        if not finite.all():
+        if not finite.all() and not are_allowed():
             row = int(np.argwhere(~finite)[0, 0])
             raise DataError(f"{at(row)}: an action is not finite; repair it or leave the demonstration out.")
         self.low, self.high = np.minimum(self.low, values.min(axis=0)), np.maximum(self.high, values.max(axis=0))

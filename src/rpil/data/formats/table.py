@@ -13,6 +13,7 @@ from rpil.data.errors import DataError
 from rpil.data.formats.columns import Kind
 from rpil.data.formats.names import EPISODE, STEP, quoted, short_name
 from rpil.data.memory import check_memory
+from rpil.data.missing import are_allowed
 from rpil.numerics.types import Array
 
 if TYPE_CHECKING:
@@ -164,14 +165,16 @@ def column_values(table: pa.Table, name: str, at: Place) -> Array:
     is_text = pa.types.is_string(kind) or pa.types.is_large_string(kind)
     if kind != column.type and not is_text:
         column = column.cast(kind)
-    refuse_nulls(column)
+    if not (pa.types.is_floating(column.type) and are_allowed()):  # there they become NaN
+        refuse_nulls(column)
     if _is_list(column.type):
         widths = pc.list_value_length(column).to_numpy()
         if np.any(widths != widths[0]):
             row = int(np.argmax(widths != widths[0]))
             raise DataError(f"{at(row)}: column {name!r} holds {widths[row]} numbers, not {widths[0]} as in row 1.")
         flat = column.combine_chunks().flatten()
-        refuse_nulls(flat, per_row=max(int(widths[0]), 1))
+        if not (pa.types.is_floating(flat.type) and are_allowed()):
+            refuse_nulls(flat, per_row=max(int(widths[0]), 1))
         if _is_numeric(flat.type):
             return np.reshape(flat.to_numpy(zero_copy_only=False), (table.num_rows, -1))
     elif _is_numeric(column.type):

@@ -1,0 +1,289 @@
+"""Recording faults that `faults.py` plants into clean demonstrations, each in three sizes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rpil.audit.faults.check import find_faults
+from rpil.data.demonstrations import Demonstrations
+from rpil.data.formats.times import Times
+
+Array = NDArray[Any]
+
+FPS = 30.0
+
+
+@dataclass(eq=False)
+class Clean:
+    """Clean demonstrations, and how their columns usually move: observations first, then actions.
+
+    Attributes
+    ----------
+    episodes : list of (T, C) arrays
+    n_observations : int
+    spread, leap : (C,) arrays
+        Standard deviation, and 99.9 % quantile of the changes from one step to the next, at least .05 spreads.
+    idle : (2,)
+        Upper quartile of the steps at the beginning, and at the end, in which nothing moves.
+    run : (C,) array
+        Upper quartile over the demonstrations of the longest run of one value.
+    high : (C,) array
+    """
+
+    demonstrations: Demonstrations
+    episodes: list[Array] = field(init=False)
+    n_observations: int = field(init=False)
+
+    def __post_init__(self) -> None:
+        demonstrations = self.demonstrations
+        self.n_observations = demonstrations.n_observations
+        self.episodes = [
+            np.column_stack([x] if demonstrations.is_discrete else [x, a]).astype(float) for x, a in demonstrations
+        ]
+        rows = np.concatenate(self.episodes)
+        changes = np.concatenate([np.abs(np.diff(e, axis=0)) for e in self.episodes])
+        self.spread, self.high = rows.std(axis=0), rows.max(axis=0)
+        self.leap = np.maximum(np.quantile(changes, 0.999, axis=0), 0.05 * self.spread)
+        self.run = np.quantile([_longest_runs(e) for e in self.episodes], 0.75, axis=0)
+        still = [(np.abs(np.diff(e, axis=0)) <= 0.05 * self.leap).all(axis=1) for e in self.episodes]
+        self.idle = tuple(np.quantile([_leading(s[::step]) for s in still], 0.75) for step in (1, -1))
+        self.distinct = np.array([len(np.unique(column)) >= 20 for column in rows.T])
+        self.report = find_faults(demonstrations)
+
+    @property
+    def names(self) -> list[str]:
+        """Names of the columns, as in the findings."""
+        n_actions = len(self.spread) - self.n_observations
+        observations = [f"observation {name!r}" for name in self.demonstrations.observation_names]
+        return observations + [f"action {a}" for a in range(n_actions)]
+
+    def columns(self, rule: str) -> Array:
+        """Numbers of the columns that measure something and of which the rule says that it can know."""
+        if rule in self.report.not_checked:
+            return np.arange(0)
+        unknown = self.report.unknown.get(rule, ())
+        kind = {"frozen sensor": "observation", "frozen action": "action"}.get(rule, "")
+        known = [name not in unknown and name.startswith(kind) for name in self.names]
+        return np.flatnonzero(self.distinct & np.array(known))
+
+    def known(self, rule: str) -> float | None:
+        """Share of the columns that measure something, or 1 or 0 for the data as a whole, about which a rule says that
+        it can know; None where the rule is about actions and these are discrete."""
+        about_actions = rule in ("frozen action", "lag")
+        if about_actions and self.demonstrations.is_discrete:
+            return None
+        if rule not in ("frozen sensor", "frozen action", "saturation", "spike", "jump", "scale"):
+            return float(rule not in self.report.not_checked or rule == "dropped frames")
+        kind = {"frozen sensor": "observation", "frozen action": "action"}.get(rule, "")
+        n_columns = sum(d and name.startswith(kind) for d, name in zip(self.distinct, self.names, strict=True))
+        return len(self.columns(rule)) / n_columns if n_columns else None
+
+
+def _leading(still: Array) -> int:
+    return int(np.argmin(np.append(still, False)))
+
+
+def _longest_runs(episode: Array) -> list[int]:
+    changed = np.vstack([np.ones_like(episode[:1], dtype=bool), np.diff(episode, axis=0) != 0])
+    return [int(np.diff(np.flatnonzero(column), append=len(episode)).max()) for column in changed.T]
+
+
+Fault = Callable[[Array, Clean, float, np.random.Generator], Array | None]
+"""A demonstration (T, C + 1) whose last column is time, the clean data, a size: the demonstration with the fault, or
+None where it is too short or nothing in it moves."""
+
+
+def _place(episode: Array, steps: int, rng: np.random.Generator) -> int | None:
+    """A random first step for a fault of so many steps, which leaves at least two before and after."""
+    room = len(episode) - steps - 4
+    return int(2 + rng.integers(room + 1)) if room >= 0 else None
+
+
+def _pick(columns: Array, rng: np.random.Generator) -> int | None:
+    return int(rng.choice(columns)) if len(columns) else None
+
+
+def drop(episode: Array, clean: Clean, size: float, rng: np.random.Generator) -> Array | None:
+    """Frames are missing."""
+    start = _place(episode, int(size), rng)
+    return None if start is None else np.delete(episode, slice(start, start + int(size)), axis=0)
+
+
+def repeat(episode: Array, clean: Clean, size: float, rng: np.random.Generator) -> Array | None:
+    """A frame is written several times, where the demonstration moves at its usual speed."""
+    columns = np.flatnonzero(clean.distinct[: clean.n_observations])
+    if not len(columns) or len(episode) < 8:
+        return None
+    motion = (np.abs(np.diff(episode[:, columns], axis=0)) / clean.leap[columns]).mean(axis=1)
+    fast = np.flatnonzero(np.minimum(motion[:-1], motion[1:]) >= np.median(motion))[1:-1]
+    if not len(fast):
+        return None
+    at = int(rng.choice(fast)) + 1
+    again = np.insert(episode, [at + 1] * int(size), episode[at], axis=0)
+    again[:, -1] = np.arange(len(again)) / FPS  # the clock goes on
+    return again
+
+
+def _hold(rule: str) -> Fault:
+    def hold(episode: Array, clean: Clean, size: float, rng: np.random.Generator) -> Array | None:
+        column = _pick(clean.columns(rule), rng)
+        steps = 0 if column is None else int(size * max(15, 4 * clean.run[column]))
+        start = _place(episode, steps, rng)
+        if start is None or column is None:
+            return None
+        held = episode.copy()
+        held[start : start + steps, column] = clean.high[column] if rule == "saturation" else episode[start, column]
+        return held
+
+    return hold
+
+
+def spike(episode: Array, clean: Clean, size: float, rng: np.random.Generator) -> Array | None:
+    """One value is off by so many times the largest usual change of its column."""
+    start, column = _place(episode, 1, rng), _pick(clean.columns("spike"), rng)
+    if start is None or column is None:
+        return None
+    off = episode.copy()
+    off[start, column] += size * clean.leap[column] * rng.choice([-1.0, 1.0])
+    return off
+
+
+def jump(episode: Array, clean: Clean, size: float, rng: np.random.Generator) -> Array | None:
+    """All values of a column after a step are off by so many times its largest usual change."""
+    start, column = _place(episode, 1, rng), _pick(clean.columns("jump"), rng)
+    if start is None or column is None:
+        return None
+    off = episode.copy()
+    off[start:, column] += size * clean.leap[column] * rng.choice([-1.0, 1.0])
+    return off
+
+
+def scale(episode: Array, clean: Clean, size: float, rng: np.random.Generator) -> Array | None:
+    """A column is in another unit, larger or smaller."""
+    column = _pick(clean.columns("scale"), rng)
+    if column is None:
+        return None
+    other = episode.copy()
+    other[:, column] *= size ** rng.choice([-1.0, 1.0])
+    return other
+
+
+def delay(episode: Array, clean: Clean, size: float, rng: np.random.Generator) -> Array | None:
+    """Actions are written so many steps late, or early."""
+    n = clean.n_observations
+    if episode.shape[1] == n + 1 or len(episode) < 4 * size:
+        return None
+    late = episode.copy()
+    steps = np.clip(np.arange(len(episode)) - int(size) * rng.choice([-1, 1]), 0, len(episode) - 1)
+    late[:, n:-1] = episode[steps, n:-1]
+    return late
+
+
+def _idle(at_head: bool) -> Fault:
+    def idle(episode: Array, clean: Clean, size: float, rng: np.random.Generator) -> Array | None:
+        row = episode[:1] if at_head else episode[-1:]
+        if ("idle head" if at_head else "idle tail") in clean.report.not_checked:
+            return None
+        still = np.repeat(row, int(size * max(15, 4 * clean.idle[not at_head])), axis=0)
+        longer = np.concatenate([still, episode] if at_head else [episode, still])
+        longer[:, -1] = np.arange(len(longer)) / FPS
+        return longer
+
+    return idle
+
+
+def cut(episode: Array, clean: Clean, size: float, rng: np.random.Generator) -> Array | None:
+    """Only the first 1 / size of the demonstration is there."""
+    steps = int(len(episode) / size)
+    return episode[:steps] if steps >= 3 else None
+
+
+def lengthen(episode: Array, clean: Clean, size: float, rng: np.random.Generator) -> Array | None:
+    """The recording was not stopped: the demonstration is played back and forth until it is so many times as long."""
+    back = np.concatenate([episode, episode[::-1]])
+    longer = np.concatenate([back] * int(np.ceil(size / 2)))[: int(size * len(episode))].copy()
+    longer[:, -1] = np.arange(len(longer)) / FPS
+    return longer
+
+
+@dataclass(frozen=True)
+class Kind:
+    """A kind of fault: how it is made, its sizes with their unit, and the rule that should find it."""
+
+    make: Fault
+    sizes: tuple[float, float, float]
+    unit: str
+    rule: str
+    alike: tuple[str, ...] = ()  # rules that name the same fault as well
+
+
+HELD = ("frozen sensor", "frozen action", "saturation")
+HELD_UNIT = "times 15 steps, or 4 usual longest runs"
+IDLE_UNIT = "times 15 steps, or 4 usual idle ends"
+KINDS: dict[str, Kind] = {
+    "dropped frames": Kind(drop, (1, 3, 10), "frames", "dropped frames"),
+    "repeated frames": Kind(repeat, (1, 3, 10), "frames, without timestamps", "repeated frames"),
+    "frozen sensor": Kind(_hold("frozen sensor"), (1, 2, 3), HELD_UNIT, "frozen sensor", HELD),
+    "frozen action": Kind(_hold("frozen action"), (1, 2, 3), HELD_UNIT, "frozen action", HELD),
+    "saturation": Kind(_hold("saturation"), (1, 2, 3), HELD_UNIT, "saturation", HELD),
+    "spike": Kind(spike, (3, 6, 12), "times the 99.9 % quantile of changes", "spike"),
+    "jump": Kind(jump, (3, 6, 12), "times the 99.9 % quantile of changes", "jump"),
+    "scale": Kind(scale, (25.4, 57.3, 1000), "times or the inverse", "scale"),
+    "lag": Kind(delay, (3, 5, 8), "steps late or early", "lag"),
+    "idle head": Kind(_idle(True), (1, 2, 3), IDLE_UNIT, "idle head"),
+    "idle tail": Kind(_idle(False), (1, 2, 3), IDLE_UNIT, "idle tail"),
+    "length, cut": Kind(cut, (4, 7, 10), "times shorter", "length"),
+    "length, run on": Kind(lengthen, (4, 7, 10), "times longer", "length"),
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Planted:
+    """Demonstrations with faults in some, their times, and a mask of those."""
+
+    demonstrations: Demonstrations
+    times: Times
+    has_fault: Array
+
+
+def rebuild(clean: Clean, rows: list[Array], has_fault: Array, with_times: bool, extra_actions: list[Array]) -> Planted:
+    """`Planted` from demonstrations (T, C + 1), whose last column is time, and their discrete actions, if any."""
+    n = clean.n_observations
+    actions = extra_actions if clean.demonstrations.is_discrete else [e[:, n:-1] for e in rows]
+    made = Demonstrations.from_episodes(list(zip((e[:, :n] for e in rows), actions, strict=True)))
+    times = Times(np.concatenate([e[:, -1] for e in rows]), FPS) if with_times else Times()
+    return Planted(made, times, has_fault)
+
+
+def plant(clean: Clean, name: str, size: float, share: float, rng: np.random.Generator) -> Planted | None:
+    """Plant a fault into a share of the demonstrations, at least one; None where it fits into none."""
+    kind, n = KINDS[name], len(clean.episodes)
+    wanted, has_fault = max(round(share * n), 1), np.zeros(n, dtype=bool)
+    timed = [np.column_stack([e, np.arange(len(e)) / FPS]) for e in clean.episodes]
+    for m in rng.permutation(n).tolist():
+        changed = kind.make(timed[m], clean, size, rng) if has_fault.sum() < wanted else None
+        if changed is not None:
+            timed[m], has_fault[m] = changed, True
+    actions = [np.resize(a, len(rows)) for (_, a), rows in zip(clean.demonstrations, timed, strict=True)]
+    return rebuild(clean, timed, has_fault, name == "dropped frames", actions) if has_fault.any() else None
+
+
+def copies(clean: Clean, noise: float, share: float, rng: np.random.Generator) -> Planted:
+    """Some demonstrations are written again, with noise of a share of the standard deviation of each column; the mask
+    marks both."""
+    n = len(clean.episodes)
+    chosen = rng.choice(n, max(round(share * n), 1), replace=False)
+    rows = [np.column_stack([e, np.arange(len(e)) / FPS]) for e in clean.episodes]
+    actions = [a for _, a in clean.demonstrations]
+    for m in chosen.tolist():
+        again = rows[m].copy()
+        again[:, :-1] += noise * clean.spread * rng.normal(size=clean.episodes[m].shape)
+        rows.append(again)
+        actions.append(actions[m])
+    marked = np.isin(np.arange(len(rows)), np.append(chosen, np.arange(n, len(rows))))
+    return rebuild(clean, rows, marked, False, actions)

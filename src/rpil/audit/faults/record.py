@@ -1,0 +1,132 @@
+"""What the rules find: one record for each fault of a demonstration, and the report of all."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Iterable, Mapping
+from dataclasses import asdict, dataclass, field
+
+from rpil.data.arrays import Id
+
+RULES = {
+    "missing values": "a value is NaN or infinite",
+    "frame count": "the recording says that it has more or fewer frames",
+    "dropped frames": "the time between two frames is too long",
+    "repeated frames": "the time between two frames is too short, or a row repeats the one before while all moves",
+    "frozen sensor": "an observation stays the same for long while others change",
+    "frozen action": "an action stays the same for long while others change",
+    "saturation": "a column stays at its lowest or highest value for long",
+    "spike": "one value is far from both its neighbours",
+    "jump": "a column leaps from one step to the next and stays there",
+    "scale": "a column has another unit or scale than elsewhere",
+    "lag": "the state follows the action sooner or later than elsewhere",
+    "idle head": "nothing moves for long at the beginning",
+    "idle tail": "nothing moves for long at the end",
+    "duplicate": "another demonstration is the same, or nearly",
+    "length": "it is far longer or shorter than the others",
+}
+"""Every rule and what it finds. Rules without a model; see docs/faults.md."""
+
+
+@dataclass(frozen=True)
+class Finding:
+    """A fault of one demonstration, the worst of its kind there.
+
+    Attributes
+    ----------
+    rule : str
+        One of `RULES`.
+    id : int or str
+        The demonstration.
+    first, last : int
+        Its steps concerned, from 0, both included.
+    column : str
+        The observation or action, or "" where the demonstration as a whole is concerned.
+    value, threshold : float
+        What was measured, and from where on it is a fault, both in the unit that the sentence names.
+    severity : float
+        How many times beyond the threshold; findings are sorted by it.
+    sentence : str
+        The finding in words, without the id of the demonstration.
+    """
+
+    rule: str
+    id: Id
+    first: int
+    last: int
+    column: str
+    value: float
+    threshold: float
+    severity: float
+    sentence: str
+
+    def to_dict(self) -> dict[str, object]:
+        """As plain numbers and text; an infinite severity as None."""
+        return asdict(self) | {"severity": self.severity if math.isfinite(self.severity) else None}
+
+
+@dataclass(frozen=True)
+class FaultReport:
+    """What was found in M demonstrations.
+
+    Attributes
+    ----------
+    findings : tuple of Finding
+        The worst first.
+    not_checked : mapping of rule to str
+        The rules that could not be applied, and why.
+    unknown : mapping of rule to names of columns
+        The columns about which a rule says nothing, because they rest for long or clean demonstrations differ too much
+        in them.
+    usual : mapping of rule to str
+        What is usual in these data, in words, such as the lag between action and state.
+    trims : mapping of id to (int, int)
+        Demonstrations with idle ends, usual or not: the first step to keep, and the first after those to keep.
+    n_demonstrations, n_steps : int
+    set_aside : tuple of ids
+        Demonstrations that could not be read on, because values are missing, and were left out.
+    n_expected : int
+        Findings that were left out because they are so on purpose.
+    """
+
+    findings: tuple[Finding, ...]
+    not_checked: Mapping[str, str]
+    unknown: Mapping[str, tuple[str, ...]]
+    usual: Mapping[str, str]
+    trims: Mapping[Id, tuple[int, int]]
+    n_demonstrations: int
+    n_steps: int
+    set_aside: tuple[Id, ...] = ()
+    n_expected: int = 0
+    counts: Mapping[str, int] = field(init=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "findings", tuple(sorted(self.findings, key=lambda found: -found.severity)))
+        counted = Counter(found.rule for found in self.findings)
+        object.__setattr__(self, "counts", {rule: counted[rule] for rule in RULES if counted[rule]})
+
+    def to_dict(self) -> dict[str, object]:
+        """As plain numbers and text."""
+        return {
+            "demonstrations": self.n_demonstrations,
+            "steps": self.n_steps,
+            "counts": dict(self.counts),
+            "findings": [found.to_dict() for found in self.findings],
+            "trims": [{"id": name, "first": first, "end": end} for name, (first, end) in self.trims.items()],
+            "usual": dict(self.usual),
+            "not_checked": dict(self.not_checked),
+            "unknown": {rule: list(names) for rule, names in self.unknown.items()},
+            "set_aside": list(self.set_aside),
+            "expected": self.n_expected,
+        }
+
+
+def explain(findings: Iterable[Finding], name: object) -> str | None:
+    """One clause on the worst fault of a demonstration, for a sentence on why its trust is low; None without one."""
+    own = [found for found in findings if str(found.id) == str(name)]
+    if not own:
+        return None
+    worst = max(own, key=lambda found: found.severity)
+    more = f" (and {len(own) - 1} more)" if len(own) > 1 else ""
+    return f"its recording has a fault that may explain this: {worst.rule}, {worst.sentence}{more}"

@@ -1,0 +1,59 @@
+"""Sums over the steps of each demonstration of a block, for all columns at once.
+
+Arrays are (C, T), one column of the recording in a row, so that a demonstration is contiguous. `offsets` (M + 1,) run
+from 0 to T, and results are (M, C).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from rpil.numerics.types import Array, Bool, Float, Int
+
+
+def changes(values: Float[Array, "C T"], offsets: Int[Array, " _"]) -> Float[Array, "C T"]:
+    """x_t - x_(t-1), and 0 at the first step of each demonstration."""
+    change = np.empty_like(values)
+    np.subtract(values[:, 1:], values[:, :-1], out=change[:, 1:])
+    change[:, offsets[:-1]] = 0.0
+    return change
+
+
+def means(values: Float[Array, "C T"], offsets: Int[Array, " _"]) -> Float[Array, "M C"]:
+    """Mean over the steps of each demonstration."""
+    return np.asarray((np.add.reduceat(values, offsets[:-1], axis=1) / np.diff(offsets)).T)
+
+
+def largest(values: Float[Array, "C T"], offsets: Int[Array, " _"]) -> tuple[Float[Array, "M C"], Int[Array, "M C"]]:
+    """The largest value of each demonstration, and the first step of the demonstration that has it."""
+    top = np.maximum.reduceat(values, offsets[:-1], axis=1)
+    n_steps = values.shape[1]
+    step = np.where(values == np.repeat(top, np.diff(offsets), axis=1), np.arange(n_steps), n_steps)
+    return top.T, np.minimum.reduceat(step, offsets[:-1], axis=1).T - offsets[:-1, None]
+
+
+def longest_runs(
+    changed: Bool[Array, "C T"], counts: Bool[Array, " T"], offsets: Int[Array, " _"]
+) -> tuple[Int[Array, "M C"], Int[Array, "M C"], Int[Array, "M C"]]:
+    """The run without a change that has most steps that count, of each demonstration: the number of these steps, the
+    step at which the run begins, and its length."""
+    runs, starts, bounds = runs_of(changed, offsets)
+    n_steps, last = changed.shape[1], changed.size - 1
+    counted = np.append(0, np.cumsum(counts))
+    step = starts % n_steps
+    # The first step of a run is that of a change.
+    weight = counted[step + runs] - counted[step + 1]
+    key = np.maximum.reduceat(weight * changed.size + (last - np.arange(len(runs))), bounds)
+    key = key.reshape(len(changed), len(offsets) - 1).T
+    run = last - key % changed.size
+    return key // changed.size, step[run] - offsets[:-1, None], runs[run]
+
+
+def runs_of(changed: Bool[Array, "C T"], offsets: Int[Array, " _"]) -> tuple[Array, Array, Array]:
+    """Lengths and first positions, in the flattened array, of all runs without a change; and the number of the first
+    run of each column and demonstration. A run ends with its demonstration."""
+    changed = changed.copy()
+    changed[:, offsets[:-1]] = True
+    starts = np.flatnonzero(changed)
+    first = np.arange(len(changed))[:, None] * changed.shape[1] + offsets[:-1]
+    return np.diff(starts, append=changed.size), starts, np.searchsorted(starts, first.ravel())

@@ -1,0 +1,170 @@
+"""The command ``rpil check``: recording faults, by rules without a model."""
+
+from __future__ import annotations
+
+import csv
+import shlex
+import sys
+from collections.abc import Collection, Mapping
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from rpil.cli import terminal
+from rpil.cli.commands import CommandSettings, read_recording
+from rpil.cli.options import OutputFile, json_option, pop_columns, quiet_option, with_column_options
+from rpil.cli.progress import show_stages
+from rpil.data.files import check_outputs, replacing
+
+if TYPE_CHECKING:
+    from rpil.audit.faults.record import FaultReport
+    from rpil.audit.record import Audit
+    from rpil.data.formats.recording import Recording
+
+MAX_FINDINGS = 30
+"""Findings that are printed."""
+
+MAX_REASONS = 10
+"""Demonstrations with low trust whose faults are printed beside an audit."""
+
+
+@click.command()
+@click.argument("file", type=click.Path())
+@click.option(
+    "-o", "--output", type=OutputFile(".csv", ".json"), metavar="OUT.csv|OUT.json", help="Also write all findings."
+)
+@click.option(
+    "--expected", type=click.Path(), metavar="FILE", help="What is so on purpose: JSON, or YAML lines rule: [id, id]."
+)
+@click.option("--fail-on", metavar="RULE[,RULE]|any", help="Exit with code 1 where one of these rules finds a fault.")
+@click.option("--skip-bad", is_flag=True, help="Set demonstrations with missing values aside and check the others.")
+@click.option("--fps", type=click.FloatRange(0, min_open=True), help="Frames a second, if the recording does not say.")
+@click.option("--stream/--no-stream", default=None, help="Leave data on disk, or read them; by default by size.")
+@json_option
+@quiet_option
+@with_column_options
+def check(
+    file: str,
+    output: str | None,
+    expected: str | None,
+    fail_on: str | None,
+    json_wanted: bool,
+    quiet: bool,
+    **options: Any,
+) -> None:
+    """Find recording faults: dropped frames, frozen sensors, spikes, lag, idle ends, duplicates and others.
+
+    Rules compare each demonstration with the others; no model is fitted. docs/faults.md describes each rule.
+    """
+    check_outputs((file, expected), output)
+    with show_stages(quiet, CommandSettings.current().timing) as progress:
+        from rpil.audit.faults.expected import read_expected
+        from rpil.data.missing import allow_missing
+
+        fatal = _rules(fail_on)
+        on_purpose = read_expected(expected) if expected else {}
+        with allow_missing():
+            read = read_recording(file, pop_columns(options), progress, options["stream"])
+            read.demonstrations  # noqa: B018  # are read here
+        progress("checking")
+        report = check_recording(file, read, options["fps"], on_purpose, options["skip_bad"])
+    if output:
+        write_findings(output, report)
+    click.echo(terminal.to_json(report.to_dict()) if json_wanted else "\n".join(fault_lines(report)))
+    if output:
+        click.echo(f"Findings: {output}", err=json_wanted)
+    if fatal & set(report.counts):
+        sys.exit(1)
+
+
+def check_recording(
+    file: str,
+    recording: Recording,
+    fps: float | None = None,
+    expected: Mapping[str, Collection[str]] | None = None,
+    skip_bad: bool = False,
+) -> FaultReport:
+    """The faults of a recording that was read from a file, which may hold timestamps as well."""
+    from rpil.audit.faults.check import find_faults
+    from rpil.data.formats.times import read_times
+
+    data = recording.demonstrations
+    times = read_times(file, data.ids, recording.description.id_column)
+    return find_faults(data, replace(times, fps=fps or recording.description.fps or times.fps), expected, skip_bad)
+
+
+def audit_fault_lines(report: FaultReport, audit: Audit, file: str) -> list[str]:
+    """The recording faults beside an audit: how many, and those that may explain low trust."""
+    from rpil.audit.faults.record import explain
+
+    if not report.findings:
+        return ["No recording faults found."]
+    counts = ", ".join(f"{count} {rule}" for rule, count in report.counts.items())
+    lines = [
+        f"Recording faults, which do not change the trust: {counts}; {shlex.join(['rpil', 'check', file])} lists them."
+    ]
+    distrusted = [name for name, verdict in zip(audit.ids, audit.verdicts, strict=True) if verdict == "adversary"]
+    reasons = [(name, reason) for name in distrusted if (reason := explain(report.findings, name))]
+    return lines + [f"  {terminal.printable(name)}: {reason}" for name, reason in reasons[:MAX_REASONS]]
+
+
+def _rules(fail_on: str | None) -> set[str]:
+    """The rules that --fail-on names."""
+    from rpil.audit.faults.expected import rule_name
+    from rpil.audit.faults.record import RULES
+
+    words = [word for word in (fail_on or "").split(",") if word.strip()]
+    return set(RULES) if "any" in words else {rule_name(word, "--fail-on") for word in words}
+
+
+def write_findings(path: str, report: FaultReport) -> None:
+    """Write all findings as a table, or the whole report as JSON."""
+    with replacing(path) as temporary:
+        if str(path).lower().endswith(".json"):
+            temporary.write_text(terminal.to_json(report.to_dict()) + "\n", encoding="utf-8")
+            return
+        with temporary.open("w", newline="", encoding="utf-8") as file:
+            names = ("id", "rule", "first", "last", "column", "value", "threshold", "severity", "sentence")
+            writer = csv.DictWriter(file, names)
+            writer.writeheader()
+            writer.writerows(found.to_dict() for found in report.findings)
+
+
+def fault_lines(report: FaultReport, n_findings: int = MAX_FINDINGS) -> list[str]:
+    """A report in lines: the number of findings by rule, the worst findings, what is usual and what was not checked."""
+    size = f"{report.n_demonstrations:,} demonstrations ({report.n_steps:,} steps)"
+    n, concerned = len(report.findings), len({found.id for found in report.findings})
+    if not n:
+        lines = [f"No recording faults found in {size}."]
+    else:
+        lines = [f"{n:,} recording fault{'s' * (n > 1)} found in {concerned:,} of {size}.", ""]
+        lines += [f"  {count:>6,}  {rule}" for rule, count in sorted(report.counts.items(), key=lambda item: -item[1])]
+    shown = report.findings[:n_findings]
+    if shown:
+        width = max(len(terminal.printable(found.id)) for found in shown)
+        lines += ["", "The worst first:" if n > 1 else "It is:"]
+        lines += [f"  {terminal.printable(f.id):<{width}}  {f.rule}: {terminal.to_one_line(f.sentence)}" for f in shown]
+    if n > len(shown):
+        lines.append(f"  ... and {n - len(shown):,} more; -o FILE.csv writes all")
+    if report.set_aside:
+        lines += ["", f"Set aside, because values are missing: {terminal.join_ids(report.set_aside)}."]
+    if report.n_expected:
+        lines += ["", f"{report.n_expected:,} more {'is' if report.n_expected == 1 else 'are'} expected and left out."]
+    if report.trims:
+        trims = [f"{terminal.printable(name)}: {a} to {b - 1}" for name, (a, b) in report.trims.items()]
+        more = "; ..." * (len(trims) > terminal.MAX_IDS)
+        lines += ["", f"Idle ends may be trimmed; steps to keep: {'; '.join(trims[: terminal.MAX_IDS])}{more}."]
+    lines += ["", f"Usual: {'; '.join(report.usual.values())}."] if report.usual else []
+    lines += ["", "Not checked:", *_not_checked_lines(report)] if report.not_checked or report.unknown else []
+    return lines
+
+
+def _not_checked_lines(report: FaultReport) -> list[str]:
+    """One line for each reason."""
+    reasons: dict[str, list[str]] = {}
+    for rule, reason in report.not_checked.items():
+        reasons.setdefault(reason, []).append(rule)
+    lines = [f"  {', '.join(rules)}: {reason}" for reason, rules in reasons.items()]
+    partly = ", ".join(f"{rule} ({len(names)})" for rule, names in report.unknown.items())
+    return lines + ([f"  in some columns, which rest or differ too much: {partly}"] if partly else [])

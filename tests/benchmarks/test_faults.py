@@ -1,0 +1,59 @@
+"""The benchmark of planted recording faults: what it plants and counts, and its table in docs/faults.md."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import faults
+from fault_kinds import KINDS, Clean, copies, plant
+from recordings import demonstrations, recording
+
+ROOT = Path(__file__).parents[2]
+
+
+@pytest.fixture(scope="module")
+def clean():
+    return Clean(demonstrations(recording(12)))
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_planted_fault_changes_the_marked_demonstrations_only(clean, kind):
+    planted = plant(clean, kind, KINDS[kind].sizes[0], 0.2, np.random.default_rng(0))
+    assert planted.has_fault.sum() == 2
+    for m, (before, after) in enumerate(zip(clean.demonstrations, planted.demonstrations, strict=True)):
+        same = all(np.array_equal(a, b) for a, b in zip(before, after, strict=True))
+        assert same != planted.has_fault[m]
+
+
+def test_copies_are_marked_in_pairs(clean):
+    planted = copies(clean, 0.0, 0.2, np.random.default_rng(0))
+    assert (len(planted.demonstrations), planted.has_fault.sum()) == (14, 4)
+
+
+def test_counts():
+    rows = [
+        {"kind": "spike", "size": 3, "group": "chosen", "checked": c, "faults": 2, "found": 1} for c in (True, False)
+    ]
+    sums = faults.summarise([row | {"clean": 10, "accused": 1} for row in rows])
+    assert dict(sums["spike", 3, "chosen"]) == {"faults": 2, "found": 1, "clean": 10, "accused": 1}
+
+
+@pytest.mark.slow
+def test_quick_run_finds_most_faults():
+    sums = faults.summarise(faults.run(None, 1, 12, quick=True)).values()
+    assert sum(n["found"] for n in sums) > 0.8 * sum(n["faults"] for n in sums)
+    assert sum(n["accused"] for n in sums) < 0.05 * sum(n["clean"] for n in sums)
+
+
+def test_table_replaces_table():
+    text = (ROOT / "docs" / "faults.md").read_text()
+    once = faults.splice(text, "new")
+    assert faults.splice(once, "new") == once
+    assert "| spike |" in text
+
+
+def test_speed_is_a_sentence():
+    assert "million steps of 14 columns" in faults.speed(3_000)

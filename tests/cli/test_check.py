@@ -1,0 +1,159 @@
+"""``rpil check``: what it prints, writes and returns."""
+
+from __future__ import annotations
+
+import csv
+import json
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+
+from command_line import call, ok, refused
+from recordings import recording
+
+
+def write(path, damage=None, timestamps=True):
+    """A recording at 30 frames a second; `damage` changes its observations (N, 3), and may be given NaN."""
+    episodes = recording()
+    ids = np.repeat(np.arange(len(episodes)), [len(x) for x, _ in episodes])
+    observations, actions = (np.concatenate(part) for part in zip(*episodes, strict=True))
+    if damage:
+        damage(observations, ids)
+    columns = {"episode_index": ids, "observation": list(observations), "action": list(actions)}
+    if timestamps:
+        columns["timestamp"] = np.concatenate([np.arange(len(x)) / 30 for x, _ in episodes])
+    pq.write_table(pa.table(columns), path)
+
+
+def spike(observations, ids):
+    observations[np.flatnonzero(ids == 4)[60], 1] += 30
+
+
+def missing(observations, ids):
+    observations[np.flatnonzero(ids == 4)[60], 1] = np.nan
+
+
+def test_clean_recording():
+    write("clean.parquet")
+    result = ok("check", "clean.parquet", "--fail-on", "any")
+    assert "No recording faults" in result.stdout
+    assert "every 33.33 ms" in result.stdout
+
+
+def test_findings_are_printed_and_written():
+    write("data.parquet", spike)
+    result = ok("check", "data.parquet", "-o", "out.csv")
+    assert "spike: observation '1'" in result.stdout
+    with open("out.csv", newline="") as file:
+        (row,) = csv.DictReader(file)
+    assert (row["id"], row["rule"], row["first"], row["last"]) == ("4", "spike", "60", "60")
+
+
+def test_json_on_stdout_and_in_a_file_is_the_same():
+    write("data.parquet", spike)
+    printed = json.loads(ok("check", "data.parquet", "--json", "-o", "out.json").stdout)
+    with open("out.json") as file:
+        assert json.load(file) == printed
+    assert printed["counts"] == {"spike": 1}
+    assert printed["findings"][0]["id"] == 4
+
+
+@pytest.mark.parametrize(("fail_on", "code"), [("spike", 1), ("jump,spike", 1), ("any", 1), ("frozen-sensor", 0)])
+def test_exit_code(fail_on, code):
+    write("data.parquet", spike)
+    assert call("check", "data.parquet", "--fail-on", fail_on).exit_code == code
+
+
+@pytest.mark.parametrize(
+    ("name", "text"),
+    [
+        ("faults.json", '{"spike": [4]}'),
+        ("faults.yaml", "# on purpose\nspike: [4, 5]\n"),
+        ("faults.yml", "spike:\n  - 4\nidle-head: all\n"),
+    ],
+)
+def test_expected_findings_do_not_fail(name, text):
+    write("data.parquet", spike)
+    with open(name, "w") as file:
+        file.write(text)
+    result = ok("check", "data.parquet", "--expected", name, "--fail-on", "any")
+    assert "1 more is expected" in result.stdout
+
+
+@pytest.mark.parametrize(
+    ("text", "match"),
+    [("spikes: [4]", "no rule 'spikes'"), ("spike 4", "line 1"), ("spike: [4", "line 1")],
+)
+def test_expected_in_another_form_is_refused(text, match):
+    write("data.parquet")
+    with open("faults.yaml", "w") as file:
+        file.write(text)
+    refused(match, "check", "data.parquet", "--expected", "faults.yaml")
+
+
+def test_unknown_rule_is_refused():
+    write("data.parquet")
+    refused("no rule 'nonsense'", "check", "data.parquet", "--fail-on", "nonsense")
+
+
+@pytest.mark.parametrize("stream", ["--stream", "--no-stream"])
+def test_missing_values_are_reported_with_their_place(stream):
+    write("data.parquet", missing)
+    result = ok("check", "data.parquet", stream)
+    assert "observation '1' is nan at step 60" in result.stdout
+    assert "--skip-bad" in result.stdout
+    skipped = ok("check", "data.parquet", stream, "--skip-bad")
+    assert "Set aside, because values are missing: 4." in skipped.stdout
+    assert "--skip-bad" not in skipped.stdout
+    refused("nan", "audit", "data.parquet", stream)
+
+
+def test_empty_cells_of_a_csv_file_are_missing_values():
+    rows = [f"{m},{x:.3f},{x + 1:.3f}" for m in range(3) for x in np.linspace(0, 1, 30)]
+    rows[40] = "1,,2.0"
+    with open("data.csv", "w") as file:
+        file.write("\n".join(["episode_index,observation.x,action.0", *rows]))
+    assert "observation 'x' is nan at step 10" in ok("check", "data.csv").stdout
+
+
+def test_a_lerobot_folder_is_compared_with_what_it_says_of_itself(tmp_path):
+    root = tmp_path / "set"
+    (root / "data").mkdir(parents=True)
+    (root / "meta" / "episodes").mkdir(parents=True)
+    write(root / "data" / "file-000.parquet")
+    lengths = [len(x) for x, _ in recording()]
+    lengths[3] += 2
+    table = pa.table({"episode_index": list(range(len(lengths))), "length": lengths})
+    pq.write_table(table, root / "meta" / "episodes" / "file-000.parquet")
+    (root / "meta" / "info.json").write_text(json.dumps({"fps": 30}))
+    found = json.loads(ok("check", root, "--json").stdout)
+    assert [(f["rule"], f["id"]) for f in found["findings"]] == [("frame count", 3)]
+    assert "33.33 ms" in found["usual"]["dropped frames"]
+    slow = json.loads(ok("check", root, "--json", "--fps", "60").stdout)
+    assert slow["counts"]["dropped frames"] == len(lengths)
+
+
+def test_at_most_thirty_findings_are_printed():
+    rng = np.random.default_rng(0)
+    once = {"observation": rng.normal(size=(2400, 1)), "action": rng.normal(size=(2400, 1))}
+    twice = {name: list(np.concatenate([values, values])) for name, values in once.items()}
+    pq.write_table(pa.table({"episode_index": np.repeat(np.arange(80), 60), **twice}), "twice.parquet")
+    lines = ok("check", "twice.parquet").stdout.splitlines()
+    assert sum("duplicate: " in line for line in lines) == 30
+    assert any("10 more" in line for line in lines)
+
+
+def test_an_audit_names_the_faults_beside_the_trust():
+    write("data.parquet", spike)
+    outputs = ["--report", "report.html", "--verdicts", "verdicts.json"]
+    printed = ok("audit", "data.parquet", *outputs).stdout
+    assert "1 spike; rpil check data.parquet lists them" in printed
+    with open("verdicts.json") as file:
+        assert {row["id"]: row["faults"] for row in json.load(file)}[4] == "spike"
+    with open("report.html") as file:
+        page = file.read()
+    assert "Recording faults" in page
+    assert "away from its neighbours at step 60" in page
+    assert json.loads(ok("audit", "data.parquet", "--json").stdout)["faults"]["counts"] == {"spike": 1}

@@ -1,0 +1,35 @@
+"""Smooth recordings of a robot with three joints that follow its commands two steps later, and faults in them."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from rpil import Demonstrations
+
+LAG = 2
+
+
+def recording(n=12, steps=(150, 200), joints=3, seed=0):
+    """Episodes (positions (T, J), commands (T, J)) without a fault."""
+    rng, episodes = np.random.default_rng(seed), []
+    for _ in range(n):
+        length = int(rng.integers(*steps))
+        time = np.arange(length + LAG)[:, None]
+        swing = np.sin(time / rng.uniform(12, 18, joints) + rng.uniform(0, 6, joints))
+        jerk = np.cumsum(0.02 * rng.normal(size=(length + LAG, joints)), axis=0)
+        path = swing + jerk - jerk.mean(axis=0)
+        command, position = path[LAG:], path[:-LAG] + 1e-3 * rng.normal(size=(length, joints))
+        episodes.append((position, command))
+    return episodes
+
+
+def demonstrations(episodes):
+    return Demonstrations.from_episodes(episodes)
+
+
+def changed(episodes, m, **arrays):
+    """The episodes with other observations or actions in number `m`."""
+    episodes = list(episodes)
+    observations, actions = episodes[m]
+    episodes[m] = arrays.get("observations", observations), arrays.get("actions", actions)
+    return episodes
