@@ -8,6 +8,7 @@ from typing import Protocol
 
 from rpil.data.arrays import Id
 from rpil.data.files import StrPath
+from rpil.data.formats import zarr
 from rpil.data.formats.columns import ColumnOptions
 from rpil.data.formats.recording import Recording
 
@@ -25,7 +26,7 @@ class Layout(Protocol):
         """Write the demonstrations called `ids`, in the order of the file, and all else of it, to the new `output`."""
 
 
-LAYOUTS: tuple[Layout, ...] = ()
+LAYOUTS: tuple[Layout, ...] = (zarr,)
 """The formats, in the order in which a path is shown to them."""
 
 

@@ -1,0 +1,101 @@
+import json
+import shutil
+
+import numpy as np
+import pytest
+
+import rpil
+from rpil.data import formats
+from rpil.data.errors import DataError
+
+zarr = pytest.importorskip("zarr", minversion="3", reason="needs the extra zarr")
+
+ENDS = np.array([4, 9, 11])
+
+
+def write_buffer(folder, zarr_format=2, action=None):
+    """A replay buffer of 3 demonstrations and 11 steps; of images no codec is installed."""
+    root = zarr.create_group(folder, zarr_format=zarr_format)
+    arrays = {
+        "action": np.arange(22, dtype=np.float32).reshape(11, 2) if action is None else action,
+        "state": np.arange(33.0).reshape(11, 3),
+        "keypoint": np.arange(44.0).reshape(11, 2, 2),
+    }
+    for name, values in arrays.items():
+        root.create_array(f"data/{name}", data=values, chunks=(3, *values.shape[1:]))
+    images = np.repeat(np.arange(11, dtype=np.uint8), 48).reshape(11, 4, 4, 3)
+    root.create_array("data/img", data=images, chunks=(1, 4, 4, 3))
+    root.create_array("meta/episode_ends", data=ENDS, compressors=None)
+    header = folder / "data/img/.zarray"
+    if header.exists():
+        header.write_text(json.dumps({**json.loads(header.read_text()), "compressor": {"id": "imagecodecs_jpegxl"}}))
+    return arrays
+
+
+@pytest.mark.parametrize("zarr_format", [2, 3])
+@pytest.mark.parametrize("zipped", [False, True])
+def test_zarr_read_and_kept(tmp_path, zarr_format, zipped):
+    path, output = tmp_path / "buffer.zarr", tmp_path / "kept.zarr"
+    arrays = write_buffer(path, zarr_format)
+    if zipped:
+        path, output = shutil.make_archive(str(path), "zip", path), tmp_path / "kept.zarr.zip"
+    recording = formats.read_recording(path)
+    d = recording.demonstrations
+    assert d.ids == (0, 1, 2)
+    assert d.offsets.tolist() == [0, *ENDS]
+    np.testing.assert_array_equal(d.actions, arrays["action"])
+    np.testing.assert_array_equal(d.observations, arrays["state"])
+    assert recording.description.format == "Zarr replay buffer"
+    assert set(recording.description.ignored) == {"img", "keypoint"}
+    points = rpil.read(path, observations="keypoint")
+    np.testing.assert_array_equal(points.observations, arrays["keypoint"].reshape(11, 4))
+
+    formats.keep(path, output, [2, 0])
+    kept = formats.read_recording(output).demonstrations
+    rows = [0, 1, 2, 3, 9, 10]
+    np.testing.assert_array_equal(kept.observations, arrays["state"][rows])
+    assert kept.lengths.tolist() == [4, 2]
+    if zipped:
+        shutil.unpack_archive(output, tmp_path / "open")
+        output = tmp_path / "open"
+    header = output / "data/img/.zarray"
+    if header.exists():  # as it was, but for its length
+        assert json.loads(header.read_text())["shape"] == [6, 4, 4, 3]
+        header.write_text(json.dumps({**json.loads(header.read_text()), "compressor": {"id": "zstd", "level": 0}}))
+    group = zarr.open_group(output, mode="r")
+    np.testing.assert_array_equal(group["data/img"][:, 0, 0, 0], rows)
+    assert group["data/action"].chunks == (3, 2)
+    assert group["meta/episode_ends"][:].tolist() == [4, 6]
+
+
+def test_zarr_without_data_or_of_another_length(tmp_path):
+    path = tmp_path / "buffer.zarr"
+    write_buffer(path, action=np.ones((10, 2)))
+    with pytest.raises(DataError, match=r"buffer.zarr: data/action has the shape \(10, 2\), but .* ends at 11 steps"):
+        rpil.read(path)
+    shutil.rmtree(path / "data")
+    with pytest.raises(DataError, match=r"3 demonstrations and 11 steps, but no array .*; copy the data as well\.$"):
+        rpil.read(path)
+    with pytest.raises(DataError, match="no demonstration is called '3'"):
+        formats.keep(path, tmp_path / "kept", [3])
+    assert [file.name for file in tmp_path.iterdir()] == ["buffer.zarr"]
+
+
+def test_hostile_zarr(tmp_path):
+    path = tmp_path / "buffer.zarr"
+    write_buffer(path)
+    header = path / "meta/episode_ends/.zarray"
+    about = json.loads(header.read_text())
+    for change, message in (
+        ({"shape": [10**15], "chunks": [10**15]}, "more than the"),
+        ({"dtype": "<f8"}, "must hold rising numbers of steps"),
+        ({"dtype": "|O"}, "damaged Zarr store"),
+        ({"shape": "x"}, "damaged Zarr store"),
+    ):
+        header.write_text(json.dumps({**about, **change}))
+        with pytest.raises(DataError, match=message):
+            rpil.read(path)
+    header.write_text(json.dumps({**about}))
+    (path / "meta/episode_ends/0").write_bytes(np.array([4, 10**15, 10**16]).tobytes())
+    with pytest.raises(DataError, match="more than the"):
+        rpil.read(path)
