@@ -24,6 +24,9 @@ if TYPE_CHECKING:
 
 NO_STEPS = "not one value for each step"
 
+MAX_MATRIX = 1024
+"""Numbers of a matrix that is no image, at most; it is read as a list."""
+
 
 class Stored(Protocol):
     """An array that need not be in memory, such as a data set of HDF5."""
@@ -112,12 +115,13 @@ def _kinds(part: Part, source: str) -> dict[str, Kind]:
 
 
 def _kind(array: Stored) -> Kind:
-    kind = array.dtype.kind
-    if len(array.shape) > 2 or kind not in "biufSUT" or (array.dtype == np.uint8 and len(array.shape) == 2):
-        return "nested"
+    kind, shape = array.dtype.kind, array.shape
     if kind in "SUT":
-        return "text" if len(array.shape) == 1 else "nested"
-    return "number" if len(array.shape) == 1 else "list"
+        return "text" if len(shape) == 1 else "nested"
+    is_image = (len(shape) > 1 and array.dtype == np.uint8) or (len(shape) > 2 and math.prod(shape[1:]) > MAX_MATRIX)
+    if kind not in "biuf" or is_image:
+        return "nested"
+    return "number" if len(shape) == 1 else "list"
 
 
 def _place(part: Part, id_column: str, source: str) -> str:
@@ -174,7 +178,7 @@ def _column(parts: Sequence[Part], name: str, source: str) -> pa.Array:
         values[row : row + part.n_steps] = array[: part.n_steps]
         row += part.n_steps
     column = pa.array(values.reshape(-1))
-    return column if values.ndim == 1 else pa.FixedSizeListArray.from_arrays(column, values.shape[1])
+    return column if values.ndim == 1 else pa.FixedSizeListArray.from_arrays(column, math.prod(values.shape[1:]))
 
 
 def _text(value: object, name: str, source: str) -> str:

@@ -58,7 +58,10 @@ class Recording:
 
     def with_ignored_files(self, paths: Sequence[str]) -> Recording:
         """The same, where files beside those of the recording are not read."""
-        names = {PurePosixPath(path).name: "a text table beside Parquet files" for path in paths}
+        return self.with_ignored({PurePosixPath(path).name: "a text table beside Parquet files" for path in paths})
+
+    def with_ignored(self, names: Mapping[str, str]) -> Recording:
+        """The same, where parts of the file that are no columns are not read for the reasons in `names`."""
         return replace(self, description=replace(self.description, ignored={**self.description.ignored, **names}))
 
     @classmethod

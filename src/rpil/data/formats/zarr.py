@@ -6,7 +6,6 @@ import json
 import zipfile
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -62,8 +61,7 @@ def read(path: Path, options: ColumnOptions) -> Recording:
         empty = np.flatnonzero(lengths == 0).tolist()
         notes = (f"Left out, because they have no steps: {listed(map(str, empty))}.",) if empty else ()
         recording = from_parts([Part(int(ends[-1]), steps)], _ID, path.name, "Zarr replay buffer", options, notes=notes)
-    ignored = {**recording.description.ignored, **dict.fromkeys(closed, "compressed by a codec that is not installed")}
-    return replace(recording, description=replace(recording.description, ignored=ignored))
+    return recording.with_ignored(dict.fromkeys(closed, "compressed by a codec that is not installed"))
 
 
 def keep(path: Path, output: Path, ids: Sequence[Id]) -> None:
@@ -202,7 +200,8 @@ def _copy_chunks(old: Path | zipfile.Path, new: Path, rows: Array, where: str) -
         raise DataError(f"{where} is compressed by a codec that is not installed (imagecodecs has it); install it.")
     new.mkdir()
     (new / ".zarray").write_text(json.dumps({**about, "shape": [len(rows), *about["shape"][1:]]}))
-    rest = [file.name.partition(".")[2] for file in old.iterdir() if file.name.partition(".")[0] == "0"]
-    for k, row in enumerate(rows.tolist()):
-        for place in rest:
-            (new / f"{k}.{place}").write_bytes((old / f"{row}.{place}").read_bytes())
+    new_row = {str(row): k for k, row in enumerate(rows.tolist())}
+    for file in old.iterdir():  # a chunk of zeros is not there
+        row, _, place = file.name.partition(".")
+        if row in new_row:
+            (new / f"{new_row[row]}.{place}").write_bytes(file.read_bytes())
