@@ -21,6 +21,7 @@ from rpil.data.formats.id_values import Label, is_id_file, match_demonstrators, 
 from rpil.data.formats.names import is_data
 from rpil.data.formats.recording import Recording, from_dataset
 from rpil.data.formats.registry import find_layout
+from rpil.data.formats.selection import keep_file, keep_folder
 from rpil.data.formats.store import find_files, may_be_many_files
 from rpil.data.formats.weights import write_weights
 from rpil.data.memory import Size, limited
@@ -83,13 +84,16 @@ def read_recording(path: StrPath, options: ColumnOptions = ColumnOptions(), *, o
         return layout.read(Path(path), options)
     if may_be_many_files(path):
         return _read_many(path, options)
-    path = check_exists(path)
-    is_text = path.name.lower().endswith(TEXT_SUFFIXES)
-    module = (
-        csv if is_text else FORMATS[check_extension(path, {**FORMATS, **dict.fromkeys(TEXT_SUFFIXES)}).suffix.lower()]
-    )
+    path = _known(check_exists(path))
+    module = csv if path.name.lower().endswith(TEXT_SUFFIXES) else FORMATS[path.suffix.lower()]
     recording: Recording = module.read(check_readable(path), options)
     return recording
+
+
+def _known(path: Path) -> Path:
+    """`path`, or a `DataError` where no table can have its extension."""
+    is_text = path.name.lower().endswith(TEXT_SUFFIXES)
+    return path if is_text else check_extension(path, {**FORMATS, **dict.fromkeys(TEXT_SUFFIXES)})
 
 
 def read_demonstrators(where: str, data: StrPath | Recording) -> dict[str, str]:
@@ -117,25 +121,37 @@ def _read_many(path: StrPath, options: ColumnOptions) -> Recording:
     return recording.with_ignored_files(text_files)
 
 
-def keep(path: StrPath, output: StrPath, ids: Sequence[Id]) -> None:
-    """Write some demonstrations of a file or folder to a new one of the same format.
+def keep(path: StrPath, output: StrPath, ids: Sequence[Id], options: ColumnOptions = ColumnOptions()) -> None:
+    """Write some demonstrations of a file or folder, with all that it says of them, to a new one of the same format.
 
     Parameters
     ----------
     ids : sequence
         Of the demonstrations to keep, as `read` gives them; they come in the order of the file.
     output : path
-        A file is replaced whole; a folder must not be there yet. `path` itself is never changed.
+        A file is replaced whole; a folder must not be there yet. What is at `path` is never changed.
+    options : ColumnOptions
+        Those with which `path` was read.
 
     Raises
     ------
     DataError
-        Where an id is unknown, the output cannot be written, or the format cannot be given back.
+        Where an id is unknown, the output cannot be written or is in `path`, or the format cannot be given back.
     """
+    if "://" in str(path):
+        raise DataError(f"{path}: only files of this computer can be given back; download it first.")
+    path, output = check_exists(path), Path(output)
+    if path.resolve() in (output.resolve(), *output.resolve().parents):
+        raise DataError(f"{output}: it is the data themselves, or in them; give another path.")
+    if not ids:
+        raise DataError(f"{path}: no demonstration is to be kept; choose others.")
     layout = find_layout(path)
-    if layout is None:
-        raise DataError(f"{path}: demonstrations of this format cannot be kept; convert it first.")
-    layout.keep(Path(path), Path(output), ids)
+    if layout is not None:
+        layout.keep(path, output, ids)
+    elif path.is_dir():
+        keep_folder(path, output, ids, options)
+    else:
+        keep_file(_known(path), output, ids, options)
 
 
 def write(path: StrPath, demonstrations: Demonstrations, truth: Mapping[str, ArrayLike] | None = None) -> None:

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 _Reader = Callable[[dict[str, object]], "pa.Table"]
 
-_FILE = "file"  # the column of the file's name, where nothing else names the demonstration
+FILE = "file"  # the column of the file's name, where nothing else names the demonstration
 _BLOCK_BYTES = 1 << 20
 _MAX_BLOCK_BYTES = (1 << 31) - 1
 
@@ -32,7 +32,7 @@ _MAX_BLOCK_BYTES = (1 << 31) - 1
 def read(path: Path, options: ColumnOptions) -> Recording:
     """Read the columns that hold data, and the numbers of the rows."""
     dialect = find_dialect(path)
-    columns = _find_columns(path, dialect, options)
+    columns = find_text_columns(path, dialect, options)
     table = _exact(_read_table(path, dialect, columns), columns, dialect.decimal)
     note = () if dialect.encoding in ("utf-8", "utf-16") else (f"Text is not UTF-8: read as {dialect.encoding}.",)
     return from_table(table, columns, path.name, dialect.words, notes=note)
@@ -41,17 +41,17 @@ def read(path: Path, options: ColumnOptions) -> Recording:
 def read_folder(paths: Sequence[Path], options: ColumnOptions, source: str) -> Recording:
     """Read files with the same columns; where no column names the demonstration, each file is one."""
     first = find_dialect(paths[0])
-    columns = _find_columns(paths[0], first, options, _FILE)
+    columns = find_text_columns(paths[0], first, options, FILE)
     tables = []
     for path in paths:
         dialect = find_dialect(path)
         if set(dialect.names) != set(first.names):
             raise DataError(f"{path.name}: its columns are not those of {paths[0].name}; give all files the same ones.")
         table = _read_table(path, dialect, columns)
-        if columns.episode == _FILE:
-            table = table.append_column(_FILE, [[path.name.partition(".")[0]] * len(table)])
+        if columns.episode == FILE:
+            table = table.append_column(FILE, [[stem(path)] * len(table)])
         tables.append(table)
-    if columns.episode != _FILE:
+    if columns.episode != FILE:
         refuse_id_in_two_files([table[columns.episode] for table in tables], [path.name for path in paths], source)
     import pyarrow as pa
 
@@ -77,7 +77,12 @@ def write_tables(path: Path, tables: Iterator[pa.Table]) -> None:
             writer.write_table(table.cast(schema))
 
 
-def _find_columns(path: Path, dialect: Dialect, options: ColumnOptions, default_id: str | None = None) -> Columns:
+def stem(path: Path) -> str:
+    """The name of a file without its extensions: the demonstration that it holds where no column names one."""
+    return path.name.partition(".")[0]
+
+
+def find_text_columns(path: Path, dialect: Dialect, options: ColumnOptions, default_id: str | None = None) -> Columns:
     """The columns by the first block of the file, which tells their types."""
     import pyarrow as pa
     from pyarrow import csv

@@ -19,7 +19,7 @@ from rpil.data.formats.recording import Recording
 from rpil.data.npy import read_arrays
 from rpil.numerics.types import Array
 
-_SPELLINGS = {
+SPELLINGS = {
     "observations": ("observations", "observation"),
     "actions": ACTION[::-1],
     "episode_ids": ("episode_ids", *EPISODE),
@@ -38,7 +38,7 @@ def read(path: Path, options: ColumnOptions) -> Recording:
     try:
         with zipfile.ZipFile(path) as stored:
             found = {name.removesuffix(".npy"): name for name in stored.namelist()}
-            spellings = {what: as_list(given[what] or ()) or names for what, names in _SPELLINGS.items()}
+            spellings = {what: as_list(given[what] or ()) or names for what, names in SPELLINGS.items()}
             wanted = {what: next((n for n in names if n in found), None) for what, names in spellings.items()}
             missing = next((what for what, name in wanted.items() if name is None), None)
             if missing:

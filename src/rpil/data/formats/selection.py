@@ -1,0 +1,155 @@
+"""Some demonstrations of tables and of NumPy's arrays, in the format in which they came: all columns, as they were."""
+
+from __future__ import annotations
+
+import csv
+import gzip
+import itertools
+import os
+import shutil
+import zipfile
+from collections.abc import Callable, Iterable, Iterator, Sequence, Set
+from pathlib import Path
+from typing import IO, TYPE_CHECKING, cast
+
+import numpy as np
+
+from rpil.data.errors import DataError
+from rpil.data.files import new_folder, replacing
+from rpil.data.formats import npz
+from rpil.data.formats import table as flat
+from rpil.data.formats.columns import ColumnOptions, as_list
+from rpil.data.formats.csv import FILE, find_text_columns, stem
+from rpil.data.formats.dialect import TEXT_SUFFIXES, find_dialect
+from rpil.data.formats.store import BATCH_ROWS, columns_of_file, find_files, opened
+from rpil.data.formats.table import check_ids
+from rpil.data.npy import read_arrays
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+_NESTED_ROWS = 1000  # read at a time where there are images
+
+Change = Callable[["pa.Table"], "pa.Table"]
+
+
+def keep_file(path: Path, output: Path, ids: Sequence[object], options: ColumnOptions) -> None:
+    """Write the demonstrations `ids` of one file to `output`, which has the same extension."""
+    if output.suffix.lower() != path.suffix.lower():
+        raise DataError(f"{output}: give it the extension {path.suffix}, or write another format with rpil convert.")
+    name, wanted = path.name.lower(), set(map(str, ids))
+    with replacing(output) as temporary:
+        keep = keep_text if name.endswith(TEXT_SUFFIXES) else _keep_arrays if name.endswith(".npz") else keep_rows
+        found = keep(path, temporary, wanted, options)
+        check_ids(wanted, found, str(path), "them")
+
+
+def keep_folder(path: Path, output: Path, ids: Sequence[object], options: ColumnOptions) -> None:
+    """Write the demonstrations `ids` of a folder to the new folder `output`, in files of the same names.
+
+    Files of other demonstrations are left out, and so is all that is not read.
+    """
+    parquet_files, text_files = find_files(path)[1:]
+    keep = keep_rows if parquet_files else _keep_text_or_file
+    wanted, found = set(map(str, ids)), set()
+    with new_folder(output) as folder:
+        for file in map(Path, parquet_files or text_files):
+            target = folder / file.relative_to(os.path.abspath(path))
+            target.parent.mkdir(parents=True, exist_ok=True)
+            in_file = keep(file, target, wanted, options)
+            if not in_file:
+                target.unlink(missing_ok=True)
+            found |= in_file
+        check_ids(wanted, found, str(path), "them")
+
+
+def keep_rows(
+    path: Path, output: Path, ids: Set[str], options: ColumnOptions, change: Change = lambda table: table
+) -> set[str]:
+    """Write the rows of the demonstrations `ids` of a Parquet file, after a `change`; return the ids found."""
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+    from pyarrow import fs
+
+    found: set[str] = set()
+    schema = pq.read_schema(path)
+    nested = any(flat.kind_of_type(field.type) == "nested" for field in schema)
+    with opened(fs.LocalFileSystem(), str(path)) as file, pq.ParquetWriter(output, schema) as writer:
+        column = columns_of_file(file, path.name, options).episode
+        for batch in file.iter_batches(_NESTED_ROWS if nested else BATCH_ROWS):
+            rows = pa.Table.from_batches([batch])
+            names, codes = flat.id_codes(rows, column, lambda _: path.name)
+            kept = np.array([str(name) in ids for name in names])
+            found |= {str(name) for name in names} & ids
+            if kept.any():
+                writer.write_table(change(rows.filter(pa.array(kept[codes])).cast(schema)))
+    return found
+
+
+def keep_text(path: Path, output: Path, ids: Set[str], options: ColumnOptions) -> set[str]:
+    """Write the lines of the demonstrations `ids` of a text table, and its comments; return the ids found."""
+    dialect = find_dialect(path)
+    column = dialect.names.index(find_text_columns(path, dialect, options).episode)
+    encoding, found = dialect.encoding, set()
+    with _open(path, "rt", encoding) as source, _open(output, "wt", encoding) as target:
+        target.writelines(itertools.islice(source, dialect.skip_rows))
+        for lines, values in _rows(source, dialect.separator):
+            is_row = bool(values) and not lines.lstrip().startswith("#")
+            name = values[column].strip() if is_row else ""
+            if not is_row or name in ids:
+                target.write(lines)
+                found.add(name)
+    return found & ids
+
+
+def _keep_text_or_file(path: Path, output: Path, ids: Set[str], options: ColumnOptions) -> set[str]:
+    """The same for a file of a folder: it is one demonstration where no column names the demonstration."""
+    if find_text_columns(path, find_dialect(path), options, FILE).episode != FILE:
+        return keep_text(path, output, ids, options)
+    if stem(path) in ids:
+        shutil.copyfile(path, output)
+    return {stem(path)} & ids
+
+
+def _open(path: Path, mode: str, encoding: str) -> IO[str]:
+    opener = gzip.open if path.suffix.lower() == ".gz" else open
+    return cast(IO[str], opener(path, mode, encoding=encoding, newline=""))
+
+
+def _rows(lines: Iterable[str], separator: str) -> Iterator[tuple[str, list[str]]]:
+    """The text of each row, which may have several lines, and its values."""
+    taken: list[str] = []
+    for values in csv.reader(_tee(lines, taken), delimiter=separator):
+        yield "".join(taken), values
+        taken.clear()
+
+
+def _tee(lines: Iterable[str], taken: list[str]) -> Iterator[str]:
+    for line in lines:
+        taken.append(line)
+        yield line
+
+
+def _keep_arrays(path: Path, output: Path, ids: Set[str], options: ColumnOptions) -> set[str]:
+    """Write the arrays of an NPZ file with the rows, or the values, of the demonstrations `ids`; return the ids found.
+
+    An array with one value for each step or demonstration is cut, any other is written whole.
+    """
+    order = [str(name) for name in npz.read(path, options).demonstrations.ids]
+    with zipfile.ZipFile(path) as stored:
+        members = stored.namelist()
+        try:
+            values = read_arrays(stored, members, path.name)
+        except ValueError as error:
+            raise DataError(f"{path.name}: it holds Python objects beside the demonstrations; drop them.") from error
+    arrays = dict(zip((name.removesuffix(".npy") for name in members), values, strict=True))
+    column = next(name for name in as_list(options.id or ()) or npz.SPELLINGS["episode_ids"] if name in arrays)
+    owners = arrays[column]
+    owners = owners.astype(np.int64) if owners.dtype.kind == "f" else owners
+    steps = np.array([str(name) in ids for name in owners.tolist()])
+    demonstrations = np.array([name in ids for name in order])
+    for name, array in arrays.items():
+        mask = next((m for m in (steps, demonstrations) if array.ndim and len(array) == len(m)), None)
+        arrays[name] = array if mask is None or name == "observation_names" else array[mask]
+    np.savez_compressed(output, allow_pickle=False, **arrays)
+    return {*order} & ids
