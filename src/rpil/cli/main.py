@@ -17,6 +17,7 @@ from rpil.cli import commands, terminal
 from rpil.cli.check import audit_fault_lines, check, check_recording
 from rpil.cli.commands import Commands, CommandSettings, connect_engine, fit_rpil, read_recording
 from rpil.cli.completion import install_completion
+from rpil.cli.give_back import convert, keep
 from rpil.cli.info import info
 from rpil.cli.options import (
     FitOptions,
@@ -74,8 +75,8 @@ def main(ctx: click.Context, /) -> None:
         click.echo(ctx.get_help())
 
 
-main.add_command(info)
-main.add_command(check)
+for command in (check, info, keep, convert):
+    main.add_command(command)
 
 
 @main.command()

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from rpil.data.arrays import Id, as_array
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
-from rpil.data.files import StrPath, check_exists, check_extension, check_readable
+from rpil.data.files import StrPath, check_exists, check_extension, check_readable, check_writable
 from rpil.data.formats import csv, npz, parquet
 from rpil.data.formats.columns import ColumnOptions, Names
 from rpil.data.formats.dataset import open_dataset
@@ -138,11 +138,7 @@ def keep(path: StrPath, output: StrPath, ids: Sequence[Id], options: ColumnOptio
     DataError
         Where an id is unknown, the output cannot be written or is in `path`, or the format cannot be given back.
     """
-    if "://" in str(path):
-        raise DataError(f"{path}: only files of this computer can be given back; download it first.")
-    path, output = check_exists(path), Path(output)
-    if path.resolve() in (output.resolve(), *output.resolve().parents):
-        raise DataError(f"{output}: it is the data themselves, or in them; give another path.")
+    path, output = check_keep(path, output)
     if not ids:
         raise DataError(f"{path}: no demonstration is to be kept; choose others.")
     layout = find_layout(path)
@@ -152,6 +148,20 @@ def keep(path: StrPath, output: StrPath, ids: Sequence[Id], options: ColumnOptio
         keep_folder(path, output, ids, options)
     else:
         keep_file(_known(path), output, ids, options)
+
+
+def check_keep(path: StrPath, output: StrPath) -> tuple[Path, Path]:
+    """Both paths, or a `DataError`, before any work, where `keep` cannot write to `output`."""
+    if "://" in str(path):
+        raise DataError(f"{path}: only files of this computer can be given back; download it first.")
+    path, output = check_exists(path), Path(output)
+    if path.resolve() in (output.resolve(), *output.resolve().parents):
+        raise DataError(f"{output}: it is the data themselves, or in them; give another path.")
+    if output.is_dir():
+        raise DataError(f"{output}: it is there already; give the path of a new folder.")
+    if path.is_file() and find_layout(path) is None and output.suffix.lower() != path.suffix.lower():
+        raise DataError(f"{output}: give it the extension {path.suffix}, or write another format with rpil convert.")
+    return path, check_writable(output)
 
 
 def write(path: StrPath, demonstrations: Demonstrations, truth: Mapping[str, ArrayLike] | None = None) -> None:

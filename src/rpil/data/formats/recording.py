@@ -44,12 +44,15 @@ class Recording:
         The file's own numbers of its rows, such as ``index``, in the order of the steps.
     operators : list of pairs
         The different pairs of a demonstration's id, as text, and the value in the column of operators.
+    tasks : mapping of str to str
+        What was to be done in each demonstration, by its id as text; empty where the file does not say.
     """
 
     description: Description
     load: Callable[[], Demonstrations | Dataset]
     step_columns: StepColumns = lambda _: None
     operators: list[tuple[str, object]] = field(default_factory=list)
+    tasks: Mapping[str, str] = field(default_factory=dict)
 
     @cached_property
     def demonstrations(self) -> Demonstrations | Dataset:
@@ -117,7 +120,7 @@ def from_table(
     description = replace(described, source=source, format=format_name, notes=notes)
     operators, tasks = (_pairs(table, name, names, group) for name in (columns.operator, columns.task))
     description = replace(description, operators=_values(operators), tasks=_values(tasks, metadata.tasks))
-    return Recording(description, load, numbers, operators)
+    return Recording(description, load, numbers, operators, tasks_of(tasks, metadata))
 
 
 def from_dataset(data: Dataset) -> Recording:
@@ -148,7 +151,8 @@ def from_dataset(data: Dataset) -> Recording:
         missing=statistics.missing,
         ranges=statistics.ranges,
     )
-    recording = Recording(description, lambda: data, lambda steps: _stored_numbers(data, steps), about.operators)
+    tasks = tasks_of(about.tasks, about.metadata)
+    recording = Recording(description, lambda: data, lambda steps: _stored_numbers(data, steps), about.operators, tasks)
     return recording.with_ignored_files(about.ignored_files)
 
 
@@ -267,6 +271,14 @@ def _pairs(table: pa.Table, name: str | None, ids: list[int | str], group: Array
     _, first = np.unique(group * (len(values) + 1) + codes, return_index=True)
     found = [(str(ids[group[row]]), values[codes[row]] if codes[row] >= 0 else None) for row in np.sort(first).tolist()]
     return [(m, _as_whole(value)) for m, value in found]
+
+
+def tasks_of(pairs: Sequence[tuple[str, object]], metadata: Metadata) -> dict[str, str]:
+    """The task of each demonstration from pairs of its id and the values of a column; several are one task together."""
+    names: dict[str, list[str]] = {}
+    for m, value in pairs:
+        names.setdefault(m, []).append("" if value is None else metadata.tasks.get(str(value), str(value)))
+    return {m: "; ".join(sorted(tasks)) for m, tasks in names.items()}
 
 
 def _as_whole(value: object) -> object:

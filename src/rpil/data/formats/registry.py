@@ -23,7 +23,7 @@ class Layout(Protocol):
         """The recording in it; a `DataError` where it cannot be read."""
 
     def keep(self, path: Path, output: Path, ids: Sequence[Id], /) -> None:
-        """Write the demonstrations called `ids`, in the order of the file, and all else of it, to the new `output`."""
+        """Write the demonstrations `ids` (as `read` gives them, or as text), in the order of the file, to `output`."""
 
 
 LAYOUTS: tuple[Layout, ...] = (zarr,)

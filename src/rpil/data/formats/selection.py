@@ -34,9 +34,7 @@ Change = Callable[["pa.Table"], "pa.Table"]
 
 
 def keep_file(path: Path, output: Path, ids: Sequence[object], options: ColumnOptions) -> None:
-    """Write the demonstrations `ids` of one file to `output`, which has the same extension."""
-    if output.suffix.lower() != path.suffix.lower():
-        raise DataError(f"{output}: give it the extension {path.suffix}, or write another format with rpil convert.")
+    """Write the demonstrations `ids` of one file to `output`."""
     name, wanted = path.name.lower(), set(map(str, ids))
     with replacing(output) as temporary:
         keep = keep_text if name.endswith(TEXT_SUFFIXES) else _keep_arrays if name.endswith(".npz") else keep_rows

@@ -1,0 +1,83 @@
+"""The demonstrations to keep: by their verdicts, a share of the most trusted, or all from some P(expert) on."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+from collections.abc import Mapping, Sequence
+from typing import cast
+
+import numpy as np
+
+from rpil.audit.verdict_table import TABLE_EXTENSIONS
+from rpil.data.arrays import Id
+from rpil.data.errors import DataError
+from rpil.data.files import StrPath, check_extension, check_readable
+from rpil.data.formats.id_values import read_labels
+from rpil.numerics.types import Array
+
+Table = Mapping[str, Sequence[object]]
+
+
+def trusted_ids(table: Table, share: float | None = None, at_least: float | None = None) -> list[Id]:
+    """The ids to keep of a table of verdicts, in its order: by default those with the verdict "expert".
+
+    Parameters
+    ----------
+    table : mapping of column to M values
+        As `rpil.audit.verdict_table.verdict_columns` and `read_verdicts` give it.
+    share : float, optional
+        Keep this share of the demonstrations, in (0, 1]; those with the largest log-odds.
+    at_least : float, optional
+        Keep those whose P(expert) is this or more.
+
+    Raises
+    ------
+    DataError
+        Where the table has no numbers to choose by.
+    """
+    ids = list(cast(Sequence[Id], table["id"]))
+    if at_least is not None:
+        chosen = _numbers(table, "expert_proba") >= at_least
+    elif share is not None:
+        n_kept = max(round(share * len(ids)), 1)
+        ranked = np.argsort(-_numbers(table, "log_odds"), kind="stable")
+        chosen = np.isin(np.arange(len(ids)), ranked[:n_kept])
+    else:
+        chosen = np.array([verdict == "expert" for verdict in table["verdict"]])
+    return [name for name, kept in zip(ids, chosen.tolist(), strict=True) if kept]
+
+
+def read_verdicts(path: StrPath) -> Table:
+    """The columns of a table of verdicts that an audit wrote, or of labels, which become verdicts.
+
+    Raises
+    ------
+    DataError
+        Where the file cannot be read as such.
+    """
+    path = check_readable(check_extension(path, TABLE_EXTENSIONS, "verdicts"))
+    try:
+        if path.suffix.lower() == ".parquet":
+            import pyarrow.parquet as pq
+
+            columns: Table = pq.read_table(path).to_pydict()
+        else:
+            text = path.read_text(encoding="utf-8-sig")
+            is_csv = path.suffix.lower() == ".csv"
+            rows = list(csv.DictReader(io.StringIO(text, newline="")) if is_csv else json.loads(text))
+            columns = {name: [row[name] for row in rows] for name in rows[0]} if isinstance(rows[0], dict) else {}
+    except (OSError, ValueError, LookupError, TypeError, csv.Error, RecursionError) as error:
+        raise DataError(f"{path.name}: it cannot be read as {path.suffix[1:].upper()}; write it again.") from error
+    if {"id", "verdict"} <= {*columns}:
+        return columns
+    labels = read_labels(path)
+    return {"id": list(labels), "verdict": list(labels.values())}
+
+
+def _numbers(table: Table, column: str) -> Array:
+    try:
+        return np.array(cast(Sequence[float], table[column]), dtype=float)
+    except (KeyError, ValueError, TypeError) as error:
+        raise DataError(f"The verdicts have no numbers in {column}; give those that rpil audit wrote.") from error

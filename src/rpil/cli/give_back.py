@@ -1,0 +1,111 @@
+"""``rpil keep`` and ``rpil convert``: demonstrations as files again."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import click
+
+from rpil.cli.commands import (
+    CommandSettings,
+    connect_engine,
+    fit_rpil,
+    load_into_memory,
+    read_recording,
+    resolve_stream,
+)
+from rpil.cli.options import (
+    FitOptions,
+    OutputFile,
+    check_choices,
+    pop_columns,
+    quiet_option,
+    with_column_options,
+    with_fit_options,
+)
+from rpil.cli.progress import show_stages
+from rpil.data.errors import DataError
+from rpil.data.files import check_outputs
+
+
+@click.command()
+@click.argument("file", type=click.Path())
+@click.option("-o", "--output", type=click.Path(), metavar="NEW", required=True, help="A new file, or folder.")
+@click.option("--share", metavar="S", type=click.FloatRange(0, 1, min_open=True), help="Keep this share, as .8.")
+@click.option("--at-least", metavar="P", type=click.FloatRange(0, 1), help="Keep those whose P(expert) is P or more.")
+@click.option(
+    "--verdicts",
+    type=click.Path(),
+    metavar="FILE",
+    help="Verdicts that rpil audit wrote, or labels: keep by these, and judge nothing.",
+)
+@with_fit_options
+def keep(
+    file: str, output: str, share: float | None, at_least: float | None, verdicts: str | None, **options: Any
+) -> None:
+    """Write the trusted demonstrations to a new file of the same format.
+
+    These are the ones with the verdict expert, unless --share or --at-least says otherwise.
+    """
+    if share is not None and at_least is not None:
+        raise click.UsageError("--share and --at-least exclude each other: leave one out")
+    from rpil.audit.choice import Table, read_verdicts, trusted_ids
+    from rpil.audit.verdict_table import verdict_columns
+    from rpil.data import formats
+
+    formats.check_keep(file, output)
+    quiet, stream, scheduler = (options.pop(name) for name in ("quiet", "stream", "scheduler"))
+    columns = pop_columns(options)
+    if options["features"] == "auto":
+        options["features"] = "folded"  # the judge's, as in an audit: no policy is kept
+    with show_stages(quiet, CommandSettings.current().timing) as progress:
+        check_choices(click.get_current_context())
+        if verdicts is None:
+            with connect_engine(scheduler, progress) as engine:
+                read = read_recording(file, columns, progress, resolve_stream(stream, scheduler))
+                fitted, who = fit_rpil(file, read, FitOptions(**options), progress, engine)
+            table: Table = verdict_columns(fitted.audit_, who)
+            why = f" ({fitted.audit_.finding})"
+        else:
+            table, why = read_verdicts(verdicts), ""
+        kept = trusted_ids(table, share, at_least)
+        if not kept:
+            raise DataError(f"{file}: no demonstration is trusted enough{why}; give labels, or choose with --share.")
+        progress(f"writing {output}")
+        formats.keep(file, output, kept, columns)
+    click.echo(f"Kept {len(kept):,} of {len(table['id']):,} demonstrations: {output}")
+
+
+@click.command()
+@click.argument("file", type=click.Path())
+@click.option(
+    "-o",
+    "--output",
+    type=OutputFile(".parquet", ".csv", ".npz"),
+    metavar="OUT.parquet|OUT.csv|OUT.npz",
+    required=True,
+    help="The file to write.",
+)
+@quiet_option
+@with_column_options
+def convert(file: str, output: str, quiet: bool, **options: Any) -> None:
+    """Write the demonstrations as one table, or as NumPy's arrays: one row per step.
+
+    It holds the observations, the actions, and for each demonstration its operator and task, where the file names them.
+    """
+    check_outputs((file, options["operator"]), output)
+    operator = options["operator"]
+    columns = pop_columns(options)
+    with show_stages(quiet, CommandSettings.current().timing) as progress:
+        from rpil.data import formats
+
+        recording = read_recording(file, columns, progress)
+        demonstrations = load_into_memory(recording.demonstrations)
+        operators = formats.read_demonstrators(operator, recording) if operator else dict(recording.operators)
+        about = {"operator": operators, "task": recording.tasks}
+        ids = [str(name) for name in demonstrations.ids]
+        truth = {what: [str(of.get(m, "")) for m in ids] for what, of in about.items() if of}
+        progress(f"writing {output}")
+        formats.write(output, demonstrations, truth)
+    size = f"{len(demonstrations):,} demonstrations, {demonstrations.n_steps:,} steps"
+    click.echo(f"{size}: {output}")

@@ -1,0 +1,60 @@
+"""Which demonstrations are kept, and tables of verdicts read back as they were written."""
+
+import json
+
+import pytest
+
+from audits import make_audit
+from rpil.audit.choice import read_verdicts, trusted_ids
+from rpil.audit.verdict_table import verdict_columns, write_verdicts
+from rpil.data.errors import DataError
+
+TABLE = {
+    "id": ["a", "b", "c", "d"],
+    "verdict": ["expert", "adversary", "uncertain", "expert"],
+    "expert_proba": [0.99, 0.02, 0.6, 0.95],
+    "log_odds": ["5", "-4", "0.4", "3"],  # as in a file of text
+}
+
+
+@pytest.mark.parametrize(
+    ("options", "kept"),
+    [
+        ({}, "ad"),
+        ({"share": 0.75}, "acd"),
+        ({"share": 0.01}, "a"),
+        ({"share": 1}, "abcd"),
+        ({"at_least": 0.6}, "acd"),
+        ({"at_least": 0.991}, ""),
+    ],
+)
+def test_choice(options, kept):
+    assert trusted_ids(TABLE, **options) == [*kept]
+
+
+@pytest.mark.parametrize("extension", [".csv", ".parquet", ".json"])
+def test_the_file_of_an_audit_says_the_same_as_the_audit(tmp_path, extension):
+    audit = make_audit(ids=["a\nb", 'say "x"', "é", "01", "=1", "5", "6", "7", "8", "9"])
+    path = tmp_path / f"verdicts{extension}"
+    write_verdicts(path, audit, {})
+    for options in ({}, {"share": 0.4}, {"at_least": 0.5}):
+        expected = trusted_ids(verdict_columns(audit, {}), **options)
+        assert expected
+        assert trusted_ids(read_verdicts(path), **options) == expected
+
+
+def test_labels_are_verdicts(tmp_path):
+    (tmp_path / "labels.csv").write_text("id,label\n3,good\n4,bad\n5,expert\n")
+    (tmp_path / "labels.json").write_text(json.dumps({"3": "expert", "4": "adversary", "5": "good"}))
+    for name in ("labels.csv", "labels.json"):
+        table = read_verdicts(tmp_path / name)
+        assert trusted_ids(table) == ["3", "5"]
+        with pytest.raises(DataError, match="no numbers in log_odds"):
+            trusted_ids(table, share=0.5)
+
+
+@pytest.mark.parametrize("text", ["", "[]", "{", "[1]", '[{"id": 1, "verdict": "expert"}, {"id": 2}]'])
+def test_files_that_are_no_verdicts_are_refused(tmp_path, text):
+    (tmp_path / "v.json").write_text(text)
+    with pytest.raises(DataError, match=r"v\.json"):
+        read_verdicts(tmp_path / "v.json")

@@ -1,0 +1,65 @@
+"""``rpil keep`` and ``rpil convert``: the trusted demonstrations, and tables of all, as new files."""
+
+from pathlib import Path
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+
+import rpil
+from command_line import ok, refused
+from rpil.data import formats
+
+
+def test_keep_by_its_own_audit_and_by_an_earlier_one(folder):
+    data = folder / "good.parquet"
+    ok("audit", data, "--verdicts", "v.csv", "-q")
+    for extra in ([], ["--verdicts", "v.csv"]):
+        assert ok("keep", data, "-o", "kept.parquet", *extra).stdout == "Kept 6 of 12 demonstrations: kept.parquet\n"
+        assert rpil.read("kept.parquet").ids == tuple(range(6))
+        assert pq.read_schema("kept.parquet").equals(pq.read_schema(data), check_metadata=True)
+    ok("keep", data, "-o", "most.parquet", "--verdicts", "v.csv", "--share", "0.75")
+    assert len(rpil.read("most.parquet")) == 9
+    ok("keep", data, "-o", "sure.parquet", "--verdicts", "v.csv", "--at-least", "0")
+    assert len(rpil.read("sure.parquet")) == 12
+
+
+def test_keep_by_labels(folder):
+    Path("labels.csv").write_text("id,label\n2,expert\n11,good\n4,bad\n")
+    ok("keep", folder / "good.parquet", "-o", "kept.parquet", "--verdicts", "labels.csv")
+    assert rpil.read("kept.parquet").ids == (2, 11)
+
+
+def test_keep_refuses_before_it_judges(folder, monkeypatch):
+    monkeypatch.setattr("rpil.cli.give_back.fit_rpil", lambda *_: pytest.fail("judged"))
+    data = folder / "good.parquet"
+    Path("there").mkdir()
+    Path("all_bad.csv").write_text("id,label\n1,bad\n")
+    Path("other.csv").write_text("id,label\n99,good\n")
+    refused("it is there already", "keep", data, "-o", "there")
+    refused("it is the data themselves", "keep", data, "-o", data)
+    refused("there is no folder", "keep", data, "-o", "no/kept.parquet")
+    refused("exclude each other", "keep", data, "-o", "k.parquet", "--share", 0.5, "--at-least", 0.5)
+    refused("no demonstration is trusted enough; ", "keep", data, "-o", "k.parquet", "--verdicts", "all_bad.csv")
+    refused("no demonstration is called '99'", "keep", data, "-o", "k.parquet", "--verdicts", "other.csv")
+    refused("give it the extension .parquet", "keep", data, "-o", "k.csv")
+
+
+def test_what_cannot_be_known_is_not_kept(folder):
+    refused("trusted enough .cannot be known.; give labels", "keep", folder / "shifted.parquet", "-o", "k.parquet")
+
+
+@pytest.mark.parametrize("suffix", [".csv", ".npz", ".parquet"])
+def test_convert_writes_operator_and_task_of_each_demonstration(suffix):
+    rows = [f"{m},{k},{k / 7},{m % 2},{'AB'[m % 2]},lift it" for m in range(4) for k in range(5)]
+    Path("in.csv").write_text("\n".join(["run,t,x,turn,operator,task", *rows]) + "\n")
+    ok("convert", "in.csv", "-o", f"out{suffix}", "--action", "turn", "--exclude", "t")
+    before = rpil.read("in.csv", action="turn", exclude="t")
+    after = rpil.read(f"out{suffix}")
+    assert after.ids == before.ids
+    np.testing.assert_array_equal(after.observations, before.observations)
+    np.testing.assert_array_equal(after.actions, before.actions)
+    assert dict(formats.read_demonstrators("operator", f"out{suffix}")) == {"0": "A", "1": "B", "2": "A", "3": "B"}
+    if suffix != ".npz":
+        assert formats.read_recording(f"out{suffix}").tasks == dict.fromkeys("0123", "lift it")
+    refused("named twice|would join", "convert", "in.csv", "-o", "in.csv")
