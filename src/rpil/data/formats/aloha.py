@@ -1,0 +1,102 @@
+"""HDF5 with a file for each demonstration, as ALOHA and ACT write them: a folder of ``episode_0.hdf5``, and so on."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from rpil.data.arrays import Id
+from rpil.data.errors import DataError
+from rpil.data.files import new_folder
+from rpil.data.formats import hdf5
+from rpil.data.formats.columns import ColumnOptions
+from rpil.data.formats.names import natural_key
+from rpil.data.formats.parts import Part, from_parts
+from rpil.data.formats.recording import Recording
+from rpil.data.formats.table import check_ids
+
+LINK_TABLE = "kept.csv"
+"""The file in the folder of links that says what each link leads to."""
+
+_FILE_NAME = "name of the file"
+
+
+def is_mine(path: Path) -> bool:
+    """Whether `path` is a folder with HDF5 files in it, or one such file, with an action and a group observations."""
+    if path.is_dir():
+        return bool(_files(path))
+    return hdf5.has_layout(
+        path, lambda file: hdf5.first_array(file, hdf5.ACTIONS) is not None and "observations" in hdf5.groups(file)
+    )
+
+
+def read(path: Path, options: ColumnOptions) -> Recording:
+    """Read the arrays of every file; images are ignored. The files are opened again for their values."""
+    read = [_read_part(name, file) for name, file in _files(path).items()]
+    notes = tuple(dict.fromkeys(note for _, of_file in read for note in of_file))
+    format_name = "HDF5, a file for each demonstration"
+    return from_parts([part for part, _ in read], _FILE_NAME, path.name, format_name, options, notes=notes)
+
+
+def _read_part(name: str, path: Path) -> tuple[Part, tuple[str, ...]]:
+    """The demonstration in one file, and notes."""
+    with hdf5.opened(path) as file:
+        actions = hdf5.first_array(file, hdf5.ACTIONS)
+        if actions is None:
+            raise DataError(
+                f"{path.name}: it is no file of one demonstration, because it holds no array 'action'; take it out of "
+                "the folder, or give its path alone."
+            )
+        found = hdf5.contents(file)
+        arrays = {
+            column: _InFile(path, column, array.shape, array.dtype, array.chunks)
+            for column, array in found.arrays.items()
+        }
+        notes = ("Recorded in a simulation.",) if np.any(file.attrs.get("sim", False)) else ()
+        return Part(int(actions.shape[0]), arrays, {_FILE_NAME: name}), (*notes, *found.notes)
+
+
+def keep(path: Path, output: Path, ids: Sequence[Id]) -> None:
+    """Make a new folder of links to the files called `ids`, and the table ``kept.csv`` of what each leads to.
+
+    Links to ``episode_*.hdf5`` are numbered again from 0, because ACT reads as many files as it is told, by number.
+    """
+    files = _files(path)
+    check_ids(ids, files, path.name, "the ids")
+    wanted = set(map(str, ids))
+    kept = [file.resolve() for name, file in files.items() if name in wanted]
+    numbered = all(re.fullmatch(r"episode_\d+", name) for name in files)
+    links = [f"episode_{k}{file.suffix}" if numbered else file.name for k, file in enumerate(kept)]
+    with new_folder(output) as folder:
+        for link, file in zip(links, kept, strict=True):
+            (folder / link).symlink_to(file)
+        rows = [f"{link},{file.name}\n" for link, file in zip(links, kept, strict=True)]
+        (folder / LINK_TABLE).write_text("".join(["link,file\n", *rows]), encoding="utf-8")
+
+
+def _files(path: Path) -> dict[str, Path]:
+    """The HDF5 files by their names without the extension, with the numbers in names in order."""
+    if path.is_file():
+        return {path.stem: path}
+    found = [file for file in path.iterdir() if file.suffix.lower() in hdf5.SUFFIXES and not file.name.startswith(".")]
+    return {file.stem: file for file in sorted(found, key=lambda file: natural_key(file.name))}
+
+
+@dataclass(frozen=True, eq=False)
+class _InFile:
+    """An array in a file that is closed, because there may be more files than a process may have open."""
+
+    path: Path
+    name: str
+    shape: tuple[int, ...]
+    dtype: np.dtype[Any]
+    chunks: tuple[int, ...] | None
+
+    def __getitem__(self, rows: slice) -> object:
+        with hdf5.opened(self.path) as file:
+            return file[self.name][rows]

@@ -1,0 +1,172 @@
+"""HDF5: opening, listing and copying, for the layouts of the files beside; and the refusal of any other layout.
+
+No link is followed, because links lead to other files, or in circles.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from rpil.data.arrays import Id
+from rpil.data.errors import DataError, MissingExtraError
+from rpil.data.files import check_readable, replacing
+from rpil.data.formats.columns import ColumnOptions
+from rpil.data.formats.description import listed
+from rpil.data.formats.names import natural_key
+from rpil.data.formats.recording import Recording
+from rpil.data.memory import BYTES_PER_NUMBER, check_memory
+from rpil.numerics.types import Array
+
+if TYPE_CHECKING:
+    import h5py
+
+SUFFIXES = (".hdf5", ".h5")
+ACTIONS = ("actions", "action")
+
+_SIGNATURE = b"\x89HDF\r\n\x1a\n"
+
+
+def is_hdf5(path: Path) -> bool:
+    """Whether the file at `path` says by its name or its first bytes that it is HDF5."""
+    if not path.is_file() or path.suffix.lower() in SUFFIXES:
+        return path.is_file()
+    try:
+        with path.open("rb") as file:
+            return file.read(len(_SIGNATURE)) == _SIGNATURE
+    except OSError:
+        return False
+
+
+def has_layout(path: Path, fits: Callable[[h5py.File], bool]) -> bool:
+    """Whether `path` is an HDF5 file that `fits`; a `DataError` where it is damaged."""
+    if not is_hdf5(path):
+        return False
+    with opened(path) as file:
+        return fits(file)
+
+
+@contextmanager
+def opened(path: Path) -> Iterator[h5py.File]:
+    """The file, to be read; a `DataError` where it is none, or is damaged, a `MissingExtraError` without h5py."""
+    try:
+        import h5py
+    except ImportError as error:
+        raise MissingExtraError(f"{path.name} is HDF5, which", "hdf5") from error
+    try:
+        with h5py.File(check_readable(path), "r") as file:
+            yield file
+    except DataError:
+        raise
+    except (OSError, RuntimeError, KeyError, ValueError, TypeError, AttributeError) as error:  # those of h5py
+        reason = " ".join(str(error).split())[:100].replace(". ", ", ").rstrip(".")
+        raise DataError(f"{path.name}: no HDF5 file, or a damaged one ({reason}); copy or write it again.") from error
+
+
+@contextmanager
+def copying(path: Path, output: Path) -> Iterator[tuple[h5py.File, h5py.File]]:
+    """The file at `path`, to be read, and a new one, which is at `output` once it is whole."""
+    with opened(path) as source:
+        import h5py
+
+        if output.exists() and output.samefile(path):
+            raise DataError(f"{output}: it is the file that is read; give the path of a new file.")
+        with replacing(output) as temporary, h5py.File(temporary, "w") as new:
+            copy_attributes(source, new)
+            yield source, new
+
+
+def copy_attributes(source: h5py.Group, new: h5py.Group) -> None:
+    """Copy the attributes of a group."""
+    for name, value in source.attrs.items():
+        new.attrs[name] = value
+
+
+def members(group: h5py.Group) -> dict[str, h5py.Group | h5py.Dataset]:
+    """What is in a group, by name, with the numbers in names in order; what a link leads to is left out."""
+    import h5py
+
+    names = sorted(group, key=natural_key)
+    return {name: group[name] for name in names if isinstance(group.get(name, getlink=True), h5py.HardLink)}
+
+
+def groups(group: h5py.Group) -> dict[str, h5py.Group]:
+    """The groups in a group, by name."""
+    import h5py
+
+    return {name: member for name, member in members(group).items() if isinstance(member, h5py.Group)}
+
+
+def first_array(group: h5py.Group, names: Sequence[str]) -> h5py.Dataset | None:
+    """The first of the arrays of these names in a group; None where there is none."""
+    import h5py
+
+    found = (group[name] for name in names if isinstance(group.get(name, getlink=True), h5py.HardLink))
+    return next((array for array in found if isinstance(array, h5py.Dataset) and array.ndim), None)
+
+
+@dataclass(frozen=True, eq=False)
+class Contents:
+    """The arrays in a group and in the groups in it, by path, and the paths of what lies in other files."""
+
+    arrays: dict[str, h5py.Dataset]
+    links: tuple[str, ...]
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """That links were not followed, in words."""
+        return (f"Not read, because they are links: {listed(self.links)}.",) if self.links else ()
+
+
+def contents(group: h5py.Group) -> Contents:
+    """All arrays in a group; each group is visited once, in whatever circles they lie."""
+    import h5py
+
+    arrays: dict[str, h5py.Dataset] = {}
+    links: list[str] = []
+    waiting, seen = [("", group)], set()
+    while waiting:
+        prefix, group = waiting.pop()
+        found = members(group)
+        links += [prefix + name for name in group if name not in found]
+        for name, member in found.items():
+            if isinstance(member, h5py.Dataset):
+                is_elsewhere = member.is_virtual or member.external
+                links += [prefix + name] if is_elsewhere else []
+                arrays |= {} if is_elsewhere else {prefix + name: member}
+            elif isinstance(member, h5py.Group) and (address := h5py.h5o.get_info(member.id).addr) not in seen:
+                seen.add(address)
+                waiting.append((f"{prefix}{name}/", member))
+    return Contents({name: arrays[name] for name in sorted(arrays, key=natural_key)}, tuple(links))
+
+
+def load(array: h5py.Dataset, source: str) -> Array:
+    """All values of an array; a `DataError` where they would not fit in memory."""
+    check_memory(BYTES_PER_NUMBER * float(np.prod(array.shape, dtype=float)), source)
+    return np.asarray(array[()])
+
+
+def is_mine(path: Path) -> bool:
+    """Whether `path` is an HDF5 file, of whatever layout."""
+    return is_hdf5(path)
+
+
+def read(path: Path, options: ColumnOptions) -> Recording:
+    """A `DataError` that says what is in a file of a layout that is not known."""
+    with opened(path) as file:
+        found = contents(file).arrays
+        arrays = listed([f"{name} {array.shape}" for name, array in found.items()]) or "no arrays"
+    raise DataError(
+        f"{path.name}: in this HDF5 file nothing says which steps are a demonstration (it holds {arrays}); write each "
+        "as a group with the arrays actions and obs, or add terminals and timeouts, or an array episode_index."
+    )
+
+
+def keep(path: Path, output: Path, ids: Sequence[Id]) -> None:
+    """A `DataError`, see `read`."""
+    read(path, ColumnOptions())

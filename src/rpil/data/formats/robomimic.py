@@ -1,0 +1,171 @@
+"""HDF5 with a group for each demonstration: ``data/demo_i`` of robomimic, robosuite and Isaac Lab, or at the top."""
+
+from __future__ import annotations
+
+import json
+import math
+import shutil
+from collections.abc import Container, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from rpil.data.arrays import Id
+from rpil.data.errors import DataError
+from rpil.data.files import replacing
+from rpil.data.formats import hdf5
+from rpil.data.formats.columns import ColumnOptions
+from rpil.data.formats.description import listed
+from rpil.data.formats.lerobot import Metadata
+from rpil.data.formats.names import is_observation
+from rpil.data.formats.parts import Part, from_parts
+from rpil.data.formats.recording import Recording
+from rpil.data.formats.table import check_ids
+
+if TYPE_CHECKING:
+    import h5py
+
+MASK = "rpil_expert"
+"""The filter key in ``mask`` under which `write_mask` lists demonstrations."""
+
+_GROUP_NAME = "name of the group"
+
+
+def is_mine(path: Path) -> bool:
+    """Whether there is a group with actions in ``data``, or at the top of the file."""
+    return hdf5.has_layout(path, lambda file: bool(_demonstrations(file)))
+
+
+def read(path: Path, options: ColumnOptions) -> Recording:
+    """Read the arrays of every group; images and what describes a demonstration as a whole are ignored."""
+    with hdf5.opened(path) as file:
+        found, settings = _demonstrations(file), _settings(file)
+        contents = {name: hdf5.contents(group) for name, group in found.items()}
+        parts = [
+            Part(_n_steps(group), contents[name].arrays, {_GROUP_NAME: name, **_task(group, settings)})
+            for name, group in found.items()
+        ]
+        notes = dict.fromkeys(note for each in contents.values() for note in each.notes)
+        notes |= dict.fromkeys(_notes(file, found, parts[0], options))
+        in_data = _parent(file) != file
+        format_name = "HDF5 of robomimic's layout" if in_data else "HDF5, a group for each demonstration"
+        metadata = Metadata(fps=_steps_a_second(settings))
+        return from_parts(parts, _GROUP_NAME, path.name, format_name, options, metadata, tuple(notes))
+
+
+def _notes(file: h5py.File, found: Mapping[str, h5py.Group], first: Part, options: ColumnOptions) -> Iterator[str]:
+    if "states" in first.arrays and not options.observations and not any(map(is_observation, first.arrays)):
+        yield (
+            "There are no observations (obs): the states of the simulator are used; robomimic's "
+            "dataset_states_to_obs.py writes observations."
+        )
+    without = [name for name in hdf5.groups(_parent(file)) if name not in found]
+    if without and _parent(file) != file:
+        yield f"Left out, because they hold no actions: {listed(without)}."
+
+
+def keep(path: Path, output: Path, ids: Sequence[Id]) -> None:
+    """Write the demonstrations called `ids`, and all else of the file, to a new one; filter keys name no others."""
+    with hdf5.copying(path, output) as (source, new):
+        names = _checked(source, path, ids)
+        parent = _parent(source)
+        dropped = _demonstrations(source).keys() - names
+        for name, member in hdf5.members(source).items():
+            if member == parent:
+                _copy_without(dropped, parent, new.create_group(name))
+            elif parent != source or name not in dropped:
+                source.copy(member, new, name)
+        if "total" in parent.attrs:
+            _parent(new).attrs["total"] = sum(_n_steps(parent[name]) for name in names)
+        mask = new.require_group("mask") if "mask" in hdf5.groups(new) else {}
+        for key, listed_names in hdf5.members(mask).items():
+            kept = [name for name in listed_names[()].tolist() if name.decode() in names]
+            del mask[key]
+            mask[key] = np.array(kept, dtype="S")
+
+
+def _copy_without(dropped: Container[str], group: h5py.Group, new: h5py.Group) -> None:
+    hdf5.copy_attributes(group, new)
+    for name, member in hdf5.members(group).items():
+        if name not in dropped:
+            group.copy(member, new, name)
+
+
+def write_mask(path: Path, output: Path, ids: Sequence[Id]) -> None:
+    """Write the file with one more filter key, ``mask/rpil_expert``, that lists `ids`, to `output`.
+
+    `output` may be `path`: then the file is replaced by the copy, once that is whole. A `DataError` where an id is
+    unknown, or the demonstrations are not in ``data``, where robomimic looks for them.
+    """
+    with hdf5.opened(path) as file:
+        names = _checked(file, path, ids)
+        is_free = "mask" not in list(file) or "mask" in hdf5.groups(file)
+        if _parent(file) == file or not is_free:
+            raise DataError(f"{path.name}: only demonstrations in data have filter keys, in mask; use keep.")
+    import h5py
+
+    with replacing(output) as temporary:
+        shutil.copyfile(path, temporary)
+        with h5py.File(temporary, "r+") as new:
+            mask = new.require_group("mask")
+            if MASK in list(mask):
+                del mask[MASK]
+            mask[MASK] = np.array(names, dtype="S")
+
+
+def _checked(file: h5py.File, path: Path, ids: Sequence[Id]) -> list[str]:
+    """The names of the demonstrations called `ids`, in the order of the file."""
+    found = _demonstrations(file)
+    check_ids(ids, found, path.name, "the ids")
+    wanted = set(map(str, ids))
+    return [name for name in found if name in wanted]
+
+
+def _parent(file: h5py.File) -> h5py.Group:
+    """The group of the demonstrations."""
+    return hdf5.groups(file).get("data", file)
+
+
+def _demonstrations(file: h5py.File) -> dict[str, h5py.Group]:
+    """The groups that hold actions, by name, with the numbers in names in order."""
+    found = hdf5.groups(_parent(file))
+    return {name: group for name, group in found.items() if hdf5.first_array(group, hdf5.ACTIONS) is not None}
+
+
+def _n_steps(group: h5py.Group) -> int:
+    actions = hdf5.first_array(group, hdf5.ACTIONS)
+    return 0 if actions is None else int(actions.shape[0])
+
+
+def _settings(file: h5py.File) -> Mapping[str, object]:
+    """What the file says of the environment: its name, and how fast it runs."""
+    parent = _parent(file)
+    found = _json_of(parent, "env_args") or _json_of(parent, "env_info")
+    more = found.get("env_kwargs")
+    name = parent.attrs.get("env")
+    return {
+        **({"env_name": name} if isinstance(name, str) else {}),
+        **(more if isinstance(more, dict) else {}),
+        **found,
+    }
+
+
+def _json_of(group: h5py.Group, name: str) -> dict[str, object]:
+    """The object in an attribute that holds JSON; empty where there is none."""
+    try:
+        found = json.loads(group.attrs.get(name, ""))
+    except (ValueError, TypeError, RecursionError):
+        return {}
+    return found if isinstance(found, dict) else {}
+
+
+def _task(group: h5py.Group, of_file: Mapping[str, object]) -> dict[str, str]:
+    """The task of a demonstration, in words where it has some, or else the name of the environment."""
+    task = _json_of(group, "ep_meta").get("lang") or of_file.get("env_name")
+    return {"task": task} if isinstance(task, str) and task else {}
+
+
+def _steps_a_second(of_file: Mapping[str, object]) -> float | None:
+    found = of_file.get("control_freq")
+    return float(found) if isinstance(found, int | float) and math.isfinite(found) and found > 0 else None

@@ -1,0 +1,59 @@
+import numpy as np
+import pytest
+
+from hdf5_files import aloha, h5py, robomimic
+from rpil.data import formats
+from rpil.data.errors import DataError
+
+
+def test_every_file_of_the_folder_is_a_demonstration(tmp_path):
+    folder = aloha(tmp_path / "sim_transfer_cube", 11)
+    (folder / "notes.txt").write_text("not read")
+    recording = formats.read_recording(folder)
+    demonstrations, about = recording.demonstrations, recording.description
+    assert demonstrations.ids == tuple(f"episode_{k}" for k in range(11))
+    assert demonstrations.lengths.tolist() == [20 + k for k in range(11)]
+    assert demonstrations.observation_names[14] == "qvel.0"
+    with h5py.File(folder / "episode_10.hdf5") as file:
+        expected = np.hstack([file["observations/qpos"][:], file["observations/qvel"][:]])
+        np.testing.assert_array_equal(demonstrations.observations[-30:], expected)
+        np.testing.assert_array_equal(demonstrations.actions[-30:], file["action"][:])
+    assert set(about.ignored) == {"observations/images/top"}
+    assert "simulation" in about.notes[0]
+
+
+def test_one_file_is_one_demonstration(tmp_path):
+    aloha(tmp_path / "cube")
+    assert formats.read(tmp_path / "cube" / "episode_1.hdf5").ids == ("episode_1",)
+
+
+def test_kept_files_are_links_numbered_from_zero(tmp_path):
+    folder, output = aloha(tmp_path / "cube", 11), tmp_path / "kept"
+    formats.keep(folder, output, ["episode_10", "episode_2"])
+    assert (
+        output / "kept.csv"
+    ).read_text() == "link,file\nepisode_0.hdf5,episode_2.hdf5\nepisode_1.hdf5,episode_10.hdf5\n"
+    assert (output / "episode_1.hdf5").readlink() == folder / "episode_10.hdf5"
+    again, first = formats.read(output), formats.read(folder).select([2, 10])
+    assert again.ids == ("episode_0", "episode_1")
+    np.testing.assert_array_equal(again.observations, first.observations)
+    with pytest.raises(DataError, match="kept: it is there already"):
+        formats.keep(folder, output, ["episode_1"])
+
+
+def test_other_names_stay(tmp_path):
+    folder = aloha(tmp_path / "cube")
+    for file in list(folder.iterdir()):
+        file.rename(folder / f"take_{file.name}")
+    formats.keep(folder, tmp_path / "kept", ["take_episode_2"])
+    assert {file.name for file in (tmp_path / "kept").iterdir()} == {"take_episode_2.hdf5", "kept.csv"}
+
+
+def test_a_file_of_another_layout_is_named(tmp_path):
+    folder = aloha(tmp_path / "cube")
+    robomimic(folder / "lift.hdf5")
+    with pytest.raises(DataError, match=r"lift.hdf5: it is no file of one demonstration"):
+        formats.read(folder)
+    with pytest.raises(DataError, match="no demonstration is called 'episode_9'"):
+        formats.keep(folder, tmp_path / "kept", ["episode_9"])
+    assert not (tmp_path / "kept").exists()
