@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 _NUMBER_OF_EPISODE = "episode"
 _TERMINALS, _TIMEOUTS, _NEXT = "terminals", "timeouts", "next_observations"
-_COPIED_ROWS = 1 << 16  # at a time
+_ROWS_AT_ONCE = 1 << 16  # at a time
 
 
 def is_mine(path: Path) -> bool:
@@ -162,6 +162,6 @@ def _copy_rows(array: h5py.Dataset, new: h5py.Group, name: str, rows: Array) -> 
     for key, value in array.attrs.items():
         copy.attrs[key] = value
     for run in np.split(np.arange(len(rows)), np.flatnonzero(np.diff(rows) != 1) + 1):
-        for first in range(0, len(run), _COPIED_ROWS):
-            block = run[first : first + _COPIED_ROWS]
+        for first in range(0, len(run), _ROWS_AT_ONCE):
+            block = run[first : first + _ROWS_AT_ONCE]
             copy[block[0] : block[-1] + 1] = array[rows[block[0]] : rows[block[-1]] + 1]

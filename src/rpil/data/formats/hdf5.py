@@ -74,8 +74,6 @@ def copying(path: Path, output: Path) -> Iterator[tuple[h5py.File, h5py.File]]:
     with opened(path) as source:
         import h5py
 
-        if output.exists() and output.samefile(path):
-            raise DataError(f"{output}: it is the file that is read; give the path of a new file.")
         with replacing(output) as temporary, h5py.File(temporary, "w") as new:
             copy_attributes(source, new)
             yield source, new
