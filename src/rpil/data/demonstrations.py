@@ -236,6 +236,11 @@ class Demonstrations(DemonstrationSet):
         return int(self.observations.shape[1])
 
     @property
+    def n_actions(self) -> int:
+        """A, the numbers per action; 0 where actions are discrete."""
+        return int(self.actions.shape[1]) if self.actions.ndim == 2 else 0
+
+    @property
     def groups(self) -> NDArray[np.int64]:
         """Index, 0..M-1, of the demonstration of each step, (N,)."""
         return np.repeat(np.arange(self.n_demonstrations), self.lengths)

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from itertools import chain
 
 import numpy as np
 
-from rpil.audit.faults.columns import describe_columns, pilot
+from rpil.audit.faults.columns import column_labels, describe_columns, pilot
 from rpil.audit.faults.duplicates import find_duplicates
 from rpil.audit.faults.expected import leave_out
 from rpil.audit.faults.frames import find_frame_counts, find_frame_times, frame_time
@@ -47,6 +47,7 @@ def find_faults(
     expected: Mapping[str, Collection[str]] | None = None,
     skip_bad: bool = False,
     settings: FaultSettings = FAULT_SETTINGS,
+    action_names: Sequence[str] = (),
 ) -> FaultReport:
     """Apply all rules to demonstrations in memory or on disk.
 
@@ -62,14 +63,17 @@ def find_faults(
         Where values are missing, set those demonstrations aside and apply the other rules to the rest; by default only
         the missing values are reported then.
     settings : FaultSettings
+    action_names : sequence of str
+        Names of continuous actions, as findings call them; by default they are numbered.
 
     Returns
     -------
     FaultReport
     """
     with allow_missing():
-        sample = pilot(demonstrations, settings)
-        columns = describe_columns(sample, demonstrations.observation_names, settings)
+        labels = column_labels(demonstrations, action_names)
+        sample = pilot(demonstrations, labels, settings)
+        columns = describe_columns(sample, labels, settings)
         pairs = find_pairs(columns.of(sample), sample.offsets, columns, settings)
         measured, kept, missing = measure(demonstrations, columns, pairs, settings)
     found = [*missing, *find_frame_counts(times, demonstrations), *find_frame_times(times, demonstrations, settings)]

@@ -43,6 +43,8 @@ class Columns:
     spread: Float[Array, " C"]
     moving: Float[Array, " C"]
     motion: float = 1.0
+    labels: tuple[str, ...] = ()
+    """Of all columns, `column_labels`."""
 
     def of(self, block: Block) -> Float[Array, "C T"]:
         """Their values in a block."""
@@ -58,7 +60,15 @@ class Columns:
         return np.asarray(moved.mean(axis=0)) if len(moved) else np.zeros(size.shape[1])
 
 
-def pilot(demonstrations: Demonstrations | Dataset, settings: FaultSettings) -> Block:
+def column_labels(demonstrations: Demonstrations | Dataset, action_names: Sequence[str] = ()) -> tuple[str, ...]:
+    """What findings call the columns: all observations, then all actions, by their numbers where they have no names."""
+    names = dict(enumerate(action_names))
+    n_actions = 0 if demonstrations.is_discrete else demonstrations.n_actions
+    actions = (f"action {names.get(a, a)!r}" for a in range(n_actions))
+    return (*(f"observation {name!r}" for name in demonstrations.observation_names), *actions)
+
+
+def pilot(demonstrations: Demonstrations | Dataset, labels: tuple[str, ...], settings: FaultSettings) -> Block:
     """Demonstrations spread evenly over the data, of at most so many steps that the settings allow; those with missing
     values are left out, unless all have some."""
     size = min(len(demonstrations), settings.pilot_demonstrations)
@@ -68,22 +78,22 @@ def pilot(demonstrations: Demonstrations | Dataset, settings: FaultSettings) -> 
         spread = spread[:: int(np.ceil(1 / share))]
     sample = demonstrations.select(spread)
     block = Block(0, sample.observations, sample.actions, sample.offsets)
-    kept, mask, _ = set_aside(block, sample.ids, sample.observation_names)
+    kept, mask, _ = set_aside(block, sample.ids, labels)
     return kept if mask.any() else block
 
 
-def describe_columns(sample: Block, names: Sequence[str], settings: FaultSettings) -> Columns:
-    """The columns of the sample that measure something; `names` are those of the observations."""
+def describe_columns(sample: Block, labels: tuple[str, ...], settings: FaultSettings) -> Columns:
+    """The columns of the sample that measure something; `labels` are those of `column_labels`."""
     n_observations = sample.observations.shape[1]
     width = n_observations if n_observations <= settings.max_columns else 0
-    everything = [(f"observation {names[d]!r}", sample.observations[:, d]) for d in range(width)]
+    everything = list(zip(labels, sample.observations.T[:width], strict=False))
     if sample.actions.ndim == 2:
-        everything += [(f"action {a}", column) for a, column in enumerate(sample.actions.T)]
+        everything += zip(labels[n_observations:], sample.actions.T, strict=True)
     measured = [k for k, (_, column) in enumerate(everything) if _is_measurement(column, settings)]
     number = np.array([k if k < width else k - width + n_observations for k in measured], dtype=np.int64)
     chosen = tuple(everything[k][0] for k in measured)
     ones = np.ones(len(number))
-    empty = Columns(chosen, number, number >= n_observations, ones, ones, ones)
+    empty = Columns(chosen, number, number >= n_observations, ones, ones, ones, labels=labels)
     if not chosen:
         return empty
     values = empty.of(sample)

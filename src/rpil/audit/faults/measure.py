@@ -69,7 +69,7 @@ def measure(
     parts, masks, missing = [], [], []
     for shard in demonstrations.shards(1, CACHE_STEPS):
         for whole in shard:
-            block, kept, found = set_aside(whole, demonstrations.ids, demonstrations.observation_names)
+            block, kept, found = set_aside(whole, demonstrations.ids, columns.labels)
             masks.append(kept)
             missing += found
             if kept.any():

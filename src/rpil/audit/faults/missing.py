@@ -11,11 +11,11 @@ from rpil.numerics.types import Array, Bool
 
 
 def set_aside(
-    block: Block, ids: tuple[Id, ...], names: tuple[str, ...]
+    block: Block, ids: tuple[Id, ...], labels: tuple[str, ...]
 ) -> tuple[Block, Bool[Array, " M"], list[Finding]]:
     """The block without the demonstrations that have such values, a mask of those it keeps, and what the others have.
 
-    `ids` are those of all demonstrations of the data, `names` those of the observation columns.
+    `ids` are those of all demonstrations of the data, `labels` those of `column_labels`.
     """
     values = block.observations
     if block.actions.ndim == 2:
@@ -32,7 +32,7 @@ def set_aside(
         steps = np.flatnonzero(wrong[rows].any(axis=1))
         first, last = int(steps[0]), int(steps[-1])
         c = int(np.argmax(wrong[rows][first]))
-        column = f"observation {names[c]!r}" if c < len(names) else f"action {c - len(names)}"
+        column = labels[c]
         sentence = f"{column} is {values[rows][first, c]} at step {first}"
         if counts[m] > 1:
             sentence += f", and {counts[m] - 1} more values up to step {last} are missing"

@@ -149,6 +149,11 @@ class Dataset(DemonstrationSet):
         return not self.store.n_parts
 
     @property
+    def n_actions(self) -> int:
+        """A, the numbers per action; 0 where actions are discrete."""
+        return self.store.n_parts
+
+    @property
     def nbytes(self) -> int:
         """Bytes that all demonstrations would take in memory."""
         step = self.n_observations * self.store.observation.itemsize
