@@ -1,0 +1,51 @@
+"""Tables of Arrow: of data frames, and of the formats whose files hold one table for each demonstration."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+from rpil.data.arrays import check_any
+from rpil.data.errors import DataError
+from rpil.data.formats import table as flat
+from rpil.data.formats.columns import ColumnOptions, check_unique, find_columns
+from rpil.data.formats.recording import Recording, from_table
+from rpil.data.memory import check_memory
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+
+def from_arrow(
+    table: pa.Table, options: ColumnOptions, source: str, format_name: str, notes: tuple[str, ...] = ()
+) -> Recording:
+    """The recording in a table with one row for each step, whose columns are found by name; see `find_columns`."""
+    check_unique(table.column_names, source)
+    table = without_structures(table)
+    kinds = {field.name: flat.kind_of_type(field.type) for field in table.schema}
+    plain = [name for name, kind in kinds.items() if kind in ("number", "text")]
+    kinds |= flat.kinds_of(table.select(plain).slice(0, flat.HEAD_ROWS))
+    columns = find_columns(table.column_names, kinds, source, options)
+    chosen = table.select(columns.all)
+    check_memory(2 * chosen.nbytes, source)
+    return from_table(chosen, columns, source, format_name, notes=notes)
+
+
+def without_structures(table: pa.Table) -> pa.Table:
+    """A column for each part of a structure, such as ``observation.pos``."""
+    import pyarrow as pa
+
+    while any(pa.types.is_struct(field.type) for field in table.schema):
+        table = table.flatten()
+    return table
+
+
+def end_to_end(tables: Sequence[pa.Table], source: str) -> pa.Table:
+    """Tables one below the other; a `DataError` where there is none, or where their columns differ."""
+    import pyarrow as pa
+
+    check_any(len(tables), source)
+    try:
+        return pa.concat_tables(tables, promote_options="permissive")
+    except pa.ArrowException as error:
+        raise DataError(f"{source}: its demonstrations have columns of different types; write them alike.") from error
