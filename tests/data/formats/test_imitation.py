@@ -16,8 +16,11 @@ INFO = '{"py/reduce": [{"py/function": "os.system"}, {"py/tuple": ["false"]}]}'
 def trajectories(n=12, discrete=False):
     """Observations, actions and rewards of `n` trajectories of 1, 2, ... steps."""
     rng = np.random.default_rng(0)
-    acts = [rng.integers(3, size=t) if discrete else rng.normal(size=(t, 2)).astype(np.float32) for t in range(1, n + 1)]
-    return [(rng.normal(size=(len(a) + 1, 3)).astype(np.float32), a, np.ones(len(a))) for a in acts]
+    found = []
+    for t in range(1, n + 1):
+        acts = rng.integers(3, size=t) if discrete else rng.normal(size=(t, 2)).astype(np.float32)
+        found.append((rng.normal(size=(t + 1, 3)).astype(np.float32), acts, np.ones(t)))
+    return found
 
 
 def write_folder(folder, given):
@@ -91,7 +94,7 @@ def test_npz_of_imitation(tmp_path, discrete):
         assert len(kept["infos"]) == len(kept["acts"]) == 13
         assert kept["indices"].tolist() == [1]
         assert kept["terminal"].shape == (2,)
-    with pytest.raises(DataError, match="unknown extension '.csv'"):
+    with pytest.raises(DataError, match=r"unknown extension '\.csv'"):
         formats.keep(path, tmp_path / "kept.csv", [0])
     with pytest.raises(DataError, match="no demonstration is called '12'"):
         formats.keep(path, tmp_path / "kept.npz", [12])

@@ -31,7 +31,8 @@ _METADATA = "metadata.json"
 _INFOS = "infos"
 _IMAGES = "images"
 _LAST = "The last observation of a demonstration, which comes after its last action, is left out."
-_TABLES = ("arrow", "parquet")
+_Leaf = tuple[tuple[str, ...], "pa.DataType"]
+_FOLDERS = ("arrow", "parquet")
 
 
 def is_mine(path: Path) -> bool:
@@ -73,7 +74,7 @@ def _find(path: Path) -> Path | None:
     """The folder that holds the episodes."""
     candidates = (path, path / "data") if path.is_dir() else (path.parent,) if path.name == _HDF5 else ()
     for folder in candidates:
-        if (folder / _HDF5).exists() or _json(folder / _METADATA).get("data_format") in _TABLES:
+        if (folder / _HDF5).exists() or _json(folder / _METADATA).get("data_format") in _FOLDERS:
             return folder
     return None
 
