@@ -19,7 +19,7 @@ from rpil.data.errors import DataError
 from rpil.data.files import check_extension, new_folder, replacing
 from rpil.data.formats import table as flat
 from rpil.data.formats.columns import ColumnOptions
-from rpil.data.formats.parts import NO_STEPS, Part, from_parts
+from rpil.data.formats.parts import NO_STEPS, NUMBERED, Part, from_parts
 from rpil.data.formats.recording import Recording
 from rpil.data.memory import check_memory
 from rpil.data.npy import read_arrays
@@ -28,8 +28,7 @@ from rpil.numerics.types import Array
 if TYPE_CHECKING:
     import pyarrow as pa
 
-_ID = "episode"
-_INFOS = {"infos": "never decoded, because that can run any code"}
+_NOT_READ = {"infos": "never decoded, because that can run any code"}
 _PICKLES = (".pkl", ".pickle")
 _STEPS = ("obs", "acts", "rews")
 _NPZ = ("obs", "acts", "indices", "terminal")
@@ -48,8 +47,9 @@ def read(path: Path, options: ColumnOptions) -> Recording:
     if path.is_dir():
         table = _table(path)
         others = dict.fromkeys({*table.column_names} - {*_STEPS}, NO_STEPS)
-        return _recording(_columns(table, path.name), path.name, "imitation", options).with_ignored(others | _INFOS)
-    return _recording(_arrays(path), path.name, "imitation, NPZ", options).with_ignored(_INFOS)
+        recording = _recording(_columns(table, path.name), path.name, "imitation", options)
+        return recording.with_ignored(others | _NOT_READ)
+    return _recording(_arrays(path), path.name, "imitation, NPZ", options).with_ignored(_NOT_READ)
 
 
 def keep(path: Path, output: Path, ids: Sequence[Id]) -> None:
@@ -94,10 +94,10 @@ def _recording(
     """The recording in arrays of each trajectory, which `columns` have one below the other."""
     names = list(columns)
     parts = [
-        Part(len(arrays[names.index("acts")]), dict(zip(names, arrays, strict=True)), {_ID: m})
+        Part(len(arrays[names.index("acts")]), dict(zip(names, arrays, strict=True)), {NUMBERED: m})
         for m, arrays in enumerate(zip(*columns.values(), strict=True))
     ]
-    return from_parts(parts, _ID, source, format_name, options)
+    return from_parts(parts, NUMBERED, source, format_name, options)
 
 
 def _table(path: Path) -> pa.Table:

@@ -17,7 +17,7 @@ from rpil.data.formats import hdf5
 from rpil.data.formats import table as flat
 from rpil.data.formats.arrow import end_to_end, from_arrow
 from rpil.data.formats.columns import ColumnOptions
-from rpil.data.formats.parts import MAX_MATRIX, Part, from_parts
+from rpil.data.formats.parts import MAX_MATRIX, NUMBERED, Part, from_parts
 from rpil.data.formats.recording import Recording
 from rpil.data.memory import BYTES_PER_NUMBER, check_memory
 
@@ -25,7 +25,6 @@ if TYPE_CHECKING:
     import h5py
     import pyarrow as pa
 
-_ID = "episode"
 _HDF5 = "main_data.hdf5"
 _METADATA = "metadata.json"
 _INFOS = "infos"
@@ -54,7 +53,7 @@ def read(path: Path, options: ColumnOptions) -> Recording:
         return _read_tables(data, about["data_format"], path.name, options, notes)
     with hdf5.opened(data / _HDF5) as file:
         parts = [_part(episode, number) for number, episode in _groups(file).items()]
-        return from_parts(parts, _ID, path.name, "Minari, HDF5", options, notes=notes)
+        return from_parts(parts, NUMBERED, path.name, "Minari, HDF5", options, notes=notes)
 
 
 def keep(path: Path, output: Path, ids: Sequence[Id]) -> None:
@@ -117,7 +116,7 @@ def _part(episode: h5py.Group, number: int) -> Part:
         if not name.startswith(f"{_INFOS}/")
     }
     actions = (array for name, array in arrays.items() if name.partition("/")[0] == "actions" and array.shape)
-    return Part(next((array.shape[0] for array in actions), 0), arrays, {_ID: number})
+    return Part(next((array.shape[0] for array in actions), 0), arrays, {NUMBERED: number})
 
 
 def _copy_groups(data: Path, new: Path, ids: Sequence[Id], source: str) -> list[int]:
@@ -164,7 +163,7 @@ def _read_tables(data: Path, kind: str, source: str, options: ColumnOptions, not
         n_steps = _json(folder / _METADATA).get("total_steps", n_rows - 1)
         n_left_out += n_rows > n_steps
         table = table.slice(0, n_steps)
-        tables.append(table.append_column(_ID, pa.repeat(number, len(table))))
+        tables.append(table.append_column(NUMBERED, pa.repeat(number, len(table))))
     notes = (*notes, _LAST) if n_left_out else notes
     table = end_to_end(tables, source)
     return from_arrow(table, options, source, f"Minari, {kind}", notes).with_ignored(images)

@@ -24,6 +24,9 @@ if TYPE_CHECKING:
 
 NO_STEPS = "not one value for each step"
 
+NUMBERED = "episode"
+"""The column of the id where demonstrations have no names but their numbers."""
+
 MAX_MATRIX = 1024
 """Numbers of a matrix that is no image, at most; it is read as a list."""
 

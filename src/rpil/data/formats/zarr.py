@@ -17,13 +17,12 @@ from rpil.data.errors import DataError, MissingExtraError
 from rpil.data.files import new_folder, replacing
 from rpil.data.formats.columns import ColumnOptions
 from rpil.data.formats.description import listed
-from rpil.data.formats.parts import Part, Stored, from_parts
+from rpil.data.formats.parts import NUMBERED, Part, Stored, from_parts
 from rpil.data.formats.recording import Recording
 from rpil.data.formats.table import check_ids
 from rpil.data.memory import BYTES_PER_NUMBER, check_memory
 from rpil.numerics.types import Array
 
-_ID = "episode"
 _ENDS = "meta/episode_ends"
 _HEADERS = (".zarray", "zarr.json")  # of an array, in the formats 2 and 3
 _COPIED_ROWS = 4096  # at a time
@@ -57,10 +56,11 @@ def read(path: Path, options: ColumnOptions) -> Recording:
                     "write it again."
                 )
         lengths = np.diff(ends, prepend=0)
-        steps: dict[str, Stored] = {_ID: np.repeat(np.arange(len(ends)), lengths), **arrays}
+        steps: dict[str, Stored] = {NUMBERED: np.repeat(np.arange(len(ends)), lengths), **arrays}
         empty = np.flatnonzero(lengths == 0).tolist()
         notes = (f"Left out, because they have no steps: {listed(map(str, empty))}.",) if empty else ()
-        recording = from_parts([Part(int(ends[-1]), steps)], _ID, path.name, "Zarr replay buffer", options, notes=notes)
+        parts = [Part(int(ends[-1]), steps)]
+        recording = from_parts(parts, NUMBERED, path.name, "Zarr replay buffer", options, notes=notes)
     return recording.with_ignored(dict.fromkeys(closed, "compressed by a codec that is not installed"))
 
 
