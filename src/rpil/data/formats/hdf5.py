@@ -5,11 +5,11 @@ No link is followed, because links lead to other files, or in circles.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -85,27 +85,61 @@ def copy_attributes(source: h5py.Group, new: h5py.Group) -> None:
         new.attrs[name] = value
 
 
-def members(group: h5py.Group) -> dict[str, h5py.Group | h5py.Dataset]:
-    """What is in a group, by name, with the numbers in names in order; what a link leads to is left out."""
+def member(group: h5py.Group, name: str) -> h5py.Group | h5py.Dataset | None:
+    """What is called `name` in a group; None where nothing is, or a link."""
     import h5py
 
-    names = sorted(group, key=natural_key)
-    return {name: group[name] for name in names if isinstance(group.get(name, getlink=True), h5py.HardLink)}
+    return group[name] if isinstance(group.get(name, getlink=True), h5py.HardLink) else None
+
+
+def members(group: h5py.Group) -> dict[str, h5py.Group | h5py.Dataset]:
+    """What is in a group, by name, with the numbers in names in order; what a link leads to is left out."""
+    found = {name: member(group, name) for name in sorted(group, key=natural_key)}
+    return {name: one for name, one in found.items() if one is not None}
 
 
 def groups(group: h5py.Group) -> dict[str, h5py.Group]:
     """The groups in a group, by name."""
     import h5py
 
-    return {name: member for name, member in members(group).items() if isinstance(member, h5py.Group)}
+    return {name: one for name, one in members(group).items() if isinstance(one, h5py.Group)}
 
 
 def first_array(group: h5py.Group, names: Sequence[str]) -> h5py.Dataset | None:
     """The first of the arrays of these names in a group; None where there is none."""
+    found = (array_at(group, name) for name in names)
+    return next((array for array in found if array is not None and array.ndim), None)
+
+
+def array_at(group: h5py.Group, path: str) -> h5py.Dataset | None:
+    """The array at a path in a group; None where there is none, or it is in another file."""
     import h5py
 
-    found = (group[name] for name in names if isinstance(group.get(name, getlink=True), h5py.HardLink))
-    return next((array for array in found if isinstance(array, h5py.Dataset) and array.ndim), None)
+    found: h5py.Group | h5py.Dataset | None = group
+    for name in path.split("/"):
+        found = member(found, name) if isinstance(found, h5py.Group) else None
+    return found if isinstance(found, h5py.Dataset) and not _is_elsewhere(found) else None
+
+
+class Arrays(Mapping[str, Any]):
+    """The arrays in a group by path, each of which is looked up when it is asked for: there may be many groups."""
+
+    def __init__(self, group: h5py.Group) -> None:
+        self._group = group
+        self._found: dict[str, h5py.Dataset | None] = {}
+
+    def __getitem__(self, path: str) -> h5py.Dataset:
+        if path not in self._found:
+            self._found[path] = array_at(self._group, path)
+        if self._found[path] is None:
+            raise KeyError(path)
+        return self._found[path]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(contents(self._group).arrays)
+
+    def __len__(self) -> int:
+        return len(contents(self._group).arrays)
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,15 +166,20 @@ def contents(group: h5py.Group) -> Contents:
         prefix, group = waiting.pop()
         found = members(group)
         links += [prefix + name for name in group if name not in found]
-        for name, member in found.items():
-            if isinstance(member, h5py.Dataset):
-                is_elsewhere = member.is_virtual or member.external
-                links += [prefix + name] if is_elsewhere else []
-                arrays |= {} if is_elsewhere else {prefix + name: member}
-            elif isinstance(member, h5py.Group) and (address := h5py.h5o.get_info(member.id).addr) not in seen:
+        for name, one in found.items():
+            if isinstance(one, h5py.Dataset) and _is_elsewhere(one):
+                links.append(prefix + name)
+            elif isinstance(one, h5py.Dataset):
+                arrays[prefix + name] = one
+            elif isinstance(one, h5py.Group) and (address := h5py.h5o.get_info(one.id).addr) not in seen:
                 seen.add(address)
-                waiting.append((f"{prefix}{name}/", member))
+                waiting.append((f"{prefix}{name}/", one))
     return Contents({name: arrays[name] for name in sorted(arrays, key=natural_key)}, tuple(links))
+
+
+def _is_elsewhere(array: h5py.Dataset) -> bool:
+    """Whether the values of an array are in another file."""
+    return bool(array.is_virtual or array.external)
 
 
 def load(array: h5py.Dataset, source: str) -> Array:

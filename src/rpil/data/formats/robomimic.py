@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 import shutil
-from collections.abc import Container, Iterator, Mapping, Sequence
+from collections.abc import Container, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -30,6 +30,10 @@ MASK = "rpil_expert"
 """The filter key in ``mask`` under which `write_mask` lists demonstrations."""
 
 _GROUP_NAME = "name of the group"
+_STATES = (
+    "There are no observations (obs): the states of the simulator are used; robomimic's dataset_states_to_obs.py "
+    "writes observations."
+)
 
 
 def is_mine(path: Path) -> bool:
@@ -38,46 +42,38 @@ def is_mine(path: Path) -> bool:
 
 
 def read(path: Path, options: ColumnOptions) -> Recording:
-    """Read the arrays of every group; images and what describes a demonstration as a whole are ignored."""
+    """Read the arrays that the first group has; images and what describes a demonstration as a whole are ignored."""
     with hdf5.opened(path) as file:
-        found, settings = _demonstrations(file), _settings(file)
-        contents = {name: hdf5.contents(group) for name, group in found.items()}
+        groups, found, settings = hdf5.groups(_parent(file)), _demonstrations(file), _settings(file)
+        first = hdf5.contents(groups[next(iter(found))])
         parts = [
-            Part(_n_steps(group), contents[name].arrays, {_GROUP_NAME: name, **_task(group, settings)})
-            for name, group in found.items()
+            Part(len(actions), hdf5.Arrays(groups[name]), {_GROUP_NAME: name, **_task(groups[name], settings)})
+            for name, actions in found.items()
         ]
-        notes = dict.fromkeys(note for each in contents.values() for note in each.notes)
-        notes |= dict.fromkeys(_notes(file, found, parts[0], options))
         in_data = _parent(file) != file
+        notes = first.notes
+        if "states" in first.arrays and not options.observations and not any(map(is_observation, first.arrays)):
+            notes = (*notes, _STATES)
+        if in_data and len(found) < len(groups):
+            without = listed([name for name in groups if name not in found])
+            notes = (*notes, f"Left out, because they hold no actions: {without}.")
         format_name = "HDF5 of robomimic's layout" if in_data else "HDF5, a group for each demonstration"
         metadata = Metadata(fps=_steps_a_second(settings))
-        return from_parts(parts, _GROUP_NAME, path.name, format_name, options, metadata, tuple(notes))
-
-
-def _notes(file: h5py.File, found: Mapping[str, h5py.Group], first: Part, options: ColumnOptions) -> Iterator[str]:
-    if "states" in first.arrays and not options.observations and not any(map(is_observation, first.arrays)):
-        yield (
-            "There are no observations (obs): the states of the simulator are used; robomimic's "
-            "dataset_states_to_obs.py writes observations."
-        )
-    without = [name for name in hdf5.groups(_parent(file)) if name not in found]
-    if without and _parent(file) != file:
-        yield f"Left out, because they hold no actions: {listed(without)}."
+        return from_parts(parts, _GROUP_NAME, path.name, format_name, options, metadata, notes)
 
 
 def keep(path: Path, output: Path, ids: Sequence[Id]) -> None:
     """Write the demonstrations called `ids`, and all else of the file, to a new one; filter keys name no others."""
     with hdf5.copying(path, output) as (source, new):
-        names = _checked(source, path, ids)
-        parent = _parent(source)
-        dropped = _demonstrations(source).keys() - names
+        names, parent, found = _checked(source, path, ids), _parent(source), _demonstrations(source)
+        dropped = found.keys() - names
         for name, member in hdf5.members(source).items():
             if member == parent:
                 _copy_without(dropped, parent, new.create_group(name))
             elif parent != source or name not in dropped:
                 source.copy(member, new, name)
         if "total" in parent.attrs:
-            _parent(new).attrs["total"] = sum(_n_steps(parent[name]) for name in names)
+            _parent(new).attrs["total"] = sum(len(found[name]) for name in names)
         mask = new.require_group("mask") if "mask" in hdf5.groups(new) else {}
         for key, listed_names in hdf5.members(mask).items():
             kept = [name for name in listed_names[()].tolist() if name.decode() in names]
@@ -127,15 +123,10 @@ def _parent(file: h5py.File) -> h5py.Group:
     return hdf5.groups(file).get("data", file)
 
 
-def _demonstrations(file: h5py.File) -> dict[str, h5py.Group]:
-    """The groups that hold actions, by name, with the numbers in names in order."""
-    found = hdf5.groups(_parent(file))
-    return {name: group for name, group in found.items() if hdf5.first_array(group, hdf5.ACTIONS) is not None}
-
-
-def _n_steps(group: h5py.Group) -> int:
-    actions = hdf5.first_array(group, hdf5.ACTIONS)
-    return 0 if actions is None else int(actions.shape[0])
+def _demonstrations(file: h5py.File) -> dict[str, h5py.Dataset]:
+    """The actions of each demonstration, by the name of its group, with the numbers in names in order."""
+    found = {name: hdf5.first_array(group, hdf5.ACTIONS) for name, group in hdf5.groups(_parent(file)).items()}
+    return {name: actions for name, actions in found.items() if actions is not None}
 
 
 def _settings(file: h5py.File) -> Mapping[str, object]:
