@@ -104,12 +104,13 @@ def read_recording(
 ) -> Recording:
     """What a file holds; on disk if `stream`, or if `stream` is None and it is large, or many Parquet files."""
     from rpil.data import formats
+    from rpil.data.formats import lerobot_folder
     from rpil.data.formats.registry import find_layout
     from rpil.data.formats.store import find_files, may_be_many_files
 
     progress(f"reading {file}")
-    if stream is None and find_layout(file):
-        stream = False
+    if stream is None and find_layout(file) not in (None, lerobot_folder):
+        stream = False  # only Parquet files can stay on disk
     elif stream is None:
         stream = bool(find_files(file)[1]) if may_be_many_files(file) else _exceeds_budget(file)
     return formats.read_recording(file, columns, on_disk=stream)

@@ -24,6 +24,7 @@ from rpil.cli.options import (
     with_fit_options,
 )
 from rpil.cli.progress import show_stages
+from rpil.cli.terminal import print_lines
 from rpil.data.errors import DataError
 from rpil.data.files import check_outputs
 
@@ -74,6 +75,7 @@ def keep(
         progress(f"writing {output}")
         formats.keep(file, output, kept, columns)
     click.echo(f"Kept {len(kept):,} of {len(table['id']):,} demonstrations: {output}")
+    print_lines(formats.commands_to_keep(file, table["id"], kept))
 
 
 @click.command()

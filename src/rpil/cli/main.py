@@ -30,7 +30,7 @@ from rpil.cli.options import (
     seed_option,
     with_fit_options,
 )
-from rpil.cli.outputs import OUTPUTS, Audited, write_outputs
+from rpil.cli.outputs import OUTPUTS, Audited, lines_after_output, write_outputs
 from rpil.cli.progress import StageProgress, show_count, show_stages
 from rpil.data.files import check_outputs
 
@@ -145,6 +145,7 @@ def audit(
     for title, path in outputs.items():
         if path is not None:
             click.echo(f"{title.capitalize()}: {path}", err=json_wanted)
+            terminal.print_lines(lines_after_output(title, file, result) if not json_wanted else ())
 
 
 @main.command()

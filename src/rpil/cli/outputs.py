@@ -65,3 +65,13 @@ def write_outputs(
             progress(f"writing {path}")
             writers[title](path)
             tell_if_interrupted(f"{path} is written")
+
+
+def lines_after_output(title: str, source: str, audit: Audit) -> list[str]:
+    """What to do with the file of an output, where the tool that wrote the data at `source` takes it."""
+    from rpil.data import formats
+
+    if title == "weights":
+        return formats.notes_on_weights(source)
+    kept = [name for name, verdict in zip(audit.ids, audit.verdicts, strict=True) if verdict == "expert"]
+    return formats.commands_to_keep(source, audit.ids, kept) if title == "keep" and kept else []

@@ -12,7 +12,7 @@ from rpil.data.arrays import Id, as_array
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
 from rpil.data.files import StrPath, check_exists, check_extension, check_readable, check_writable
-from rpil.data.formats import csv, npz, parquet
+from rpil.data.formats import csv, folder, lerobot_folder, npz, parquet
 from rpil.data.formats.columns import ColumnOptions, Names
 from rpil.data.formats.dataset import open_dataset
 from rpil.data.formats.description import Description
@@ -22,7 +22,7 @@ from rpil.data.formats.names import is_data
 from rpil.data.formats.recording import Recording, from_dataset
 from rpil.data.formats.registry import find_layout
 from rpil.data.formats.selection import keep_file, keep_folder
-from rpil.data.formats.store import find_files, may_be_many_files
+from rpil.data.formats.store import may_be_many_files
 from rpil.data.formats.weights import write_weights
 from rpil.data.memory import Size, limited
 
@@ -83,7 +83,7 @@ def read_recording(path: StrPath, options: ColumnOptions = ColumnOptions(), *, o
     if layout is not None:
         return layout.read(Path(path), options)
     if may_be_many_files(path):
-        return _read_many(path, options)
+        return folder.read(path, options)
     path = _known(check_exists(path))
     module = csv if path.name.lower().endswith(TEXT_SUFFIXES) else FORMATS[path.suffix.lower()]
     recording: Recording = module.read(check_readable(path), options)
@@ -107,18 +107,6 @@ def read_demonstrators(where: str, data: StrPath | Recording) -> dict[str, str]:
         return match_demonstrators(read_id_pairs(where, "demonstrator", "Ann"), Path(where).name)
     recording = data if isinstance(data, Recording) else read_recording(data, ColumnOptions(operator=where))
     return match_demonstrators(recording.operators, f"{recording.description.source}, {where!r}")
-
-
-def _read_many(path: StrPath, options: ColumnOptions) -> Recording:
-    """The recording in the Parquet files of a folder, or else in its text tables."""
-    filesystem, parquet_files, text_files = find_files(path)
-    source = Path(str(path)).name or str(path)
-    if not parquet_files and not text_files:
-        raise DataError(f"{path}: no .parquet or .csv file is there; check the path.")
-    if not parquet_files:
-        return csv.read_folder([Path(file) for file in text_files], options, source)
-    recording = parquet.read_files(filesystem, parquet_files, options, source)
-    return recording.with_ignored_files(text_files)
 
 
 def keep(path: StrPath, output: StrPath, ids: Sequence[Id], options: ColumnOptions = ColumnOptions()) -> None:
@@ -150,6 +138,16 @@ def keep(path: StrPath, output: StrPath, ids: Sequence[Id], options: ColumnOptio
         keep_file(_known(path), output, ids, options)
 
 
+def commands_to_keep(path: StrPath, ids: Sequence[object], kept: Sequence[object]) -> list[str]:
+    """Lines with what to give the tool that wrote the data, so that it takes those `kept` among `ids` only."""
+    return lerobot_folder.commands(Path(path), ids, kept) if lerobot_folder.is_mine(Path(path)) else []
+
+
+def notes_on_weights(path: StrPath) -> list[str]:
+    """Sentences on how the tool that wrote the data takes weights."""
+    return [lerobot_folder.WEIGHTS] if lerobot_folder.is_mine(Path(path)) else []
+
+
 def check_keep(path: StrPath, output: StrPath) -> tuple[Path, Path]:
     """Both paths, or a `DataError`, before any work, where `keep` cannot write to `output`."""
     if "://" in str(path):
@@ -159,6 +157,8 @@ def check_keep(path: StrPath, output: StrPath) -> tuple[Path, Path]:
         raise DataError(f"{output}: it is the data themselves, or in them; give another path.")
     if output.is_dir():
         raise DataError(f"{output}: it is there already; give the path of a new folder.")
+    if lerobot_folder.is_mine(path):
+        lerobot_folder.check_output(path, output)
     if path.is_file() and find_layout(path) is None and output.suffix.lower() != path.suffix.lower():
         raise DataError(f"{output}: give it the extension {path.suffix}, or write another format with rpil convert.")
     return path, check_writable(output)

@@ -21,6 +21,16 @@ class Metadata:
     names: Mapping[str, tuple[str, ...]] = field(default_factory=dict)  # of the numbers in a column of lists
     tasks: Mapping[str, str] = field(default_factory=dict)  # by task_index, as text
     videos: tuple[str, ...] = ()  # observations that lie beside the table
+    sizes: Mapping[str, object] = field(default_factory=dict)  # declared numbers of demonstrations and steps
+
+    def notes(self, n_demonstrations: int, n_steps: int) -> tuple[str, ...]:
+        """What ``meta`` says otherwise than the data, in sentences."""
+        found = {"total_episodes": (n_demonstrations, "demonstrations"), "total_frames": (n_steps, "steps")}
+        return tuple(
+            f"meta/info.json says {name} = {self.sizes[name]}, but the data hold {n:,} {what}; the data are believed."
+            for name, (n, what) in found.items()
+            if self.sizes.get(name, n) != n
+        )
 
 
 def format_name(metadata: Metadata, n_files: int) -> str:
@@ -42,7 +52,8 @@ def read_metadata(filesystem: fs.FileSystem, path: str) -> Metadata:
         names = {name: parts for name, feature in features.items() if (parts := _part_names(feature))}
         videos = tuple(name for name, feature in features.items() if feature.get("dtype") == "video")
         fps = float(info["fps"]) if info.get("fps") else None
-        return Metadata(str(info.get("codebase_version", "")), fps, names, _tasks(filesystem, meta), videos)
+        sizes = {name: info[name] for name in ("total_episodes", "total_frames") if name in info}
+        return Metadata(str(info.get("codebase_version", "")), fps, names, _tasks(filesystem, meta), videos, sizes)
     except (OSError, ValueError, TypeError, AttributeError, RecursionError):  # the data can be read without it
         return Metadata()
 

@@ -117,7 +117,9 @@ def from_table(
 
     numbers = _numbers_of_rows(table, _own_numbers(columns, order), rows)
     described = _describe(table, columns, order, rows, offsets, metadata)
-    description = replace(described, source=source, format=format_name, notes=notes)
+    description = replace(
+        described, source=source, format=format_name, notes=(*notes, *metadata.notes(len(ids), len(table)))
+    )
     operators, tasks = (_pairs(table, name, names, group) for name in (columns.operator, columns.task))
     description = replace(description, operators=_values(operators), tasks=_values(tasks, metadata.tasks))
     return Recording(description, load, numbers, operators, tasks_of(tasks, metadata))
@@ -150,6 +152,7 @@ def from_dataset(data: Dataset) -> Recording:
         ignored=_ignored(columns, about.order, about.metadata),
         missing=statistics.missing,
         ranges=statistics.ranges,
+        notes=about.metadata.notes(len(data), data.n_steps),
     )
     tasks = tasks_of(about.tasks, about.metadata)
     recording = Recording(description, lambda: data, lambda steps: _stored_numbers(data, steps), about.operators, tasks)

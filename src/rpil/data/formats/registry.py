@@ -8,7 +8,7 @@ from typing import Protocol
 
 from rpil.data.arrays import Id
 from rpil.data.files import StrPath
-from rpil.data.formats import aloha, d4rl, hdf5, imitation, minari, robomimic, zarr
+from rpil.data.formats import aloha, d4rl, hdf5, imitation, lerobot_folder, minari, robomimic, zarr
 from rpil.data.formats.columns import ColumnOptions
 from rpil.data.formats.recording import Recording
 
@@ -26,7 +26,7 @@ class Layout(Protocol):
         """Write the demonstrations `ids` (as `read` gives them, or as text), in the order of the file, to `output`."""
 
 
-LAYOUTS: tuple[Layout, ...] = (zarr, minari, imitation, robomimic, d4rl, aloha, hdf5)
+LAYOUTS: tuple[Layout, ...] = (lerobot_folder, zarr, minari, imitation, robomimic, d4rl, aloha, hdf5)
 """The formats, in the order in which a path is shown to them."""
 
 

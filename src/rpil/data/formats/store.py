@@ -163,7 +163,17 @@ def opened(filesystem: fs.FileSystem, path: str) -> Iterator[pq.ParquetFile]:
     except PermissionError as error:
         raise DataError(f"{path}: it may not be read; change its permissions.") from error
     except (pa.ArrowException, OSError, UnicodeDecodeError) as error:
+        if _is_unfinished(filesystem, path):
+            reason = "which was never finished, as when a recording is cut off"
+            raise DataError(f"{name}: a damaged or truncated Parquet file, {reason}; write it again.") from error
         raise DataError(f"{name}: not a Parquet file, or a damaged or truncated one; write it again.") from error
+
+
+def _is_unfinished(filesystem: fs.FileSystem, path: str) -> bool:
+    """Whether a file begins as Parquet does, and lacks the end."""
+    with filesystem.open_input_file(path) as stream:
+        size = stream.size()
+        return bool(size > 8 and stream.read_at(4, 0) == b"PAR1" != stream.read_at(4, size - 4))
 
 
 def may_be_many_files(path: StrPath) -> bool:
