@@ -130,6 +130,8 @@ def keep(path: StrPath, output: StrPath, ids: Sequence[Id], options: ColumnOptio
     if not ids:
         raise DataError(f"{path}: no demonstration is to be kept; choose others.")
     layout = find_layout(path)
+    if layout is not None and options.id:
+        raise DataError(f"{path}: it is given back by its own ids; leave id out, or write a table with rpil convert.")
     if layout is not None:
         layout.keep(path, output, ids)
     elif path.is_dir():

@@ -14,7 +14,7 @@ from rpil.data.errors import DataError
 from rpil.data.formats import hdf5
 from rpil.data.formats.columns import ColumnOptions
 from rpil.data.formats.names import EPISODE
-from rpil.data.formats.parts import Part, Stored, from_parts
+from rpil.data.formats.parts import NUMBERED, Part, Stored, from_parts
 from rpil.data.formats.recording import Recording
 from rpil.data.formats.table import check_ids
 from rpil.numerics.types import Array
@@ -22,7 +22,6 @@ from rpil.numerics.types import Array
 if TYPE_CHECKING:
     import h5py
 
-_NUMBER_OF_EPISODE = "episode"
 _TERMINALS, _TIMEOUTS, _NEXT = "terminals", "timeouts", "next_observations"
 _ROWS_AT_ONCE = 1 << 16  # at a time
 
@@ -84,7 +83,7 @@ def _ids(file: h5py.File, source: str) -> tuple[str, Array, str]:
         name = str(named.name).strip("/")
         return name, hdf5.load(named, source), f"Demonstrations by the array {name}."
     ends, words = _ends(file, source)
-    return _NUMBER_OF_EPISODE, np.concatenate([[0], np.cumsum(ends[:-1])]), words
+    return NUMBERED, np.concatenate([[0], np.cumsum(ends[:-1])]), words
 
 
 def _ends(file: h5py.File, source: str) -> tuple[Array, str]:
