@@ -22,7 +22,7 @@ from rpil.estimators.passes import SampledFit, is_sampled
 from rpil.estimators.pipeline import Fitted, FullFit, Options, fit
 from rpil.estimators.settings import Settings
 from rpil.estimators.task import ActionBox, Features, Labels, Names, Task
-from rpil.estimators.validation import as_demonstrations
+from rpil.estimators.validation import Given, as_demonstrations
 from rpil.inference.fitted_judge import FittedJudge
 from rpil.inference.settings import JudgeSettings, Minority
 from rpil.mixture.adversaries.protocol import Adversary
@@ -147,7 +147,7 @@ class RPIL(PolicyEstimator):
 
     def fit(
         self,
-        X: ArrayLike | Demonstrations | Dataset,
+        X: ArrayLike | Given | Dataset,
         y: ArrayLike | None = None,
         groups: ArrayLike | None = None,
         labels: Labels | None = None,
@@ -157,8 +157,8 @@ class RPIL(PolicyEstimator):
 
         Parameters
         ----------
-        X : (N, D) array, Demonstrations or Dataset
-            Observations; `Demonstrations` and a `Dataset` hold actions and groups as well.
+        X : (N, D) array, Demonstrations, Dataset, frame or list of trajectories
+            Observations; all but an array hold actions and groups as well. A frame without `y` is read by `rpil.read`.
         y : (N,) or (N, A) array
             Actions.
         groups : (N,) array

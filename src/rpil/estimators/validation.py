@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import warnings
+from collections.abc import Iterator
+from typing import cast
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -13,8 +15,13 @@ from sklearn.utils.validation import validate_data
 from rpil.data.arrays import ActionKind, are_whole
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
+from rpil.data.formats import read
+from rpil.data.formats.arrow import Frame
 from rpil.inference.settings import MINORITY
 from rpil.numerics.types import Array
+
+Given = Demonstrations | Frame | list[object] | Iterator[object]
+"""Demonstrations, or what they are read from: a data frame, or trajectories."""
 
 
 def check_minority(minority: str) -> None:
@@ -28,10 +35,18 @@ def source_of(X: object) -> str:
     return X.source if isinstance(X, Demonstrations) else "the demonstrations"
 
 
+def as_given(X: ArrayLike | Given, y: ArrayLike | None) -> ArrayLike | Demonstrations:
+    """`X`; read as `Demonstrations` where it comes without actions and is a data frame, or a list of trajectories."""
+    if y is None and isinstance(X, Frame | list | Iterator):
+        return read(X)
+    return cast("ArrayLike | Demonstrations", X)
+
+
 def observations_and_actions(
-    estimator: BaseEstimator, X: ArrayLike | Demonstrations, y: ArrayLike | None, reset: bool = True
+    estimator: BaseEstimator, X: ArrayLike | Given, y: ArrayLike | None, reset: bool = True
 ) -> tuple[Array, Array]:
-    """Observations and actions: X and y checked by scikit-learn, or those of `Demonstrations`."""
+    """Observations and actions: X and y checked by scikit-learn, or those of demonstrations."""
+    X = as_given(X, y)
     if isinstance(X, Demonstrations):
         if reset:
             estimator.n_features_in_ = X.n_observations
@@ -70,12 +85,13 @@ def checked_rows(estimator: BaseEstimator, X: ArrayLike) -> Array:
 
 def as_demonstrations(
     estimator: BaseEstimator,
-    X: ArrayLike | Demonstrations,
+    X: ArrayLike | Given,
     y: ArrayLike | None,
     groups: ArrayLike | None,
     reset: bool = True,
 ) -> Demonstrations:
     """`Demonstrations` from observations (N, D), actions and groups (N,); without groups every row is one."""
+    X = as_given(X, y)
     observations, actions = observations_and_actions(estimator, X, y, reset)
     if isinstance(X, Demonstrations):
         return X

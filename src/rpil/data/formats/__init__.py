@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import os
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from types import ModuleType
 
 from numpy.typing import ArrayLike
 
 from rpil.data.arrays import Id, as_array
-from rpil.data.demonstrations import Demonstrations
+from rpil.data.demonstrations import SOURCE, Demonstrations
 from rpil.data.errors import DataError
 from rpil.data.files import StrPath, check_exists, check_extension, check_readable, check_writable
 from rpil.data.formats import csv, folder, lerobot_folder, npz, parquet
+from rpil.data.formats.arrow import Frame, read_frame
 from rpil.data.formats.columns import ColumnOptions, Names
 from rpil.data.formats.dataset import open_dataset
 from rpil.data.formats.description import Description
@@ -38,7 +40,7 @@ def check_format(path: StrPath) -> Path:
 
 
 def read(
-    path: StrPath,
+    path: StrPath | Frame | Iterable[object],
     *,
     id: str | None = None,
     action: Names = (),
@@ -47,10 +49,13 @@ def read(
     order: str | None = None,
     memory: Size | None = None,
 ) -> Demonstrations:
-    """Read demonstrations into memory: from a .parquet, .csv or .npz file, or a folder of .parquet or .csv files.
+    """Read demonstrations into memory: from a file or folder of a known format, a data frame, or trajectories.
 
     Parameters
     ----------
+    path : path, frame or iterable of trajectories
+        A frame of pandas, polars or pyarrow has one row for each step; see `Demonstrations.from_episodes` for
+        trajectories, which have no columns to choose.
     id, order : str
         The column of the demonstration, and the one that orders its steps; by default they are found by name.
     action, observations, exclude : str or sequence of str
@@ -66,9 +71,18 @@ def read(
     """
     options = ColumnOptions(id, action, observations, exclude, order)
     with limited(memory):
-        demonstrations = read_recording(path, options).demonstrations
+        if not isinstance(path, str | os.PathLike | Frame):
+            return _of_trajectories(path, options)
+        recording = read_frame(path, options) if isinstance(path, Frame) else read_recording(path, options)
+        demonstrations = recording.demonstrations
     assert isinstance(demonstrations, Demonstrations)
     return demonstrations
+
+
+def _of_trajectories(trajectories: Iterable[object], options: ColumnOptions) -> Demonstrations:
+    if options != ColumnOptions():
+        raise DataError(f"{SOURCE}: trajectories have no columns to choose; leave the options out, or give a frame.")
+    return Demonstrations.from_episodes(trajectories)
 
 
 def read_recording(path: StrPath, options: ColumnOptions = ColumnOptions(), *, on_disk: bool = False) -> Recording:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
 from rpil.data.arrays import check_any
 from rpil.data.errors import DataError
@@ -16,12 +16,36 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
 
+FRAME = "the frame"
+"""Name of a data frame in messages."""
+
+
+@runtime_checkable
+class Frame(Protocol):
+    """A data frame of pandas, polars, pyarrow or another library that gives its columns to Arrow."""
+
+    def __arrow_c_stream__(self, requested_schema: object | None = None) -> object:
+        """Its columns."""
+
+
+def read_frame(frame: Frame, options: ColumnOptions = ColumnOptions()) -> Recording:
+    """The recording in a data frame with one row for each step; a `DataError` where Arrow has no type for a column."""
+    import pyarrow as pa
+
+    try:
+        table = pa.table(frame)
+    except (pa.ArrowException, TypeError, ValueError) as error:
+        reason = " ".join(str(error.args[0]).split())[:80].replace(". ", ", ").rstrip(".")
+        raise DataError(f"{FRAME}: a column holds values of mixed types ({reason}); convert them.") from error
+    return from_arrow(table, options, FRAME, "data frame")
+
+
 def from_arrow(
     table: pa.Table, options: ColumnOptions, source: str, format_name: str, notes: tuple[str, ...] = ()
 ) -> Recording:
     """The recording in a table with one row for each step, whose columns are found by name; see `find_columns`."""
+    table = _plain(table)
     check_unique(table.column_names, source)
-    table = without_structures(table)
     kinds = {field.name: flat.kind_of_type(field.type) for field in table.schema}
     plain = [name for name, kind in kinds.items() if kind in ("number", "text")]
     kinds |= flat.kinds_of(table.select(plain).slice(0, flat.HEAD_ROWS))
@@ -31,12 +55,16 @@ def from_arrow(
     return from_table(chosen, columns, source, format_name, notes=notes)
 
 
-def without_structures(table: pa.Table) -> pa.Table:
-    """A column for each part of a structure, such as ``observation.pos``."""
+def _plain(table: pa.Table) -> pa.Table:
+    """A column for each part of a structure, such as ``observation.pos``, and text as files have it."""
     import pyarrow as pa
 
     while any(pa.types.is_struct(field.type) for field in table.schema):
         table = table.flatten()
+    for k, field in enumerate(table.schema):
+        kind = field.type.value_type if pa.types.is_dictionary(field.type) else field.type
+        if pa.types.is_string_view(kind):
+            table = table.set_column(k, field.name, table[k].cast(pa.string()))
     return table
 
 
