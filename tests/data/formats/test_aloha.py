@@ -57,3 +57,9 @@ def test_a_file_of_another_layout_is_named(tmp_path):
     with pytest.raises(DataError, match="no demonstration is called 'episode_9'"):
         formats.keep(folder, tmp_path / "kept", ["episode_9"])
     assert not (tmp_path / "kept").exists()
+
+
+def test_a_folder_of_tables_is_read_as_tables(tmp_path):
+    folder = aloha(tmp_path / "cube")
+    (folder / "steps.csv").write_text("episode,x,action\n1,0.5,0\n2,0.25,1\n")
+    assert formats.read(folder).ids == (1, 2)

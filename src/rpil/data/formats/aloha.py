@@ -27,9 +27,10 @@ _FILE_NAME = "name of the file"
 
 
 def is_mine(path: Path) -> bool:
-    """Whether `path` is a folder with HDF5 files in it, or one such file, with an action and a group observations."""
+    """Whether `path` is a folder of HDF5 files, and of no tables, or one file of an action and a group observations."""
     if path.is_dir():
-        return bool(_files(path))
+        names = {file.name.lower() for file in path.iterdir()} - {LINK_TABLE}
+        return bool(_files(path)) and not any(name.endswith((".parquet", ".csv")) for name in names)
     return hdf5.has_layout(
         path, lambda file: hdf5.first_array(file, hdf5.ACTIONS) is not None and "observations" in hdf5.groups(file)
     )

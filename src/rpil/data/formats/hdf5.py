@@ -63,7 +63,7 @@ def opened(path: Path) -> Iterator[h5py.File]:
             yield file
     except DataError:
         raise
-    except (OSError, RuntimeError, KeyError, ValueError, TypeError, AttributeError) as error:  # those of h5py
+    except (OSError, RuntimeError, KeyError, ValueError, TypeError, AttributeError, MemoryError) as error:  # of h5py
         reason = " ".join(str(error).split())[:100].replace(". ", ", ").rstrip(".")
         raise DataError(f"{path.name}: no HDF5 file, or a damaged one ({reason}); copy or write it again.") from error
 
