@@ -81,6 +81,7 @@ REFUSED = {
 }
 
 
+@pytest.mark.slow
 def test_hostile_files_are_refused_in_one_sentence(tmp_path):
     ends, peak = read_all(tmp_path, {name: (make, "rpil:read") for name, make in REFUSED.items()})
     for name, end in ends.items():
