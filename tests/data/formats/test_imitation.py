@@ -134,3 +134,13 @@ def test_damaged_imitation(tmp_path):
     file.unlink()
     with pytest.raises(DataError, match=r"^set: it is damaged or truncated"):
         rpil.read(path)
+
+
+def test_observations_of_several_arrays_are_refused(tmp_path):
+    path = write_folder(tmp_path / "set", trajectories(3))
+    table = pa.table({"obs": [{"a": [1.0, 2.0]}], "acts": [[0]]})
+    with pa.ipc.new_stream(path / "data-00000-of-00002.arrow", table.schema) as stream:
+        stream.write_table(table)
+    (path / "state.json").write_text(json.dumps({"_data_files": [{"filename": "data-00000-of-00002.arrow"}]}))
+    with pytest.raises(DataError, match=r"^set: 'obs' holds struct<.*>, not a list of steps"):
+        rpil.read(path)

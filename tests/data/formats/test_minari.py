@@ -121,6 +121,30 @@ def test_minari_with_as_many_observations_as_actions(tmp_path):
     assert d.is_discrete
 
 
+def test_minari_in_python():
+    from minari.dataset.episode_data import EpisodeData
+
+    episodes = [EpisodeData(m, np.ones((4, 2)), np.arange(3) % 2, *(np.zeros(3),) * 3, None) for m in range(3)]
+    assert rpil.read(iter(episodes)).lengths.tolist() == [3, 3, 3]
+
+
+def test_minari_with_wrong_metadata(tmp_path):
+    path = tmp_path / "set-v0"
+    path.mkdir()
+    write(path, "arrow", ACTIONS["box"])
+    (path / "data/3/metadata.json").write_text(json.dumps({"total_steps": "many"}))
+    (path / "data/4/metadata.json").unlink()
+    about = json.loads((path / "data/metadata.json").read_text())
+    (path / "data/metadata.json").write_text(
+        json.dumps({**about, "action_space": 7, "env_spec": '{"id": "\\u001b[2J"}'})
+    )
+    recording = formats.read_recording(path)
+    assert recording.demonstrations.lengths.tolist() == list(range(1, 13))
+    assert recording.description.notes[0].isprintable()
+    formats.keep(path, tmp_path / "kept", [3, 4])
+    assert json.loads((tmp_path / "kept/data/metadata.json").read_text())["total_steps"] == 9
+
+
 def test_damaged_minari(tmp_path):
     path = tmp_path / "set-v0"
     path.mkdir()

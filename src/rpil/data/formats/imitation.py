@@ -124,6 +124,8 @@ def _columns(table: pa.Table, source: str) -> dict[str, list[Array]]:
     check_memory(2 * table.select(names).nbytes, source)
     found = {}
     for name in names:
+        if not pa.types.is_list(table[name].type):
+            raise DataError(f"{source}: {name!r} holds {table[name].type}, not a list of steps; leave parts out.")
         if table[name].null_count:
             m = pc.index(pc.is_null(table[name]), True).as_py()
             raise DataError(f"{source}, demonstration {m}: it has no {name!r}; leave it out.")

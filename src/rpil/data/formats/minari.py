@@ -6,6 +6,7 @@ import json
 import re
 import shutil
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -17,6 +18,7 @@ from rpil.data.formats import hdf5
 from rpil.data.formats import table as flat
 from rpil.data.formats.arrow import end_to_end, from_arrow
 from rpil.data.formats.columns import ColumnOptions
+from rpil.data.formats.description import listed
 from rpil.data.formats.parts import MAX_MATRIX, NUMBERED, Part, from_parts
 from rpil.data.formats.recording import Recording
 from rpil.data.memory import BYTES_PER_NUMBER, check_memory
@@ -24,6 +26,7 @@ from rpil.data.memory import BYTES_PER_NUMBER, check_memory
 if TYPE_CHECKING:
     import h5py
     import pyarrow as pa
+    from pyarrow import dataset
 
 _HDF5 = "main_data.hdf5"
 _METADATA = "metadata.json"
@@ -48,7 +51,7 @@ def read(path: Path, options: ColumnOptions) -> Recording:
     if _described(about, "action_space").get("type") == "Discrete" and options.action_kind == "auto":
         options = replace(options, action_kind="discrete")
     environment = _described(about, "env_spec").get("id")
-    notes = (f"Environment: {environment}.",) if environment else ()
+    notes = (f"Environment: {listed([str(environment)])}.",) if environment else ()
     if not (data / _HDF5).exists():
         return _read_tables(data, about["data_format"], path.name, options, notes)
     with hdf5.opened(data / _HDF5) as file:
@@ -105,7 +108,7 @@ def _described(about: Mapping[str, Any], name: str) -> Mapping[str, Any]:
 
 def _groups(file: h5py.File) -> dict[int, h5py.Group]:
     """The groups ``episode_7`` by their number."""
-    found = {re.fullmatch(r"episode_(\d+)", name): group for name, group in hdf5.groups(file).items()}
+    found = {re.fullmatch(r"episode_(\d{1,18})", name): group for name, group in hdf5.groups(file).items()}
     return {int(match[1]): group for match, group in found.items() if match}
 
 
@@ -150,23 +153,39 @@ def _read_tables(data: Path, kind: str, source: str, options: ColumnOptions, not
 
     tables, images, n_bytes, n_left_out = [], {}, 0, 0
     for number, folder in _folders(data).items():
-        try:
-            stored = dataset.dataset([str(file) for file in sorted(folder.glob(f"*.{kind}"))], format=kind)
+        with _opened(folder, kind, source) as stored:
             n_rows, leaves = stored.count_rows(), dict(_leaves(stored.schema))
             images = {name: _IMAGES for name, (_, leaf) in leaves.items() if _is_image(leaf)}
             read = {name: leaf for name, leaf in leaves.items() if name not in images}
             n_bytes += n_rows * BYTES_PER_NUMBER * sum(getattr(leaf, "list_size", 1) for _, leaf in read.values())
             check_memory(n_bytes, source)
             table = stored.to_table(columns={name: dataset.field(*path) for name, (path, _) in read.items()})
-        except (pa.ArrowException, OSError) as error:
-            raise DataError(f"{source}, demonstration {number}: it is damaged or truncated; write it again.") from error
-        n_steps = _json(folder / _METADATA).get("total_steps", n_rows - 1)
+        n_steps = _n_steps(folder, n_rows)
         n_left_out += n_rows > n_steps
         table = table.slice(0, n_steps)
         tables.append(table.append_column(NUMBERED, pa.repeat(number, len(table))))
     notes = (*notes, _LAST) if n_left_out else notes
     table = end_to_end(tables, source)
     return from_arrow(table, options, source, f"Minari, {kind}", notes).with_ignored(images)
+
+
+@contextmanager
+def _opened(folder: Path, kind: str, source: str) -> Iterator[dataset.Dataset]:
+    """The files of one episode; a `DataError` where they are damaged."""
+    import pyarrow as pa
+    from pyarrow import dataset
+
+    try:
+        yield dataset.dataset([str(file) for file in sorted(folder.glob(f"*.{kind}"))], format=kind)
+    except (pa.ArrowException, OSError) as error:
+        place = f"{source}, demonstration {folder.name}"
+        raise DataError(f"{place}: it is damaged or truncated; write it again.") from error
+
+
+def _n_steps(folder: Path, n_rows: int) -> int:
+    """T of an episode in a folder, whose rows are T or T + 1."""
+    given = _json(folder / _METADATA).get("total_steps")
+    return given if given in (n_rows - 1, n_rows) else max(n_rows - 1, 0)
 
 
 def _leaves(
@@ -198,5 +217,6 @@ def _copy_folders(data: Path, new: Path, ids: Sequence[Id], source: str) -> list
         shutil.copytree(folders[i], new / str(k))
         about = _json(folders[i] / _METADATA)
         (new / str(k) / _METADATA).write_text(json.dumps({**about, "id": k}))
-        lengths.append(int(about.get("total_steps", 0)))
+        with _opened(folders[i], _json(data / _METADATA)["data_format"], source) as stored:
+            lengths.append(_n_steps(folders[i], stored.count_rows()))
     return lengths

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import zipfile
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -15,9 +16,10 @@ import numpy as np
 from rpil.data.arrays import Id
 from rpil.data.errors import DataError, MissingExtraError
 from rpil.data.files import new_folder, replacing
+from rpil.data.formats import umi
 from rpil.data.formats.columns import ColumnOptions
 from rpil.data.formats.description import listed
-from rpil.data.formats.parts import NUMBERED, Part, Stored, from_parts
+from rpil.data.formats.parts import NUMBERED, Part, from_parts
 from rpil.data.formats.recording import Recording
 from rpil.data.formats.table import check_ids
 from rpil.data.memory import BYTES_PER_NUMBER, check_memory
@@ -55,13 +57,17 @@ def read(path: Path, options: ColumnOptions) -> Recording:
                     f"{path.name}: data/{name} has the shape {array.shape}, but {_ENDS} ends at {ends[-1]:,} steps; "
                     "write it again."
                 )
+        whole = {name: "describes a demonstration as a whole" for name in arrays if umi.WHOLE.fullmatch(name)}
+        steps = {name: array for name, array in arrays.items() if name not in whole}
+        actions = umi.moves(steps, ends, path.name) if "action" not in steps and not options.action else {}
         lengths = np.diff(ends, prepend=0)
-        steps: dict[str, Stored] = {NUMBERED: np.repeat(np.arange(len(ends)), lengths), **arrays}
         empty = np.flatnonzero(lengths == 0).tolist()
-        notes = (f"Left out, because they have no steps: {listed(map(str, empty))}.",) if empty else ()
-        parts = [Part(int(ends[-1]), steps)]
+        left_out = f"Left out, because they have no steps: {listed(map(str, empty))}."
+        notes = (*([umi.NOTE] if actions else []), *([left_out] if empty else []))
+        parts = [Part(int(ends[-1]), {NUMBERED: np.repeat(np.arange(len(ends)), lengths), **steps, **actions})]
         recording = from_parts(parts, NUMBERED, path.name, "Zarr replay buffer", options, notes=notes)
-    return recording.with_ignored(dict.fromkeys(closed, "compressed by a codec that is not installed"))
+    unread = dict.fromkeys(closed, "compressed by a codec that is not installed")
+    return recording.with_ignored({**whole, **unread})
 
 
 def keep(path: Path, output: Path, ids: Sequence[Id]) -> None:
@@ -114,7 +120,7 @@ def _open(store: object, name: str) -> Any:
 def _ends(store: object, source: str) -> Array:
     """Where each demonstration ends, (M,), rising."""
     array = _open(store, _ENDS)
-    check_memory(BYTES_PER_NUMBER * float(np.prod(array.shape, dtype=float)), source)
+    check_memory(BYTES_PER_NUMBER * max(math.prod(array.shape), math.prod(array.chunks)), source)
     ends = np.asarray(array[:])
     if ends.ndim != 1 or ends.dtype.kind not in "iu" or not len(ends) or np.any(np.diff(ends, prepend=0) < 0):
         raise DataError(f"{source}: {_ENDS} must hold rising numbers of steps, one for each demonstration; repair it.")
