@@ -16,7 +16,7 @@ from rpil.data.errors import DataError
 
 COLUMNS = [
     "id", "verdict", "expert_proba", "log_odds", "from_actions", "from_demonstrator", "from_label", "reliability",
-    "demonstrator", "n_steps", "faults", "reason", "run",
+    "demonstrator", "task", "n_steps", "faults", "reason", "run",
 ]  # fmt: skip
 
 
@@ -33,7 +33,7 @@ def read_rows(path: Path) -> list[dict[str, object]]:
 def test_every_format_holds_one_row_for_each_demonstration(tmp_path, extension, ids):
     audit = make_audit(ids=ids)
     path = tmp_path / f"verdicts{extension}"
-    write_verdicts(path, audit, {str(audit.ids[2]): "Ann"})
+    write_verdicts(path, audit, {str(audit.ids[2]): "Ann"}, tasks={str(audit.ids[3]): "lift"})
     rows = read_rows(path)
     assert list(rows[0]) == COLUMNS
     assert [row["id"] for row in rows] == list(audit.ids)
@@ -43,6 +43,7 @@ def test_every_format_holds_one_row_for_each_demonstration(tmp_path, extension, 
     assert [row["reliability"] for row in rows] == audit.reliability.tolist()
     assert [row["n_steps"] for row in rows] == audit.lengths.tolist()
     assert [row["demonstrator"] for row in rows] == ["", "", "Ann", *[""] * 7]
+    assert [row["task"] for row in rows] == ["", "", "", "lift", *[""] * 6]
     for row in rows:
         assert row["run"] == audit.run_id
         assert row["from_actions"] + row["from_demonstrator"] + row["from_label"] == pytest.approx(row["log_odds"])

@@ -57,7 +57,7 @@ BAD_DATA = {
     "empty.parquet": (lambda name: Path(name).touch(), "the file is empty; write it again"),
     "empty.csv": (lambda name: Path(name).touch(), "the file is empty; write it again"),
     "empty.npz": (lambda name: Path(name).touch(), "the file is empty; write it again"),
-    "cut.parquet": (truncated, "truncated one; write it again"),
+    "cut.parquet": (truncated, "damaged or truncated Parquet file, .* write it again"),
     "cut.npz": (truncated, "truncated one; write it again"),
     "cut.csv": (lambda name: text(name, HEAD, "0,1,2", "0,1"), "row 2: 2 values for 3 columns .* write it again"),
     "data.xls": (lambda name: text(name, HEAD, "0,1,2"), r"unknown extension '.xls'; use one of .parquet, .csv, .npz"),

@@ -3,6 +3,8 @@
 from pathlib import Path
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.csv
 import pyarrow.parquet as pq
 import pytest
 
@@ -31,7 +33,7 @@ def test_keep_by_labels(folder):
 
 
 def test_keep_refuses_before_it_judges(folder, monkeypatch):
-    monkeypatch.setattr("rpil.cli.give_back.fit_rpil", lambda *_: pytest.fail("judged"))
+    monkeypatch.setattr("rpil.cli.give_back.audit_by_task", lambda *_: pytest.fail("judged"))
     data = folder / "good.parquet"
     Path("there").mkdir()
     Path("all_bad.csv").write_text("id,label\n1,bad\n")
@@ -63,3 +65,31 @@ def test_convert_writes_operator_and_task_of_each_demonstration(suffix):
     if suffix != ".npz":
         assert formats.read_recording(f"out{suffix}").tasks == dict.fromkeys("0123", "lift it")
     refused("named twice|would join", "convert", "in.csv", "-o", "in.csv")
+
+
+def test_each_task_is_judged_by_itself(folder):
+    """Demonstrations of two tasks whose experts act in opposite ways: as one task, they would contradict each other."""
+    table = pq.read_table(folder / "good.parquet")
+    episode, action = table["episode_index"].to_numpy(), table["action"].to_numpy()
+    where = table.column_names.index("episode_index"), table.column_names.index("action")
+    mirrored = table.set_column(where[1], "action", pa.array(2 - action))
+    mirrored = mirrored.set_column(where[0], "episode_index", pa.array(episode + 100))
+    tasks = ["left"] * len(table) + ["right"] * len(table)
+    both = pa.concat_tables([table, mirrored]).append_column("task", [tasks])
+    pq.write_table(both.take(np.argsort(np.r_[episode, episode + 0.5], kind="stable")), "both.parquet")
+    files = ["--verdicts", "v.csv", "--weights", "w.csv", "--report", "r.html"]
+    printed = ok("audit", "both.parquet", *files, "-q").stdout
+    assert "Demonstrations are judged within their tasks: left (12: told apart), right (12: told apart)." in printed
+    rows = {row["id"]: row for row in pa.csv.read_csv("v.csv").to_pylist()}
+    ok("audit", folder / "good.parquet", "--verdicts", "one.csv", "-q")
+    for row in pa.csv.read_csv("one.csv").to_pylist():
+        assert row["verdict"] == rows[row["id"]]["verdict"] == rows[row["id"] + 100]["verdict"]
+        assert row["log_odds"] == rows[row["id"]]["log_odds"]
+        assert (rows[row["id"]]["task"], rows[row["id"] + 100]["task"]) == ("left", "right")
+    assert [row["id"] for row in rows.values()] == [m + k for m in range(12) for k in (0, 100)]
+    few = both.filter(pa.array((both["episode_index"].to_numpy() != 100) & (both["episode_index"].to_numpy() < 103)))
+    pq.write_table(few, "few.parquet")
+    note = ok("audit", "few.parquet", "-q").stderr
+    assert "the task 'right' has 2 demonstrations, too few to judge them well; to judge all tasks as one" in note
+    assert "judged within" not in ok("audit", "few.parquet", "-q", "--exclude", "task").stdout
+    assert "its 2 tasks are judged and learned as one" in ok("fit", "few.parquet", "-o", "policy", "-q").stderr

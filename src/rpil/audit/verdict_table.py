@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Hashable, Mapping, Sequence
 from pathlib import Path
+from types import MappingProxyType
 
 from rpil.audit.faults.record import Finding
 from rpil.audit.record import Audit
@@ -15,9 +16,12 @@ TABLE_EXTENSIONS = (".csv", ".parquet", ".json")
 
 
 def verdict_columns(
-    audit: Audit, demonstrators: Mapping[str, str], findings: Sequence[Finding] = ()
+    audit: Audit,
+    demonstrators: Mapping[str, str],
+    findings: Sequence[Finding] = (),
+    tasks: Mapping[str, str] = MappingProxyType({}),
 ) -> dict[str, Sequence[object]]:
-    """The columns of the table, in the order of the data; `demonstrators` by the id of a demonstration as text."""
+    """The columns of the table, in the order of the data; `demonstrators` and `tasks` by ids as text."""
     faults: dict[str, list[str]] = {}
     for found in findings:
         faults.setdefault(str(found.id), []).append(found.rule)
@@ -29,6 +33,7 @@ def verdict_columns(
         **{f"from_{part}": values.tolist() for part, values in audit.evidence.items()},
         "reliability": audit.reliability.tolist(),
         "demonstrator": [demonstrators.get(str(name), "") for name in audit.ids],
+        "task": [tasks.get(str(name), "") for name in audit.ids],
         "n_steps": audit.lengths.tolist(),
         "faults": [", ".join(faults.get(str(name), ())) for name in audit.ids],
         "reason": list(audit.reasons),
@@ -37,16 +42,20 @@ def verdict_columns(
 
 
 def write_verdicts(
-    path: StrPath, audit: Audit, demonstrators: Mapping[str, str], findings: Sequence[Finding] = ()
+    path: StrPath,
+    audit: Audit,
+    demonstrators: Mapping[str, str],
+    findings: Sequence[Finding] = (),
+    tasks: Mapping[str, str] = MappingProxyType({}),
 ) -> None:
     """Write one row for each demonstration to a .csv, .parquet or .json file, in the order of the data.
 
     The columns are id, verdict, expert_proba, log_odds and its parts from_actions, from_demonstrator and from_label in
-    nats, reliability, demonstrator, n_steps, faults, reason, and the run id. JSON holds a list of objects.
+    nats, reliability, demonstrator, task, n_steps, faults, reason, and the run id. JSON holds a list of objects.
 
     Parameters
     ----------
-    demonstrators : mapping of id, as text, to name
+    demonstrators, tasks : mapping of id, as text, to name
         May be empty; a demonstration that is not in it gets an empty text.
     findings : sequence of Finding
         Recording faults; the column faults names the rules, the worst first.
@@ -57,7 +66,7 @@ def write_verdicts(
         Where the path has another extension, or cannot be written.
     """
     path = check_extension(path, TABLE_EXTENSIONS, "verdicts")
-    columns = verdict_columns(audit, demonstrators, findings)
+    columns = verdict_columns(audit, demonstrators, findings, tasks)
     if path.suffix.lower() == ".json":
         _write_json(path, [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)])
         return

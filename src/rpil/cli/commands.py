@@ -21,9 +21,11 @@ from rpil.data.errors import DataError, MissingExtraError
 from rpil.data.memory import budget
 
 if TYPE_CHECKING:
+    from rpil.audit.record import Audit
     from rpil.data.demonstrations import Demonstrations
     from rpil.data.formats.columns import ColumnOptions
     from rpil.data.formats.dataset import Dataset
+    from rpil.data.formats.id_values import Label
     from rpil.data.formats.recording import Recording
     from rpil.estimators.rpil import RPIL
     from rpil.estimators.settings import Settings
@@ -166,6 +168,50 @@ def fit_rpil(
 ) -> tuple[RPIL, Mapping[str, str]]:
     """`RPIL`, fitted to the demonstrations in `file` with the options of the command line, and the demonstrators by the
     ids of their demonstrations as text."""
+    n_tasks = len({*recording.tasks.values()})
+    if n_tasks > 1:
+        message = f"{file}: its {n_tasks} tasks are judged and learned as one; rpil audit judges each by itself."
+        warnings.warn(message, stacklevel=1)
+    given = _read_ids(recording, options)
+    return _fit(file, recording.demonstrations, given, options, progress, engine, warn_if_ambiguous), given[1]
+
+
+def audit_by_task(
+    file: str,
+    recording: Recording,
+    options: FitOptions,
+    progress: StageProgress,
+    engine: Engine | None = None,
+    warn_if_ambiguous: bool = True,
+) -> tuple[Audit, Mapping[str, str]]:
+    """The audit of the demonstrations in `file`, each judged within its task, and the demonstrators as `fit_rpil`."""
+    from rpil.audit.tasks import MIN_DEMONSTRATIONS, join_audits, split_by_task
+
+    demonstrations = recording.demonstrations
+    places = split_by_task(demonstrations.ids, recording.tasks)
+    if len(places) == 1:
+        model, demonstrators = fit_rpil(file, recording, options, progress, engine, warn_if_ambiguous)
+        return model.audit_, demonstrators
+    labels, demonstrators = _read_ids(recording, options)
+    audits: dict[str, Audit] = {}
+    for task, rows in places.items():
+        if len(rows) < MIN_DEMONSTRATIONS:
+            warnings.warn(
+                f"{file}: the task {task!r} has {len(rows)} demonstrations, too few to judge them well; to judge all "
+                f"tasks as one, add --exclude {recording.description.task_column}.",
+                stacklevel=1,
+            )
+        if len(rows) > 1:
+            part = demonstrations.select(rows)
+            ids = {*map(str, part.ids)}
+            own_labels = {m: label for m, label in labels.items() if m in ids}
+            who = {m: name for m, name in demonstrators.items() if m in ids}
+            audits[task] = _fit(file, part, (own_labels, who), options, progress, None, warn_if_ambiguous).audit_
+    return join_audits(audits, places, demonstrations.ids, demonstrations.offsets), demonstrators
+
+
+def _read_ids(recording: Recording, options: FitOptions) -> tuple[dict[str, Label], dict[str, str]]:
+    """The labels and the demonstrators, by the ids of the demonstrations as text."""
     if options.adversary != "auto" and options.minority != "ask":
         raise click.UsageError("--minority has no effect with a named --adversary: leave one out")
     from rpil.data import formats
@@ -177,6 +223,18 @@ def fit_rpil(
     check_ids(labels, demonstrations.ids, str(options.labels), "the labels")
     demonstrators = formats.read_demonstrators(options.operator, recording) if options.operator else {}
     check_ids(demonstrators, demonstrations.ids, str(options.operator), "the demonstrators")
+    return labels, demonstrators
+
+
+def _fit(
+    file: str,
+    demonstrations: Demonstrations | Dataset,
+    given: tuple[Mapping[str, Label], Mapping[str, str]],  # labels and demonstrators
+    options: FitOptions,
+    progress: StageProgress,
+    engine: Engine | None,
+    warn_if_ambiguous: bool,
+) -> RPIL:
     progress("starting")
     from rpil.data.errors import AmbiguousWarning
     from rpil.estimators.rpil import RPIL
@@ -186,7 +244,7 @@ def fit_rpil(
         features=options.features,
         adversary=options.adversary,
         minority=options.minority,
-        labels=labels or None,
+        labels=given[0] or None,
         random_state=options.seed,
         progress=progress,
         checkpoint=checkpoint,
@@ -196,7 +254,7 @@ def fit_rpil(
     if not warn_if_ambiguous:
         warnings.simplefilter("ignore", AmbiguousWarning)
     try:
-        return model.fit(demonstrations, demonstrators=demonstrators or None), demonstrators
+        return model.fit(demonstrations, demonstrators=given[1] or None)
     except KeyboardInterrupt:
         if checkpoint.exists():
             tell_if_interrupted(f"the work so far is in {checkpoint}; run the command again with --resume")

@@ -8,8 +8,8 @@ import click
 
 from rpil.cli.commands import (
     CommandSettings,
+    audit_by_task,
     connect_engine,
-    fit_rpil,
     load_into_memory,
     read_recording,
     resolve_stream,
@@ -64,9 +64,9 @@ def keep(
         if verdicts is None:
             with connect_engine(scheduler, progress) as engine:
                 read = read_recording(file, columns, progress, resolve_stream(stream, scheduler))
-                fitted, who = fit_rpil(file, read, FitOptions(**options), progress, engine)
-            table: Table = verdict_columns(fitted.audit_, who)
-            why = f" ({fitted.audit_.finding})"
+                audit, who = audit_by_task(file, read, FitOptions(**options), progress, engine)
+            table: Table = verdict_columns(audit, who)
+            why = f" ({audit.finding})"
         else:
             table, why = read_verdicts(verdicts), ""
         kept = trusted_ids(table, share, at_least)

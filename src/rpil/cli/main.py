@@ -15,7 +15,7 @@ from click.core import ParameterSource
 
 from rpil.cli import commands, terminal
 from rpil.cli.check import audit_fault_lines, check, check_recording
-from rpil.cli.commands import Commands, CommandSettings, connect_engine, fit_rpil, read_recording
+from rpil.cli.commands import Commands, CommandSettings, audit_by_task, connect_engine, fit_rpil, read_recording
 from rpil.cli.completion import install_completion
 from rpil.cli.give_back import convert, keep
 from rpil.cli.info import info
@@ -30,7 +30,7 @@ from rpil.cli.options import (
     seed_option,
     with_fit_options,
 )
-from rpil.cli.outputs import OUTPUTS, Audited, lines_after_output, write_outputs
+from rpil.cli.outputs import OUTPUTS, Audited, judged_within, lines_after_output, write_outputs
 from rpil.cli.progress import StageProgress, show_count, show_stages
 from rpil.data.files import check_outputs
 
@@ -122,8 +122,7 @@ def audit(
     with _show_stages(quiet) as progress:
         with connect_engine(scheduler, progress) as engine:
             read = read_recording(file, pop_columns(options), progress, stream)
-            fitted, who = fit_rpil(file, read, FitOptions(**options), progress, engine, warn_if_ambiguous=json_wanted)
-        result = fitted.audit_
+            result, who = audit_by_task(file, read, FitOptions(**options), progress, engine, json_wanted)
         progress("looking for recording faults")
         faults = check_recording(file, read)
         write_outputs(outputs, result, Audited(file, read, faults, who), time.perf_counter() - start, progress)
@@ -138,7 +137,7 @@ def audit(
             )
         )
     else:
-        terminal.print_lines([*read.description.short(), ""])
+        terminal.print_lines([*read.description.short(), *judged_within(result), ""])
         terminal.print_audit(result, all_rows)
         terminal.print_lines(["", *audit_fault_lines(faults, result, file)])
         _print_next_steps(ctx, result, quiet and not suggest, n_labels=suggest or N_LABELS)

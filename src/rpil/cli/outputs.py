@@ -55,7 +55,9 @@ def write_outputs(
     steps = audit.ids, audit.offsets, audit.step_weight, audit.expert_proba, audit.log_odds
     writers: dict[str, Callable[[str], None]] = {
         "weights": lambda path: write_weights(path, *steps, given.recording.step_columns),
-        "verdicts": lambda path: write_verdicts(path, audit, given.demonstrators, given.faults.findings),
+        "verdicts": lambda path: write_verdicts(
+            path, audit, given.demonstrators, given.faults.findings, given.recording.tasks
+        ),
         "keep": write_keep,
         "report": write_report,
     }
@@ -75,3 +77,10 @@ def lines_after_output(title: str, source: str, audit: Audit) -> list[str]:
         return formats.notes_on_weights(source)
     kept = [name for name, verdict in zip(audit.ids, audit.verdicts, strict=True) if verdict == "expert"]
     return formats.commands_to_keep(source, audit.ids, kept) if title == "keep" and kept else []
+
+
+def judged_within(audit: Audit) -> tuple[str, ...]:
+    """The sentence on the tasks within which demonstrations were judged; none where there is one task."""
+    from rpil.audit.tasks import AuditOfTasks
+
+    return audit.assumptions[:1] if isinstance(audit, AuditOfTasks) else ()

@@ -1,0 +1,111 @@
+"""Several tasks in one set of data: the demonstrations of each are judged by themselves, and the audits become one."""
+
+from __future__ import annotations
+
+from collections.abc import Hashable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from rpil.audit.record import Audit, Interval, Verdict
+from rpil.numerics.types import Array
+
+MIN_DEMONSTRATIONS = 8
+"""Of a task: with fewer the verdicts are weak, and a user is warned."""
+
+ALONE = "Not judged: it is the only demonstration of its task."
+_FINDINGS = ("told apart", "cannot be known", "nobody stands out", "nothing could be learned")
+
+
+@dataclass(frozen=True, eq=False)
+class AuditOfTasks(Audit):
+    """The audits of several tasks as one; each sentence and number is that of the demonstration's own task."""
+
+    own_reasons: tuple[str, ...] = ()
+
+    @cached_property
+    def reasons(self) -> tuple[str, ...]:
+        """The reason for the verdict on each demonstration, one sentence each."""
+        return self.own_reasons
+
+
+def split_by_task(ids: Sequence[Hashable], tasks: Mapping[str, str]) -> dict[str, list[int]]:
+    """The numbers of the demonstrations of each task, by the `tasks` of the ids as text."""
+    places: dict[str, list[int]] = {}
+    for m, name in enumerate(ids):
+        places.setdefault(tasks.get(str(name), ""), []).append(m)
+    return places
+
+
+def join_audits(
+    audits: Mapping[str, Audit], places: Mapping[str, Sequence[int]], ids: Sequence[Hashable], offsets: Array
+) -> Audit:
+    """One audit of the M demonstrations `ids`, from those of their tasks.
+
+    Parameters
+    ----------
+    audits : mapping of task to Audit
+        A task with a single demonstration has none: it stays uncertain.
+    places : mapping of task to sequence of int
+        The numbers of the demonstrations of each task, in the order of its audit.
+    offsets : (M + 1,) int array
+        The first steps of the demonstrations.
+    """
+    n, n_steps = len(ids), int(offsets[-1])
+    values = {"log_odds": 0.0, "from_actions": 0.0, "from_demonstrator": 0.0, "from_label": 0.0}
+    columns = {name: np.full(n, value) for name, value in (values | {"expert_proba": 0.5, "reliability": 0.5}).items()}
+    interval = np.tile([0.0, 1.0], (n, 1))
+    steps = {"step_log_ratio": np.zeros(n_steps), "step_weight": np.full(n_steps, 0.5)}
+    verdicts: list[Verdict] = ["uncertain"] * n
+    reasons, deviations = [ALONE] * n, [""] * n
+    for task, audit in audits.items():
+        rows = np.concatenate([np.arange(offsets[m], offsets[m + 1]) for m in places[task]])
+        for name, column in columns.items():
+            column[places[task]] = getattr(audit, name)
+        for name, column in steps.items():
+            column[rows] = getattr(audit, name)
+        interval[places[task]] = audit.reliability_interval
+        for k, m in enumerate(places[task]):
+            verdicts[m], reasons[m] = audit.verdicts[k], audit.reasons[k]
+            deviations[m] = audit.deviations[k] if audit.deviations else ""
+    parts = list(audits.values())
+    opposed = next((audit for audit in parts if not audit.identifiable), None)
+    assumptions = dict.fromkeys(sentence for audit in parts for sentence in audit.assumptions)
+    return AuditOfTasks(
+        ids=tuple(ids),
+        offsets=offsets,
+        finding=min((audit.finding for audit in parts), key=_FINDINGS.index, default=_FINDINGS[-1]),
+        **columns,
+        reliability_interval=interval,
+        verdicts=tuple(verdicts),
+        **steps,
+        prior=_mean_prior(parts),
+        adversary=parts[0].adversary if parts else "",
+        history=np.empty(0),
+        identifiable=opposed is None,
+        competing=opposed.competing if opposed else (),
+        to_label=opposed.to_label if opposed else (),
+        assumptions=(_sentence(audits, places), *assumptions),
+        demonstrators=tuple(demonstrator for audit in parts for demonstrator in audit.demonstrators),
+        labelled=tuple(name for audit in parts for name in audit.labelled),
+        deviations=tuple(deviations) if any(deviations) else (),
+        own_reasons=tuple(reasons),
+    )
+
+
+def _mean_prior(audits: Sequence[Audit]) -> Interval:
+    """The shares of experts in the tasks, weighted by their numbers of demonstrations."""
+    if not audits:
+        return Interval(0.5, 0.0, 1.0)
+    weights = [len(audit.ids) for audit in audits]
+    shares = [(audit.prior.mean, audit.prior.low, audit.prior.high) for audit in audits]
+    return Interval(*np.average(shares, axis=0, weights=weights).tolist())
+
+
+def _sentence(audits: Mapping[str, Audit], places: Mapping[str, Sequence[int]]) -> str:
+    findings = (
+        f"{task or 'no task'} ({len(rows):,}: {audits[task].finding if task in audits else 'not judged'})"
+        for task, rows in places.items()
+    )
+    return f"Demonstrations are judged within their tasks: {', '.join(findings)}."

@@ -1,0 +1,39 @@
+"""Several tasks: what was found within each comes back at the right place, and single demonstrations stay open."""
+
+import numpy as np
+
+from audits import make_audit
+from rpil.audit.tasks import ALONE, join_audits, split_by_task
+
+
+def test_each_demonstration_keeps_what_its_own_task_says():
+    lift, turn = make_audit(), make_audit(ids=[f"t{m}" for m in range(10)])
+    ids = [name for pair in zip(lift.ids, turn.ids, strict=True) for name in pair] + ["alone"]
+    tasks = dict.fromkeys(map(str, lift.ids), "lift") | dict.fromkeys(turn.ids, "turn") | {"alone": "push"}
+    places = split_by_task(ids, tasks)
+    assert places == {"lift": [*range(0, 20, 2)], "turn": [*range(1, 20, 2)], "push": [20]}
+    lengths = [*np.ravel([lift.lengths, turn.lengths], order="F"), 7]
+    offsets = np.concatenate([[0], np.cumsum(lengths)])
+    audit = join_audits({"lift": lift, "turn": turn}, places, ids, offsets)
+    assert audit.ids == tuple(ids)
+    for part, rows in ((lift, places["lift"]), (turn, places["turn"])):
+        assert [audit.verdicts[m] for m in rows] == [*part.verdicts]
+        assert [audit.reasons[m] for m in rows] == [*part.reasons]
+        np.testing.assert_array_equal(audit.log_odds[rows], part.log_odds)
+        np.testing.assert_array_equal(audit.reliability_interval[rows], part.reliability_interval)
+        for k, m in enumerate(rows):
+            np.testing.assert_array_equal(audit.step_weight[audit.steps(m)], part.step_weight[part.steps(k)])
+            assert audit.worst_steps(m) == part.worst_steps(k)
+    assert (audit.verdicts[20], audit.expert_proba[20], audit.reasons[20]) == ("uncertain", 0.5, ALONE)
+    assert audit.finding == lift.finding
+    assert audit.assumptions[0] == (
+        f"Demonstrations are judged within their tasks: lift (10: {lift.finding}), turn (10: {turn.finding}), "
+        "push (1: not judged)."
+    )
+
+
+def test_without_any_audit_nothing_is_known():
+    audit = join_audits({}, {"a": [0], "b": [1]}, ["x", "y"], np.array([0, 2, 5]))
+    assert audit.finding == "nothing could be learned"
+    assert audit.verdicts == ("uncertain", "uncertain")
+    assert audit.to_dict()["n_steps"] == 5
