@@ -35,8 +35,8 @@ def sampled(space, n):
     return samples if isinstance(space, spaces.Text) else np.array(samples)
 
 
-def write(folder, data_format, action_space):
-    """A data set of 12 episodes of 1, 2, ... steps, and its episodes."""
+def write(folder, data_format, action_space, lengths=range(1, 13)):
+    """A data set of episodes of these `lengths`, and its episodes."""
     OBSERVATIONS.seed(0)
     action_space.seed(0)
     from minari.data_collector import EpisodeBuffer
@@ -54,7 +54,7 @@ def write(folder, data_format, action_space):
             truncations=np.arange(n) == n - 1,
             infos={"secret": np.zeros((n + 1, 2))},
         )
-        for n in range(1, 13)
+        for n in lengths
     ]
     storage.update_metadata({"dataset_id": "set-v0", "minari_version": minari.__version__})
     storage.update_episodes(episodes)
@@ -119,6 +119,27 @@ def test_minari_with_as_many_observations_as_actions(tmp_path):
     d = rpil.read(tmp_path / "main_data.hdf5")
     assert d.lengths.tolist() == [4, 4, 4]
     assert d.is_discrete
+
+
+@pytest.mark.parametrize("data_format", ["hdf5", "arrow"])
+def test_minari_episodes_without_steps_are_left_out(tmp_path, data_format):
+    path = tmp_path / "set-v0"
+    path.mkdir()
+    write(path, data_format, ACTIONS["discrete"], lengths=(3, 2, 4))
+    if data_format == "hdf5":
+        h5py = pytest.importorskip("h5py")
+        with h5py.File(path / "data/main_data.hdf5", "a") as file:
+            del file["episode_1/actions"]
+            file["episode_1/actions"] = np.zeros(0, int)
+    else:
+        pa = pytest.importorskip("pyarrow")
+        file = path / "data/1/part-0.arrow"
+        table = pa.ipc.open_file(file).read_all()
+        with pa.ipc.new_file(file, table.schema) as stream:
+            stream.write_table(table.slice(0, 1))
+    recording = formats.read_recording(path)
+    assert recording.demonstrations.ids == (0, 2)
+    assert "Left out, because they have no steps: 1." in recording.description.notes
 
 
 def test_minari_in_python():

@@ -19,7 +19,7 @@ from rpil.data.formats import table as flat
 from rpil.data.formats.arrow import end_to_end, from_arrow
 from rpil.data.formats.columns import ColumnOptions
 from rpil.data.formats.description import listed
-from rpil.data.formats.parts import MAX_MATRIX, NUMBERED, Part, from_parts
+from rpil.data.formats.parts import MAX_MATRIX, NUMBERED, Part, from_parts, without_steps
 from rpil.data.formats.recording import Recording
 from rpil.data.memory import BYTES_PER_NUMBER, check_memory
 
@@ -164,7 +164,8 @@ def _read_tables(data: Path, kind: str, source: str, options: ColumnOptions, not
         n_left_out += n_rows > n_steps
         table = table.slice(0, n_steps)
         tables.append(table.append_column(NUMBERED, pa.repeat(number, len(table))))
-    notes = (*notes, _LAST) if n_left_out else notes
+    empty = [number for number, table in zip(_folders(data), tables, strict=True) if not len(table)]
+    notes = (*notes, *([_LAST] if n_left_out else []), *without_steps(empty))
     table = end_to_end(tables, source)
     return from_arrow(table, options, source, f"Minari, {kind}", notes).with_ignored(images)
 

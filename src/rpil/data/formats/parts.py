@@ -99,9 +99,13 @@ def from_parts(
     longer = [name for name in columns.all if any(_rows(part, name) > part.n_steps for part in parts)]
     if longer:
         notes = (*notes, f"The last value of {listed(longer)}, which comes after the last action, is left out.")
-    if empty:
-        notes = (*notes, f"Left out, because they have no steps: {listed(empty)}.")
+    notes = (*notes, *without_steps(empty))
     return from_table(table, columns, source, format_name, metadata, notes)
+
+
+def without_steps(ids: Sequence[object]) -> tuple[str, ...]:
+    """The note that the demonstrations called `ids` are left out; none where there are none."""
+    return (f"Left out, because they have no steps: {listed(map(str, ids))}.",) if ids else ()
 
 
 def _kinds(part: Part, source: str) -> dict[str, Kind]:

@@ -19,7 +19,7 @@ from rpil.data.files import new_folder, replacing
 from rpil.data.formats import umi
 from rpil.data.formats.columns import ColumnOptions
 from rpil.data.formats.description import listed
-from rpil.data.formats.parts import NUMBERED, Part, from_parts
+from rpil.data.formats.parts import NUMBERED, Part, from_parts, without_steps
 from rpil.data.formats.recording import Recording
 from rpil.data.formats.table import check_ids
 from rpil.data.memory import BYTES_PER_NUMBER, check_memory
@@ -62,8 +62,7 @@ def read(path: Path, options: ColumnOptions) -> Recording:
         actions = umi.moves(steps, ends, path.name) if "action" not in steps and not options.action else {}
         lengths = np.diff(ends, prepend=0)
         empty = np.flatnonzero(lengths == 0).tolist()
-        left_out = f"Left out, because they have no steps: {listed(map(str, empty))}."
-        notes = (*([umi.NOTE] if actions else []), *([left_out] if empty else []))
+        notes = (*([umi.NOTE] if actions else []), *without_steps(empty))
         parts = [Part(int(ends[-1]), {NUMBERED: np.repeat(np.arange(len(ends)), lengths), **steps, **actions})]
         recording = from_parts(parts, NUMBERED, path.name, "Zarr replay buffer", options, notes=notes)
     unread = dict.fromkeys(closed, "compressed by a codec that is not installed")
