@@ -93,3 +93,19 @@ def test_each_task_is_judged_by_itself(folder):
     assert "the task 'right' has 2 demonstrations, too few to judge them well; to judge all tasks as one" in note
     assert "judged within" not in ok("audit", "few.parquet", "-q", "--exclude", "task").stdout
     assert "its 2 tasks are judged and learned as one" in ok("fit", "few.parquet", "-o", "policy", "-q").stderr
+
+
+def test_in_place_lists_the_trusted_in_the_file_itself(folder):
+    refused("give one of them", "keep", folder / "good.parquet")
+    refused("only HDF5 of robomimic can list", "keep", folder / "good.parquet", "--in-place")
+    h5py = pytest.importorskip("h5py", reason="needs the extra hdf5")
+    with h5py.File("lift.hdf5", "w") as file:
+        for m in range(3):
+            file[f"data/demo_{m}/actions"] = np.random.default_rng(m).normal(size=(5, 2))
+            file[f"data/demo_{m}/obs/x"] = np.random.default_rng(m).normal(size=(5, 3))
+    Path("labels.csv").write_text("id,label\ndemo_0,expert\ndemo_2,good\ndemo_1,bad\n")
+    printed = ok("keep", "lift.hdf5", "--in-place", "--verdicts", "labels.csv").stdout
+    assert printed == "Kept 2 of 3 demonstrations: lift.hdf5\n"
+    with h5py.File("lift.hdf5") as file:
+        assert file["mask/rpil_expert"][:].tolist() == [b"demo_0", b"demo_2"]
+        assert len(file["data"]) == 3

@@ -31,7 +31,8 @@ from rpil.data.files import check_outputs
 
 @click.command()
 @click.argument("file", type=click.Path())
-@click.option("-o", "--output", type=click.Path(), metavar="NEW", required=True, help="A new file, or folder.")
+@click.option("-o", "--output", type=click.Path(), metavar="NEW", help="A new file, or folder.")
+@click.option("--in-place", is_flag=True, help="Only list them in FILE itself, as mask/rpil_expert: HDF5 of robomimic.")
 @click.option("--share", metavar="S", type=click.FloatRange(0, 1, min_open=True), help="Keep this share, as .8.")
 @click.option("--at-least", metavar="P", type=click.FloatRange(0, 1), help="Keep those whose P(expert) is P or more.")
 @click.option(
@@ -42,7 +43,13 @@ from rpil.data.files import check_outputs
 )
 @with_fit_options
 def keep(
-    file: str, output: str, share: float | None, at_least: float | None, verdicts: str | None, **options: Any
+    file: str,
+    output: str | None,
+    in_place: bool,
+    share: float | None,
+    at_least: float | None,
+    verdicts: str | None,
+    **options: Any,
 ) -> None:
     """Write the trusted demonstrations to a new file of the same format.
 
@@ -54,7 +61,12 @@ def keep(
     from rpil.audit.verdict_table import verdict_columns
     from rpil.data import formats
 
-    formats.check_keep(file, output)
+    if in_place == (output is not None):
+        raise click.UsageError("--output NEW or --in-place says where they are written: give one of them")
+    if output is not None:
+        formats.check_keep(file, output)
+    else:
+        formats.check_mask(file)
     quiet, stream, scheduler = (options.pop(name) for name in ("quiet", "stream", "scheduler"))
     columns = pop_columns(options)
     if options["features"] == "auto":
@@ -72,9 +84,12 @@ def keep(
         kept = trusted_ids(table, share, at_least)
         if not kept:
             raise DataError(f"{file}: no demonstration is trusted enough{why}; give labels, or choose with --share.")
-        progress(f"writing {output}")
-        formats.keep(file, output, kept, columns)
-    click.echo(f"Kept {len(kept):,} of {len(table['id']):,} demonstrations: {output}")
+        progress(f"writing {output or file}")
+        if output is None:
+            formats.write_mask(file, kept)
+        else:
+            formats.keep(file, output, kept, columns)
+    click.echo(f"Kept {len(kept):,} of {len(table['id']):,} demonstrations: {output or file}")
     print_lines(formats.commands_to_keep(file, table["id"], kept))
 
 

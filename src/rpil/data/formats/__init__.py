@@ -13,7 +13,7 @@ from rpil.data.arrays import Id, as_array
 from rpil.data.demonstrations import SOURCE, Demonstrations
 from rpil.data.errors import DataError
 from rpil.data.files import StrPath, check_exists, check_extension, check_readable, check_writable
-from rpil.data.formats import csv, folder, lerobot_folder, npz, parquet
+from rpil.data.formats import csv, folder, lerobot_folder, npz, parquet, robomimic
 from rpil.data.formats.arrow import Frame, read_frame
 from rpil.data.formats.columns import ColumnOptions, Names
 from rpil.data.formats.dataset import open_dataset
@@ -152,6 +152,20 @@ def keep(path: StrPath, output: StrPath, ids: Sequence[Id], options: ColumnOptio
         keep_folder(path, output, ids, options)
     else:
         keep_file(_known(path), output, ids, options)
+
+
+def check_mask(path: StrPath) -> Path:
+    """`path`, or a `DataError` where its format has no place for a list of demonstrations."""
+    path = check_exists(path)
+    if not robomimic.is_mine(path):
+        raise DataError(f"{path}: only HDF5 of robomimic can list demonstrations to keep; write a new file with -o.")
+    return path
+
+
+def write_mask(path: StrPath, ids: Sequence[Id]) -> None:
+    """List some demonstrations in the file itself, under ``mask/rpil_expert``; errors are those of `keep`."""
+    path = check_mask(path)
+    robomimic.write_mask(path, path, ids)
 
 
 def commands_to_keep(path: StrPath, ids: Sequence[object], kept: Sequence[object]) -> list[str]:

@@ -207,6 +207,9 @@ def find_files(path: StrPath) -> tuple[fs.FileSystem, list[str], list[str]]:
         data = f"{place}/data"
         place = data if filesystem.get_file_info(data).type == fs.FileType.Directory else place
         entries = filesystem.get_file_info(fs.FileSelector(place, recursive=True))
+    except ImportError as error:
+        reason = " ".join(str(error).split()).rstrip(".")
+        raise DataError(f"{where}: addresses of this kind need a package of their own: {reason}.") from error
     except (pa.ArrowException, OSError) as error:
         raise DataError(f"{where}: it cannot be listed ({' '.join(str(error).split())[:100]}).") from error
     return filesystem, *_tables(sorted(info.path for info in entries if info.type == fs.FileType.File))
