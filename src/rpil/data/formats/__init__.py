@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 from pathlib import Path
 from types import ModuleType
+from typing import TypedDict, Unpack
 
 from numpy.typing import ArrayLike
 
-from rpil.data.arrays import as_array
+from rpil.data.arrays import ActionKind, as_array
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
 from rpil.data.files import StrPath, check_exists, check_extension, check_readable
@@ -35,16 +36,18 @@ def check_format(path: StrPath) -> Path:
     return check_extension(path, FORMATS)
 
 
-def read(
-    path: StrPath,
-    *,
-    id: str | None = None,
-    action: Names = (),
-    observations: Names = (),
-    exclude: Names = (),
-    order: str | None = None,
-    memory: Size | None = None,
-) -> Demonstrations:
+class ReadOptions(TypedDict, total=False):
+    """Those of `ColumnOptions` that matter to `read`."""
+
+    id: str | None
+    action: Names
+    observations: Names
+    exclude: Names
+    order: str | None
+    action_kind: ActionKind
+
+
+def read(path: StrPath, *, memory: Size | None = None, **columns: Unpack[ReadOptions]) -> Demonstrations:
     """Read demonstrations into memory: from a .parquet, .csv or .npz file, or a folder of .parquet or .csv files.
 
     Parameters
@@ -53,6 +56,8 @@ def read(
         The column of the demonstration, and the one that orders its steps; by default they are found by name.
     action, observations, exclude : str or sequence of str
         Columns, or patterns such as ``joint_*``; those of `exclude` are not read.
+    action_kind : {"auto", "discrete", "continuous"}
+        Whether one column of whole numbers holds classes; "auto" decides by how many there are.
     memory : int or str, optional
         Bytes that the data may take, as a number or as text such as "4GB"; by default half of the free memory.
 
@@ -62,9 +67,8 @@ def read(
         One sentence naming the file, the demonstration where there is one, and the remedy; before anything is read
         where the data would take more memory.
     """
-    options = ColumnOptions(id, action, observations, exclude, order)
     with limited(memory):
-        demonstrations = read_recording(path, options).demonstrations
+        demonstrations = read_recording(path, ColumnOptions(**columns)).demonstrations
     assert isinstance(demonstrations, Demonstrations)
     return demonstrations
 
