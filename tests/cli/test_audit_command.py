@@ -58,8 +58,9 @@ def test_audit_prints_finding_ranking_and_next_step(folder):
     odds = [float(row[2]) for row in rows]
     assert odds == sorted(odds)
     assert result.stdout.count(P_EXPERT) == 1
-    headline, following = result.stdout.split("\n\n")[-1].splitlines()[:2]
+    headline, faults, following = result.stdout.split("\n\n")[-1].splitlines()[:3]
     assert headline == "Of 12 demonstrations (1,160 steps), 6 can be trusted, 6 cannot be trusted, and 0 are uncertain."
+    assert faults == "No recording faults found."
     assert following == f"Next: {NEXT_STEPS['told apart']}"
     assert "Next" not in ok("audit", folder / "good.parquet", "--quiet").stdout
     assert result.stderr == ""
@@ -106,8 +107,9 @@ def test_audit_prints_json(folder):
     # The issue's, and what is needed where the data do not settle it.
     assert list(audit) == [
         "run", "input", "n_demonstrations", "n_steps", "finding", "adversary", "prior", "identifiable", "groups",
-        "to_label", "assumptions", "demonstrations", "demonstrators",
+        "to_label", "assumptions", "demonstrations", "demonstrators", "faults",
     ]  # fmt: skip
+    assert audit["faults"]["findings"] == []
     assert audit["n_demonstrations"] == 12
     assert audit["n_steps"] == formats.read(folder / "good.parquet").n_steps
     assert audit["finding"] == "told apart"

@@ -60,6 +60,17 @@ def test_spellings_of_the_action(columns, actions, one):
         ),
         *("t", "time", "timestamp", "stamp_ns", "header.stamp", "step", "frame", "index", "Unnamed: 0", "", "next_x"),
         *("task", "task_index", "operator", "episode_length", "weight", "label", "is_good"),
+        *(
+            "expert",
+            "is_expert",
+            "good",
+            "failed",
+            "outcome",
+            "skill_level",
+            "advantage",
+            "q_value",
+            "récompense.reward",
+        ),
     ],
 )
 def test_what_is_no_observation_unless_it_is_named(name):
@@ -114,6 +125,24 @@ def test_words_of_a_name():
     assert {plain_name(name) for name in ("next.Reward", "nextReward", " NEXT reward ", "next-reward")} == {
         "next_reward"
     }
+
+
+@pytest.mark.parametrize("other", ["session", "operator", "task"])
+def test_other_ids_may_be_needed_to_tell_demonstrations_apart(other):
+    assert found([*BASE, other]).parts == (other,)
+    named_by_user = found([*BASE, other], id="episode")
+    assert named_by_user.parts == ()
+    assert named_by_user.observations == ("x", "v")
+
+
+def test_another_id_is_no_observation_where_the_user_names_the_id():
+    columns = found([*BASE, "session"], id="session")
+    assert columns.observations == ("x", "v")
+    assert columns.ignored == {"episode": "another id"}
+
+
+def test_names_with_accents():
+    assert found(["Épisode", "x", "action"]).episode == "Épisode"
 
 
 def test_a_hundred_thousand_columns_take_seconds():

@@ -52,6 +52,7 @@ ns = 1_700_000_000_000_000_000 + 50_000_000 * np.arange(M * T)
 VARIANTS = {
     "plain": (text(BASE), {}),
     "semicolons": (text(BASE, ";"), {}),
+    "separator of Excel": ("sep=;\n" + text(BASE, ";"), {}),
     "tabs": (text(BASE, "\t"), {}),
     "bars": (text(BASE, "|"), {}),
     "decimal commas": (text(BASE, ";", ","), {}),
@@ -152,6 +153,60 @@ def test_a_folder_of_files(tmp_path, has_id):
     np.testing.assert_array_equal(d.observations, X)
 
 
+@pytest.mark.parametrize("names", [["a/data", "b/data"], ["run.1", "run.2"], ["a/run", "b/run.1"]])
+def test_files_of_a_folder_are_told_apart_by_their_whole_names(tmp_path, names):
+    for m, name in enumerate(names):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        rows = np.flatnonzero(m == RUN)
+        (tmp_path / f"{name}.csv").write_text(text({n: BASE[n] for n in BASE if n != "episode"}, rows=rows))
+    assert formats.read(tmp_path).ids == tuple(names)
+
+
+def test_two_files_of_one_name_are_refused(tmp_path):
+    for name in ("a.csv", "a.txt"):
+        (tmp_path / name).write_text(text({n: BASE[n] for n in BASE if n != "episode"}))
+    with pytest.raises(DataError, match=r"demonstration 'a': it is both in a.csv and in a.txt"):
+        formats.read(tmp_path)
+
+
+def test_the_kind_of_the_action_may_be_said(tmp_path):
+    (tmp_path / "a.csv").write_text(text(BASE))
+    assert formats.read(tmp_path / "a.csv").is_discrete
+    assert not formats.read(tmp_path / "a.csv", action_kind="continuous").is_discrete
+
+
+@pytest.mark.parametrize("session", ["session", "operator", "task"])
+@pytest.mark.parametrize("order", ["step", "time", None])
+def test_episodes_that_each_session_counts_anew_are_refused(tmp_path, session, order):
+    columns = {session: RUN // 2, "episode": RUN % 2, "x": X[:, 0], "action": TURN}
+    columns |= {order: STEP if order == "step" else np.arange(M * T) / 10} if order else {}
+    (tmp_path / "a.csv").write_text(text(columns))
+    message = f"demonstration 0, row 31: column '{session}' changes within this demonstration; write a column of ids"
+    with pytest.raises(DataError, match=message):
+        formats.read(tmp_path / "a.csv")
+    assert len(formats.read(tmp_path / "a.csv", id="episode")) == 2
+
+
+@pytest.mark.parametrize("rows", [None, SHUFFLED])
+def test_one_demonstration_may_have_several_tasks(tmp_path, rows):
+    (tmp_path / "a.csv").write_text(text(BASE | {"task": STEP // 5, "session": RUN // 2}, rows=rows))
+    check(formats.read(tmp_path / "a.csv"), {})
+
+
+def test_order_that_is_text_is_said(tmp_path):
+    (tmp_path / "a.csv").write_text(text(BASE | {"step": [f"frame {k}" for k in STEP]}))
+    words = "steps in the order of the file, because step has values that are missing, or neither numbers nor times"
+    assert read_recording(tmp_path / "a.csv").description.order == words
+
+
+def test_observations_that_tell_demonstrations_apart_are_noted(tmp_path):
+    more = {"seed": RUN * 7, "wind": np.sqrt(RUN), "gravity": 9.81 + 0 * RUN}
+    for rows in (None, SHUFFLED):
+        (tmp_path / "a.csv").write_text(text(BASE | more, rows=rows))
+        notes = read_recording(tmp_path / "a.csv").description.notes
+        assert notes == ("Constant within each demonstration: seed, wind; leave out what those who acted did not see.",)
+
+
 def test_an_id_in_two_files_is_refused(tmp_path):
     for name in ("a.csv", "b.csv"):
         (tmp_path / name).write_text(text(BASE))
@@ -183,6 +238,15 @@ REFUSED = {
         "the action takes 60 different texts in 60 steps, nearly one for each step; name the column of the action",
     ),
     "a name twice": (text(BASE).replace("x,v", "x,x"), "column 'x' appears twice"),
+    "lists as text": (
+        text({"episode": RUN, "obs": [f"[{x:g} {v:g}]" for x, v in X], "y": X[:, 0], "action": TURN}),
+        "column 'obs' holds lists that are written as text; write one column for each number",
+    ),
+    "actions that are lists as text": (
+        text(BASE | {"action": [f"[{x:g}, {v:g}]" for x, v in X]}, ";"),
+        "column 'action' holds lists that are written as text",
+    ),
+    "spaces": (text(BASE, " "), "it has one column, 'episode step x v action'; write commas, semicolons or tabs"),
     "a wrong word": ("episode;step\n", "no column holds the action"),
 }
 

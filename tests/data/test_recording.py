@@ -131,6 +131,16 @@ def test_on_disk_rows_out_of_order_are_refused(tmp_path):
         open_dataset(tmp_path / "b.parquet")
 
 
+@pytest.mark.parametrize("batch_rows", [3, 1000])
+def test_on_disk_episodes_that_each_session_counts_anew_are_refused(tmp_path, batch_rows):
+    k = np.arange(40)
+    table = pa.table({"session": k // 10, "episode": 0 * k, "x": np.sqrt(k), "action": k % 2})
+    pq.write_table(table, tmp_path / "a.parquet")
+    with pytest.raises(DataError, match="row 11: column 'session' changes within this demonstration; write a column"):
+        open_dataset(tmp_path / "a.parquet", batch_rows=batch_rows)
+    assert len(open_dataset(tmp_path / "a.parquet", options=ColumnOptions(id="episode"))) == 1
+
+
 @pytest.mark.parametrize("on_disk", [False, True])
 def test_operators_are_read_from_the_column_that_is_named(folder, on_disk):
     pairs = read_recording(folder, ColumnOptions(operator="operator"), on_disk=on_disk).operators

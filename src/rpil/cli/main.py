@@ -139,7 +139,7 @@ def audit(
     else:
         terminal.print_lines([*read.description.short(), *judged_within(result), ""])
         terminal.print_audit(result, all_rows)
-        terminal.print_lines(["", *audit_fault_lines(faults, result, file)])
+        terminal.print_lines(audit_fault_lines(faults, result, file))
         _print_next_steps(ctx, result, quiet and not suggest, n_labels=suggest or N_LABELS)
     for title, path in outputs.items():
         if path is not None:

@@ -6,10 +6,11 @@ import os
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from types import ModuleType
+from typing import TypedDict, Unpack
 
 from numpy.typing import ArrayLike
 
-from rpil.data.arrays import Id, as_array
+from rpil.data.arrays import ActionKind, Id, as_array
 from rpil.data.demonstrations import SOURCE, Demonstrations
 from rpil.data.errors import DataError
 from rpil.data.files import StrPath, check_exists, check_extension, check_readable, check_writable
@@ -39,15 +40,19 @@ def check_format(path: StrPath) -> Path:
     return check_extension(path, FORMATS)
 
 
+class ReadOptions(TypedDict, total=False):
+    """Those of `ColumnOptions` that matter to `read`."""
+
+    id: str | None
+    action: Names
+    observations: Names
+    exclude: Names
+    order: str | None
+    action_kind: ActionKind
+
+
 def read(
-    path: StrPath | Frame | Iterable[object],
-    *,
-    id: str | None = None,
-    action: Names = (),
-    observations: Names = (),
-    exclude: Names = (),
-    order: str | None = None,
-    memory: Size | None = None,
+    path: StrPath | Frame | Iterable[object], *, memory: Size | None = None, **columns: Unpack[ReadOptions]
 ) -> Demonstrations:
     """Read demonstrations into memory: from a file or folder of a known format, a data frame, or trajectories.
 
@@ -60,6 +65,8 @@ def read(
         The column of the demonstration, and the one that orders its steps; by default they are found by name.
     action, observations, exclude : str or sequence of str
         Columns, or patterns such as ``joint_*``; those of `exclude` are not read.
+    action_kind : {"auto", "discrete", "continuous"}
+        Whether one column of whole numbers holds classes; "auto" decides by how many there are.
     memory : int or str, optional
         Bytes that the data may take, as a number or as text such as "4GB"; by default half of the free memory.
 
@@ -69,8 +76,8 @@ def read(
         One sentence naming the file, the demonstration where there is one, and the remedy; before anything is read
         where the data would take more memory.
     """
-    options = ColumnOptions(id, action, observations, exclude, order)
     with limited(memory):
+        options = ColumnOptions(**columns)
         if not isinstance(path, str | os.PathLike | Frame):
             return _of_trajectories(path, options)
         recording = read_frame(path, options) if isinstance(path, Frame) else read_recording(path, options)

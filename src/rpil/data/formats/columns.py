@@ -31,7 +31,7 @@ from rpil.data.formats.names import (
     quoted,
 )
 
-Kind = Literal["number", "list", "text", "mixed", "time", "counter", "empty", "nested"]
+Kind = Literal["number", "list", "text", "written list", "mixed", "time", "counter", "empty", "nested"]
 """Of a column's values; "mixed" is text in the place of some numbers, "counter" the number of the row."""
 
 Names = str | Sequence[str]
@@ -72,6 +72,7 @@ class Columns:
     one_action: bool  # whether the action is one column, which may then be discrete
     orders: tuple[str, ...] = ()  # columns that may give the order of the steps, the likeliest first
     index: tuple[str, ...] = ()  # numbers of rows that the file itself gives
+    parts: tuple[str, ...] = ()  # columns that may name a demonstration only together with `episode`, as session does
     operator: str | None = None
     task: str | None = None
     ignored: Mapping[str, str] = field(default_factory=dict, compare=False)  # name -> reason
@@ -87,7 +88,7 @@ class Columns:
     def all(self) -> list[str]:
         """All columns to read."""
         named = [name for name in (self.operator, self.task) if name is not None]
-        return list(dict.fromkeys([*self.data, *self.orders, *self.index, *named]))
+        return list(dict.fromkeys([*self.data, *self.orders, *self.index, *self.parts, *named]))
 
 
 def find_columns(
@@ -138,24 +139,26 @@ class _Search:
         actions = self.matching(options.action, "action")
         order, operator, task = (self.one(getattr(options, role), role) for role in ("order", "operator", "task"))
         given: set[str | None] = {*asked, *actions, order, operator, task}
-        episode = self.one(options.id, "id") or self.episode(given)
+        episode, other_ids = self.episode(given)
         self.take(episode, *actions)
+        self.refuse_written_lists({*asked, *actions})
         one_action = len(actions) == 1
         if not actions:
             actions, one_action = self.actions(given)
         self.take(*actions)
-        orders = [order] if order else self.first_named(ORDER_COLUMNS, ("number", "time", "counter"))
+        orders = [order] if order else self.first_named(ORDER_COLUMNS, ("number", "time", "counter", "text"))
         operator = operator or next(iter(self.first_named([OPERATOR], ("number", "text"))), None)
         task = task or next(iter(self.first_named([TASK], ("number", "text"))), None)
         index = tuple(name for name, plain in self.free.items() if plain in ("index", "frame_index"))
         self.take(*(name for name in (*orders, operator, task) if name and name not in asked))
         observations = asked or self.observations()
+        parts = () if options.id else tuple(name for name in (*other_ids, operator, task) if name)
         for name in self.free.keys() - {*observations}:
             self.ignored.setdefault(name, "not among the observations that were named")
         ignored = {name: self.ignored[name] for name in self.names if name in self.ignored}
         return Columns(
-            *(episode, tuple(actions), tuple(observations), one_action, tuple(orders), index, operator, task, ignored),
-            *(options.action_kind, order is not None),
+            *(episode, tuple(actions), tuple(observations), one_action, tuple(orders), index, parts),
+            *(operator, task, ignored, options.action_kind, order is not None),
         )
 
     def take(self, *names: str) -> None:
@@ -202,19 +205,21 @@ class _Search:
         free = [(name, plain) for name, plain in self.free.items() if self.kinds.get(name, "number") in kinds]
         return [name for pattern in patterns for name, plain in free if pattern.fullmatch(plain)]
 
-    def episode(self, given: set[str | None]) -> str:
+    def episode(self, given: set[str | None]) -> tuple[str, list[str]]:
+        """The column of the demonstration, and others that are called so."""
         kinds: list[Kind] = ["number", "text", "mixed", "time", "list"]
         found = [name for name in self.first_named(EPISODE_COLUMNS[:-1], [*kinds, "counter"]) if name not in given]
         found = found or [name for name in self.first_named(EPISODE_COLUMNS[-1:], kinds) if name not in given]
         found.sort(key=lambda name: EPISODE.index(plain) if (plain := self.plain[name]) in EPISODE else len(EPISODE))
-        if not found and self.default_id is None:
+        wanted = self.one(self.options.id, "id") or (found[0] if found else self.default_id)
+        if wanted is None:
             raise DataError(
                 f"{self.source}: no column says which demonstration a row is from: name it {EPISODE[0]}, or name the "
                 f"column with --id or id= (found {quoted(self.names)})."
             )
-        for name in found[1:]:
-            self.ignored[name] = "another id"
-        return found[0] if found else str(self.default_id)
+        others = [name for name in found if name != wanted]
+        self.ignored |= dict.fromkeys(others, "another id")
+        return wanted, [name for name in others if self.kinds.get(name) != "list"]
 
     def actions(self, given: set[str | None]) -> tuple[list[str], bool]:
         """The columns of the action, and whether it is one column."""
@@ -234,6 +239,16 @@ class _Search:
             f"{self.source}: no column holds the action: name it {ACTION[0]}, or name the columns with --action or "
             f"action= (found {quoted(self.names)})."
         )
+
+    def refuse_written_lists(self, given: set[str]) -> None:
+        """A `DataError` where an observation or action is text such as "[0.5, 1.0]"."""
+        for name, plain in self.free.items() | {(name, "") for name in given}:
+            is_data = name in given or any(pattern.fullmatch(plain) for pattern in (OBSERVATION, ACTION_COLUMNS[0][0]))
+            if is_data and self.kinds.get(name) == "written list":
+                raise DataError(
+                    f"{self.source}: column {name!r} holds lists that are written as text; write one column for each "
+                    "number, or leave it out with --exclude or exclude=."
+                )
 
     def is_number(self, name: str) -> bool:
         return self.kinds.get(name, "number") in ("number", "list", "mixed", "counter")
@@ -261,8 +276,8 @@ class _Search:
     def reason(self, name: str, plain: str) -> str:
         """Why a column without another role is no observation; empty where it is one."""
         kind, prefixed = self.kinds.get(name, "number"), OBSERVATION.fullmatch(plain)
-        if kind == "text":
-            return "text"
+        if kind in ("text", "written list"):
+            return kind
         if kind == "nested":
             return "images or nested values"
         if prefixed:

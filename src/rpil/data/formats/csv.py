@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -13,7 +14,7 @@ from rpil.data.errors import DataError
 from rpil.data.files import replacing
 from rpil.data.formats import table as flat
 from rpil.data.formats.columns import ColumnOptions, Columns, check_unique, find_columns
-from rpil.data.formats.dialect import Dialect, find_dialect
+from rpil.data.formats.dialect import Dialect, find_dialect, without_suffix
 from rpil.data.formats.recording import Recording, from_table
 from rpil.data.formats.table import refuse_id_in_two_files
 from rpil.numerics.types import Array
@@ -42,17 +43,17 @@ def read_folder(paths: Sequence[Path], options: ColumnOptions, source: str) -> R
     """Read files with the same columns; where no column names the demonstration, each file is one."""
     first = find_dialect(paths[0])
     columns = find_text_columns(paths[0], first, options, FILE)
+    names = names_in_folder(paths)
     tables = []
-    for path in paths:
+    for path, name in zip(paths, names, strict=True):
         dialect = find_dialect(path)
         if set(dialect.names) != set(first.names):
-            raise DataError(f"{path.name}: its columns are not those of {paths[0].name}; give all files the same ones.")
+            raise DataError(f"{name}: its columns are not those of {names[0]}; give all files the same ones.")
         table = _read_table(path, dialect, columns)
         if columns.episode == FILE:
-            table = table.append_column(FILE, [[stem(path)] * len(table)])
+            table = table.append_column(FILE, [[without_suffix(name)] * len(table)])
         tables.append(table)
-    if columns.episode != FILE:
-        refuse_id_in_two_files([table[columns.episode] for table in tables], [path.name for path in paths], source)
+    refuse_id_in_two_files([table[columns.episode] for table in tables], names, source, columns.episode != FILE)
     import pyarrow as pa
 
     table = _exact(pa.concat_tables(tables, promote_options="permissive"), columns, first.decimal)
@@ -77,9 +78,10 @@ def write_tables(path: Path, tables: Iterator[pa.Table]) -> None:
             writer.write_table(table.cast(schema))
 
 
-def stem(path: Path) -> str:
-    """The name of a file without its extensions: the demonstration that it holds where no column names one."""
-    return path.name.partition(".")[0]
+def names_in_folder(paths: Sequence[Path]) -> list[str]:
+    """The names of files, with the folders below the one that holds all of them."""
+    folder = os.path.commonpath([path.absolute().parent for path in paths])
+    return [path.absolute().relative_to(folder).as_posix() for path in paths]
 
 
 def find_text_columns(path: Path, dialect: Dialect, options: ColumnOptions, default_id: str | None = None) -> Columns:

@@ -239,7 +239,7 @@ def open_dataset(path: StrPath, *, options: ColumnOptions = ColumnOptions(), bat
     starts, actions, orders = Starts(given.episode), _ActionRange(options), OrderCheck(given)
     names = [name for name in (given.operator, given.task) if name is not None]
     pairs: dict[str, dict[tuple[str, object], None]] = {name: {} for name in names}
-    columns = list(dict.fromkeys([given.episode, *given.actions, *given.orders, *names]))
+    columns = list(dict.fromkeys([given.episode, *given.actions, *given.orders, *given.parts, *names]))
     for row, table, at in store.tables(0, n_rows, columns):
         table.validate(full=True)
         begins = starts.add(row, table, at)

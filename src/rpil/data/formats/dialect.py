@@ -13,10 +13,12 @@ from rpil.data.errors import DataError
 from rpil.data.memory import check_memory
 
 TEXT_SUFFIXES = (".csv", ".tsv", ".txt", ".csv.gz", ".tsv.gz", ".txt.gz")
+_SUFFIX = re.compile(r"\.(?:csv|tsv|txt)(?:\.gz)?$", re.IGNORECASE)
 SEPARATORS = {",": "commas", ";": "semicolons", "\t": "tabs", "|": "bars"}
 _HEAD_LINES = 200
 _MEMORY_PER_BYTE = 4  # of a file whose numbers have four characters
 _CHUNK = 1 << 24
+_COMMENT = re.compile(r"\s*#|sep=.$", re.IGNORECASE)  # Excel writes the separator into a line of its own
 _QUOTED = re.compile(r'"(?:[^"]|"")*"')
 _DECIMAL_COMMA = re.compile(r"\s*[+-]?\d*,\d+(?:[eE][+-]?\d+)?\s*")
 _NUMERIC_TEXT = re.compile(r"\s*[+-]?(?:\d+[.,]?\d*|[.,]\d+)(?:[eE][+-]?\d+)?\s*")
@@ -53,15 +55,23 @@ def find_dialect(path: Path) -> Dialect:
     lines = text.removeprefix("\ufeff").splitlines()[:_HEAD_LINES]
     if "\0" in text or not any(line.strip() for line in lines):
         raise DataError(f"{path.name}: not a CSV file, or a damaged or truncated one; write it again.")
-    start = next(k for k, line in enumerate(lines) if line.strip() and not line.lstrip().startswith("#"))
+    start = next((k for k, line in enumerate(lines) if line.strip() and not _COMMENT.match(line)), len(lines) - 1)
     separator = _separator(lines[start])
     reader = csv.reader(lines[start:], delimiter=separator, skipinitialspace=True)
     names = [name.strip() for name in next(reader)]
+    if len(names) == 1:
+        only = names[0][:40]
+        raise DataError(f"{path.name}: it has one column, {only!r}; write commas, semicolons or tabs between columns.")
     names = [name or (f"Unnamed: {k}" if k else "") for k, name in enumerate(names)]
     if 2 * sum(bool(_NUMERIC_TEXT.fullmatch(name)) for name in names) > len(names):
         raise DataError(f"{path.name}: the first row holds numbers, not names; put the names of the columns above it.")
     body = [line for line in lines[start + reader.line_num :] if line.strip()]
     return Dialect(tuple(names), start + reader.line_num, separator, encoding, _decimal(body, separator))
+
+
+def without_suffix(name: str) -> str:
+    """The name of a file without ``.csv``, ``.tsv.gz`` and the like."""
+    return _SUFFIX.sub("", name)
 
 
 def _checked(chunks: Iterator[bytes], source: str) -> Iterator[bytes]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable
 from math import inf
+from unicodedata import combining, normalize
 
 EPISODE = ("episode_index", "episode_id", "episode_ids", "episode")
 ACTION = ("action", "actions")
@@ -30,6 +31,7 @@ STATE = re.compile(r"states?(?:_.*|\d.*|)")
 OUTCOME = re.compile(
     r"(?:.*_)?(?:rewards?|rews?|returns?|scores?|success(?:es|ful)?|succeeded|dones?|terminals?|terminated|terminations?"
     r"|truncated|truncations?|timeouts?)(?:_.*)?|weights?|expert_proba|log_odds|labels?|quality|ratings?|grades?|verdicts?"
+    r"|(?:is_)?(?:experts?|good|bad|optimal|failed|failures?)|outcomes?|skills?(?:_levels?)?|advantages?|q_values?"
 )
 NEXT_STEP = re.compile(r"next_.*|.*_next")
 _UNIT = r"(?:_(?:s|ms|us|ns|secs?|seconds?|msecs?|nsecs?|nanosec|ros|utc|unix|epoch|index))?"
@@ -62,8 +64,9 @@ def is_data(name: str) -> bool:
 
 
 def plain_name(name: str) -> str:
-    """The words of a name in lower case with _ between them: ``next.Reward`` and ``nextReward`` are next_reward."""
-    return _WORDS.sub("_", _CAMEL.sub("_", name)).strip("_").lower()
+    """The words of a name in lower case, no accents, joined by _: ``next.Reward``, ``nextReward`` are next_reward."""
+    letters = name if name.isascii() else "".join(c for c in normalize("NFKD", name) if not combining(c))
+    return _WORDS.sub("_", _CAMEL.sub("_", letters)).strip("_").lower()
 
 
 def short_name(name: str) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import zipfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -19,11 +19,7 @@ from rpil.data.formats.recording import Recording
 from rpil.data.npy import read_arrays
 from rpil.numerics.types import Array
 
-SPELLINGS = {
-    "observations": ("observations", "observation"),
-    "actions": ACTION[::-1],
-    "episode_ids": ("episode_ids", *EPISODE),
-}
+SPELLINGS = ("observations", "observation"), ACTION[::-1], ("episode_ids", *EPISODE)
 _OPTIONAL = "observation_names"
 
 
@@ -34,19 +30,11 @@ def read(path: Path, options: ColumnOptions) -> Recording:
     with path.open("rb") as file:
         if file.read(2) != b"PK" or not zipfile.is_zipfile(file):  # numpy would take it for a pickle
             raise DataError(damaged)
-    given = {"observations": options.observations, "actions": options.action, "episode_ids": options.id}
     try:
         with zipfile.ZipFile(path) as stored:
             found = {name.removesuffix(".npy"): name for name in stored.namelist()}
-            spellings = {what: as_list(given[what] or ()) or names for what, names in SPELLINGS.items()}
-            wanted = {what: next((n for n in names if n in found), None) for what, names in spellings.items()}
-            missing = next((what for what, name in wanted.items() if name is None), None)
-            if missing:
-                raise DataError(
-                    f"{source}: no array is called {spellings[missing][0]!r}; save it under that name (found "
-                    f"{quoted(found)})."
-                )
-            names = [name for name in (*wanted.values(), _OPTIONAL, options.operator) if name in found]
+            wanted = _find_arrays(found, options, source)
+            names = [name for name in (*wanted, _OPTIONAL, options.operator) if name in found]
             arrays = dict(zip(names, read_arrays(stored, [found[name] for name in names], source), strict=True))
     except DataError:
         raise
@@ -57,7 +45,7 @@ def read(path: Path, options: ColumnOptions) -> Recording:
                 "save plain arrays of numbers or text, with numpy.asarray(values.tolist()) where they are objects."
             ) from error
         raise DataError(damaged) from error
-    observations, actions, steps = (arrays[str(name)] for name in wanted.values())
+    observations, actions, steps = (arrays[name] for name in wanted)
     demonstrations = Demonstrations.from_groups(
         *(observations, actions, steps),
         observation_names=arrays.get(_OPTIONAL, ()),
@@ -72,6 +60,23 @@ def read(path: Path, options: ColumnOptions) -> Recording:
         raise DataError(f"{source}: it holds no {options.operator!r}; name one of {quoted(found)}.")
     pairs = _pairs(arrays[options.operator], steps, demonstrations.ids, f"{source}: {options.operator!r}")
     return replace(recording, operators=pairs)
+
+
+def _find_arrays(found: Iterable[str], options: ColumnOptions, source: str) -> list[str]:
+    """Names of the arrays of observations, actions and ids among those `found`."""
+    unused = [name for name in ("exclude", "order", "task") if getattr(options, name)]
+    if unused:
+        raise DataError(f"{source}: an NPZ file holds arrays and no columns; leave out --{unused[0]} or {unused[0]}=.")
+    wanted = []
+    for given, usual in zip((options.observations, options.action, options.id or ()), SPELLINGS, strict=True):
+        names = as_list(given) or usual
+        name = next((name for name in names if name in found), None)
+        if name is None:
+            raise DataError(
+                f"{source}: no array is called {names[0]!r}; save it under that name (found {quoted(found)})."
+            )
+        wanted.append(name)
+    return wanted
 
 
 def _pairs(who: Array, steps: Array, ids: Sequence[object], what: str) -> list[tuple[str, object]]:

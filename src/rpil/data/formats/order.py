@@ -17,7 +17,7 @@ from rpil.numerics.types import Array
 if TYPE_CHECKING:
     import pyarrow as pa
 
-NO_NUMBERS = "values that are missing or no numbers"
+NO_NUMBERS = "values that are missing, or neither numbers nor times"
 REPEATS = "repeated values within a demonstration"
 _FILE_ORDER = "steps in the order of the file"
 
@@ -61,6 +61,32 @@ def find_order(table: pa.Table, columns: Columns, group: Array, at: Place) -> Or
         if columns.order_given:
             raise DataError(f"{at(0)}: order column {name!r} needs a number or time in every row; name another.")
     return Order(words=order_words(faults))
+
+
+def check_one_id(table: pa.Table, columns: Columns, group: Array, order: Order, at: Place) -> None:
+    """A `DataError` where the rows of one id seem to be several demonstrations, as where each session counts its own.
+
+    They are one where a column gives the order of its rows, unless they lie together only by a second column.
+    """
+    n_ids = int(group.max()) + 1
+    for name in columns.parts:
+        codes = table[name].dictionary_encode().unify_dictionaries().combine_chunks().indices.fill_null(-1).to_numpy()
+        pair = group * (len(codes) + 1) + codes
+        pairs, first = np.unique(pair, return_index=True)
+        n_runs, n_runs_of_ids = (1 + np.count_nonzero(np.diff(numbers)) for numbers in (pair, group))
+        together = n_runs == len(pairs) and n_runs_of_ids > n_ids
+        if n_ids < len(pairs) <= len(group) / 2 and (order.column is None or together):
+            rows = np.sort(first)
+            row = int(rows[np.flatnonzero(np.isin(rows, np.unique(group, return_index=True)[1], invert=True))[0]])
+            raise DataError(f"{at(row)}: {several_in_one(name, columns.episode)}.")
+
+
+def several_in_one(name: str, episode: str) -> str:
+    """That the column `name` differs within a demonstration, and the remedy."""
+    return (
+        f"column {name!r} changes within this demonstration; write a column of ids that no two demonstrations share, "
+        f"or, if {episode!r} is one, say so with --id or id="
+    )
 
 
 def order_words(faults: Mapping[str, str]) -> str:

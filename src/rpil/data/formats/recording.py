@@ -16,9 +16,9 @@ from rpil.data.errors import DataError
 from rpil.data.formats import table as flat
 from rpil.data.formats.columns import Columns
 from rpil.data.formats.dataset import Dataset
-from rpil.data.formats.description import Description
+from rpil.data.formats.description import Description, listed
 from rpil.data.formats.lerobot import Metadata, format_name
-from rpil.data.formats.order import Order, find_order, seconds_of_steps
+from rpil.data.formats.order import Order, check_one_id, find_order, seconds_of_steps
 from rpil.numerics.types import Array
 
 if TYPE_CHECKING:
@@ -85,6 +85,7 @@ class Recording:
             id_column="episode_ids",
             ignored=ignored or {},
             ranges=_ranges(d.observation_names, d.observations) | (_ranges(actions, d.actions) if n_parts else {}),
+            notes=_constant_note(constant_parts(d.observation_names, d.observations, d.offsets)),
         )
         return cls(description, lambda: demonstrations)
 
@@ -105,6 +106,7 @@ def from_table(
         return f"{source}, demonstration {names[group[row]]!r}, row {row + 1}"
 
     order = find_order(table, columns, group, at)
+    check_one_id(table, columns, group, order, at)
     chosen, offsets, rows = group_rows(group, order.values)
     ids = tuple(names[g] for g in chosen.tolist())
 
@@ -117,9 +119,8 @@ def from_table(
 
     numbers = _numbers_of_rows(table, _own_numbers(columns, order), rows)
     described = _describe(table, columns, order, rows, offsets, metadata)
-    description = replace(
-        described, source=source, format=format_name, notes=(*notes, *metadata.notes(len(ids), len(table)))
-    )
+    all_notes = (*described.notes, *notes, *metadata.notes(len(ids), len(table)))
+    description = replace(described, source=source, format=format_name, notes=all_notes)
     operators, tasks = (_pairs(table, name, names, group) for name in (columns.operator, columns.task))
     description = replace(description, operators=_values(operators), tasks=_values(tasks, metadata.tasks))
     return Recording(description, load, numbers, operators, tasks_of(tasks, metadata))
@@ -197,12 +198,15 @@ def _describe(
     missing: dict[str, int] = {}
     ranges: dict[str, tuple[float, float]] = {}
     names: dict[str, tuple[str, ...]] = {}
+    constant: list[str] = []
     for name in (*columns.observations, *columns.actions):
         values = flat.numbers_or_missing(table[name])
         n_missing = table[name].null_count if values is None else int(np.isnan(values).sum())
         missing |= {name: n_missing} if n_missing else {}
         names[name] = flat.part_names({name: 1 if values is None else values.shape[1]}, metadata.names)
         ranges |= {} if values is None else _ranges(names[name], values)
+        if values is not None and name in columns.observations:
+            constant += constant_parts(names[name], values if rows is None else values[rows], offsets)
     seconds, fps = (len(table) / metadata.fps, metadata.fps) if metadata.fps else (None, None)
     if not metadata.fps:
         seconds, fps = seconds_of_steps(table, columns, rows, offsets)
@@ -226,7 +230,22 @@ def _describe(
         ignored=_ignored(columns, order, metadata),
         missing=missing,
         ranges=ranges,
+        notes=_constant_note(constant),
     )
+
+
+def constant_parts(names: tuple[str, ...], values: Array, offsets: Array) -> list[str]:
+    """Names of the numbers (N, K) that differ between demonstrations, and never within one."""
+    same = np.ones(len(values) - 1, dtype=bool)
+    same[offsets[1:-1] - 1] = False
+    repeats = values[1:] == values[:-1]
+    chosen = repeats[same].all(axis=0) & ~repeats.all(axis=0) & same.any()
+    return [name for name, is_constant in zip(names, chosen.tolist(), strict=True) if is_constant]
+
+
+def _constant_note(names: list[str]) -> tuple[str, ...]:
+    text = f"Constant within each demonstration: {listed(names)}; leave out what those who acted did not see."
+    return (text,) if names else ()
 
 
 def _ranges(names: tuple[str, ...], values: Array) -> dict[str, tuple[float, float]]:

@@ -19,8 +19,8 @@ from rpil.data.files import new_folder, replacing
 from rpil.data.formats import npz
 from rpil.data.formats import table as flat
 from rpil.data.formats.columns import ColumnOptions, as_list
-from rpil.data.formats.csv import FILE, find_text_columns, stem
-from rpil.data.formats.dialect import TEXT_SUFFIXES, find_dialect
+from rpil.data.formats.csv import FILE, find_text_columns, names_in_folder
+from rpil.data.formats.dialect import TEXT_SUFFIXES, find_dialect, without_suffix
 from rpil.data.formats.store import BATCH_ROWS, columns_of_file, find_files, opened
 from rpil.data.formats.table import check_ids
 from rpil.data.npy import read_arrays
@@ -48,13 +48,16 @@ def keep_folder(path: Path, output: Path, ids: Sequence[object], options: Column
     Files of other demonstrations are left out, and so is all that is not read.
     """
     parquet_files, text_files = find_files(path)[1:]
-    keep = keep_rows if parquet_files else _keep_text_or_file
+    files = [Path(file) for file in parquet_files or text_files]
     wanted, found = set(map(str, ids)), set()
     with new_folder(output) as folder:
-        for file in map(Path, parquet_files or text_files):
+        for file, name in zip(files, names_in_folder(files), strict=True):
             target = folder / file.relative_to(os.path.abspath(path))
             target.parent.mkdir(parents=True, exist_ok=True)
-            in_file = keep(file, target, wanted, options)
+            if parquet_files:
+                in_file = keep_rows(file, target, wanted, options)
+            else:
+                in_file = _keep_text_or_file(file, target, wanted, options, without_suffix(name))
             if not in_file:
                 target.unlink(missing_ok=True)
             found |= in_file
@@ -100,13 +103,13 @@ def keep_text(path: Path, output: Path, ids: Set[str], options: ColumnOptions) -
     return found & ids
 
 
-def _keep_text_or_file(path: Path, output: Path, ids: Set[str], options: ColumnOptions) -> set[str]:
-    """The same for a file of a folder: it is one demonstration where no column names the demonstration."""
+def _keep_text_or_file(path: Path, output: Path, ids: Set[str], options: ColumnOptions, name: str) -> set[str]:
+    """The same for a file of a folder: it is the demonstration `name` where no column names the demonstration."""
     if find_text_columns(path, find_dialect(path), options, FILE).episode != FILE:
         return keep_text(path, output, ids, options)
-    if stem(path) in ids:
+    if name in ids:
         shutil.copyfile(path, output)
-    return {stem(path)} & ids
+    return {name} & ids
 
 
 def _open(path: Path, mode: str, encoding: str) -> IO[str]:
@@ -141,7 +144,7 @@ def _keep_arrays(path: Path, output: Path, ids: Set[str], options: ColumnOptions
         except ValueError as error:
             raise DataError(f"{path.name}: it holds Python objects beside the demonstrations; drop them.") from error
     arrays = dict(zip((name.removesuffix(".npy") for name in members), values, strict=True))
-    column = next(name for name in as_list(options.id or ()) or npz.SPELLINGS["episode_ids"] if name in arrays)
+    column = next(name for name in as_list(options.id or ()) or npz.SPELLINGS[-1] if name in arrays)
     owners = arrays[column]
     owners = owners.astype(np.int64) if owners.dtype.kind == "f" else owners
     steps = np.array([str(name) in ids for name in owners.tolist()])

@@ -11,7 +11,7 @@ from rpil.data.arrays import Id, as_ids
 from rpil.data.errors import DataError
 from rpil.data.formats import table as flat
 from rpil.data.formats.columns import Columns
-from rpil.data.formats.order import NO_NUMBERS, REPEATS, Order, order_values, order_words
+from rpil.data.formats.order import NO_NUMBERS, REPEATS, Order, order_values, order_words, several_in_one
 from rpil.data.formats.store import Store
 from rpil.data.formats.table import Place
 from rpil.data.memory import check_memory
@@ -56,7 +56,7 @@ class Starts:
                 remedy = f"it is both in {first} and in {second}; give each demonstration its own id, in one file"
                 if first == second:
                     column = store.columns.episode
-                    remedy = f"its rows lie apart in {first}; sort them by {column}, or read it into memory"
+                    remedy = f"its rows lie apart in {first}; sort them by {column}, or give each its own id"
                 raise DataError(f"{source}, demonstration {name!r}: {remedy}.")
         return as_ids(self._ids, source), np.append(starts, self._n_rows).astype(np.int64)
 
@@ -68,11 +68,23 @@ class OrderCheck:
         self._last: dict[str, Array] = {name: np.empty(0) for name in columns.orders}
         self._faults: dict[str, str] = {}  # of a column that gives no order
         self._disorder: dict[str, str] = {}  # place of the first row that is out of order
+        self._columns = columns
+        self._several = ""  # fault of the first row that seems to begin another demonstration of the same id
+        self._n_changes, self._n_rows = 0, 0  # rows that seem so, of all
 
     def add(self, table: pa.Table, begins: Array, at: Place) -> None:
         """Add the rows of a table, in which demonstrations begin at the rows `begins`."""
+        import pyarrow.compute as pc
+
         goes_on = np.ones(len(table), dtype=bool)
         goes_on[begins] = False
+        self._n_rows += len(table)
+        for name in self._columns.parts:
+            changed = pc.fill_null(pc.not_equal(table[name].slice(1), table[name].slice(0, len(table) - 1)), False)
+            changes = np.flatnonzero(changed.to_numpy() & goes_on[1:])
+            self._n_changes += len(changes)
+            if len(changes) and not self._several:
+                self._several = f"{at(int(changes[0]) + 1)}: {several_in_one(name, self._columns.episode)}."
         for name in self._last.keys() - self._faults.keys():
             values = order_values(table[name])
             if values is None:
@@ -97,4 +109,6 @@ class OrderCheck:
                     "memory, or name another column with order."
                 )
             return Order(name, None, f"steps in the order of {name}")
+        if 0 < self._n_changes <= self._n_rows / 2:
+            raise DataError(self._several)
         return Order(words=order_words(self._faults))

@@ -62,7 +62,9 @@ def kind_of_type(kind: pa.DataType) -> Kind:
 def _kind_of(column: pa.ChunkedArray) -> Kind:
     kind = kind_of_type(column.type)
     if kind == "text":
-        texts = [text for text in column.unique().to_pylist() if text]
+        texts = [text.strip() for text in column.unique().to_pylist() if text]
+        if texts and all(text.startswith("[") and text.endswith("]") for text in texts):
+            return "written list"
         return "mixed" if texts and 2 * sum(map(_is_number, texts)) >= len(texts) else "text"
     n_rows = len(column)
     if kind != "number" or n_rows < _COUNTED_ROWS or column.null_count or column[0].as_py() not in (0, 1):
@@ -235,13 +237,15 @@ def id_codes(table: pa.Table, name: str, at: Place) -> tuple[list[int | str], Ar
     return encoded.dictionary.to_pylist(), encoded.indices.to_numpy().astype(np.int64)
 
 
-def refuse_id_in_two_files(columns: Sequence[pa.ChunkedArray], files: Sequence[str], source: str) -> None:
-    """A `DataError` where a demonstration is in two files, unless the second begins with the rest of it."""
+def refuse_id_in_two_files(
+    columns: Sequence[pa.ChunkedArray], files: Sequence[str], source: str, may_go_on: bool = True
+) -> None:
+    """A `DataError` where a demonstration is in two files, unless it `may_go_on` at the beginning of the second."""
     seen: dict[object, int] = {}
     for k, column in enumerate(columns if len(columns) > 1 else ()):
         for m in column.unique().to_pylist():
             j = seen.setdefault(m, k)
-            goes_on = j == k - 1 and columns[j][-1].as_py() == m == column[0].as_py()
+            goes_on = may_go_on and j == k - 1 and columns[j][-1].as_py() == m == column[0].as_py()
             if j != k and not goes_on:
                 remedy = "give each demonstration its own id, in one file"
                 raise DataError(f"{source}, demonstration {m!r}: it is both in {files[j]} and in {files[k]}; {remedy}.")
