@@ -257,6 +257,8 @@ def _ignored(columns: Columns, order: Order, metadata: Metadata) -> dict[str, st
 
 def _kind_of_action(table: pa.Table, columns: Columns) -> tuple[str, str]:
     """Whether the action is discrete, and why, leaving missing values out."""
+    import pyarrow as pa
+
     column = table[columns.actions[0]]
     if not columns.one_action or flat.kind_of_type(column.type) == "list":
         values = flat.numbers_or_missing(column)
@@ -265,18 +267,12 @@ def _kind_of_action(table: pa.Table, columns: Columns) -> tuple[str, str]:
             return "continuous", number_reason(width * len(columns.actions))
         present = values[:, 0]
     else:
-        present = flat.column_values(pa_table(column.drop_null()), "action", lambda _: "")
+        present = flat.column_values(pa.table({"action": column.drop_null()}), "action", lambda _: "")
     present = present[~np.isnan(present)] if present.dtype.kind == "f" else present
     try:
         return action_kind(present, "", columns.action_kind)
     except DataError as error:
         return "refused", str(error).removeprefix(": ").rstrip(".")
-
-
-def pa_table(column: pa.ChunkedArray) -> pa.Table:
-    import pyarrow as pa
-
-    return pa.table({"action": column})
 
 
 def _pairs(table: pa.Table, name: str | None, ids: list[int | str], group: Array) -> list[tuple[str, object]]:
