@@ -8,14 +8,12 @@ from pathlib import Path
 import numpy as np
 from click.testing import CliRunner
 
-from rpil import Settings
 from rpil.cli.commands import CommandSettings
 from rpil.cli.main import main
 from rpil.cli.progress import ProgressTiming
-from small import ONE_SHARE
+from small import FAST
 
 ENV = "MountainCar-v0"
-FAST = Settings(judge=ONE_SHARE)
 _RNG = np.random.default_rng(0)
 X, Y, G = _RNG.normal(size=(60, 2)), _RNG.integers(0, 2, 60), np.repeat(np.arange(6), 10)
 

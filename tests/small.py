@@ -11,6 +11,7 @@ SAMPLE = SampleSettings(min_steps=600, steps_per_coefficient=20, n_demonstration
 ONE_SHARE = JudgeSettings(groups=GroupSettings(noise_shares=(0.1,), min_noise=0.0))
 """One share of the variance of a score instead of five: their choice takes most of the time of a small fit."""
 
+FAST = Settings(judge=ONE_SHARE)
 SMALL = Settings(sample=SAMPLE, judge=ONE_SHARE)
 
 
