@@ -17,11 +17,11 @@ $(VENV)/.made: pyproject.toml
 demo: $(VENV)/.made
 	$(BIN)/rpil demo
 
-# For the inner loop: 80 seconds on two cores.
+# For the inner loop: a minute on two cores (100 seconds of CPU).
 check: lint
 	$(BIN)/python -m pytest $(IN_PARALLEL) -m "not slow"
 
-# Everything: seven minutes on two cores.
+# Everything: five minutes on two cores (nine minutes of CPU).
 test: $(VENV)/.made
 	$(BIN)/python -m pytest $(IN_PARALLEL)
 

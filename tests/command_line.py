@@ -11,26 +11,27 @@ from click.testing import CliRunner
 from rpil.cli.commands import CommandSettings
 from rpil.cli.main import main
 from rpil.cli.progress import ProgressTiming
+from small import FAST
 
 ENV = "MountainCar-v0"
 _RNG = np.random.default_rng(0)
 X, Y, G = _RNG.normal(size=(60, 2)), _RNG.integers(0, 2, 60), np.repeat(np.arange(6), 10)
 
 
-def call(*arguments, settings=None):
+def call(*arguments, settings=FAST):
     """Invoke the command without lines about progress; `settings` are those of `RPIL`."""
     settings = CommandSettings(ProgressTiming(first=1e3), settings)
     return CliRunner().invoke(main, [str(argument) for argument in arguments], obj=settings)
 
 
-def ok(*arguments, settings=None):
+def ok(*arguments, settings=FAST):
     """The result of a call that succeeds."""
     result = call(*arguments, settings=settings)
     assert result.exit_code == 0, result.output
     return result
 
 
-def refused(match, *arguments, settings=None):
+def refused(match, *arguments, settings=FAST):
     """Exit code 2, nothing on stdout, one sentence on stderr, and no file more, less or other than before."""
     before = {path: path.read_bytes() for path in Path().rglob("*") if path.is_file()}
     result = call(*arguments, settings=settings)

@@ -48,6 +48,8 @@ def test_part_furthest_from_the_trusted_is_named_in_units_of_their_spread() -> N
     spread = 1.4826 * np.median(np.abs(actions[:40, 1]))
     assert phrase == f"part 1 of its action is too low by {1 / spread:.1f} times the spread of the trusted"
     assert 7 < 1 / spread < 14
+    _, named = deviations(AUDIT, box, np.empty(0), actions, lambda rows: np.zeros((len(rows), 2)), ("arm", "grip"))
+    assert named == phrase.replace("part 1", "part grip")
 
 
 def test_no_more_than_the_worst_steps_of_a_long_stretch_are_compared() -> None:

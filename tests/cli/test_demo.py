@@ -1,4 +1,4 @@
-"""The demo: bundled data with their licence, verdicts without the truth, and the numbers in the report."""
+"""The demo: bundled data with their licence, verdicts without the truth, and the numbers in the report and README."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import re
 import sys
 from importlib.resources import files
 from pathlib import Path
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
@@ -16,6 +17,8 @@ from rpil.cli import demo
 from rpil.data.errors import DataError, MissingExtraError
 from rpil.inference.trust import FINDINGS
 
+ROOT = Path(__file__).parents[2]
+NUMBER = r"-?\d+(?:\.\d+)?"
 POLICIES = {"trust_all", "rpil", "oracle", "expert"}
 
 
@@ -26,7 +29,7 @@ def stages() -> list[str]:
 
 @pytest.fixture(scope="module")
 def result(stages: list[str]) -> demo.DemoResult:
-    return demo.run(episodes=5, progress=stages.append)
+    return demo.run(progress=stages.append)
 
 
 @pytest.fixture(scope="module")
@@ -48,7 +51,7 @@ def test_bundled_data_have_the_recorded_sizes(name: str, size: int, steps: int, 
 
 
 def test_bundled_overcooked_is_the_original() -> None:
-    original = Path(__file__).parents[3] / "shared" / "data" / demo.OVERCOOKED
+    original = ROOT.parent / "shared" / "data" / demo.OVERCOOKED
     if not original.exists():
         pytest.skip("needs the shared data")
     with np.load(original) as theirs, np.load(str(files("rpil.cli") / "bundled" / demo.OVERCOOKED)) as ours:
@@ -127,7 +130,7 @@ def test_sentences_contain_the_numbers(result: demo.DemoResult, stages: list[str
     assert "0 of 20 verdicts wrong" in text
     text.encode("ascii")  # some terminals have no other characters
     assert {stage.split(":")[0] for stage in stages} == {"LunarLander", "Overcooked"}
-    assert "LunarLander: R-PIL lands, 5 of 5" in stages
+    assert "LunarLander: R-PIL lands, 100 of 100" in stages
 
 
 def test_report_has_both_articles_and_needs_no_network(result: demo.DemoResult, page: str) -> None:
@@ -167,3 +170,33 @@ def test_missing_gymnasium_is_reported_before_any_work(monkeypatch: pytest.Monke
 def test_one_landing_is_refused() -> None:
     with pytest.raises(DataError, match="two landings"):
         demo.run(episodes=1)
+
+
+# --- the README ------------------------------------------------------------------------------------------------------
+
+
+def test_picture_shows_the_landings_of_the_demo(result: demo.DemoResult) -> None:
+    texts = [
+        "".join(row.itertext()) for row in ElementTree.parse(ROOT / "docs" / "audit.svg").iter() if "text" in row.tag
+    ]
+    rows = [re.fullmatch(r"(\d+) +([\d,]+) +(\S+) +(\S+) +(\S+) +(\w+) +[\d ]+", text) for text in texts]
+    shown = [row.groups() for row in rows if row is not None]
+    audit = result.lunarlander.audit
+    assert len(shown) == len(audit.ids) == 20
+    for name, n_steps, log_odds, expert_proba, reliability, verdict in shown:
+        m = audit.ids.index(int(name))
+        assert int(n_steps.replace(",", "")) == np.diff(audit.offsets)[m]
+        assert verdict == audit.verdicts[m]
+        # The last digits depend on the processor.
+        assert float(log_odds) == pytest.approx(audit.log_odds[m], abs=0.1)
+        assert float(expert_proba) == pytest.approx(audit.expert_proba[m], abs=0.01)
+        assert float(reliability) == pytest.approx(audit.reliability[m], abs=0.03)
+    assert any(text.startswith("Told apart") for text in texts)
+
+
+def test_readme_quotes_the_demo(result: demo.DemoResult) -> None:
+    quoted = re.findall(r"^> ?(.*)$", (ROOT / "README.md").read_text(), re.MULTILINE)
+    text, printed = " ".join(" ".join(quoted).split()), " ".join(result.sentences())
+    assert re.sub(NUMBER, "#", text) == re.sub(NUMBER, "#", printed)
+    for told, now in zip(re.findall(NUMBER, text), re.findall(NUMBER, printed), strict=True):
+        assert float(told) == pytest.approx(float(now), abs=0.02 if "." in told else 10)

@@ -7,6 +7,10 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+
 from command_line import call, ok, refused
 
 CODE = """
@@ -24,6 +28,15 @@ def test_info_describes_a_file_in_words_and_as_json(folder):
     for name in said["observations"]:
         assert f"  {name}: " in text
     assert said["order_column"] == "step_index"
+
+
+def test_info_reads_rows_that_lie_apart_with_the_option_that_its_message_names(tmp_path):
+    k = np.arange(40)
+    (tmp_path / "many").mkdir()
+    table = pa.table({"episode": k % 4, "frame_index": k // 4, "x": np.sqrt(k), "action": k % 2})
+    pq.write_table(table, tmp_path / "many" / "a.parquet")
+    assert "--no-stream" in call("info", tmp_path / "many").stderr
+    assert "4 demonstrations, 40 steps" in ok("info", tmp_path / "many", "--no-stream").stdout
 
 
 def test_info_imports_no_scikit_learn(folder):

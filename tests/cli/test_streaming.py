@@ -31,7 +31,7 @@ def test_a_folder_is_read_block_by_block(tmp_path):
     outputs = ["--weights", weights, "--report", tmp_path / "r.html", "--json"]
     found = json.loads(command("audit", folder, *outputs))
     data = open_dataset(folder)
-    model = small_rpil(features="auto").fit(data)
+    model = small_rpil(features="folded").fit(data)
     assert [d["id"] for d in found["demonstrations"]] == [data.ids[m] for m in model.audit_.ranking()]
     assert found["n_steps"] == data.n_steps
     table = pq.read_table(weights)
@@ -39,10 +39,10 @@ def test_a_folder_is_read_block_by_block(tmp_path):
     np.testing.assert_array_equal(table["episode_index"].to_numpy(), np.repeat(data.ids, data.lengths))
     np.testing.assert_array_equal(table["step_index"].to_numpy()[: data.lengths[0]], np.arange(data.lengths[0]))
     assert "</html>" in (tmp_path / "r.html").read_text()
-    command("audit", folder, "--weights", tmp_path / "w.csv", "--json")
+    command("audit", folder, "--weights", tmp_path / "w.csv", "--features", "raw")
     assert len((tmp_path / "w.csv").read_text().splitlines()) == data.n_steps + 1
-    command("fit", folder, "-o", tmp_path / "policy", "--no-stream")
-    command("fit", folder, "-o", tmp_path / "policy", "--method", "cloning")
+    for options in (["--no-stream"], ["--method", "cloning"]):
+        command("fit", folder, "-o", tmp_path / "policy", "--features", "raw", *options)
 
 
 def test_a_large_file_is_read_block_by_block(tmp_path):

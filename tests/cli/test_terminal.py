@@ -48,6 +48,7 @@ def many():
     return dataclasses.replace(audit, **parts)
 
 
+@pytest.mark.slow
 def test_many_demonstrations_are_printed_in_few_lines_of_ascii(many, capsys, monkeypatch):
     monkeypatch.setenv("FORCE_COLOR", "1")
     terminal.print_audit(many)

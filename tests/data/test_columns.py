@@ -141,6 +141,11 @@ def test_another_id_is_no_observation_where_the_user_names_the_id():
     assert columns.ignored == {"episode": "another id"}
 
 
+def test_columns_that_cannot_be_read_are_named_with_their_kind():
+    with pytest.raises(DataError, match=r"found 'episode', 'observation' .nested., 'action'\)"):
+        found(["episode", "observation", "action"], {"observation": "nested"})
+
+
 def test_names_with_accents():
     assert found(["Épisode", "x", "action"]).episode == "Épisode"
 

@@ -131,6 +131,27 @@ def test_on_disk_rows_out_of_order_are_refused(tmp_path):
         open_dataset(tmp_path / "b.parquet")
 
 
+@pytest.mark.parametrize(
+    ("columns", "names"),
+    [
+        ({"cmd_arm": np.sqrt(np.arange(40)), "cmd_grip": np.arange(40) / 7}, ("cmd_arm", "cmd_grip")),
+        ({"action": np.arange(80).reshape(40, 2) / 7}, ("action.0", "action.1")),
+        ({"action": np.arange(40) % 2}, ("action",)),
+    ],
+)
+def test_parts_of_the_action_keep_their_names(tmp_path, columns, names):
+    k = np.arange(40)
+    table = {"episode": k // 10, "x": np.sqrt(k)} | {name: values.tolist() for name, values in columns.items()}
+    pq.write_table(pa.table(table), tmp_path / "a.parquet")
+    for on_disk in (False, True):
+        recording = read_recording(tmp_path / "a.parquet", on_disk=on_disk)
+        assert recording.description.actions == recording.demonstrations.action_names == names
+        assert recording.demonstrations.select([1, 3]).action_names == names
+        assert recording.description.action_reason == (
+            "2 numbers" if len(names) == 2 else "2 different whole numbers in 40 steps"
+        )
+
+
 @pytest.mark.parametrize("batch_rows", [3, 1000])
 def test_on_disk_episodes_that_each_session_counts_anew_are_refused(tmp_path, batch_rows):
     k = np.arange(40)

@@ -14,13 +14,20 @@ EXAMPLES = Path(__file__).parents[2] / "examples"
 LEAST = {"plot_torch_loop.py": 0.88, "plot_weighted_sampler.py": 0.9}
 """Share of right actions on the last printed line."""
 
+RUN = """
+import runpy, sys
+for path in sys.argv[1:]:
+    runpy.run_path(path)
+    print("--- end of an example")
+"""
+
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", LEAST)
-def test_example(name):
+def test_examples():
+    """All in one process of their own, because torch is imported in seconds."""
     pytest.importorskip("torch", reason="torch is not installed: pip install 'rpil[torch]'")
     run = subprocess.run(
-        [sys.executable, "-W", "error", EXAMPLES / name],
+        [sys.executable, "-W", "error", "-c", RUN, *(EXAMPLES / name for name in LEAST)],
         env=os.environ | {"MPLBACKEND": "agg"},
         capture_output=True,
         text=True,
@@ -28,7 +35,9 @@ def test_example(name):
         check=False,
     )
     assert run.returncode == 0, run.stderr
-    assert float(re.findall(r"0\.\d+", run.stdout)[-1]) > LEAST[name]
+    printed = run.stdout.split("--- end of an example\n")[:-1]
+    for (name, least), text in zip(LEAST.items(), printed, strict=True):
+        assert float(re.findall(r"0\.\d+", text)[-1]) > least, name
 
 
 def test_every_example_is_run():

@@ -22,7 +22,7 @@ from rpil.estimators.rpil import RPIL
 from rpil.mixture.adversaries.box import UniformBox
 from rpil.mixture.adversaries.named import ADVERSARIES
 from rpil.simulation.simulate import simulate
-from small import mixture
+from small import FAST, mixture
 
 ZOO = continuous_zoo(0)
 STEPS = (40, 60)
@@ -167,11 +167,11 @@ def test_adversary_instance_and_fixed_prior():
 def test_constant_part_of_an_action_and_no_noise():
     for name in ("a part that never moves", "no noise at all"):
         toy = ZOO[name]
-        model = RPIL().fit(toy.demonstrations)
+        model = RPIL(settings=FAST).fit(toy.demonstrations)
         assert roc_auc_score(toy.is_good, model.log_odds_) == 1.0, name
         predicted = model.predict(toy.observations)
         assert np.isfinite(predicted).all()
-    still = RPIL().fit(ZOO["a part that never moves"].demonstrations)
+    still = RPIL(settings=FAST).fit(ZOO["a part that never moves"].demonstrations)
     np.testing.assert_allclose(still.predict(toy.observations)[:, 1], 3.0, atol=1e-3)
 
 

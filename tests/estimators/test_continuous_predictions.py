@@ -18,6 +18,7 @@ from rpil.data.spaces import Box
 from rpil.estimators.cloning import BehavioralCloning
 from rpil.estimators.rment import RMEnt
 from rpil.estimators.rpil import RPIL
+from small import FAST
 
 STEPS = (40, 60)
 
@@ -49,7 +50,7 @@ def test_units_of_the_actions_do_not_matter():
     toy = make_continuous("noisy", 0, **MANY)
     unit, shift = np.array([1e-3, 40.0]), np.array([3.0, -500.0])
     other = replace(toy, actions=toy.actions * unit + shift)
-    one, two = (RPIL().fit(t.demonstrations) for t in (toy, other))
+    one, two = (RPIL(settings=FAST).fit(t.demonstrations) for t in (toy, other))
     np.testing.assert_allclose(two.log_odds_, one.log_odds_, rtol=1e-3, atol=1e-3)
     np.testing.assert_allclose((two.predict(toy.observations) - shift) / unit, one.predict(toy.observations), atol=1e-4)
 
@@ -107,7 +108,7 @@ def test_one_dimensional_float_actions():
     toy = make_continuous("random", 0, n_parts=1)
     columns = Demonstrations.from_arrays(toy.observations, toy.actions, toy.offsets)
     flat = Demonstrations.from_arrays(toy.observations, toy.actions[:, 0], toy.offsets)
-    models = [RPIL().fit(data) for data in (columns, flat)]
+    models = [RPIL(settings=FAST).fit(data) for data in (columns, flat)]
     np.testing.assert_array_equal(models[0].log_odds_, models[1].log_odds_)
     assert models[1].predict(toy.observations).shape == (len(toy.actions), 1)
     # scikit-learn's own checks want one-dimensional floats refused: they look like a regression

@@ -10,7 +10,7 @@ import pytest
 from sklearn.metrics import roc_auc_score
 
 from problems import make, make_continuous
-from rpil import DataError, load, save
+from rpil import DataError, Settings, load, save
 from rpil.data.demonstrations import Demonstrations
 from rpil.scale.disk import Streamed
 from rpil.scale.memory import InMemory
@@ -33,8 +33,7 @@ def both(data, fit=None, **options):
     assert is_large(data.offsets, n_steps, sampled)
     assert not is_large(data.offsets, n_steps, whole)
     model, other = (
-        small_rpil(settings=replace(SMALL, sample=sample), **options).fit(data, **(fit or {}))
-        for sample in (sampled, whole)
+        small_rpil(settings=Settings(sample=sample), **options).fit(data, **(fit or {})) for sample in (sampled, whole)
     )
     return model, other
 

@@ -26,13 +26,13 @@ from rpil.estimators.cloning import BehavioralCloning
 from rpil.estimators.rment import RMEnt
 from rpil.estimators.rpil import RPIL
 from rpil.inference.settings import GroupSettings, HeldOutSettings, JudgeSettings
-from small import mixture
+from small import FAST, mixture
 
 STEPS = (40, 60)
 PAPER = {"adversary": "complement", "settings": mixture(m_step="expert_only", prior=0.5)}
 
 
-@parametrize_with_checks([BehavioralCloning(), RMEnt(), RPIL()])
+@parametrize_with_checks([BehavioralCloning(), RMEnt(), RPIL(settings=FAST)])
 @pytest.mark.filterwarnings("ignore:No groups:UserWarning", "ignore::rpil.AmbiguousWarning")
 def test_estimator_checks_of_scikit_learn(estimator, check):
     """All of them: repeated rows and weights are the same to `BehavioralCloning`, the others take no weights. How well
@@ -139,8 +139,8 @@ def test_paper_settings():
 
 def test_demonstrations_and_arrays_are_the_same_fit():
     toy = make("random", 0)
-    one = RPIL().fit(toy.demonstrations)
-    two = RPIL().fit(toy.observations, toy.actions, groups=toy.groups)
+    one = RPIL(settings=FAST).fit(toy.demonstrations)
+    two = RPIL(settings=FAST).fit(toy.observations, toy.actions, groups=toy.groups)
     np.testing.assert_array_equal(one.log_odds_, two.log_odds_)
     np.testing.assert_array_equal(predicted(one, toy), predicted(two, toy))
     plain, other = (BehavioralCloning().fit(*data) for data in ((toy.demonstrations,), (toy.observations, toy.actions)))
@@ -170,7 +170,7 @@ def test_the_order_of_demonstrations_matters_little():
 
 def test_same_seed_same_bits():
     toy = make("noisy", 0)
-    first, again = (RPIL(random_state=3).fit(toy.demonstrations) for _ in range(2))
+    first, again = (RPIL(random_state=3, settings=FAST).fit(toy.demonstrations) for _ in range(2))
     np.testing.assert_array_equal(first.log_odds_, again.log_odds_)
     np.testing.assert_array_equal(first.policy_.weights, again.policy_.weights)
     np.testing.assert_array_equal(first.audit_.history, again.audit_.history)
@@ -180,8 +180,8 @@ def test_text_for_actions_and_ids():
     toy = make("random", 0)
     words = np.array(["left", "none", "right"])[toy.actions]
     ids = np.array([f"trial {m}" for m in toy.groups])
-    numbers = RPIL().fit(toy.observations, toy.actions, groups=toy.groups)
-    text = RPIL().fit(toy.observations, words, groups=ids)
+    numbers = RPIL(settings=FAST).fit(toy.observations, toy.actions, groups=toy.groups)
+    text = RPIL(settings=FAST).fit(toy.observations, words, groups=ids)
     assert set(text.predict(toy.observations)) <= {"left", "none", "right"}
     np.testing.assert_array_equal(text.classes_, ["left", "none", "right"])
     assert text.audit_.ids == tuple(f"trial {m}" for m in range(12))

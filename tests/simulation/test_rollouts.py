@@ -91,6 +91,7 @@ def test_episodes_of_one_run_start_differently_and_do_not_depend_on_how_many_the
     assert len(starts) == 12
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("env_id", ["Acrobot-v1", "LunarLander-v3"])
 def test_the_returns_are_the_same_bits_in_however_many_processes(env_id):
     made = simulate(env_id, "corrupted", n_good=3, n_bad=0, seed=0)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -27,11 +27,17 @@ MAX_TRUSTED_STEPS = 10_000
 
 
 def deviations(
-    audit: Audit, space: Space, classes: Array, actions: Num[Array, "N ..."], outputs: Outputs
+    audit: Audit,
+    space: Space,
+    classes: Array,
+    actions: Num[Array, "N ..."],
+    outputs: Outputs,
+    action_names: Sequence[str] = (),
 ) -> tuple[str, ...]:
     """A phrase for each demonstration with a stretch of bad steps, and "" for all others, (M,).
 
-    `actions` are codes of `classes`, or continuous. Without a trusted group there is nothing to compare with.
+    `actions` are codes of `classes`, or continuous with parts called `action_names`, if these have names. Without a
+    trusted group there is nothing to compare with.
     """
     if audit.finding != "told apart" or "expert" not in audit.verdicts:
         return ()
@@ -48,7 +54,8 @@ def deviations(
     trusted = trusted[:: 1 + len(trusted) // MAX_TRUSTED_STEPS]
     # The median error, times what makes it the standard deviation of a normal distribution.
     spread = 1.4826 * np.median(np.abs(actions[trusted] - outputs(trusted)), axis=0)
-    return tuple(_far_part(actions[r] - mean, spread) for r, mean in zip(rows, expected, strict=True))
+    names = tuple(action_names) or tuple(map(str, range(len(spread))))
+    return tuple(_far_part(actions[r] - mean, spread, names) for r, mean in zip(rows, expected, strict=True))
 
 
 def _worst_rows(audit: Audit, index: int) -> Int[Array, " R"]:
@@ -74,7 +81,7 @@ def _other_action(taken: Array, likely: Array) -> str:
     return f"{compared} ({count} of its {len(taken)} worst steps)"
 
 
-def _far_part(error: Float[Array, "R A"], spread: Float[Array, " A"]) -> str:
+def _far_part(error: Float[Array, "R A"], spread: Float[Array, " A"], names: tuple[str, ...]) -> str:
     """The part of the action that is furthest from the mean of the trusted, in units of their spread."""
     if not len(error) or not (spread > 0).all():
         return ""
@@ -82,5 +89,5 @@ def _far_part(error: Float[Array, "R A"], spread: Float[Array, " A"]) -> str:
     part = int(np.argmax(size))
     signs = np.sign(error[:, part])
     side = "too high" if (signs > 0).all() else "too low" if (signs < 0).all() else "off"
-    name = "its action" if error.shape[1] == 1 else f"part {part} of its action"
+    name = "its action" if error.shape[1] == 1 else f"part {printable(names[part])} of its action"
     return f"{name} is {side} by {size[part]:.1f} times the spread of the trusted"

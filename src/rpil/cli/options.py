@@ -89,6 +89,9 @@ seed_option = click.option(
 )
 quiet_option = click.option("--quiet", "-q", is_flag=True, help="Print results only: no progress, no hints.")
 json_option = click.option("--json", "json_wanted", is_flag=True, help="Print JSON, and nothing else, on stdout.")
+stream_option = click.option(
+    "--stream/--no-stream", default=None, help="Leave data on disk, or read them; by default by size."
+)
 COLUMN_OPTIONS = (
     click.option("--id", metavar="COLUMN", help="The column that names the demonstration of a step."),
     click.option("--action", metavar="COLUMNS", multiple=True, help="The column of the action, or several."),
@@ -145,7 +148,7 @@ FIT_OPTIONS = (
         "distrust the smaller one.",
     ),
     click.option("--resume", is_flag=True, help="Go on with a long run that was interrupted."),
-    click.option("--stream/--no-stream", default=None, help="Leave data on disk, or read them; by default by size."),
+    stream_option,
     click.option("--scheduler", metavar="ADDRESS", help="Address of a Dask cluster that does the work; Parquet only."),
     seed_option,
     quiet_option,

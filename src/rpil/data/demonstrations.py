@@ -106,6 +106,8 @@ class Demonstrations(DemonstrationSet):
         The file name, or another name for the data, for use in messages.
     action_kind : {"auto", "discrete", "continuous"}
         Whether one-dimensional numbers are classes; afterwards what the actions are.
+    action_names : sequence of A strings
+        Names of the parts of continuous actions, for messages; there may be none.
 
     Raises
     ------
@@ -120,6 +122,7 @@ class Demonstrations(DemonstrationSet):
     observation_names: tuple[str, ...] = ()
     source: str = SOURCE
     action_kind: ActionKind = "auto"
+    action_names: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         source = self.source
@@ -144,6 +147,8 @@ class Demonstrations(DemonstrationSet):
             object.__setattr__(self, field, view)
         object.__setattr__(self, "ids", ids)
         object.__setattr__(self, "observation_names", names)
+        if len(self.action_names) not in (0, actions[:1].size):
+            raise DataError(f"{source}: name each of the {actions[:1].size} parts of the action, or none.")
         object.__setattr__(self, "action_kind", "discrete" if actions.ndim == 1 else "continuous")
 
     @classmethod
@@ -262,6 +267,7 @@ class Demonstrations(DemonstrationSet):
             self.observation_names,
             self.source,
             self.action_kind,
+            self.action_names,
         )
 
     def shards(self, n_shards: int = 1, block_steps: int = BLOCK_STEPS) -> list[list[Block]]:

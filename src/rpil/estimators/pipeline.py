@@ -222,7 +222,8 @@ class FullFit:
         def outputs(rows: Array) -> Array:
             return policy.outputs(features.design(posed.demonstrations.observations[rows]))
 
-        phrases = deviations(decision.audit, data.space, self.task.classes, data.actions, outputs)
+        names = posed.demonstrations.action_names
+        phrases = deviations(decision.audit, data.space, self.task.classes, data.actions, outputs, names)
         return features, policy, replace(decision, audit=replace(decision.audit, deviations=phrases))
 
     def _final_policy(self, posed: JudgeInput, weight: Array) -> tuple[Features, FinalPolicy]:

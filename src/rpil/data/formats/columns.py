@@ -215,7 +215,7 @@ class _Search:
         if wanted is None:
             raise DataError(
                 f"{self.source}: no column says which demonstration a row is from: name it {EPISODE[0]}, or name the "
-                f"column with --id or id= (found {quoted(self.names)})."
+                f"column with --id or id= (found {self.found()})."
             )
         others = [name for name in found if name != wanted]
         self.ignored |= dict.fromkeys(others, "another id")
@@ -237,7 +237,7 @@ class _Search:
                 return numbers, False
         raise DataError(
             f"{self.source}: no column holds the action: name it {ACTION[0]}, or name the columns with --action or "
-            f"action= (found {quoted(self.names)})."
+            f"action= (found {self.found()})."
         )
 
     def refuse_written_lists(self, given: set[str]) -> None:
@@ -249,6 +249,12 @@ class _Search:
                     f"{self.source}: column {name!r} holds lists that are written as text; write one column for each "
                     "number, or leave it out with --exclude or exclude=."
                 )
+
+    def found(self) -> str:
+        """The columns for a message, with the kind of those that cannot be read."""
+        unread = ("nested", "text", "written list", "empty")
+        kinds = {name: f" ({self.kinds[name]})" if self.kinds.get(name) in unread else "" for name in self.names[:12]}
+        return ", ".join(f"{name!r}{kind}" for name, kind in kinds.items()) + (", ..." if len(self.names) > 12 else "")
 
     def is_number(self, name: str) -> bool:
         return self.kinds.get(name, "number") in ("number", "list", "mixed", "counter")
@@ -269,7 +275,7 @@ class _Search:
         if not free:
             raise DataError(
                 f"{self.source}: no column holds observations: name them observation.*, or name the columns with "
-                f"--observations or observations= (found {quoted(self.names)})."
+                f"--observations or observations= (found {self.found()})."
             )
         return named or list(free)
 

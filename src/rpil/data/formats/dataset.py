@@ -139,6 +139,13 @@ class Dataset(DemonstrationSet):
         return self.store.names
 
     @property
+    def action_names(self) -> tuple[str, ...]:
+        """Names of the parts of an action."""
+        actions = self.store.columns.actions
+        widths = dict.fromkeys(actions, max(self.store.n_parts, 1) // len(actions))
+        return flat.part_names(widths, self.about.metadata.names)
+
+    @property
     def n_observations(self) -> int:
         """D, the numbers per observation."""
         return len(self.store.names)
@@ -203,7 +210,8 @@ class Dataset(DemonstrationSet):
                         self.store.fill(observations[rows], actions[rows], table.slice(a, b - a), shifted(at, a))
         ids = tuple(self.ids[m] for m in order.tolist())
         kind: ActionKind = "discrete" if self.is_discrete else "continuous"
-        selected = Demonstrations(observations, actions, offsets, ids, self.observation_names, self.source, kind)
+        names = self.observation_names, self.source, kind, self.action_names
+        selected = Demonstrations(observations, actions, offsets, ids, *names)
         return selected if np.array_equal(order, chosen) else selected.select(np.searchsorted(order, chosen))
 
 

@@ -111,11 +111,11 @@ def from_table(
     ids = tuple(names[g] for g in chosen.tolist())
 
     def load() -> Demonstrations:
-        actions = _actions(table, columns, at)
+        actions, action_names = _actions(table, columns, at, metadata.names)
         observations, parts = flat.stack_columns(table, columns.observations, at, metadata.names)
         if rows is not None:
             observations, actions = observations[rows], actions[rows]
-        return Demonstrations(observations, actions, offsets, ids, parts, source, columns.action_kind)
+        return Demonstrations(observations, actions, offsets, ids, parts, source, columns.action_kind, action_names)
 
     numbers = _numbers_of_rows(table, _own_numbers(columns, order), rows)
     described = _describe(table, columns, order, rows, offsets, metadata)
@@ -129,16 +129,15 @@ def from_table(
 def from_dataset(data: Dataset) -> Recording:
     """The recording in files that stay on disk, which are read once for their ranges and missing values."""
     statistics = data.store.statistics()
-    about, columns, store = data.about, data.store.columns, data.store
+    about, columns = data.about, data.store.columns
     fps = about.metadata.fps
-    widths = dict.fromkeys(columns.actions, max(store.n_parts, 1) // len(columns.actions))
     description = Description(
         source=data.source,
         format=format_name(about.metadata, about.n_files),
         demonstrations=len(data),
         steps=data.n_steps,
         observations=data.observation_names,
-        actions=flat.part_names(widths, about.metadata.names),
+        actions=data.action_names,
         action_kind="discrete" if data.is_discrete else "continuous",
         action_reason=about.action_reason,
         id_column=columns.episode,
@@ -173,12 +172,16 @@ def _own_numbers(columns: Columns, order: Order) -> list[str]:
     return list(dict.fromkeys([*columns.index, *([order.column] if order.column else [])]))
 
 
-def _actions(table: pa.Table, columns: Columns, at: flat.Place) -> Array:
+def _actions(
+    table: pa.Table, columns: Columns, at: flat.Place, joints: Mapping[str, Sequence[str]]
+) -> tuple[Array, tuple[str, ...]]:
+    """Actions, and names of their parts."""
     if not columns.one_action:
-        return flat.stack_columns(table, columns.actions, at)[0]
+        return flat.stack_columns(table, columns.actions, at, joints)
     actions = flat.column_values(table, columns.actions[0], at)
+    names = flat.part_names({columns.actions[0]: actions[:1].size}, joints)
     several = actions.ndim == 2 and actions.shape[1] > 1
-    return actions.astype(np.result_type(actions, np.float32), copy=False) if several else actions
+    return actions.astype(np.result_type(actions, np.float32), copy=False) if several else actions, names
 
 
 def _numbers_of_rows(table: pa.Table, names: list[str], rows: Array | None) -> StepColumns:
@@ -263,25 +266,22 @@ def _ignored(columns: Columns, order: Order, metadata: Metadata) -> dict[str, st
 
 def _kind_of_action(table: pa.Table, columns: Columns) -> tuple[str, str]:
     """Whether the action is discrete, and why, leaving missing values out."""
+    import pyarrow as pa
+
     column = table[columns.actions[0]]
     if not columns.one_action or flat.kind_of_type(column.type) == "list":
         values = flat.numbers_or_missing(column)
-        if values is None or not columns.one_action or values.shape[1] != 1:
-            return "continuous", number_reason(len(columns.actions) if values is None else values.shape[1])
+        width = 1 if values is None else values.shape[1]
+        if values is None or not columns.one_action or width != 1:
+            return "continuous", number_reason(width * len(columns.actions))
         present = values[:, 0]
     else:
-        present = flat.column_values(pa_table(column.drop_null()), "action", lambda _: "")
+        present = flat.column_values(pa.table({"action": column.drop_null()}), "action", lambda _: "")
     present = present[~np.isnan(present)] if present.dtype.kind == "f" else present
     try:
         return action_kind(present, "", columns.action_kind)
     except DataError as error:
         return "refused", str(error).removeprefix(": ").rstrip(".")
-
-
-def pa_table(column: pa.ChunkedArray) -> pa.Table:
-    import pyarrow as pa
-
-    return pa.table({"action": column})
 
 
 def _pairs(table: pa.Table, name: str | None, ids: list[int | str], group: Array) -> list[tuple[str, object]]:

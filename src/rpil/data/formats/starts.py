@@ -56,7 +56,10 @@ class Starts:
                 remedy = f"it is both in {first} and in {second}; give each demonstration its own id, in one file"
                 if first == second:
                     column = store.columns.episode
-                    remedy = f"its rows lie apart in {first}; sort them by {column}, or give each its own id"
+                    remedy = (
+                        f"its rows lie apart in {first}; sort them by {column}, or read them into memory with "
+                        "--no-stream or rpil.read; if they are several demonstrations, give each its own id"
+                    )
                 raise DataError(f"{source}, demonstration {name!r}: {remedy}.")
         return as_ids(self._ids, source), np.append(starts, self._n_rows).astype(np.int64)
 
@@ -106,7 +109,7 @@ class OrderCheck:
             if name in self._disorder:
                 raise DataError(
                     f"{self._disorder[name]}: rows are not in the order of {name!r}; sort the file, read it into "
-                    "memory, or name another column with order."
+                    "memory with --no-stream or rpil.read, or name another column with order."
                 )
             return Order(name, None, f"steps in the order of {name}")
         if 0 < self._n_changes <= self._n_rows / 2:
