@@ -50,6 +50,10 @@ def test_part_furthest_from_the_trusted_is_named_in_units_of_their_spread() -> N
     assert 7 < 1 / spread < 14
     _, named = deviations(AUDIT, box, np.empty(0), actions, lambda rows: np.zeros((len(rows), 2)), ("arm", "grip"))
     assert named == phrase.replace("part 1", "part grip")
+    # A part that is constant among the trusted has no spread to compare with.
+    wider = np.column_stack([actions, np.zeros(80)])
+    _, same = deviations(AUDIT, Box(np.full(3, -5.0), np.full(3, 5.0)), np.empty(0), wider, lambda rows: np.zeros((len(rows), 3)))
+    assert same == phrase
 
 
 def test_no_more_than_the_worst_steps_of_a_long_stretch_are_compared() -> None:

@@ -82,10 +82,13 @@ def _other_action(taken: Array, likely: Array) -> str:
 
 
 def _far_part(error: Float[Array, "R A"], spread: Float[Array, " A"], names: tuple[str, ...]) -> str:
-    """The part of the action that is furthest from the mean of the trusted, in units of their spread."""
-    if not len(error) or not (spread > 0).all():
+    """The part of the action that is furthest from the mean of the trusted, in units of their spread.
+
+    A part that is constant among the trusted, as a joint that is not used, is not compared.
+    """
+    if not len(error) or not (spread > 0).any():
         return ""
-    size = np.median(np.abs(error), axis=0) / spread
+    size = np.median(np.abs(error), axis=0) / np.where(spread > 0, spread, np.inf)
     part = int(np.argmax(size))
     signs = np.sign(error[:, part])
     side = "too high" if (signs > 0).all() else "too low" if (signs < 0).all() else "off"
