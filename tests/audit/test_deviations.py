@@ -51,8 +51,8 @@ def test_part_furthest_from_the_trusted_is_named_in_units_of_their_spread() -> N
     _, named = deviations(AUDIT, box, np.empty(0), actions, lambda rows: np.zeros((len(rows), 2)), ("arm", "grip"))
     assert named == phrase.replace("part 1", "part grip")
     # A part that is constant among the trusted has no spread to compare with.
-    wider = np.column_stack([actions, np.zeros(80)])
-    _, same = deviations(AUDIT, Box(np.full(3, -5.0), np.full(3, 5.0)), np.empty(0), wider, lambda rows: np.zeros((len(rows), 3)))
+    wider, box = np.column_stack([actions, np.zeros(80)]), Box(np.full(3, -5.0), np.full(3, 5.0))
+    _, same = deviations(AUDIT, box, np.empty(0), wider, lambda rows: np.zeros((len(rows), 3)))
     assert same == phrase
 
 
