@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -101,12 +100,12 @@ def keep(
     print_lines(formats.commands_to_keep(file, ids, kept))
 
 
-def _ids(file: str, columns: ColumnOptions, progress: StageProgress, stream: bool | None) -> Sequence[Id]:
+def _ids(file: str, columns: ColumnOptions, progress: StageProgress, stream: bool | None) -> tuple[Id, ...]:
     """The demonstrations of a file, some of which may have missing values."""
     from rpil.data.missing import allow_missing
 
     with allow_missing():
-        return read_recording(file, columns, progress, stream).demonstrations.ids
+        return tuple(read_recording(file, columns, progress, stream).demonstrations.ids)
 
 
 @click.command()
