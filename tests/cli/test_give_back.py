@@ -1,5 +1,6 @@
 """``rpil keep`` and ``rpil convert``: the trusted demonstrations, and tables of all, as new files."""
 
+import json
 from pathlib import Path
 
 import numpy as np
@@ -30,6 +31,22 @@ def test_keep_by_labels(folder):
     Path("labels.csv").write_text("id,label\n2,expert\n11,good\n4,bad\n")
     ok("keep", folder / "good.parquet", "-o", "kept.parquet", "--verdicts", "labels.csv")
     assert rpil.read("kept.parquet").ids == (2, 11)
+
+
+def test_demonstrations_without_a_label_are_left_out_by_lerobot_too(tmp_path):
+    robot, observed = tmp_path / "robot", "observation.state"
+    (robot / "meta").mkdir(parents=True)
+    (robot / "data").mkdir()
+    features = {observed: {"dtype": "float32"}, "action": {"dtype": "float32"}}
+    (robot / "meta" / "info.json").write_text(json.dumps({"codebase_version": "v2.1", "features": features}))
+    columns = {"episode_index": [0, 0, 1, 1, 2, 2, 3, 3], "action": [k / 3 for k in range(8)]}
+    pq.write_table(pa.table({**columns, observed: [None, *map(float, range(7))]}), robot / "data" / "a.parquet")
+    Path("labels.csv").write_text("id,label\n2,expert\n1,bad\n")
+    printed = ok("keep", robot, "-o", "keep.json", "--verdicts", "labels.csv").stdout
+    assert printed.startswith("Kept 1 of 4 demonstrations")
+    assert "--dataset.exclude_episodes='[0, 1, 3]'" in printed
+    Path("labels.csv").write_text("id,label\n2,expert\n7,good\n")
+    refused("labels.csv: no demonstration is called '7'", "keep", robot, "-o", "k.json", "--verdicts", "labels.csv")
 
 
 def test_keep_refuses_before_it_judges(folder, monkeypatch):

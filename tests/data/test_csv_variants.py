@@ -142,6 +142,12 @@ def test_extensions(tmp_path, name):
     check(formats.read(tmp_path / name), {})
 
 
+def test_a_truncated_compressed_file_is_named(tmp_path):
+    (tmp_path / "a.csv.gz").write_bytes(gzip.compress(text(BASE).encode())[:-40])
+    with pytest.raises(DataError, match=r"a.csv.gz: a damaged or truncated compressed file; write it again."):
+        read_recording(tmp_path / "a.csv.gz")
+
+
 @pytest.mark.parametrize("has_id", [False, True])
 def test_a_folder_of_files(tmp_path, has_id):
     names = list(BASE) if has_id else [name for name in BASE if name != "episode"]

@@ -272,7 +272,7 @@ def test_unknown_extensions(tmp_path):
     path.write_text("x")
     for call in (formats.read, formats.check_format, lambda path: formats.write(path, demonstrations())):
         refused("'.xlsx'; use one of .parquet, .csv, .npz", call, path)
-    refused("there is no such file or folder; did you mean .*x.xlsx", formats.read, tmp_path / "x.xls")
+    refused("there is no such file or folder; perhaps it is .*x.xlsx", formats.read, tmp_path / "x.xls")
 
 
 def npz(path, **changes):

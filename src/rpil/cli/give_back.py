@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -23,10 +23,14 @@ from rpil.cli.options import (
     with_column_options,
     with_fit_options,
 )
-from rpil.cli.progress import show_stages
+from rpil.cli.progress import StageProgress, show_stages
 from rpil.cli.terminal import print_lines
 from rpil.data.errors import DataError
 from rpil.data.files import check_outputs
+
+if TYPE_CHECKING:
+    from rpil.data.arrays import Id
+    from rpil.data.formats.columns import ColumnOptions
 
 
 @click.command()
@@ -60,6 +64,7 @@ def keep(
     from rpil.audit.choice import Table, read_verdicts, trusted_ids
     from rpil.audit.verdict_table import verdict_columns
     from rpil.data import formats
+    from rpil.data.formats.table import check_ids
 
     if in_place == (output is not None):
         raise click.UsageError("--output NEW or --in-place says where they are written: give one of them")
@@ -78,9 +83,11 @@ def keep(
                 read = read_recording(file, columns, progress, resolve_stream(stream, scheduler))
                 audit, who = audit_by_task(file, read, FitOptions(**options), progress, engine)
             table: Table = verdict_columns(audit, who)
-            why = f" ({audit.finding})"
+            ids, why = read.demonstrations.ids, f" ({audit.finding})"
         else:
             table, why = read_verdicts(verdicts), ""
+            ids = _ids(file, columns, progress, stream)
+            check_ids(table["id"], ids, verdicts, "the ids")
         kept = trusted_ids(table, share, at_least)
         if not kept:
             raise DataError(f"{file}: no demonstration is trusted enough{why}; give labels, or choose with --share.")
@@ -89,8 +96,16 @@ def keep(
             formats.write_mask(file, kept)
         else:
             formats.keep(file, output, kept, columns)
-    click.echo(f"Kept {len(kept):,} of {len(table['id']):,} demonstrations: {output or file}")
-    print_lines(formats.commands_to_keep(file, table["id"], kept))
+    click.echo(f"Kept {len(kept):,} of {len(ids):,} demonstrations: {output or file}")
+    print_lines(formats.commands_to_keep(file, ids, kept))
+
+
+def _ids(file: str, columns: ColumnOptions, progress: StageProgress, stream: bool | None) -> tuple[Id, ...]:
+    """The demonstrations of a file, some of which may have missing values."""
+    from rpil.data.missing import allow_missing
+
+    with allow_missing():
+        return tuple(read_recording(file, columns, progress, stream).demonstrations.ids)
 
 
 @click.command()

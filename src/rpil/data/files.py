@@ -37,8 +37,8 @@ def check_exists(path: StrPath) -> Path:
     if not path.exists():
         there = os.listdir(path.parent) if path.parent.is_dir() else []
         close = get_close_matches(path.name, there, 1)
-        hint = f"did you mean {str(path.parent / close[0])!r}?" if close else "check the path"
-        raise DataError(f"{path}: there is no such file or folder; {hint.rstrip('?')}.")
+        hint = f"perhaps it is {str(path.parent / close[0])!r}" if close else "check the path"
+        raise DataError(f"{path}: there is no such file or folder; {hint}.")
     return path
 
 

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from hdf5_files import aloha, h5py, robomimic
+from hdf5_files import aloha, d4rl, h5py, robomimic
 from rpil.data import formats
 from rpil.data.errors import DataError
 
@@ -25,6 +25,14 @@ def test_every_file_of_the_folder_is_a_demonstration(tmp_path):
 def test_one_file_is_one_demonstration(tmp_path):
     aloha(tmp_path / "cube")
     assert formats.read(tmp_path / "cube" / "episode_1.hdf5").ids == ("episode_1",)
+
+
+def test_a_file_of_several_demonstrations_is_not_read_as_one(tmp_path):
+    d4rl(tmp_path / "walker.hdf5")
+    with pytest.raises(DataError, match=r"walker.hdf5: in a folder each file is one demonstration"):
+        formats.read(tmp_path)
+    d4rl(tmp_path / "walker.hdf5", lengths=(20,), terminal=(0,))
+    assert formats.read(tmp_path).ids == ("walker",)
 
 
 def test_kept_files_are_links_numbered_from_zero(tmp_path):

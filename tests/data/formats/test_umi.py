@@ -28,6 +28,7 @@ def test_actions_of_umi_are_moves(tmp_path):
     assert about.ignored["robot0_demo_end_pose"] == "describes a demonstration as a whole"
     assert d.observations.shape == d.actions.shape == (12, 7)
     names = about.actions
+    assert about.action_reason == f"{len(names)} numbers" == "7 numbers"
     for row in range(12):
         act = dict(zip(names, d.actions[row], strict=True))
         is_last = row in (4, 11)

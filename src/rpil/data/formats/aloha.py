@@ -13,7 +13,7 @@ import numpy as np
 from rpil.data.arrays import Id
 from rpil.data.errors import DataError
 from rpil.data.files import new_folder
-from rpil.data.formats import hdf5
+from rpil.data.formats import d4rl, hdf5
 from rpil.data.formats.columns import ColumnOptions
 from rpil.data.formats.names import natural_key
 from rpil.data.formats.parts import Part, from_parts
@@ -53,6 +53,7 @@ def _read_part(name: str, path: Path) -> tuple[Part, tuple[str, ...]]:
                 f"{path.name}: it is no file of one demonstration, because it holds no array 'action'; take it out of "
                 "the folder, or give its path alone."
             )
+        d4rl.check_one(file, path.name)
         found = hdf5.contents(file)
         arrays = {
             column: _InFile(path, column, array.shape, array.dtype, array.chunks)

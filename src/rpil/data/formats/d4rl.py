@@ -66,6 +66,16 @@ def keep(path: Path, output: Path, ids: Sequence[Id]) -> None:
             new[_TIMEOUTS] = (is_last & ~_flags(source, _TERMINALS, path.name))[rows]
 
 
+def check_one(file: h5py.File, source: str) -> None:
+    """A `DataError` where a file that stands for one demonstration holds several."""
+    ends = _flags(file, _TERMINALS, source) | _flags(file, _TIMEOUTS, source)
+    if ends[:-1].any():
+        raise DataError(
+            f"{source}: in a folder each file is one demonstration, and here {_TERMINALS} and {_TIMEOUTS} tell of "
+            "several; give the path of the file alone."
+        )
+
+
 def _fits(file: h5py.File) -> bool:
     has_actions = hdf5.first_array(file, hdf5.ACTIONS) is not None
     return has_actions and hdf5.first_array(file, (_TERMINALS, _TIMEOUTS, _NEXT, *EPISODE)) is not None

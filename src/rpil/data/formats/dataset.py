@@ -237,7 +237,10 @@ def open_dataset(path: StrPath, *, options: ColumnOptions = ColumnOptions(), bat
     """
     filesystem, paths, text_files = find_files(path)
     if not paths:
-        raise DataError(f"{path}: no .parquet file is there; only Parquet files make a data set on disk.")
+        raise DataError(
+            f"{path}: no .parquet file is there; only Parquet files make a data set on disk: read it into memory, or "
+            "use rpil convert."
+        )
     source = Path(str(path)).name or str(path)
     store, metadata = describe(filesystem, paths, options)
     store = replace(store, batch_rows=batch_rows)

@@ -48,7 +48,10 @@ def find_dialect(path: Path) -> Dialect:
     import pyarrow as pa
 
     with pa.input_stream(str(path)) as stream:
-        encoding = _encoding(_checked(iter(lambda: stream.read(_CHUNK), b""), path.name))
+        try:
+            encoding = _encoding(_checked(iter(lambda: stream.read(_CHUNK), b""), path.name))
+        except OSError as error:  # of what unpacks
+            raise DataError(f"{path.name}: a damaged or truncated compressed file; write it again.") from error
     with pa.input_stream(str(path)) as stream:
         head = stream.read(_CHUNK)
     text = codecs.getincrementaldecoder(encoding)("strict").decode(head)

@@ -213,14 +213,15 @@ def _describe(
     seconds, fps = (len(table) / metadata.fps, metadata.fps) if metadata.fps else (None, None)
     if not metadata.fps:
         seconds, fps = seconds_of_steps(table, columns, rows, offsets)
-    kind, reason = _kind_of_action(table, columns)
+    actions = tuple(part for name in columns.actions for part in names[name])
+    kind, reason = _kind_of_action(table, columns, len(actions))
     return Description(
         source="",
         format="",
         demonstrations=len(offsets) - 1,
         steps=len(table),
         observations=tuple(part for name in columns.observations for part in names[name]),
-        actions=tuple(part for name in columns.actions for part in names[name]),
+        actions=actions,
         action_kind=kind,
         action_reason=reason,
         id_column=columns.episode,
@@ -264,16 +265,15 @@ def _ignored(columns: Columns, order: Order, metadata: Metadata) -> dict[str, st
     return {**columns.ignored, **dict.fromkeys(times, "time or number of the step"), **videos}
 
 
-def _kind_of_action(table: pa.Table, columns: Columns) -> tuple[str, str]:
-    """Whether the action is discrete, and why, leaving missing values out."""
+def _kind_of_action(table: pa.Table, columns: Columns, n_parts: int) -> tuple[str, str]:
+    """Whether the action of `n_parts` numbers is discrete, and why, leaving missing values out."""
     import pyarrow as pa
 
     column = table[columns.actions[0]]
     if not columns.one_action or flat.kind_of_type(column.type) == "list":
         values = flat.numbers_or_missing(column)
-        width = 1 if values is None else values.shape[1]
-        if values is None or not columns.one_action or width != 1:
-            return "continuous", number_reason(width * len(columns.actions))
+        if values is None or not columns.one_action or values.shape[1] != 1:
+            return "continuous", number_reason(n_parts)
         present = values[:, 0]
     else:
         present = flat.column_values(pa.table({"action": column.drop_null()}), "action", lambda _: "")
