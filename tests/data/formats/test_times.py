@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gzip
 import json
 
 import numpy as np
@@ -25,8 +26,9 @@ def table():
 def test_timestamps_come_in_the_order_of_the_demonstrations(tmp_path, table):
     pq.write_table(table, tmp_path / "data.parquet")
     (tmp_path / "data.csv").write_text(table.to_pandas().to_csv(index=False))
+    (tmp_path / "data.tsv.gz").write_bytes(gzip.compress(table.to_pandas().to_csv(index=False, sep="\t").encode()))
     np.savez(tmp_path / "data.npz", allow_pickle=False, episode_ids=IDS, timestamps=TIMES)
-    for name in ("data.parquet", "data.csv", "data.npz"):
+    for name in ("data.parquet", "data.csv", "data.tsv.gz", "data.npz"):
         np.testing.assert_allclose(read_times(tmp_path / name, (7, 3)).timestamps, IN_ORDER)
 
 
@@ -62,3 +64,12 @@ def test_damaged_description_is_refused(tmp_path, table, content):
     (tmp_path / "meta" / "info.json").write_text(content)
     with pytest.raises(DataError, match="info"):
         read_times(tmp_path, (7, 3))
+
+
+def test_robomimic_says_its_lengths(tmp_path):
+    h5py = pytest.importorskip("h5py", reason="needs the extra hdf5")
+    with h5py.File(tmp_path / "lift.hdf5", "w") as file:
+        for name, number in (("demo_0", 3), ("demo_1", 9), ("demo_2", "many")):
+            file[f"data/{name}/actions"] = np.zeros((3, 2))
+            file[f"data/{name}"].attrs["num_samples"] = number
+    assert read_times(tmp_path / "lift.hdf5", ("demo_0", "demo_1", "demo_2")).frames == {"demo_0": 3, "demo_1": 9}

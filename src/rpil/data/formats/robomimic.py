@@ -62,6 +62,14 @@ def read(path: Path, options: ColumnOptions) -> Recording:
         return from_parts(parts, _GROUP_NAME, path.name, format_name, options, metadata, notes)
 
 
+def stated_lengths(path: Path) -> dict[Id, int]:
+    """The steps that each demonstration says it has, in ``num_samples``, by the name of its group."""
+    with hdf5.opened(path) as file:
+        groups = hdf5.groups(_parent(file))
+        found = {name: groups[name].attrs.get("num_samples") for name in _demonstrations(file)}
+    return {name: int(number) for name, number in found.items() if isinstance(number, int | np.integer)}
+
+
 def keep(path: Path, output: Path, ids: Sequence[Id]) -> None:
     """Write the demonstrations called `ids`, and all else of the file, to a new one; filter keys name no others."""
     with hdf5.copying(path, output) as (source, new):

@@ -12,6 +12,8 @@ import numpy as np
 from rpil.data.arrays import Id
 from rpil.data.errors import DataError
 from rpil.data.files import StrPath
+from rpil.data.formats import robomimic
+from rpil.data.formats.dialect import TEXT_SUFFIXES, find_dialect
 from rpil.data.formats.names import EPISODE
 from rpil.numerics.types import Array, Float
 
@@ -38,7 +40,9 @@ class Times:
 
 
 def read_times(path: StrPath, ids: Sequence[Id], id_column: str | None = None) -> Times:
-    """The times of a Parquet file, a folder of such files (LeRobot's with what ``meta`` says), a CSV or an NPZ file.
+    """The times of a Parquet file, a folder of such files (LeRobot's with what ``meta`` says), or a text table.
+
+    Arrays of an NPZ file are read as well; robomimic's HDF5 says only how many steps there should be.
 
     `ids` are those of the demonstrations, in order, and `id_column` is the column that holds them, by default
     "episode_index". A column ``timestamp`` or an array ``timestamps`` holds seconds; where there is none, times are not
@@ -49,6 +53,8 @@ def read_times(path: StrPath, ids: Sequence[Id], id_column: str | None = None) -
         return Times()
     if place.suffix.lower() == ".npz":
         return Times(_npz_timestamps(place, ids))
+    if robomimic.is_mine(place):
+        return Times(frames=robomimic.stated_lengths(place))
     timestamps = _table_timestamps(place, id_column, ids)
     meta = place / "meta"
     if not (meta / "info.json").is_file():
@@ -69,16 +75,20 @@ def _npz_timestamps(path: Path, ids: Sequence[Id]) -> Array | None:
 
 
 def _table_timestamps(path: Path, id_column: str, ids: Sequence[Id]) -> Array | None:
-    """From Parquet, or from a table of text that is separated by commas; None from other tables."""
+    """From Parquet, or from one table of text; None from other files."""
     import pyarrow as pa
     from pyarrow import csv, dataset
 
     from rpil.data.formats.store import find_files
 
     try:
-        if path.suffix.lower() == ".csv":
-            options = csv.ConvertOptions(column_types={id_column: pa.string()})
-            table = csv.read_csv(path, convert_options=options)
+        if path.is_file() and path.name.lower().endswith(TEXT_SUFFIXES):
+            dialect = find_dialect(path)
+            options = csv.ConvertOptions(column_types={id_column: pa.string()}, decimal_point=dialect.decimal)
+            rows = csv.ReadOptions(
+                skip_rows=dialect.skip_rows, column_names=dialect.names, encoding=dialect.encoding, use_threads=False
+            )
+            table = csv.read_csv(path, rows, csv.ParseOptions(delimiter=dialect.separator), options)
         else:
             filesystem, files, _ = find_files(path)
             opened = dataset.dataset(files, filesystem=filesystem)
