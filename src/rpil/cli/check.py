@@ -92,7 +92,7 @@ def check_recording(
     data = recording.demonstrations
     times = read_times(file, data.ids, recording.description.id_column)
     stated = replace(times, fps=fps or recording.description.fps or times.fps)
-    return find_faults(data, stated, expected, skip_bad, action_names=recording.description.actions)
+    return find_faults(data, stated, expected, skip_bad)
 
 
 def audit_fault_lines(report: FaultReport, audit: Audit, file: str) -> list[str]:

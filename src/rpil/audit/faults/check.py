@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping
 from itertools import chain
 
 import numpy as np
@@ -47,7 +47,6 @@ def find_faults(
     expected: Mapping[str, Collection[str]] | None = None,
     skip_bad: bool = False,
     settings: FaultSettings = FAULT_SETTINGS,
-    action_names: Sequence[str] = (),
 ) -> FaultReport:
     """Apply all rules to demonstrations in memory or on disk.
 
@@ -63,15 +62,13 @@ def find_faults(
         Where values are missing, set those demonstrations aside and apply the other rules to the rest; by default only
         the missing values are reported then.
     settings : FaultSettings
-    action_names : sequence of str
-        Names of continuous actions, as findings call them; by default they are numbered.
 
     Returns
     -------
     FaultReport
     """
     with allow_missing():
-        labels = column_labels(demonstrations, action_names)
+        labels = column_labels(demonstrations)
         sample = pilot(demonstrations, labels, settings)
         columns = describe_columns(sample, labels, settings)
         pairs = find_pairs(columns.of(sample), sample.offsets, columns, settings)

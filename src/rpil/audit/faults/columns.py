@@ -3,7 +3,6 @@ usually move."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -60,9 +59,9 @@ class Columns:
         return np.asarray(moved.mean(axis=0)) if len(moved) else np.zeros(size.shape[1])
 
 
-def column_labels(demonstrations: Demonstrations | Dataset, action_names: Sequence[str] = ()) -> tuple[str, ...]:
+def column_labels(demonstrations: Demonstrations | Dataset) -> tuple[str, ...]:
     """What findings call the columns: all observations, then all actions, by their numbers where they have no names."""
-    names = dict(enumerate(action_names))
+    names = dict(enumerate(demonstrations.action_names))
     n_actions = 0 if demonstrations.is_discrete else demonstrations.n_actions
     actions = (f"action {names.get(a, a)!r}" for a in range(n_actions))
     return (*(f"observation {name!r}" for name in demonstrations.observation_names), *actions)
