@@ -7,6 +7,7 @@ import inspect
 import re
 import subprocess
 import sys
+from functools import cache
 from graphlib import TopologicalSorter
 from pathlib import Path
 
@@ -55,6 +56,7 @@ def imported(source: str, modules: set[str], module: str, is_package: bool = Fal
     return {name for name in found if name == "rpil" or name.startswith("rpil.")} - {module}
 
 
+@cache
 def graph(root: Path = ROOT) -> dict[str, set[str]]:
     """The imports of every file of the library but ``rpil/__init__.py``, which names everything."""
     files = {module_name(path, root): path for path in root.rglob("*.py")}

@@ -84,6 +84,7 @@ def test_convert_writes_operator_and_task_of_each_demonstration(suffix):
     refused("named twice|would join", "convert", "in.csv", "-o", "in.csv")
 
 
+@pytest.mark.slow
 def test_each_task_is_judged_by_itself(folder):
     """Demonstrations of two tasks whose experts act in opposite ways: as one task, they would contradict each other."""
     table = pq.read_table(folder / "good.parquet")

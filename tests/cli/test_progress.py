@@ -7,6 +7,8 @@ import subprocess
 import sys
 import time
 
+import pytest
+
 from command_line import npz
 from rpil.cli import progress
 from rpil.cli.progress import ProgressTiming, show_count, show_stages
@@ -31,6 +33,7 @@ def test_time_left_is_that_of_the_unfinished_items(monkeypatch):
     assert progress._time_left(100.0, 0, 12) == ""
 
 
+@pytest.mark.slow
 def test_pipe_gets_ever_rarer_lines(capsys):
     timing = ProgressTiming(first=0.2, interval=0.1, elapsed_share=1.0)
     with show_stages(False, timing) as show:
@@ -54,6 +57,7 @@ def test_pipe_gets_ever_rarer_lines(capsys):
     assert [re.sub(r"[01] s: learning", "_ s: learning", line) for line in err.splitlines()] == lines
 
 
+@pytest.mark.slow
 def test_slow_imports_are_reported_within_two_seconds():
     npz("data.npz")
     script = (
@@ -75,6 +79,7 @@ def test_slow_imports_are_reported_within_two_seconds():
             process.kill()
 
 
+@pytest.mark.slow
 def test_long_command_reports_its_stage_within_two_seconds():
     script = (
         "import sys, time, types\n"

@@ -112,6 +112,7 @@ def test_zero_and_negative_sample_weights_are_refused(weight, words):
         BehavioralCloning().fit(TOY.observations, TOY.actions, sample_weight=np.full(len(TOY.actions), weight))
 
 
+@pytest.mark.slow
 def test_adversary_for_other_actions_is_refused():
     toy = make_continuous("random", 0)
     for which in ("complement", "confusion", "constant", "normalised complement"):
