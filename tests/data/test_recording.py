@@ -227,3 +227,23 @@ def test_text_tables_beside_parquet_files_are_named(folder):
     for on_disk in (False, True):
         said = read_recording(folder, on_disk=on_disk).description
         assert said.ignored["notes.csv"] == "a text table beside Parquet files"
+
+
+@pytest.mark.parametrize(
+    ("given", "read"),
+    [
+        (("left.joint_1.pos", "actions.grip"), ("action.left.joint_1.pos", "action.grip")),
+        (("cmd_x", "mode_type"), ("action.0", "action.1")),  # a column called type would not be read
+        (("index", "x"), ("action.0", "action.1")),  # action.index would be the whole action
+        (("x", "X"), ("action.0", "action.1")),
+        ((), ("action.0", "action.1")),
+    ],
+)
+@pytest.mark.parametrize("suffix", [".parquet", ".csv"])
+def test_names_of_actions_are_written_where_they_are_read_back(tmp_path, suffix, given, read):
+    actions = np.arange(10.0).reshape(5, 2) / 3
+    data = Demonstrations(np.ones((5, 1)), actions, [0, 2, 5], action_names=given)
+    formats.write(tmp_path / f"a{suffix}", data)
+    back = formats.read(tmp_path / f"a{suffix}")
+    assert back.action_names == read
+    np.testing.assert_array_equal(back.actions, actions)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from math import inf
 from unicodedata import combining, normalize
 
@@ -61,6 +61,16 @@ def is_data(name: str) -> bool:
     plain = plain_name(name)
     words = plain in (*EPISODE, STEP) or OBSERVATION.fullmatch(plain)
     return bool(words or any(pattern.fullmatch(plain) for pattern in ACTION_COLUMNS[0]))
+
+
+def action_columns(names: Sequence[str], n_actions: int) -> list[str]:
+    """What to call the columns of a continuous action so that they are read as such: by number where names fail."""
+    columns = [f"action.{re.sub(r'^actions?[._]', '', name)}" for name in names]
+    whole, part = ACTION_COLUMNS[0]
+    plain = [plain_name(column) for column in columns]
+    misread = (whole, ABOUT_ACTION)
+    as_read = all(part.fullmatch(name) and not any(w.fullmatch(name) for w in misread) for name in plain)
+    return columns if as_read and len(set(plain)) == n_actions else [f"action.{a}" for a in range(n_actions)]
 
 
 def plain_name(name: str) -> str:

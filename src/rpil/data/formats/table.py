@@ -11,7 +11,7 @@ from rpil.data.arrays import LONGEST_TEXT, are_whole, as_array
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
 from rpil.data.formats.columns import Kind
-from rpil.data.formats.names import EPISODE, STEP, quoted, short_name
+from rpil.data.formats.names import EPISODE, STEP, action_columns, quoted, short_name
 from rpil.data.memory import check_memory
 from rpil.data.missing import are_allowed
 from rpil.numerics.types import Array
@@ -87,7 +87,8 @@ def from_demonstrations(demonstrations: Demonstrations, truth: Mapping[str, Arra
     if demonstrations.is_discrete:
         columns["action"] = demonstrations.actions
     else:
-        columns |= {f"action.{a}": column for a, column in enumerate(demonstrations.actions.T)}
+        names = action_columns(demonstrations.action_names, demonstrations.n_actions)
+        columns |= zip(names, demonstrations.actions.T, strict=True)
     return pa.table(columns | {name: np.repeat(values, demonstrations.lengths) for name, values in truth.items()})
 
 
