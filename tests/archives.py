@@ -9,10 +9,19 @@ import zipfile
 import numpy as np
 import pytest
 
-from rpil import load
+from rpil import Demonstrations, load
 from rpil.data.errors import DataError
+from rpil.simulation.simulate import simulate
 
 LOST = "do not belong together"
+
+
+def mountain_car():
+    """Four good and four corrupted demonstrations with ids and names that are no ASCII."""
+    made = simulate("MountainCar-v0", "corrupted", n_good=4, n_bad=4, seed=0)
+    return Demonstrations.from_episodes(
+        made.episodes, ids=[f"é{m}" for m in range(8)], observation_names=["x", "v"], source="mc"
+    )
 
 
 def members(path):

@@ -8,18 +8,14 @@ import zipfile
 import numpy as np
 import pytest
 
-from archives import LOST, members, npy, refused, rewrite
-from rpil import RPIL, Demonstrations, save
+from archives import LOST, members, mountain_car, npy, refused, rewrite
+from rpil import RPIL, save
 from rpil.data.errors import DataError
-from rpil.simulation.simulate import simulate
 
 
 @pytest.fixture(scope="module")
 def data():
-    made = simulate("MountainCar-v0", "corrupted", n_good=4, n_bad=4, seed=0)
-    return Demonstrations.from_episodes(
-        made.episodes, ids=[f"é{m}" for m in range(8)], observation_names=["x", "v"], source="mc"
-    )
+    return mountain_car()
 
 
 @pytest.fixture(scope="module")

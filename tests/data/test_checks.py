@@ -23,7 +23,8 @@ class Record:
 
 
 def test_values_inside_their_intervals_are_taken():
-    Record(count=1, tol=np.float64(2), share=0, ridges=(5,), name="", prior=-1.0)
+    record = Record(count=1, tol=np.float64(2), share=0, ridges=(5,), name="", prior=-1.0)
+    assert (record.count, record.tol, record.share, record.ridges) == (1, 2.0, 0, (5,))
 
 
 @pytest.mark.parametrize(

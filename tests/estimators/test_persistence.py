@@ -3,13 +3,12 @@ import pytest
 from sklearn.base import clone
 from sklearn.linear_model import LogisticRegression
 
-from archives import LOST, npy, refused, rewrite
+from archives import LOST, mountain_car, npy, refused, rewrite
 from problems import make_continuous
 from rpil import RPIL, BehavioralCloning, Confusion, Demonstrations, RMEnt, Settings, load, save
 from rpil.data.errors import DataError
 from rpil.mixture.adversaries.discrete import Uniform
 from rpil.mixture.adversaries.named import ADVERSARIES
-from rpil.simulation.simulate import simulate
 from small import mixture as mixture_settings
 
 
@@ -19,10 +18,7 @@ class MyAdversary(Uniform):
 
 @pytest.fixture(scope="module")
 def data():
-    made = simulate("MountainCar-v0", "corrupted", n_good=4, n_bad=4, seed=0)
-    return Demonstrations.from_episodes(
-        made.episodes, ids=[f"é{m}" for m in range(8)], observation_names=["x", "v"], source="mc"
-    )
+    return mountain_car()
 
 
 @pytest.fixture(scope="module")

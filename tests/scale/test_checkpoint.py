@@ -5,20 +5,16 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from archives import rewrite
-from rpil import RPIL, Demonstrations, save
+from archives import mountain_car, rewrite
+from rpil import RPIL, save
 from rpil.data.errors import DataError
 from rpil.scale.ascent import AscentState
 from rpil.scale.checkpoint import Checkpoint
-from rpil.simulation.simulate import simulate
 
 
 @pytest.fixture(scope="module")
 def data():
-    made = simulate("MountainCar-v0", "corrupted", n_good=4, n_bad=4, seed=0)
-    return Demonstrations.from_episodes(
-        made.episodes, ids=[f"é{m}" for m in range(8)], observation_names=["x", "v"], source="mc"
-    )
+    return mountain_car()
 
 
 @pytest.fixture(scope="module")

@@ -164,7 +164,7 @@ def with_column_options(command: Callable[..., None]) -> Callable[..., None]:
 
 
 def pop_columns(options: dict[str, Any]) -> ColumnOptions:
-    """The options for reading, taken out of all options but for the operator, whom a fit needs as well."""
+    """The options for reading, removed from `options`; the operator stays, because a fit needs it too."""
     from rpil.data.formats.columns import ColumnOptions
     from rpil.data.formats.id_values import is_id_file
 

@@ -225,7 +225,7 @@ def open_dataset(path: StrPath, *, options: ColumnOptions = ColumnOptions(), bat
         order of their names; a pattern such as ``drive/*.parquet``; or an address that pyarrow knows, such as
         ``s3://bucket/folder``.
     options : ColumnOptions
-        Which column holds what, where that cannot be told by its name.
+        What each column holds, where its name does not say it.
     batch_rows : int
         Rows that are decoded at a time.
 

@@ -1,4 +1,4 @@
-"""The formats that are told by their layout: each is one module, and one line here."""
+"""The formats that are recognised by their layout: each is one module, and one line here."""
 
 from __future__ import annotations
 
