@@ -18,6 +18,7 @@ from rpil.data.files import new_folder, replacing
 from rpil.data.formats import folder
 from rpil.data.formats import table as flat
 from rpil.data.formats.columns import ColumnOptions
+from rpil.data.formats.lerobot import read_info
 from rpil.data.formats.selection import keep_rows
 from rpil.data.formats.table import check_ids
 from rpil.numerics.types import Array
@@ -44,11 +45,11 @@ def is_mine(path: Path) -> bool:
 
 def check_output(path: Path, output: Path) -> dict[str, Any]:
     """What ``meta/info.json`` says; a `DataError` where `keep` cannot write to `output`."""
+    info = read_info((path / "meta" / "info.json").read_bytes(), path.resolve().name)
     try:
-        info: dict[str, Any] = json.loads((path / "meta" / "info.json").read_text(encoding="utf-8"))
         images = any(feature.get("dtype") in ("video", "image") for feature in info["features"].values())
-    except (ValueError, LookupError, AttributeError, TypeError, RecursionError) as error:
-        raise DataError(f"{path}: meta/info.json cannot be read; write it again.") from error
+    except (LookupError, AttributeError, TypeError) as error:
+        raise DataError(f"{path}: meta/info.json has no table of features; write it again.") from error
     if output.suffix.lower() != ".json" and (images or info.get("codebase_version") != "v3.0"):
         what = "with images" if images else "of this version"
         raise DataError(
