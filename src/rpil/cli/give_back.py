@@ -97,7 +97,8 @@ def keep(
         else:
             formats.keep(file, output, kept, columns)
     click.echo(f"Kept {len(kept):,} of {len(ids):,} demonstrations: {output or file}")
-    print_lines(formats.commands_to_keep(file, ids, kept))
+    if not quiet:
+        print_lines(formats.commands_to_keep(file, ids, kept, output or ""))
 
 
 def _ids(file: str, columns: ColumnOptions, progress: StageProgress, stream: bool | None) -> tuple[Id, ...]:

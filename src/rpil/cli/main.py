@@ -144,7 +144,8 @@ def audit(
     for title, path in outputs.items():
         if path is not None:
             click.echo(f"{title.capitalize()}: {path}", err=json_wanted)
-            terminal.print_lines(lines_after_output(title, file, result) if not json_wanted else ())
+            if not json_wanted and not quiet:
+                terminal.print_lines(lines_after_output(title, path, file, result))
 
 
 @main.command()

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.lib import format as npy
 
 from rpil.data.errors import DataError
-from rpil.data.files import StrPath, replacing
+from rpil.data.files import StrPath, check_exists, replacing
 from rpil.data.memory import check_memory
 from rpil.data.npy import read_arrays
 from rpil.numerics.types import Array
@@ -183,7 +183,7 @@ def read_archive(path: Path, schema: str, otherwise: str) -> tuple[Header, dict[
     another `schema`. Arrays that the header does not name are refused, and never decoded.
     """
     foreign, damaged = f"{path}: {otherwise}.", f"{path}: it is damaged or truncated; fit and save it again."
-    if not zipfile.is_zipfile(path):
+    if not zipfile.is_zipfile(check_exists(path)):
         with path.open("rb") as file:
             raise DataError(damaged if file.read(2) == b"PK" else foreign)
     try:

@@ -8,6 +8,8 @@ from dataclasses import dataclass, field
 from pathlib import PurePosixPath
 from typing import TYPE_CHECKING
 
+from rpil.data.folders import check_inside
+
 if TYPE_CHECKING:
     from pyarrow import fs
 
@@ -41,10 +43,15 @@ def format_name(metadata: Metadata, n_files: int) -> str:
 
 def read_metadata(filesystem: fs.FileSystem, path: str) -> Metadata:
     """The metadata of the data set that holds the data file `path`; empty where it cannot be read."""
+    from pyarrow import fs
+
     data = next((folder for folder in PurePosixPath(path).parents if folder.name == "data"), None)
     if data is None:
         return Metadata()
     meta = data.parent / "meta"
+    if isinstance(filesystem, fs.LocalFileSystem):
+        for name in ("info.json", "tasks.parquet", "tasks.jsonl"):
+            check_inside(str(meta / name), str(data.parent))
     try:
         with filesystem.open_input_stream(str(meta / "info.json")) as stream:
             info = json.loads(stream.read())
