@@ -27,7 +27,7 @@ def read_arrays(archive: zipfile.ZipFile, members: Sequence[str], where: str) ->
 
 
 def write_npz(path: Path, arrays: Mapping[str, Array]) -> None:
-    """Write an NPZ file of arrays with any names; those of `numpy.savez_compressed` must not be names of its arguments."""
+    """Write an NPZ file. Arrays may have any names; to `numpy.savez_compressed` some are arguments of its own."""
     with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
         write_arrays(archive, arrays)
 
