@@ -2,7 +2,7 @@
 
 ``python tools/environments.py lowest`` takes Python 3.11, and ``newest`` takes every later Python at hand as well. Both
 build the wheel and the source distribution from a copy of this checkout, check them, install the wheel, and run the
-tests of the checkout against it: the fast ones, or what the arguments after ``--`` say, which pytest gets.
+tests of the checkout against it: the fast ones, or what ``--pytest`` says.
 torch is left out unless ``--extras`` names it, because its package for Linux comes with gigabytes of others.
 """
 
@@ -11,6 +11,7 @@ from __future__ import annotations
 import argparse
 import os
 import re
+import shlex
 import shutil
 import subprocess
 import sys
@@ -119,18 +120,19 @@ def main() -> None:
     parser.add_argument("versions", choices=("lowest", "newest"))
     parser.add_argument("--extras", default=EXTRAS, help=f"extras to install (default: {EXTRAS})")
     parser.add_argument(
-        "tests", nargs="*", default=["-m", "not slow"], help="arguments of pytest (default: fast tests)"
+        "--pytest", metavar="ARGUMENTS", default="-m 'not slow'", help="which tests (default: fast ones)"
     )
     given = parser.parse_args()
+    tests = shlex.split(given.pytest)
     with tempfile.TemporaryDirectory(prefix="rpil-") as name:
         folder = Path(name)
         wheel = build(folder)
         if given.versions == "lowest":
-            pins, tests = lowest_versions(given.extras.split(",")), [*OF_OLD_VERSIONS, *given.tests]
-            check(next(interpreters()), folder / "lowest", wheel, pins, tests, given.extras)
+            pins = lowest_versions(given.extras.split(","))
+            check(next(interpreters()), folder / "lowest", wheel, pins, [*OF_OLD_VERSIONS, *tests], given.extras)
         else:
             for python in interpreters():
-                check(python, folder / "newest", wheel, (), given.tests, given.extras)
+                check(python, folder / "newest", wheel, (), tests, given.extras)
                 shutil.rmtree(folder / "newest")
 
 
