@@ -17,7 +17,6 @@ from rpil.cli.commands import (
 from rpil.cli.options import (
     FitOptions,
     OutputFile,
-    check_choices,
     pop_columns,
     quiet_option,
     with_column_options,
@@ -77,7 +76,6 @@ def keep(
     if options["features"] == "auto":
         options["features"] = "folded"  # the judge's, as in an audit: no policy is kept
     with show_stages(quiet, CommandSettings.current().timing) as progress:
-        check_choices(click.get_current_context())
         if verdicts is None:
             with connect_engine(scheduler, progress) as engine:
                 read = read_recording(file, columns, progress, resolve_stream(stream, scheduler))

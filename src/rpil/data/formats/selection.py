@@ -23,7 +23,7 @@ from rpil.data.formats.csv import FILE, find_text_columns, names_in_folder
 from rpil.data.formats.dialect import TEXT_SUFFIXES, find_dialect, without_suffix
 from rpil.data.formats.store import BATCH_ROWS, columns_of_file, find_files, opened
 from rpil.data.formats.table import check_ids
-from rpil.data.npy import read_arrays
+from rpil.data.npy import read_arrays, write_npz
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -165,5 +165,5 @@ def _keep_arrays(path: Path, output: Path, ids: Set[str], options: ColumnOptions
     for name, array in arrays.items():
         mask = next((m for m in (steps, demonstrations) if array.ndim and len(array) == len(m)), None)
         arrays[name] = array if mask is None or name == "observation_names" else array[mask]
-    np.savez_compressed(output, allow_pickle=False, **arrays)
+    write_npz(output, arrays)
     return {*order} & ids
