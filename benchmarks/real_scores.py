@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import spearmanr
+from scipy.stats import rankdata, spearmanr
 
 from npz_sets import Truth
 from real_report import OURS, VERDICTS
@@ -66,7 +66,8 @@ def ranking(reply: Reply, known: Truth, rng: np.random.Generator) -> tuple[Row, 
         return row | {"said": "a score is missing"}, None
     row["scores"] = [float(score) for score in np.nan_to_num(scores)]  # JSON knows no infinity
     if len(set(known.quality)) > 1 and len(set(scores)) > 1:
-        row["spearman"] = float(spearmanr(scores, known.quality).statistic)
+        ranks = rankdata(scores)  # because SciPy before 1.15 takes infinite scores for missing ones
+        row["spearman"] = float(spearmanr(ranks, known.quality).statistic)
     if reply.verdicts is not None:
         row["verdicts"] = {
             name: {verdict: int((reply.verdicts[mask] == verdict).sum()) for verdict in VERDICTS}

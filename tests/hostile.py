@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import json
+import resource
 import subprocess
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 
 MAX_BYTES = 2**30
@@ -30,6 +32,18 @@ for path, function in json.loads(sys.stdin.read()).items():
 peak = 1024 * int(re.search(r"VmHWM:\\s*(\\d+)", Path("/proc/self/status").read_text())[1])
 print(json.dumps({"ends": ends, "peak": peak}))
 """
+
+
+@contextmanager
+def full_disk(n_bytes: int) -> Iterator[None]:
+    """A disk on which no file can have more than `n_bytes`."""
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (n_bytes, before[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+
 
 Maker = Callable[[Path], None]
 

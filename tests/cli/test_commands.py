@@ -190,7 +190,7 @@ SIMULATE = ["simulate", "--good", 1, "--bad", 1]
         (["fit", "data.npz", "-o", "p", "--method", "rment"], "--method rment and --trusted N need each other"),
         (["fit", "data.npz", "-o", "p", "--trusted", "3"], "--method rment and --trusted N need each other"),
         (["audit"], "Missing argument 'FILE'; see rpil audit --help"),
-        (["audit", "data.npz", "--sed", "1"], "No such option .*--sed.*--seed.* see rpil audit --help"),
+        (["audit", "data.npz", "--sed", "1"], "No such option.*--sed.*--seed.* see rpil audit --help"),
         (["audit", "data.npz", "--seed", "-1"], "--seed.* see rpil audit --help"),
         (["audit", "data.npz", "--features", "odd"], "'odd' is not one of 'auto', 'raw', 'folded', 'spline'"),
         (["audit", "data.npz", "--adversary", "odd"], "'odd' is not one of 'auto'"),

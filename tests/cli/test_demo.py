@@ -14,7 +14,7 @@ import pytest
 
 from html_page import Page
 from rpil.cli import demo
-from rpil.data.errors import DataError, MissingExtraError
+from rpil.data.errors import DataError
 from rpil.inference.trust import FINDINGS
 
 ROOT = Path(__file__).parents[2]
@@ -62,7 +62,7 @@ def test_bundled_overcooked_is_the_original() -> None:
 
 def test_bundle_is_small_and_has_its_licence() -> None:
     folder = files("rpil.cli") / "bundled"
-    notice = (folder / "NOTICE").read_text(encoding="utf-8")
+    notice = (ROOT / "NOTICE").read_text(encoding="utf-8")
     for words in ("overcooked-ai 1.1.0", "MIT License", "Copyright (c) 2019 Center for Human-Compatible AI", "AS IS"):
         assert words in notice
     assert demo.OVERCOOKED in notice
@@ -160,11 +160,21 @@ def test_ids_of_the_two_articles_differ(page: str) -> None:
     assert set(used) <= set(ids)
 
 
-def test_missing_gymnasium_is_reported_before_any_work(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_gymnasium_only_the_landings_are_missing(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, result: demo.DemoResult
+) -> None:
     monkeypatch.setitem(sys.modules, "gymnasium", None)
-    monkeypatch.setattr(demo, "load_demonstrations", lambda name: pytest.fail("data were loaded first"))
-    with pytest.raises(MissingExtraError, match=r"rpil\[gym\]"):
-        demo.run(episodes=2)
+    without = demo.run(episodes=2)
+    full, figures = result.to_dict(), without.to_dict()
+    assert figures["overcooked"] == full["overcooked"]
+    assert figures["lunarlander"] == {name: full["lunarlander"][name] for name in ("finding", "wrong_verdicts")}
+    assert without.sentences()[:2] == result.sentences()[:2]
+    assert "pip install 'rpil[gym]'" in without.sentences()[2]
+    without.write_report(tmp_path / "demo.html")
+    text = Page((tmp_path / "demo.html").read_text(encoding="utf-8")).text
+    assert "pip install 'rpil[gym]'" in text
+    assert "0 of 20 verdicts are wrong" in text
+    assert "starts, which are in none of the" not in text
 
 
 def test_one_landing_is_refused() -> None:

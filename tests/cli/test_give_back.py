@@ -45,6 +45,10 @@ def test_demonstrations_without_a_label_are_left_out_by_lerobot_too(tmp_path):
     printed = ok("keep", robot, "-o", "keep.json", "--verdicts", "labels.csv").stdout
     assert printed.startswith("Kept 1 of 4 demonstrations")
     assert "--dataset.exclude_episodes='[0, 1, 3]'" in printed
+    quiet = ok("keep", robot, "-o", "keep.json", "--verdicts", "labels.csv", "-q").stdout
+    assert quiet == "Kept 1 of 4 demonstrations: keep.json\n"
+    for output in ("x.csv", "x.parquet", "x.hdf5", "x.zarr.zip"):
+        refused(f"{output}: .* folder", "keep", robot, "-o", output, "--verdicts", "labels.csv")
     Path("labels.csv").write_text("id,label\n2,expert\n7,good\n")
     refused("labels.csv: no demonstration is called '7'", "keep", robot, "-o", "k.json", "--verdicts", "labels.csv")
 
@@ -124,6 +128,7 @@ def test_in_place_lists_the_trusted_in_the_file_itself(folder):
     Path("labels.csv").write_text("id,label\ndemo_0,expert\ndemo_2,good\ndemo_1,bad\n")
     printed = ok("keep", "lift.hdf5", "--in-place", "--verdicts", "labels.csv").stdout
     assert printed == "Kept 2 of 3 demonstrations: lift.hdf5\n"
+    refused("give it the extension .hdf5", "keep", "lift.hdf5", "-o", "x.csv", "--verdicts", "labels.csv")
     with h5py.File("lift.hdf5") as file:
         assert file["mask/rpil_expert"][:].tolist() == [b"demo_0", b"demo_2"]
         assert len(file["data"]) == 3

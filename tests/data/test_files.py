@@ -1,12 +1,14 @@
 import os
+import signal
 import subprocess
 import sys
 from contextlib import suppress
 
 import pytest
 
+from rpil.data.archive import read_archive
 from rpil.data.errors import DataError
-from rpil.data.files import check_readable, check_writable, new_folder, replacing
+from rpil.data.files import beside, check_exists, check_readable, check_writable, new_folder, replacing
 
 
 def one_sentence(caught, path):
@@ -68,6 +70,68 @@ def test_the_next_run_removes_what_a_killed_one_left_of_the_same_output(tmp_path
         assert living.name in left
 
 
+@pytest.mark.parametrize("writer", [beside, new_folder])
+def test_the_next_run_removes_folders_that_a_killed_one_left(tmp_path, writer):
+    script = "import os, sys; from pathlib import Path; from rpil.data import files\n"
+    script += f"with files.{writer.__name__}(Path(sys.argv[1])) as path:\n"
+    script += "    path.mkdir(exist_ok=True); (path / 'half').touch(); os.kill(os.getpid(), 9)"
+    for name in ("a.zarr", "b.zarr"):
+        subprocess.run([sys.executable, "-c", script, tmp_path / name], check=False)
+    assert len(os.listdir(tmp_path)) == 2
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "mine" / "file").touch()
+    killed = next(name for name in os.listdir(tmp_path) if name.startswith(".a"))
+    (tmp_path / killed.replace("-", "-9", 1)).symlink_to(tmp_path / "mine")
+    with new_folder(tmp_path / "a.zarr") as living:
+        assert sorted(name.split(".")[1] for name in os.listdir(tmp_path) if name != "mine") == ["a", "b"]
+        with replacing(tmp_path / "a.zarr") as second:
+            second.touch()
+        assert living.is_dir()
+        (tmp_path / "a.zarr").unlink()
+    assert (tmp_path / "mine" / "file").exists()
+
+
+def test_a_replaced_file_keeps_its_permissions(tmp_path):
+    path, link, new, usual = (tmp_path / name for name in ("out.txt", "link.txt", "new.txt", "usual.txt"))
+    usual.touch()
+    path.touch()
+    link.symlink_to(path)
+    for mode in (0o600, 0o640, 0o755):
+        path.chmod(mode)
+        with replacing(link) as temporary:
+            assert temporary.stat().st_mode & 0o077 & ~mode == 0  # nor may others read it before
+            temporary.write_text("new")
+        assert path.stat().st_mode & 0o777 == mode
+    with replacing(new) as temporary:
+        temporary.write_text("new")
+    assert new.stat().st_mode == usual.stat().st_mode
+
+
+@pytest.mark.parametrize("writer", [replacing, new_folder])
+def test_data_are_on_the_disk_before_they_have_their_name(tmp_path, monkeypatch, writer):
+    done = []
+    sync, replace, rename = os.fsync, os.replace, os.rename
+
+    def synced(opened):
+        done.append(os.fstat(opened).st_ino)
+        sync(opened)
+
+    monkeypatch.setattr(os, "fsync", synced)
+    monkeypatch.setattr(os, "replace", lambda *paths: (done.append("named"), replace(*paths)))
+    monkeypatch.setattr(os, "rename", lambda *paths: (done.append("named"), rename(*paths)))
+    with writer(tmp_path / "out") as temporary:
+        file = temporary / "in" / "file" if writer is new_folder else temporary
+        file.parent.mkdir(exist_ok=True)
+        file.write_text("whole")
+        numbers = {
+            file.stat().st_ino,
+            *([file.parent.stat().st_ino, temporary.stat().st_ino] if file != temporary else []),
+        }
+    named = done.index("named")
+    assert set(done[:named]) == numbers
+    assert done[named + 1 :] == [tmp_path.stat().st_ino]
+
+
 def test_a_link_stays_a_link(tmp_path):
     path, link = tmp_path / "out.txt", tmp_path / "link.txt"
     path.write_text("old")
@@ -88,6 +152,19 @@ def test_bad_output_paths(tmp_path, monkeypatch, check):
     with pytest.raises(DataError, match="may not be written") as caught:
         check(tmp_path / "out.txt")
     one_sentence(caught, tmp_path / "out.txt")
+
+
+@pytest.mark.parametrize("check", [check_exists, check_readable, lambda path: read_archive(path, "policy", "other")])
+def test_a_pipe_is_no_input(tmp_path, check):
+    os.mkfifo(tmp_path / "pipe.rpil")
+    before = signal.signal(signal.SIGALRM, lambda *_: pytest.fail("the pipe is waited for"))
+    signal.alarm(10)
+    try:
+        with pytest.raises(DataError, match="neither a file nor a folder"):
+            check(tmp_path / "pipe.rpil")
+    finally:
+        signal.alarm(0)
+        signal.signal(signal.SIGALRM, before)
 
 
 def test_bad_input_paths(tmp_path, monkeypatch):

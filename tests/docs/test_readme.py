@@ -2,10 +2,35 @@
 
 from __future__ import annotations
 
+import re
+import tomllib
 from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
+TEXT = (ROOT / "README.md").read_text(encoding="utf-8")
+URLS = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["urls"]
 
 
 def test_readme_is_short():
-    assert len((ROOT / "README.md").read_text().splitlines()) < 150
+    assert len(TEXT.splitlines()) < 150
+
+
+def test_links_are_those_of_the_repository_and_lead_to_files():
+    """A package index shows the README, too, and has no files beside it."""
+    links = dict(re.findall(r"^\[(.+)\]: (\S+)$", TEXT, re.MULTILINE))
+    assert "](" not in TEXT
+    assert "<img" not in TEXT
+    for url in links.values():
+        path = re.fullmatch(rf"{re.escape(URLS['Repository'])}/(?:blob|raw)/main/(\S+)", url)
+        assert path is not None, url
+        assert (ROOT / path[1]).is_file(), url
+    used = re.findall(r"\[([^\]]+)\](?!:)", re.sub(r"```.*?```|`[^`]*`", "", TEXT, flags=re.DOTALL))
+    used = {" ".join(label.lower().split()) for label in used}
+    pictures = {label for label in used if label.startswith("what rpil audit prints")}
+    assert used - pictures == set(links)
+    assert len(pictures) == 1
+
+
+def test_addresses_of_the_project_are_those_of_the_repository():
+    assert {"Repository", "Documentation", "Changelog", "Issues"} <= set(URLS)
+    assert all(url.startswith(URLS["Repository"]) for url in URLS.values())

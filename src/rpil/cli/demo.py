@@ -19,7 +19,7 @@ from rpil.audit.html.pictures import returns_figure, score_figure
 from rpil.audit.record import Audit
 from rpil.data import formats
 from rpil.data.demonstrations import Demonstrations
-from rpil.data.errors import DataError
+from rpil.data.errors import DataError, MissingExtraError
 from rpil.estimators.cloning import BehavioralCloning
 from rpil.estimators.rpil import RPIL
 from rpil.numerics.types import Array, Bool, Float, Shaped
@@ -61,8 +61,20 @@ class LunarLanderResult:
 
     audit: Audit
     seconds: float  # duration of the audit
-    returns: dict[str, Returns]  # of "trust_all", "rpil", "oracle" and "expert", from the same starts
+    returns: dict[str, Returns]  # of "trust_all", "rpil", "oracle" and "expert", from the same starts; or empty
     wrong_verdicts: int  # verdicts that are not the truth; "uncertain" counts as wrong
+    not_played: str = ""  # why there are no returns, and what to install
+
+    def returns_sentence(self) -> str:
+        """The mean return of each policy, or why there is none."""
+        if self.not_played:
+            return f"No policy has flown. {self.not_played}"
+        returns = (
+            f"{POLICY_NAMES[name]} {played.mean:.0f} ({played.ci95[0]:.0f} to {played.ci95[1]:.0f})"
+            for name, played in self.returns.items()
+        )
+        episodes = len(self.returns["rpil"].returns)
+        return f"Mean return over {episodes} landings (95 % interval): {', '.join(returns)}."
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,18 +97,13 @@ class DemoResult:
         """The results as sentences for the terminal."""
         people, lander = self.overcooked, self.lunarlander
         low, high = people.auroc_ci95
-        returns = (
-            f"{POLICY_NAMES[name]} {played.mean:.0f} ({played.ci95[0]:.0f} to {played.ci95[1]:.0f})"
-            for name, played in lander.returns.items()
-        )
-        episodes = len(lander.returns["rpil"].returns)
         return [
             f"Overcooked, {len(people.quality)} real people: {people.audit.finding}. Agreement of the ranking with a "
             f"score that it did not see: AUROC {people.auroc:.2f} (95 % interval {low:.2f} to {high:.2f}, the best "
             f"third against the worst), Spearman {people.spearman:.2f}.",
             f"LunarLander, 10 expert and 10 corrupted demonstrations: {lander.audit.finding}. "
             f"{lander.wrong_verdicts} of {len(lander.audit.ids)} verdicts wrong.",
-            f"Mean return over {episodes} landings (95 % interval): {', '.join(returns)}.",
+            lander.returns_sentence(),
         ]
 
     def write_report(self, path: str | os.PathLike[str]) -> None:
@@ -114,15 +121,13 @@ class DemoResult:
 def run(*, episodes: int = 100, seed: int = 0, progress: Progress | None = None) -> DemoResult:
     """Audit both bundled data sets, and play `episodes` landings with each policy.
 
-    A `DataError` if there are fewer than two episodes, which give no interval; a `MissingExtraError` if Gymnasium or
-    its Box2D environments are not installed.
+    Where Gymnasium or its Box2D environments are not installed no landing is played. A `DataError` if there are fewer
+    than two episodes, which give no interval.
     """
     if episodes < 2:
         raise DataError(f"The demo needs two landings or more for an interval, not {episodes}: raise episodes.")
     show = progress or (lambda _: None)
-    # The lander first, because it shows at once whether Gymnasium is installed.
-    lunarlander = _run_lunarlander(episodes, seed, show)
-    return DemoResult(_run_overcooked(seed, show), lunarlander)
+    return DemoResult(_run_overcooked(seed, show), _run_lunarlander(episodes, seed, show))
 
 
 def load_demonstrations(name: str) -> Demonstrations:
@@ -182,21 +187,23 @@ def _run_lunarlander(episodes: int, seed: int, progress: Progress) -> LunarLande
         show(0, episodes)
         return rollout(policy, LANDER_ENV, n_episodes=episodes, seed=seed, progress=show)
 
-    expert_returns = play(expert(LANDER_ENV), "expert")
     data = load_demonstrations(LUNARLANDER)
     model, seconds = _fit(data, LANDER_FEATURES, seed, progress, "LunarLander")
     is_good: Bool[Array, " M"] = load_truth(LUNARLANDER, "is_good") == 1
-    learned = {
+    policies: dict[str, Policy] = {
         "trust_all": BehavioralCloning(LANDER_FEATURES).fit(data),
         "rpil": model,
         "oracle": BehavioralCloning(LANDER_FEATURES).fit(data.select(is_good)),
+        "expert": expert(LANDER_ENV),
     }
-    return LunarLanderResult(
-        audit=model.audit_,
-        seconds=seconds,
-        returns={name: play(policy, name) for name, policy in learned.items()} | {"expert": expert_returns},
-        wrong_verdicts=int((np.array(model.audit_.verdicts) != np.where(is_good, "expert", "adversary")).sum()),
-    )
+    returns: dict[str, Returns] = {}
+    not_played = ""
+    try:
+        returns = {name: play(policy, name) for name, policy in policies.items()}
+    except MissingExtraError as error:
+        not_played = str(error)
+    wrong = int((np.array(model.audit_.verdicts) != np.where(is_good, "expert", "adversary")).sum())
+    return LunarLanderResult(model.audit_, seconds, returns, wrong, not_played)
 
 
 def _render_section(macro: str, *values: Any) -> Markup:
@@ -222,17 +229,22 @@ def _overcooked_article(result: OvercookedResult) -> Article:
 
 
 def _lunarlander_article(result: LunarLanderResult) -> Article:
-    means = {name: format_number(played.mean) for name, played in result.returns.items()}
-    figure = returns_figure([(POLICY_NAMES[name], p.mean, *p.ci95) for name, p in result.returns.items()])
+    summary = f"{result.audit.finding.capitalize()}; {result.wrong_verdicts} of {len(result.audit.ids)} verdicts wrong."
+    if result.not_played:
+        section = _render_section("lunarlander_not_played", result)
+    else:
+        means = {name: format_number(played.mean) for name, played in result.returns.items()}
+        summary += f" Mean return {means['rpil']}, and {means['trust_all']} when all are trusted."
+        figure = returns_figure([(POLICY_NAMES[name], p.mean, *p.ci95) for name, p in result.returns.items()])
+        section = _render_section("lunarlander_returns", result, figure, POLICY_NAMES)
     return Article(
         title="LunarLander: half of the demonstrations corrupted",
         audit=result.audit,
         source=LANDER_ENV,
-        summary=f"{result.audit.finding.capitalize()}; {result.wrong_verdicts} of {len(result.audit.ids)} verdicts "
-        f"wrong. Mean return {means['rpil']}, and {means['trust_all']} when all are trusted.",
+        summary=summary,
         sections=[
             ("The data", _render_section("lunarlander_data")),
-            ("Returns of the policies", _render_section("lunarlander_returns", result, figure, POLICY_NAMES)),
+            ("Returns of the policies", section),
         ],
         seconds=result.seconds,
     )

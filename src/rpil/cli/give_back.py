@@ -17,7 +17,6 @@ from rpil.cli.commands import (
 from rpil.cli.options import (
     FitOptions,
     OutputFile,
-    check_choices,
     pop_columns,
     quiet_option,
     with_column_options,
@@ -77,7 +76,6 @@ def keep(
     if options["features"] == "auto":
         options["features"] = "folded"  # the judge's, as in an audit: no policy is kept
     with show_stages(quiet, CommandSettings.current().timing) as progress:
-        check_choices(click.get_current_context())
         if verdicts is None:
             with connect_engine(scheduler, progress) as engine:
                 read = read_recording(file, columns, progress, resolve_stream(stream, scheduler))
@@ -97,7 +95,8 @@ def keep(
         else:
             formats.keep(file, output, kept, columns)
     click.echo(f"Kept {len(kept):,} of {len(ids):,} demonstrations: {output or file}")
-    print_lines(formats.commands_to_keep(file, ids, kept))
+    if not quiet:
+        print_lines(formats.commands_to_keep(file, ids, kept, output or ""))
 
 
 def _ids(file: str, columns: ColumnOptions, progress: StageProgress, stream: bool | None) -> tuple[Id, ...]:

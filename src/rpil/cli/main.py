@@ -5,9 +5,7 @@ from __future__ import annotations
 
 import shlex
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
-from pkgutil import resolve_name
+from contextlib import AbstractContextManager
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -20,10 +18,9 @@ from rpil.cli.completion import install_completion
 from rpil.cli.give_back import convert, keep
 from rpil.cli.info import info
 from rpil.cli.options import (
+    ERROR_CHOICE,
     FitOptions,
-    LibraryChoice,
     OutputFile,
-    check_choices,
     json_option,
     pop_columns,
     quiet_option,
@@ -40,15 +37,9 @@ if TYPE_CHECKING:
 N_LABELS = 3
 """Demonstrations that an audit proposes to label."""
 
-ERROR_NAMES = LibraryChoice(lambda: resolve_name("rpil.simulation.corruptions:KINDS"))
 
-
-@contextmanager
-def _show_stages(quiet: bool) -> Iterator[StageProgress]:
-    """Show the stages of a command; the first is to check its choices."""
-    with show_stages(quiet, CommandSettings.current().timing) as progress:
-        check_choices(click.get_current_context())
-        yield progress
+def _show_stages(quiet: bool) -> AbstractContextManager[StageProgress]:
+    return show_stages(quiet, CommandSettings.current().timing)
 
 
 @click.group("rpil", Commands, invoke_without_command=True, context_settings={"help_option_names": ["-h", "--help"]})
@@ -144,7 +135,8 @@ def audit(
     for title, path in outputs.items():
         if path is not None:
             click.echo(f"{title.capitalize()}: {path}", err=json_wanted)
-            terminal.print_lines(lines_after_output(title, file, result) if not json_wanted else ())
+            if not json_wanted and not quiet:
+                terminal.print_lines(lines_after_output(title, path, file, result))
 
 
 @main.command()
@@ -242,7 +234,7 @@ def evaluate(policy: str, env: str, episodes: int, json_wanted: bool, seed: int,
 
 @main.command()
 @click.option("--env", metavar="ID", required=True, help="An environment with a built-in expert, as MountainCar-v0.")
-@click.option("--kind", type=ERROR_NAMES, required=True, help="The error in the bad demonstrations.")
+@click.option("--kind", type=ERROR_CHOICE, required=True, help="The error in the bad demonstrations.")
 @click.option("--good", type=click.IntRange(0), required=True, help="Number of demonstrations of the expert.")
 @click.option("--bad", type=click.IntRange(0), required=True, help="Number of demonstrations with the error.")
 @click.option(

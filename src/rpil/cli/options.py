@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import reduce
-from pkgutil import resolve_name
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -31,34 +30,26 @@ class FitOptions:
     resume: bool
 
 
-class LibraryChoice(click.Choice[str]):
+class NameChoice(click.Choice[str]):
     """A choice among names of the library, in which the shell may write hyphens for spaces.
 
-    `load` returns the names. It is called when they are needed, because their modules take long to import.
+    The names are written here once more, because the modules that define them take seconds to import, too long for
+    ``--help``; `tests/cli/test_options.py` compares them.
     """
 
-    def __init__(self, load: Callable[[], Iterable[str]]) -> None:
-        self.load = load
-        self.case_sensitive = True
-
-    @property
-    def choices(self) -> tuple[str, ...]:  # type: ignore[override]
-        """The names as written in the shell."""
-        return tuple(name.replace(" ", "-") for name in self.load())
+    def __init__(self, *names: str) -> None:
+        super().__init__([name.replace(" ", "-") for name in names])
 
     def convert(self, value: str, param: click.Parameter | None, ctx: click.Context | None) -> str:
-        return value.replace("-", " ")
-
-    def check(self, value: str, param: click.Parameter, ctx: click.Context) -> None:
-        """A usage error where `value` is not among the names."""
-        super().convert(value.replace(" ", "-"), param, ctx)
+        return super().convert(value.replace(" ", "-"), param, ctx).replace("-", " ")
 
 
-def check_choices(ctx: click.Context) -> None:
-    """Check all choices among names of the library: not while options are read, when no progress can be shown."""
-    for param in ctx.command.params:
-        if isinstance(param.type, LibraryChoice):
-            param.type.check(ctx.params[str(param.name)], param, ctx)
+FEATURE_CHOICE = NameChoice("auto", "raw", "folded", "spline", "poly", "nystroem")
+ADVERSARY_CHOICE = NameChoice(
+    *("auto", "constant", "uniform", "marginal", "complement", "normalised complement", "confusion", "own policy")
+)
+MINORITY_CHOICE = NameChoice("ask", "trust", "distrust")
+ERROR_CHOICE = NameChoice("corrupted", "random", "flip", "shift", "noisy", "window", "sensor")
 
 
 class OutputFile(click.Path):
@@ -70,12 +61,6 @@ class OutputFile(click.Path):
 
     def convert(self, value: StrPath, param: click.Parameter | None, ctx: click.Context | None) -> str:
         return str(check_extension(value, self.extensions, param.opts[-1] if param else ""))
-
-
-def _adversaries() -> Iterable[str]:
-    from rpil.mixture.adversaries.named import ADVERSARIES
-
-    return dict.fromkeys(["auto", *(name for kind in ADVERSARIES.values() for name in kind)])
 
 
 def _limit_memory(ctx: click.Context, param: click.Parameter, size: str | None) -> str | None:
@@ -127,21 +112,21 @@ FIT_OPTIONS = (
     ),
     click.option(
         "--features",
-        type=LibraryChoice(lambda: resolve_name("rpil.policies.features:FEATURES")),
+        type=FEATURE_CHOICE,
         default="auto",
         show_default=True,
         help="Features of the observations for the policy.",
     ),
     click.option(
         "--adversary",
-        type=LibraryChoice(_adversaries),
+        type=ADVERSARY_CHOICE,
         default="auto",
         show_default=True,
         help="Model of the actions of bad demonstrators; auto needs none.",
     ),
     click.option(
         "--minority",
-        type=LibraryChoice(lambda: resolve_name("rpil.inference.settings:MINORITY")),
+        type=MINORITY_CHOICE,
         default="ask",
         show_default=True,
         help="What to do about a second group that acts differently from the first: ask for a label, trust it too, or "

@@ -69,14 +69,14 @@ def write_outputs(
             tell_if_interrupted(f"{path} is written")
 
 
-def lines_after_output(title: str, source: str, audit: Audit) -> list[str]:
-    """What to do with the file of an output, where the tool that wrote the data at `source` takes it."""
+def lines_after_output(title: str, path: str, source: str, audit: Audit) -> list[str]:
+    """What to do with the file at `path`, an output, where the tool that wrote the data at `source` takes it."""
     from rpil.data import formats
 
     if title == "weights":
         return formats.notes_on_weights(source)
     kept = [name for name, verdict in zip(audit.ids, audit.verdicts, strict=True) if verdict == "expert"]
-    return formats.commands_to_keep(source, audit.ids, kept) if title == "keep" and kept else []
+    return formats.commands_to_keep(source, audit.ids, kept, path) if title == "keep" and kept else []
 
 
 def judged_within(audit: Audit) -> tuple[str, ...]:

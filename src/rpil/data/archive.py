@@ -7,7 +7,6 @@ registered classes only, and checks the type and the shape of every array agains
 
 from __future__ import annotations
 
-import io
 import json
 import zipfile
 from collections.abc import Callable, Mapping
@@ -17,12 +16,11 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
-from numpy.lib import format as npy
 
 from rpil.data.errors import DataError
-from rpil.data.files import StrPath, replacing
+from rpil.data.files import StrPath, check_exists, replacing
 from rpil.data.memory import check_memory
-from rpil.data.npy import read_arrays
+from rpil.data.npy import new_member, read_arrays, write_arrays
 from rpil.numerics.types import Array
 
 VERSION = 6
@@ -85,18 +83,8 @@ def rpil_version() -> str:
 def write_archive(path: StrPath, header: Mapping[str, object], arrays: Mapping[str, Array]) -> None:
     """Write a header and arrays to a file, which is whole or not there."""
     with replacing(path) as temporary, zipfile.ZipFile(temporary, "w") as archive:
-        archive.writestr(_member(_HEADER), json.dumps(header, indent=1))
-        for name, array in arrays.items():
-            stream = io.BytesIO()
-            npy.write_array(stream, array, allow_pickle=False)
-            archive.writestr(_member(f"{name}.npy"), stream.getvalue())
-
-
-def _member(name: str) -> zipfile.ZipInfo:
-    """A member of the archive without the time of writing, so that equal models give equal files."""
-    info = zipfile.ZipInfo(name)
-    info.external_attr = 0o600 << 16  # readable when unpacked
-    return info
+        archive.writestr(new_member(archive, _HEADER), json.dumps(header, indent=1))
+        write_arrays(archive, arrays)
 
 
 def encode(value: object, name: str, arrays: dict[str, Array]) -> Json:
@@ -183,7 +171,7 @@ def read_archive(path: Path, schema: str, otherwise: str) -> tuple[Header, dict[
     another `schema`. Arrays that the header does not name are refused, and never decoded.
     """
     foreign, damaged = f"{path}: {otherwise}.", f"{path}: it is damaged or truncated; fit and save it again."
-    if not zipfile.is_zipfile(path):
+    if not zipfile.is_zipfile(check_exists(path)):
         with path.open("rb") as file:
             raise DataError(damaged if file.read(2) == b"PK" else foreign)
     try:

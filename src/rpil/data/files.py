@@ -6,9 +6,12 @@ import os
 import platform
 import re
 import shutil
+import stat
+import time
 import uuid
 import zlib
 from collections.abc import Collection, Iterable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, suppress
 from difflib import get_close_matches
 from fnmatch import fnmatch
@@ -18,6 +21,11 @@ from rpil.data.errors import DataError
 
 _TABLES = (".parquet", ".csv", ".npz")
 """Extensions of files that are read as data where they lie in a folder of data."""
+
+_SYNCED_AT_ONCE = 32
+"""Files: a disk writes many at once as fast as one."""
+
+_TRIES, _PAUSE = 10, 0.1  # in seconds
 
 StrPath = str | os.PathLike[str]
 
@@ -32,13 +40,15 @@ def check_extension(path: StrPath, extensions: Collection[str], use: str = "") -
 
 
 def check_exists(path: StrPath) -> Path:
-    """`path`, or a `DataError` with names like it where it is missing."""
+    """`path`, or a `DataError` where it is missing, with names like it, or is a pipe or device."""
     path = Path(path)
     if not path.exists():
         there = os.listdir(path.parent) if path.parent.is_dir() else []
         close = get_close_matches(path.name, there, 1)
         hint = f"perhaps it is {str(path.parent / close[0])!r}" if close else "check the path"
         raise DataError(f"{path}: there is no such file or folder; {hint}.")
+    if not (path.is_file() or path.is_dir()):  # to open a pipe is to wait for it
+        raise DataError(f"{path}: it is neither a file nor a folder; give the path of one.")
     return path
 
 
@@ -71,46 +81,75 @@ def check_writable(path: StrPath) -> Path:
 def replacing(path: StrPath) -> Iterator[Path]:
     """Yield a path beside `path` to write to, which replaces `path` if the block ends without an error.
 
-    A `DataError` where `path` cannot be written; a file that was there stays as it was. What killed processes of this
-    computer left of earlier tries is removed.
+    A `DataError` where `path` cannot be written; a file that was there stays as it was, and a file that is replaced
+    gives its permissions to the new one. What killed processes of this computer left of earlier tries is removed.
     """
     # A link stays a link: what it points to is replaced.
     target = Path(os.path.realpath(check_writable(path)))
-    # The suffix is kept, because some writers (numpy.savez) add their own to a name without it.
-    mark = f".{target.stem}.{zlib.crc32(platform.node().encode()):08x}-"
-    temporary = target.with_name(f"{mark}{os.getpid()}-{uuid.uuid4().hex[:8]}{target.suffix}")
-    _remove_abandoned(target.parent, mark, target.suffix)
-    try:
+    with _told_of(path), beside(target) as temporary:
+        mode = stat.S_IMODE(target.stat().st_mode) if target.exists() else None
+        if mode is not None:  # from the start, so that private data are never readable
+            os.close(os.open(temporary, os.O_CREAT | os.O_EXCL | os.O_WRONLY, mode | stat.S_IRUSR | stat.S_IWUSR))
         yield temporary
+        _sync(temporary)
+        if mode is not None and mode != stat.S_IMODE(temporary.stat().st_mode):
+            temporary.chmod(mode)
         os.replace(temporary, target)
-    except OSError as error:
-        raise DataError(f"{path}: it cannot be written ({error.strerror or type(error).__name__}).") from error
-    finally:
-        temporary.unlink(missing_ok=True)
+        _sync(target.parent)
 
 
 @contextmanager
 def new_folder(path: StrPath) -> Iterator[Path]:
     """Yield a folder beside `path` to fill, which is called `path` if the block ends without an error.
 
-    A `DataError` where `path` is there already, or cannot be written.
+    A `DataError` where `path` is there already, or cannot be written. What killed processes left is removed.
     """
     path = Path(path)
     if path.exists():
         raise DataError(f"{path}: it is there already; give the path of a new folder.")
-    temporary = check_writable(path).with_name(f".{path.name}-{os.getpid()}-{uuid.uuid4().hex[:8]}")
-    try:
+    with _told_of(path), beside(check_writable(path)) as temporary:
         temporary.mkdir()
         yield temporary
+        with ThreadPoolExecutor(_SYNCED_AT_ONCE) as pool:
+            list(pool.map(_sync, temporary.rglob("*")))
+        _sync(temporary)
         os.rename(temporary, path)
+        _sync(path.parent)
+
+
+@contextmanager
+def _told_of(path: StrPath) -> Iterator[None]:
+    """A `DataError` that names `path`, the output, instead of an error of the system."""
+    try:
+        yield
     except OSError as error:
-        raise DataError(f"{path}: it cannot be written ({error.strerror or type(error).__name__}).") from error
+        # Libraries put more into the text of the error than what the system says.
+        raise cannot_be_written(path, os.strerror(error.errno) if error.errno else type(error).__name__) from error
+
+
+def cannot_be_written(path: StrPath, reason: str) -> DataError:
+    """The error that names `path`, the output, and what went wrong."""
+    return DataError(f"{path}: it cannot be written ({reason}).")
+
+
+@contextmanager
+def beside(path: Path) -> Iterator[Path]:
+    """Yield the path of a temporary file or folder beside `path`, which is removed at the end if it is there.
+
+    What killed processes of this computer left beside `path` is removed first.
+    """
+    # The suffix is kept, because some writers (numpy.savez) add their own to a name without it.
+    mark = f".{path.stem}.{zlib.crc32(platform.node().encode()):08x}-"
+    temporary = path.with_name(f"{mark}{os.getpid()}-{uuid.uuid4().hex[:8]}{path.suffix}")
+    _remove_abandoned(path.parent, mark, path.suffix)
+    try:
+        yield temporary
     finally:
-        shutil.rmtree(temporary, ignore_errors=True)
+        _remove(temporary)
 
 
 def _remove_abandoned(folder: Path, mark: str, suffix: str) -> None:
-    """Remove the temporary files of one output whose process has ended."""
+    """Remove the temporary files and folders of one output whose process has ended."""
     if os.name != "posix":  # elsewhere os.kill would end the process instead of asking for it
         return
     name = re.compile(rf"{re.escape(mark)}(\d+)-[0-9a-f]{{8}}{re.escape(suffix)}")
@@ -119,10 +158,37 @@ def _remove_abandoned(folder: Path, mark: str, suffix: str) -> None:
             try:
                 os.kill(int(found[1]), 0)
             except ProcessLookupError:
-                with suppress(OSError):
-                    (folder / file).unlink()
+                _remove(folder / file)
             except (OSError, OverflowError):
                 pass  # the process of another user, which lives
+
+
+def _remove(path: Path) -> None:
+    """Remove a file or a folder, where it is there and may be removed; a link is removed, and not what it leads to."""
+    if path.is_symlink() or not path.is_dir():
+        with suppress(OSError):
+            path.unlink(missing_ok=True)
+        return
+    for _ in range(_TRIES):
+        if not path.exists():
+            return
+        shutil.rmtree(path, ignore_errors=True)
+        time.sleep(_PAUSE)  # threads of a library may go on to write for a while
+
+
+def _sync(path: Path) -> None:
+    """Wait until a file, or the list of what is in a folder, is on the disk, so that a power cut cannot lose it."""
+    is_folder, is_posix = path.is_dir(), os.name == "posix"
+    if is_folder and not is_posix:  # elsewhere a folder cannot be opened
+        return
+    opened = os.open(path, os.O_RDONLY if is_posix else os.O_RDWR)
+    try:
+        os.fsync(opened)
+    except OSError:
+        if not is_folder:  # which some file systems cannot sync
+            raise
+    finally:
+        os.close(opened)
 
 
 def check_outputs(inputs: Iterable[StrPath | None], *outputs: StrPath | None) -> None:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 import zipfile
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from pathlib import Path
 
 import numpy as np
 from numpy.lib import format as npy
@@ -31,6 +32,26 @@ def declared(archive: zipfile.ZipFile, member: str) -> tuple[tuple[int, ...], np
     with archive.open(member) as stream:
         shape, _, dtype = _READ_HEAD[npy.read_magic(stream)](stream)
     return shape, dtype
+
+
+def write_npz(path: Path, arrays: Mapping[str, Array]) -> None:
+    """Write an NPZ file. Arrays may have any names; to `numpy.savez_compressed` some are arguments of its own."""
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+        write_arrays(archive, arrays)
+
+
+def write_arrays(archive: zipfile.ZipFile, arrays: Mapping[str, Array]) -> None:
+    """Add arrays as members ``NAME.npy``; a `ValueError` where one holds Python objects."""
+    for name, array in arrays.items():
+        with archive.open(new_member(archive, f"{name}.npy"), "w", force_zip64=True) as stream:
+            npy.write_array(stream, array, allow_pickle=False)
+
+
+def new_member(archive: zipfile.ZipFile, name: str) -> zipfile.ZipInfo:
+    """A member to write, without the time of writing, so that equal contents give equal files."""
+    member = zipfile.ZipInfo(name)
+    member.compress_type = archive.compression
+    return member
 
 
 def _declared_bytes(archive: zipfile.ZipFile, member: str) -> int:

@@ -1,3 +1,5 @@
+import os
+
 import numpy as np
 import pytest
 
@@ -35,18 +37,33 @@ def test_a_file_of_several_demonstrations_is_not_read_as_one(tmp_path):
     assert formats.read(tmp_path).ids == ("walker",)
 
 
-def test_kept_files_are_links_numbered_from_zero(tmp_path):
+def test_kept_files_are_numbered_from_zero(tmp_path, monkeypatch):
     folder, output = aloha(tmp_path / "cube", 11), tmp_path / "kept"
     formats.keep(folder, output, ["episode_10", "episode_2"])
     assert (
         output / "kept.csv"
     ).read_text() == "link,file\nepisode_0.hdf5,episode_2.hdf5\nepisode_1.hdf5,episode_10.hdf5\n"
-    assert (output / "episode_1.hdf5").readlink() == folder / "episode_10.hdf5"
+    assert (output / "episode_1.hdf5").samefile(folder / "episode_10.hdf5")  # which takes no room
+    assert not (output / "episode_1.hdf5").is_symlink()
     again, first = formats.read(output), formats.read(folder).select([2, 10])
     assert again.ids == ("episode_0", "episode_1")
     np.testing.assert_array_equal(again.observations, first.observations)
     with pytest.raises(DataError, match="kept: it is there already"):
         formats.keep(folder, output, ["episode_1"])
+    monkeypatch.setattr("pathlib.Path.hardlink_to", lambda *_: os.link("no", "where"))  # as to another disk
+    formats.keep(folder, tmp_path / "copied", ["episode_2"])
+    assert (tmp_path / "copied" / "episode_0.hdf5").read_bytes() == (folder / "episode_2.hdf5").read_bytes()
+
+
+def test_files_that_are_links_out_of_the_folder_are_refused(tmp_path):
+    folder = aloha(tmp_path / "cube")
+    (folder / "episode_1.hdf5").rename(tmp_path / "secret.hdf5")
+    (folder / "episode_1.hdf5").symlink_to(tmp_path / "secret.hdf5")
+    for use in (formats.read, lambda path: formats.keep(path, tmp_path / "kept", ["episode_1"])):
+        with pytest.raises(DataError, match=r"episode_1\.hdf5: it is a link that leads out"):
+            use(folder)
+    assert not (tmp_path / "kept").exists()
+    assert formats.read(folder / "episode_1.hdf5").ids == ("episode_1",)  # named itself, it may be a link
 
 
 def test_other_names_stay(tmp_path):

@@ -2,6 +2,8 @@
 
 import json
 import shlex
+import subprocess
+import sys
 
 import numpy as np
 import pandas as pd
@@ -10,6 +12,7 @@ import pyarrow.parquet as pq
 import pytest
 
 import rpil
+from hostile import full_disk
 from rpil.data import formats
 from rpil.data.errors import DataError
 
@@ -177,3 +180,39 @@ def test_lines_of_json_of_version_2(dataset):
     assert recording.description.format == "LeRobot v2.1, 2 files"
     with pytest.raises(DataError, match="data of this version can be cut by LeRobot only"):
         formats.keep(dataset, dataset.with_name("kept"), [1])
+
+
+@pytest.mark.parametrize("place", ["meta/extra", "meta/note.txt", "data/chunk-000/file-002.parquet"])
+def test_what_a_link_leads_to_is_not_published(dataset, place):
+    secret = dataset.with_name("home")
+    secret.mkdir()
+    (secret / "id_rsa").write_text("key")
+    (dataset / place).symlink_to(secret / "id_rsa" if (dataset / place).suffix else secret)
+    for use in (rpil.read, rpil.open_dataset, lambda path: formats.keep(path, path.with_name("kept"), [1])):
+        with pytest.raises(DataError, match=f"{place}: it is a link that leads out"):
+            use(dataset)
+    assert not dataset.with_name("kept").exists()
+
+
+@pytest.mark.parametrize("path", ["", "data/chunk-000/file-001.parquet", "data"])
+def test_a_full_disk_is_not_blamed_on_the_data(tmp_path, path):
+    dataset = write(tmp_path / "drive", (2000, 2000, 2000, 2000))
+    output = dataset.with_name(f"kept{(dataset / path).suffix}")
+    with full_disk(20_000), pytest.raises(DataError, match=f"{output.name}: it cannot be written"):
+        formats.keep(dataset / path, output, [3])
+    assert [file.name for file in dataset.parent.iterdir()] == ["drive"]
+
+
+def test_long_lists_are_read_from_a_file_by_the_shell(dataset):
+    output, ids = dataset.with_name("my keep.json"), range(2000)
+    output.write_text(json.dumps({"episodes": [*range(0, 2000, 2)]}))
+    lines = formats.commands_to_keep(dataset, ids, ids[::2], output)
+    assert sum(map(len, lines)) < 2000
+    for line, expected in zip(lines, (ids[::2], ids[1::2], ids[1::2]), strict=True):
+        words = line.partition(": ")[2].replace("$(python ", f"$({shlex.quote(sys.executable)} ")
+        printed = subprocess.check_output(["sh", "-c", f"printf '%s\\n' {words}"], text=True).splitlines()
+        assert json.loads(printed[-1].rpartition("=")[2]) == [*expected]
+    assert len(formats.commands_to_keep(dataset, range(1, 2001), ids[2::2], output)) == 1  # other numbers are there
+    (hint,) = formats.commands_to_keep(dataset, ids, ids[::2], dataset.with_name("kept"))
+    assert "keep.json" in hint
+    assert len(hint) < 200 + len(str(dataset))

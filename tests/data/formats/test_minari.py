@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 import rpil
+from hostile import full_disk
 from rpil.data import formats
 from rpil.data.errors import DataError
 
@@ -178,3 +179,28 @@ def test_damaged_minari(tmp_path):
     (path / "data/main_data.hdf5").write_text("no HDF5")
     with pytest.raises(DataError, match=r"main_data\.hdf5"):
         rpil.read(path)
+
+
+@pytest.mark.parametrize("place", ["data/0/extra", "0/extra"])
+def test_a_link_in_an_episode_is_not_published(tmp_path, place):
+    """Nor where an empty folder ``data`` is put beside the episodes."""
+    path, secret = tmp_path / "set-v0", tmp_path / "home"
+    path.mkdir()
+    secret.mkdir()
+    write(path, "arrow", ACTIONS["discrete"], lengths=(3, 2, 4))
+    if place.startswith("0"):
+        for file in list((path / "data").iterdir()):
+            file.rename(path / file.name)
+    (path / place).symlink_to(secret)
+    with pytest.raises(DataError):
+        formats.keep(path, tmp_path / "kept", [0])
+    assert not (tmp_path / "kept").exists()
+
+
+def test_a_full_disk_is_not_blamed_on_the_data(tmp_path):
+    path = tmp_path / "set-v0"
+    path.mkdir()
+    write(path, "hdf5", ACTIONS["box"], lengths=(100, 200))
+    with full_disk(20_000), pytest.raises(DataError, match="kept: it cannot be written"):
+        formats.keep(path, tmp_path / "kept", [0, 1])
+    assert [file.name for file in tmp_path.iterdir()] == ["set-v0"]

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 from hdf5_files import h5py, robomimic
+from hostile import full_disk
 from rpil.data import formats
 from rpil.data.errors import DataError
 from rpil.data.formats.columns import ColumnOptions
@@ -145,3 +146,30 @@ def test_a_file_as_robosuite_wrote_it():
     assert recording.demonstrations.observations.shape == (50, 45)
     assert recording.demonstrations.actions.shape == (50, 7)
     assert "joint_torques" in recording.description.ignored
+
+
+def test_filter_keys_in_other_files_are_not_read(tmp_path):
+    path, output = robomimic(tmp_path / "lift.hdf5"), tmp_path / "kept.hdf5"
+    with h5py.File(tmp_path / "other.hdf5", "w") as other:
+        other["names"] = np.array(["demo_0", "demo_2"], dtype="S")
+    layout = h5py.VirtualLayout((2,), "S6")
+    layout[:] = h5py.VirtualSource(tmp_path / "other.hdf5", "names", (2,), "S6")
+    with h5py.File(path, "a") as file:
+        file.create_virtual_dataset("mask/elsewhere", layout)
+        file["mask/link"] = h5py.ExternalLink(tmp_path / "other.hdf5", "names")
+        file.create_group("mask/group")
+    formats.keep(path, output, ["demo_0", "demo_10"])
+    with h5py.File(output) as file:
+        assert {key: names[()].tolist() for key, names in file["mask"].items()} == {
+            "train": [b"demo_0"],
+            "valid": [b"demo_10"],
+        }
+
+
+@pytest.mark.parametrize("write", [formats.keep, write_mask])
+def test_a_full_disk_is_not_blamed_on_the_data(tmp_path, write):
+    path, output = robomimic(tmp_path / "lift.hdf5"), tmp_path / "kept.hdf5"
+    with full_disk(20_000), pytest.raises(DataError, match=r"kept\.hdf5: it cannot be written") as caught:
+        write(path, output, ["demo_0", "demo_10"])
+    assert len(str(caught.value)) < len(str(output)) + 100  # and no text of the library
+    assert [file.name for file in tmp_path.iterdir()] == ["lift.hdf5"]

@@ -1,6 +1,7 @@
 """What is kept of a file is read as the same demonstrations were, and everything else of it is still there."""
 
 import gzip
+import zipfile
 from pathlib import Path
 
 import numpy as np
@@ -46,6 +47,22 @@ def test_own_files(tmp_path, demonstrations, suffix):
         assert np.load(output)["is_good"].tolist() == [True, True]
     else:
         assert "is_good" in (pq.read_schema(output).names if suffix == ".parquet" else output.read_text())
+
+
+def test_arrays_of_any_name_are_written_and_kept(tmp_path, demonstrations):
+    """Those of `numpy.savez` may not be called as its arguments are."""
+    truth = {name: np.arange(4.0) for name in ("file", "allow_pickle", "path", "archive", "args")}
+    path, output = tmp_path / "all.npz", tmp_path / "some.npz"
+    formats.write(path, demonstrations, truth)
+    formats.keep(path, output, KEPT)
+    assert_kept(path, output)
+    for file, values in ((path, [0, 1, 2, 3]), (output, [0, 3])):
+        with zipfile.ZipFile(file) as stored:
+            names = {name.removesuffix(".npy") for name in stored.namelist()}
+            assert {member.compress_type for member in stored.infolist()} == {zipfile.ZIP_DEFLATED}
+        assert names == {"observations", "actions", "episode_ids", "observation_names", *truth}
+        with np.load(file, allow_pickle=False) as arrays:
+            assert all(arrays[name].tolist() == values for name in truth)
 
 
 def test_lines_of_text_stay_as_they_are(tmp_path):

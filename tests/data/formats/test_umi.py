@@ -9,7 +9,7 @@ zarr = pytest.importorskip("zarr", minversion="3", reason="needs the extra zarr"
 
 def test_actions_of_umi_are_moves(tmp_path):
     rng, ends = np.random.default_rng(0), np.array([5, 5, 12])
-    turns = Rotation.random(12, rng=rng)
+    turns = Rotation.from_quat(rng.normal(size=(12, 4)))
     arrays = {
         "robot0_eef_pos": rng.normal(size=(12, 3)),
         "robot0_eef_rot_axis_angle": turns.as_rotvec(),

@@ -1,5 +1,8 @@
 import json
+import os
 import shutil
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -101,3 +104,31 @@ def test_hostile_zarr(tmp_path):
     (path / "meta/episode_ends/0").write_bytes(np.array([4, 10**15, 10**16]).tobytes())
     with pytest.raises(DataError, match="more than the"):
         rpil.read(path)
+
+
+@pytest.mark.parametrize("place", ["data/img/4.0.0.0", "data/action/1.0", "data/key"])
+def test_a_chunk_that_is_a_link_out_of_the_store_is_not_published(tmp_path, place):
+    path, secret = tmp_path / "buffer.zarr", tmp_path / "key"
+    write_buffer(path)
+    secret.write_bytes(bytes(24))
+    (path / place).unlink(missing_ok=True)
+    (path / place).symlink_to(secret)
+    for use in (rpil.read, lambda path: formats.keep(path, tmp_path / "kept.zarr", [1])):
+        with pytest.raises(DataError, match=f"{place}: it is a link that leads out"):
+            use(path)
+    assert not (tmp_path / "kept.zarr").exists()
+
+
+@pytest.mark.slow
+def test_a_zip_file_leaves_nothing_beside_it(tmp_path):
+    path, output = tmp_path / "buffer.zarr", tmp_path / "out" / "kept.zarr.zip"
+    write_buffer(path)
+    path = shutil.make_archive(str(path), "zip", path)
+    output.parent.mkdir()
+    script = "import os, sys; from rpil.data import formats; from rpil.data.formats import zarr\n"
+    script += "zarr._create = lambda *_: os.kill(os.getpid(), 9)\n"
+    script += "formats.keep(sys.argv[1], sys.argv[2], [1])"
+    subprocess.run([sys.executable, "-c", script, path, output], check=False)
+    assert all(name.startswith(".kept.zarr.") for name in os.listdir(output.parent))
+    formats.keep(path, output, [1])
+    assert os.listdir(output.parent) == [output.name]

@@ -14,7 +14,7 @@ from rpil.data.arrays import ActionKind, Id, as_array
 from rpil.data.demonstrations import SOURCE, Demonstrations
 from rpil.data.errors import DataError
 from rpil.data.files import StrPath, check_exists, check_extension, check_readable, check_writable
-from rpil.data.formats import csv, folder, lerobot_folder, npz, parquet, robomimic
+from rpil.data.formats import csv, folder, hdf5, lerobot_folder, npz, parquet, robomimic
 from rpil.data.formats.arrow import Frame, read_frame
 from rpil.data.formats.columns import ColumnOptions, Names
 from rpil.data.formats.dataset import open_dataset
@@ -33,6 +33,9 @@ __all__ = ["ColumnOptions", "Description", "Label", "Recording", "match_labels",
 
 FORMATS: dict[str, ModuleType] = {".parquet": parquet, ".csv": csv, ".npz": npz}
 """Extension -> module with `read(path, options)`, for a `Recording`, and `write(path, demonstrations, truth)`."""
+
+_OF_TABLES = {*FORMATS, ".tsv", ".txt", ".gz", ".json"}
+_OF_ARCHIVES = {*hdf5.SUFFIXES, ".zip"}
 
 
 def check_format(path: StrPath) -> Path:
@@ -175,9 +178,12 @@ def write_mask(path: StrPath, ids: Sequence[Id]) -> None:
     robomimic.write_mask(path, path, ids)
 
 
-def commands_to_keep(path: StrPath, ids: Sequence[object], kept: Sequence[object]) -> list[str]:
-    """Lines with what to give the tool that wrote the data, so that it takes those `kept` among `ids` only."""
-    return lerobot_folder.commands(Path(path), ids, kept) if lerobot_folder.is_mine(Path(path)) else []
+def commands_to_keep(path: StrPath, ids: Sequence[object], kept: Sequence[object], output: StrPath = "") -> list[str]:
+    """Lines with what to give the tool that wrote the data, so that it takes those `kept` among `ids` only.
+
+    `output` is the file or folder to which `keep` wrote these: a JSON file stands for lists too long to be read.
+    """
+    return lerobot_folder.commands(Path(path), ids, kept, output) if lerobot_folder.is_mine(Path(path)) else []
 
 
 def notes_on_weights(path: StrPath) -> list[str]:
@@ -194,9 +200,13 @@ def check_keep(path: StrPath, output: StrPath) -> tuple[Path, Path]:
         raise DataError(f"{output}: it is the data themselves, or in them; give another path.")
     if output.is_dir():
         raise DataError(f"{output}: it is there already; give the path of a new folder.")
-    if lerobot_folder.is_mine(path):
+    layout, suffix = find_layout(path), output.suffix.lower()
+    is_list = layout is lerobot_folder and suffix == ".json"
+    if path.is_dir() and suffix in {*_OF_TABLES, *_OF_ARCHIVES} and not is_list:
+        raise DataError(f"{output}: the data are a folder, so name a folder, or write a table with rpil convert.")
+    if layout is lerobot_folder:
         lerobot_folder.check_output(path, output)
-    if path.is_file() and find_layout(path) is None and output.suffix.lower() != path.suffix.lower():
+    if path.is_file() and (layout is None or suffix in _OF_TABLES) and suffix != path.suffix.lower():
         raise DataError(f"{output}: give it the extension {path.suffix}, or write another format with rpil convert.")
     return path, check_writable(output)
 

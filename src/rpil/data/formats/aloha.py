@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import shutil
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,7 +22,7 @@ from rpil.data.formats.recording import Recording
 from rpil.data.formats.table import check_ids
 
 LINK_TABLE = "kept.csv"
-"""The file in the folder of links that says what each link leads to."""
+"""The table in the kept folder that says what each file was called."""
 
 _FILE_NAME = "name of the file"
 
@@ -64,21 +65,29 @@ def _read_part(name: str, path: Path) -> tuple[Part, tuple[str, ...]]:
 
 
 def keep(path: Path, output: Path, ids: Sequence[Id]) -> None:
-    """Make a new folder of links to the files called `ids`, and the table ``kept.csv`` of what each leads to.
+    """Make a new folder of the files called `ids`, and the table ``kept.csv`` of what each was called.
 
-    Links to ``episode_*.hdf5`` are numbered again from 0, because ACT reads as many files as it is told, by number.
+    A file gets a second name (a hard link), which takes no room; on another disk it is copied. ``episode_*.hdf5`` are
+    numbered again from 0, because ACT reads as many files as it is told, by number.
     """
     files = _files(path)
     check_ids(ids, files, path.name, "the ids")
     wanted = set(map(str, ids))
-    kept = [file.resolve() for name, file in files.items() if name in wanted]
+    kept = [file for name, file in files.items() if name in wanted]
     numbered = all(re.fullmatch(r"episode_\d+", name) for name in files)
     links = [f"episode_{k}{file.suffix}" if numbered else file.name for k, file in enumerate(kept)]
     with new_folder(output) as folder:
         for link, file in zip(links, kept, strict=True):
-            (folder / link).symlink_to(file)
+            _link_or_copy(file.resolve(), folder / link)
         rows = [f"{link},{file.name}\n" for link, file in zip(links, kept, strict=True)]
         (folder / LINK_TABLE).write_text("".join(["link,file\n", *rows]), encoding="utf-8")
+
+
+def _link_or_copy(file: Path, new: Path) -> None:
+    try:
+        new.hardlink_to(file)
+    except OSError:  # on another disk, of another user, or where files have one name only
+        shutil.copyfile(file, new)
 
 
 def _files(path: Path) -> dict[str, Path]:

@@ -33,7 +33,8 @@ def read_frame(frame: Frame, options: ColumnOptions = ColumnOptions()) -> Record
     import pyarrow as pa
 
     try:
-        table = pa.table(frame)
+        # A table is none to convert: before pyarrow 25 the copy of a column of text views ended the process.
+        table = frame if isinstance(frame, pa.Table) else pa.table(frame)
     except (pa.ArrowException, TypeError, ValueError) as error:
         reason = " ".join(str(error.args[0]).split())[:80].replace(". ", ", ").rstrip(".")
         raise DataError(f"{FRAME}: a column holds values of mixed types ({reason}); convert them.") from error

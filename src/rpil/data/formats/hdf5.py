@@ -5,17 +5,19 @@ No link is followed, because links lead to other files, or in circles.
 
 from __future__ import annotations
 
+import os
+import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
 from rpil.data.arrays import Id
 from rpil.data.errors import DataError, MissingExtraError
-from rpil.data.files import check_readable, replacing
+from rpil.data.files import cannot_be_written, check_readable, replacing
 from rpil.data.formats.columns import ColumnOptions
 from rpil.data.formats.description import listed
 from rpil.data.formats.names import natural_key
@@ -29,6 +31,7 @@ if TYPE_CHECKING:
 SUFFIXES = (".hdf5", ".h5")
 ACTIONS = ("actions", "action")
 
+_WRITE_FAILED = re.compile(r"write failed.*errno = (\d+)", re.DOTALL)  # in the messages of HDF5
 _SIGNATURE = b"\x89HDF\r\n\x1a\n"
 
 
@@ -71,12 +74,24 @@ def opened(path: Path) -> Iterator[h5py.File]:
 @contextmanager
 def copying(path: Path, output: Path) -> Iterator[tuple[h5py.File, h5py.File]]:
     """The file at `path`, to be read, and a new one, which is at `output` once it is whole."""
-    with opened(path) as source:
-        import h5py
+    with opened(path) as source, replacing(output) as temporary, writing(temporary, output) as new:
+        copy_attributes(source, new)
+        yield source, new
 
-        with replacing(output) as temporary, h5py.File(temporary, "w") as new:
-            copy_attributes(source, new)
-            yield source, new
+
+@contextmanager
+def writing(path: Path, output: Path, mode: Literal["w", "r+"] = "w") -> Iterator[h5py.File]:
+    """The file at `path`, to be written; a `DataError` that names the `output` where the system fails to write it."""
+    import h5py
+
+    try:
+        with h5py.File(path, mode) as file:
+            yield file
+    except (OSError, RuntimeError) as error:  # of h5py, for the same cause
+        failed = _WRITE_FAILED.search(str(error))
+        if failed is None:
+            raise
+        raise cannot_be_written(output, os.strerror(int(failed[1]))) from error
 
 
 def copy_attributes(source: h5py.Group, new: h5py.Group) -> None:

@@ -22,7 +22,7 @@ from rpil.data.formats.columns import ColumnOptions
 from rpil.data.formats.parts import NO_STEPS, NUMBERED, Part, from_parts
 from rpil.data.formats.recording import Recording
 from rpil.data.memory import check_memory
-from rpil.data.npy import read_arrays
+from rpil.data.npy import read_arrays, write_npz
 from rpil.numerics.types import Array
 
 if TYPE_CHECKING:
@@ -174,4 +174,4 @@ def _keep_npz(path: Path, output: Path, ids: Sequence[Id]) -> None:
     starts = np.cumsum([len(arrays["acts"][m]) for m in rows])[:-1]
     infos = np.full(len(kept["acts"]), "{}")  # the library wants one for each step
     with replacing(output) as temporary:
-        np.savez_compressed(temporary, allow_pickle=False, **kept, indices=starts, infos=infos)
+        write_npz(temporary, {**kept, "indices": starts, "infos": infos})

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from rpil.data.arrays import Id
 from rpil.data.errors import DataError
+from rpil.data.folders import check_inside
 
 if TYPE_CHECKING:
     from pyarrow import fs
@@ -64,10 +65,17 @@ def read_metadata(filesystem: fs.FileSystem, paths: Sequence[str]) -> Metadata:
     Lengths are those of all demonstrations, and empty where `paths` are some of the files only. A `DataError` where
     ``info.json`` or the table of lengths is damaged; a value of ``info.json`` that cannot be used is left out.
     """
+    from pyarrow import fs
+
     data = next((folder for folder in PurePosixPath(paths[0]).parents if folder.name == "data"), None)
     if data is None:
         return Metadata()
     meta = data.parent / "meta"
+    if isinstance(filesystem, fs.LocalFileSystem):
+        folder = fs.FileSelector(str(meta / "episodes"), recursive=True, allow_not_found=True)
+        names = [meta / name for name in ("info.json", "tasks.parquet", "tasks.jsonl", "episodes.jsonl")]
+        for place in (*names, meta / "episodes", *(info.path for info in filesystem.get_file_info(folder))):
+            check_inside(str(place), str(data.parent))
     try:
         with filesystem.open_input_stream(str(meta / "info.json")) as stream:
             text = stream.read()

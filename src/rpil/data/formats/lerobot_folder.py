@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import shlex
-import shutil
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -14,12 +13,14 @@ import numpy as np
 
 from rpil.data.arrays import Id
 from rpil.data.errors import DataError
-from rpil.data.files import new_folder, replacing
+from rpil.data.files import StrPath, new_folder, replacing
+from rpil.data.folders import copy_folder
 from rpil.data.formats import folder
 from rpil.data.formats import table as flat
 from rpil.data.formats.columns import ColumnOptions
 from rpil.data.formats.lerobot import read_info
 from rpil.data.formats.selection import keep_rows
+from rpil.data.formats.store import find_files
 from rpil.data.formats.table import check_ids
 from rpil.numerics.types import Array
 
@@ -32,6 +33,9 @@ WEIGHTS = (
     "LeRobot finds the weight of a step by its index; its policies smolvla, pi0 and pi05 take weights, ACT and "
     "diffusion do not: give these the list of --keep."
 )
+
+MAX_LISTED = 100
+"""Episodes of a data set whose lists are printed."""
 
 _DATA_PATH = "data/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"
 _EPISODES = "meta/episodes/chunk-000/file-000.parquet"
@@ -67,7 +71,7 @@ def keep(path: Path, output: Path, ids: Sequence[Id]) -> None:
             temporary.write_text(json.dumps({"episodes": sorted(map(int, ids))}, indent=1) + "\n")
         return
     with new_folder(output) as new:
-        shutil.copytree(path / "meta", new / "meta", ignore=shutil.ignore_patterns("episodes"))
+        copy_folder(path / "meta", new / "meta", without="episodes")
         episodes = _Episodes({str(name) for name in ids})
         episodes.copy(path, new, int(info.get("chunks_size", 1000)))
         check_ids(ids, episodes.numbers, str(path), "them")
@@ -79,23 +83,35 @@ def keep(path: Path, output: Path, ids: Sequence[Id]) -> None:
         _write_statistics(new)
 
 
-def commands(path: Path, ids: Sequence[object], kept: Sequence[object]) -> list[str]:
-    """What to give LeRobot, so that it trains on the episodes `kept` among `ids`, or writes a data set of these."""
-    chosen = set(map(str, kept))
+def commands(path: Path, ids: Sequence[object], kept: Sequence[object], output: StrPath = "") -> list[str]:
+    """What to give LeRobot, so that it trains on the episodes `kept` among `ids`, or writes a data set of these.
+
+    Where there are more than `MAX_LISTED` episodes, the shell reads their numbers from the JSON file `output`.
+    """
+    chosen, name, root = set(map(str, kept)), path.resolve().name, str(path)
     dropped = [name for name in ids if str(name) not in chosen]
+    train, drop = (shlex.quote(f"[{', '.join(map(str, names))}]") for names in (kept, dropped))
+    if len(ids) > MAX_LISTED and Path(output).suffix.lower() != ".json":
+        to_list = shlex.join(["rpil", "keep", root, "-o", "keep.json"])
+        return [f"The episodes are too many to be printed; to give their list to LeRobot: {to_list}"]
+    if len(ids) > MAX_LISTED:
+        if list(map(str, ids)) != list(map(str, range(len(ids)))):
+            dropped = []  # the JSON file does not say which there are
+        train, drop = _read_from(output, "kept"), _read_from(output, f"sorted({{*range({len(ids)})}} - {{*kept}})")
     lines = [
-        f"To train on these, whatever the policy: --dataset.episodes={_quoted(kept)}",
-        f"The same in newer versions of LeRobot: --dataset.exclude_episodes={_quoted(dropped)}",
+        f"To train on these, whatever the policy: --dataset.episodes={train}",
+        f"The same in newer versions of LeRobot: --dataset.exclude_episodes={drop}",
     ]
-    name, root = path.resolve().name, str(path)
     words = ["lerobot-edit-dataset", "--repo_id", name, "--root", root, "--new_repo_id", f"{name}_trusted"]
     words += ["--new_root", f"{root.rstrip('/')}_trusted", "--operation.type", "delete_episodes"]
-    delete = f"{shlex.join(words)} --operation.episode_indices {_quoted(dropped)}"
+    delete = f"{shlex.join(words)} --operation.episode_indices {drop}"
     return [*lines, f"To write a new data set without the others, videos too: {delete}"] if dropped else lines[:1]
 
 
-def _quoted(ids: Sequence[object]) -> str:
-    return shlex.quote(f"[{', '.join(map(str, ids))}]")
+def _read_from(output: StrPath, numbers: str) -> str:
+    """What the shell replaces by a list of `numbers`, a term of Python, in which ``kept`` are those in a JSON file."""
+    program = f'import json, sys; kept = json.load(open(sys.argv[1]))["episodes"]; print({numbers})'
+    return f'"$({shlex.join(["python", "-c", program, str(output)])})"'
 
 
 class _Episodes:
@@ -111,7 +127,7 @@ class _Episodes:
     def copy(self, path: Path, new: Path, chunks_size: int) -> None:
         """Write the data files that hold any of the episodes."""
         n_files = 0
-        for file in sorted((path / "data").rglob("*.parquet")):
+        for file in map(Path, find_files(path)[1]):
             self.place = divmod(n_files, chunks_size)
             target = new / _DATA_PATH.format(chunk_index=self.place[0], file_index=self.place[1])
             target.parent.mkdir(parents=True, exist_ok=True)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import re
-import shutil
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
@@ -14,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 from rpil.data.arrays import Id
 from rpil.data.errors import DataError
 from rpil.data.files import new_folder
+from rpil.data.folders import check_inside, copy_folder
 from rpil.data.formats import hdf5
 from rpil.data.formats import table as flat
 from rpil.data.formats.arrow import end_to_end, from_arrow
@@ -65,8 +65,8 @@ def keep(path: Path, output: Path, ids: Sequence[Id]) -> None:
     with new_folder(output) as folder:
         new = folder / "data"
         new.mkdir()
-        copy = _copy_groups if (data / _HDF5).exists() else _copy_folders
-        lengths = copy(data, new, ids, path.name)
+        is_hdf5 = (data / _HDF5).exists()
+        lengths = _copy_groups(path, data, new, ids, output) if is_hdf5 else _copy_folders(data, new, ids, path.name)
         n_bytes = sum(file.stat().st_size for file in new.rglob("*") if file.is_file())
         totals = {"total_episodes": len(lengths), "total_steps": sum(lengths), "dataset_size": round(n_bytes / 1e6, 1)}
         (new / _METADATA).write_text(json.dumps({**about, **totals}))
@@ -74,11 +74,15 @@ def keep(path: Path, output: Path, ids: Sequence[Id]) -> None:
 
 def _find(path: Path) -> Path | None:
     """The folder that holds the episodes."""
-    candidates = (path, path / "data") if path.is_dir() else (path.parent,) if path.name == _HDF5 else ()
-    for folder in candidates:
-        if (folder / _HDF5).exists() or _json(folder / _METADATA).get("data_format") in _FOLDERS:
-            return folder
-    return None
+    if path.is_dir():
+        folder = path / "data" if (path / "data").is_dir() else path
+    elif path.name == _HDF5:
+        folder = path.parent
+        check_inside(folder / _METADATA, folder)  # which the path does not name
+    else:
+        return None
+    is_data = (folder / _HDF5).exists() or _json(folder / _METADATA).get("data_format") in _FOLDERS
+    return folder if is_data else None
 
 
 def _open(path: Path) -> tuple[Path, dict[str, Any]]:
@@ -122,12 +126,13 @@ def _part(episode: h5py.Group, number: int) -> Part:
     return Part(next((array.shape[0] for array in actions), 0), arrays, {NUMBERED: number})
 
 
-def _copy_groups(data: Path, new: Path, ids: Sequence[Id], source: str) -> list[int]:
+def _copy_groups(path: Path, data: Path, new: Path, ids: Sequence[Id], output: Path) -> list[int]:
     """Copy episodes to a new HDF5 file; the number of steps of each."""
     lengths = []
-    with hdf5.copying(data / _HDF5, new / _HDF5) as (old_file, new_file):
+    with hdf5.opened(data / _HDF5) as old_file, hdf5.writing(new / _HDF5, output) as new_file:
+        hdf5.copy_attributes(old_file, new_file)
         groups = _groups(old_file)
-        for k, i in enumerate(_chosen(ids, groups, source)):
+        for k, i in enumerate(_chosen(ids, groups, path.name)):
             old_file.copy(groups[i], new_file, f"episode_{k}")
             new_file[f"episode_{k}"].attrs["id"] = k
             lengths.append(_part(groups[i], i).n_steps)
@@ -215,7 +220,7 @@ def _copy_folders(data: Path, new: Path, ids: Sequence[Id], source: str) -> list
     lengths = []
     folders = _folders(data)
     for k, i in enumerate(_chosen(ids, folders, source)):
-        shutil.copytree(folders[i], new / str(k))
+        copy_folder(folders[i], new / str(k))
         about = _json(folders[i] / _METADATA)
         (new / str(k) / _METADATA).write_text(json.dumps({**about, "id": k}))
         with _opened(folders[i], _json(data / _METADATA)["data_format"], source) as stored:

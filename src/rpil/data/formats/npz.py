@@ -17,7 +17,7 @@ from rpil.data.formats.columns import ColumnOptions, as_list
 from rpil.data.formats.names import ACTION, EPISODE, TIMESTAMP, quoted
 from rpil.data.formats.recording import Recording
 from rpil.data.formats.times import Times
-from rpil.data.npy import declared, read_arrays
+from rpil.data.npy import declared, read_arrays, write_npz
 from rpil.numerics.types import Array
 
 SPELLINGS = ("observations", "observation"), ACTION[::-1], ("episode_ids", *EPISODE)
@@ -118,4 +118,4 @@ def write(path: Path, demonstrations: Demonstrations, truth: Mapping[str, Array]
         _OPTIONAL: np.array(demonstrations.observation_names),
     }
     with replacing(path) as temporary:
-        np.savez_compressed(temporary, allow_pickle=False, **arrays, **truth)
+        write_npz(temporary, {**truth, **arrays})

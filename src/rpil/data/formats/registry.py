@@ -7,7 +7,8 @@ from pathlib import Path
 from typing import Protocol
 
 from rpil.data.arrays import Id
-from rpil.data.files import StrPath
+from rpil.data.files import StrPath, check_exists
+from rpil.data.folders import check_folder
 from rpil.data.formats import aloha, d4rl, hdf5, imitation, lerobot_folder, minari, robomimic, zarr
 from rpil.data.formats.columns import ColumnOptions
 from rpil.data.formats.recording import Recording
@@ -31,6 +32,12 @@ LAYOUTS: tuple[Layout, ...] = (lerobot_folder, zarr, minari, imitation, robomimi
 
 
 def find_layout(path: StrPath) -> Layout | None:
-    """The format of a file or folder by its layout; None for tables, arrays of NumPy, and what is not there."""
+    """The format of a file or folder by its layout; None for tables, arrays of NumPy, and what is not there.
+
+    A `DataError`, before anything is opened, where `check_folder` raises one.
+    """
     place = Path(path)
-    return next((layout for layout in LAYOUTS if layout.is_mine(place)), None) if place.exists() else None
+    if not place.exists():
+        return None
+    check_folder(check_exists(place))
+    return next((layout for layout in LAYOUTS if layout.is_mine(place)), None)

@@ -81,10 +81,12 @@ def keep(path: Path, output: Path, ids: Sequence[Id]) -> None:
         if "total" in parent.attrs:
             _parent(new).attrs["total"] = sum(len(found[name]) for name in names)
         mask = new.require_group("mask") if "mask" in hdf5.groups(new) else {}
-        for key, listed_names in hdf5.members(mask).items():
-            kept = [name for name in listed_names[()].tolist() if name.decode() in names]
+        for key in list(mask):
+            listed_names = hdf5.array_at(mask, key)
+            found_names = [] if listed_names is None else hdf5.load(listed_names, path.name).tolist()
             del mask[key]
-            mask[key] = np.array(kept, dtype="S")
+            if listed_names is not None:  # and no link, nor an array whose values are in another file
+                mask[key] = np.array([name for name in found_names if name.decode() in names], dtype="S")
 
 
 def _copy_without(dropped: Container[str], group: h5py.Group, new: h5py.Group) -> None:
@@ -106,11 +108,9 @@ def write_mask(path: StrPath, output: StrPath, ids: Sequence[Id]) -> None:
         is_free = "mask" not in list(file) or "mask" in hdf5.groups(file)
         if _parent(file) == file or not is_free:
             raise DataError(f"{path.name}: only demonstrations in data have filter keys, in mask; use keep.")
-    import h5py
-
     with replacing(output) as temporary:
         shutil.copyfile(path, temporary)
-        with h5py.File(temporary, "r+") as new:
+        with hdf5.writing(temporary, output, "r+") as new:
             mask = new.require_group("mask")
             if MASK in list(mask):
                 del mask[MASK]

@@ -23,7 +23,7 @@ from rpil.data.formats.csv import FILE, find_text_columns, names_in_folder
 from rpil.data.formats.dialect import TEXT_SUFFIXES, find_dialect, without_suffix
 from rpil.data.formats.store import BATCH_ROWS, columns_of_file, find_files, opened
 from rpil.data.formats.table import check_ids
-from rpil.data.npy import read_arrays
+from rpil.data.npy import read_arrays, write_npz
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -49,6 +49,8 @@ def keep_folder(path: Path, output: Path, ids: Sequence[object], options: Column
     """
     parquet_files, text_files = find_files(path)[1:]
     files = [Path(file) for file in parquet_files or text_files]
+    if not files:
+        raise DataError(f"{path}: no .parquet or .csv file is there; check the path.")
     wanted, found = set(map(str, ids)), set()
     with new_folder(output) as folder:
         for file, name in zip(files, names_in_folder(files), strict=True):
@@ -68,23 +70,34 @@ def keep_rows(
     path: Path, output: Path, ids: Set[str], options: ColumnOptions, change: Change = lambda table: table
 ) -> set[str]:
     """Write the rows of the demonstrations `ids` of a Parquet file, after a `change`; return the ids found."""
-    import pyarrow as pa
     import pyarrow.parquet as pq
-    from pyarrow import fs
 
     found: set[str] = set()
-    schema = pq.read_schema(path)
-    nested = any(flat.kind_of_type(field.type) == "nested" for field in schema)
-    with opened(fs.LocalFileSystem(), str(path)) as file, pq.ParquetWriter(output, schema) as writer:
+    tables = _kept_tables(path, ids, options, found)
+    schema = next(tables).schema
+    with pq.ParquetWriter(output, schema) as writer:  # whose errors must not be taken for those of the file
+        for table in tables:
+            writer.write_table(change(table).cast(schema))
+    return found
+
+
+def _kept_tables(path: Path, ids: Set[str], options: ColumnOptions, found: set[str]) -> Iterator[pa.Table]:
+    """An empty table of a Parquet file's columns, and then its rows of the demonstrations `ids`, which `found` gets."""
+    import pyarrow as pa
+    from pyarrow import fs
+
+    with opened(fs.LocalFileSystem(), str(path)) as file:
+        schema = file.schema.to_arrow_schema()
+        nested = any(flat.kind_of_type(field.type) == "nested" for field in schema)
         column = columns_of_file(file, path.name, options).episode
+        yield schema.empty_table()
         for batch in file.iter_batches(_NESTED_ROWS if nested else BATCH_ROWS):
             rows = pa.Table.from_batches([batch])
             names, codes = flat.id_codes(rows, column, lambda _: path.name)
             kept = np.array([str(name) in ids for name in names])
             found |= {str(name) for name in names} & ids
             if kept.any():
-                writer.write_table(change(rows.filter(pa.array(kept[codes])).cast(schema)))
-    return found
+                yield rows.filter(pa.array(kept[codes]))
 
 
 def keep_text(path: Path, output: Path, ids: Set[str], options: ColumnOptions) -> set[str]:
@@ -152,5 +165,5 @@ def _keep_arrays(path: Path, output: Path, ids: Set[str], options: ColumnOptions
     for name, array in arrays.items():
         mask = next((m for m in (steps, demonstrations) if array.ndim and len(array) == len(m)), None)
         arrays[name] = array if mask is None or name == "observation_names" else array[mask]
-    np.savez_compressed(output, allow_pickle=False, **arrays)
+    write_npz(output, arrays)
     return {*order} & ids

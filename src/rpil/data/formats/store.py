@@ -8,13 +8,14 @@ import os
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
-from pathlib import PurePosixPath
+from pathlib import PurePath, PurePosixPath
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
 from rpil.data.errors import DataError
 from rpil.data.files import StrPath, check_exists
+from rpil.data.folders import check_folder, check_inside
 from rpil.data.formats import table as flat
 from rpil.data.formats.columns import ColumnOptions, Columns, check_unique, find_columns
 from rpil.data.formats.dialect import TEXT_SUFFIXES
@@ -196,8 +197,10 @@ def find_files(path: StrPath) -> tuple[fs.FileSystem, list[str], list[str]]:
         else:
             filesystem, place = fs.LocalFileSystem(), os.path.abspath(where)
             if not os.path.exists(place) and glob.has_magic(place):
-                return filesystem, *_tables(sorted(glob.glob(place, recursive=True)))
+                return filesystem, *_matches(place)
             check_exists(where)
+        if isinstance(filesystem, fs.LocalFileSystem):
+            check_folder(place)
         kind = filesystem.get_file_info(place).type
         if kind == fs.FileType.NotFound:
             raise DataError(f"{where}: there is no such file or folder; check the path.")
@@ -213,6 +216,15 @@ def find_files(path: StrPath) -> tuple[fs.FileSystem, list[str], list[str]]:
     except (pa.ArrowException, OSError) as error:
         raise DataError(f"{where}: it cannot be listed ({' '.join(str(error).split())[:100]}).") from error
     return filesystem, *_tables(sorted(info.path for info in entries if info.type == fs.FileType.File))
+
+
+def _matches(pattern: str) -> tuple[list[str], list[str]]:
+    """The tables that a pattern matches; no link may lead out of the folder in which it begins."""
+    found = _tables(sorted(glob.glob(pattern, recursive=True)))
+    top = next(folder for folder in PurePath(pattern).parents if not glob.has_magic(str(folder)))
+    for path in itertools.chain(*found):
+        check_inside(path, top)
+    return found
 
 
 def _tables(paths: list[str]) -> tuple[list[str], list[str]]:

@@ -8,14 +8,13 @@ import zipfile
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
 
 from rpil.data.arrays import Id
 from rpil.data.errors import DataError, MissingExtraError
-from rpil.data.files import new_folder, replacing
+from rpil.data.files import beside, new_folder, replacing
 from rpil.data.formats import umi
 from rpil.data.formats.columns import ColumnOptions
 from rpil.data.formats.description import listed
@@ -153,8 +152,8 @@ def _new_store(path: Path, output: Path) -> Iterator[Path]:
         with new_folder(output) as folder:
             yield folder
         return
-    with replacing(output) as temporary, TemporaryDirectory(dir=output.parent) as name:
-        folder = Path(name)
+    with replacing(output) as temporary, beside(output) as folder:
+        folder.mkdir()
         yield folder
         with zipfile.ZipFile(temporary, "w", zipfile.ZIP_STORED) as archive:  # chunks are compressed already
             for file in sorted(file for file in folder.rglob("*") if file.is_file()):

@@ -1,0 +1,107 @@
+"""Folders of data: no link that leads out of the named folder is followed, and no pipe or device in it is opened."""
+
+from __future__ import annotations
+
+import os
+import shutil
+from collections.abc import Sequence
+from pathlib import Path
+
+from rpil.data.errors import DataError
+from rpil.data.files import StrPath
+
+_DATA = ("data", "meta")
+"""The folders that are read where there is ``data``; what lies in others beside it, as videos, may be anything."""
+
+
+def check_folder(path: StrPath) -> None:
+    """A `DataError` where what lies in the folder at `path` must not be followed or opened.
+
+    That is a link that leads out of the folder, to nothing, or to a folder that is read already, as in a circle; and a
+    pipe or device, which a reader would wait for. The folder itself may be named by a link. From a snapshot in the
+    cache of the Hugging Face Hub, links may lead to the ``blobs`` of its repository. Nothing is checked of a file.
+    """
+    top = Path(path)
+    if not top.is_dir():
+        return
+    places, only = _places(top), _DATA if (top / "data").is_dir() else None
+    waiting, reached = [(str(top), places[0])], {places[0]}
+    while waiting:
+        folder, real_folder = waiting.pop()
+        for entry in _entries(folder):
+            is_link = entry.is_symlink()
+            is_folder = os.path.isdir(entry.path) if is_link else entry.is_dir()
+            if is_folder and only and real_folder == places[0] and entry.name not in only:
+                continue
+            real = _real_place(entry.path, top, places) if is_link else os.path.join(real_folder, entry.name)
+            if is_folder and real in reached:
+                raise DataError(f"{entry.path}: a link leads to this folder, or from it in a circle; remove it.")
+            if is_folder:
+                reached.add(real)
+                waiting.append((entry.path, real))
+            elif not is_link and not entry.is_file():
+                raise _not_a_file(entry.path)
+
+
+def check_inside(path: StrPath, top: StrPath) -> None:
+    """A `DataError` where links on the way from the folder `top` to `path` lead out of it, or to a pipe or nothing.
+
+    What is not there at all is left to the reader.
+    """
+    if os.path.lexists(path):
+        _real_place(path, top, _places(top))
+
+
+def _real_place(path: StrPath, top: StrPath, places: Sequence[str]) -> str:
+    """Where links lead from `path`; a `DataError` where that is in none of the `places`, or no file or folder."""
+    real = os.path.realpath(path)
+    if not any(real == place or real.startswith(place.rstrip(os.sep) + os.sep) for place in places):
+        raise DataError(
+            f"{path}: it is a link that leads out of {top}, and is not followed; remove it, or copy the folder with "
+            "what its links lead to (cp -rL)."
+        )
+    if not (os.path.isfile(real) or os.path.isdir(real)):
+        raise _not_a_file(path)
+    return real
+
+
+def _places(top: StrPath) -> list[str]:
+    """The folders to which links in the folder `top` may lead: itself, without links, and the ``blobs`` of the Hub.
+
+    In the Hub's cache the files of ``datasets--me--drive/snapshots/1f2e`` are links to ``datasets--me--drive/blobs``.
+    """
+    real = Path(os.path.realpath(top))
+    snapshots = (parent for parent in real.parents if parent.name == "snapshots")
+    caches = (parent.parent for parent in snapshots if parent.parent.name.startswith(("datasets--", "models--")))
+    return [str(real), *(str(cache / "blobs") for cache in caches)]
+
+
+def copy_folder(path: Path, new: Path, without: str = "") -> None:
+    """Copy what is in a folder that `check_folder` has passed, but the entry `without`; of links what they lead to.
+
+    The first error of the system is raised, and permissions are those of new files.
+    """
+    waiting = [(path, new)]
+    while waiting:
+        folder, target = waiting.pop()
+        target.mkdir()
+        for entry in folder.iterdir():
+            if entry.is_dir() and entry != path / without:
+                waiting.append((entry, target / entry.name))
+            elif entry != path / without:
+                shutil.copyfile(entry, target / entry.name)
+
+
+def _not_a_file(path: StrPath) -> DataError:
+    return DataError(f"{path}: it is a pipe, a device or a link to nothing; remove it, or copy the file again.")
+
+
+def _entries(folder: str) -> list[os.DirEntry[str]]:
+    """What is in a folder; nothing where nothing in it can be opened, as in ``lost+found``."""
+    try:
+        with os.scandir(folder) as entries:
+            return list(entries)
+    except OSError as error:
+        if os.access(folder, os.X_OK):  # files whose names are known can be opened
+            raise DataError(f"{folder}: it may not be listed; change its permissions.") from error
+        return []

@@ -1,0 +1,202 @@
+"""What lies in a folder of data: links out of it are refused, and pipes are never opened."""
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+
+import rpil
+from hostile import assert_refused
+from rpil.data import formats
+from rpil.data.errors import DataError
+from rpil.data.folders import check_folder, check_inside, copy_folder
+
+TABLE = pa.table({"episode_index": [0, 0, 1, 1], "observation.x": [0.5, 1.5, 2.5, 3.5], "action": [0, 1, 1, 0]})
+
+
+@pytest.fixture
+def folder(tmp_path):
+    """A folder of two tables, one of them in a folder within it."""
+    path = tmp_path / "drive"
+    (path / "b").mkdir(parents=True)
+    pq.write_table(TABLE.slice(0, 2), path / "a.parquet")
+    pq.write_table(TABLE.slice(2), path / "b" / "b.parquet")
+    return path
+
+
+@pytest.fixture
+def secret(tmp_path):
+    """A folder outside, with a table of the same columns."""
+    path = tmp_path / "home"
+    path.mkdir()
+    pq.write_table(TABLE.set_column(0, "episode_index", [[7, 7, 8, 8]]), path / "key.parquet")
+    return path
+
+
+READERS = {
+    "read": rpil.read,
+    "open_dataset": rpil.open_dataset,
+    "keep": lambda path: formats.keep(path, path.parent / "kept", [0]),
+}
+
+
+@pytest.mark.parametrize("reader", READERS)
+@pytest.mark.parametrize("place", ["c.parquet", "b/c.parquet", "c"])
+def test_a_link_out_of_the_folder_is_refused(folder, secret, place, reader):
+    link = folder / place
+    link.symlink_to(secret / "key.parquet" if link.suffix else secret)
+    with pytest.raises(DataError, match="link that leads out") as caught:
+        READERS[reader](folder)
+    assert_refused(["refused", str(caught.value)], str(link))
+    assert not (folder.parent / "kept").exists()
+
+
+def test_a_link_may_stay_in_the_folder_and_the_folder_may_be_a_link(folder):
+    shutil.move(folder / "a.parquet", folder / "a.data")
+    (folder / "a.parquet").symlink_to("a.data")
+    shutil.move(folder / "b", folder / "c")
+    (folder / "c" / "b").symlink_to("../a.data")
+    link = folder.parent / "link"
+    link.symlink_to(folder)
+    for path in (folder, link):
+        check_inside(path / "a.parquet", path)
+        assert rpil.read(path).ids == (0, 1)
+    formats.keep(link, folder.parent / "kept", [0])
+    assert rpil.read(folder.parent / "kept").ids == (0,)
+
+
+def test_no_folder_is_read_twice(folder):
+    (folder / "c").symlink_to("b")
+    with pytest.raises(DataError, match="a link leads to this folder"):
+        check_folder(folder)
+
+
+def test_folders_in_a_circle_are_refused(folder):
+    for link, target in ((folder / "b" / "c", folder), (folder / "c", "c")):
+        link.symlink_to(target)
+        with pytest.raises(DataError, match=r"circle|to nothing") as caught:
+            rpil.read(folder)
+        assert_refused(["refused", str(caught.value)], str(link))
+        link.unlink()
+
+
+def test_a_folder_that_may_not_be_listed_hides_no_link(folder, secret, monkeypatch):
+    """The tests may run as root, who may do anything."""
+    scandir, may_open = os.scandir, [True]
+    (folder / "b" / "c.parquet").symlink_to(secret / "key.parquet")
+
+    def refuse(path):
+        if str(path).endswith("b"):
+            raise PermissionError
+        return scandir(path)
+
+    monkeypatch.setattr(os, "scandir", refuse)
+    monkeypatch.setattr(os, "access", lambda path, mode: may_open[0])
+    with pytest.raises(DataError, match="b: it may not be listed"):
+        check_folder(folder)
+    may_open[0] = False
+    check_folder(folder)
+
+
+def test_beside_data_and_meta_anything_may_lie(folder, secret):
+    """Videos are often on another disk."""
+    shutil.copytree(folder, folder / "data")
+    (folder / "videos").symlink_to(secret)
+    (folder / "raw").mkdir()
+    (folder / "raw" / "key.parquet").symlink_to(secret / "key.parquet")
+    assert rpil.read(folder).ids == (0, 1)
+    (folder / "meta").symlink_to(secret)
+    with pytest.raises(DataError, match="meta: it is a link that leads out"):
+        rpil.read(folder)
+
+
+def test_a_snapshot_of_the_hub_links_to_its_blobs_alone(folder, secret):
+    snapshot = folder.parent / "datasets--me--drive" / "snapshots" / "1f2e"
+    blobs = folder.parent / "datasets--me--drive" / "blobs"
+    shutil.copytree(folder, snapshot / "data")
+    blobs.mkdir()
+    for file in list(snapshot.rglob("*.parquet")):
+        shutil.move(file, blobs / file.name)
+        file.symlink_to(os.path.relpath(blobs / file.name, file.parent))
+    assert rpil.read(snapshot).ids == (0, 1)
+    assert rpil.read(snapshot / "data").ids == (0, 1)
+    formats.keep(snapshot, folder.parent / "kept", [1])
+    assert not any(file.is_symlink() for file in (folder.parent / "kept").rglob("*"))
+    (snapshot / "data" / "c.parquet").symlink_to("../../../../home/key.parquet")
+    with pytest.raises(DataError, match=r"c\.parquet: it is a link that leads out"):
+        rpil.read(snapshot)
+    (snapshot / "data" / "c.parquet").unlink()
+    (blobs / "a.parquet").unlink()
+    (blobs / "a.parquet").symlink_to(secret / "key.parquet")  # in two steps
+    with pytest.raises(DataError, match=r"a\.parquet: it is a link that leads out"):
+        rpil.read(snapshot)
+
+
+def test_a_pattern_names_the_folder_in_which_it_begins(folder, secret):
+    assert rpil.read(folder / "*" / "*.parquet").ids == (1,)
+    (folder / "c").symlink_to(secret)
+    with pytest.raises(DataError, match="link that leads out"):
+        rpil.read(folder / "*" / "*.parquet")
+
+
+def test_meta_of_a_file_in_data_is_not_read_through_a_link(folder, secret):
+    (folder / "data").mkdir()
+    file = shutil.move(folder / "a.parquet", folder / "data")
+    (secret / "info.json").write_text(json.dumps({"codebase_version": "v3.0", "fps": 7}))
+    (folder / "meta").symlink_to(secret)
+    with pytest.raises(DataError, match=r"info\.json: it is a link that leads out"):
+        formats.read_recording(file)
+
+
+def test_a_copy_has_files_for_links_and_permissions_of_its_own(folder, tmp_path):
+    (folder / "link").symlink_to("a.parquet")
+    (folder / "a.parquet").chmod(0o400)
+    (folder / "without").mkdir()
+    copy_folder(folder, tmp_path / "copy", without="without")
+    assert sorted(file.name for file in (tmp_path / "copy").rglob("*")) == ["a.parquet", "b", "b.parquet", "link"]
+    assert not (tmp_path / "copy" / "link").is_symlink()
+    (tmp_path / "new").touch()
+    assert (tmp_path / "copy" / "a.parquet").stat().st_mode == (tmp_path / "new").stat().st_mode
+
+
+PIPES = [
+    ("pipe.hdf5", "pipe.hdf5"),
+    ("pipe.csv", "pipe.csv"),
+    ("p*.csv", "pipe.csv"),
+    ("set", "set/metadata.json"),
+    ("minari/data/main_data.hdf5", "minari/data/metadata.json"),
+    ("drive", "drive/meta/info.json"),
+    ("drive", "drive/data/b.parquet"),
+    ("drive/data/a.parquet", "drive/meta/tasks.jsonl"),
+]
+
+
+def test_a_pipe_is_never_opened(tmp_path):
+    """In a process of its own, because who opens a pipe waits for ever."""
+    pytest.importorskip("h5py", reason="needs the extra hdf5")
+    paths = []
+    for number, (path, pipe) in enumerate(PIPES):
+        top = tmp_path / str(number)
+        (top / pipe).parent.mkdir(parents=True)
+        os.mkfifo(top / pipe)
+        if path.startswith("drive"):
+            (top / "drive" / "data").mkdir(exist_ok=True)
+            pq.write_table(TABLE, top / "drive" / "data" / "a.parquet")
+        if path.endswith("main_data.hdf5"):
+            (top / path).write_bytes(b"\x89HDF\r\n\x1a\n")
+        paths.append(str(top / path))
+    script = "import json, sys; from rpil.data import formats; from rpil.data.errors import DataError\n"
+    script += "for path in sys.argv[1:]:\n    try: formats.read_recording(path)\n"
+    script += "    except DataError as error: print(json.dumps(['refused', str(error)]))"
+    done = subprocess.run(
+        [sys.executable, "-c", script, *paths], capture_output=True, text=True, timeout=60, check=True
+    )
+    ends = [json.loads(line) for line in done.stdout.splitlines()]
+    assert len(ends) == len(PIPES)
+    for end, (_, pipe) in zip(ends, PIPES, strict=True):
+        assert_refused(end, pipe)

@@ -1,0 +1,101 @@
+"""What pyproject.toml promises: dependencies that are those of the code, and a package that works alone."""
+
+from __future__ import annotations
+
+import ast
+import re
+import runpy
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+OPTIONAL = PROJECT["optional-dependencies"]
+FOR_USERS = set(OPTIONAL) - {"all", "dev"}
+PACKAGES = {"sklearn": "scikit-learn"}
+"""Modules whose packages have other names."""
+
+
+def packages(requirements):
+    return {re.match(r"[\w-]+", requirement)[0] for requirement in requirements}
+
+
+def imported(source: str) -> tuple[set[str], set[str]]:
+    """The packages that a module of the library imports when it is imported, and all that it imports anywhere."""
+    tree = ast.parse(source)
+    found: tuple[set[str], set[str]] = set(), set()
+    for names, nodes in zip(found, (tree.body, ast.walk(tree)), strict=True):
+        for node in nodes:
+            if isinstance(node, ast.Import):
+                names |= {name.name.partition(".")[0] for name in node.names}
+            elif isinstance(node, ast.ImportFrom) and not node.level:
+                names.add(str(node.module).partition(".")[0])
+    foreign = (names - sys.stdlib_module_names - {"rpil"} for names in found)
+    first, every = ({PACKAGES.get(name, name.replace("_", "-")) for name in names} for names in foreign)
+    return first, every
+
+
+def test_what_is_imported_is_declared():
+    core = packages(PROJECT["dependencies"])
+    declared = core | packages(need for needs in OPTIONAL.values() for need in needs)
+    of_files = [imported(path.read_text(encoding="utf-8")) for path in (ROOT / "src").rglob("*.py")]
+    first, every = (set().union(*names) for names in zip(*of_files, strict=True))
+    assert first <= core, "a package of an extra is imported within functions only"
+    assert every <= declared
+    assert core <= every, "declared and not used"
+
+
+@pytest.mark.parametrize(
+    ("source", "expected"),
+    [
+        ("import threadpoolctl.x\nfrom sklearn.base import A", ({"threadpoolctl", "scikit-learn"},) * 2),
+        ("import os, rpil.data\ndef f():\n    from google_crc32c import value", (set(), {"google-crc32c"})),
+    ],
+)
+def test_an_import_is_seen(source, expected):
+    assert imported(source) == expected
+
+
+def test_the_extra_all_holds_every_extra_for_users():
+    (everything,) = OPTIONAL["all"]
+    assert set(re.findall(r"\w+", everything)) == {"rpil", *FOR_USERS}
+
+
+def test_every_requirement_has_a_lowest_version():
+    tool = runpy.run_path(str(ROOT / "tools" / "environments.py"))
+    lowest = tool["lowest_versions"](sorted(FOR_USERS))
+    needs = [*PROJECT["dependencies"], *(need for extra in FOR_USERS for need in OPTIONAL[extra])]
+    assert packages(lowest) == packages(needs)
+    assert len(lowest) == len(needs)
+    assert tool["lowest"]("gymnasium[box2d]>=1.2.3,<2") == "gymnasium[box2d]==1.2.3"
+    with pytest.raises(ValueError, match="numpy<3"):
+        tool["lowest"]("numpy<3")
+
+
+@pytest.mark.slow
+def test_first_commands_of_the_readme_in_an_empty_environment(tmp_path):
+    """``pip install .`` without extras, then ``rpil demo`` in an empty folder."""
+    tool = runpy.run_path(str(ROOT / "tools" / "environments.py"))
+    python = tool["make_environment"](tmp_path / "empty")
+    pip = [python, "-m", "pip", "--disable-pip-version-check", "--quiet"]
+    probe = [*pip, "download", "--no-deps", "--dest", tmp_path / "probe", "click"]
+    if subprocess.run(probe, capture_output=True).returncode:
+        pytest.skip("pip reaches no package index")
+    first = re.search(r"```sh\n(.*?)```", (ROOT / "README.md").read_text(encoding="utf-8"), re.DOTALL)[1]
+    assert re.findall(r"^(?:pip install|rpil demo).*?(?=  )", first, re.MULTILINE) == ["pip install .", "rpil demo"]
+    checkout, folder = tool["copy_checkout"](tmp_path / "checkout"), tmp_path / "work"
+    installed = subprocess.run([*pip, "install", "."], cwd=checkout, capture_output=True, text=True)
+    assert installed.returncode == 0, installed.stderr
+    folder.mkdir()
+    demo = subprocess.run([python.with_name("rpil"), "demo"], cwd=folder, capture_output=True, text=True)
+    assert demo.returncode == 0, demo.stderr
+    assert [path.name for path in folder.iterdir()] == ["rpil-demo.html"]
+    report = (folder / "rpil-demo.html").read_text(encoding="utf-8")
+    for printed in (demo.stdout, report):
+        assert "Overcooked" in printed
+        assert "LunarLander" in printed
+        assert "rpil[gym]" in printed
