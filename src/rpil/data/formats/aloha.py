@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -14,6 +15,7 @@ from rpil.data.arrays import Id
 from rpil.data.errors import DataError
 from rpil.data.files import new_folder
 from rpil.data.formats import d4rl, hdf5
+from rpil.data.formats.cells import to_cell
 from rpil.data.formats.columns import ColumnOptions
 from rpil.data.formats.names import natural_key
 from rpil.data.formats.parts import Part, from_parts
@@ -77,8 +79,10 @@ def keep(path: Path, output: Path, ids: Sequence[Id]) -> None:
     with new_folder(output) as folder:
         for link, file in zip(links, kept, strict=True):
             (folder / link).symlink_to(file)
-        rows = [f"{link},{file.name}\n" for link, file in zip(links, kept, strict=True)]
-        (folder / LINK_TABLE).write_text("".join(["link,file\n", *rows]), encoding="utf-8")
+        with (folder / LINK_TABLE).open("w", newline="", encoding="utf-8") as text:
+            rows = csv.writer(text, lineterminator="\n")
+            rows.writerow(["link", "file"])
+            rows.writerows([to_cell(link), to_cell(file.name)] for link, file in zip(links, kept, strict=True))
 
 
 def _files(path: Path) -> dict[str, Path]:

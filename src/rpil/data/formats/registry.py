@@ -7,17 +7,19 @@ from pathlib import Path
 from typing import Protocol
 
 from rpil.data.arrays import Id
+from rpil.data.errors import DataError
 from rpil.data.files import StrPath
 from rpil.data.formats import aloha, d4rl, hdf5, imitation, lerobot_folder, minari, robomimic, zarr
 from rpil.data.formats.columns import ColumnOptions
 from rpil.data.formats.recording import Recording
+from rpil.data.guard import guarded
 
 
 class Layout(Protocol):
     """What the module of a format offers."""
 
     def is_mine(self, path: Path, /) -> bool:
-        """Whether the file or folder at `path`, which exists, has this layout."""
+        """Whether the file or folder at `path`, which exists, has this layout; any error means that it has not."""
 
     def read(self, path: Path, options: ColumnOptions, /) -> Recording:
         """The recording in it; a `DataError` where it cannot be read."""
@@ -33,4 +35,13 @@ LAYOUTS: tuple[Layout, ...] = (lerobot_folder, zarr, minari, imitation, robomimi
 def find_layout(path: StrPath) -> Layout | None:
     """The format of a file or folder by its layout; None for tables, arrays of NumPy, and what is not there."""
     place = Path(path)
-    return next((layout for layout in LAYOUTS if layout.is_mine(place)), None) if place.exists() else None
+    return next((layout for layout in LAYOUTS if _is_mine(layout, place)), None) if place.exists() else None
+
+
+def _is_mine(layout: Layout, path: Path) -> bool:
+    """Whether `path` has the `layout`: not so where it is too damaged to tell."""
+    try:
+        with guarded(path):
+            return layout.is_mine(path)
+    except DataError:
+        return False

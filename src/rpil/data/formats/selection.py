@@ -18,6 +18,7 @@ from rpil.data.errors import DataError
 from rpil.data.files import new_folder, replacing
 from rpil.data.formats import npz
 from rpil.data.formats import table as flat
+from rpil.data.formats.cells import from_cell
 from rpil.data.formats.columns import ColumnOptions, as_list
 from rpil.data.formats.csv import FILE, find_text_columns, names_in_folder
 from rpil.data.formats.dialect import TEXT_SUFFIXES, find_dialect, without_suffix
@@ -49,6 +50,8 @@ def keep_folder(path: Path, output: Path, ids: Sequence[object], options: Column
     """
     parquet_files, text_files = find_files(path)[1:]
     files = [Path(file) for file in parquet_files or text_files]
+    if not files:
+        raise DataError(f"{path}: no .parquet or .csv file is there; check the path.")
     wanted, found = set(map(str, ids)), set()
     with new_folder(output) as folder:
         for file, name in zip(files, names_in_folder(files), strict=True):
@@ -68,23 +71,34 @@ def keep_rows(
     path: Path, output: Path, ids: Set[str], options: ColumnOptions, change: Change = lambda table: table
 ) -> set[str]:
     """Write the rows of the demonstrations `ids` of a Parquet file, after a `change`; return the ids found."""
-    import pyarrow as pa
     import pyarrow.parquet as pq
-    from pyarrow import fs
 
     found: set[str] = set()
-    schema = pq.read_schema(path)
-    nested = any(flat.kind_of_type(field.type) == "nested" for field in schema)
-    with opened(fs.LocalFileSystem(), str(path)) as file, pq.ParquetWriter(output, schema) as writer:
+    tables = _kept_tables(path, ids, options, found)
+    schema = next(tables).schema
+    with pq.ParquetWriter(output, schema) as writer:  # whose errors must not be taken for those of the file
+        for table in tables:
+            writer.write_table(change(table).cast(schema))
+    return found
+
+
+def _kept_tables(path: Path, ids: Set[str], options: ColumnOptions, found: set[str]) -> Iterator[pa.Table]:
+    """An empty table of a Parquet file's columns, and then its rows of the demonstrations `ids`, which `found` gets."""
+    import pyarrow as pa
+    from pyarrow import fs
+
+    with opened(fs.LocalFileSystem(), str(path)) as file:
+        schema = file.schema.to_arrow_schema()
+        nested = any(flat.kind_of_type(field.type) == "nested" for field in schema)
         column = columns_of_file(file, path.name, options).episode
+        yield schema.empty_table()
         for batch in file.iter_batches(_NESTED_ROWS if nested else BATCH_ROWS):
             rows = pa.Table.from_batches([batch])
             names, codes = flat.id_codes(rows, column, lambda _: path.name)
             kept = np.array([str(name) in ids for name in names])
             found |= {str(name) for name in names} & ids
             if kept.any():
-                writer.write_table(change(rows.filter(pa.array(kept[codes])).cast(schema)))
-    return found
+                yield rows.filter(pa.array(kept[codes]))
 
 
 def keep_text(path: Path, output: Path, ids: Set[str], options: ColumnOptions) -> set[str]:
@@ -96,7 +110,7 @@ def keep_text(path: Path, output: Path, ids: Set[str], options: ColumnOptions) -
         target.writelines(itertools.islice(source, dialect.skip_rows))
         for lines, values in _rows(source, dialect.separator):
             is_row = bool(values) and not lines.lstrip().startswith("#")
-            name = values[column].strip() if is_row else ""
+            name = from_cell(values[column].strip()) if is_row else ""
             if not is_row or name in ids:
                 target.write(lines)
                 found.add(name)
@@ -139,10 +153,7 @@ def _keep_arrays(path: Path, output: Path, ids: Set[str], options: ColumnOptions
     order = [str(name) for name in npz.read(path, options).demonstrations.ids]
     with zipfile.ZipFile(path) as stored:
         members = stored.namelist()
-        try:
-            values = read_arrays(stored, members, path.name)
-        except ValueError as error:
-            raise DataError(f"{path.name}: it holds Python objects beside the demonstrations; drop them.") from error
+        values = read_arrays(stored, members, path.name)
     arrays = dict(zip((name.removesuffix(".npy") for name in members), values, strict=True))
     column = next(name for name in as_list(options.id or ()) or npz.SPELLINGS[-1] if name in arrays)
     owners = arrays[column]
