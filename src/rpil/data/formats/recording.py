@@ -19,6 +19,7 @@ from rpil.data.formats.dataset import Dataset
 from rpil.data.formats.description import Description, listed
 from rpil.data.formats.lerobot import Metadata, format_name
 from rpil.data.formats.order import Order, check_one_id, find_order, seconds_of_steps
+from rpil.data.guard import guarded
 from rpil.numerics.types import Array
 
 if TYPE_CHECKING:
@@ -57,7 +58,8 @@ class Recording:
     @cached_property
     def demonstrations(self) -> Demonstrations | Dataset:
         """The demonstrations; a `DataError` where a value is missing or of the wrong kind."""
-        return self.load()
+        with guarded(self.description.source):
+            return self.load()
 
     def with_ignored_files(self, paths: Sequence[str]) -> Recording:
         """The same, where files beside those of the recording are not read."""

@@ -15,6 +15,7 @@ from rpil.data.files import StrPath
 from rpil.data.formats import robomimic
 from rpil.data.formats.dialect import TEXT_SUFFIXES, find_dialect
 from rpil.data.formats.names import EPISODE
+from rpil.data.guard import guard
 from rpil.numerics.types import Array, Float
 
 TIMESTAMP = ("timestamp", "timestamps")
@@ -39,6 +40,7 @@ class Times:
     frames: Mapping[Id, int] = field(default_factory=dict)
 
 
+@guard
 def read_times(path: StrPath, ids: Sequence[Id], id_column: str | None = None) -> Times:
     """The times of a Parquet file, a folder of such files (LeRobot's with what ``meta`` says), or a text table.
 
