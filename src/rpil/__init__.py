@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from importlib import import_module
-from importlib.metadata import version
-from typing import TYPE_CHECKING, Any
+
+TYPE_CHECKING = False  # for type checkers it is true; typing itself takes longer to import than all else here
 
 _HOME = {
     "AmbiguousWarning": "rpil.data.errors",
@@ -62,6 +62,8 @@ __all__ = [
 ]
 
 if TYPE_CHECKING:
+    from typing import Any
+
     from rpil.audit.record import Audit
     from rpil.data.demonstrations import Demonstrations
     from rpil.data.errors import AmbiguousWarning, DataError
@@ -87,6 +89,8 @@ if TYPE_CHECKING:
 def __getattr__(name: str) -> Any:
     """Public names are imported at first use: scikit-learn takes a second that ``rpil --help`` does not have."""
     if name == "__version__":
+        from importlib.metadata import version
+
         return version("rpil")
     if name not in _HOME:
         raise AttributeError(f"module 'rpil' has no attribute {name!r}")

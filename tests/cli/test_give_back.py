@@ -1,5 +1,6 @@
 """``rpil keep`` and ``rpil convert``: the trusted demonstrations, and tables of all, as new files."""
 
+import csv
 import json
 from pathlib import Path
 
@@ -132,3 +133,23 @@ def test_in_place_lists_the_trusted_in_the_file_itself(folder):
     with h5py.File("lift.hdf5") as file:
         assert file["mask/rpil_expert"][:].tolist() == [b"demo_0", b"demo_2"]
         assert len(file["data"]) == 3
+
+
+def test_ids_that_look_like_formulas(folder):
+    data = rpil.read(folder / "good.parquet")
+    ids = ["=cmd|'/C calc'!A0", "+1+1", "@SUM(A1)", "-1+2", *"abcdefgh"]
+    named = rpil.Demonstrations(data.observations, data.actions, data.offsets, ids)
+    formats.write("named.parquet", named)
+    ok("audit", "named.parquet", "--verdicts", "v.csv", "--weights", "w.csv", "-q")
+    ok("check", "named.parquet", "-o", "c.csv", "-q")
+    ok("convert", "named.parquet", "-o", "t.csv", "-q")
+    for name in ("v.csv", "w.csv", "c.csv", "t.csv"):
+        with open(name, newline="") as file:
+            texts = [cell for row in csv.DictReader(file) for cell in row.values() if cell[:1] in ("=", "+", "@")]
+        assert not texts
+    assert rpil.read("t.csv").ids == tuple(ids)
+    Path("labels.csv").write_text("id,verdict\n'=cmd|'/C calc'!A0,expert\n+1+1,expert\n")
+    for verdicts, kept in (("v.csv", ids[:6]), ("labels.csv", ids[:2])):
+        for table in ("named.parquet", "t.csv"):
+            ok("keep", table, "-o", f"k{Path(table).suffix}", "--verdicts", verdicts)
+            assert list(rpil.read(f"k{Path(table).suffix}").ids) == kept

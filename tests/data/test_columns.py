@@ -8,7 +8,7 @@ import pytest
 
 from rpil.data.errors import DataError
 from rpil.data.formats.columns import ColumnOptions, find_columns
-from rpil.data.formats.names import plain_name
+from rpil.data.formats.names import plain_name, quoted
 
 BASE = ["episode", "x", "v", "action"]
 
@@ -155,3 +155,12 @@ def test_a_hundred_thousand_columns_take_seconds():
     start = time.process_time()
     assert len(found(names, exclude="joint_1*").observations) == 88_889
     assert time.process_time() - start < 4  # 1 second on an idle machine; the time was quadratic once
+
+
+def test_long_names_are_cut_in_messages():
+    assert quoted(["a", 3, "b" * 39]) == f"'a', 3, '{'b' * 39}...'"
+    assert len(quoted(["x" * 10_000] * 100)) < 600
+    assert quoted(["a.b"] * 13).count("a.b") == 12
+    with pytest.raises(DataError) as caught:
+        find_columns(["episode", "x" * 10_000], {}, "a.csv", ColumnOptions(observations="x*"))
+    assert len(str(caught.value)) < 300

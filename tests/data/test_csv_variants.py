@@ -146,7 +146,7 @@ def test_extensions(tmp_path, name):
 
 def test_a_truncated_compressed_file_is_named(tmp_path):
     (tmp_path / "a.csv.gz").write_bytes(gzip.compress(text(BASE).encode())[:-40])
-    with pytest.raises(DataError, match=r"a.csv.gz: a damaged or truncated compressed file; write it again."):
+    with pytest.raises(DataError, match=r"a.csv.gz: a damaged or truncated compressed file .*; write it again."):
         read_recording(tmp_path / "a.csv.gz")
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import json
 import os
 import pickle
@@ -216,3 +217,92 @@ def test_audit_command_with_a_cluster(cluster, tmp_path):
     found = {d["id"]: d["log_odds"] for d in json.loads(result.stdout)["demonstrations"]}
     here = small_rpil(engine=InMemory(), features="auto").fit(data)
     np.testing.assert_allclose([found[m] for m in here.audit_.ids], here.log_odds_, rtol=1e-6, atol=1e-6)
+
+
+@pytest.mark.parametrize("closed", ["client", "cluster"])
+def test_a_cluster_that_is_closed_in_a_fit_is_told_in_one_sentence(closed, tmp_path, monkeypatch):
+    with distributed.LocalCluster(
+        n_workers=1, processes=False, dashboard_address=":0", silence_logs="CRITICAL"
+    ) as cluster:
+        client = distributed.Client(cluster, set_as_default=False)
+        run, passes = engine.RemoteBlocks.run, []
+
+        def run_with_an_end(self, *arguments):
+            passes.append(arguments)
+            if len(passes) == 4:
+                (client if closed == "client" else cluster).close()
+            return run(self, *arguments)
+
+        monkeypatch.setattr(engine.RemoteBlocks, "run", run_with_an_end)
+        monkeypatch.setattr(engine, "_WORKER_TIMEOUT", 1.0)
+        checkpoint = tmp_path / "checkpoint"
+        with pytest.raises(DataError, match=r"Dask cluster, in pass 4 over the data.*--resume") as caught:
+            small_rpil(engine=DaskEngine(client), checkpoint=checkpoint).fit(demonstrations())
+        with suppress(Exception):
+            client.close()
+    assert "\n" not in str(caught.value)
+    assert ". " not in str(caught.value)
+    monkeypatch.undo()
+    assert_same(small_rpil(checkpoint=checkpoint).fit(demonstrations()), small_rpil().fit(demonstrations()))
+
+
+class Odd:
+    """A client and a future that fail in the ways of distributed when the scheduler is gone."""
+
+    def __init__(self, error):
+        self.error = error
+
+    def wait_for_workers(self, *_):
+        """There are some."""
+
+    def nthreads(self):
+        raise self.error
+
+    def scatter(self, *_, **__):
+        return self
+
+    def map(self, _, futures, **__):
+        return list(futures)
+
+    def submit(self, *_, **__):
+        raise self.error
+
+    def result(self, timeout):
+        raise self.error
+
+
+@pytest.mark.parametrize(
+    "error",
+    [
+        AttributeError("'NoneType' object has no attribute 'identity'"),
+        RuntimeError("Client is closed.\nCan't send update-graph message. Really."),
+        asyncio.CancelledError("key"),
+        OSError("Timed out trying to connect"),
+    ],
+)
+def test_any_error_of_the_cluster_names_the_pass(error):
+    odd = DaskEngine(Odd(error), n_shards=1).place([[np.ones(3)]])
+    for number in (1, 2):
+        with pytest.raises(DataError, match=f"in pass {number} over the data.*{type(error).__name__}") as caught:
+            odd.total(_steps)
+        assert "\n" not in str(caught.value)
+        assert ". " not in str(caught.value)
+    with pytest.raises(DataError, match="in pass 2 over the data"):
+        odd.then(_steps)
+    with pytest.raises(DataError, match="before the first pass"):
+        DaskEngine(Odd(error)).n_shards  # noqa: B018
+
+
+def test_a_cluster_without_workers_names_the_pass():
+    odd = DaskEngine(Odd(TimeoutError("waited")), n_shards=1).place([[np.ones(3)]])
+    odd.client.wait_for_workers = lambda *_: (_ for _ in ()).throw(TimeoutError("no worker came"))
+    with pytest.raises(DataError, match=r"in pass 1 over the data.*no worker came"):
+        odd.total(_steps)
+    with pytest.raises(DataError, match=r"before the first pass.*no worker came"):
+        DaskEngine(odd.client, n_shards=1).place([])
+
+
+def test_errors_of_the_data_pass_a_cluster_as_they_are():
+    odd = DaskEngine(Odd(DataError("a.parquet: it has changed.")), n_shards=1).place([[np.ones(3)]])
+    with pytest.raises(DataError, match=r"^a\.parquet: it has changed\.$"):
+        odd.total(_steps)

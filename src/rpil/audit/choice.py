@@ -14,7 +14,9 @@ from rpil.audit.verdict_table import TABLE_EXTENSIONS
 from rpil.data.arrays import Id
 from rpil.data.errors import DataError
 from rpil.data.files import StrPath, check_extension, check_readable
+from rpil.data.formats.cells import from_cell
 from rpil.data.formats.id_values import read_labels
+from rpil.data.guard import guarded
 from rpil.numerics.types import Array
 
 Table = Mapping[str, Sequence[object]]
@@ -58,18 +60,19 @@ def read_verdicts(path: StrPath) -> Table:
         Where the file cannot be read as such.
     """
     path = check_readable(check_extension(path, TABLE_EXTENSIONS, "verdicts"))
-    try:
+    columns: dict[str, list[object]]
+    with guarded(path.name, f"it cannot be read as {path.suffix[1:].upper()}", "write it again"):
         if path.suffix.lower() == ".parquet":
             import pyarrow.parquet as pq
 
-            columns: Table = pq.read_table(path).to_pydict()
+            columns = pq.read_table(path).to_pydict()
         else:
             text = path.read_text(encoding="utf-8-sig")
             is_csv = path.suffix.lower() == ".csv"
             rows = list(csv.DictReader(io.StringIO(text, newline="")) if is_csv else json.loads(text))
             columns = {name: [row[name] for row in rows] for name in rows[0]} if isinstance(rows[0], dict) else {}
-    except (OSError, ValueError, LookupError, TypeError, csv.Error, RecursionError) as error:
-        raise DataError(f"{path.name}: it cannot be read as {path.suffix[1:].upper()}; write it again.") from error
+            if is_csv and "id" in columns:
+                columns["id"] = [from_cell(str(name)) for name in columns["id"]]
     if {"id", "verdict"} <= {*columns}:
         return columns
     labels = read_labels(path)

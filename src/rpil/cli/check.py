@@ -118,6 +118,8 @@ def _rules(fail_on: str | None) -> set[str]:
 
 def write_findings(path: str, report: FaultReport) -> None:
     """Write all findings as a table, or the whole report as JSON."""
+    from rpil.data.formats.cells import to_cell
+
     with replacing(path) as temporary:
         if str(path).lower().endswith(".json"):
             temporary.write_text(terminal.to_json(report.to_dict()) + "\n", encoding="utf-8")
@@ -126,7 +128,8 @@ def write_findings(path: str, report: FaultReport) -> None:
             names = ("id", "rule", "first", "last", "column", "value", "threshold", "severity", "sentence")
             writer = csv.DictWriter(file, names)
             writer.writeheader()
-            writer.writerows(found.to_dict() for found in report.findings)
+            for found in report.findings:
+                writer.writerow({name: to_cell(value) for name, value in found.to_dict().items()})
 
 
 def fault_lines(report: FaultReport, n_findings: int = MAX_FINDINGS) -> list[str]:

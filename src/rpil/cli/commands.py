@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, NoReturn
 
 import click
 
+from rpil.cli import INTERRUPTED, tell_of_interruption
 from rpil.cli.options import FitOptions
 from rpil.cli.progress import ProgressTiming, StageProgress
 from rpil.cli.terminal import print_warnings, to_one_line
@@ -57,8 +58,7 @@ class Commands(click.Group):
             with print_warnings():
                 return super().invoke(ctx)
         except KeyboardInterrupt:
-            kept = "; ".join(ctx.meta.get(KEPT, ())) or "nothing was written"
-            click.echo(f"rpil: interrupted; {kept}.", err=True)
+            tell_of_interruption("; ".join(ctx.meta.get(KEPT, ())))
             raise click.Abort from None
 
     def main(
@@ -76,8 +76,10 @@ class Commands(click.Group):
                 stream.reconfigure(errors="backslashreplace")
         try:
             code = super().main(args, prog_name, complete_var, False, **extra)
-        except click.Abort:
-            sys.exit(130)
+        except click.Abort as error:
+            if isinstance(error.__cause__, KeyboardInterrupt):  # while options were read
+                tell_of_interruption()
+            sys.exit(INTERRUPTED)
         except click.UsageError as error:
             command = error.ctx.command_path if error.ctx else "rpil"
             message = error.format_message().rstrip(".?").replace(". Did", "; did").replace(". (Did", " (did")

@@ -216,6 +216,8 @@ def _group_lines(audit: Audit) -> list[str]:
 
 def _label_lines(audit: Audit, labels_file: str, command: str, n_labels: int) -> list[str]:
     """Which demonstrations to label, and the text that calls the first of them an expert's."""
+    from rpil.data.formats.cells import to_cell
+
     to_label = audit.suggest_labels(n_labels)
     if not to_label:
         return ["Every demonstration has a label already."]
@@ -225,7 +227,7 @@ def _label_lines(audit: Audit, labels_file: str, command: str, n_labels: int) ->
         content = [pair[1:-1] if add else pair]
     else:
         row = io.StringIO()
-        csv.writer(row, lineterminator="").writerow([name, "expert"])
+        csv.writer(row, lineterminator="").writerow([to_cell(name), "expert"])
         content = [row.getvalue()] if add else ["id,label", row.getvalue()]
     verb = "Add" if add else "Write"
     return [

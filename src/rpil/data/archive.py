@@ -19,6 +19,7 @@ import numpy as np
 
 from rpil.data.errors import DataError
 from rpil.data.files import StrPath, check_exists, replacing
+from rpil.data.guard import guarded
 from rpil.data.memory import check_memory
 from rpil.data.npy import new_member, read_arrays, write_arrays
 from rpil.numerics.types import Array
@@ -170,35 +171,25 @@ def read_archive(path: Path, schema: str, otherwise: str) -> tuple[Header, dict[
     A `DataError` where the file is damaged, of another version, too large for the memory, or, saying `otherwise`, of
     another `schema`. Arrays that the header does not name are refused, and never decoded.
     """
-    foreign, damaged = f"{path}: {otherwise}.", f"{path}: it is damaged or truncated; fit and save it again."
-    if not zipfile.is_zipfile(check_exists(path)):
-        with path.open("rb") as file:
-            raise DataError(damaged if file.read(2) == b"PK" else foreign)
-    try:
-        with zipfile.ZipFile(path) as archive:
-            members = archive.namelist()
-            header = _read_header(archive, path) if _HEADER in members else None
-            if not isinstance(header, dict) or header.get("schema") != schema:
-                raise DataError(foreign)
-            if header.get("version") != VERSION:
-                made = f"rpil {header.get('rpil')} saved it in version {header.get('version')!r} of the format"
-                here = f"rpil {rpil_version()} reads version {VERSION}"
-                raise DataError(f"{path}: {made}, but {here}; use that rpil, or fit and save again.")
-            named = {f"{name}.npy": name for name in _array_names(header)}
-            if not set(members) <= {_HEADER, *named} or len(set(members)) < len(members):
-                raise DataError(f"{path}: its parts do not belong together; fit and save it again.")
-            members.remove(_HEADER)
-            names = [named[member] for member in members]
-            arrays = dict(zip(names, read_arrays(archive, members, str(path)), strict=True))
-    except DataError:
-        raise
-    except Exception as error:  # a damaged file makes zipfile, zlib, tokenize and numpy raise errors of many types
-        if "allow_pickle" in str(error):
-            raise DataError(
-                f"{path}: it holds Python objects, which are never unpickled because that can run any code; "
-                "fit and save it again."
-            ) from error
-        raise DataError(damaged) from error
+    foreign = f"{path}: {otherwise}."
+    with check_exists(path).open("rb") as file:
+        if file.read(2) != b"PK" and not zipfile.is_zipfile(file):
+            raise DataError(foreign)
+    with guarded(path, "it is damaged or truncated", "fit and save it again"), zipfile.ZipFile(path) as archive:
+        members = archive.namelist()
+        header = _read_header(archive, path) if _HEADER in members else None
+        if not isinstance(header, dict) or header.get("schema") != schema:
+            raise DataError(foreign)
+        if header.get("version") != VERSION:
+            made = f"rpil {header.get('rpil')} saved it in version {header.get('version')!r} of the format"
+            here = f"rpil {rpil_version()} reads version {VERSION}"
+            raise DataError(f"{path}: {made}, but {here}; use that rpil, or fit and save again.")
+        named = {f"{name}.npy": name for name in _array_names(header)}
+        if not set(members) <= {_HEADER, *named} or len(set(members)) < len(members):
+            raise DataError(f"{path}: its parts do not belong together; fit and save it again.")
+        members.remove(_HEADER)
+        names = [named[member] for member in members]
+        arrays = dict(zip(names, read_arrays(archive, members, str(path)), strict=True))
     return header, arrays
 
 

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.lib import format as npy
 
 from rpil.data.arrays import as_array
+from rpil.data.errors import DataError
 from rpil.data.memory import check_memory
 from rpil.numerics.types import Array
 
@@ -20,10 +21,10 @@ _READ_HEAD = {(1, 0): npy.read_array_header_1_0, (2, 0): npy.read_array_header_2
 def read_arrays(archive: zipfile.ZipFile, members: Sequence[str], where: str) -> list[Array]:
     """The arrays in `members`.
 
-    A `DataError` where they would not fit in memory; where one is damaged or not of plain numbers or text, an error of
+    A `DataError` where they would not fit in memory, or one holds Python objects; where one is damaged, an error of
     another type, such as `ValueError`.
     """
-    check_memory(sum(_declared_bytes(archive, member) for member in members), where)
+    check_memory(sum(_declared_bytes(archive, member, where) for member in members), where)
     return [_read_array(archive, member, where) for member in members]
 
 
@@ -54,12 +55,17 @@ def new_member(archive: zipfile.ZipFile, name: str) -> zipfile.ZipInfo:
     return member
 
 
-def _declared_bytes(archive: zipfile.ZipFile, member: str) -> int:
+def _declared_bytes(archive: zipfile.ZipFile, member: str, where: str) -> int:
     """Bytes of an array and of its copy as float64; a `ValueError` where the member does not hold as many."""
     with archive.open(member) as stream:
         shape, _, dtype = _READ_HEAD[npy.read_magic(stream)](stream)
+        if dtype.hasobject:
+            raise DataError(
+                f"{where}: {member!r} holds Python objects, which are never unpickled because that can run any code; "
+                "save plain arrays of numbers or text, with numpy.asarray(values.tolist()) where they are objects."
+            )
         n_bytes = math.prod(shape) * dtype.itemsize
-        if not dtype.hasobject and n_bytes != archive.getinfo(member).file_size - stream.tell():
+        if n_bytes != archive.getinfo(member).file_size - stream.tell():
             raise ValueError(member)
     return n_bytes + 8 * math.prod(shape)
 

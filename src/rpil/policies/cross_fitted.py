@@ -21,6 +21,7 @@ from rpil.data.archive import stored
 from rpil.data.checks import check_settings
 from rpil.data.errors import DataError
 from rpil.data.fit_data import FitData
+from rpil.data.guard import one_line
 from rpil.data.spaces import Discrete, Space
 from rpil.numerics.blocks import log_softmax
 from rpil.numerics.types import Array, Float, Int, Num
@@ -217,10 +218,8 @@ def _fit_model(policy: ClassifierPolicy | RegressorPolicy, features: Array, acti
     try:
         return clone(estimator).fit(features[used], target, **{_weight_parameter(estimator): weight})
     except (TypeError, ValueError) as error:
-        reason = " ".join(str(error).split()).rstrip(".")
-        raise DataError(
-            f"The policy {type(estimator).__name__} cannot be fitted: {reason}; correct its settings."
-        ) from error
+        name, reason = type(estimator).__name__, one_line(error)
+        raise DataError(f"The policy {name} cannot be fitted ({reason}); correct its settings.") from error
 
 
 def _weight_parameter(estimator: Estimator) -> str:

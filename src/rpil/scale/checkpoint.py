@@ -12,6 +12,7 @@ import numpy as np
 from rpil.data.archive import VERSION, Decoder, encode, read_archive, rpil_version, write_archive
 from rpil.data.errors import DataError
 from rpil.data.files import StrPath
+from rpil.data.guard import guarded
 from rpil.numerics.types import Array
 from rpil.scale.ascent import AscentState
 
@@ -59,12 +60,10 @@ class Checkpoint:
         header, arrays = read_archive(self.path, CHECKPOINT_SCHEMA, "it is no checkpoint of rpil; choose another name")
         if header.get("fingerprint") != self.fingerprint:
             raise DataError(f"{self.path}: it is of other data, or other settings; delete it to start anew.")
-        try:
+        with guarded(self.path, "its parts do not belong together", "delete it to start anew"):
             state = Decoder(arrays).value(header["state"])
             if not isinstance(state, AscentState):
                 raise TypeError(type(state))
-        except Exception as error:  # edited values make NumPy and Python raise errors of many types
-            raise DataError(f"{self.path}: its parts do not belong together; delete it to start anew.") from error
         return state
 
     def done(self) -> None:

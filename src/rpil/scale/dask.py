@@ -12,7 +12,7 @@ import re
 import socket
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import CancelledError, ThreadPoolExecutor
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, fields, is_dataclass
 from functools import cache, reduce
 from typing import TYPE_CHECKING, Any
@@ -21,6 +21,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from rpil.data.errors import DataError, MissingExtraError
+from rpil.data.guard import guarded
 from rpil.numerics.blocks import Sums, add
 from rpil.numerics.types import Array
 from rpil.scale.protocol import PerDemonstration, R, Shards, T
@@ -62,11 +63,9 @@ def connect(address: str, timeout: float = TIMEOUT) -> Client:
     distributed = _distributed()
     with ThreadPoolExecutor(1) as thread:  # the caller may be in an event loop
         greeted = thread.submit(asyncio.run, _greet(distributed, address, timeout))
-    try:
+    with guarded(address, "no Dask scheduler answers there", "check the address"):
         greeted.result()
         client = distributed.Client(address, timeout=timeout, set_as_default=False)
-    except (OSError, ValueError) as error:
-        raise DataError(f"{address}: no Dask scheduler answers there; check the address.") from error
     try:
         client.wait_for_workers(1, timeout)
     except TimeoutError as error:
@@ -119,10 +118,12 @@ class DaskEngine:
 
     @property
     def n_shards(self) -> int:
-        return self._n_shards or max(1, _SHARDS_PER_THREAD * sum(self.client.nthreads().values()))
+        with _Passes().guarded():
+            return self._n_shards or max(1, _SHARDS_PER_THREAD * sum(self.client.nthreads().values()))
 
     def place(self, shards: Sequence[Iterable[T]]) -> Shards[T]:
-        _wait_for_workers(self.client)
+        with _Passes().guarded():
+            self.client.wait_for_workers(1, _WORKER_TIMEOUT)
 
         def make(k: int) -> Future:
             shard = shards[k]
@@ -131,6 +132,23 @@ class DaskEngine:
             return self.client.submit(_read, shard, pure=False)
 
         return RemoteBlocks(self.client, shards, make)
+
+
+@dataclass
+class _Passes:
+    """Counts the passes over the data; where the cluster fails, whatever it raises, names the one that was reached."""
+
+    n: int = 0
+
+    @contextmanager
+    def guarded(self) -> Iterator[None]:
+        reached = f"in pass {self.n} over the data" if self.n else "before the first pass over the data"
+        remedy = "start it again, and fit again, with --resume or checkpoint= if a checkpoint was kept"
+        with guarded(f"The Dask cluster, {reached}", "it was lost", remedy):
+            try:
+                yield
+            except asyncio.CancelledError as error:  # which is no `Exception`
+                raise CancelledError(*error.args) from error
 
 
 class RemoteBlocks(Shards[T]):
@@ -144,7 +162,9 @@ class RemoteBlocks(Shards[T]):
         parent: RemoteBlocks[Any] | None = None,
     ) -> None:
         self.client, self.shards, self._make, self._parent = client, shards, make, parent
-        self.futures = [make(k) for k in range(len(shards))]
+        self._passes: _Passes = parent._passes if parent else _Passes()
+        with self._passes.guarded():
+            self.futures = [make(k) for k in range(len(shards))]
 
     def map(self, function: Callable[[T], R]) -> Iterator[R]:
         """Workers work on all shards at once; the results come in order."""
@@ -163,6 +183,11 @@ class RemoteBlocks(Shards[T]):
 
     def run(self, task: Callable[..., R], function: Callable[[T], object]) -> Iterator[R]:
         """The result of a task for each shard, in order; a shard that is lost is made again."""
+        self._passes.n += 1
+        with self._passes.guarded():
+            yield from self._run(task, function)
+
+    def _run(self, task: Callable[..., R], function: Callable[[T], object]) -> Iterator[R]:
         killed = _distributed().scheduler.KilledWorker
         tasks = self.client.map(task, self.futures, function=function, pure=False)
         for k in range(len(tasks)):
@@ -185,7 +210,7 @@ class RemoteBlocks(Shards[T]):
             try:
                 return future.result(timeout=_WORKER_TIMEOUT)
             except TimeoutError:
-                _wait_for_workers(self.client)
+                self.client.wait_for_workers(1, _WORKER_TIMEOUT)
 
     def _make_again(self, k: int) -> None:
         if self._parent:
@@ -248,13 +273,6 @@ def _configure_worker() -> None:
     with suppress(OSError, AttributeError):  # another C library
         for which in (_TRIM_THRESHOLD, _MMAP_THRESHOLD):
             ctypes.CDLL(None).mallopt(which, _FREE_BYTES)
-
-
-def _wait_for_workers(client: Client) -> None:
-    try:
-        client.wait_for_workers(1, _WORKER_TIMEOUT)
-    except TimeoutError as error:
-        raise DataError("The cluster has no workers left; start some, and fit again.") from error
 
 
 def _for_shard(function: Callable[[T], R], shard: Any) -> Callable[[T], R]:

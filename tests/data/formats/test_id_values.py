@@ -118,8 +118,8 @@ def test_reading_demonstrators(tmp_path):
         ("null.json", '{"0": null}', "demonstration '0': it has no demonstrator; name one, or leave it out"),
         ("object.json", '{"0": {}}', "demonstration '0': the demonstrator is neither text nor a whole number"),
         ("list.json", '["Ann"]', "it must hold one object"),
-        ("cut.json", '{"0": "Ann"', "it cannot be read as JSON; write it again"),
-        ("bytes.csv", b"\xff\xfe\x00", "it cannot be read as CSV; write it again"),
+        ("cut.json", '{"0": "Ann"', "it cannot be read as JSON .*; write it again"),
+        ("bytes.csv", b"\xff\xfe\x00", "it cannot be read as CSV .*; write it again"),
     ],
 )
 def test_bad_files_are_one_sentence(tmp_path, name, content, match):

@@ -113,7 +113,7 @@ def test_pickles_are_refused(tmp_path):
     given = write_npz(tmp_path / "old.npz", trajectories(3))
     with np.load(given, allow_pickle=True) as arrays:
         np.savez(tmp_path / "bad.npz", **{**arrays, "obs": np.array([Harm()])})
-    with pytest.raises(DataError, match=r"^bad\.npz: a damaged or truncated file, or one of Python objects"):
+    with pytest.raises(DataError, match=r"^bad\.npz: .*Python objects.*any code"):
         rpil.read(tmp_path / "bad.npz")
 
 

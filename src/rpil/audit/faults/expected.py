@@ -8,6 +8,7 @@ from collections.abc import Collection, Iterable, Mapping
 from rpil.audit.faults.record import RULES, Finding
 from rpil.data.errors import DataError
 from rpil.data.files import StrPath, check_extension, check_readable
+from rpil.data.guard import guarded
 
 ALL = "all"
 """Stands for all demonstrations."""
@@ -33,15 +34,9 @@ def read_expected(path: StrPath) -> dict[str, set[str]]:
         One sentence that names the file and the line: another form, or a rule that does not exist.
     """
     path = check_readable(check_extension(path, (".json", ".yaml", ".yml"), "what is expected"))
-    try:
+    with guarded(path.name, "it is not valid JSON in UTF-8", "write an object of rule to list of ids"):
         text = path.read_text(encoding="utf-8-sig")
         content = json.loads(text) if path.suffix.lower() == ".json" else _read_yaml(text, path.name)
-    except (UnicodeDecodeError, ValueError) as error:
-        if isinstance(error, DataError):
-            raise
-        raise DataError(
-            f"{path.name}: it is not valid JSON in UTF-8; write an object of rule to list of ids."
-        ) from error
     if not isinstance(content, dict):
         raise DataError(f'{path.name}: it holds no object of rule to list of ids; write, say, {{"spike": [3, 7]}}.')
     expected: dict[str, set[str]] = {}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import zipfile
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from types import ModuleType
@@ -27,6 +28,7 @@ from rpil.data.formats.registry import find_layout
 from rpil.data.formats.selection import keep_file, keep_folder
 from rpil.data.formats.store import may_be_many_files
 from rpil.data.formats.weights import write_weights
+from rpil.data.guard import guard, guarded
 from rpil.data.memory import Size, limited
 
 __all__ = ["ColumnOptions", "Description", "Label", "Recording", "match_labels", "read_labels", "write_weights"]
@@ -95,6 +97,7 @@ def _of_trajectories(trajectories: Iterable[object], options: ColumnOptions) -> 
     return Demonstrations.from_episodes(trajectories)
 
 
+@guard
 def read_recording(path: StrPath, options: ColumnOptions = ColumnOptions(), *, on_disk: bool = False) -> Recording:
     """The recording in a file or folder: a description, and the demonstrations when they are asked for.
 
@@ -115,7 +118,10 @@ def read_recording(path: StrPath, options: ColumnOptions = ColumnOptions(), *, o
 
 
 def _known(path: Path) -> Path:
-    """`path`, or a `DataError` where no table can have its extension."""
+    """`path`, or a `DataError` where no table can have its extension, or a ZIP file of a layout cannot be opened."""
+    if path.suffix.lower() == ".zip":
+        with guarded(path.name, "it is no ZIP file, or a damaged one", "copy or write it again"), zipfile.ZipFile(path):
+            pass
     is_text = path.name.lower().endswith(TEXT_SUFFIXES)
     return path if is_text else check_extension(path, {**FORMATS, **dict.fromkeys(TEXT_SUFFIXES)})
 
@@ -133,6 +139,7 @@ def read_demonstrators(where: str, data: StrPath | Recording) -> dict[str, str]:
     return match_demonstrators(recording.operators, f"{recording.description.source}, {where!r}")
 
 
+@guard
 def keep(path: StrPath, output: StrPath, ids: Sequence[Id], options: ColumnOptions = ColumnOptions()) -> None:
     """Write some demonstrations of a file or folder, with all that it says of them, to a new one of the same format.
 
@@ -164,6 +171,7 @@ def keep(path: StrPath, output: StrPath, ids: Sequence[Id], options: ColumnOptio
         keep_file(_known(path), output, ids, options)
 
 
+@guard
 def check_mask(path: StrPath) -> Path:
     """`path`, or a `DataError` where its format has no place for a list of demonstrations."""
     path = check_exists(path)
@@ -172,6 +180,7 @@ def check_mask(path: StrPath) -> Path:
     return path
 
 
+@guard
 def write_mask(path: StrPath, ids: Sequence[Id]) -> None:
     """List some demonstrations in the file itself, under ``mask/rpil_expert``; errors are those of `keep`."""
     path = check_mask(path)
@@ -191,6 +200,7 @@ def notes_on_weights(path: StrPath) -> list[str]:
     return [lerobot_folder.WEIGHTS] if lerobot_folder.is_mine(Path(path)) else []
 
 
+@guard
 def check_keep(path: StrPath, output: StrPath) -> tuple[Path, Path]:
     """Both paths, or a `DataError`, before any work, where `keep` cannot write to `output`."""
     if "://" in str(path):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import re
 import shutil
 from collections.abc import Sequence
@@ -15,6 +16,7 @@ from rpil.data.arrays import Id
 from rpil.data.errors import DataError
 from rpil.data.files import new_folder
 from rpil.data.formats import d4rl, hdf5
+from rpil.data.formats.cells import to_cell
 from rpil.data.formats.columns import ColumnOptions
 from rpil.data.formats.names import natural_key
 from rpil.data.formats.parts import Part, from_parts
@@ -79,8 +81,10 @@ def keep(path: Path, output: Path, ids: Sequence[Id]) -> None:
     with new_folder(output) as folder:
         for link, file in zip(links, kept, strict=True):
             _link_or_copy(file.resolve(), folder / link)
-        rows = [f"{link},{file.name}\n" for link, file in zip(links, kept, strict=True)]
-        (folder / LINK_TABLE).write_text("".join(["link,file\n", *rows]), encoding="utf-8")
+        with (folder / LINK_TABLE).open("w", newline="", encoding="utf-8") as text:
+            rows = csv.writer(text, lineterminator="\n")
+            rows.writerow(["link", "file"])
+            rows.writerows([to_cell(link), to_cell(file.name)] for link, file in zip(links, kept, strict=True))
 
 
 def _link_or_copy(file: Path, new: Path) -> None:

@@ -10,6 +10,7 @@ from rpil.data.errors import DataError
 from rpil.data.formats import table as flat
 from rpil.data.formats.columns import ColumnOptions, check_unique, find_columns
 from rpil.data.formats.recording import Recording, from_table
+from rpil.data.guard import guarded
 from rpil.data.memory import check_memory
 
 if TYPE_CHECKING:
@@ -32,12 +33,9 @@ def read_frame(frame: Frame, options: ColumnOptions = ColumnOptions()) -> Record
     """The recording in a data frame with one row for each step; a `DataError` where Arrow has no type for a column."""
     import pyarrow as pa
 
-    try:
+    with guarded(FRAME, "a column holds values of mixed types", "convert them"):
         # A table is none to convert: before pyarrow 25 the copy of a column of text views ended the process.
         table = frame if isinstance(frame, pa.Table) else pa.table(frame)
-    except (pa.ArrowException, TypeError, ValueError) as error:
-        reason = " ".join(str(error.args[0]).split())[:80].replace(". ", ", ").rstrip(".")
-        raise DataError(f"{FRAME}: a column holds values of mixed types ({reason}); convert them.") from error
     return from_arrow(table, options, FRAME, "data frame")
 
 

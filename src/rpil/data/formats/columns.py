@@ -259,7 +259,8 @@ class _Search:
         """The columns for a message, with the kind of those that cannot be read."""
         unread = ("nested", "text", "written list", "empty")
         kinds = {name: f" ({self.kinds[name]})" if self.kinds.get(name) in unread else "" for name in self.names[:12]}
-        return ", ".join(f"{name!r}{kind}" for name, kind in kinds.items()) + (", ..." if len(self.names) > 12 else "")
+        texts = [quoted([name]) + kind for name, kind in kinds.items()]
+        return ", ".join(texts) + (", ..." if len(self.names) > 12 else "")
 
     def is_number(self, name: str) -> bool:
         return self.kinds.get(name, "number") in ("number", "list", "mixed", "counter")

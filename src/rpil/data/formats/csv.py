@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -13,10 +13,12 @@ from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
 from rpil.data.files import replacing
 from rpil.data.formats import table as flat
+from rpil.data.formats.cells import from_cells, to_cell, to_cells
 from rpil.data.formats.columns import ColumnOptions, Columns, check_unique, find_columns
 from rpil.data.formats.dialect import Dialect, find_dialect, without_suffix
 from rpil.data.formats.recording import Recording, from_table
 from rpil.data.formats.table import refuse_id_in_two_files
+from rpil.data.guard import guarded
 from rpil.numerics.types import Array
 
 if TYPE_CHECKING:
@@ -26,6 +28,7 @@ if TYPE_CHECKING:
 _Reader = Callable[[dict[str, object]], "pa.Table"]
 
 FILE = "file"  # the column of the file's name, where nothing else names the demonstration
+_FAULT = "not a CSV file, or a damaged or truncated one", "write it again"
 _BLOCK_BYTES = 1 << 20
 _MAX_BLOCK_BYTES = (1 << 31) - 1
 
@@ -66,16 +69,17 @@ def write(path: Path, demonstrations: Demonstrations, truth: Mapping[str, Array]
 
 
 def write_tables(path: Path, tables: Iterator[pa.Table]) -> None:
-    """Write tables of one schema one below the other; one of them is in memory at a time."""
+    """Write tables of one schema one below the other, text so that it is no formula; one is in memory at a time."""
     import pyarrow as pa
     from pyarrow import csv
 
     first = next(tables)
     # The shortest text of a float32 would be read as another float64.
     schema = pa.schema([f.with_type(pa.float64()) if pa.types.is_float32(f.type) else f for f in first.schema])
-    with replacing(path) as temporary, csv.CSVWriter(temporary, schema) as writer:
+    safe = pa.schema([field.with_name(str(to_cell(field.name))) for field in schema])
+    with replacing(path) as temporary, csv.CSVWriter(temporary, safe) as writer:
         for table in itertools.chain([first], tables):
-            writer.write_table(table.cast(schema))
+            writer.write_table(pa.table([to_cells(column) for column in table.cast(schema).columns], schema=safe))
 
 
 def names_in_folder(paths: Sequence[Path]) -> list[str]:
@@ -96,7 +100,7 @@ def find_text_columns(path: Path, dialect: Dialect, options: ColumnOptions, defa
         with csv.open_csv(path, convert_options=convert, **parsing) as reader:
             return pa.Table.from_batches(itertools.islice(reader, 1), reader.schema)
 
-    with _errors(path):
+    with guarded(path.name, *_FAULT):
         kinds = flat.kinds_of(_parsed(path, dialect, head).slice(0, flat.HEAD_ROWS))
     return find_columns(dialect.names, kinds, path.name, options, default_id)
 
@@ -118,7 +122,7 @@ def _read_table(path: Path, dialect: Dialect, columns: Columns) -> pa.Table:
         )
         return csv.read_csv(path, convert_options=convert, **parsing)
 
-    with _errors(path):
+    with guarded(path.name, *_FAULT):
         try:
             return _parsed(path, dialect, read_table)
         except pa.ArrowInvalid as error:
@@ -169,20 +173,6 @@ def _parsed(path: Path, dialect: Dialect, read_table: _Reader) -> pa.Table:
             block = min(block * 32, _MAX_BLOCK_BYTES)
 
 
-@contextmanager
-def _errors(path: Path) -> Iterator[None]:
-    """A `DataError` instead of the errors of the reader."""
-    import pyarrow as pa
-
-    try:
-        yield
-    except (pa.ArrowException, OSError, UnicodeError) as error:
-        reason = " ".join(str(error).split())[:100].replace(". ", ", ").rstrip(".")
-        raise DataError(
-            f"{path.name}: not a CSV file, or a damaged or truncated one ({reason}); write it again."
-        ) from error
-
-
 def _exact(table: pa.Table, columns: Columns, decimal: str) -> pa.Table:
     """Ids, single actions, operators and tasks as the numbers that they are, if that loses nothing."""
     import pyarrow as pa
@@ -191,7 +181,7 @@ def _exact(table: pa.Table, columns: Columns, decimal: str) -> pa.Table:
     for name in table.column_names:
         if name not in columns.observations and pa.types.is_string(table[name].type):
             is_action = name in columns.actions
-            column = pc.utf8_trim_whitespace(table[name])
+            column = from_cells(pc.utf8_trim_whitespace(table[name]))
             if is_action and decimal == ",":
                 column = pc.replace_substring(column, ",", ".")
             table = table.set_column(table.column_names.index(name), name, _parse(column, is_action))

@@ -36,6 +36,7 @@ from rpil.data.formats.order import Order
 from rpil.data.formats.starts import OrderCheck, Starts
 from rpil.data.formats.store import BATCH_ROWS, Store, describe, find_files, shifted
 from rpil.data.formats.table import Place
+from rpil.data.guard import guard
 from rpil.data.memory import check_memory
 from rpil.data.missing import are_allowed
 from rpil.numerics.types import Array
@@ -215,6 +216,7 @@ class Dataset(DemonstrationSet):
         return selected if np.array_equal(order, chosen) else selected.select(np.searchsorted(order, chosen))
 
 
+@guard
 def open_dataset(path: StrPath, *, options: ColumnOptions = ColumnOptions(), batch_rows: int = BATCH_ROWS) -> Dataset:
     """Open demonstrations in Parquet files, which need not fit in memory.
 

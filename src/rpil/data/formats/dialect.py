@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from rpil.data.errors import DataError
+from rpil.data.guard import guarded
 from rpil.data.memory import check_memory
 
 TEXT_SUFFIXES = (".csv", ".tsv", ".txt", ".csv.gz", ".tsv.gz", ".txt.gz")
@@ -47,11 +48,9 @@ def find_dialect(path: Path) -> Dialect:
     """The dialect of a file, which may be compressed; a `DataError` where it is no text or has no names of columns."""
     import pyarrow as pa
 
-    with pa.input_stream(str(path)) as stream:
-        try:
-            encoding = _encoding(_checked(iter(lambda: stream.read(_CHUNK), b""), path.name))
-        except OSError as error:  # of what unpacks
-            raise DataError(f"{path.name}: a damaged or truncated compressed file; write it again.") from error
+    damaged = guarded(path.name, "a damaged or truncated compressed file", "write it again")
+    with damaged, pa.input_stream(str(path)) as stream:
+        encoding = _encoding(_checked(iter(lambda: stream.read(_CHUNK), b""), path.name))
     with pa.input_stream(str(path)) as stream:
         head = stream.read(_CHUNK)
     text = codecs.getincrementaldecoder(encoding)("strict").decode(head)

@@ -22,6 +22,7 @@ from rpil.data.formats.columns import ColumnOptions
 from rpil.data.formats.description import listed
 from rpil.data.formats.names import natural_key
 from rpil.data.formats.recording import Recording
+from rpil.data.guard import guarded
 from rpil.data.memory import BYTES_PER_NUMBER, check_memory
 from rpil.numerics.types import Array
 
@@ -39,11 +40,8 @@ def is_hdf5(path: Path) -> bool:
     """Whether the file at `path` says by its name or its first bytes that it is HDF5."""
     if not path.is_file() or path.suffix.lower() in SUFFIXES:
         return path.is_file()
-    try:
-        with path.open("rb") as file:
-            return file.read(len(_SIGNATURE)) == _SIGNATURE
-    except OSError:
-        return False
+    with path.open("rb") as file:
+        return file.read(len(_SIGNATURE)) == _SIGNATURE
 
 
 def has_layout(path: Path, fits: Callable[[h5py.File], bool]) -> bool:
@@ -61,14 +59,9 @@ def opened(path: Path) -> Iterator[h5py.File]:
         import h5py
     except ImportError as error:
         raise MissingExtraError(f"{path.name} is HDF5, which", "hdf5") from error
-    try:
-        with h5py.File(check_readable(path), "r") as file:
-            yield file
-    except DataError:
-        raise
-    except (OSError, RuntimeError, KeyError, ValueError, TypeError, AttributeError, MemoryError) as error:  # of h5py
-        reason = " ".join(str(error).split())[:100].replace(". ", ", ").rstrip(".")
-        raise DataError(f"{path.name}: no HDF5 file, or a damaged one ({reason}); copy or write it again.") from error
+    fault = "no HDF5 file, or a damaged one", "copy or write it again"
+    with guarded(path.name, *fault), h5py.File(check_readable(path), "r") as file:
+        yield file
 
 
 @contextmanager

@@ -11,8 +11,10 @@ from typing import Literal, TypeVar, cast
 from rpil.data.arrays import check_text
 from rpil.data.errors import DataError
 from rpil.data.files import StrPath, check_extension, check_readable
+from rpil.data.formats.cells import from_cell
 from rpil.data.formats.names import EPISODE, quoted
 from rpil.data.formats.table import check_ids
+from rpil.data.guard import guarded
 
 Label = Literal["expert", "adversary"]
 Key = TypeVar("Key", bound=Hashable)
@@ -83,15 +85,11 @@ def match_demonstrators(pairs: Iterable[tuple[str, object]], source: str) -> dic
 def read_id_pairs(path: StrPath, column: str, example: str) -> list[tuple[str, object]]:
     """Ids and values of a CSV file with the columns ``id`` and `column`, or of a JSON object; an id may come twice."""
     path = check_readable(path)
-    try:
+    with guarded(path.name, f"it cannot be read as {path.suffix[1:].upper()}", "write it again"):
         text = path.read_text(encoding="utf-8-sig")
         if path.suffix.lower() == ".csv":
             return _csv_pairs(text, column, path.name)
         pairs = cast(list[tuple[str, object]], json.loads(text, object_pairs_hook=list))
-    except DataError:
-        raise
-    except (csv.Error, ValueError, RecursionError) as error:  # ValueError: of Unicode, or of numbers of 5,000 digits
-        raise DataError(f"{path.name}: it cannot be read as {path.suffix[1:].upper()}; write it again.") from error
     if not text.lstrip().startswith("{"):
         raise DataError(f'{path.name}: it must hold one object such as {{"17": "{example}"}}.')
     for m, _ in pairs:
@@ -107,9 +105,9 @@ def _csv_pairs(text: str, column: str, source: str) -> list[tuple[str, object]]:
         raise DataError(f"{source}: the columns must be id and {column} (found {quoted(header)}).")
     pairs: list[tuple[str, object]] = []
     for row in rows:
-        m = (row[id_column] or "").strip()
+        m = from_cell((row[id_column] or "").strip())
         if not m or None in row:
             problem = "it names no demonstration" if not m else "it has more values than there are columns"
             raise DataError(f"{source}, line {rows.line_num}: {problem}; give one id and one {column}.")
-        pairs.append((m, row[column] or ""))
+        pairs.append((m, from_cell(row[column] or "")))
     return pairs

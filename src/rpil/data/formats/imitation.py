@@ -21,6 +21,7 @@ from rpil.data.formats import table as flat
 from rpil.data.formats.columns import ColumnOptions
 from rpil.data.formats.parts import NO_STEPS, NUMBERED, Part, from_parts
 from rpil.data.formats.recording import Recording
+from rpil.data.guard import guarded
 from rpil.data.memory import check_memory
 from rpil.data.npy import read_arrays, write_npz
 from rpil.numerics.types import Array
@@ -74,18 +75,14 @@ def keep(path: Path, output: Path, ids: Sequence[Id]) -> None:
 
 
 def _features(path: Path) -> set[str]:
-    try:
-        return {*json.loads((path / _INFO).read_text())["features"]}
-    except (OSError, ValueError, KeyError, TypeError, RecursionError):
-        return set()
+    return {*json.loads((path / _INFO).read_text())["features"]}
 
 
 def _is_npz(path: Path) -> bool:
-    try:
-        with zipfile.ZipFile(path) as stored:
-            return {f"{name}.npy" for name in _NPZ} <= {*stored.namelist()}
-    except (OSError, zipfile.BadZipFile):
+    if not zipfile.is_zipfile(path):
         return False
+    with zipfile.ZipFile(path) as stored:
+        return {f"{name}.npy" for name in _NPZ} <= {*stored.namelist()}
 
 
 def _recording(
@@ -104,15 +101,12 @@ def _table(path: Path) -> pa.Table:
     """The table of the folder, a row for each trajectory, mapped into memory."""
     import pyarrow as pa
 
-    try:
+    with guarded(path.name, "it is damaged or truncated", "save it again"):
         files = [Path(file["filename"]).name for file in json.loads((path / _STATE).read_text())["_data_files"]]
         tables = [pa.ipc.open_stream(pa.memory_map(str(path / name))).read_all() for name in files]
         for table in tables:
             table.validate(full=True)
         return pa.concat_tables(tables)
-    except (pa.ArrowException, OSError, ValueError, KeyError, TypeError) as error:
-        reason = " ".join(str(error).split())[:100].rstrip(".")
-        raise DataError(f"{path.name}: it is damaged or truncated ({reason}); save it again.") from error
 
 
 def _columns(table: pa.Table, source: str) -> dict[str, list[Array]]:
@@ -144,14 +138,9 @@ def _arrays(path: Path) -> dict[str, list[Array]]:
     source = path.name
     if path.suffix.lower() in _PICKLES:
         raise DataError(f"{source}: it is a pickle, which can run any code; load it with imitation and save a folder.")
-    try:
-        with zipfile.ZipFile(path) as stored:
-            names = [name for name in (*_NPZ, "rews") if f"{name}.npy" in stored.namelist()]
-            read = read_arrays(stored, [f"{name}.npy" for name in names], source)
-    except DataError:
-        raise
-    except Exception as error:  # a damaged file makes zipfile, zlib, tokenize and numpy raise errors of many types
-        raise DataError(f"{source}: a damaged or truncated file, or one of Python objects; save it again.") from error
+    with guarded(source, "a damaged or truncated file", "save it again"), zipfile.ZipFile(path) as stored:
+        names = [name for name in (*_NPZ, "rews") if f"{name}.npy" in stored.namelist()]
+        read = read_arrays(stored, [f"{name}.npy" for name in names], source)
     arrays = dict(zip(names, read, strict=True))
     starts = arrays.pop("indices")
     if starts.ndim != 1 or (starts.size and starts.dtype.kind not in "iu") or not arrays["acts"].ndim:

@@ -10,8 +10,8 @@ from pathlib import PurePosixPath
 from typing import TYPE_CHECKING, Any
 
 from rpil.data.arrays import Id
-from rpil.data.errors import DataError
 from rpil.data.folders import check_inside
+from rpil.data.guard import guarded
 
 if TYPE_CHECKING:
     from pyarrow import fs
@@ -49,14 +49,12 @@ def format_name(metadata: Metadata, n_files: int) -> str:
 
 def read_info(text: bytes, folder: str) -> dict[str, Any]:
     """The content of ``meta/info.json`` in a `folder`; a `DataError` that names the file, if it is damaged."""
-    try:
+    where = f"{folder}/meta/info.json", "it does not describe a data set", "write it again, or move it away"
+    with guarded(*where):
         info = json.loads(text)
-    except (ValueError, RecursionError):
-        info = None
-    if isinstance(info, dict):
-        return info
-    where = f"{folder}/meta/info.json"
-    raise DataError(f"{where}: it does not describe a data set; write it again, or move it away to read without it.")
+        if isinstance(info, dict):
+            return info
+        raise TypeError("no object")
 
 
 def read_metadata(filesystem: fs.FileSystem, paths: Sequence[str]) -> Metadata:
@@ -122,11 +120,10 @@ def _are_all(filesystem: fs.FileSystem, data: PurePosixPath, paths: Sequence[str
 
 def _lengths(filesystem: fs.FileSystem, meta: PurePosixPath) -> dict[Id, int]:
     """Steps by episode: of version 3 in ``episodes/``, before in ``episodes.jsonl``; empty where neither is there."""
-    import pyarrow as pa
     import pyarrow.parquet as pq
     from pyarrow import fs
 
-    try:
+    with guarded(meta, "it does not say how long each episode is", "write it again"):
         try:
             with filesystem.open_input_stream(str(meta / "episodes.jsonl")) as stream:
                 rows = [json.loads(line) for line in stream.read().splitlines() if line.strip()]
@@ -136,8 +133,6 @@ def _lengths(filesystem: fs.FileSystem, meta: PurePosixPath) -> dict[Id, int]:
             wanted = {"columns": ["episode_index", "length"], "filesystem": filesystem}
             rows = [row for file in files for row in pq.read_table(file, **wanted).to_pylist()]
         return {int(row["episode_index"]): int(row["length"]) for row in rows}
-    except (pa.ArrowException, OSError, ValueError, KeyError, TypeError, RecursionError) as error:
-        raise DataError(f"{meta}: it does not say how long each episode is, or is damaged; write it again.") from error
 
 
 def _part_names(feature: Mapping[str, object]) -> tuple[str, ...]:

@@ -22,6 +22,7 @@ from rpil.data.formats.lerobot import read_info
 from rpil.data.formats.selection import keep_rows
 from rpil.data.formats.store import find_files
 from rpil.data.formats.table import check_ids
+from rpil.data.guard import guarded
 from rpil.numerics.types import Array
 
 if TYPE_CHECKING:
@@ -50,10 +51,11 @@ def is_mine(path: Path) -> bool:
 def check_output(path: Path, output: Path) -> dict[str, Any]:
     """What ``meta/info.json`` says; a `DataError` where `keep` cannot write to `output`."""
     info = read_info((path / "meta" / "info.json").read_bytes(), path.resolve().name)
-    try:
+    with guarded(f"{path}: meta/info.json"):
         images = any(feature.get("dtype") in ("video", "image") for feature in info["features"].values())
-    except (LookupError, AttributeError, TypeError) as error:
-        raise DataError(f"{path}: meta/info.json has no table of features; write it again.") from error
+        size = info.setdefault("chunks_size", 1000)
+        if not isinstance(size, int) or size < 1:
+            raise ValueError(f"chunks_size is {size!r}")
     if output.suffix.lower() != ".json" and (images or info.get("codebase_version") != "v3.0"):
         what = "with images" if images else "of this version"
         raise DataError(
@@ -67,20 +69,25 @@ def keep(path: Path, output: Path, ids: Sequence[Id]) -> None:
     """Write ``{"episodes": [...]}`` where `output` ends in .json, else a new folder in the layout of version 3.0."""
     info = check_output(path, output)
     if output.suffix.lower() == ".json":
+        unknown = [name for name in ids if not str(name).isdecimal()]
+        if unknown:
+            raise DataError(f"{path}: no demonstration is called {unknown[0]!r}; episodes are whole numbers.")
         with replacing(output) as temporary:
             temporary.write_text(json.dumps({"episodes": sorted(map(int, ids))}, indent=1) + "\n")
         return
     with new_folder(output) as new:
         copy_folder(path / "meta", new / "meta", without="episodes")
         episodes = _Episodes({str(name) for name in ids})
-        episodes.copy(path, new, int(info.get("chunks_size", 1000)))
+        episodes.copy(path, new, info["chunks_size"])
         check_ids(ids, episodes.numbers, str(path), "them")
-        _write_episodes(path, new, episodes)
+        with guarded(path / "meta" / "episodes"):
+            _write_episodes(path, new, episodes)
         n_episodes = len(episodes.numbers)
         info |= {"total_episodes": n_episodes, "total_frames": episodes.n_steps, "data_path": _DATA_PATH}
         info |= {"splits": {"train": f"0:{n_episodes}"}}
         (new / "meta" / "info.json").write_text(json.dumps(info, indent=4), encoding="utf-8")
-        _write_statistics(new)
+        with guarded(path / "meta" / "stats.json"):
+            _write_statistics(new)
 
 
 def commands(path: Path, ids: Sequence[object], kept: Sequence[object], output: StrPath = "") -> list[str]:

@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rpil.data.arrays import Id
-from rpil.data.errors import DataError
 from rpil.data.files import new_folder
 from rpil.data.folders import check_inside, copy_folder
 from rpil.data.formats import hdf5
@@ -21,6 +20,7 @@ from rpil.data.formats.columns import ColumnOptions
 from rpil.data.formats.description import listed
 from rpil.data.formats.parts import MAX_MATRIX, NUMBERED, Part, from_parts, without_steps
 from rpil.data.formats.recording import Recording
+from rpil.data.guard import guarded
 from rpil.data.memory import BYTES_PER_NUMBER, check_memory
 
 if TYPE_CHECKING:
@@ -178,14 +178,10 @@ def _read_tables(data: Path, kind: str, source: str, options: ColumnOptions, not
 @contextmanager
 def _opened(folder: Path, kind: str, source: str) -> Iterator[dataset.Dataset]:
     """The files of one episode; a `DataError` where they are damaged."""
-    import pyarrow as pa
     from pyarrow import dataset
 
-    try:
+    with guarded(f"{source}, demonstration {folder.name}", "it is damaged or truncated", "write it again"):
         yield dataset.dataset([str(file) for file in sorted(folder.glob(f"*.{kind}"))], format=kind)
-    except (pa.ArrowException, OSError) as error:
-        place = f"{source}, demonstration {folder.name}"
-        raise DataError(f"{place}: it is damaged or truncated; write it again.") from error
 
 
 def _n_steps(folder: Path, n_rows: int) -> int:

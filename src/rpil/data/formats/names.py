@@ -55,6 +55,7 @@ OPERATOR = re.compile(
 TASK = re.compile(rf"tasks?{_NUMBER}|(?:language_)?instructions?|task_description")
 _WORDS = re.compile(r"[\W_]+")
 _CAMEL = re.compile(r"(?<=[a-z0-9])(?=[A-Z])")
+_LONGEST_NAME = 40  # in a message
 
 
 def is_data(name: str) -> bool:
@@ -96,6 +97,7 @@ def is_observation(name: str) -> bool:
 
 
 def quoted(names: Iterable[object], most: int = 12) -> str:
-    """Up to `most` of the names, quoted, for a message."""
+    """Up to `most` of the names, quoted, and of a long one the beginning, for a message."""
     texts = [repr(name) for name in names]
+    texts = [text if len(text) <= _LONGEST_NAME else f"{text[:_LONGEST_NAME]}...{text[-1]}" for text in texts]
     return ", ".join(texts[:most]) + (", ..." if len(texts) > most else "")

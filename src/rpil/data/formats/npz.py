@@ -17,6 +17,7 @@ from rpil.data.formats.columns import ColumnOptions, as_list
 from rpil.data.formats.names import ACTION, EPISODE, TIMESTAMP, quoted
 from rpil.data.formats.recording import Recording
 from rpil.data.formats.times import Times
+from rpil.data.guard import guarded
 from rpil.data.npy import declared, read_arrays, write_npz
 from rpil.numerics.types import Array
 
@@ -27,26 +28,13 @@ _OPTIONAL = "observation_names"
 def read(path: Path, options: ColumnOptions) -> Recording:
     """Read ``observations``, ``actions``, ``episode_ids`` and, where there, ``observation_names``, ``timestamps``."""
     source = path.name
-    damaged = f"{source}: not an NPZ file, or a damaged or truncated one; write it again."
-    with path.open("rb") as file:
-        if file.read(2) != b"PK" or not zipfile.is_zipfile(file):  # numpy would take it for a pickle
-            raise DataError(damaged)
-    try:
-        with zipfile.ZipFile(path) as stored:
-            found = {name.removesuffix(".npy"): name for name in stored.namelist()}
-            wanted = _find_arrays(found, options, source)
-            optional = _OPTIONAL, options.operator, _timestamps(stored, found, wanted[-1])
-            names = [name for name in (*wanted, *optional) if name in found]
-            arrays = dict(zip(names, read_arrays(stored, [found[name] for name in names], source), strict=True))
-    except DataError:
-        raise
-    except Exception as error:  # a damaged file makes zipfile, zlib, tokenize and numpy raise errors of many types
-        if "allow_pickle" in str(error):
-            raise DataError(
-                f"{source}: it holds Python objects, which are never unpickled because that can run any code; "
-                "save plain arrays of numbers or text, with numpy.asarray(values.tolist()) where they are objects."
-            ) from error
-        raise DataError(damaged) from error
+    fault = "not an NPZ file, or a damaged or truncated one", "write it again"
+    with guarded(source, *fault), zipfile.ZipFile(path) as stored:
+        found = {name.removesuffix(".npy"): name for name in stored.namelist()}
+        wanted = _find_arrays(found, options, source)
+        optional = _OPTIONAL, options.operator, _timestamps(stored, found, wanted[-1])
+        names = [name for name in (*wanted, *optional) if name in found]
+        arrays = dict(zip(names, read_arrays(stored, [found[name] for name in names], source), strict=True))
     observations, actions, steps = (arrays[name] for name in wanted)
     demonstrations = Demonstrations.from_groups(
         *(observations, actions, steps),

@@ -20,6 +20,7 @@ from rpil.data.formats.description import Description, listed
 from rpil.data.formats.lerobot import Metadata, format_name
 from rpil.data.formats.order import Order, check_one_id, find_order
 from rpil.data.formats.times import Clock, Times, clock_columns, find_clock
+from rpil.data.guard import guarded
 from rpil.numerics.types import Array
 
 if TYPE_CHECKING:
@@ -61,7 +62,8 @@ class Recording:
     @cached_property
     def demonstrations(self) -> Demonstrations | Dataset:
         """The demonstrations; a `DataError` where a value is missing or of the wrong kind."""
-        return self.load()
+        with guarded(self.description.source):
+            return self.load()
 
     def with_ignored_files(self, paths: Sequence[str]) -> Recording:
         """The same, where files beside those of the recording are not read."""
@@ -177,8 +179,9 @@ def from_dataset(data: Dataset) -> Recording:
 def _stored_times(data: Dataset) -> Times:
     """From one reading of the columns of time."""
     columns = data.store.columns
-    table = _stored_columns(data, slice(0, data.n_steps), clock_columns(columns))
-    clock = None if table is None else find_clock(table, columns, None, data.offsets)
+    with guarded(data.source):
+        table = _stored_columns(data, slice(0, data.n_steps), clock_columns(columns))
+        clock = None if table is None else find_clock(table, columns, None, data.offsets)
     return _times(clock, data.about.metadata)
 
 

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Protocol
 
 from rpil.data.arrays import Id
+from rpil.data.errors import DataError, MissingExtraError
 from rpil.data.files import StrPath, check_exists
 from rpil.data.folders import check_folder
 from rpil.data.formats import aloha, d4rl, hdf5, imitation, lerobot_folder, minari, robomimic, zarr
@@ -18,7 +19,7 @@ class Layout(Protocol):
     """What the module of a format offers."""
 
     def is_mine(self, path: Path, /) -> bool:
-        """Whether the file or folder at `path`, which exists, has this layout."""
+        """Whether the file or folder at `path`, which exists, has this layout; any error means that it has not."""
 
     def read(self, path: Path, options: ColumnOptions, /) -> Recording:
         """The recording in it; a `DataError` where it cannot be read."""
@@ -40,4 +41,14 @@ def find_layout(path: StrPath) -> Layout | None:
     if not place.exists():
         return None
     check_folder(check_exists(place))
-    return next((layout for layout in LAYOUTS if layout.is_mine(place)), None)
+    return next((layout for layout in LAYOUTS if _is_mine(layout, place)), None)
+
+
+def _is_mine(layout: Layout, path: Path) -> bool:
+    """Whether `path` has the `layout`: not so where it is too damaged to tell. What must not be opened is refused."""
+    try:
+        return layout.is_mine(path)
+    except (DataError, MissingExtraError):
+        raise
+    except Exception:  # damaged files make libraries raise errors of very many types
+        return False

@@ -102,7 +102,7 @@ def write_mask(path: StrPath, output: StrPath, ids: Sequence[Id]) -> None:
     `output` may be `path`: then the file is replaced by the copy, once that is whole. A `DataError` where an id is
     unknown, or the demonstrations are not in ``data``, where robomimic looks for them.
     """
-    path = Path(path)
+    path, output = Path(path), Path(output)
     with hdf5.opened(path) as file:
         names = _checked(file, path, ids)
         is_free = "mask" not in list(file) or "mask" in hdf5.groups(file)

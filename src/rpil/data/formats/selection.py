@@ -18,6 +18,7 @@ from rpil.data.errors import DataError
 from rpil.data.files import new_folder, replacing
 from rpil.data.formats import npz
 from rpil.data.formats import table as flat
+from rpil.data.formats.cells import from_cell
 from rpil.data.formats.columns import ColumnOptions, as_list
 from rpil.data.formats.csv import FILE, find_text_columns, names_in_folder
 from rpil.data.formats.dialect import TEXT_SUFFIXES, find_dialect, without_suffix
@@ -109,7 +110,7 @@ def keep_text(path: Path, output: Path, ids: Set[str], options: ColumnOptions) -
         target.writelines(itertools.islice(source, dialect.skip_rows))
         for lines, values in _rows(source, dialect.separator):
             is_row = bool(values) and not lines.lstrip().startswith("#")
-            name = values[column].strip() if is_row else ""
+            name = from_cell(values[column].strip()) if is_row else ""
             if not is_row or name in ids:
                 target.write(lines)
                 found.add(name)
@@ -152,10 +153,7 @@ def _keep_arrays(path: Path, output: Path, ids: Set[str], options: ColumnOptions
     order = [str(name) for name in npz.read(path, options).demonstrations.ids]
     with zipfile.ZipFile(path) as stored:
         members = stored.namelist()
-        try:
-            values = read_arrays(stored, members, path.name)
-        except ValueError as error:
-            raise DataError(f"{path.name}: it holds Python objects beside the demonstrations; drop them.") from error
+        values = read_arrays(stored, members, path.name)
     arrays = dict(zip((name.removesuffix(".npy") for name in members), values, strict=True))
     column = next(name for name in as_list(options.id or ()) or npz.SPELLINGS[-1] if name in arrays)
     owners = arrays[column]

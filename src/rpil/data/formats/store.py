@@ -22,6 +22,7 @@ from rpil.data.formats.dialect import TEXT_SUFFIXES
 from rpil.data.formats.lerobot import Metadata, read_metadata
 from rpil.data.formats.names import is_data
 from rpil.data.formats.table import Place
+from rpil.data.guard import guard, guarded, one_line
 from rpil.numerics.types import Array
 
 if TYPE_CHECKING:
@@ -102,6 +103,8 @@ class Store:
                                 table.validate(full=True)  # text from a damaged file need not be Unicode
                             yield row + a, table, _place(path, row + a, shift, demonstration)
                         row += len(batch)
+                    if row != group.last:
+                        raise ValueError(f"{row - group.first} of {n_rows} rows are there")
 
     def statistics(self) -> Statistics:
         """The ranges of the columns that hold data, and their missing values, from one reading of all rows."""
@@ -119,8 +122,9 @@ class Store:
 
     def fill(self, observations: Array, actions: Array, table: pa.Table, at: Place) -> None:
         """Write the rows of `table` to the two arrays."""
-        _fill(observations, table, self.columns.observations, self.widths, at)
-        self.fill_actions(actions, table, at)
+        with guarded(at(0)):
+            _fill(observations, table, self.columns.observations, self.widths, at)
+            self.fill_actions(actions, table, at)
 
     def fill_actions(self, actions: Array, table: pa.Table, at: Place) -> None:
         """Write the actions of `table`, which needs no other columns, to the array."""
@@ -163,11 +167,14 @@ def opened(filesystem: fs.FileSystem, path: str) -> Iterator[pq.ParquetFile]:
         raise DataError(f"{path}: there is no such file here; check the path.") from error
     except PermissionError as error:
         raise DataError(f"{path}: it may not be read; change its permissions.") from error
-    except (pa.ArrowException, OSError, UnicodeDecodeError) as error:
+    except DataError:
+        raise
+    except Exception:
+        fault = "not a Parquet file, or a damaged or truncated one"
         if _is_unfinished(filesystem, path):
-            reason = "which was never finished, as when a recording is cut off"
-            raise DataError(f"{name}: a damaged or truncated Parquet file, {reason}; write it again.") from error
-        raise DataError(f"{name}: not a Parquet file, or a damaged or truncated one; write it again.") from error
+            fault = "a damaged or truncated Parquet file, which was never finished, as when a recording is cut off"
+        with guarded(name, fault, "write it again"):
+            raise
 
 
 def _is_unfinished(filesystem: fs.FileSystem, path: str) -> bool:
@@ -182,6 +189,7 @@ def may_be_many_files(path: StrPath) -> bool:
     return "://" in str(path) or os.path.isdir(path) or (not os.path.exists(path) and glob.has_magic(str(path)))
 
 
+@guard
 def find_files(path: StrPath) -> tuple[fs.FileSystem, list[str], list[str]]:
     """The file system, and the Parquet files and the text tables of a data set in the order of their names.
 
@@ -211,10 +219,10 @@ def find_files(path: StrPath) -> tuple[fs.FileSystem, list[str], list[str]]:
         place = data if filesystem.get_file_info(data).type == fs.FileType.Directory else place
         entries = filesystem.get_file_info(fs.FileSelector(place, recursive=True))
     except ImportError as error:
-        reason = " ".join(str(error).split()).rstrip(".")
-        raise DataError(f"{where}: addresses of this kind need a package of their own: {reason}.") from error
+        reason = one_line(error)
+        raise DataError(f"{where}: addresses of this kind need a package of their own ({reason}).") from error
     except (pa.ArrowException, OSError) as error:
-        raise DataError(f"{where}: it cannot be listed ({' '.join(str(error).split())[:100]}).") from error
+        raise DataError(f"{where}: it cannot be listed ({one_line(error)}); check the path.") from error
     return filesystem, *_tables(sorted(info.path for info in entries if info.type == fs.FileType.File))
 
 

@@ -21,6 +21,7 @@ from rpil.data.formats.description import listed
 from rpil.data.formats.parts import NUMBERED, Part, from_parts, without_steps
 from rpil.data.formats.recording import Recording
 from rpil.data.formats.table import check_ids
+from rpil.data.guard import guarded
 from rpil.data.memory import BYTES_PER_NUMBER, check_memory
 from rpil.numerics.types import Array
 
@@ -31,10 +32,7 @@ _COPIED_ROWS = 4096  # at a time
 
 def is_mine(path: Path) -> bool:
     """Whether there is a ``meta/episode_ends`` in the folder or ZIP file."""
-    try:
-        return any((_root(path) / _ENDS / header).exists() for header in _HEADERS)
-    except (OSError, zipfile.BadZipFile):
-        return False
+    return any((_root(path) / _ENDS / header).exists() for header in _HEADERS)
 
 
 def read(path: Path, options: ColumnOptions) -> Recording:
@@ -96,17 +94,12 @@ def _opened(path: Path) -> Iterator[Any]:
         from zarr.storage import LocalStore, ZipStore
     except ImportError as error:
         raise MissingExtraError(f"{path.name}: to read Zarr", "zarr") from error
-    try:
+    with guarded(path.name, "a damaged Zarr store", "copy or write it again"):
         store = LocalStore(path, read_only=True) if path.is_dir() else ZipStore(path, mode="r")
         try:
             yield store
         finally:
             store.close()
-    except DataError:
-        raise
-    except Exception as error:
-        reason = " ".join(str(error).split())[:100].rstrip(".")
-        raise DataError(f"{path.name}: a damaged Zarr store ({reason}); copy or write it again.") from error
 
 
 def _open(store: object, name: str) -> Any:

@@ -1,0 +1,59 @@
+"""The one guard around all that reads files of others: whatever a library raises there becomes one sentence."""
+
+from __future__ import annotations
+
+import errno
+import inspect
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from functools import wraps
+from typing import ParamSpec, TypeVar
+
+from rpil.data.errors import DataError, MissingExtraError
+from rpil.data.files import StrPath
+
+P = ParamSpec("P")
+R = TypeVar("R")
+
+_OF_WRITING = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS)
+_LONGEST = 100  # characters of a foreign error
+
+
+@contextmanager
+def guarded(
+    where: StrPath, fault: str = "it cannot be read", remedy: str = "it is damaged or of another form, write it again"
+) -> Iterator[None]:
+    """Let nothing but a `DataError` of one sentence leave the block, which reads `where`.
+
+    A `MissingExtraError`, a warning and an interruption pass, and so does an error of writing, such as a full disk: it
+    is no fault of what is read, and `rpil.data.files.replacing` names the output.
+    """
+    try:
+        yield
+    except (DataError, MissingExtraError, Warning):
+        raise
+    except MemoryError as error:
+        raise DataError(f"{where}: more memory than is free would be needed to read it; read less of it.") from error
+    except Exception as error:  # damaged files make libraries raise errors of very many types
+        if isinstance(error, OSError) and error.errno in _OF_WRITING:
+            raise
+        raise DataError(f"{where}: {fault} ({one_line(error)}); {remedy}.") from error
+
+
+def guard(function: Callable[P, R]) -> Callable[P, R]:
+    """`function`, whose first argument is the path of what it reads, within `guarded`."""
+    name = next(iter(inspect.signature(function).parameters))
+
+    @wraps(function)
+    def inner(*args: P.args, **kwargs: P.kwargs) -> R:
+        with guarded(str(args[0] if args else kwargs.get(name))):
+            return function(*args, **kwargs)
+
+    return inner
+
+
+def one_line(error: BaseException) -> str:
+    """The type of an error and the beginning of its message, printable and without a full stop."""
+    text = "".join(sign if sign.isprintable() else " " for sign in str(error))
+    text = " ".join(text.split()).replace(". ", ", ")[:_LONGEST].rstrip(" .")
+    return f"{type(error).__name__}: {text}" if text else type(error).__name__

@@ -1,0 +1,90 @@
+"""Whatever a library raises while data are read is one sentence that names the place."""
+
+import errno
+import warnings
+
+import numpy as np
+import pyarrow as pa
+import pytest
+
+from rpil.data.errors import DataError, MissingExtraError
+from rpil.data.guard import guard, guarded, one_line
+
+FOREIGN = [
+    KeyError("actions"),
+    ZeroDivisionError("integer modulo by zero"),
+    RecursionError("maximum recursion depth exceeded"),
+    OverflowError("int too large"),
+    UnicodeDecodeError("utf-8", b"\xff", 0, 1, "invalid start byte"),
+    NotImplementedError("zip file version 9.9"),
+    AssertionError(),
+    pa.ArrowInvalid("Parquet magic bytes not found. Either the file is corrupted. \n\tOr this is no file."),
+    OSError(errno.EIO, "Input/output error", "/a. b/c"),
+    np.linalg.LinAlgError("\x1b[31mred\x1b[0m \u202e"),
+    StopIteration(3),
+    ValueError("x" * 1000),
+]
+
+
+@pytest.mark.parametrize("error", FOREIGN, ids=lambda error: type(error).__name__)
+def test_a_foreign_error_is_one_sentence(error):
+    with (
+        pytest.raises(DataError, match=r"^a\.npz: a damaged file .*; write it again\.$") as caught,
+        guarded("a.npz", "a damaged file", "write it again"),
+    ):
+        raise error
+    message = str(caught.value)
+    assert type(error).__name__ in message
+    assert message.isprintable()
+    assert ". " not in message
+    assert len(message) < 200
+    assert caught.value.__cause__ is error
+
+
+def test_too_little_memory_is_no_damage():
+    with pytest.raises(DataError, match="memory") as caught, guarded("a.npz"):
+        raise MemoryError
+    assert "damage" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    "error",
+    [
+        DataError("b.npz: it is bad; repair it."),
+        MissingExtraError("HDF5", "hdf5"),
+        UserWarning("an error by the user's wish"),
+        KeyboardInterrupt(),
+        SystemExit(3),
+        OSError(errno.ENOSPC, "No space left on device"),
+        OSError(errno.EROFS, "Read-only file system"),
+    ],
+    ids=lambda error: type(error).__name__,
+)
+def test_what_is_no_fault_of_the_data_passes(error):
+    with pytest.raises(type(error)) as caught, guarded("a.npz"):
+        raise error
+    assert caught.value is error
+
+
+def test_warnings_are_no_errors(recwarn):
+    warnings.simplefilter("always")
+    with guarded("a.npz"):
+        warnings.warn("careful", UserWarning, stacklevel=1)
+    assert len(recwarn) == 1
+
+
+def test_a_function_of_a_path_is_guarded():
+    @guard
+    def read(path, times=1):
+        """Read."""
+        return 1 / times
+
+    assert (read("a"), read(path="a", times=2), read.__doc__, read.__name__) == (1, 0.5, "Read.", "read")
+    for call in (lambda: read("a.csv", 0), lambda: read(path="a.csv", times=0)):
+        with pytest.raises(DataError, match=r"^a\.csv: .*ZeroDivisionError"):
+            call()
+
+
+def test_one_line_of_an_error():
+    assert one_line(ValueError("a  b.\nC.")) == "ValueError: a b, C"
+    assert one_line(AssertionError()) == "AssertionError"

@@ -1,0 +1,210 @@
+"""A small valid file or folder of every format that is read: `SAMPLES`, functions of an empty folder, by name."""
+
+from __future__ import annotations
+
+import gzip
+import json
+import shutil
+from collections.abc import Callable
+from importlib.util import find_spec
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from rpil.data import formats
+from rpil.data.demonstrations import Demonstrations
+
+LENGTHS = (4, 6, 5)
+OWNERS = np.repeat(np.arange(len(LENGTHS)), LENGTHS)
+_RNG = np.random.default_rng(0)
+STATES, MOVES = _RNG.normal(size=(len(OWNERS), 2)), _RNG.normal(size=(len(OWNERS), 2))
+FRAMES = np.concatenate([np.arange(n) for n in LENGTHS])
+
+
+def demonstrations(continuous: bool = True) -> Demonstrations:
+    return Demonstrations.from_groups(STATES, MOVES if continuous else OWNERS % 2 + FRAMES % 2, OWNERS)
+
+
+def table(**others: object) -> pa.Table:
+    """A row for each step, with lists of numbers and a text."""
+    columns = {"observation.state": STATES.tolist(), "action": MOVES.tolist(), "episode_index": OWNERS}
+    times = {"frame_index": FRAMES, "timestamp": FRAMES / 30, "index": np.arange(len(OWNERS))}
+    return pa.table({**columns, **times, **others})
+
+
+def written(name: str, continuous: bool = True) -> Callable[[Path], Path]:
+    """A maker of a file of this name, by `formats.write`."""
+
+    def make(folder: Path) -> Path:
+        formats.write(folder / name, demonstrations(continuous))
+        return folder / name
+
+    return make
+
+
+def _text_table(name: str, separator: str, encoding: str, pack: Callable[[bytes], bytes]) -> Callable[[Path], Path]:
+    def make(folder: Path) -> Path:
+        names = ["episode_index", "frame_index", "x", "operator", "action"]
+        rows = [[f"é{OWNERS[n]}", n, STATES[n, 0], "Ann, B", MOVES[n, 0]] for n in range(len(OWNERS))]
+        lines = (
+            separator.join(f'"{value}"' if isinstance(value, str) else str(value) for value in row) for row in rows
+        )
+        (folder / name).write_bytes(pack("\n".join([separator.join(names), *lines, ""]).encode(encoding)))
+        return folder / name
+
+    return make
+
+
+def parquet_lists(folder: Path) -> Path:
+    """Lists, and text, in small row groups, with pyarrow's defaults."""
+    pq.write_table(table(operator=[f"é{m}" for m in OWNERS]), folder / "lists.parquet", row_group_size=7)
+    return folder / "lists.parquet"
+
+
+def parquet_folder(folder: Path) -> Path:
+    path = folder / "many"
+    path.mkdir()
+    for m in range(len(LENGTHS)):
+        pq.write_table(table().filter(pa.array(m == OWNERS)), path / f"{m}.parquet")
+    return path
+
+
+def csv_folder(folder: Path) -> Path:
+    path = folder / "texts"
+    path.mkdir()
+    for m in range(len(LENGTHS)):
+        rows = [f"{x},{a}\n" for x, a in zip(STATES[m == OWNERS, 0], MOVES[m == OWNERS, 0], strict=True)]
+        (path / f"{m}.csv").write_text("".join(["x,action\n", *rows]))
+    return path
+
+
+def lerobot(folder: Path) -> Path:
+    """LeRobot's layout of version 3.0, without videos."""
+    path = folder / "lerobot"
+    for name in ("data/chunk-000", "meta/episodes/chunk-000"):
+        (path / name).mkdir(parents=True)
+    features = {
+        name: {"dtype": "float64", "shape": [2], "names": ["a", "b"]} for name in ("observation.state", "action")
+    }
+    features |= {name: {"dtype": "int64", "shape": [1]} for name in ("episode_index", "index", "task_index")}
+    info = {"codebase_version": "v3.0", "fps": 30, "total_episodes": len(LENGTHS), "features": features}
+    (path / "meta" / "info.json").write_text(json.dumps(info | {"chunks_size": 1000, "total_frames": len(OWNERS)}))
+    (path / "meta" / "stats.json").write_text(json.dumps({"action": {"min": [0.0, 0.0], "q50": [0.0, 0.0]}}))
+    pq.write_table(pa.table({"task_index": [0], "task": ["lift"]}), path / "meta" / "tasks.parquet")
+    pq.write_table(table(task_index=0 * OWNERS), path / "data/chunk-000/file-000.parquet")
+    ends = np.cumsum(LENGTHS)
+    rows = {"episode_index": range(len(LENGTHS)), "length": LENGTHS, "dataset_from_index": ends - LENGTHS}
+    rows |= {"dataset_to_index": ends, "stats/index/min": [[float(end)] for end in ends]}
+    pq.write_table(pa.table(rows), path / "meta/episodes/chunk-000/file-000.parquet")
+    return path
+
+
+def minari(kind: str) -> Callable[[Path], Path]:
+    """A maker of a folder of Minari, with a table of T + 1 rows for each episode."""
+
+    def make(folder: Path) -> Path:
+        data = folder / "set-v0" / "data"
+        data.mkdir(parents=True)
+        about = {"data_format": kind, "total_episodes": len(LENGTHS), "total_steps": len(OWNERS)}
+        (data / "metadata.json").write_text(json.dumps(about))
+        for m, n in enumerate(LENGTHS):
+            (data / str(m)).mkdir()
+            seen = {"pos": _RNG.normal(size=n + 1), "goal": _RNG.normal(size=n + 1)}
+            rows = {"observations": pa.StructArray.from_arrays([pa.array(one) for one in seen.values()], list(seen))}
+            rows |= {"actions": np.arange(n + 1) % 3, "rewards": np.ones(n + 1), "mission": ["é"] * (n + 1)}
+            one, file = pa.table(rows), data / str(m) / f"part-0.{kind}"
+            if kind == "parquet":
+                pq.write_table(one, file)
+            else:
+                with pa.ipc.new_file(file, one.schema) as stream:
+                    stream.write_table(one)
+            (data / str(m) / "metadata.json").write_text(json.dumps({"id": m, "total_steps": n}))
+        return folder / "set-v0"
+
+    return make
+
+
+def minari_hdf5(folder: Path) -> Path:
+    import h5py
+
+    data = folder / "set-v1" / "data"
+    data.mkdir(parents=True)
+    (data / "metadata.json").write_text(json.dumps({"data_format": "hdf5"}))
+    with h5py.File(data / "main_data.hdf5", "w") as file:
+        for m, n in enumerate(LENGTHS):
+            file[f"episode_{m}/observations/pos"] = _RNG.normal(size=(n + 1, 2))
+            file[f"episode_{m}/actions"] = np.arange(n) % 3
+    return folder / "set-v1"
+
+
+def imitation(folder: Path) -> Path:
+    path = folder / "trajectories"
+    path.mkdir()
+    rows = {"obs": [_RNG.normal(size=(n + 1, 2)).tolist() for n in LENGTHS], "infos": [["{}"] * n for n in LENGTHS]}
+    rows |= {"acts": [_RNG.normal(size=(n, 2)).tolist() for n in LENGTHS], "terminal": [True] * len(LENGTHS)}
+    one = pa.table(rows)
+    with pa.ipc.new_stream(path / "data-00000-of-00001.arrow", one.schema) as stream:
+        stream.write_table(one)
+    state = {"_data_files": [{"filename": "data-00000-of-00001.arrow"}], "_fingerprint": "ab12"}
+    (path / "state.json").write_text(json.dumps(state))
+    (path / "dataset_info.json").write_text(json.dumps({"features": {name: {} for name in rows}}))
+    return path
+
+
+def imitation_npz(folder: Path) -> Path:
+    n = len(LENGTHS)
+    arrays = {"obs": _RNG.normal(size=(len(OWNERS) + n, 2)), "acts": MOVES, "indices": np.cumsum(LENGTHS)[:-1]}
+    np.savez(folder / "old.npz", **arrays, terminal=np.ones(n, bool))
+    return folder / "old.npz"
+
+
+def _hdf5(name: str) -> Callable[[Path], Path]:
+    def make(folder: Path) -> Path:
+        import hdf5_files
+
+        path = folder / (name if name == "aloha" else f"{name}.hdf5")
+        return getattr(hdf5_files, name)(path)  # type: ignore[no-any-return]
+
+    return make
+
+
+def zarr(zarr_format: int, zipped: bool) -> Callable[[Path], Path]:
+    """A maker of a replay buffer, as a folder or in a ZIP file."""
+
+    def make(folder: Path) -> Path:
+        import zarr
+
+        path = folder / f"buffer{zarr_format}.zarr"
+        root = zarr.create_group(path, zarr_format=zarr_format)
+        for name, values in {"action": MOVES, "state": STATES}.items():
+            root.create_array(f"data/{name}", data=values, chunks=(4, 2))
+        root.create_array("meta/episode_ends", data=np.cumsum(LENGTHS))
+        return Path(shutil.make_archive(str(path), "zip", path)) if zipped else path
+
+    return make
+
+
+SAMPLES: dict[str, Callable[[Path], Path]] = {
+    "CSV": written("a.csv"),
+    "CSV of discrete actions": written("b.csv", continuous=False),
+    "CSV, semicolons, Windows": _text_table("c.csv", ";", "cp1252", bytes),
+    "TSV, UTF-16": _text_table("d.tsv", "\t", "utf-16", bytes),
+    "CSV, compressed": _text_table("e.csv.gz", ",", "utf-8", gzip.compress),
+    "folder of CSV": csv_folder,
+    "NPZ": written("f.npz"),
+    "Parquet": written("g.parquet"),
+    "Parquet of lists": parquet_lists,
+    "folder of Parquet": parquet_folder,
+    "LeRobot": lerobot,
+    "Minari, Arrow": minari("arrow"),
+    "Minari, Parquet": minari("parquet"),
+    "imitation": imitation,
+    "imitation, NPZ": imitation_npz,
+}
+if find_spec("h5py"):
+    SAMPLES |= {name: _hdf5(name) for name in ("robomimic", "d4rl", "aloha")} | {"Minari, HDF5": minari_hdf5}
+if find_spec("zarr"):
+    for _format in (2, 3):
+        SAMPLES |= {f"Zarr {_format}": zarr(_format, False), f"Zarr {_format}, ZIP": zarr(_format, True)}

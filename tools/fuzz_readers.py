@@ -1,0 +1,277 @@
+"""Flips random bytes in small valid files of every format that is read, and reads them: each must end in one sentence.
+
+Usage
+-----
+``python tools/fuzz_readers.py`` reads 5,000 mutants of each sample of `tests/samples.py`, and of a policy, a
+checkpoint, labels, verdicts and what is expected, and prints a line for each. ``--mutants N``, ``--seed S``,
+``--only PATTERN``. The exit code is 1 where anything but a `DataError` of one sentence is raised, or a mutant takes
+longer than `SECONDS`, ends the process, or makes it grow by more than `MAX_GROWTH`. Set PYTHONPATH to the ``src`` to
+test.
+
+Notes
+-----
+Mutant k of a sample depends on the seed, the name of the sample and k alone: 1 to 8 bytes of one of its files have
+another value. What is read: the description, the demonstrations, both from disk where that is possible, the times, and
+what `keep` writes. A process reads the mutants of one sample, and is started again where it dies.
+"""
+
+from __future__ import annotations
+
+import argparse
+import faulthandler
+import json
+import re
+import resource
+import shutil
+import signal
+import subprocess
+import sys
+import time
+import traceback
+import zlib
+from collections import Counter
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
+
+import rpil
+from rpil.audit.choice import read_verdicts
+from rpil.audit.faults.expected import read_expected
+from rpil.data import formats
+from rpil.data.errors import DataError, MissingExtraError
+from rpil.data.formats.dataset import Dataset
+from rpil.data.memory import limited
+from rpil.scale.ascent import AscentState
+from rpil.scale.checkpoint import Checkpoint
+from samples import SAMPLES, demonstrations
+
+SECONDS, DEADLY_SECONDS = 10, 60
+"""That a mutant may take; and after which a library that does not return is ended with its process."""
+
+MAX_GROWTH = 500e6  # bytes
+MEMORY = "300MB"  # that data may take
+_LIMIT = 12 << 30  # of the address space: a fault is to end a process, not the machine
+
+Maker = Callable[[Path], Path]
+Reader = Callable[[Path, Path], object]
+
+
+class TooSlowError(BaseException):
+    """No `Exception`, so that nothing takes it for a fault of the file."""
+
+
+def read_data(path: Path, output: Path) -> None:
+    """Keep demonstrations, read them from disk where that is possible, and into memory: the last decides."""
+    try_out(lambda: formats.keep(path, output, KEPT.get(path.name, (0, 2))))
+    if path.suffix == ".parquet" or path.is_dir():
+        try_out(lambda: describe(path, on_disk=True))
+    describe(path)
+
+
+def try_out(function: Callable[[], object]) -> None:
+    """Call a function, whose errors must be sentences."""
+    try:
+        function()
+    except (DataError, MissingExtraError) as error:
+        if not is_sentence(str(error)):
+            raise AssertionError(f"no sentence: {error}") from error
+
+
+def describe(path: Path, on_disk: bool = False) -> None:
+    """Read all that a file says."""
+    recording = formats.read_recording(path, on_disk=on_disk)
+    recording.description.lines()
+    recording.description.to_dict()
+    found = recording.demonstrations
+    for shard in found.shards() if isinstance(found, Dataset) else ():
+        for _ in shard:
+            pass
+    recording.times()
+
+
+KEPT = {"robomimic.hdf5": ("demo_0", "demo_10"), "aloha": ("episode_0", "episode_2"), "texts": ("0", "2")}
+KEPT |= dict.fromkeys(("c.csv", "d.tsv", "e.csv.gz"), ("é0", "é2"))
+"""Ids to keep of samples whose ids are text."""
+
+
+def policy(folder: Path) -> Path:
+    rpil.save(rpil.RPIL(features="raw").fit(demonstrations()), folder / "policy")
+    return folder / "policy"
+
+
+def checkpoint(folder: Path) -> Path:
+    model = rpil.BehavioralCloning(features="raw").fit(demonstrations())
+    Checkpoint(folder / "checkpoint", "").keep(AscentState(model.policy_))
+    return folder / "checkpoint"
+
+
+def text(name: str, content: str) -> Maker:
+    def make(folder: Path) -> Path:
+        (folder / name).write_text(content, encoding="utf-8")
+        return folder / name
+
+    return make
+
+
+def parquet_verdicts(folder: Path) -> Path:
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    pq.write_table(pa.table({"id": ["é0", "b"], "verdict": ["expert", "adversary"]}), folder / "v.parquet")
+    return folder / "v.parquet"
+
+
+LABELS, RULES = '{"é0": "expert", "b": "bad", "c": "good"}', '{"spike": ["é0", 7], "idle head": "all"}'
+CSV_LABELS = 'id,label\né0,expert\nb,bad\n"c, d",good\n'
+READERS: dict[str, tuple[Maker, Reader]] = {
+    **{name: (make, read_data) for name, make in SAMPLES.items()},
+    "policy": (policy, lambda path, _: rpil.load(path)),
+    "checkpoint": (checkpoint, lambda path, _: Checkpoint(path, "").read()),
+    "labels, CSV": (text("l.csv", CSV_LABELS), lambda path, _: formats.read_labels(path)),
+    "labels, JSON": (text("l.json", LABELS), lambda path, _: formats.read_labels(path)),
+    "verdicts, CSV": (text("v.csv", "id,verdict\né0,expert\nb,adversary\n"), lambda path, _: read_verdicts(path)),
+    "verdicts, Parquet": (parquet_verdicts, lambda path, _: read_verdicts(path)),
+    "expected, JSON": (text("e.json", RULES), lambda path, _: read_expected(path)),
+    "expected, YAML": (text("e.yaml", "spike: [é0, 7]\nidle head:\n  - b\n"), lambda path, _: read_expected(path)),
+}
+
+
+def is_sentence(message: str) -> bool:
+    """Whether a message is one sentence in one line, which may quote what is in a file."""
+    words = re.sub(r"'[^']*'|\"[^\"]*\"", "''", message)
+    return words.endswith(".") and ". " not in words and "\n" not in message and len(message) < 600
+
+
+def mutate(path: Path, name: str, seed: int, k: int) -> None:
+    """Give 1 to 8 bytes of a file, or of one of the files of a folder, other values."""
+    rng = np.random.default_rng([seed, zlib.crc32(name.encode()), k])
+    files = [path] if path.is_file() else sorted(file for file in path.rglob("*") if file.is_file())
+    file = files[rng.integers(len(files))]
+    content = np.frombuffer(file.read_bytes(), np.uint8).copy()
+    if len(content):
+        places = rng.integers(len(content), size=rng.integers(1, 9))
+        bits, flips = 1 << rng.integers(8, size=len(places)), rng.integers(1, 256, size=len(places))
+        content[places] ^= np.where(k % 2, bits, flips).astype(np.uint8)  # of single bits, more can be read
+    file.write_bytes(content.tobytes())
+
+
+def copy(source: Path, target: Path) -> None:
+    if source.is_dir():
+        shutil.copytree(source, target)
+    else:
+        shutil.copyfile(source, target)
+
+
+@contextmanager
+def hurried() -> Iterator[None]:
+    """Raise `TooSlowError` after `SECONDS`; end the process after `DEADLY_SECONDS`."""
+
+    def interrupt(*_: object) -> None:
+        raise TooSlowError
+
+    signal.signal(signal.SIGALRM, interrupt)
+    signal.setitimer(signal.ITIMER_REAL, SECONDS)
+    faulthandler.dump_traceback_later(DEADLY_SECONDS, exit=True)
+    try:
+        yield
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0)
+        faulthandler.cancel_dump_traceback_later()
+
+
+def attempt(read: Reader, path: Path, output: Path) -> tuple[str, str]:
+    """How a reading ends, in a word, and more about it."""
+    try:
+        with hurried(), limited(MEMORY):
+            read(path, output)
+    except (DataError, MissingExtraError) as error:
+        return ("refused" if is_sentence(str(error)) else "no sentence"), str(error)
+    except TooSlowError:
+        return "too slow", "".join(traceback.format_exc().splitlines(keepends=True)[-6:])
+    except BaseException:
+        return "traceback", traceback.format_exc()
+    return "read", ""
+
+
+def peak() -> int:
+    """The largest memory of this process so far, in bytes."""
+    return 1024 * int(re.search(r"VmHWM:\s*(\d+)", Path("/proc/self/status").read_text())[1])  # type: ignore[index]
+
+
+def work(name: str, seed: int, first: int, last: int) -> None:
+    """In a process of its own: read the mutants ``first:last`` of a sample, and print a line of JSON for each."""
+    resource.setrlimit(resource.RLIMIT_AS, (_LIMIT, _LIMIT))
+    make, read = READERS[name]
+    with TemporaryDirectory() as folder:
+        place, whole = Path(folder), Path(folder) / "whole"
+        whole.mkdir()
+        sample = make(whole)
+        path, output = place / sample.name, place / f"kept{''.join(sample.suffixes)}"
+        for k in range(first - 1, last):  # first the sample itself, which can be read
+            copy(sample, path)
+            if k >= first:
+                mutate(path, name, seed, k)
+            before = peak()
+            print(json.dumps([k, "begun", "", 0]), flush=True)
+            print(json.dumps([k, *attempt(read, path, output), peak() - before]), flush=True)
+            for old in place.iterdir():
+                if old != whole:
+                    shutil.rmtree(old) if old.is_dir() and not old.is_symlink() else old.unlink()
+
+
+def fuzz(name: str, seed: int, n_mutants: int) -> tuple[Counter[str], list[str], int]:
+    """How often the readings of mutants ended in which way, what went wrong, and the largest growth in bytes."""
+    counts: Counter[str] = Counter()
+    wrong: list[str] = []
+    growth, first = 0, 0
+    while first < n_mutants:
+        command = [sys.executable, __file__, "--work", name, str(seed), str(first), str(n_mutants)]
+        process = subprocess.run(command, capture_output=True, text=True)
+        rows = [json.loads(line) for line in process.stdout.splitlines() if line.startswith("[")]
+        for k, end, more, grown in (row for row in rows if row[1] != "begun"):
+            if k < first:  # the sample itself, which warms caches up
+                wrong += [f"the sample itself: {end} {more}"] if end != "read" else []
+                continue
+            end = "grew" if grown > MAX_GROWTH else end
+            counts[end] += 1
+            growth = max(growth, grown)
+            wrong += [f"mutant {k}: {end}, {grown / 1e6:,.0f} MB\n{more}"] if end not in ("read", "refused") else []
+        if process.returncode == 0:
+            break
+        last = rows[-1][0] if rows else first
+        counts["process ended"] += 1
+        wrong.append(f"mutant {last}: the process ended with {process.returncode}\n{process.stderr[-2000:]}")
+        first = last + 1
+    return counts, wrong, growth
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--mutants", type=int, default=5000)
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--only", default="", help="samples whose names this pattern finds")
+    parser.add_argument("--work", nargs=4, help=argparse.SUPPRESS)
+    given = parser.parse_args()
+    if given.work:
+        work(given.work[0], *map(int, given.work[1:]))
+        return 0
+    total, faulty = Counter[str](), 0
+    for name in (name for name in READERS if re.search(given.only, name)):
+        begun = time.perf_counter()
+        counts, wrong, growth = fuzz(name, given.seed, given.mutants)
+        ends = ", ".join(f"{n:,} {end}" for end, n in counts.most_common())
+        print(f"{name}: {ends}; grew by {growth / 1e6:,.0f} MB, {time.perf_counter() - begun:.0f} s", flush=True)
+        for one in wrong[:20]:
+            print(one, flush=True)
+        total, faulty = total + counts, faulty + len(wrong)
+    print(f"all: {', '.join(f'{n:,} {end}' for end, n in total.most_common())}; {faulty:,} wrong")
+    return int(faulty > 0)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
