@@ -14,7 +14,7 @@ from rpil.data.arrays import ActionKind, Id, as_array
 from rpil.data.demonstrations import SOURCE, Demonstrations
 from rpil.data.errors import DataError
 from rpil.data.files import StrPath, check_exists, check_extension, check_readable, check_writable
-from rpil.data.formats import csv, folder, lerobot_folder, npz, parquet, robomimic
+from rpil.data.formats import csv, folder, lerobot_folder, npz, parquet, robomimic, zarr
 from rpil.data.formats.arrow import Frame, read_frame
 from rpil.data.formats.columns import ColumnOptions, Names
 from rpil.data.formats.dataset import open_dataset
@@ -28,6 +28,7 @@ from rpil.data.formats.selection import keep_file, keep_folder
 from rpil.data.formats.store import may_be_many_files
 from rpil.data.formats.weights import write_weights
 from rpil.data.memory import Size, limited
+from rpil.data.missing import fill_chunks
 
 __all__ = ["ColumnOptions", "Description", "Label", "Recording", "match_labels", "read_labels", "write_weights"]
 
@@ -52,7 +53,11 @@ class ReadOptions(TypedDict, total=False):
 
 
 def read(
-    path: StrPath | Frame | Iterable[object], *, memory: Size | None = None, **columns: Unpack[ReadOptions]
+    path: StrPath | Frame | Iterable[object],
+    *,
+    memory: Size | None = None,
+    fill_missing: bool = False,
+    **columns: Unpack[ReadOptions],
 ) -> Demonstrations:
     """Read demonstrations into memory: from a file or folder of a known format, a data frame, or trajectories.
 
@@ -69,6 +74,8 @@ def read(
         Whether one column of whole numbers holds classes; "auto" decides by how many there are.
     memory : int or str, optional
         Bytes that the data may take, as a number or as text such as "4GB"; by default half of the free memory.
+    fill_missing : bool
+        Whether chunks of Zarr that are not there are read as the value that its header names; else they are an error.
 
     Raises
     ------
@@ -76,7 +83,7 @@ def read(
         One sentence naming the file, the demonstration where there is one, and the remedy; before anything is read
         where the data would take more memory.
     """
-    with limited(memory):
+    with limited(memory), fill_chunks(fill_missing):
         options = ColumnOptions(**columns)
         if not isinstance(path, str | os.PathLike | Frame):
             return _of_trajectories(path, options)
@@ -196,7 +203,7 @@ def check_keep(path: StrPath, output: StrPath) -> tuple[Path, Path]:
         raise DataError(f"{output}: it is there already; give the path of a new folder.")
     if lerobot_folder.is_mine(path):
         lerobot_folder.check_output(path, output)
-    if path.is_file() and find_layout(path) is None and output.suffix.lower() != path.suffix.lower():
+    if path.is_file() and find_layout(path) in (None, zarr) and output.suffix.lower() != path.suffix.lower():
         raise DataError(f"{output}: give it the extension {path.suffix}, or write another format with rpil convert.")
     return path, check_writable(output)
 
