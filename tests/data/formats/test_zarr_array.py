@@ -92,7 +92,7 @@ def test_filters_of_format_2(tmp_path, codec):
         {"chunk_key_encoding": {"name": "default", "separator": "."}},
         {"chunk_key_encoding": {"name": "v2", "separator": "/"}},
     ],
-    ids=str,
+    ids=lambda how: "-".join(how),
 )
 def test_codecs_and_names_of_format_3(tmp_path, how):
     found = write(tmp_path / "x", zarr_format=3, **how)

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Collection, Iterable, Mapping
 
 from rpil.audit.faults.record import RULES, Finding
 from rpil.data.errors import DataError
 from rpil.data.files import StrPath, check_extension, check_readable
+from rpil.data.json_files import LARGEST_TABLE, parse, read_text
 
 ALL = "all"
 """Stands for all demonstrations."""
@@ -34,8 +34,10 @@ def read_expected(path: StrPath) -> dict[str, set[str]]:
     """
     path = check_readable(check_extension(path, (".json", ".yaml", ".yml"), "what is expected"))
     try:
-        text = path.read_text(encoding="utf-8-sig")
-        content = json.loads(text) if path.suffix.lower() == ".json" else _read_yaml(text, path.name)
+        text = read_text(path, LARGEST_TABLE, "utf-8-sig")
+        content = (
+            parse(text, path.name, LARGEST_TABLE) if path.suffix.lower() == ".json" else _read_yaml(text, path.name)
+        )
     except (UnicodeDecodeError, ValueError) as error:
         if isinstance(error, DataError):
             raise

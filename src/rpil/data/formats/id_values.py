@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import json
 from collections.abc import Hashable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Literal, TypeVar, cast
@@ -13,6 +12,7 @@ from rpil.data.errors import DataError
 from rpil.data.files import StrPath, check_extension, check_readable
 from rpil.data.formats.names import EPISODE, quoted
 from rpil.data.formats.table import check_ids
+from rpil.data.json_files import LARGEST_TABLE, parse, read_text
 
 Label = Literal["expert", "adversary"]
 Key = TypeVar("Key", bound=Hashable)
@@ -84,10 +84,10 @@ def read_id_pairs(path: StrPath, column: str, example: str) -> list[tuple[str, o
     """Ids and values of a CSV file with the columns ``id`` and `column`, or of a JSON object; an id may come twice."""
     path = check_readable(path)
     try:
-        text = path.read_text(encoding="utf-8-sig")
+        text = read_text(path, LARGEST_TABLE, "utf-8-sig")
         if path.suffix.lower() == ".csv":
             return _csv_pairs(text, column, path.name)
-        pairs = cast(list[tuple[str, object]], json.loads(text, object_pairs_hook=list))
+        pairs = cast(list[tuple[str, object]], parse(text, path.name, LARGEST_TABLE, list))
     except DataError:
         raise
     except (csv.Error, ValueError, RecursionError) as error:  # ValueError: of Unicode, or of numbers of 5,000 digits

@@ -84,6 +84,8 @@ def keep(path: Path, output: Path, ids: Sequence[Id]) -> None:
             _parent(new).attrs["total"] = sum(len(found[name]) for name in names)
         mask = new.require_group("mask") if "mask" in hdf5.groups(new) else {}
         for key, listed_names in hdf5.members(mask).items():
+            if listed_names.size > len(found):
+                raise DataError(f"{path.name}: mask/{key} lists more names than there are demonstrations; repair it.")
             kept = [name for name in listed_names[()].tolist() if name.decode() in names]
             del mask[key]
             mask[key] = np.array(kept, dtype="S")

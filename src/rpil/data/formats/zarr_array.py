@@ -15,6 +15,7 @@ from rpil.data.formats.description import listed
 from rpil.data.formats.zarr_files import Files
 from rpil.data.formats.zarr_header import STREAMS, Coding, Header, Options
 from rpil.data.json_files import Parsed
+from rpil.data.memory import check_padding
 from rpil.data.missing import are_chunks_filled
 from rpil.numerics.types import Array
 
@@ -44,7 +45,7 @@ class ZarrArray:
 
     def take(self, rows: Array) -> Array:
         """The values of `rows` (n,), which rise; a `DataError` where a chunk of theirs is missing or damaged."""
-        self.header.check_chunks()
+        check_padding(self.shape, self.chunks, self.dtype.itemsize, self.header.where)
         size, in_row = self.chunks[0], math.prod(self.header.grid[1:])
         wanted = {number: self.chunk_files.get(number, {}) for number in np.unique(rows // size).tolist()}
         if not are_chunks_filled() and any(len(files) < in_row for files in wanted.values()):

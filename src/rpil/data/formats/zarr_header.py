@@ -6,8 +6,6 @@ and types that are not on the lists here are refused.
 
 from __future__ import annotations
 
-import json
-import math
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -16,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from rpil.data.errors import DataError
-from rpil.data.json_files import Parsed
+from rpil.data.json_files import Parsed, parse
 
 HEADERS = (".zarray", "zarr.json")
 """Files that describe an array, in the formats 2 and 3."""
@@ -33,11 +31,6 @@ _TYPE_NAME = re.compile(r"bool|u?int(?:8|16|32|64)|float(?:16|32|64)|complex(?:6
 
 DType = np.dtype[Any]
 Options = Mapping[str, Parsed]
-
-MAX_PADDING = 8
-SMALL_CHUNK = 16 * 2**20
-"""All chunks of an array hold up to `MAX_PADDING` times its values, because the last ones may be filled in part, or
-this many bytes."""
 
 
 @dataclass(frozen=True)
@@ -114,21 +107,11 @@ class Header:
         """The name of the file at a place of the grid."""
         return self.separator.join([*([self.prefix] if self.prefix else []), *map(str, place)])
 
-    def check_chunks(self) -> None:
-        """A `DataError` where the chunks are far larger than the array."""
-        itemsize = self.coding.dtype.itemsize
-        n_bytes = itemsize * math.prod(self.grid) * math.prod(self.file_shape)
-        if n_bytes > max(MAX_PADDING * itemsize * math.prod(self.shape), SMALL_CHUNK):
-            raise DataError(
-                f"{self.where} has the shape {self.shape}, but chunks of {self.file_shape}, which are far larger; "
-                "write it again with smaller ones."
-            )
-
 
 def parse_header(content: bytes, where: str) -> Header | None:
     """The header of an array, None for a group; a `DataError` where it is damaged or names what is not on the lists."""
     try:
-        about = json.loads(content)
+        about = parse(content, where)
         if about.get("node_type") == "group":
             return None
         return (_parse_2 if about["zarr_format"] == 2 else _parse_3)(about, where)
