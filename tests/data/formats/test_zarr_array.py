@@ -136,6 +136,18 @@ def test_types(tmp_path, values, zarr_format):
     np.testing.assert_array_equal(found[0 : len(values)], values)
 
 
+@pytest.mark.parametrize("dtype", ["|O", "<U12", "|S3"])
+@pytest.mark.parametrize("codec", [numcodecs.VLenUTF8(), numcodecs.VLenBytes()], ids=lambda codec: codec.codec_id)
+def test_texts_of_any_length(tmp_path, codec, dtype):
+    header = {"zarr_format": 2, "shape": [11], "chunks": [11], "dtype": dtype, "filters": [codec.get_config()]}
+    (tmp_path / "x").mkdir()
+    (tmp_path / "x/.zarray").write_text(json.dumps(header | {"compressor": {"id": "zlib"}, "fill_value": None}))
+    is_bytes = codec.codec_id == "vlen-bytes"
+    words = np.array([word.encode() if is_bytes else word for word in WORDS.tolist()], dtype=object)
+    (tmp_path / "x/0").write_bytes(numcodecs.Zlib().encode(codec.encode(words)))
+    assert opened_array(tmp_path / "x")[2:9].tolist() == WORDS[2:9].tolist()
+
+
 @pytest.mark.parametrize("separator", [".", "/"])
 @pytest.mark.parametrize(("zarr_format", "shards"), [(2, None), (3, None), (3, (3, 5, 2))])
 def test_a_chunk_that_is_not_there(tmp_path, separator, zarr_format, shards):
