@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import PurePosixPath
 from typing import TYPE_CHECKING
 
 from rpil.data.folders import check_inside
+from rpil.data.formats.parquet_pages import check_table
+from rpil.data.json_files import LARGEST_METADATA, parse, parse_lines
 
 if TYPE_CHECKING:
     from pyarrow import fs
@@ -54,7 +55,7 @@ def read_metadata(filesystem: fs.FileSystem, path: str) -> Metadata:
             check_inside(str(meta / name), str(data.parent))
     try:
         with filesystem.open_input_stream(str(meta / "info.json")) as stream:
-            info = json.loads(stream.read())
+            info = parse(stream.read(LARGEST_METADATA + 1), str(meta / "info.json"))
         features = info.get("features", {})
         names = {name: parts for name, feature in features.items() if (parts := _part_names(feature))}
         videos = tuple(name for name, feature in features.items() if feature.get("dtype") == "video")
@@ -78,6 +79,7 @@ def _tasks(filesystem: fs.FileSystem, meta: PurePosixPath) -> dict[str, str]:
     import pyarrow.parquet as pq
 
     try:
+        check_table(str(meta / "tasks.parquet"), filesystem)
         with filesystem.open_input_file(str(meta / "tasks.parquet")) as file:
             table = pq.read_table(file)
         text = next((name for name in table.column_names if name != "task_index"), "task_index")
@@ -88,7 +90,7 @@ def _tasks(filesystem: fs.FileSystem, meta: PurePosixPath) -> dict[str, str]:
         return {}
     try:
         with filesystem.open_input_stream(str(meta / "tasks.jsonl")) as stream:
-            rows = [json.loads(line) for line in stream.read().splitlines() if line.strip()]
+            rows = parse_lines(stream.read(LARGEST_METADATA + 1), str(meta / "tasks.jsonl"))
         return {str(row["task_index"]): str(row["task"]) for row in rows}
     except (OSError, KeyError, TypeError):
         return {}

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -15,7 +14,9 @@ from rpil.data.files import StrPath
 from rpil.data.formats import robomimic
 from rpil.data.formats.dialect import TEXT_SUFFIXES, find_dialect
 from rpil.data.formats.names import EPISODE
+from rpil.data.formats.parquet_pages import check_table
 from rpil.data.guard import guard
+from rpil.data.json_files import LARGEST_TABLE, parse_lines, read_json, read_text
 from rpil.numerics.types import Array, Float
 
 TIMESTAMP = ("timestamp", "timestamps")
@@ -62,7 +63,7 @@ def read_times(path: StrPath, ids: Sequence[Id], id_column: str | None = None) -
     if not (meta / "info.json").is_file():
         return Times(timestamps)
     try:
-        fps = json.loads((meta / "info.json").read_text(encoding="utf-8")).get("fps")
+        fps = read_json(meta / "info.json").get("fps")
     except (ValueError, AttributeError) as error:
         raise DataError(f"{meta / 'info.json'}: it is not the description of a data set; write it again.") from error
     known = isinstance(fps, int | float) and not isinstance(fps, bool) and 0 < fps < np.inf
@@ -122,10 +123,12 @@ def _frames(meta: Path) -> dict[Id, int]:
 
     try:
         if (meta / "episodes.jsonl").is_file():
-            lines = (meta / "episodes.jsonl").read_text(encoding="utf-8").splitlines()
-            rows = [json.loads(line) for line in lines if line.strip()]
+            path = meta / "episodes.jsonl"
+            rows = parse_lines(read_text(path, LARGEST_TABLE), str(path), LARGEST_TABLE)
         else:
             files = sorted((meta / "episodes").rglob("*.parquet"))
+            for file in files:
+                check_table(file)
             rows = [row for f in files for row in pq.read_table(f, columns=["episode_index", "length"]).to_pylist()]
         return {int(row["episode_index"]): int(row["length"]) for row in rows}
     except (pa.ArrowException, OSError, ValueError, KeyError, TypeError) as error:
