@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import resource
 import subprocess
 import sys
@@ -10,25 +11,32 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+
 MAX_BYTES = 2**30
+MAX_SECONDS = 10  # of processor time, for one file
 
 _SCRIPT = """
-import json, re, resource, sys
+import json, re, resource, sys, time
 from pathlib import Path
 from pkgutil import resolve_name
 from rpil.data.errors import DataError
 from rpil.data.memory import limited
 
 resource.setrlimit(resource.RLIMIT_AS, (8 << 30, 8 << 30))  # a fault is to end this process, not the machine
-ends = {}
+ends, memory = {}, sys.argv[1] if len(sys.argv) > 1 else None
 for path, function in json.loads(sys.stdin.read()).items():
+    start = time.process_time()
     try:
-        with limited("300MB"):
-            ends[path] = ["read", repr(resolve_name(function)(path))]
+        with limited(memory):
+            end = ["read", repr(resolve_name(function)(path))]
     except DataError as error:
-        ends[path] = ["refused", str(error)]
+        end = ["refused", str(error)]
     except BaseException as error:
-        ends[path] = [type(error).__name__, str(error)]
+        end = [type(error).__name__, str(error)]
+    ends[path] = [*end, str(time.process_time() - start)]
 peak = 1024 * int(re.search(r"VmHWM:\\s*(\\d+)", Path("/proc/self/status").read_text())[1])
 print(json.dumps({"ends": ends, "peak": peak}))
 """
@@ -48,12 +56,21 @@ def full_disk(n_bytes: int) -> Iterator[None]:
 Maker = Callable[[Path], None]
 
 
-def read_all(folder: Path, files: Mapping[str, tuple[Maker, str]]) -> tuple[dict[str, list[str]], int]:
-    """How the reading of each of the `files` by name, (what writes it, what reads it), ends; and the peak in bytes."""
+def read_all(
+    folder: Path, files: Mapping[str, tuple[Maker, str]], memory: str | None = "300MB"
+) -> tuple[dict[str, list[str]], int]:
+    """How the reading of each of the `files` by name, (what writes it, what reads it), ends; and the peak in bytes.
+
+    An end is how it ended, the message, and the seconds of processor time. With `memory` None, data may take what the
+    library allows.
+    """
     for name, (make, _) in files.items():
         make(folder / name)
     calls = {str(folder / name): function for name, (_, function) in files.items()}
-    done = subprocess.run([sys.executable, "-c", _SCRIPT], input=json.dumps(calls), capture_output=True, text=True)
+    command = [sys.executable, "-c", _SCRIPT, *([memory] if memory else [])]
+    search = os.pathsep.join([str(Path(__file__).parent), *filter(None, [os.environ.get("PYTHONPATH")])])
+    environment = {**os.environ, "PYTHONPATH": search}  # for functions of this file
+    done = subprocess.run(command, input=json.dumps(calls), capture_output=True, text=True, env=environment)
     assert done.returncode == 0, done.stderr
     found = json.loads(done.stdout)
     return {Path(path).name: end for path, end in found["ends"].items()}, found["peak"]
@@ -61,10 +78,42 @@ def read_all(folder: Path, files: Mapping[str, tuple[Maker, str]]) -> tuple[dict
 
 def assert_refused(end: list[str], name: str) -> None:
     """Reading ended with one sentence that names the file."""
-    kind, message = end
+    kind, message = end[:2]
     assert kind == "refused", end
     assert name in message
     assert message.endswith(".")
     assert ". " not in message
     assert "\n" not in message
     assert len(message) < 500
+
+
+def keep_first(path: str) -> None:
+    """Write the first demonstration of HDF5 of robomimic beside the file."""
+    from rpil.data import formats
+
+    formats.keep(path, f"{path}.kept.hdf5", ["demo_0"])
+
+
+def varint(number: int) -> bytes:
+    """A whole number as Thrift writes it."""
+    number, found = 2 * number, []
+    while number > 127:
+        found.append(number & 127 | 128)
+        number >>= 7
+    return bytes([*found, number])
+
+
+def write_long_list(path: Path, n: int, says: int | None = None) -> None:
+    """A list of one number and one of `n`, in a kilobyte; `says` is what the footer says that both hold."""
+    lists = pa.ListArray.from_arrays(pa.array([0, 1, n + 1], pa.int32()), pa.array(np.full(n + 1, 0.5)))
+    pq.write_table(
+        pa.table({"episode_index": [0, 0], "observation.x": lists, "action": [0, 1]}), path, compression="zstd"
+    )
+    if says is not None:
+        content = path.read_bytes()
+        size = 8 + int.from_bytes(content[-8:-4], "little")
+        true = varint(n + 1)
+        false = bytes([2 * says | 128, *[128] * (len(true) - 2), 0])
+        assert true in content[-size:]
+        path.write_bytes(content[:-size] + content[-size:].replace(true, false))
+        assert pq.ParquetFile(path).metadata.row_group(0).column(1).num_values == says

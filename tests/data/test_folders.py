@@ -151,6 +151,11 @@ def test_meta_of_a_file_in_data_is_not_read_through_a_link(folder, secret):
     (folder / "meta").symlink_to(secret)
     with pytest.raises(DataError, match=r"info\.json: it is a link that leads out"):
         formats.read_recording(file)
+    (folder / "meta").unlink()
+    shutil.copytree(secret, folder / "meta")
+    (folder / "meta" / "episodes").symlink_to(secret)
+    with pytest.raises(DataError, match=r"episodes: it is a link that leads out"):
+        formats.read_recording(file)
 
 
 def test_a_copy_has_files_for_links_and_permissions_of_its_own(folder, tmp_path):

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import io
-import json
 from collections.abc import Mapping, Sequence
 from typing import cast
 
@@ -16,7 +15,9 @@ from rpil.data.errors import DataError
 from rpil.data.files import StrPath, check_extension, check_readable
 from rpil.data.formats.cells import from_cell
 from rpil.data.formats.id_values import read_labels
+from rpil.data.formats.parquet_pages import check_table
 from rpil.data.guard import guarded
+from rpil.data.json_files import LARGEST_TABLE, parse, read_text
 from rpil.numerics.types import Array
 
 Table = Mapping[str, Sequence[object]]
@@ -65,11 +66,14 @@ def read_verdicts(path: StrPath) -> Table:
         if path.suffix.lower() == ".parquet":
             import pyarrow.parquet as pq
 
+            check_table(path)
             columns = pq.read_table(path).to_pydict()
         else:
-            text = path.read_text(encoding="utf-8-sig")
+            text = read_text(path, LARGEST_TABLE, "utf-8-sig")
             is_csv = path.suffix.lower() == ".csv"
-            rows = list(csv.DictReader(io.StringIO(text, newline="")) if is_csv else json.loads(text))
+            rows = list(
+                csv.DictReader(io.StringIO(text, newline="")) if is_csv else parse(text, path.name, LARGEST_TABLE)
+            )
             columns = {name: [row[name] for row in rows] for name in rows[0]} if isinstance(rows[0], dict) else {}
             if is_csv and "id" in columns:
                 columns["id"] = [from_cell(str(name)) for name in columns["id"]]

@@ -143,8 +143,9 @@ def _exceeds_budget(file: str) -> bool:
     from rpil.data.formats.parquet import decoded_bytes
     from rpil.data.formats.store import opened
 
-    with opened(fs.LocalFileSystem(), os.path.abspath(file)) as opened_file:
-        return decoded_bytes(opened_file) > budget()
+    filesystem, path = fs.LocalFileSystem(), os.path.abspath(file)
+    with opened(filesystem, path) as opened_file:
+        return decoded_bytes(filesystem, path, opened_file) > budget()
 
 
 @contextmanager

@@ -11,6 +11,7 @@ import click
 
 from rpil.data.files import StrPath, check_extension
 from rpil.data.memory import limited
+from rpil.data.missing import fill_chunks
 
 if TYPE_CHECKING:
     from rpil.data.formats.columns import ColumnOptions
@@ -69,6 +70,12 @@ def _limit_memory(ctx: click.Context, param: click.Parameter, size: str | None) 
     return size
 
 
+def _fill_chunks(ctx: click.Context, param: click.Parameter, wanted: bool) -> bool:
+    """Read missing chunks as the fill value until the command ends, if `wanted`."""
+    ctx.with_resource(fill_chunks(wanted))
+    return wanted
+
+
 seed_option = click.option(
     "--seed", type=click.IntRange(0), default=0, show_default=True, help="Seed of all random numbers."
 )
@@ -103,6 +110,12 @@ COLUMN_OPTIONS = (
         callback=_limit_memory,
         help="Memory that data may take, such as 4GB; by default half of what is free. Larger Parquet files stay on "
         "disk, others are refused.",
+    ),
+    click.option(
+        "--fill-missing",
+        is_flag=True,
+        callback=_fill_chunks,
+        help="Read chunks of Zarr that are not there as the value that its header names, mostly 0.",
     ),
 )
 FIT_OPTIONS = (
@@ -155,7 +168,7 @@ def pop_columns(options: dict[str, Any]) -> ColumnOptions:
 
     names = ("id", "action", "observations", "exclude", "order", "task", "action_kind")
     operator = options["operator"]
-    del options["memory"]  # `_limit_memory` has set it
+    del options["memory"], options["fill_missing"]  # their callbacks have set them
     return ColumnOptions(
         operator=None if operator is None or is_id_file(operator) else operator,
         **{name: options.pop(name) for name in names},

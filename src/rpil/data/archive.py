@@ -20,6 +20,7 @@ import numpy as np
 from rpil.data.errors import DataError
 from rpil.data.files import StrPath, check_exists, replacing
 from rpil.data.guard import guarded
+from rpil.data.json_files import LARGEST_TABLE, Parsed, parse
 from rpil.data.memory import check_memory
 from rpil.data.npy import new_member, read_arrays, write_arrays
 from rpil.numerics.types import Array
@@ -168,8 +169,8 @@ class Decoder:
 def read_archive(path: Path, schema: str, otherwise: str) -> tuple[Header, dict[str, Array]]:
     """The header and all arrays of an archive.
 
-    A `DataError` where the file is damaged, of another version, too large for the memory, or, saying `otherwise`, of
-    another `schema`. Arrays that the header does not name are refused, and never decoded.
+    A `DataError` where the file is damaged, of another version, compressed, too large for the memory, or, saying
+    `otherwise`, of another `schema`. Arrays that the header does not name are refused, and never decoded.
     """
     foreign = f"{path}: {otherwise}."
     with check_exists(path).open("rb") as file:
@@ -177,6 +178,8 @@ def read_archive(path: Path, schema: str, otherwise: str) -> tuple[Header, dict[
             raise DataError(foreign)
     with guarded(path, "it is damaged or truncated", "fit and save it again"), zipfile.ZipFile(path) as archive:
         members = archive.namelist()
+        if _HEADER in members:
+            _check_sizes(archive, path)
         header = _read_header(archive, path) if _HEADER in members else None
         if not isinstance(header, dict) or header.get("schema") != schema:
             raise DataError(foreign)
@@ -193,9 +196,21 @@ def read_archive(path: Path, schema: str, otherwise: str) -> tuple[Header, dict[
     return header, arrays
 
 
-def _read_header(archive: zipfile.ZipFile, path: Path) -> Any:
-    check_memory(10.0 * archive.getinfo(_HEADER).file_size, str(path))  # Python objects take more than their text
-    return json.loads(archive.read(_HEADER))
+def _check_sizes(archive: zipfile.ZipFile, path: Path) -> None:
+    """A `DataError` where members hold more than the file: `write_archive` compresses nothing."""
+    infos = archive.infolist()
+    packed = any(info.compress_type != zipfile.ZIP_STORED or info.file_size > info.compress_size for info in infos)
+    if packed or sum(info.file_size for info in infos) > path.stat().st_size:
+        raise DataError(
+            f"{path}: its parts are compressed, or hold more than the file, as rpil saves none; save it again."
+        )
+
+
+def _read_header(archive: zipfile.ZipFile, path: Path) -> Parsed:
+    n_bytes = archive.getinfo(_HEADER).file_size
+    check_memory(10.0 * n_bytes, str(path))  # Python objects take more than their text
+    with archive.open(_HEADER) as file:
+        return parse(file.read(LARGEST_TABLE + 1), f"{path}, {_HEADER}", LARGEST_TABLE)
 
 
 def _array_names(header: Header) -> list[str]:

@@ -21,6 +21,11 @@ FREE_SHARE = 0.5
 BYTES_PER_NUMBER = 16
 """In tables: a number as it is read, and as it is kept."""
 
+MAX_PADDING = 8
+SMALL_CHUNKS = 16 * 2**20
+"""The chunks of an array hold at most `MAX_PADDING` times its values, because the last ones along each axis may be
+filled in part, or this many bytes."""
+
 _UNITS = {"": 1.0, "k": 1e3, "m": 1e6, "g": 1e9, "t": 1e12, "ki": 2.0**10, "mi": 2.0**20, "gi": 2.0**30, "ti": 2.0**40}
 _SIZE = re.compile(r"(\d+\.?\d*)\s*([kmgt]?i?)b?", re.IGNORECASE)
 _given: ContextVar[float | None] = ContextVar("_given", default=None)
@@ -57,6 +62,16 @@ def check_memory(n_bytes: float, where: str) -> None:
         raise DataError(
             f"{where}: to read it would take {_written(n_bytes)} of memory, more than the {_written(budget())} that it "
             "may; allow more with --memory or memory=, or read less of it (Parquet files can stay on disk)."
+        )
+
+
+def check_padding(shape: tuple[int, ...], chunks: tuple[int, ...], itemsize: int, where: str) -> None:
+    """Raise a `DataError` where all `chunks` of an array hold far more values than its `shape` has."""
+    padded = itemsize * math.prod(-(-size // step) * step for size, step in zip(shape, chunks, strict=True))
+    if padded > max(MAX_PADDING * itemsize * math.prod(shape), SMALL_CHUNKS):
+        raise DataError(
+            f"{where} has the shape {shape}, but chunks of {chunks}, which are far larger; write it again with smaller "
+            "ones."
         )
 
 

@@ -1,4 +1,4 @@
-"""Values that are NaN or infinite: refused where data are read, except for a check that reports all of them."""
+"""What is missing in data, values that are NaN or infinite and chunks of arrays: refused unless a block allows it."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from contextlib import contextmanager
 from contextvars import ContextVar
 
 _ALLOWED: ContextVar[bool] = ContextVar("missing values are allowed", default=False)
+_FILLED: ContextVar[bool] = ContextVar("missing chunks are filled", default=False)
 
 
 @contextmanager
@@ -22,3 +23,18 @@ def allow_missing() -> Iterator[None]:
 def are_allowed() -> bool:
     """Whether data may hold NaN and infinite values here."""
     return _ALLOWED.get()
+
+
+@contextmanager
+def fill_chunks(wanted: bool = True) -> Iterator[None]:
+    """Within the block, and only if `wanted`, chunks of Zarr that are not there are read as the fill value."""
+    token = _FILLED.set(wanted)
+    try:
+        yield
+    finally:
+        _FILLED.reset(token)
+
+
+def are_chunks_filled() -> bool:
+    """Whether chunks that are not there are read as the fill value here."""
+    return _FILLED.get()

@@ -80,7 +80,11 @@ def test_archives_with_a_damaged_directory(name, damage):
     damage(path)
     with pytest.raises((NotImplementedError, UnicodeDecodeError)), zipfile.ZipFile(path) as archive:
         archive.open(archive.namelist()[0])
-    assert registry.find_layout(path) is None
+    if path.suffix == ".zip":  # nothing but Zarr is read from such a file
+        with pytest.raises(DataError, match="damaged"):
+            registry.find_layout(path)
+    else:
+        assert registry.find_layout(path) is None
     for command in ("info", "audit", "check"):
         assert "damaged" in refused(path.name, command, path)
     with pytest.raises(DataError, match=re.escape(path.name)):

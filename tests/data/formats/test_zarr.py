@@ -10,6 +10,7 @@ import pytest
 import rpil
 from rpil.data import formats
 from rpil.data.errors import DataError
+from rpil.data.missing import fill_chunks
 
 zarr = pytest.importorskip("zarr", minversion="3", reason="needs the extra zarr")
 numcodecs = pytest.importorskip("numcodecs")
@@ -94,8 +95,8 @@ def test_hostile_zarr(tmp_path):
     for change, message in (
         ({"shape": [10**15], "chunks": [10**15]}, "more than the"),
         ({"dtype": "<f8"}, "must hold rising numbers of steps"),
-        ({"dtype": "|O"}, "damaged Zarr store"),
-        ({"shape": "x"}, "damaged Zarr store"),
+        ({"dtype": "|O"}, "episode_ends .* the type '.O', which is not read"),
+        ({"shape": "x"}, "header is damaged"),
     ):
         header.write_text(json.dumps({**about, **change}))
         with pytest.raises(DataError, match=message):
@@ -132,3 +133,60 @@ def test_a_zip_file_leaves_nothing_beside_it(tmp_path):
     assert all(name.startswith(".kept.zarr.") for name in os.listdir(output.parent))
     formats.keep(path, output, [1])
     assert os.listdir(output.parent) == [output.name]
+
+
+def test_demonstrations_without_a_chunk_are_named(tmp_path):
+    path = tmp_path / "buffer.zarr"
+    arrays = write_buffer(path)
+    (path / "data/action/3.0").unlink()  # steps 9 and 10
+    with pytest.raises(DataError, match=r"data/action: 1 of its 4 chunks .* demonstrations 2, .* fill_missing=True"):
+        rpil.read(path)
+    with pytest.raises(DataError, match=r"data/action: 1 of its 4 chunks"):
+        formats.keep(path, tmp_path / "kept", [0, 2])
+    assert [file.name for file in tmp_path.iterdir()] == ["buffer.zarr"]
+    filled = rpil.read(path, fill_missing=True)
+    np.testing.assert_array_equal(filled.actions[:9], arrays["action"][:9])
+    assert (filled.actions[9:] == 0).all()
+
+
+def test_chunks_of_columns_that_are_not_read_may_be_missing(tmp_path):
+    path = tmp_path / "buffer.zarr"
+    write_buffer(path)
+    root = zarr.open_group(path)
+    root.create_array("data/reward", data=np.zeros(11), chunks=(3,))  # zarr leaves chunks of zeros out
+    assert len(rpil.read(path)) == 3
+
+
+def test_ends_are_never_filled_in(tmp_path):
+    path = tmp_path / "buffer.zarr"
+    write_buffer(path)
+    (path / "meta/episode_ends/0").unlink()
+    with pytest.raises(DataError, match=r"meta/episode_ends: 1 of its 1 chunks are not there; copy it again\.$"):
+        rpil.read(path, fill_missing=True)
+
+
+@pytest.mark.parametrize("zarr_format", [2, 3])
+def test_what_is_kept_has_all_its_chunks(tmp_path, zarr_format):
+    path = tmp_path / "buffer.zarr"
+    write_buffer(path, zarr_format, action=np.zeros((11, 2)))
+    with pytest.raises(DataError, match="data/action: 4 of its 4 chunks"):
+        rpil.read(path)
+    with fill_chunks():
+        formats.keep(path, tmp_path / "kept", [1, 2])
+    assert rpil.read(tmp_path / "kept").actions.shape == (7, 2)
+
+
+def test_a_zip_file_is_one_by_its_name(tmp_path):
+    write_buffer(tmp_path / "buffer.zarr")
+    path = tmp_path / "buffer.zarr.ZIP"
+    shutil.move(shutil.make_archive(str(tmp_path / "x"), "zip", tmp_path / "buffer.zarr"), path)
+    assert len(rpil.read(path)) == 3
+    with pytest.raises(DataError, match=r"kept\.zarr.* \.ZIP"):
+        formats.keep(path, tmp_path / "kept.zarr", [0])
+    other = path.rename(tmp_path / "buffer.dat")
+    with pytest.raises(DataError, match="unknown extension"):
+        rpil.read(other)
+    damaged = tmp_path / "damaged.zarr.zip"
+    damaged.write_bytes(other.read_bytes()[:-30])
+    with pytest.raises(DataError, match=r"damaged\.zarr\.zip: no ZIP file, or a damaged one"):
+        rpil.read(damaged)

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Collection, Iterable, Mapping
 
 from rpil.audit.faults.record import RULES, Finding
 from rpil.data.errors import DataError
 from rpil.data.files import StrPath, check_extension, check_readable
 from rpil.data.guard import guarded
+from rpil.data.json_files import LARGEST_TABLE, parse, read_text
 
 ALL = "all"
 """Stands for all demonstrations."""
@@ -35,8 +35,9 @@ def read_expected(path: StrPath) -> dict[str, set[str]]:
     """
     path = check_readable(check_extension(path, (".json", ".yaml", ".yml"), "what is expected"))
     with guarded(path.name, "it is not valid JSON in UTF-8", "write an object of rule to list of ids"):
-        text = path.read_text(encoding="utf-8-sig")
-        content = json.loads(text) if path.suffix.lower() == ".json" else _read_yaml(text, path.name)
+        text = read_text(path, LARGEST_TABLE, "utf-8-sig")
+        is_json = path.suffix.lower() == ".json"
+        content = parse(text, path.name, LARGEST_TABLE) if is_json else _read_yaml(text, path.name)
     if not isinstance(content, dict):
         raise DataError(f'{path.name}: it holds no object of rule to list of ids; write, say, {{"spike": [3, 7]}}.')
     expected: dict[str, set[str]] = {}

@@ -15,7 +15,7 @@ from rpil.data.arrays import ActionKind, Id, as_array
 from rpil.data.demonstrations import SOURCE, Demonstrations
 from rpil.data.errors import DataError
 from rpil.data.files import StrPath, check_exists, check_extension, check_readable, check_writable
-from rpil.data.formats import csv, folder, hdf5, lerobot_folder, npz, parquet, robomimic
+from rpil.data.formats import csv, folder, hdf5, lerobot_folder, npz, parquet, robomimic, zarr
 from rpil.data.formats.arrow import Frame, read_frame
 from rpil.data.formats.columns import ColumnOptions, Names
 from rpil.data.formats.dataset import open_dataset
@@ -30,6 +30,7 @@ from rpil.data.formats.store import may_be_many_files
 from rpil.data.formats.weights import write_weights
 from rpil.data.guard import guard, guarded
 from rpil.data.memory import Size, limited
+from rpil.data.missing import fill_chunks
 
 __all__ = ["ColumnOptions", "Description", "Label", "Recording", "match_labels", "read_labels", "write_weights"]
 
@@ -57,7 +58,11 @@ class ReadOptions(TypedDict, total=False):
 
 
 def read(
-    path: StrPath | Frame | Iterable[object], *, memory: Size | None = None, **columns: Unpack[ReadOptions]
+    path: StrPath | Frame | Iterable[object],
+    *,
+    memory: Size | None = None,
+    fill_missing: bool = False,
+    **columns: Unpack[ReadOptions],
 ) -> Demonstrations:
     """Read demonstrations into memory: from a file or folder of a known format, a data frame, or trajectories.
 
@@ -74,6 +79,8 @@ def read(
         Whether one column of whole numbers holds classes; "auto" decides by how many there are.
     memory : int or str, optional
         Bytes that the data may take, as a number or as text such as "4GB"; by default half of the free memory.
+    fill_missing : bool
+        Whether chunks of Zarr that are not there are read as the value that its header names; else they are an error.
 
     Raises
     ------
@@ -81,7 +88,7 @@ def read(
         One sentence naming the file, the demonstration where there is one, and the remedy; before anything is read
         where the data would take more memory.
     """
-    with limited(memory):
+    with limited(memory), fill_chunks(fill_missing):
         options = ColumnOptions(**columns)
         if not isinstance(path, str | os.PathLike | Frame):
             return _of_trajectories(path, options)
@@ -216,7 +223,7 @@ def check_keep(path: StrPath, output: StrPath) -> tuple[Path, Path]:
         raise DataError(f"{output}: the data are a folder, so name a folder, or write a table with rpil convert.")
     if layout is lerobot_folder:
         lerobot_folder.check_output(path, output)
-    if path.is_file() and (layout is None or suffix in _OF_TABLES) and suffix != path.suffix.lower():
+    if path.is_file() and (layout in (None, zarr) or suffix in _OF_TABLES) and suffix != path.suffix.lower():
         raise DataError(f"{output}: give it the extension {path.suffix}, or write another format with rpil convert.")
     return path, check_writable(output)
 

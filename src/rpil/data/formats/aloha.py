@@ -114,4 +114,7 @@ class _InFile:
 
     def __getitem__(self, rows: slice) -> object:
         with hdf5.opened(self.path) as file:
-            return file[self.name][rows]
+            array = hdf5.array_at(file, self.name)
+            if array is None:
+                raise DataError(f"{self.path.name}: it has changed while it was read; read it again.")
+            return array[rows]

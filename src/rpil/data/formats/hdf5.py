@@ -1,6 +1,6 @@
 """HDF5: opening, listing and copying, for the layouts of the files beside; and the refusal of any other layout.
 
-No link is followed, because links lead to other files, or in circles.
+No link is followed, because links lead to other files, or in circles. No array is read before its storage is checked.
 """
 
 from __future__ import annotations
@@ -94,10 +94,13 @@ def copy_attributes(source: h5py.Group, new: h5py.Group) -> None:
 
 
 def member(group: h5py.Group, name: str) -> h5py.Group | h5py.Dataset | None:
-    """What is called `name` in a group; None where nothing is, or a link."""
+    """What is called `name` in a group, an array as a `CheckedDataset`; None where nothing is, or a link."""
     import h5py
 
-    return group[name] if isinstance(group.get(name, getlink=True), h5py.HardLink) else None
+    from rpil.data.formats.hdf5_storage import CheckedDataset
+
+    found = group[name] if isinstance(group.get(name, getlink=True), h5py.HardLink) else None
+    return CheckedDataset(found.id) if isinstance(found, h5py.Dataset) else found
 
 
 def members(group: h5py.Group) -> dict[str, h5py.Group | h5py.Dataset]:

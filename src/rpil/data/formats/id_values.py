@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import json
 from collections.abc import Hashable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Literal, TypeVar, cast
@@ -15,6 +14,7 @@ from rpil.data.formats.cells import from_cell
 from rpil.data.formats.names import EPISODE, quoted
 from rpil.data.formats.table import check_ids
 from rpil.data.guard import guarded
+from rpil.data.json_files import LARGEST_TABLE, parse, read_text
 
 Label = Literal["expert", "adversary"]
 Key = TypeVar("Key", bound=Hashable)
@@ -86,10 +86,10 @@ def read_id_pairs(path: StrPath, column: str, example: str) -> list[tuple[str, o
     """Ids and values of a CSV file with the columns ``id`` and `column`, or of a JSON object; an id may come twice."""
     path = check_readable(path)
     with guarded(path.name, f"it cannot be read as {path.suffix[1:].upper()}", "write it again"):
-        text = path.read_text(encoding="utf-8-sig")
+        text = read_text(path, LARGEST_TABLE, "utf-8-sig")
         if path.suffix.lower() == ".csv":
             return _csv_pairs(text, column, path.name)
-        pairs = cast(list[tuple[str, object]], json.loads(text, object_pairs_hook=list))
+        pairs = cast(list[tuple[str, object]], parse(text, path.name, LARGEST_TABLE, list))
     if not text.lstrip().startswith("{"):
         raise DataError(f'{path.name}: it must hold one object such as {{"17": "{example}"}}.')
     for m, _ in pairs:

@@ -22,6 +22,7 @@ from rpil.data.formats.columns import ColumnOptions
 from rpil.data.formats.parts import NO_STEPS, NUMBERED, Part, from_parts
 from rpil.data.formats.recording import Recording
 from rpil.data.guard import guarded
+from rpil.data.json_files import read_json
 from rpil.data.memory import check_memory
 from rpil.data.npy import read_arrays, write_npz
 from rpil.numerics.types import Array
@@ -66,16 +67,16 @@ def keep(path: Path, output: Path, ids: Sequence[Id]) -> None:
 
         with pa.ipc.new_stream(folder / _STREAM, table.schema) as stream:
             stream.write_table(table.take(rows))
-        state = json.loads((path / _STATE).read_text())
+        state = read_json(path / _STATE)
         mark = hashlib.sha256(f"{state.get('_fingerprint')}{rows}".encode()).hexdigest()[:16]  # of the datasets' cache
         state |= {"_data_files": [{"filename": _STREAM}], "_fingerprint": mark}
         (folder / _STATE).write_text(json.dumps(state))
-        info = json.loads((path / _INFO).read_text())
+        info = read_json(path / _INFO)
         (folder / _INFO).write_text(json.dumps({name: info[name] for name in info.keys() - {"splits"}}))
 
 
 def _features(path: Path) -> set[str]:
-    return {*json.loads((path / _INFO).read_text())["features"]}
+    return {*read_json(path / _INFO)["features"]}
 
 
 def _is_npz(path: Path) -> bool:
@@ -102,7 +103,7 @@ def _table(path: Path) -> pa.Table:
     import pyarrow as pa
 
     with guarded(path.name, "it is damaged or truncated", "save it again"):
-        files = [Path(file["filename"]).name for file in json.loads((path / _STATE).read_text())["_data_files"]]
+        files = [Path(file["filename"]).name for file in read_json(path / _STATE)["_data_files"]]
         tables = [pa.ipc.open_stream(pa.memory_map(str(path / name))).read_all() for name in files]
         for table in tables:
             table.validate(full=True)

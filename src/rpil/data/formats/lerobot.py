@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
@@ -11,7 +10,9 @@ from typing import TYPE_CHECKING, Any
 
 from rpil.data.arrays import Id
 from rpil.data.folders import check_inside
+from rpil.data.formats.parquet_pages import check_table
 from rpil.data.guard import guarded
+from rpil.data.json_files import LARGEST_METADATA, LARGEST_TABLE, parse, parse_lines
 
 if TYPE_CHECKING:
     from pyarrow import fs
@@ -51,7 +52,7 @@ def read_info(text: bytes, folder: str) -> dict[str, Any]:
     """The content of ``meta/info.json`` in a `folder`; a `DataError` that names the file, if it is damaged."""
     where = f"{folder}/meta/info.json", "it does not describe a data set", "write it again, or move it away"
     with guarded(*where):
-        info = json.loads(text)
+        info = parse(text, where[0])
         if isinstance(info, dict):
             return info
         raise TypeError("no object")
@@ -76,7 +77,7 @@ def read_metadata(filesystem: fs.FileSystem, paths: Sequence[str]) -> Metadata:
             check_inside(str(place), str(data.parent))
     try:
         with filesystem.open_input_stream(str(meta / "info.json")) as stream:
-            text = stream.read()
+            text = stream.read(LARGEST_METADATA + 1)
     except OSError:
         return Metadata()
     info, unusable = read_info(text, data.parent.name), []
@@ -126,10 +127,12 @@ def _lengths(filesystem: fs.FileSystem, meta: PurePosixPath) -> dict[Id, int]:
     with guarded(meta, "it does not say how long each episode is", "write it again"):
         try:
             with filesystem.open_input_stream(str(meta / "episodes.jsonl")) as stream:
-                rows = [json.loads(line) for line in stream.read().splitlines() if line.strip()]
+                rows = parse_lines(stream.read(LARGEST_TABLE + 1), "episodes.jsonl", LARGEST_TABLE)
         except FileNotFoundError:
             folder = fs.FileSelector(str(meta / "episodes"), recursive=True, allow_not_found=True)
             files = sorted(info.path for info in filesystem.get_file_info(folder) if info.path.endswith(".parquet"))
+            for file in files:
+                check_table(file, filesystem)
             wanted = {"columns": ["episode_index", "length"], "filesystem": filesystem}
             rows = [row for file in files for row in pq.read_table(file, **wanted).to_pylist()]
         return {int(row["episode_index"]): int(row["length"]) for row in rows}
@@ -151,12 +154,13 @@ def _tasks(filesystem: fs.FileSystem, meta: PurePosixPath) -> dict[str, str] | N
     import pyarrow.parquet as pq
 
     try:
-        with suppress(FileNotFoundError), filesystem.open_input_file(str(meta / "tasks.parquet")) as file:
-            table = pq.read_table(file)
+        with suppress(FileNotFoundError):
+            check_table(str(meta / "tasks.parquet"), filesystem)
+            table = pq.read_table(str(meta / "tasks.parquet"), filesystem=filesystem)
             text = next((name for name in table.column_names if name != "task_index"), "task_index")
             return dict(zip(map(str, table["task_index"].to_pylist()), map(str, table[text].to_pylist()), strict=True))
         with suppress(FileNotFoundError), filesystem.open_input_stream(str(meta / "tasks.jsonl")) as stream:
-            rows = [json.loads(line) for line in stream.read().splitlines() if line.strip()]
+            rows = parse_lines(stream.read(LARGEST_METADATA + 1), "tasks.jsonl")
             return {str(row["task_index"]): str(row["task"]) for row in rows}
     except (pa.ArrowException, OSError, ValueError, KeyError, TypeError, RecursionError):
         return None

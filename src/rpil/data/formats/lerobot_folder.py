@@ -19,10 +19,12 @@ from rpil.data.formats import folder
 from rpil.data.formats import table as flat
 from rpil.data.formats.columns import ColumnOptions
 from rpil.data.formats.lerobot import read_info
+from rpil.data.formats.parquet_pages import check_table
 from rpil.data.formats.selection import keep_rows
 from rpil.data.formats.store import find_files
 from rpil.data.formats.table import check_ids
 from rpil.data.guard import guarded
+from rpil.data.json_files import LARGEST_METADATA, read_json
 from rpil.numerics.types import Array
 
 if TYPE_CHECKING:
@@ -50,7 +52,8 @@ def is_mine(path: Path) -> bool:
 
 def check_output(path: Path, output: Path) -> dict[str, Any]:
     """What ``meta/info.json`` says; a `DataError` where `keep` cannot write to `output`."""
-    info = read_info((path / "meta" / "info.json").read_bytes(), path.resolve().name)
+    with (path / "meta" / "info.json").open("rb") as file:
+        info = read_info(file.read(LARGEST_METADATA + 1), path.resolve().name)
     with guarded(f"{path}: meta/info.json"):
         images = any(feature.get("dtype") in ("video", "image") for feature in info["features"].values())
         size = info.setdefault("chunks_size", 1000)
@@ -168,6 +171,8 @@ def _write_episodes(path: Path, new: Path, episodes: _Episodes) -> None:
     import pyarrow.parquet as pq
 
     files = sorted((path / "meta" / "episodes").rglob("*.parquet"))
+    for file in files:
+        check_table(file)
     table = pa.concat_tables(map(pq.read_table, files), promote_options="permissive")
     row_of = {m: row for row, m in enumerate(table["episode_index"].to_pylist())}
     missing = [m for m in episodes.numbers if m not in row_of]
@@ -209,7 +214,7 @@ def _write_statistics(new: Path) -> None:
     path = new / "meta" / "stats.json"
     if not path.is_file():
         return
-    statistics: dict[str, dict[str, Any]] = json.loads(path.read_text(encoding="utf-8"))
+    statistics: dict[str, dict[str, Any]] = read_json(path)
     for name, old in statistics.items():
         values = flat.numbers_or_missing(pq.read_table(new / "data", columns=[name])[name])
         if values is not None:

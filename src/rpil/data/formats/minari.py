@@ -18,9 +18,11 @@ from rpil.data.formats import table as flat
 from rpil.data.formats.arrow import end_to_end, from_arrow
 from rpil.data.formats.columns import ColumnOptions
 from rpil.data.formats.description import listed
+from rpil.data.formats.parquet_pages import check_table
 from rpil.data.formats.parts import MAX_MATRIX, NUMBERED, Part, from_parts, without_steps
 from rpil.data.formats.recording import Recording
 from rpil.data.guard import guarded
+from rpil.data.json_files import read_json
 from rpil.data.memory import BYTES_PER_NUMBER, check_memory
 
 if TYPE_CHECKING:
@@ -95,7 +97,7 @@ def _open(path: Path) -> tuple[Path, dict[str, Any]]:
 def _json(path: Path) -> dict[str, Any]:
     """The entries of a JSON file; none where it cannot be read."""
     try:
-        found = json.loads(path.read_text())
+        found = read_json(path)
     except (OSError, ValueError, RecursionError):
         return {}
     return found if isinstance(found, dict) else {}
@@ -164,6 +166,8 @@ def _read_tables(data: Path, kind: str, source: str, options: ColumnOptions, not
             read = {name: leaf for name, leaf in leaves.items() if name not in images}
             n_bytes += n_rows * BYTES_PER_NUMBER * sum(getattr(leaf, "list_size", 1) for _, leaf in read.values())
             check_memory(n_bytes, source)
+            for file in stored.files if kind == "parquet" else ():
+                check_table(Path(file))
             table = stored.to_table(columns={name: dataset.field(*path) for name, (path, _) in read.items()})
         n_steps = _n_steps(folder, n_rows)
         n_left_out += n_rows > n_steps

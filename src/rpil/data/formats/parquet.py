@@ -12,6 +12,7 @@ from rpil.data.files import replacing
 from rpil.data.formats import table as flat
 from rpil.data.formats.columns import ColumnOptions, Columns
 from rpil.data.formats.lerobot import format_name, read_metadata
+from rpil.data.formats.parquet_pages import check_lists
 from rpil.data.formats.recording import Recording, from_table
 from rpil.data.formats.store import check_columns, columns_of_file, opened
 from rpil.data.formats.table import refuse_id_in_two_files
@@ -42,7 +43,7 @@ def read_files(filesystem: fs.FileSystem, paths: Sequence[str], options: ColumnO
         with opened(filesystem, path) as file:
             columns = columns or columns_of_file(file, name, options)
             check_columns(file, columns, name, names[0])
-            n_bytes += decoded_bytes(file, columns.all)
+            n_bytes += decoded_bytes(filesystem, path, file, columns.all)
             check_memory(n_bytes, source)
             tables.append(file.read(columns=columns.all))
             tables[-1].validate(full=True)  # text from a damaged file need not be Unicode
@@ -53,19 +54,18 @@ def read_files(filesystem: fs.FileSystem, paths: Sequence[str], options: ColumnO
     return from_table(table, columns, source, format_name(metadata, len(paths)), metadata)
 
 
-def decoded_bytes(file: pq.ParquetFile, columns: Sequence[str] | None = None) -> int:
-    """Bytes that `columns`, by default all, take in memory.
+def decoded_bytes(
+    filesystem: fs.FileSystem, path: str, file: pq.ParquetFile, columns: Sequence[str] | None = None
+) -> int:
+    """Bytes that `columns`, by default all, take in memory, by the numbers of rows and of values in lists.
 
-    By the number of rows and the first one, because a value that repeats is in the file only once.
+    A value that repeats is in the file only once.
     """
-    import pyarrow.compute as pc
-
-    head = next(file.iter_batches(1, columns=columns), None)
-    if head is None:
-        return 0
-    lists = [column for column in head.columns if flat.kind_of_type(column.type) == "list"]
-    n_listed = sum(len(pc.list_flatten(column)) for column in lists)
-    return BYTES_PER_NUMBER * int(file.metadata.num_rows) * (len(head.columns) - len(lists) + n_listed)
+    kinds = {field.name: flat.kind_of_type(field.type) for field in file.schema_arrow}
+    chosen = list(kinds) if columns is None else columns
+    lists = [name for name in chosen if kinds[name] == "list"]
+    n_listed = check_lists(filesystem, path, file, lists)
+    return BYTES_PER_NUMBER * (int(file.metadata.num_rows) * (len(chosen) - len(lists)) + n_listed)
 
 
 def write(path: Path, demonstrations: Demonstrations, truth: Mapping[str, Array]) -> None:

@@ -17,6 +17,7 @@ from rpil.data.formats.description import listed
 from rpil.data.formats.lerobot import Metadata
 from rpil.data.formats.recording import Recording, from_table
 from rpil.data.memory import BYTES_PER_NUMBER, check_memory
+from rpil.data.missing import fill_chunks
 from rpil.numerics.types import Array
 
 if TYPE_CHECKING:
@@ -116,7 +117,8 @@ def _kinds(part: Part, source: str) -> dict[str, Kind]:
     kinds |= dict.fromkeys((name for name in part.arrays if not part.has_steps(name)), "nested")
     numbers = [name for name, kind in kinds.items() if kind == "number"]
     check_memory(_chunk_bytes([part.arrays[name] for name in numbers]), source)
-    head = {name: _native(part.arrays[name][: flat.HEAD_ROWS])[: part.n_steps] for name in numbers}
+    with fill_chunks():  # of columns that are not read, chunks may be missing
+        head = {name: _native(part.arrays[name][: flat.HEAD_ROWS])[: part.n_steps] for name in numbers}
     kinds |= flat.kinds_of(pa.table(head)) if head else {}
     return kinds | {name: "text" if isinstance(value, str) else "number" for name, value in part.about.items()}
 

@@ -21,6 +21,7 @@ from rpil.data.formats.columns import ColumnOptions, Columns, check_unique, find
 from rpil.data.formats.dialect import TEXT_SUFFIXES
 from rpil.data.formats.lerobot import Metadata, read_metadata
 from rpil.data.formats.names import is_data
+from rpil.data.formats.parquet_pages import check_lists
 from rpil.data.formats.table import Place
 from rpil.data.guard import guard, guarded, one_line
 from rpil.numerics.types import Array
@@ -306,6 +307,7 @@ def describe(
             begins += row
             columns, first = columns or columns_of_file(file, name, options), first or name
             check_columns(file, columns, name, first)
+            check_lists(filesystem, path, file, columns.data)
             head = next(file.iter_batches(1, columns=columns.data), None)
         if head is not None:
             this = _store_of_row(filesystem, columns, head, name, metadata)

@@ -8,31 +8,41 @@ import zipfile
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from rpil.data.arrays import Id
 from rpil.data.errors import DataError, MissingExtraError
-from rpil.data.files import beside, new_folder, replacing
-from rpil.data.formats import umi
+from rpil.data.files import beside, check_extension, new_folder, replacing
+from rpil.data.formats import umi, zarr_files
 from rpil.data.formats.columns import ColumnOptions
 from rpil.data.formats.description import listed
-from rpil.data.formats.parts import NUMBERED, Part, from_parts, without_steps
+from rpil.data.formats.parts import NUMBERED, Part, Stored, from_parts, without_steps
 from rpil.data.formats.recording import Recording
 from rpil.data.formats.table import check_ids
+from rpil.data.formats.zarr_array import ZarrArray
+from rpil.data.formats.zarr_files import Files
+from rpil.data.formats.zarr_header import HEADERS, parse_header
 from rpil.data.guard import guarded
+from rpil.data.json_files import LARGEST_METADATA
 from rpil.data.memory import BYTES_PER_NUMBER, check_memory
+from rpil.data.missing import fill_chunks
 from rpil.numerics.types import Array
 
 _ENDS = "meta/episode_ends"
-_HEADERS = (".zarray", "zarr.json")  # of an array, in the formats 2 and 3
-_COPIED_ROWS = 4096  # at a time
+_ATTRIBUTES = ".zattrs"
+_COPIED_BYTES = 64 * 2**20  # at a time
 
 
 def is_mine(path: Path) -> bool:
-    """Whether there is a ``meta/episode_ends`` in the folder or ZIP file."""
-    return any((_root(path) / _ENDS / header).exists() for header in _HEADERS)
+    """Whether there is a ``meta/episode_ends`` in the folder, or in the file, whose name says that it is a ZIP file.
+
+    A `DataError` where the ZIP file is damaged.
+    """
+    if not path.is_dir() and not zarr_files.is_zip(path):
+        return False
+    with zarr_files.opened(path) as files:
+        return _header_name(files, _ENDS) is not None
 
 
 def read(path: Path, options: ColumnOptions) -> Recording:
@@ -40,102 +50,96 @@ def read(path: Path, options: ColumnOptions) -> Recording:
 
     A `DataError` where there are none, or where they do not end where the demonstrations do.
     """
-    with _opened(path) as store:
-        ends = _ends(store, path.name)
-        arrays, closed = _data(path, store)
+    with _opened(path) as files:
+        ends = _ends(files)
+        arrays, closed = _data(files, ends)
         if not arrays:
             raise DataError(
                 f"{path.name}: {_ENDS} tells of {len(ends):,} demonstrations and {ends[-1]:,} steps, but no array that "
                 f"can be read is in data ({listed(closed) or 'nothing is there'}); copy the data as well."
             )
-        for name, array in arrays.items():
-            if array.shape[:1] != (ends[-1],):
-                raise DataError(
-                    f"{path.name}: data/{name} has the shape {array.shape}, but {_ENDS} ends at {ends[-1]:,} steps; "
-                    "write it again."
-                )
         whole = {name: "describes a demonstration as a whole" for name in arrays if umi.WHOLE.fullmatch(name)}
-        steps = {name: array for name, array in arrays.items() if name not in whole}
+        steps: dict[str, Stored] = {name: array for name, array in arrays.items() if name not in whole}
         actions = umi.moves(steps, ends, path.name) if "action" not in steps and not options.action else {}
         lengths = np.diff(ends, prepend=0)
         empty = np.flatnonzero(lengths == 0).tolist()
         notes = (*([umi.NOTE] if actions else []), *without_steps(empty))
         parts = [Part(int(ends[-1]), {NUMBERED: np.repeat(np.arange(len(ends)), lengths), **steps, **actions})]
         recording = from_parts(parts, NUMBERED, path.name, "Zarr replay buffer", options, notes=notes)
-    unread = dict.fromkeys(closed, "compressed by a codec that is not installed")
+    unread = dict.fromkeys(closed, "images of the package imagecodecs")
     return recording.with_ignored({**whole, **unread})
 
 
 def keep(path: Path, output: Path, ids: Sequence[Id]) -> None:
     """Write some demonstrations, in the chunks and codecs of the file, to a new folder, or to a ZIP file for one.
 
-    Images that cannot be decoded here are copied as they are, which needs a chunk for each step.
+    An array with a chunk for each step is copied chunk by chunk; images that are not decoded must have that.
     """
-    with _opened(path) as store:
-        ends = _ends(store, path.name)
+    with _opened(path) as files:
+        ends = _ends(files)
         check_ids(ids, range(len(ends)), path.name, "the ids")
         chosen = sorted(int(i) for i in ids)
         rows = np.concatenate([np.arange(0), *(np.arange(0 if m == 0 else ends[m - 1], ends[m]) for m in chosen)])
         new_ends = np.cumsum(np.diff(ends, prepend=0)[chosen])
+        arrays, closed = _data(files, ends)
         with _new_store(path, output) as folder:
-            _copy(path, store, folder, rows)
-            old = _open(store, _ENDS)
-            _create(folder, _ENDS, old, new_ends.shape)[:] = new_ends.astype(old.dtype)
-
-
-def _root(path: Path) -> Path | zipfile.Path:
-    return zipfile.Path(path) if path.is_file() and zipfile.is_zipfile(path) else path
+            for array in (*arrays.values(), *closed.values()):
+                one_each = array.header.shards is None and array.chunks[0] == 1
+                (_copy_chunks if one_each else _copy)(files, array, folder, rows)
+            old = _array(files, _ENDS)
+            assert old is not None
+            _write(_create(files, old, folder, len(new_ends)), 0, new_ends.astype(old.dtype))
 
 
 @contextmanager
-def _opened(path: Path) -> Iterator[Any]:
-    """The store of a folder or ZIP file; a `DataError` instead of the errors of zarr, which are of many types."""
-    try:
-        from zarr.storage import LocalStore, ZipStore
-    except ImportError as error:
-        raise MissingExtraError(f"{path.name}: to read Zarr", "zarr") from error
-    with guarded(path.name, "a damaged Zarr store", "copy or write it again"):
-        store = LocalStore(path, read_only=True) if path.is_dir() else ZipStore(path, mode="r")
-        try:
-            yield store
-        finally:
-            store.close()
+def _opened(path: Path) -> Iterator[Files]:
+    """The files of a folder or ZIP file; a `DataError` instead of errors of many types."""
+    with guarded(path.name, "a damaged Zarr store", "copy or write it again"), zarr_files.opened(path) as files:
+        yield files
 
 
-def _open(store: object, name: str) -> Any:
-    import zarr
+def _header_name(files: Files, name: str) -> str | None:
+    """The file that describes the array or group `name`; None where there is none."""
+    return next((file for header in HEADERS if files.has(file := f"{name}/{header}")), None)
 
-    return zarr.open_array(store, path=name, mode="r")
+
+def _array(files: Files, name: str, ends: Array | None = None) -> ZarrArray | None:
+    """The array `name`; None where there is none."""
+    file = _header_name(files, name)
+    header = parse_header(files.read(file, LARGEST_METADATA), f"{files.source}: {name}") if file else None
+    return None if header is None else ZarrArray(files, name, header, ends)
 
 
-def _ends(store: object, source: str) -> Array:
+def _ends(files: Files) -> Array:
     """Where each demonstration ends, (M,), rising."""
-    array = _open(store, _ENDS)
+    source, array = files.source, _array(files, _ENDS)
+    wrong = DataError(f"{source}: {_ENDS} must hold rising numbers of steps, one for each demonstration; repair it.")
+    if array is None or len(array.shape) != 1 or array.dtype.kind not in "iu":
+        raise wrong
     check_memory(BYTES_PER_NUMBER * max(math.prod(array.shape), math.prod(array.chunks)), source)
-    ends = np.asarray(array[:])
-    if ends.ndim != 1 or ends.dtype.kind not in "iu" or not len(ends) or np.any(np.diff(ends, prepend=0) < 0):
-        raise DataError(f"{source}: {_ENDS} must hold rising numbers of steps, one for each demonstration; repair it.")
+    with fill_chunks(False):
+        ends = array[:]
+    if not len(ends) or np.any(np.diff(ends, prepend=0) < 0):
+        raise wrong
     check_memory(BYTES_PER_NUMBER * float(ends[-1]), source)
     return ends.astype(np.int64)
 
 
-def _data(path: Path, store: object) -> tuple[dict[str, Any], list[str]]:
-    """The arrays in ``data`` by name, and the names of those whose codec is not installed."""
-    arrays, closed = {}, []
-    for name in _names(path):
-        try:
-            arrays[name] = _open(store, f"data/{name}")
-        except Exception as error:
-            if "codec" not in str(error).lower():
-                raise
-            closed.append(name)
-    return arrays, closed
+def _data(files: Files, ends: Array) -> tuple[dict[str, ZarrArray], dict[str, ZarrArray]]:
+    """The arrays in ``data`` by name, and those of images, which are not decoded.
 
-
-def _names(path: Path) -> list[str]:
-    data = _root(path) / "data"
-    folders = data.iterdir() if data.is_dir() else ()
-    return sorted(f.name for f in folders if f.is_dir() and any((f / header).exists() for header in _HEADERS))
+    A `DataError` where one has another number of rows than there are steps.
+    """
+    found = {name: _array(files, f"data/{name}", ends) for name in files.folders("data")}
+    arrays = {name: array for name, array in found.items() if array is not None}
+    for array in arrays.values():
+        if array.shape[:1] != (ends[-1],):
+            raise DataError(
+                f"{array.header.where} has the shape {array.shape}, but {_ENDS} ends at {ends[-1]:,} steps; write it "
+                "again."
+            )
+    closed = {name: array for name, array in arrays.items() if array.header.is_closed}
+    return {name: array for name, array in arrays.items() if name not in closed}, closed
 
 
 @contextmanager
@@ -145,7 +149,7 @@ def _new_store(path: Path, output: Path) -> Iterator[Path]:
         with new_folder(output) as folder:
             yield folder
         return
-    with replacing(output) as temporary, beside(output) as folder:
+    with replacing(check_extension(output, [zarr_files.ZIP])) as temporary, beside(output) as folder:
         folder.mkdir()
         yield folder
         with zipfile.ZipFile(temporary, "w", zipfile.ZIP_STORED) as archive:  # chunks are compressed already
@@ -153,52 +157,51 @@ def _new_store(path: Path, output: Path) -> Iterator[Path]:
                 archive.write(file, file.relative_to(folder))
 
 
-def _copy(path: Path, store: object, folder: Path, rows: Array) -> None:
-    """Write the `rows` of all arrays in ``data`` to the folder, and groups that hold them."""
-    import zarr
-
-    zarr_format = _open(store, _ENDS).metadata.zarr_format
-    for group in ("", "data", "meta"):
-        zarr.create_group(folder, path=group, zarr_format=zarr_format)
-    arrays, closed = _data(path, store)
-    for name, old in arrays.items():
-        new = _create(folder, f"data/{name}", old, (len(rows), *old.shape[1:]))
-        step = old.chunks[0] * max(_COPIED_ROWS // old.chunks[0], 1)
-        for first in range(0, len(rows), step):
-            new[first : first + step] = old.oindex[rows[first : first + step]]
-    for name in closed:
-        _copy_chunks(_root(path) / "data" / name, folder / "data" / name, rows, f"{path.name}: data/{name}")
+def _create(files: Files, old: ZarrArray, folder: Path, n_rows: int) -> Path:
+    """The folder of a new array that is stored as an `old` one is, and the groups that hold it."""
+    about = {**old.header.about, "shape": [n_rows, *old.shape[1:]]}
+    is_2 = about["zarr_format"] == 2
+    new = folder / old.name
+    new.mkdir(parents=True)
+    for group in (new.parent, folder):
+        content = {"zarr_format": 2} if is_2 else {"zarr_format": 3, "node_type": "group", "attributes": {}}
+        (group / (".zgroup" if is_2 else "zarr.json")).write_text(json.dumps(content))
+    (new / HEADERS[not is_2]).write_text(json.dumps(about))
+    if files.has(attributes := f"{old.name}/{_ATTRIBUTES}"):
+        (new / _ATTRIBUTES).write_bytes(files.read(attributes, LARGEST_METADATA))
+    return new
 
 
-def _create(folder: Path, name: str, old: Any, shape: tuple[int, ...]) -> Any:
-    """A new array that is stored as an `old` one is."""
-    import zarr
-
-    return zarr.create_array(
-        str(folder),
-        name=name,
-        shape=shape,
-        dtype=old.dtype,
-        chunks=old.chunks,
-        shards=old.shards,
-        filters=old.filters or None,
-        compressors=old.compressors or None,
-        fill_value=old.fill_value,
-        zarr_format=old.metadata.zarr_format,
-        attributes=dict(old.attrs),
-    )
+def _write(new: Path, first: int, values: Array) -> None:
+    """Write the rows from `first` on to an array that `_create` made, also chunks that hold the fill value only."""
+    try:
+        import zarr
+    except ImportError as error:
+        raise MissingExtraError("To write Zarr", "zarr") from error
+    with zarr.config.set({"array.write_empty_chunks": True}):
+        array = zarr.open_array(str(new), mode="r+")
+        array[first : first + len(values)] = values
 
 
-def _copy_chunks(old: Path | zipfile.Path, new: Path, rows: Array, where: str) -> None:
+def _copy(files: Files, old: ZarrArray, folder: Path, rows: Array) -> None:
+    """Write the `rows` of an array to a new one, some at a time."""
+    if old.header.is_closed:
+        raise DataError(
+            f"{old.header.where} holds images of the package imagecodecs, several steps in a chunk, which cannot be "
+            "parted here; write it again with a chunk for each step, or take the array out."
+        )
+    new = _create(files, old, folder, len(rows))
+    row_bytes = max(old.dtype.itemsize * math.prod(old.shape[1:]), 1)
+    step = max(_COPIED_BYTES // (row_bytes * old.chunks[0]), 1) * old.chunks[0]
+    for first in range(0, len(rows), step):
+        _write(new, first, old.take(rows[first : first + step]))
+
+
+def _copy_chunks(files: Files, old: ZarrArray, folder: Path, rows: Array) -> None:
     """Copy the chunks of an array with one for each step, as they are: ``17.0.0`` holds step 17."""
-    header = old / ".zarray"
-    about = json.loads(header.read_text()) if header.exists() else {}
-    if about.get("chunks", [0])[0] != 1 or about.get("dimension_separator", ".") != ".":
-        raise DataError(f"{where} is compressed by a codec that is not installed (imagecodecs has it); install it.")
-    new.mkdir()
-    (new / ".zarray").write_text(json.dumps({**about, "shape": [len(rows), *about["shape"][1:]]}))
-    new_row = {str(row): k for k, row in enumerate(rows.tolist())}
-    for file in old.iterdir():  # a chunk of zeros is not there
-        row, _, place = file.name.partition(".")
-        if row in new_row:
-            (new / f"{new_row[row]}.{place}").write_bytes(file.read_bytes())
+    new = _create(files, old, folder, len(rows))
+    for row, old_row in enumerate(rows.tolist()):
+        for place, file in old.chunk_files.get(old_row, {}).items():  # a chunk that is left out stays so
+            target = new / old.header.file_name((row, *place[1:]))
+            target.parent.mkdir(parents=True, exist_ok=True)
+            target.write_bytes(old.stored(file))

@@ -1,0 +1,97 @@
+"""What HDF5 stores of an array, looked at before its values are read: the library itself believes what a file says."""
+
+from __future__ import annotations
+
+import os
+import zlib
+from collections.abc import Iterator, Sequence
+
+import h5py
+import numpy as np
+from h5py import h5z
+
+from rpil.data.errors import DataError
+from rpil.data.memory import check_memory, check_padding
+
+_LZF_RATIO = 90  # what LZF decodes to, of its size, at most
+_FILTER_OVERHEAD = 4096  # bytes that a filter may add to what it cannot compress
+_FILTERS = (h5z.FILTER_DEFLATE, h5z.FILTER_SHUFFLE, h5z.FILTER_FLETCHER32, h5z.FILTER_LZF)
+_CHECKSUM_BYTES = 4
+
+
+class CheckedDataset(h5py.Dataset):  # type: ignore[misc]
+    """An array of a file that is read only if its storage fits its shape."""
+
+    _is_checked = False
+
+    def __getitem__(self, rows: object, new_dtype: np.dtype[np.generic] | None = None) -> object:
+        if not self._is_checked:
+            check_storage(self)
+            self._is_checked = True
+        return super().__getitem__(rows, new_dtype)
+
+
+def check_storage(array: h5py.Dataset) -> None:
+    """A `DataError` where an array declares values that are not in the file, or a chunk does not decode to its shape.
+
+    Values that the file does not hold would be read as zeros.
+    """
+    where = f"{os.path.basename(array.file.filename)}: {str(array.name).strip('/')}"
+    if not array.size:
+        return
+    if not array.id.get_storage_size():
+        raise DataError(
+            f"{where} declares the shape {array.shape}, but none of its values is in the file; write it again, or take "
+            "it out."
+        )
+    if array.chunks is None:
+        if array.nbytes > array.file.id.get_filesize():
+            raise DataError(
+                f"{where} declares the shape {array.shape}, which is more than the file holds; copy it again."
+            )
+        return
+    check_padding(array.shape, array.chunks, array.dtype.itemsize, where)
+    filters = _filters(array, where)
+    n_bytes = int(np.prod(array.chunks)) * array.dtype.itemsize
+    for chunk in _chunks(array):
+        if chunk.size > 2 * n_bytes + _FILTER_OVERHEAD or not _fits(array, chunk, filters, n_bytes):
+            place = chunk.chunk_offset
+            raise DataError(f"{where}: its chunk at {place} does not hold the values of its shape; write it again.")
+
+
+def _filters(array: h5py.Dataset, where: str) -> list[int]:
+    """The filters of an array in the order of writing; a `DataError` where what they decode to is not known."""
+    plist = array.id.get_create_plist()
+    found = [plist.get_filter(k) for k in range(plist.get_nfilters())]
+    numbers = [number for number, *_ in found]
+    n_compressing = numbers.count(h5z.FILTER_DEFLATE) + numbers.count(h5z.FILTER_LZF)
+    if n_compressing > 1 or any(number not in _FILTERS for number in numbers):
+        names = ", ".join(str(name or number) for number, *_, name in found)
+        raise DataError(f"{where} is stored with filters that are not read ({names}); write it again with gzip or lzf.")
+    return numbers
+
+
+def _chunks(array: h5py.Dataset) -> Iterator[h5py.h5d.StoreInfo]:
+    """Where the chunks of an array are, and how large."""
+    found: list[h5py.h5d.StoreInfo] = []
+    if hasattr(array.id, "chunk_iter"):
+        array.id.chunk_iter(found.append)
+        return iter(found)
+    return (array.id.get_chunk_info(k) for k in range(array.id.get_num_chunks()))
+
+
+def _fits(array: h5py.Dataset, chunk: h5py.h5d.StoreInfo, filters: Sequence[int], n_bytes: int) -> bool:
+    """Whether a chunk decodes to `n_bytes`."""
+    used = [number for k, number in enumerate(filters) if not chunk.filter_mask >> k & 1]
+    checksums = _CHECKSUM_BYTES * used.count(h5z.FILTER_FLETCHER32)
+    if h5z.FILTER_LZF in used:  # the filter leaves alone what it cannot make smaller
+        check_memory(_LZF_RATIO * chunk.size, str(array.name))
+        return bool(chunk.size <= n_bytes + checksums)
+    if h5z.FILTER_DEFLATE not in used:
+        return bool(chunk.size == n_bytes + checksums)
+    inner = n_bytes + _CHECKSUM_BYTES * used[: used.index(h5z.FILTER_DEFLATE)].count(h5z.FILTER_FLETCHER32)
+    content = array.id.read_direct_chunk(chunk.chunk_offset)[1]
+    try:
+        return len(zlib.decompressobj().decompress(content, inner + 1)) == inner
+    except zlib.error:
+        return False

@@ -1,0 +1,184 @@
+"""How many numbers the lists in a Parquet file hold, by the headers of its pages, before any is decoded.
+
+A value that repeats is stored once, so that a row of a kilobyte may hold 10^9 of them: neither the number of rows nor
+the size of the file tells. The footer does, but a reader believes the pages. pyarrow does not show their headers, and
+to ask it for a column of a damaged footer may end the process. Both are read here, in Thrift's compact encoding.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from rpil.data.errors import DataError
+from rpil.data.memory import BYTES_PER_NUMBER, check_memory
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+    from pyarrow import fs
+
+Fields = dict[int, Any]
+"""An object of Thrift: its values by the numbers of their fields."""
+
+_TAIL = 8  # bytes at the end of a file: the length of the footer, and a mark
+_FIRST_HEADER, _LONGEST_HEADER = 256, 2**24  # bytes of the header of a page that are read at first, and at most
+_MAX_DEPTH = 16
+_SMALL_GROUP = 2**28  # bytes of the lists in a row group, which are decoded whatever the memory
+_LONGEST_LIST = 2**20  # numbers of a step
+_TRUE, _FALSE, _BYTE, _DOUBLE, _BINARY, _LIST, _SET, _STRUCT = 1, 2, 3, 7, 8, 9, 10, 12  # types of Thrift
+_ROW_GROUPS, _COLUMNS, _ABOUT = 4, 1, 3  # fields of the footer, of a row group and of a column in it
+_PACKED_BYTES, _DATA_PAGE, _DICTIONARY_PAGE = 7, 9, 11  # fields of what is said about a column
+_PAGE_BYTES, _PAGE, _PAGE_2, _N_VALUES = 3, 5, 8, 1  # fields of the header of a page
+
+
+def listed_numbers(filesystem: fs.FileSystem, path: str, file: pq.ParquetFile, columns: Collection[str]) -> list[int]:
+    """The numbers in the lists of `columns`, of each row group; a `DataError` where the file is damaged."""
+    schema, names = file.schema, set(file.schema_arrow.names)
+    parts = ((k, schema.column(k)) for k in range(len(schema)))
+    lists = [k for k, part in parts if part.max_repetition_level and _column_of(part.path, names) in columns]
+    if not lists:
+        return [0] * file.num_row_groups
+    try:
+        with filesystem.open_input_file(path) as stream:
+            groups = _footer(stream)[_ROW_GROUPS]
+            return [sum(_n_values(stream, group[_COLUMNS][k]) for k in lists) for group in groups]
+    except (LookupError, TypeError, ValueError, RecursionError) as error:
+        raise DataError(f"{path.rpartition('/')[2]}: a damaged Parquet file; write it again.") from error
+
+
+def check_lists(filesystem: fs.FileSystem, path: str, file: pq.ParquetFile, columns: Collection[str]) -> int:
+    """The numbers in the lists of `columns`.
+
+    A `DataError` where there are many in a row group, which may all be in one list, and they do not fit in memory, are
+    not as many in each row, or are more than a step has.
+    """
+    name = path.rpartition("/")[2]
+    numbers = listed_numbers(filesystem, path, file, columns)
+    for k, n in enumerate(numbers):
+        if BYTES_PER_NUMBER * n > _SMALL_GROUP:
+            check_memory(BYTES_PER_NUMBER * n, f"{name}, the lists of a row group")
+            n_rows = max(file.metadata.row_group(k).num_rows, 1)
+            if n % n_rows or n // n_rows > _LONGEST_LIST:
+                raise DataError(
+                    f"{name}: lists hold {n:,} numbers in {n_rows:,} rows; write as many in every row, and "
+                    f"{_LONGEST_LIST:,} at most, or leave them out with --exclude or exclude=."
+                )
+    return sum(numbers)
+
+
+def check_table(path: Path | str, filesystem: fs.FileSystem | None = None) -> None:
+    """A `DataError` where a Parquet file that describes data would not fit in memory; errors of pyarrow as they are."""
+    import pyarrow.parquet as pq
+    from pyarrow import fs
+
+    filesystem = filesystem or fs.LocalFileSystem()
+    with filesystem.open_input_file(str(path)) as stream, pq.ParquetFile(stream) as file:
+        n_listed = sum(listed_numbers(filesystem, str(path), file, file.schema_arrow.names))
+        check_memory(BYTES_PER_NUMBER * (file.metadata.num_rows * len(file.schema) + n_listed), Path(path).name)
+
+
+def _column_of(path: str, names: Collection[str]) -> str:
+    """The column, one of the `names`, which may have dots, of a part of it at a path such as ``x.list.element``."""
+    while path not in names and path:
+        path = path.rpartition(".")[0]
+    return path
+
+
+def _footer(stream: pa.NativeFile) -> Fields:
+    size = stream.size()
+    n_bytes = int.from_bytes(stream.read_at(4, size - _TAIL), "little")
+    return _Reader(stream.read_at(min(n_bytes, size), max(size - _TAIL - n_bytes, 0))).fields()
+
+
+def _n_values(stream: pa.NativeFile, column: Fields) -> int:
+    """The numbers in the pages of a column in a row group."""
+    about = column[_ABOUT]
+    starts = [about[field] for field in (_DATA_PAGE, _DICTIONARY_PAGE) if about.get(field)]
+    place, n_values = min(starts), 0
+    end = place + about[_PACKED_BYTES]
+    while place < end:
+        n_bytes, page = _page_header(stream, place)
+        values = page.get(_PAGE) or page.get(_PAGE_2) or {_N_VALUES: 0}  # a dictionary's are no values of a row
+        if min(values[_N_VALUES], page[_PAGE_BYTES]) < 0:
+            raise ValueError(place)
+        n_values += values[_N_VALUES]
+        place += n_bytes + page[_PAGE_BYTES]
+    return n_values
+
+
+def _page_header(stream: pa.NativeFile, place: int) -> tuple[int, Fields]:
+    """The length of the header of the page at a place, and the header."""
+    n_bytes = _FIRST_HEADER
+    while True:
+        reader = _Reader(stream.read_at(n_bytes, place))
+        try:
+            header = reader.fields()
+            return reader.place, header
+        except IndexError:
+            if n_bytes > min(len(reader.content), _LONGEST_HEADER):
+                raise
+            n_bytes *= 8
+
+
+class _Reader:
+    """Objects of Thrift in its compact encoding; an `IndexError` where one ends early, a `ValueError` for no Thrift."""
+
+    def __init__(self, content: bytes) -> None:
+        self.content, self.place = content, 0
+
+    def fields(self, depth: int = 0) -> Fields:
+        """The values of an object; texts are left out."""
+        found: Fields = {}
+        number = 0
+        while head := self.content[self.place]:
+            self.place += 1
+            number = number + (head >> 4) if head >> 4 else self._signed()
+            kind = head & 15
+            if _BYTE < kind < _DOUBLE:
+                found[number] = self._signed()
+            elif kind not in (_TRUE, _FALSE):  # which are in the head
+                found[number] = self._value(kind, depth)
+        self.place += 1
+        return found
+
+    def _value(self, kind: int, depth: int) -> object:
+        if kind == _BINARY:
+            self._skip(self._unsigned())
+            return None
+        if kind == _STRUCT and depth < _MAX_DEPTH:
+            return self.fields(depth + 1)
+        if kind in (_LIST, _SET) and depth < _MAX_DEPTH:
+            head = self.content[self.place]
+            self.place += 1
+            size = self._unsigned() if head >> 4 == 15 else head >> 4
+            return [self._value(head & 15, depth + 1) for _ in range(size)]
+        if _BYTE < kind < _DOUBLE:
+            return self._signed()
+        if kind in (_TRUE, _FALSE, _BYTE, _DOUBLE):
+            self._skip(8 if kind == _DOUBLE else 1)
+            return None
+        raise ValueError(kind)
+
+    def _skip(self, n_bytes: int) -> None:
+        """Go on after what nothing here needs."""
+        self.place += n_bytes
+        if self.place > len(self.content):
+            raise IndexError(self.place)
+
+    def _unsigned(self) -> int:
+        byte = self.content[self.place]
+        self.place += 1
+        number, shift = byte & 127, 7
+        while byte & 128:
+            byte = self.content[self.place]
+            self.place += 1
+            number, shift = number | (byte & 127) << shift, shift + 7
+            if shift > 70:
+                raise ValueError(shift)
+        return number
+
+    def _signed(self) -> int:
+        number = self._unsigned()
+        return number >> 1 ^ -(number & 1)

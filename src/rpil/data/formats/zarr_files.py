@@ -1,0 +1,129 @@
+"""The files of a Zarr store, which is a folder or a ZIP file: they are found by name, and read up to a limit."""
+
+from __future__ import annotations
+
+import os
+import zipfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import IO, Protocol
+
+from rpil.data.errors import DataError
+
+ZIP = ".zip"
+"""The extension of stores in a ZIP file; a file of another name is never taken for one."""
+
+_PLAIN = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)  # which zipfile decodes in small parts
+
+
+class Place(Protocol):
+    """Where the files are."""
+
+    def names(self, folder: str) -> list[str]:
+        """The names of all files in a folder and in the folders in it, without the name of the folder."""
+
+    def folders(self, folder: str) -> list[str]:
+        """The names of the folders in a folder."""
+
+    def open(self, name: str) -> IO[bytes]:
+        """A file; a `KeyError` or `OSError` where there is none."""
+
+
+class Files:
+    """The files of a store."""
+
+    def __init__(self, place: Place, source: str) -> None:
+        self.place, self.source = place, source
+
+    def names(self, folder: str) -> list[str]:
+        """The names of all files in a folder and in the folders in it, without the name of the folder."""
+        return self.place.names(folder)
+
+    def folders(self, folder: str) -> list[str]:
+        """The names of the folders in a folder, in order."""
+        return sorted(name for name in self.place.folders(folder) if name not in ("", ".", "..") and "\\" not in name)
+
+    def has(self, name: str) -> bool:
+        """Whether there is a file of this name."""
+        try:
+            self.place.open(name).close()
+        except (KeyError, OSError):
+            return False
+        return True
+
+    def read(self, name: str, limit: int) -> bytes:
+        """The bytes of a file; a `DataError` where it has more than `limit`."""
+        with self.place.open(name) as file:
+            content = file.read(limit + 1)
+        if len(content) > limit:
+            raise DataError(f"{self.source}: {name} holds more than {limit:,} bytes; copy or write it again.")
+        return content
+
+
+class _Folder:
+    def __init__(self, path: Path) -> None:
+        self.path = path
+
+    def names(self, folder: str) -> list[str]:
+        found, waiting = [], [""]
+        while waiting:
+            inner = waiting.pop()
+            for entry in self._entries(Path(folder, inner)):
+                if entry.is_dir(follow_symlinks=False):
+                    waiting.append(f"{inner}{entry.name}/")
+                elif entry.is_file():
+                    found.append(inner + entry.name)
+        return found
+
+    def folders(self, folder: str) -> list[str]:
+        return [entry.name for entry in self._entries(Path(folder)) if entry.is_dir()]
+
+    def _entries(self, folder: Path) -> list[os.DirEntry[str]]:
+        root = self.path / folder
+        if not root.is_dir():
+            return []
+        with os.scandir(root) as entries:
+            return list(entries)
+
+    def open(self, name: str) -> IO[bytes]:
+        path = self.path / name
+        if not path.is_file():  # a pipe would be waited for
+            raise KeyError(name)
+        return path.open("rb")
+
+
+class _Archive:
+    def __init__(self, archive: zipfile.ZipFile) -> None:
+        self.archive = archive
+        self.members = {member.filename: member for member in archive.infolist() if not member.is_dir()}
+
+    def names(self, folder: str) -> list[str]:
+        return [name.removeprefix(f"{folder}/") for name in self.members if name.startswith(f"{folder}/")]
+
+    def folders(self, folder: str) -> list[str]:
+        return list({name.split("/")[0] for name in self.names(folder) if "/" in name})
+
+    def open(self, name: str) -> IO[bytes]:
+        if self.members[name].compress_type not in _PLAIN:
+            raise DataError(f"{name} is compressed in a way that is not read; pack the ZIP file again.")
+        return self.archive.open(self.members[name])
+
+
+def is_zip(path: Path) -> bool:
+    """Whether `path` is a file that is called a ZIP file."""
+    return path.suffix.lower() == ZIP and path.is_file()
+
+
+@contextmanager
+def opened(path: Path) -> Iterator[Files]:
+    """The files of a folder or ZIP file; a `DataError` where it is damaged."""
+    if not is_zip(path):
+        yield Files(_Folder(path), path.name)
+        return
+    try:
+        archive = zipfile.ZipFile(path)
+    except Exception as error:  # a damaged directory makes zipfile raise errors of many types
+        raise DataError(f"{path.name}: no ZIP file, or a damaged one; copy or write it again.") from error
+    with archive:
+        yield Files(_Archive(archive), path.name)

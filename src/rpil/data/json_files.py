@@ -1,0 +1,60 @@
+"""JSON and other text beside data: no more of a file is read than such files need."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+from rpil.data.errors import DataError
+
+Parsed = Any
+"""A value of JSON."""
+
+LARGEST_METADATA, LARGEST_TABLE = 16 * 2**20, 64 * 2**20
+"""Bytes of a text that describes data, and of one with a line for each demonstration, at most."""
+
+MOST_LISTS = 2 * 10**6
+"""Lists and objects in JSON, at most: an empty one takes 20 times its text when it is parsed."""
+
+
+def read_text(path: Path, limit: int = LARGEST_METADATA, encoding: str = "utf-8") -> str:
+    """The text of a file; a `DataError` where it has more bytes than `limit`."""
+    with path.open("rb") as file:
+        content = file.read(limit + 1)
+    _check_size(len(content), str(path), limit)
+    return content.decode(encoding)
+
+
+def read_json(path: Path, limit: int = LARGEST_METADATA) -> Parsed:
+    """What a file of JSON holds; errors are those of `read_text` and `parse`."""
+    return parse(read_text(path, limit), str(path), limit)
+
+
+def parse(text: str | bytes, where: str, limit: int = LARGEST_METADATA, pairs: type | None = None) -> Parsed:
+    """What a text of JSON holds; objects are `pairs` of key and value, by default a dict.
+
+    A `DataError` where it is longer than `limit`, or holds more lists than `MOST_LISTS`; another `ValueError`, or a
+    `RecursionError`, where it is no JSON.
+    """
+    check_text(text, where, limit)
+    return json.loads(text, object_pairs_hook=pairs)
+
+
+def check_text(text: str | bytes, where: str, limit: int) -> None:
+    """A `DataError` where a text is longer than `limit`, or holds more lists than `MOST_LISTS`."""
+    _check_size(len(text), where, limit)
+    n_lists = text.count("[") + text.count("{") if isinstance(text, str) else text.count(b"[") + text.count(b"{")
+    if n_lists > MOST_LISTS:
+        raise DataError(f"{where}: it holds more than {MOST_LISTS:,} lists and objects; write it again.")
+
+
+def parse_lines(text: str | bytes, where: str, limit: int = LARGEST_METADATA) -> list[Parsed]:
+    """The values of a text with one value of JSON on each line; errors are those of `parse`."""
+    check_text(text, where, limit)
+    return [json.loads(line) for line in text.splitlines() if line.strip()]
+
+
+def _check_size(n_bytes: int, where: str, limit: int) -> None:
+    if n_bytes > limit:
+        raise DataError(f"{where}: it is longer than {limit // 2**20} MiB, which no such file needs; write it again.")

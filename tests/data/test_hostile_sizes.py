@@ -1,0 +1,237 @@
+"""Files that declare, or decode to, far more than they hold: each is refused in one sentence, under 1 GiB and 10 s."""
+
+from __future__ import annotations
+
+import json
+import struct
+import zipfile
+import zlib
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+
+from hostile import MAX_BYTES, MAX_SECONDS, assert_refused, read_all, write_long_list
+
+h5py = pytest.importorskip("h5py", reason="needs the extra hdf5")
+numcodecs = pytest.importorskip("numcodecs", reason="needs the extra zarr")
+pytestmark = pytest.mark.slow
+
+READ, OPEN, LOAD = "rpil:read", "rpil:open_dataset", "rpil:load"
+GIANT = 15 * 10**8
+
+
+def zeros(window=15):
+    """A gigabyte and a half of zeros, by deflate; of the same piece again and again, without a valid checksum."""
+    packer = zlib.compressobj(1, zlib.DEFLATED, window)
+    first, piece = (packer.compress(bytes(10**7)) + packer.flush(zlib.Z_FULL_FLUSH) for _ in range(2))
+    return first + (GIANT // 10**7 - 1) * piece + packer.flush()
+
+
+def gzipped():
+    return zeros(31)
+
+
+def zstd():
+    return numcodecs.Zstd().encode(bytes(10**7)) * (GIANT // 10**7)
+
+
+def zarr_store(ends=b"", action=b"", **changes):
+    """A store of 40 steps in format 2, its bytes as given, and the header of its actions changed."""
+    arrays = {
+        "meta/episode_ends": ({"shape": [2], "chunks": [2], "dtype": "<i8"}, ends or np.array([20, 40]).tobytes()),
+        "data/state": ({"shape": [40, 3], "chunks": [40, 3], "dtype": "<f8"}, bytes(960)),
+        "data/action": ({"shape": [40, 3], "chunks": [40, 3], "dtype": "<f8"} | changes, action),
+    }
+
+    def make(path):
+        for name, (about, content) in arrays.items():
+            (path / name).mkdir(parents=True)
+            plain = {"zarr_format": 2, "compressor": None, "filters": None, "fill_value": 0, "order": "C"}
+            packed = {"compressor": {"id": "gzip", "level": 1}} if name == "meta/episode_ends" and ends else {}
+            (path / name / ".zarray").write_text(json.dumps(plain | about | packed))
+            content = content() if callable(content) else content
+            if content:
+                (path / name / ("0" if len(about["shape"]) == 1 else "0.0")).write_bytes(content)
+
+    return make
+
+
+def encoded(codec):
+    return lambda: codec.encode(np.zeros(GIANT, np.uint8))
+
+
+def zarr_3(path):
+    """Eight chunks of more than a gigabyte in format 3."""
+    zarr_store()(path)
+    (path / "data/action/.zarray").unlink()
+    about = {
+        "zarr_format": 3,
+        "node_type": "array",
+        "shape": [40, 3],
+        "data_type": "float64",
+        "chunk_grid": {"name": "regular", "configuration": {"chunk_shape": [5, 3]}},
+        "chunk_key_encoding": {"name": "default"},
+        "fill_value": 0,
+        "codecs": [
+            {"name": "bytes", "configuration": {"endian": "little"}},
+            {"name": "gzip", "configuration": {"level": 1}},
+        ],
+    }
+    (path / "data/action/zarr.json").write_text(json.dumps(about))
+    content = gzipped()
+    for k in range(8):
+        (path / f"data/action/c/{k}").mkdir(parents=True)
+        (path / f"data/action/c/{k}/0").write_bytes(content)
+
+
+def zipped_zarr(path):
+    """A chunk that is an honest one in a member of a ZIP file that is not."""
+    folder = path.parent / "of-zip"
+    zarr_store()(folder)
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as archive:
+        for file in sorted(file for file in folder.rglob("*") if file.is_file()):
+            archive.write(file, file.relative_to(folder))
+        with archive.open("data/action/0.0", "w", force_zip64=True) as member:
+            for _ in range(100):
+                member.write(bytes(10**7))
+
+
+def robomimic(write):
+    def make(path):
+        with h5py.File(path, "w") as file:
+            for k in range(2):
+                file[f"data/demo_{k}/obs/x"] = np.ones((10, 3))
+                file[f"data/demo_{k}/actions"] = np.ones((10, 3))
+            del file["data/demo_1/actions"]
+            write(file)
+
+    return make
+
+
+def deflated(file):
+    array = file.create_dataset("data/demo_1/actions", (10, 3), "f8", chunks=(10, 3), compression="gzip")
+    array.id.write_direct_chunk((0, 0), zeros())
+
+
+def wide_chunk(file):
+    how = {"chunks": (2 * 10**8, 1), "maxshape": (None, 3), "compression": "gzip"}
+    array = file.create_dataset("data/demo_1/actions", (10, 3), "f8", **how)
+    array.id.write_direct_chunk((0, 0), zeros())
+
+
+def huge_mask(file):
+    file["data/demo_1/actions"] = np.ones((10, 3))
+    file.create_dataset("mask/huge", (3 * 10**8,), "S8")
+
+
+def minari(path):
+    path.mkdir()
+    with (path / "metadata.json").open("wb") as file:
+        file.truncate(86 * 10**8)
+
+
+def lerobot(path):
+    """A sparse file of metadata, and sound data, which are read without it."""
+    (path / "meta").mkdir(parents=True)
+    (path / "data").mkdir()
+    with (path / "meta" / "info.json").open("wb") as file:
+        file.truncate(86 * 10**8)
+    pq.write_table(
+        pa.table({"episode_index": [0, 0], "observation.x": [0.5, 1.0], "action": [0, 1]}), path / "data/0.parquet"
+    )
+
+
+def policy(**members):
+    def make(path):
+        with zipfile.ZipFile(path, "w") as archive:
+            for name, (compression, pieces) in members.items():
+                info = zipfile.ZipInfo(name.replace("_", "."))
+                info.compress_type, info._compresslevel = compression, 1
+                with archive.open(info, "w", force_zip64=True) as member:
+                    for piece in pieces():
+                        member.write(piece)
+
+    return make
+
+
+def lists(n):
+    yield b'{"schema": "rpil fitted estimator", "x": ['
+    for _ in range(n // 10**6 - 1):
+        yield b"[]," * 10**6
+    yield b"[]]}"
+
+
+def array_of_zeros():
+    shape = (2 * 10**8,)
+    head = f"{{'descr': '<f8', 'fortran_order': False, 'shape': {shape}}}".ljust(117) + "\n"
+    yield b"\x93NUMPY\x01\x00" + struct.pack("<H", len(head)) + head.encode()
+    for _ in range(160):
+        yield bytes(10**7)
+
+
+def header_of_array():
+    yield b'{"schema": "rpil fitted estimator", "version": 6, "x": {"array": "x"}}'
+
+
+def labels(path):
+    with path.open("wb") as file:
+        for piece in lists(21 * 10**6):
+            file.write(piece)
+
+
+FILES = {
+    "gzip.zarr": (zarr_store(action=gzipped, compressor={"id": "gzip", "level": 1}), READ),
+    "gzip-ends.zarr": (zarr_store(ends=gzipped), READ),
+    "gzip-3.zarr": (zarr_3, READ),
+    "zlib.zarr": (zarr_store(action=zeros, compressor={"id": "zlib"}), READ),
+    "zstd.zarr": (
+        zarr_store(action=zstd, compressor={"id": "zstd"}),
+        READ,
+    ),
+    "blosc.zarr": (zarr_store(action=encoded(numcodecs.Blosc()), compressor={"id": "blosc"}), READ),
+    "lz4.zarr": (zarr_store(action=encoded(numcodecs.LZ4()), compressor={"id": "lz4"}), READ),
+    "no-chunk.zarr": (zarr_store(shape=[40, 4 * 10**6], chunks=[1, 1]), READ),
+    "wide-chunk.zarr": (zarr_store(chunks=[10**9, 3], action=gzipped, compressor={"id": "gzip"}), READ),
+    "deflated.zarr.zip": (zipped_zarr, READ),
+    "deflate.hdf5": (robomimic(deflated), READ),
+    "wide-chunk.hdf5": (robomimic(wide_chunk), READ),
+    "huge-mask.hdf5": (robomimic(huge_mask), "hostile:keep_first"),
+    "long-list.parquet": (lambda path: write_long_list(path, 8 * 10**7), READ),
+    "long-list-on-disk.parquet": (lambda path: write_long_list(path, 8 * 10**7), OPEN),
+    "long-list-hidden.parquet": (lambda path: write_long_list(path, 8 * 10**7, says=2), READ),
+    "sparse-minari": (minari, READ),
+    "lists.rpil": (policy(header_json=(zipfile.ZIP_DEFLATED, lambda: lists(40 * 10**6))), LOAD),
+    "lists-stored.rpil": (policy(header_json=(zipfile.ZIP_STORED, lambda: lists(21 * 10**6))), LOAD),
+    "zeros.rpil": (
+        policy(header_json=(zipfile.ZIP_STORED, header_of_array), x_npy=(zipfile.ZIP_DEFLATED, array_of_zeros)),
+        LOAD,
+    ),
+    "lists.json": (labels, "rpil.data.formats:read_labels"),
+}
+
+
+SOUND = {"sparse-lerobot": (lerobot, READ)}
+"""What is read without the hostile part."""
+
+
+@pytest.fixture(scope="module")
+def ends(tmp_path_factory):
+    return read_all(tmp_path_factory.mktemp("sizes"), FILES | SOUND, memory=None)
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_it_is_refused_in_one_sentence_and_soon(ends, name):
+    assert_refused(ends[0][name], name)
+    assert float(ends[0][name][2]) < MAX_SECONDS
+
+
+@pytest.mark.parametrize("name", SOUND)
+def test_the_rest_is_read(ends, name):
+    assert ends[0][name][0] == "read"
+    assert float(ends[0][name][2]) < MAX_SECONDS
+
+
+def test_no_file_takes_more_than_one_gib(ends):
+    assert ends[1] < MAX_BYTES

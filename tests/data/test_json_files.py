@@ -1,0 +1,21 @@
+import pytest
+
+from rpil.data.errors import DataError
+from rpil.data.json_files import LARGEST_METADATA, read_json, read_text
+
+
+def test_text_and_json_are_read_up_to_a_limit(tmp_path):
+    path = tmp_path / "info.json"
+    path.write_text('{"ä": [1, null]}', encoding="utf-8")
+    assert read_json(path) == {"ä": [1, None]}
+    assert read_text(path, limit=17) == '{"ä": [1, null]}'
+    with pytest.raises(DataError, match=r"info\.json"):
+        read_text(path, limit=16)
+
+
+def test_a_file_with_a_hole_is_not_read_whole(tmp_path):
+    path = tmp_path / "info.json"
+    with path.open("wb") as file:
+        file.truncate(10**12)
+    with pytest.raises(DataError, match=rf"info\.json.* {LARGEST_METADATA // 2**20} MiB"):
+        read_json(path)
