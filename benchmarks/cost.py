@@ -26,6 +26,8 @@ from threadpoolctl import threadpool_limits
 
 from provenance import line, provenance
 from rpil import RPIL, Dataset, Settings, open_dataset
+from rpil.audit.settings import AuditSettings
+from rpil.inference.settings import JudgeSettings
 from rpil.scale.ascent import block_statistics
 from rpil.scale.disk import Streamed
 from rpil.scale.fit import DesignMap, StepWeights
@@ -72,7 +74,7 @@ def measure(data: Dataset, path: Path, repetitions: int, settings: Settings | No
     blocks = [block for shard in data.shards() for block in shard]
     ready = [prepare(block) for block in blocks]
     scoring = partial(score, judge=model.judge_)
-    weigh = replace(StepWeights.of(model.audit_, model.judge_), final=final)
+    weigh = replace(StepWeights.of(model.audit_, model.judge_, JudgeSettings(), AuditSettings()), final=final)
     lessons = [weigh(one) for one in ready]
     one_pass = partial(block_statistics, policy=model.policy_)
     seen, design, weights = ready[0][1].features, lessons[0][0].features, model.policy_.weights.astype(np.float32)

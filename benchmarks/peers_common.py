@@ -16,7 +16,7 @@ from rpil.data.demonstrations import Demonstrations
 from rpil.data.fit_data import FitData
 from rpil.data.spaces import Discrete
 from rpil.estimators.cloning import BehavioralCloning
-from rpil.policies.features import FeatureMap
+from rpil.policies.features import FeatureMap, FeatureSettings
 from rpil.policies.softmax import SoftmaxPolicy
 
 Array = NDArray[Any]
@@ -105,7 +105,7 @@ def cloned(data: Demonstrations, kind: str, weight: Array | None = None) -> Beha
 def fit_data(data: Demonstrations, kind: str) -> tuple[FitData, FeatureMap, Array]:
     """The demonstrations behind a feature map, for methods with an optimiser of their own; the map; the actions."""
     classes, codes = class_codes(data.actions, data.source)
-    features = FeatureMap.fit(kind, data.observations)
+    features = FeatureMap.fit(kind, data.observations, settings=FeatureSettings())
     no_labels = np.zeros(len(data), dtype=int)
     return (
         FitData(features.design(data.observations), codes, data.offsets, Discrete(len(classes)), no_labels),

@@ -18,7 +18,7 @@ from rpil import Settings
 from rpil.data.demonstrations import Demonstrations
 from rpil.estimators.rpil import RPIL
 from rpil.numerics import blocks as passes
-from rpil.policies.features import FeatureMap, ridge_of
+from rpil.policies.features import FeatureMap, FeatureSettings, ridge_of
 from speed_data import Planted, lander, softmax_expert
 from speed_timing import Measured, in_turns, one_core
 
@@ -63,7 +63,7 @@ def _over_scikit_learn(data: Planted, kind: str, repeats: int, solvers: tuple[st
     demonstrations = data.demonstrations
     codes = np.unique(demonstrations.actions, return_inverse=True)[1]
     single = demonstrations.observations.dtype == np.float32
-    features = FeatureMap.fit(kind, demonstrations.observations)
+    features = FeatureMap.fit(kind, demonstrations.observations, settings=FeatureSettings())
     double = features.design(demonstrations.observations)
     with one_core():
         seconds, models = in_turns(repeats, ours=lambda: _given(kind).fit(demonstrations))
@@ -168,7 +168,7 @@ def gradient_norm(design: Array, codes: Array, weight: Array, ridge: Array, weig
 def recipe(size: dict[str, int], repeats: int) -> Measured:
     """C: a fit to one cell of the paper over the paper's recipe with scikit-learn in its M-step."""
     data = lander(size["demonstrations"] // 2, size["demonstrations"] // 2)
-    features = FeatureMap.fit("spline", data.demonstrations.observations)
+    features = FeatureMap.fit("spline", data.demonstrations.observations, settings=FeatureSettings())
     design = features.design(data.demonstrations.observations)[:, :-1]
     with one_core():
         seconds, found = in_turns(
@@ -204,7 +204,7 @@ def _recipe(design: Array, demonstrations: Demonstrations, iterations: int) -> A
 def one_pass(size: dict[str, int], repeats: int) -> Measured:
     """D: objective, gradient and log-likelihood of each demonstration over the two matrix products they need."""
     data = softmax_expert(size["steps"], size["features"], size["actions"]).demonstrations
-    design = FeatureMap.fit("raw", data.observations).design(data.observations, single=True)
+    design = FeatureMap.fit("raw", data.observations, settings=FeatureSettings()).design(data.observations, single=True)
     rng = np.random.default_rng(0)
     weights = rng.normal(size=(design.shape[1], size["actions"])) / np.sqrt(design.shape[1])
     weight = rng.random(len(data.actions))

@@ -15,7 +15,7 @@ from rpil.data.spaces import Box, Discrete, Space
 from rpil.mixture.adversaries.named import adversary
 from rpil.mixture.em import State
 from rpil.mixture.expert_prior import ExpertPrior
-from rpil.policies.features import FeatureMap
+from rpil.policies.features import FeatureMap, FeatureSettings
 from rpil.policies.linear import linear_policy
 
 Array = NDArray[Any]
@@ -60,7 +60,7 @@ class Toy:
 
     def problem(self, features: str = "raw") -> FitData:
         """As EM wants it."""
-        design = FeatureMap.fit(features, self.observations).design(self.observations)
+        design = FeatureMap.fit(features, self.observations, settings=FeatureSettings()).design(self.observations)
         return FitData(design, self.actions, self.offsets, self.space, self.labels)
 
     def labelled(self, labels: dict[int, int]) -> Toy:

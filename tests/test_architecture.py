@@ -273,3 +273,49 @@ def test_a_method_called_through_any_is_seen(source):
 
 def test_the_constructor_of_rpil_has_twelve_parameters_at_most():
     assert len(inspect.signature(rpil.RPIL).parameters) <= 12
+
+
+PUBLIC = {*rpil.__all__, "find_faults"}
+"""What users call; docs/faults.md documents the last one."""
+
+
+def default_settings(source: str) -> list[str]:
+    """Functions and fields below the public ones that have default settings, which a caller could forget to give.
+
+    A record of settings may have them, and so may a field that files do not hold: nothing reads it from them.
+    """
+    found = []
+    nodes = list(ast.parse(source).body)
+    for node in nodes:
+        if getattr(node, "name", "") in PUBLIC:
+            continue
+        if isinstance(node, ast.ClassDef):
+            is_record = node.name.endswith(("Settings", "Options"))
+            nodes += [part for part in node.body if not (is_record and isinstance(part, ast.AnnAssign))]
+        defaults: list[ast.expr | None] = []
+        if isinstance(node, ast.FunctionDef):
+            defaults, where = [*node.args.defaults, *node.args.kw_defaults], node.name
+        elif isinstance(node, ast.AnnAssign):
+            defaults, where = [node.value], ast.unparse(node.target)
+        texts = [ast.unparse(default) for default in defaults if default is not None]
+        found += [where for text in texts if re.search("settings", text, re.I) and "NOT_STORED" not in text]
+    return found
+
+
+@pytest.mark.parametrize("path", sorted(ROOT.rglob("*.py")), ids=lambda path: str(path.relative_to(ROOT)))
+def test_settings_have_no_defaults_below_the_public_functions(path):
+    assert default_settings(path.read_text()) == []
+
+
+@pytest.mark.parametrize(
+    "source",
+    [
+        "def score(data, settings=JudgeSettings()): ...",
+        "def score(data, *, settings: AuditSettings = AUDIT_SETTINGS): ...",
+        "class Groups:\n    def told_apart(self, settings=GroupSettings()): ...",
+        "class Policy:\n    settings: CrossFitSettings = CrossFitSettings()",
+        "class Choice:\n    ridge: float = FeatureSettings.ridge_per_step",
+    ],
+)
+def test_default_settings_are_seen(source):
+    assert len(default_settings(source)) == 1

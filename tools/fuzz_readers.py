@@ -45,7 +45,6 @@ from rpil.audit.faults.expected import read_expected
 from rpil.data import formats
 from rpil.data.errors import DataError, MissingExtraError
 from rpil.data.formats.dataset import Dataset
-from rpil.data.formats.times import read_times
 from rpil.data.memory import limited
 from rpil.scale.ascent import AscentState
 from rpil.scale.checkpoint import Checkpoint
@@ -92,7 +91,7 @@ def describe(path: Path, on_disk: bool = False) -> None:
     for shard in found.shards() if isinstance(found, Dataset) else ():
         for _ in shard:
             pass
-    read_times(path, found.ids, recording.description.id_column)
+    recording.times()
 
 
 KEPT = {"robomimic.hdf5": ("demo_0", "demo_10"), "aloha": ("episode_0", "episode_2"), "texts": ("0", "2")}

@@ -17,7 +17,7 @@ from rpil.mixture.adversaries.discrete import Complement
 from rpil.mixture.em import State, run_em
 from rpil.mixture.expert_prior import as_prior
 from rpil.mixture.settings import MixtureSettings
-from rpil.policies.features import FeatureMap, ridge_of
+from rpil.policies.features import FeatureMap, FeatureSettings, ridge_of
 from rpil.policies.softmax import SoftmaxPolicy
 
 NO_PENALTY = 1e6
@@ -77,7 +77,7 @@ class PaperRecipe(PolicyEstimator):
         prior = as_prior(self.prior)
         self.space_ = Discrete(len(self.classes_))
         with threadpool_limits(1, "blas"):
-            self.features_ = FeatureMap.fit("raw", demonstrations.observations)
+            self.features_ = FeatureMap.fit("raw", demonstrations.observations, settings=FeatureSettings())
             ridge = ridge_of(self.features_, NO_PENALTY, len(codes), self.space_)
             no_labels = np.zeros(len(demonstrations), dtype=int)
             design = self.features_.design(demonstrations.observations)

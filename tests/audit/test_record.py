@@ -73,6 +73,7 @@ def test_calibrated_audit_follows_the_labels_and_keeps_the_order():
 def test_number_of_labels_for_calibration_is_a_setting():
     settings = AuditSettings(calibration=CalibrationSettings(min_labels=1))
     assert make_audit().calibrated({0: "adversary"}, settings).labelled == (0,)
+    assert make_audit(settings=settings).calibrated({0: "adversary"}).labelled == (0,)
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,7 @@ from scipy.special import logit
 
 from problems import make, pooled_state
 from rpil.audit.record import Audit, Interval
-from rpil.audit.settings import AUDIT_SETTINGS, AuditSettings
+from rpil.audit.settings import AuditSettings
 from rpil.audit.summary import (
     audit_from_mixture,
     is_anyone_trusted,
@@ -29,7 +29,7 @@ LENGTHS = np.array([3, 1, 4, 2, 5])
 
 
 def mixture_audit(
-    log_odds: tuple[float, ...], labels: tuple[int, ...] = (0,) * 5, settings: AuditSettings = AUDIT_SETTINGS
+    log_odds: tuple[float, ...], labels: tuple[int, ...] = (0,) * 5, settings: AuditSettings = AuditSettings()
 ) -> Audit:
     """The audit of five demonstrations with these posterior log-odds."""
     offsets = np.concatenate([[0], np.cumsum(LENGTHS)])
@@ -81,17 +81,17 @@ def test_audit_keeps_the_history_and_the_adversary_of_em():
     toy = make("random", 0)
     data = toy.problem()
     result = run_em(data, pooled_state(data, "uniform"), MixtureSettings(max_iter=5))
-    audit = audit_from_mixture(data, result, SHARE, toy.ids)
+    audit = audit_from_mixture(data, result, SHARE, toy.ids, AuditSettings())
     assert audit.adversary == "uniform"
     np.testing.assert_array_equal(audit.history, result.history)
 
 
 def split_weights(
-    proba: list[float], reliability: list[float], settings: AuditSettings = AUDIT_SETTINGS
+    proba: list[float], reliability: list[float], settings: AuditSettings = AuditSettings()
 ) -> tuple[list[np.ndarray], list[np.ndarray]]:
     """Weights of the steps of each demonstration, and P(the step is an expert's) of each."""
     step, ends = np.linspace(0, 1, 15), np.cumsum(LENGTHS)[:-1]
-    weight = step_weight(LENGTHS, np.array(proba), np.array(reliability), step, settings=settings)
+    weight = step_weight(LENGTHS, np.array(proba), np.array(reliability), step, settings)
     return np.split(weight, ends), np.split(step, ends)
 
 
@@ -120,7 +120,7 @@ def test_full_weight_is_relative_to_a_typical_expert():
 
 
 def test_weights_are_empty_where_steps_are_not_kept():
-    assert step_weight(LENGTHS, np.ones(5), np.ones(5), np.empty(0)).shape == (0,)
+    assert step_weight(LENGTHS, np.ones(5), np.ones(5), np.empty(0), AuditSettings()).shape == (0,)
 
 
 @pytest.mark.parametrize(("proba", "trusted"), [(0.0, False), (0.06, False), (0.07, True), (1.0, True)])

@@ -3,10 +3,15 @@
 from __future__ import annotations
 
 import csv
+import io
 import json
+import re
+import zipfile
+from pathlib import Path
 
 import numpy as np
 import pyarrow as pa
+import pyarrow.csv
 import pyarrow.parquet as pq
 import pytest
 
@@ -133,6 +138,86 @@ def test_a_lerobot_folder_is_compared_with_what_it_says_of_itself(tmp_path):
     assert "33.33 ms" in found["usual"]["dropped frames"]
     slow = json.loads(ok("check", root, "--json", "--fps", "60").stdout)
     assert slow["counts"]["dropped frames"] == len(lengths)
+
+
+def write_lossy(name):
+    """Twelve demonstrations of 30 steps at 50 frames a second; the sixth has lost ten frames."""
+    rng = np.random.default_rng(0)
+    ids, position = np.repeat(np.arange(12), 30), rng.normal(size=(360, 2)).cumsum(axis=0)
+    seconds = np.tile(np.arange(30) / 50, 12)
+    seconds[ids == 5] += np.where(np.arange(30) < 12, 0.0, 10 / 50)
+    columns = {"timestamp": seconds, "observation.x": position[:, 0], "observation.y": position[:, 1]}
+    columns |= {"action": rng.normal(size=360)}
+    if name.endswith(".hdf5"):
+        h5py = pytest.importorskip("h5py", reason="needs the extra hdf5")
+        with h5py.File(name, "w") as file:
+            for m in range(12):
+                for column, values in columns.items():
+                    file[f"data/{m}/{column}"] = values[ids == m]
+        return
+    if name.endswith(".npz"):
+        np.savez(name, observations=position, actions=columns["action"], episode_ids=ids, timestamps=seconds)
+        return
+    table = pa.table({"episode_index": ids, **columns})
+    if "." in name:
+        (pa.csv.write_csv if name.endswith(".csv") else pq.write_table)(table, name)
+        return
+    Path(name).mkdir()
+    for k, part in enumerate((table.slice(0, 180), table.slice(180))):
+        suffix = name.removeprefix("several-")
+        (pa.csv.write_csv if suffix == "csv" else pq.write_table)(part, f"{name}/{k}.{suffix}")
+
+
+@pytest.mark.parametrize("name", ["one.csv", "one.parquet", "one.hdf5", "one.npz", "several-csv", "several-parquet"])
+def test_lost_frames_are_found_in_every_format(name):
+    write_lossy(name)
+    found = json.loads(ok("check", name, "--json").stdout)
+    (finding,) = [finding for finding in found["findings"] if finding["rule"] == "dropped frames"]
+    assert (str(finding["id"]), finding["last"]) == ("5", 12)
+    assert finding["value"] == pytest.approx(220.0)  # ms
+    assert "dropped frames" not in found["not_checked"]
+
+
+@pytest.mark.parametrize("command", [["info"], ["check", "--json"]])
+def test_timestamps_that_declare_too_many_numbers_are_not_read(command):
+    write_lossy("all.npz")
+    header = {"descr": "<f8", "fortran_order": False, "shape": (10**12,)}
+    with zipfile.ZipFile("all.npz") as old, zipfile.ZipFile("giant.npz", "w") as new:
+        for member in old.namelist():
+            if member != "timestamps.npy":
+                new.writestr(member, old.read(member))
+        stream = io.BytesIO()
+        np.lib.format.write_array_header_1_0(stream, header)
+        new.writestr("timestamps.npy", stream.getvalue())
+    stdout = ok(command[0], "giant.npz", *command[1:]).stdout
+    assert ("timestamps: no array" in stdout) == (command[0] == "info")
+    assert command[0] == "info" or "dropped frames" in json.loads(stdout)["not_checked"]
+
+
+def test_a_damaged_description_of_a_lerobot_folder_is_refused_alike():
+    for name in ("data", "meta"):
+        (Path("set") / name).mkdir(parents=True)
+    write(Path("set/data/file-000.parquet"))
+    Path("set/meta/info.json").write_text("{")
+    commands = ["info"], ["check"], ["audit"], ["keep", "-o", "new"]
+    (message,) = {refused(r"set/meta/info\.json", command, "set", *options) for command, *options in commands}
+    Path("set/meta/info.json").unlink()
+    assert "move it away" in message
+    ok("info", "set")
+
+
+def test_demonstrations_that_are_not_there_are_counted_apart():
+    (Path("set") / "data").mkdir(parents=True)
+    (Path("set") / "meta" / "episodes").mkdir(parents=True)
+    only = pa.table({"episode_index": [0] * 9, "x": np.arange(9.0), "action": np.arange(9.0)})
+    pq.write_table(only, "set/data/f.parquet")
+    lengths = pa.table({"episode_index": list(range(55)), "length": [9] * 55})
+    pq.write_table(lengths, "set/meta/episodes/file-000.parquet")
+    Path("set/meta/info.json").write_text(json.dumps({"fps": 30}))
+    first = ok("check", "set").stdout.splitlines()[0]
+    assert re.search(r"54 recording faults", first)
+    assert re.search(r"0 of 1 demonstration\b", first)
+    assert re.search(r"54 more.*missing", first)
 
 
 def test_at_most_thirty_findings_are_printed():

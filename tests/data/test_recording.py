@@ -63,10 +63,31 @@ def test_description_of_a_data_set_of_lerobot(folder, on_disk):
     json.dumps(said.to_dict())
 
 
-def test_metadata_that_cannot_be_read_are_left_out(folder):
-    for text in ("{", "[]", '{"features": 3}', '{"fps": "x"}', "[" * 100_000):
-        (folder / "meta" / "info.json").write_text(text)
-        assert read_recording(folder).description.format == "Parquet"
+@pytest.mark.parametrize("on_disk", [False, True])
+@pytest.mark.parametrize(("name", "value"), [("fps", "thirty"), ("fps", 10**400), ("fps", -1), ("features", 3)])
+def test_values_of_metadata_that_cannot_be_used_are_named_and_the_others_are_used(folder, name, value, on_disk):
+    path = folder / "meta" / "info.json"
+    path.write_text(json.dumps(json.loads(path.read_text()) | {name: value}))
+    said = read_recording(folder, on_disk=on_disk).description
+    assert (said.format, said.tasks) == ("LeRobot v3.0", ("push",))
+    assert (said.fps == 20.0) == (name != "fps")
+    assert ("state.hip.pos" in said.observations) == (name != "features")
+    assert any("meta" in note and name in note for note in said.notes)
+
+
+def test_tasks_that_cannot_be_read_are_named(folder):
+    (folder / "meta" / "tasks.parquet").write_bytes(b"PAR1")
+    said = read_recording(folder).description
+    assert (said.fps, said.tasks) == (20.0, ("0",))
+    assert any("meta" in note and "tasks" in note for note in said.notes)
+
+
+def test_a_task_that_is_a_sentence_ends_with_one_full_stop(folder):
+    table = pa.table({"task_index": [0], "task": ["Put the grape on the white plate."]})
+    pq.write_table(table, folder / "meta" / "tasks.parquet")
+    (line,) = [line for line in read_recording(folder).description.lines() if "grape" in line]
+    assert line.endswith("plate.")
+    assert ".." not in line
 
 
 @pytest.mark.parametrize("suffix", [".parquet", ".csv"])

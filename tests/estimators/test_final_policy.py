@@ -11,7 +11,7 @@ from rpil.data.spaces import Discrete
 from rpil.estimators.cloning import BehavioralCloning
 from rpil.estimators.rpil import RPIL
 from rpil.policies.features import FeatureSettings
-from rpil.policies.selection import choose_features
+from rpil.policies.selection import SelectionSettings, choose_features
 
 
 def told(rule, n_demonstrations: int = 8, n_steps: int = 120, seed: int = 0):
@@ -28,7 +28,9 @@ def curved(o):
 def test_cloning_takes_what_is_chosen():
     observations, codes, offsets = told(curved)
     data = Demonstrations.from_arrays(observations, codes, offsets)
-    chosen = choose_features(observations, codes, offsets, np.ones(len(codes)), Discrete(2))
+    chosen = choose_features(
+        observations, codes, offsets, np.ones(len(codes)), Discrete(2), settings=SelectionSettings()
+    )
     model = BehavioralCloning("auto").fit(data)
     assert (model.features_.kind, model.features_.ridge_per_step) == (chosen.kind, chosen.ridge)
     fixed = BehavioralCloning("poly").fit(data)

@@ -6,6 +6,7 @@ from sklearn.linear_model import LogisticRegression
 from archives import LOST, mountain_car, npy, refused, rewrite
 from problems import make_continuous
 from rpil import RPIL, BehavioralCloning, Confusion, Demonstrations, RMEnt, Settings, load, save
+from rpil.audit.settings import AuditSettings
 from rpil.data.errors import DataError
 from rpil.mixture.adversaries.discrete import Uniform
 from rpil.mixture.adversaries.named import ADVERSARIES
@@ -94,6 +95,13 @@ def test_loaded_rpil_has_the_same_audit_and_scores(kind, data, tmp_path, request
         fitted.lower_bound_,
         fitted.converged_,
     )
+
+
+def test_loaded_audit_has_the_settings_of_its_fit(data, tmp_path):
+    settings = Settings(audit=AuditSettings(min_verdict_proba=0.6))
+    fitted = RPIL(settings=settings).fit(data)
+    save(fitted, tmp_path / "p")
+    assert load(tmp_path / "p").audit_.settings == fitted.audit_.settings == settings.audit
 
 
 def test_loaded_judge_of_continuous_actions_scores_the_same(tmp_path):

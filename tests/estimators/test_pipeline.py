@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import permutations
 
 import numpy as np
 import pytest
@@ -29,6 +30,21 @@ def test_order_of_demonstrations_does_not_matter(toy):
     one, two = RPIL().fit(toy.demonstrations), RPIL().fit(shuffled)
     np.testing.assert_allclose(two.log_odds_, one.log_odds_[order], atol=0.05)
     assert two.audit_.verdicts == tuple(one.audit_.verdicts[m] for m in order)
+
+
+@pytest.fixture(scope="module")
+def few() -> RPIL:
+    """Fitted to so few steps that another deal of folds changes the verdicts."""
+    return RPIL().fit(make("random", 3, n_good=7, n_bad=4, steps=(13, 13)).demonstrations)
+
+
+@pytest.mark.parametrize("names", [*permutations(range(3)), ("right", "left", "none")])
+def test_names_of_actions_change_nothing(few, names):
+    toy = make("random", 3, n_good=7, n_bad=4, steps=(13, 13))
+    renamed = Demonstrations.from_arrays(toy.observations, np.array(names)[toy.actions], toy.offsets)
+    audit = RPIL().fit(renamed).audit_
+    np.testing.assert_allclose(audit.log_odds, few.log_odds_, atol=1e-6)
+    assert (audit.finding, audit.verdicts) == (few.audit_.finding, few.audit_.verdicts)
 
 
 def test_opposed_styles_are_listed_and_a_label_decides():

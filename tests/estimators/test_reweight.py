@@ -99,7 +99,7 @@ def test_log_prob_is_held_out():
 
     def spy_train(policy, observations, actions, weights):
         train(policy, observations, actions, weights)
-        taught.setdefault(policy.weights.tobytes(), set()).update(observations[:, 0])
+        taught.setdefault(policy.weights.tobytes(), set()).update(observations[weights > 0, 0])
 
     reweight(Linear(), TOY.demonstrations, log_prob=spy_log_prob, train=spy_train, n_folds=4, max_rounds=3)
     both = set(asked) & set(taught)

@@ -13,6 +13,7 @@ from problems import make, make_continuous, ridge
 from rpil.data.errors import DataError
 from rpil.estimators.cloning import BehavioralCloning
 from rpil.estimators.rment import RMEnt, concentrate, fit_selected, search, starts
+from rpil.estimators.settings import ConcentrationSettings
 from rpil.policies.features import ridge_of
 from rpil.policies.linear import linear_policy
 from rpil.policies.softmax import SoftmaxPolicy, one_hot
@@ -65,10 +66,8 @@ def test_search_finds_the_best_of_all_subsets(seed):
 def test_more_starts_find_a_lower_objective():
     problem = make("flipped", 7, n_actions=4).problem()
     policy = SoftmaxPolicy.zero(4, ridge(problem))
-    ends = [
-        search(problem, policy, 6, starts(12, 6, n_starts, np.random.default_rng(0)), 1e-6, 100).objective
-        for n_starts in (1, 13, 40)
-    ]
+    subsets = [starts(12, 6, n_starts, np.random.default_rng(0)) for n_starts in (1, 13, 40)]
+    ends = [search(problem, policy, 6, some, 1e-6, 100, ConcentrationSettings()).objective for some in subsets]
     assert ends[0] > ends[1] + 0.1  # all demonstrations together are a bad start for two groups of one mind
     assert ends[1] >= ends[2] - 1e-9
 

@@ -6,13 +6,14 @@ import numpy as np
 import pytest
 
 from rpil.inference.groups import Groups, fit_groups, one_group, two_groups
+from rpil.inference.settings import GroupSettings
 
 
 def fitted(score, variance=None, labels=None) -> Groups:
     m = len(score)
     variance = np.full(m, 1e-4) if variance is None else variance
     labels = np.zeros(m, dtype=int) if labels is None else labels
-    return fit_groups(score, variance, labels, np.full(m, 100.0), np.full(m, 100))
+    return fit_groups(score, variance, labels, np.full(m, 100.0), np.full(m, 100), GroupSettings())
 
 
 def test_two_clear_groups_have_their_share_and_means():
@@ -22,7 +23,7 @@ def test_two_clear_groups_have_their_share_and_means():
     assert groups.p_two > 0.99
     np.testing.assert_allclose(groups.mean, [0.0, 1.0], atol=0.1)
     assert groups.share == pytest.approx(0.3, abs=0.1)
-    log_odds = groups.log_odds(score, np.full(20, 1e-4))
+    log_odds = groups.log_odds(score, np.full(20, 1e-4), GroupSettings())
     assert (log_odds[:14] < -2.2).all()
     assert (log_odds[14:] > 2.2).all()
 
@@ -42,26 +43,26 @@ def test_log_odds_rise_with_the_score():
     for spread in (0.1, 1.0):
         groups = fitted(np.concatenate([rng.normal(0.0, spread, 10), rng.normal(2.0, 0.1, 10)]))
         at = np.linspace(-6, 6, 101)
-        assert (np.diff(groups.log_odds(at, np.full(101, 1e-4))) > 0).all()
+        assert (np.diff(groups.log_odds(at, np.full(101, 1e-4), GroupSettings())) > 0).all()
 
 
 def test_scores_of_one_group_are_ranked_without_certainty():
     score = np.linspace(0, 1, 40)
     groups = fitted(score, np.full(40, 1e-6))
     assert groups.p_two < 0.5
-    proba = 1 / (1 + np.exp(-groups.log_odds(score, np.full(40, 1e-6))))
+    proba = 1 / (1 + np.exp(-groups.log_odds(score, np.full(40, 1e-6), GroupSettings())))
     assert (np.diff(proba) > 0).all()
     assert proba[0] > 0.1
     assert proba[-1] < 0.9
     alike = fitted(score, np.full(40, 10.0))  # nothing but error
     assert alike.graded == 0.0
-    assert np.abs(alike.log_odds(score, np.full(40, 10.0))).max() < 0.3
+    assert np.abs(alike.log_odds(score, np.full(40, 10.0), GroupSettings())).max() < 0.3
 
 
 def test_two_groups_with_one_centre_are_refused():
     rng = np.random.default_rng(0)
     score = np.concatenate([rng.normal(0.0, 1.0, 20), rng.normal(0.0, 0.05, 80)])
-    found = two_groups(score, np.full(100, 1e-6), np.zeros(100, dtype=int), 1.0)
+    found = two_groups(score, np.full(100, 1e-6), np.zeros(100, dtype=int), 1.0, GroupSettings())
     assert found is None or found[1].mean[1] - found[1].mean[0] >= np.sqrt(found[1].spread.mean())
 
 
@@ -70,7 +71,9 @@ def test_label_fixes_the_group():
     score = np.concatenate([rng.normal(0.0, 0.3, 10), rng.normal(1.0, 0.3, 10)])
     labels = np.zeros(20, dtype=int)
     labels[10 + np.argsort(score[10:])[:4]] = -1
-    plain, told = (two_groups(score, np.full(20, 1e-4), given, 1.0) for given in (np.zeros(20, dtype=int), labels))
+    plain, told = (
+        two_groups(score, np.full(20, 1e-4), given, 1.0, GroupSettings()) for given in (np.zeros(20, dtype=int), labels)
+    )
     assert plain is not None
     assert told is not None
     assert told[1].mean[0] > plain[1].mean[0] + 0.1

@@ -11,7 +11,7 @@ from sklearn.linear_model import LogisticRegression, Ridge
 from problems import fit_data_of, make, make_continuous
 from rpil.inference.held_out import HeldOutRidge, HeldOutSoftmax, frequencies, log_reference
 from rpil.inference.settings import HeldOutSettings
-from rpil.numerics.regression import error_scale, standardise, student_log_density
+from rpil.numerics.regression import ErrorSettings, error_scale, standardise, student_log_density
 from rpil.policies.folds import deal
 
 STEPS = (40, 60)
@@ -21,7 +21,7 @@ LAPSE = HeldOutSettings().lapse
 def test_softmax_log_probabilities_are_those_of_scikit_learn_on_the_other_folds():
     problem = fit_data_of(make("noisy", 0, steps=STEPS))
     weight = np.random.default_rng(0).random(len(problem.actions))
-    found = HeldOutSoftmax(problem, deal(problem, 3, 0))
+    found = HeldOutSoftmax(problem, deal(problem, 3, 0), HeldOutSettings())
     scored = found.evaluate(weight, 1e-2)
     fold, q = problem.per_step(found.fold), frequencies(problem)
     for k in range(3):
@@ -39,7 +39,7 @@ def test_softmax_log_probabilities_are_those_of_scikit_learn_on_the_other_folds(
 def test_ridge_log_probabilities_are_those_of_scikit_learn_on_the_other_folds():
     problem = fit_data_of(make_continuous("noisy", 0, steps=STEPS))
     weight = np.random.default_rng(0).random(len(problem.actions))
-    found = HeldOutRidge(problem, deal(problem, 3, 0))
+    found = HeldOutRidge(problem, deal(problem, 3, 0), HeldOutSettings())
     scored = found.evaluate(weight, 1e-2)
     fold, actions = problem.per_step(found.fold), standardise(problem.actions)
     errors = np.empty_like(actions)
@@ -48,7 +48,8 @@ def test_ridge_log_probabilities_are_those_of_scikit_learn_on_the_other_folds():
         model = Ridge(1e-2 * weight[train].sum())
         model.fit(problem.features[train][:, :-1], actions[train], sample_weight=weight[train])
         errors[test] = actions[test] - model.predict(problem.features[test][:, :-1]).reshape(-1, actions.shape[1])
-    np.testing.assert_allclose(scored.log_prob, student_log_density(errors, error_scale(errors, weight)), atol=1e-6)
+    scale = error_scale(errors, weight, ErrorSettings())
+    np.testing.assert_allclose(scored.log_prob, student_log_density(errors, scale, ErrorSettings()), atol=1e-6)
 
 
 def test_policy_is_fitted_without_the_demonstrations_that_it_evaluates():
@@ -58,7 +59,7 @@ def test_policy_is_fitted_without_the_demonstrations_that_it_evaluates():
     changed = problem.per_step(fold) == 1
     other.actions[changed] = (other.actions[changed] + 1) % problem.space.n
     weight = np.ones(len(problem.actions))
-    one, two = (HeldOutSoftmax(p, fold).evaluate(weight, 1e-2) for p in (problem, other))
+    one, two = (HeldOutSoftmax(p, fold, HeldOutSettings()).evaluate(weight, 1e-2) for p in (problem, other))
     q_one, q_two = frequencies(problem), frequencies(other)
     # The other steps of that fold are scored by the same policies; only the frequencies of the lapses differ.
     same = changed & (problem.actions == other.actions)
@@ -74,8 +75,8 @@ def test_reference_does_not_depend_on_the_state():
     problem = fit_data_of(make("random", 0))
     everyone = np.ones(problem.n_demonstrations, dtype=bool)
     shuffled = replace(problem, features=problem.features[::-1])
-    np.testing.assert_array_equal(log_reference(problem, everyone), log_reference(shuffled, everyone))
-    log_q = log_reference(problem, everyone)
+    log_q = log_reference(problem, everyone, HeldOutSettings())
+    np.testing.assert_array_equal(log_q, log_reference(shuffled, everyone, HeldOutSettings()))
     for action in range(problem.space.n):
         share = (problem.actions == action).mean()
         assert np.exp(log_q[problem.actions == action]).mean() == pytest.approx(share, abs=0.01)

@@ -12,6 +12,7 @@ from problems import Toy, make, pooled_state, ridge, zoo
 from rpil.data.fit_data import FitData
 from rpil.inference import search
 from rpil.inference.search import SearchSettings, fit_mixture, starts
+from rpil.inference.settings import JudgeSettings
 from rpil.mixture.adversaries.discrete import Uniform
 from rpil.mixture.em import Result, e_step, run_em
 from rpil.mixture.settings import MixtureSettings, MStep
@@ -23,7 +24,7 @@ STEPS = (40, 60)
 
 def setting_for(problem: FitData, mode: MStep = "joint", seed: int = 0) -> SearchSettings:
     policy = SoftmaxPolicy.zero(problem.space.n, ridge(problem) / 100)
-    return SearchSettings(policy, MixtureSettings(m_step=mode), seed=seed)
+    return SearchSettings(policy, MixtureSettings(m_step=mode), JudgeSettings(), seed)
 
 
 def fitted(problem: FitData, which="uniform", seed: int = 0):

@@ -11,6 +11,7 @@ from problems import fit_data_of, make
 from rpil.data.fit_data import FitData
 from rpil.data.spaces import Discrete
 from rpil.inference.held_out import held_out_model
+from rpil.inference.settings import HeldOutSettings, TrimmingSettings
 from rpil.inference.trimming import best_explained, choose_ridge, fit_trimmed, group_shares
 
 STEPS = (40, 60)
@@ -19,7 +20,7 @@ STEPS = (40, 60)
 def test_training_group_is_the_best_explained():
     toy = make("random", 0, n_good=10, n_bad=10, steps=STEPS)
     problem = fit_data_of(toy)
-    taught = fit_trimmed(problem, held_out_model(problem, 0), np.ones(20, dtype=bool), 1e-2, 0.6, 4)
+    taught = fit_trimmed(problem, held_out_model(problem, 0, HeldOutSettings()), np.ones(20, dtype=bool), 1e-2, 0.6, 4)
     score = problem.mean_steps(taught.held_out.log_prob)
     assert roc_auc_score(toy.is_good, score) == 1.0
     assert taught.group.sum() == 12
@@ -39,12 +40,12 @@ def test_choose_ridge_takes_a_strong_one_for_noise():
     rng = np.random.default_rng(0)
     features = np.column_stack([rng.normal(size=(400, 100)), np.ones(400)])
     noise = FitData(features, rng.integers(4, size=400), np.arange(21) * 20, Discrete(4), np.zeros(20, dtype=int))
-    assert choose_ridge(noise, held_out_model(noise, 0), np.ones(20, dtype=bool)) == 1e-1
+    assert choose_ridge(noise, held_out_model(noise, 0, HeldOutSettings()), np.ones(20, dtype=bool)) == 1e-1
     clear = replace(noise, actions=(features[:, 0] > 0).astype(int))
-    assert choose_ridge(clear, held_out_model(clear, 0), np.ones(20, dtype=bool)) < 1e-1
+    assert choose_ridge(clear, held_out_model(clear, 0, HeldOutSettings()), np.ones(20, dtype=bool)) < 1e-1
 
 
 def test_shares_are_halved_down_to_the_smallest_group():
-    assert group_shares(100) == [0.6, 0.3, 0.15, 0.075]
-    assert group_shares(20) == [0.6, 0.3]
-    assert group_shares(4) == [0.6]
+    assert group_shares(100, TrimmingSettings()) == [0.6, 0.3, 0.15, 0.075]
+    assert group_shares(20, TrimmingSettings()) == [0.6, 0.3]
+    assert group_shares(4, TrimmingSettings()) == [0.6]

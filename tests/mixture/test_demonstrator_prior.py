@@ -30,7 +30,7 @@ def log_prior(demonstrators: Demonstrators, expert: tuple[int, ...]) -> float:
 def test_log_odds_are_those_of_enumeration(labels):
     demonstrators, labels = Demonstrators.from_names("aabbbc"), np.array(labels)
     ratio = 2 * np.random.default_rng(0).normal(size=6)
-    posterior = demonstrator_posterior(demonstrators, ratio, labels)
+    posterior = demonstrator_posterior(demonstrators, ratio, labels, DemonstratorSettings())
     experts = np.array(list(product([0, 1], repeat=6)))
     joint = np.array([log_prior(demonstrators, tuple(row)) for row in experts])
     assert logsumexp(joint) == pytest.approx(0.0)
@@ -46,7 +46,7 @@ def test_log_odds_are_those_of_enumeration(labels):
 def test_shrinkage_by_the_number_of_demonstrations():
     demonstrators = Demonstrators.from_names(["eight"] * 9 + ["two"] * 3 + ["none"] + ["bad"] * 6)
     ratio = np.array([30.0] * 8 + [0.0] + [30.0] * 2 + [0.0] + [0.0] + [-30.0] * 6)
-    posterior = demonstrator_posterior(demonstrators, ratio, np.zeros(19, dtype=int))
+    posterior = demonstrator_posterior(demonstrators, ratio, np.zeros(19, dtype=int), DemonstratorSettings())
     eight, two, none, bad = posterior.log_odds[[8, 11, 12, 13]]
     assert eight > two + 0.3 > none + 0.6
     assert none == 0.0
@@ -62,7 +62,7 @@ def test_random_demonstrators_change_little():
     rng = np.random.default_rng(0)
     ratio = rng.permutation(np.repeat([20.0, -20.0], 30))
     demonstrators = Demonstrators.from_names(rng.integers(6, size=60).tolist())
-    log_odds = demonstrator_posterior(demonstrators, ratio, np.zeros(60, dtype=int)).log_odds
+    log_odds = demonstrator_posterior(demonstrators, ratio, np.zeros(60, dtype=int), DemonstratorSettings()).log_odds
     assert np.abs(log_odds).max() < 0.8
     assert np.abs(log_odds).mean() < 0.25
 
@@ -78,7 +78,6 @@ def test_demonstrators_that_do_not_differ_change_nothing():
 def test_infinite_log_ratios_give_no_nan():
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        posterior = demonstrator_posterior(
-            Demonstrators.from_names("aab"), np.array([np.inf, -np.inf, 0.0]), np.zeros(3, dtype=int)
-        )
+        demonstrators, ratio = Demonstrators.from_names("aab"), np.array([np.inf, -np.inf, 0.0])
+        posterior = demonstrator_posterior(demonstrators, ratio, np.zeros(3, dtype=int), DemonstratorSettings())
     assert not np.isnan(np.concatenate([posterior.log_odds, posterior.weight.ravel()])).any()

@@ -89,14 +89,14 @@ def test_fit_softmax_is_never_above_the_start():
 def test_fit_softmax_does_not_change_its_start():
     features, targets, penalty = soft_problem(0)
     start = np.ones((5, 3))
-    fit_softmax(features, targets, penalty, start=start)
+    fit_softmax(features, targets, penalty, NewtonSettings(), start=start)
     np.testing.assert_array_equal(start, 1.0)
 
 
 def test_fit_softmax_of_separable_classes_is_finite():
     x = np.linspace(-1, 1, 50)
     features = np.column_stack([x, np.ones(50)])
-    fit = fit_softmax(features, np.eye(2)[(x > 0).astype(int)], np.array([1e-6, 0.0]))
+    fit = fit_softmax(features, np.eye(2)[(x > 0).astype(int)], np.array([1e-6, 0.0]), NewtonSettings())
     assert fit.converged
     assert np.isfinite(fit.weights).all()
     assert (fit.log_proba.argmax(axis=1) == (x > 0)).all()
@@ -106,8 +106,8 @@ def test_fit_softmax_with_an_action_never_taken_and_steps_of_weight_zero():
     features, targets, penalty = soft_problem(0)
     targets[:, 2] = 0.0
     targets[:100] = 0.0
-    fit = fit_softmax(features, targets, penalty)
-    rest = fit_softmax(features[100:], targets[100:], penalty)
+    fit = fit_softmax(features, targets, penalty, NewtonSettings())
+    rest = fit_softmax(features[100:], targets[100:], penalty, NewtonSettings())
     assert np.isfinite(fit.weights).all()
     assert fit.objective == pytest.approx(rest.objective, rel=1e-6)
     assert np.exp(fit.log_proba[:, 2]).max() < 1e-3
@@ -115,7 +115,7 @@ def test_fit_softmax_with_an_action_never_taken_and_steps_of_weight_zero():
 
 def test_fit_softmax_in_single_precision():
     features, targets, penalty = soft_problem(4, n=2000)
-    double = fit_softmax(features, targets, penalty)
+    double = fit_softmax(features, targets, penalty, NewtonSettings())
     single = fit_softmax(features.astype(np.float32), targets, penalty, NewtonSettings(tol=1e-5))
     assert single.converged
     assert single.objective == pytest.approx(double.objective, rel=1e-5)

@@ -45,8 +45,8 @@ def test_error_scale_is_robust_and_weighted():
     clean = error_scale(errors, np.ones(10_000), ErrorSettings(min_scale=0.0))
     assert clean == pytest.approx(1.35 * 2.0 * norm.ppf(0.75), rel=0.03)
     spoiled = np.where(np.arange(10_000)[:, None] < 1_000, 1e6, errors)
-    assert error_scale(spoiled, np.ones(10_000)) < 1.3 * clean
-    ignored = error_scale(spoiled, (np.arange(10_000) >= 1_000).astype(float))
+    assert error_scale(spoiled, np.ones(10_000), ErrorSettings()) < 1.3 * clean
+    ignored = error_scale(spoiled, (np.arange(10_000) >= 1_000).astype(float), ErrorSettings())
     assert ignored == pytest.approx(clean + 0.03, rel=0.05)
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 import pytest
 from sklearn.preprocessing import PolynomialFeatures, SplineTransformer
@@ -14,6 +16,9 @@ RNG = np.random.default_rng(0)
 X = RNG.normal(size=(200, 3)) * [1.0, 40.0, 0.01] + [0.0, 100.0, -5.0]
 
 
+fit = partial(FeatureMap.fit, settings=FeatureSettings())
+
+
 def span(columns):
     """Projection on the columns and a constant: two bases of one space have the same."""
     q, _ = np.linalg.qr(np.column_stack([columns, np.ones(len(columns))]))
@@ -22,7 +27,7 @@ def span(columns):
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_columns_are_centred_and_the_last_is_the_constant(kind):
-    design = FeatureMap.fit(kind, X).design(X)
+    design = fit(kind, X).design(X)
     np.testing.assert_allclose(design[:, :-1].mean(axis=0), 0.0, atol=1e-12)
     np.testing.assert_array_equal(design[:, -1], 1.0)
     if kind != "spline":
@@ -30,26 +35,26 @@ def test_columns_are_centred_and_the_last_is_the_constant(kind):
 
 
 def test_raw_is_the_observation():
-    found = FeatureMap.fit("raw", X)
+    found = fit("raw", X)
     np.testing.assert_allclose(found.design(X)[:, :-1] * found.scale + found.center, X)
 
 
 def test_poly_spans_all_products_of_two():
     z = (X - X.mean(axis=0)) / X.std(axis=0)
-    design = FeatureMap.fit("poly", X).design(X)
+    design = fit("poly", X).design(X)
     assert design.shape == (200, 3 + 6 + 1)
     np.testing.assert_allclose(span(design[:, :-1]), span(PolynomialFeatures(2).fit_transform(z)[:, 1:]), atol=1e-8)
 
 
 def test_spline_is_the_cubic_basis_on_eight_even_knots():
-    found = FeatureMap.fit("spline", X)
+    found = fit("spline", X)
     basis = SplineTransformer(n_knots=8, degree=3).fit_transform(X)
     np.testing.assert_allclose(found.design(X)[:, :-1] + found.center, basis, atol=1e-12)
     np.testing.assert_array_equal(found.scale, 1.0)
 
 
 def test_spline_is_linear_beyond_its_knots():
-    found = FeatureMap.fit("spline", X)
+    found = fit("spline", X)
     top = X.max(axis=0)
     far = np.stack([top + k * X.std(axis=0) for k in (1.0, 2.0, 3.0)])
     one, two, three = found.design(far)[:, :-1]
@@ -61,7 +66,7 @@ def test_spline_is_linear_beyond_its_knots():
 def test_a_constant_observation(kind):
     x = X.copy()
     x[:, 1] = 1e3 / 3
-    found = FeatureMap.fit(kind, x)
+    found = fit(kind, x)
     assert np.isfinite(found.design(x)).all()
     assert np.abs(found.design(x)[:, :-1]).max() < 100
     if kind != "spline":  # its rounding errors are not blown up, neither alone nor in products
@@ -71,15 +76,15 @@ def test_a_constant_observation(kind):
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_single_observation(kind):
-    assert np.isfinite(FeatureMap.fit(kind, X[:1]).design(X[:1])).all()
+    assert np.isfinite(fit(kind, X[:1]).design(X[:1])).all()
 
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_units_do_not_change_the_design(kind):
     units, shift = np.array([1e-15, 1e3, 1e15]), np.array([3.0, 0.0, 0.0])
-    plain, scaled = FeatureMap.fit(kind, X).design(X), FeatureMap.fit(kind, X * units).design(X * units)
+    plain, scaled = fit(kind, X).design(X), fit(kind, X * units).design(X * units)
     np.testing.assert_allclose(scaled, plain, atol=1e-6)
-    np.testing.assert_allclose(FeatureMap.fit(kind, X + shift).design(X + shift), plain, atol=1e-6)
+    np.testing.assert_allclose(fit(kind, X + shift).design(X + shift), plain, atol=1e-6)
 
 
 @pytest.mark.parametrize(
@@ -87,15 +92,15 @@ def test_units_do_not_change_the_design(kind):
 )  # its landmarks are drawn from the rows
 def test_a_weight_is_a_row_repeated(kind):
     weight = RNG.integers(1, 4, size=len(X))
-    repeated = FeatureMap.fit(kind, np.repeat(X, weight, axis=0))
-    weighted = FeatureMap.fit(kind, X, weight.astype(float))
+    repeated = fit(kind, np.repeat(X, weight, axis=0))
+    weighted = fit(kind, X, weight.astype(float))
     for field in ("location", "spread", "center", "scale", "knots"):
         np.testing.assert_allclose(getattr(weighted, field), getattr(repeated, field), rtol=1e-9, atol=1e-9)
 
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_ridge(kind):
-    found = FeatureMap.fit(kind, X)
+    found = fit(kind, X)
     default = found.ridge(None, 200.0)
     np.testing.assert_allclose(default[:-1], 200 * FeatureSettings.ridge_per_step)
     # c_scaled = c * scale, so that a penalty c^2 / (2 C) is c_scaled^2 / (2 C scale^2)
@@ -105,15 +110,15 @@ def test_ridge(kind):
 
 
 def test_float32_observations_are_computed_with_in_double():
-    design = FeatureMap.fit("raw", X.astype(np.float32)).design(X.astype(np.float32))
+    design = fit("raw", X.astype(np.float32)).design(X.astype(np.float32))
     assert design.dtype == np.float64
 
 
 def test_errors():
     with pytest.raises(DataError, match=r"no features called 'fourier'; choose .*raw, folded, spline, poly"):
-        FeatureMap.fit("fourier", X)
+        fit("fourier", X)
     with pytest.raises(DataError, match="Polynomials of 100 observations are too many"):
-        FeatureMap.fit("poly", np.zeros((5, 100)))
+        fit("poly", np.zeros((5, 100)))
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -122,7 +127,7 @@ def test_errors():
 def test_single_precision_is_as_good_as_double(kind, far, order):
     rng = np.random.default_rng(0)
     observations = rng.normal(far, 1.0, (9000, 3)).astype(np.float32, order=order)
-    features = FeatureMap.fit(kind, observations)
+    features = fit(kind, observations)
     double, single = features.design(observations), features.design(observations, single=True)
     assert single.dtype == np.float32
     np.testing.assert_allclose(single, double, rtol=1e-6, atol=1e-6)
@@ -142,7 +147,7 @@ def test_landmarks_stand_where_there_is_something_to_see():
 
 def test_no_more_landmarks_than_tell_anything():
     places = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 5.0]])
-    fitted = FeatureMap.fit("nystroem", np.repeat(places, 200, axis=0))
+    fitted = fit("nystroem", np.repeat(places, 200, axis=0))
     assert len(fitted.landmarks) == 3
     assert np.abs(fitted.design(places)).max() < 10.0
 
@@ -150,4 +155,4 @@ def test_no_more_landmarks_than_tell_anything():
 def test_knots_that_the_precision_cannot_tell_apart():
     """Between 2^53 and 2^53 + 2 there is no number."""
     observations = np.array([[2.0**53], [2.0**53 + 2]])
-    assert np.isfinite(FeatureMap.fit("spline", observations).design(observations)).all()
+    assert np.isfinite(fit("spline", observations).design(observations)).all()

@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from itertools import permutations
+
 import numpy as np
+import pytest
 
 from problems import fit_data_of, make, make_continuous
 from rpil.policies.folds import deal, out_of_fold, pieces
@@ -12,6 +16,54 @@ def test_fold_of_a_demonstration_does_not_depend_on_the_order():
     for problem in (fit_data_of(make("noisy", 1, steps=(30, 30))), fit_data_of(make_continuous("noisy", 1))):
         order = np.random.default_rng(0).permutation(problem.n_demonstrations)
         np.testing.assert_array_equal(deal(problem, 5, 0)[order], deal(problem.select(order), 5, 0))
+
+
+@pytest.mark.parametrize("renamed", [list(names) for names in permutations(range(3))])
+def test_fold_of_a_demonstration_does_not_depend_on_names_of_actions(renamed):
+    problem = fit_data_of(make("noisy", 1, steps=(30, 30)))
+    other = replace(problem, actions=np.array(renamed)[problem.actions])
+    np.testing.assert_array_equal(deal(other, 5, 0), deal(problem, 5, 0))
+
+
+@pytest.mark.parametrize("maker", [make, make_continuous])
+def test_fold_of_a_demonstration_does_not_depend_on_copies_units_or_order_of_columns(maker):
+    problem = fit_data_of(maker("noisy", 1, steps=(30, 30)))
+    problem = replace(problem, actions=np.zeros_like(problem.actions))  # so that only observations tell them apart
+    columns, fold = problem.features, deal(problem, 5, 0)
+    for features in (
+        columns[:, [0, 0, *range(columns.shape[1])]],
+        columns[:, ::-1],
+        columns * np.geomspace(1e-9, 1e9, columns.shape[1]) + 3.0,
+        np.column_stack([np.full(len(columns), 0.1), columns]),  # never changes
+    ):
+        np.testing.assert_array_equal(deal(replace(problem, features=features), 5, 0), fold)
+
+
+def test_fold_of_a_demonstration_does_not_depend_on_copies_units_or_order_of_parts_of_actions():
+    problem = fit_data_of(make_continuous("noisy", 1, steps=(30, 30)))
+    problem = replace(problem, features=np.ones_like(problem.features))  # so that only actions tell them apart
+    fold, n_parts = deal(problem, 5, 0), problem.actions.shape[1]
+    assert n_parts > 1
+    for actions in (
+        problem.actions[:, [*range(n_parts), 0]],
+        problem.actions[:, ::-1],
+        problem.actions * np.geomspace(1e-9, 1e9, n_parts) - 3.0,
+    ):
+        np.testing.assert_array_equal(deal(replace(problem, actions=actions), 5, 0), fold)
+
+
+def test_same_steps_in_another_order_are_another_demonstration():
+    problem = fit_data_of(make("noisy", 1, n_good=1, n_bad=0, steps=(30, 30)))
+    steps = np.concatenate([np.random.default_rng(m).permutation(30) for m in range(12)])
+    shuffled = replace(
+        problem,
+        features=problem.features[steps],
+        actions=problem.actions[steps],
+        offsets=np.arange(13) * 30,
+        labels=np.zeros(12, dtype=int),
+    )
+    order = np.random.default_rng(0).permutation(12)
+    np.testing.assert_array_equal(deal(shuffled, 5, 0)[order], deal(shuffled.select(order), 5, 0))
 
 
 def test_folds_have_equally_many_demonstrations_or_one_more():

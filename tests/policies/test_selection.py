@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 import pytest
 
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.spaces import Discrete
 from rpil.estimators.cloning import BehavioralCloning
-from rpil.policies.features import FeatureMap
+from rpil.policies.features import FeatureMap, FeatureSettings
 from rpil.policies.selection import Choice, SelectionSettings, _fit_least_squares, _median, choose_features
+
+choose = partial(choose_features, settings=SelectionSettings())
 
 
 def told(rule, n_demonstrations: int = 8, n_steps: int = 120, seed: int = 0):
@@ -35,7 +39,7 @@ def wavy(o):
 @pytest.mark.parametrize("seed", [0, 1])
 def test_the_kind_that_can_follow_the_rule_is_chosen(rule, kinds, seed):
     observations, codes, offsets = told(rule, seed=seed)
-    found = choose_features(observations, codes, offsets, np.ones(len(codes)), Discrete(2))
+    found = choose(observations, codes, offsets, np.ones(len(codes)), Discrete(2))
     assert found.kind in kinds
     assert found.ridge in SelectionSettings.ridges
 
@@ -55,9 +59,9 @@ def test_the_untrusted_do_not_choose():
     observations, codes, offsets = told(curved, 16)
     bad = np.arange(len(codes)) >= offsets[4]  # three of four demonstrations follow another rule
     codes = np.where(bad, wavy(observations), codes)
-    everyone = choose_features(observations, codes, offsets, np.ones(len(codes)), Discrete(2))
-    trusted = choose_features(observations, codes, offsets, np.where(bad, 0.0, 1.0), Discrete(2))
-    hardly = choose_features(observations, codes, offsets, np.where(bad, 0.05, 1.0), Discrete(2))
+    everyone = choose(observations, codes, offsets, np.ones(len(codes)), Discrete(2))
+    trusted = choose(observations, codes, offsets, np.where(bad, 0.0, 1.0), Discrete(2))
+    hardly = choose(observations, codes, offsets, np.where(bad, 0.05, 1.0), Discrete(2))
     assert trusted.kind == hardly.kind == "poly"
     assert everyone.kind != "poly"
 
@@ -66,13 +70,13 @@ def test_a_demonstration_like_no_other_does_not_choose():
     observations, codes, offsets = told(curved, 9)
     observations[offsets[8] :] += 30.0  # where nobody else was, and with random actions
     codes[offsets[8] :] = np.random.default_rng(1).integers(2, size=120)
-    assert choose_features(observations, codes, offsets, np.ones(len(codes)), Discrete(2)).kind in ("poly", "nystroem")
+    assert choose(observations, codes, offsets, np.ones(len(codes)), Discrete(2)).kind in ("poly", "nystroem")
 
 
 @pytest.mark.parametrize("n_demonstrations", [1, 2, 3])
 def test_few_demonstrations_are_enough(n_demonstrations):
     observations, codes, offsets = told(curved, n_demonstrations, 300)
-    assert choose_features(observations, codes, offsets, np.ones(len(codes)), Discrete(2)).kind == "poly"
+    assert choose(observations, codes, offsets, np.ones(len(codes)), Discrete(2)).kind == "poly"
 
 
 def test_steps_far_off_do_not_teach_which_numbers_are_due():
@@ -88,9 +92,7 @@ def test_steps_far_off_do_not_teach_which_numbers_are_due():
 
 
 def test_few_steps_are_enough():
-    found = choose_features(
-        np.arange(6.0)[:, None], np.array([0, 0, 0, 1, 1, 1]), np.array([0, 3, 6]), np.ones(6), Discrete(2)
-    )
+    found = choose(np.arange(6.0)[:, None], np.array([0, 0, 0, 1, 1, 1]), np.array([0, 3, 6]), np.ones(6), Discrete(2))
     assert isinstance(found, Choice)
 
 
@@ -110,7 +112,7 @@ def test_wide_kinds_are_left_out():
     rng = np.random.default_rng(0)
     observations = rng.normal(size=(400, 120))
     codes = (observations[:, 0] > 0).astype(int)
-    found = choose_features(observations, codes, np.arange(0, 401, 50), np.ones(400), Discrete(2))
+    found = choose(observations, codes, np.arange(0, 401, 50), np.ones(400), Discrete(2))
     assert found.kind in ("raw", "folded", "nystroem")
 
 
@@ -125,11 +127,13 @@ def test_median(values, weight, expected):
 def test_nystroem_approximates_the_kernel():
     """With every row a landmark the features' inner products are the kernel."""
     rows = np.random.default_rng(0).normal(size=(60, 8))  # of fewer columns not all are needed
-    found = FeatureMap.fit("nystroem", rows)
+    found = FeatureMap.fit("nystroem", rows, settings=FeatureSettings())
     assert len(found.landmarks) == 60
     columns = found.design(rows)[:, 16:-1] * found.scale[16:] + found.center[16:]
     z = (rows - rows.mean(axis=0)) / rows.std(axis=0)
     folded = np.hstack([z, np.abs(z)])
     squared = ((folded[:, None] - folded[None]) ** 2).sum(axis=2)
     np.testing.assert_allclose(columns @ columns.T, np.exp(-0.1 / 16 * squared), atol=1e-6)
-    np.testing.assert_array_equal(found.design(rows), FeatureMap.fit("nystroem", rows).design(rows))
+    np.testing.assert_array_equal(
+        found.design(rows), FeatureMap.fit("nystroem", rows, settings=FeatureSettings()).design(rows)
+    )

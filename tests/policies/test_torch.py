@@ -16,9 +16,10 @@ from rpil.data.errors import DataError, MissingExtraError
 from rpil.data.fit_data import FitData
 from rpil.data.spaces import Box, Discrete
 from rpil.inference.held_out import HeldOutPolicy
+from rpil.inference.settings import HeldOutSettings, JudgeSettings
 from rpil.inference.trust import judge
 from rpil.policies.networks import initial_networks
-from rpil.policies.torch import check_whole_numbers, training_and_validation
+from rpil.policies.torch import ValidationSettings, check_whole_numbers, training_and_validation
 
 torch = pytest.importorskip("torch", reason="torch is not installed: pip install 'rpil[torch]'")
 
@@ -55,7 +56,7 @@ def wave(x: np.ndarray) -> np.ndarray:
 def judged(problem: FitData, policy: TorchPolicy) -> tuple[np.ndarray, TorchPolicy]:
     """Log-odds of the demonstrations, and the policy of those that are trusted."""
     policy = policy.for_space(problem.space)
-    log_odds = judge(problem, HeldOutPolicy(problem, policy)).log_odds
+    log_odds = judge(problem, HeldOutPolicy(problem, policy, HeldOutSettings()), JudgeSettings()).log_odds
     return log_odds, policy.fit(problem, problem.per_step(expit(log_odds)))[0]
 
 
@@ -149,7 +150,7 @@ def test_no_network_learns_what_it_is_judged_by():
     few = np.where(number == 4, 1.0, 0.0)
     for n_folds in (1, 3):
         for mass in (np.ones(99), rng.random(99), few):
-            learn, judge = training_and_validation(number, n_folds, mass)
+            learn, judge = training_and_validation(number, n_folds, mass, ValidationSettings())
             assert not (learn & judge).any()
             assert ((learn @ mass > 0) & (judge @ mass > 0)).any(), "somebody who learned must be judged"
             if n_folds > 1:

@@ -8,8 +8,10 @@ from itertools import pairwise
 import numpy as np
 
 from problems import make
+from rpil.audit.settings import AuditSettings
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.fit_data import FitData
+from rpil.inference.settings import JudgeSettings
 from rpil.scale.fit import StepWeights
 from small import small_rpil
 
@@ -23,8 +25,10 @@ def test_without_trusted_demonstrations_steps_are_weighted_by_their_own_probabil
     _, data = demonstrations("noisy")
     model = small_rpil().fit(data)
     audit = model.audit_
-    assert StepWeights.of(audit, model.judge_).typical < 1.0
-    weigh = StepWeights.of(replace(audit, expert_proba=np.zeros(len(audit.ids))), model.judge_)
+    assert StepWeights.of(audit, model.judge_, JudgeSettings(), AuditSettings()).typical < 1.0
+    weigh = StepWeights.of(
+        replace(audit, expert_proba=np.zeros(len(audit.ids))), model.judge_, JudgeSettings(), AuditSettings()
+    )
     problem = FitData(
         model.judge_features_.design(data.observations), data.actions, data.offsets, model.space_, np.zeros(120, int)
     )

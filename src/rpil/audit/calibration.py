@@ -8,7 +8,7 @@ import numpy as np
 from scipy.optimize import minimize
 from scipy.special import log_expit
 
-from rpil.audit.settings import AUDIT_SETTINGS, CalibrationSettings
+from rpil.audit.settings import CalibrationSettings
 from rpil.numerics.types import Array, Bool, Float
 
 
@@ -21,16 +21,16 @@ class PlattCalibration:
     The prior keeps slope and offset near 1 and 0 where there are few labels.
     """
 
-    slope: float = 1.0  # below 1 where the log-odds are too far from zero: overconfident
-    offset: float = 0.0  # nats; above 0 where too few demonstrations have positive log-odds
-    settings: CalibrationSettings = AUDIT_SETTINGS.calibration
+    slope: float  # below 1 where the log-odds are too far from zero: overconfident
+    offset: float  # nats; above 0 where too few demonstrations have positive log-odds
+    settings: CalibrationSettings
 
     @classmethod
     def fit(
         cls,
         log_odds: Float[Array, " L"],
         is_expert: Bool[Array, " L"],
-        settings: CalibrationSettings = AUDIT_SETTINGS.calibration,
+        settings: CalibrationSettings,
     ) -> PlattCalibration:
         """The maximum of the posterior, given the log-odds of L labelled demonstrations and their labels."""
         z = np.clip(log_odds, -settings.max_log_odds, settings.max_log_odds)

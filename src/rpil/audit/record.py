@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Hashable, Mapping
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
 from typing import Literal, TypeVar
 
@@ -14,8 +14,8 @@ from scipy.special import expit
 from rpil.audit.calibration import PlattCalibration
 from rpil.audit.label_choice import choose_labels
 from rpil.audit.reasons import MAX_LOG_RATIO, Grounds, worst_stretch
-from rpil.audit.settings import AUDIT_SETTINGS, AuditSettings
-from rpil.data.archive import stored
+from rpil.audit.settings import AuditSettings
+from rpil.data.archive import NOT_STORED, stored
 from rpil.data.errors import DataError
 from rpil.data.formats.id_values import match_labels
 from rpil.data.run import run_id
@@ -118,6 +118,8 @@ class Audit:
     deviations : tuple of str
         What each demonstration does in its worst steps, against what the trusted do there, or ""; empty where the data
         are not in memory (`rpil.audit.deviations`).
+    settings : AuditSettings
+        Those by which verdicts and weights were given.
     """
 
     ids: tuple[Hashable, ...]
@@ -143,6 +145,7 @@ class Audit:
     demonstrators: tuple[Demonstrator, ...] = ()
     labelled: tuple[Hashable, ...] = ()
     deviations: tuple[str, ...] = ()
+    settings: AuditSettings = field(default=AuditSettings(), metadata=NOT_STORED)  # files hold the estimator's
 
     @property
     def evidence(self) -> dict[str, Float[Array, " M"]]:
@@ -211,7 +214,7 @@ class Audit:
         first, labelled = ([index[name] for name in names] for names in (self.to_label, self.labelled))
         return tuple(self.ids[m] for m in choose_labels(self.log_odds, first, labelled, k))
 
-    def calibrated(self, labels: Mapping[Id, str], settings: AuditSettings = AUDIT_SETTINGS) -> Audit:
+    def calibrated(self, labels: Mapping[Id, str], settings: AuditSettings | None = None) -> Audit:
         """The same audit with P(expert) calibrated by labels that `fit` did not see.
 
         A slope and an offset of the log-odds are fitted to the labels, see `rpil.audit.calibration`; verdicts and step
@@ -220,7 +223,8 @@ class Audit:
         Parameters
         ----------
         labels : mapping of id to {"expert", "adversary"}
-        settings : AuditSettings
+        settings : AuditSettings, optional
+            By default those of the audit.
 
         Raises
         ------
@@ -229,7 +233,7 @@ class Audit:
         """
         if not self.identifiable:
             raise DataError("Two groups compete for being the expert; fit with one label before calibrating.")
-        is_expert = match_labels(labels, self.ids)
+        settings, is_expert = settings or self.settings, match_labels(labels, self.ids)
         index = np.array([m for m in is_expert if self.ids[m] not in self.labelled], dtype=int)
         if len(index) < settings.calibration.min_labels:
             raise DataError(
@@ -258,6 +262,7 @@ class Audit:
             step_weight=np.repeat(proba, self.lengths) * np.minimum(relative_weight, 1.0),
             labelled=(*self.labelled, *(self.ids[m] for m in index.tolist())),
             assumptions=(*self.assumptions, sentence),
+            settings=settings,
         )
 
     def worst_steps(self, index: int, k: int = 5) -> list[int]:
@@ -318,16 +323,14 @@ class Audit:
         }
 
 
-def apply_labels(
-    log_odds: Float[Array, " M"], labels: Int[Array, " M"], settings: AuditSettings = AUDIT_SETTINGS
-) -> Float[Array, " M"]:
+def apply_labels(log_odds: Float[Array, " M"], labels: Int[Array, " M"], settings: AuditSettings) -> Float[Array, " M"]:
     """Log-odds in which labels (1 expert, -1 adversary, 0 unknown) are as good as certain; all become finite."""
     log_odds = np.clip(log_odds, -MAX_LOG_ODDS, MAX_LOG_ODDS)
     labelled: Array = labels * np.maximum(np.abs(log_odds), settings.min_label_log_odds)
     return np.where(labels == 0, log_odds, labelled)
 
 
-def verdict(expert_proba: float, settings: AuditSettings = AUDIT_SETTINGS) -> Verdict:
+def verdict(expert_proba: float, settings: AuditSettings) -> Verdict:
     """The verdict on a demonstration that can be told apart."""
     if expert_proba >= settings.min_verdict_proba:
         return "expert"

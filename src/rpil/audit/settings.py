@@ -39,7 +39,3 @@ class AuditSettings:
     a few unlikely steps are a misfit of the policy, and without them it would be biased to where it fits. Chosen by
     hand, not tuned."""
     calibration: CalibrationSettings = CalibrationSettings()
-
-
-AUDIT_SETTINGS = AuditSettings()
-"""The default."""

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.special import expit
 
 from rpil.audit.record import MAX_LOG_ODDS, Audit, Demonstrator, Interval, Verdict, apply_labels, verdict
-from rpil.audit.settings import AUDIT_SETTINGS, AuditSettings
+from rpil.audit.settings import AuditSettings
 from rpil.data.demonstrators import Demonstrators
 from rpil.data.fit_data import FitData
 from rpil.inference.trust import Judgement
@@ -17,7 +17,7 @@ from rpil.numerics.types import Array, Float, Int
 
 
 def audit_from_judgement(
-    judgement: Judgement, data: FitData, ids: Sequence[Hashable], settings: AuditSettings = AUDIT_SETTINGS
+    judgement: Judgement, data: FitData, ids: Sequence[Hashable], settings: AuditSettings
 ) -> Audit:
     """The audit of the judge, of demonstrations that are called `ids`."""
     rival, steps, finding = judgement.rival, judgement.step_trust, judgement.finding
@@ -43,7 +43,7 @@ def audit_from_judgement(
         reliability_interval=steps.interval,
         verdicts=verdicts,
         step_log_ratio=judgement.log_ratio,
-        step_weight=step_weight(data.lengths, proba, steps.reliability, steps.step, settings=settings),
+        step_weight=step_weight(data.lengths, proba, steps.reliability, steps.step, settings),
         prior=Interval(*judgement.expert_share),
         identifiable=finding != "cannot be known",
         competing=tuple(tuple(ids[m] for m in group) for group in groups),
@@ -52,6 +52,7 @@ def audit_from_judgement(
         history=judgement.scores.fit.history,
         demonstrators=rank_demonstrators(data.demonstrators, judgement.demonstrator_trust, verdicts),
         labelled=tuple(ids[m] for m in np.flatnonzero(data.labels).tolist()),
+        settings=settings,
     )
 
 
@@ -60,7 +61,7 @@ def audit_from_mixture(
     result: Result,
     expert_share: Interval,
     ids: Sequence[Hashable],
-    settings: AuditSettings = AUDIT_SETTINGS,
+    settings: AuditSettings,
 ) -> Audit:
     """The audit of EM with a named adversary. A demonstration is good or bad as a whole there, so its reliability and
     the weight of its steps are P(expert)."""
@@ -86,6 +87,7 @@ def audit_from_mixture(
         adversary=result.state.adversary.name,
         history=result.history,
         labelled=tuple(ids[m] for m in np.flatnonzero(data.labels).tolist()),
+        settings=settings,
     )
 
 
@@ -100,8 +102,8 @@ def step_weight(
     expert_proba: Float[Array, " M"],
     reliability: Float[Array, " M"],
     step_proba: Float[Array, " N"],
+    settings: AuditSettings,
     typical: float | None = None,
-    settings: AuditSettings = AUDIT_SETTINGS,
 ) -> Float[Array, " N"]:
     """Weight of each step for training.
 

@@ -9,6 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from rpil.audit.record import Audit, Interval, Verdict
+from rpil.audit.settings import AuditSettings
 from rpil.numerics.types import Array
 
 MIN_DEMONSTRATIONS = 8
@@ -90,6 +91,7 @@ def join_audits(
         demonstrators=tuple(demonstrator for audit in parts for demonstrator in audit.demonstrators),
         labelled=tuple(name for audit in parts for name in audit.labelled),
         deviations=tuple(deviations) if any(deviations) else (),
+        settings=parts[0].settings if parts else AuditSettings(),
         own_reasons=tuple(reasons),
     )
 

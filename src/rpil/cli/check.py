@@ -68,7 +68,7 @@ def check(
             read = read_recording(file, pop_columns(options), progress, options["stream"])
             read.demonstrations  # noqa: B018  # are read here
         progress("checking")
-        report = check_recording(file, read, options["fps"], on_purpose, options["skip_bad"])
+        report = check_recording(read, options["fps"], on_purpose, options["skip_bad"])
     if output:
         write_findings(output, report)
     click.echo(terminal.to_json(report.to_dict()) if json_wanted else "\n".join(fault_lines(report)))
@@ -79,20 +79,17 @@ def check(
 
 
 def check_recording(
-    file: str,
     recording: Recording,
     fps: float | None = None,
     expected: Mapping[str, Collection[str]] | None = None,
     skip_bad: bool = False,
 ) -> FaultReport:
-    """The faults of a recording that was read from a file, which may hold timestamps as well."""
+    """The faults of a recording; `fps` are the frames a second where the recording does not say."""
     from rpil.audit.faults.check import find_faults
-    from rpil.data.formats.times import read_times
 
-    data = recording.demonstrations
-    times = read_times(file, data.ids, recording.description.id_column)
+    times = recording.times()
     stated = replace(times, fps=fps or recording.description.fps or times.fps)
-    return find_faults(data, stated, expected, skip_bad)
+    return find_faults(recording.demonstrations, stated, expected, skip_bad)
 
 
 def audit_fault_lines(report: FaultReport, audit: Audit, file: str) -> list[str]:
@@ -137,12 +134,14 @@ def write_findings(path: str, report: FaultReport) -> None:
 
 def fault_lines(report: FaultReport, n_findings: int = MAX_FINDINGS) -> list[str]:
     """A report in lines: the number of findings by rule, the worst findings, what is usual and what was not checked."""
-    size = f"{report.n_demonstrations:,} demonstrations ({report.n_steps:,} steps)"
-    n, concerned = len(report.findings), len({found.id for found in report.findings})
+    size = f"{report.n_demonstrations:,} demonstration{'s' * (report.n_demonstrations != 1)} ({report.n_steps:,} steps)"
+    n, concerned = len(report.findings), len({found.id for found in report.findings} - report.absent)
     if not n:
         lines = [f"No recording faults found in {size}."]
     else:
-        lines = [f"{n:,} recording fault{'s' * (n > 1)} found in {concerned:,} of {size}.", ""]
+        n_absent = len(report.absent)
+        more = f"; the recording names {n_absent:,} more, which {'is' if n_absent == 1 else 'are'} missing"
+        lines = [f"{n:,} recording fault{'s' * (n > 1)} found in {concerned:,} of {size}{more * (n_absent > 0)}.", ""]
         lines += [f"  {count:>6,}  {rule}" for rule, count in sorted(report.counts.items(), key=lambda item: -item[1])]
     shown = report.findings[:n_findings]
     if shown:

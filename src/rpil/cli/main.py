@@ -115,7 +115,7 @@ def audit(
             read = read_recording(file, pop_columns(options), progress, stream)
             result, who = audit_by_task(file, read, FitOptions(**options), progress, engine, json_wanted)
         progress("looking for recording faults")
-        faults = check_recording(file, read)
+        faults = check_recording(read)
         write_outputs(outputs, result, Audited(file, read, faults, who), time.perf_counter() - start, progress)
     if json_wanted:
         suggested = {"suggested": result.suggest_labels(suggest)} if suggest else {}

@@ -7,6 +7,7 @@ import zipfile
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+import numpy as np
 from numpy.lib import format as npy
 
 from rpil.data.arrays import as_array
@@ -25,6 +26,13 @@ def read_arrays(archive: zipfile.ZipFile, members: Sequence[str], where: str) ->
     """
     check_memory(sum(_declared_bytes(archive, member, where) for member in members), where)
     return [_read_array(archive, member, where) for member in members]
+
+
+def declared(archive: zipfile.ZipFile, member: str) -> tuple[tuple[int, ...], np.dtype[np.generic]]:
+    """The shape and the type that an array says it has."""
+    with archive.open(member) as stream:
+        shape, _, dtype = _READ_HEAD[npy.read_magic(stream)](stream)
+    return shape, dtype
 
 
 def write_npz(path: Path, arrays: Mapping[str, Array]) -> None:

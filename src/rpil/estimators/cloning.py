@@ -19,6 +19,7 @@ from rpil.estimators.validation import checked_rows, observations_and_actions, o
 from rpil.numerics.types import Array
 from rpil.policies.features import FeatureMap
 from rpil.policies.linear import LinearPolicy
+from rpil.policies.selection import SelectionSettings
 
 
 class PolicyEstimator(ClassifierMixin, BaseEstimator):  # type: ignore[misc]  # scikit-learn has no types
@@ -146,6 +147,6 @@ class BehavioralCloning(PolicyEstimator):
         self.space_, self.classes_ = action_space(rows)
         codes = encode_actions(self.classes_, rows.actions, rows.source)
         with threadpool_limits(1, "blas"):  # thin products gain nothing from threads, and can lose a lot
-            spec = LinearPolicySpec(self.features, self.C, self.tol)
+            spec = LinearPolicySpec(self.features, self.C, self.tol, SelectionSettings())
             self.features_, self.policy_ = spec.fit(rows, codes, weight, self.space_)
         return self

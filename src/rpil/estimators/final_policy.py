@@ -29,7 +29,7 @@ class LinearPolicySpec:
     """Inverse ridge strength, as in scikit-learn's `LogisticRegression`."""
     tol: float
     """Largest entry of the gradient, a step, at which the fit stops."""
-    selection: SelectionSettings = SelectionSettings()
+    selection: SelectionSettings
     min_feature_weight: float = 0.0
     """See `rpil.estimators.settings.Settings`."""
 
@@ -37,12 +37,13 @@ class LinearPolicySpec:
         """The features: those asked for, or chosen by held-out steps of `weight` (N,)."""
         if self.features != "auto":
             return Choice(self.features, self.selection.maps.ridge_per_step)
-        return choose_features(data.observations, codes, data.offsets, weight, space, self.C, self.selection)
+        return choose_features(data.observations, codes, data.offsets, weight, space, self.C, settings=self.selection)
 
     def feature_map(self, choice: Choice, observations: Array, weight: Array) -> FeatureMap:
         """The features of the `choice`, fitted to the observations of the trusted steps."""
         trusted = weight > self.min_feature_weight * weight.max()
-        return FeatureMap.fit(choice.kind, observations[trusted], weight[trusted], choice.ridge, self.selection.maps)
+        rows, used = observations[trusted], weight[trusted]
+        return FeatureMap.fit(choice.kind, rows, used, choice.ridge, settings=self.selection.maps)
 
     def fit(self, data: Demonstrations, codes: Array, weight: Array, space: Space) -> tuple[FeatureMap, Policy]:
         """The feature map, and the policy fitted to all steps by their `weight` (N,)."""

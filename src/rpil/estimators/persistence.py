@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import json
 from contextlib import suppress
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -19,6 +20,7 @@ from rpil.data.files import StrPath, check_readable
 from rpil.estimators.cloning import BehavioralCloning
 from rpil.estimators.rment import RMEnt
 from rpil.estimators.rpil import RPIL
+from rpil.estimators.settings import Settings
 from rpil.inference.trust import FINDINGS
 from rpil.numerics.types import Array
 
@@ -147,8 +149,9 @@ def _restore(header: dict[str, Any], decoder: Decoder) -> Estimator:
     for name, node in header["fitted"].items():
         axes = FITTED_ARRAYS.get(name)
         setattr(estimator, name, decoder.array(node, axes, np.float64) if axes else decoder.value(node))
-    if kind == "RPIL":
+    if isinstance(estimator, RPIL):
         estimator.state_ = decoder.value(header["state"])
+        estimator.audit_ = replace(estimator.audit_, settings=(params.get("settings") or Settings()).audit)
     estimator.n_features_in_ = decoder.sizes["D"]
     for name, texts in header["names"].items():
         if name not in _NAMES or len(texts) != estimator.n_features_in_:

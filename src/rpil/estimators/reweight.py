@@ -24,7 +24,7 @@ from rpil.inference.settings import JudgeSettings, Minority
 from rpil.inference.trust import judge
 from rpil.numerics.regression import column_scales
 from rpil.numerics.types import Array
-from rpil.policies.features import FeatureMap
+from rpil.policies.features import FeatureMap, FeatureSettings
 from rpil.policies.folds import deal
 
 P = TypeVar("P")
@@ -131,7 +131,7 @@ class TrainedPolicy:
         if not self.data.is_discrete:  # densities of actions in standard deviations, like the reference
             log_prob = log_prob + np.log(column_scales(self.data.actions)).sum()
         lapse = self.options.judge.held_out.lapse
-        q = log_reference(self.fit_data, np.ones(len(self.data), dtype=bool))
+        q = log_reference(self.fit_data, np.ones(len(self.data), dtype=bool), self.options.judge.held_out)
         log_prob = np.logaddexp(np.log1p(-lapse) + log_prob, np.log(lapse) + q)
         return HeldOutLogProb(log_prob, log_prob - np.average(log_prob, weights=weight))
 
@@ -241,7 +241,7 @@ def reweight(
         raise DataError(
             f"n_folds={chosen.n_folds}, but there are {len(demonstrations)} demonstrations; give fewer folds."
         )
-    features = FeatureMap.fit("folded", demonstrations.observations)
+    features = FeatureMap.fit("folded", demonstrations.observations, settings=FeatureSettings())
     data = replace(task.data(demonstrations, features), labels=task.labels)
     seed, fold = chosen.random_state, data.per_step(deal(data, chosen.n_folds, chosen.random_state))
     model = TrainedPolicy(policy, data, demonstrations, log_prob, train, fold, chosen, progress)

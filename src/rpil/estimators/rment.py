@@ -38,6 +38,7 @@ from rpil.numerics.types import Array
 from rpil.policies.features import ridge_of
 from rpil.policies.linear import linear_policy
 from rpil.policies.protocol import Policy
+from rpil.policies.selection import SelectionSettings
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,7 +106,7 @@ def search(
     subsets: Sequence[Array],
     tol: float,
     max_iter: int,
-    settings: ConcentrationSettings = ConcentrationSettings(),
+    settings: ConcentrationSettings,
 ) -> Selection:
     """The best selection from starts with policies fitted to the `subsets` (M,)."""
 
@@ -208,7 +209,7 @@ class RMEnt(PolicyEstimator):
         n_trusted = self._number_trusted(len(demonstrations), demonstrations.source)
         with threadpool_limits(1, "blas"):  # thin products gain nothing from threads, and can lose a lot
             equal = (1.0 / demonstrations.lengths)[demonstrations.groups]
-            spec = LinearPolicySpec(self.features, self.C, self.tol)
+            spec = LinearPolicySpec(self.features, self.C, self.tol, SelectionSettings())
             codes = task.codes(demonstrations)
             choice = spec.choice(demonstrations, codes, np.ones(len(codes)), self.space_)
             self.features_ = spec.feature_map(choice, demonstrations.observations, equal)

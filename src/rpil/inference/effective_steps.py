@@ -21,7 +21,7 @@ from rpil.numerics.types import Array, Float, Int
 def autocovariances(
     residual: Float[Array, " N"],
     offsets: Int[Array, " M1"],
-    settings: EffectiveStepsSettings = EffectiveStepsSettings(),
+    settings: EffectiveStepsSettings,
 ) -> Float[Array, " L"]:
     """Autocovariances g_0, g_1, ... of a series of expectation zero, such as log pi(a|s) - E log pi(.|s), pooled over
     demonstrations; demonstration m has the steps ``offsets[m]:offsets[m + 1]``."""

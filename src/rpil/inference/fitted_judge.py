@@ -45,7 +45,7 @@ class SoftmaxRatio:
         return cls(fit_weighted(data, rows, weight[rows], ridge, settings)[0], frequencies(data))
 
     def step_ratios(
-        self, features: Float[Array, "N D"], actions: Int[Array, " N"], settings: HeldOutSettings = HeldOutSettings()
+        self, features: Float[Array, "N D"], actions: Int[Array, " N"], settings: HeldOutSettings
     ) -> StepRatios:
         """Log-ratios of the actions taken."""
         log_proba = log_softmax(linear(features, self.weights))
@@ -83,7 +83,7 @@ class StudentRatio:
         return cls(weights, data.actions.mean(axis=0), column_scales(data.actions), scale, center, width)
 
     def step_ratios(
-        self, features: Float[Array, "N D"], actions: Float[Array, "N A"], settings: HeldOutSettings = HeldOutSettings()
+        self, features: Float[Array, "N D"], actions: Float[Array, "N A"], settings: HeldOutSettings
     ) -> StepRatios:
         """Log-ratios of the actions taken; the reference of the score is a constant, which is left out."""
         scaled = (actions - self.location) / self.spread
@@ -107,9 +107,7 @@ class FittedJudge:
     """Without a `ratio`: the frequencies of the actions, (K,), or the standard deviations of their parts, (A,)."""
 
     @classmethod
-    def of(
-        cls, judgement: Judgement, data: FitData, settings: JudgeSettings = JudgeSettings(), user_policy: bool = False
-    ) -> FittedJudge:
+    def of(cls, judgement: Judgement, data: FitData, settings: JudgeSettings, user_policy: bool = False) -> FittedJudge:
         """From a judgement of `data`; with `user_policy` there is no `ratio`, because the user's policy replaces it."""
         scores, discrete = judgement.scores, data.space.kind == "discrete"
         per_step = float(scores.effective_steps.sum() / data.lengths.sum())
@@ -122,7 +120,7 @@ class FittedJudge:
         return cls(ratio, scores.groups, scores.step_variance, per_step)
 
     def step_ratios(
-        self, features: Float[Array, "N D"], actions: Shaped[Array, "N ..."], settings: JudgeSettings = JudgeSettings()
+        self, features: Float[Array, "N D"], actions: Shaped[Array, "N ..."], settings: JudgeSettings
     ) -> StepRatios:
         """Log-ratios of the actions taken."""
         assert self.ratio is not None
@@ -133,7 +131,7 @@ class FittedJudge:
         policy: CrossFittedPolicy,
         outputs: Float[Array, "N ..."],
         actions: Shaped[Array, "N ..."],
-        settings: JudgeSettings = JudgeSettings(),
+        settings: JudgeSettings,
     ) -> Float[Array, " N"]:
         """Log-ratios of the actions taken, of which scores are means, where the user's `policy` has these `outputs`."""
         assert self.reference is not None
@@ -143,7 +141,7 @@ class FittedJudge:
         return np.asarray(log_prob - np.log(self.reference)[actions])
 
     def log_odds(
-        self, log_ratio: Float[Array, " N"], offsets: Int[Array, " M1"], settings: JudgeSettings = JudgeSettings()
+        self, log_ratio: Float[Array, " N"], offsets: Int[Array, " M1"], settings: JudgeSettings
     ) -> Float[Array, " M"]:
         """Log-odds of expert against adversary, of demonstrations whose scores are the means of `log_ratio` and that
         have the steps ``offsets[m]:offsets[m + 1]``."""

@@ -56,17 +56,17 @@ class Groups:
         """P(two groups)."""
         return float(expit(self.log_bayes_factor))
 
-    def told_apart(self, settings: GroupSettings = GroupSettings()) -> bool:
+    def told_apart(self, settings: GroupSettings) -> bool:
         """Whether P(two groups) is large enough for verdicts."""
         return self.p_two >= settings.min_p_two
 
-    def bounded(self, log_odds: Float[Array, " M"], settings: GroupSettings = GroupSettings()) -> Float[Array, " M"]:
+    def bounded(self, log_odds: Float[Array, " M"], settings: GroupSettings) -> Float[Array, " M"]:
         """The log-odds, or b tanh(log_odds / b), b the log-odds of a verdict, where groups were not told apart."""
         bound = settings.verdict_log_odds
         return log_odds if self.told_apart(settings) else bound * np.tanh(log_odds / bound)
 
     def log_odds(
-        self, score: Float[Array, " M"], variance: Float[Array, " M"], settings: GroupSettings = GroupSettings()
+        self, score: Float[Array, " M"], variance: Float[Array, " M"], settings: GroupSettings
     ) -> Float[Array, " M"]:
         """Log-odds of expert against adversary, nats, of demonstrations with these scores and their variances."""
         inside = np.clip(score, *self.mean)  # a score beyond the mean of a group counts as that mean
@@ -90,7 +90,7 @@ def fit_groups(
     labels: Int[Array, " M"],
     effective: Float[Array, " M"],
     lengths: Int[Array, " M"],
-    settings: GroupSettings = GroupSettings(),
+    settings: GroupSettings,
 ) -> Groups:
     """The groups of M scores, means over steps whose `variance` is given.
 
@@ -142,7 +142,7 @@ def two_groups(
     variance: Float[Array, " M"],
     labels: Int[Array, " M"],
     noise: float,
-    settings: GroupSettings = GroupSettings(),
+    settings: GroupSettings,
 ) -> tuple[float, Groups] | None:
     """Log-likelihood of two normal groups, and the groups, by EM from several starts; a label fixes the group of its
     demonstration. None where no start ends in two groups that are far enough apart."""

@@ -77,7 +77,7 @@ class HeldOutSoftmax(HeldOutModel):
 
     data: FitData
     fold: Int[Array, " M"]
-    settings: HeldOutSettings = HeldOutSettings()
+    settings: HeldOutSettings
     _fits: dict[int, WarmStart] = field(default_factory=dict)
 
     @property
@@ -144,7 +144,7 @@ class HeldOutRidge(HeldOutModel):
 
     data: FitData
     fold: Int[Array, " M"]
-    settings: HeldOutSettings = HeldOutSettings()
+    settings: HeldOutSettings
 
     def __post_init__(self) -> None:
         self.actions = standardise(self.data.actions)
@@ -173,7 +173,7 @@ class HeldOutPolicy(HeldOutModel):
 
     data: FitData
     policy: CrossFittedPolicy
-    settings: HeldOutSettings = HeldOutSettings()
+    settings: HeldOutSettings
 
     def evaluate(self, weight: Float[Array, " N"], ridge: float) -> HeldOutLogProb:
         self.policy, outputs = self.policy.fit(self.data, np.maximum(weight, MIN_WEIGHT))
@@ -183,7 +183,7 @@ class HeldOutPolicy(HeldOutModel):
         return HeldOutLogProb.centred(log_density + np.log(column_scales(self.data.actions)).sum(), weight)
 
 
-def held_out_model(data: FitData, seed: int, settings: HeldOutSettings = HeldOutSettings()) -> HeldOutModel:
+def held_out_model(data: FitData, seed: int, settings: HeldOutSettings) -> HeldOutModel:
     """The linear policy for the actions of the data, with folds dealt by `seed`."""
     if isinstance(data.space, Discrete):
         return HeldOutSoftmax(data, deal(data, min(settings.max_folds_discrete, data.n_demonstrations), seed), settings)
@@ -197,7 +197,7 @@ def log_density_of_errors(
     return student_log_density(errors, error_scale(errors, weight, settings.errors), settings.errors)
 
 
-def log_reference(data: FitData, group: Array, settings: HeldOutSettings = HeldOutSettings()) -> Float[Array, " N"]:
+def log_reference(data: FitData, group: Array, settings: HeldOutSettings) -> Float[Array, " N"]:
     """log q(a) of each step: the distribution of the actions of a `group` (M,) bool of demonstrations, whatever the
     state. It is the frequencies of discrete actions, or one Student distribution."""
     weight = data.per_step(group.astype(float))

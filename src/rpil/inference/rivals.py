@@ -115,7 +115,7 @@ def find_style(data: FitData, model: HeldOutModel, ridge: float, settings: Judge
     return replace(styles, opposed=bool((shared <= limits.max_shared_gain * own).all()))
 
 
-def split_by_gradients(data: FitData, ridge: float, settings: RivalSettings = RivalSettings()) -> Bool[Array, " M"]:
+def split_by_gradients(data: FitData, ridge: float, settings: RivalSettings) -> Bool[Array, " M"]:
     """Two groups of demonstrations: those above and below the best cut of the first principal component of g."""
     features, ones = np.asarray(data.features, dtype=float), np.ones(len(data.features))
     if not ridge:  # columns of a user's policy are neither scaled nor followed by a constant
@@ -163,8 +163,8 @@ def state_overlap(
     first: Int[Array, " A"],
     second: Int[Array, " B"],
     seed: int,
-    settings: RivalSettings = RivalSettings(),
-    held_out: HeldOutSettings = HeldOutSettings(),
+    settings: RivalSettings,
+    held_out: HeldOutSettings,
 ) -> float:
     """Mean over the steps of the demonstrations `second` of min(1, p(s | first) / p(s | second)), by the held-out
     log-odds of a logistic regression that tells the steps of `first` and `second` (indices) apart."""

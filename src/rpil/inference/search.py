@@ -31,8 +31,8 @@ class SearchSettings:
 
     policy: Policy
     """Before it has been fitted."""
-    mixture: MixtureSettings = MixtureSettings()
-    judge: JudgeSettings = JudgeSettings()
+    mixture: MixtureSettings
+    judge: JudgeSettings
     """Of the judge that proposes starts."""
     seed: int = 0
     """Of its folds."""

@@ -33,7 +33,7 @@ def step_trust(
     data: FitData,
     log_ratio: Float[Array, " N"],
     temperature: Float[Array, " M"],
-    settings: JudgeSettings = JudgeSettings(),
+    settings: JudgeSettings,
 ) -> StepTrust:
     """Reliability and trust in steps, given the held-out `log_ratio` log pi - log q of each step.
 

@@ -51,7 +51,7 @@ def choose_ridge(data: FitData, model: HeldOutModel, group: Bool[Array, " M"]) -
     return max(model.ridges, key=explained, default=0.0)
 
 
-def group_shares(n_demonstrations: int, settings: TrimmingSettings = TrimmingSettings()) -> list[float]:
+def group_shares(n_demonstrations: int, settings: TrimmingSettings) -> list[float]:
     """Shares of the demonstrations in the training group, from the largest to the smallest."""
     halved = [settings.share / 2**k for k in range(1, settings.halvings + 1)]
     return [settings.share] + [share for share in halved if round(share * n_demonstrations) >= settings.min_group]

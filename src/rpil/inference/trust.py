@@ -69,7 +69,7 @@ class Judgement:
 def judge(
     data: FitData,
     model: HeldOutModel,
-    settings: JudgeSettings = JudgeSettings(),
+    settings: JudgeSettings,
     *,
     seed: int = 0,
     minority: Minority = "ask",
@@ -135,7 +135,7 @@ def conclude(
     steps: StepTrust,
     log_ratio: Float[Array, " N"],
     training_group: Bool[Array, " M"],
-    settings: JudgeSettings = JudgeSettings(),
+    settings: JudgeSettings,
 ) -> Judgement:
     """The finding and the log-odds that follow from a decision, and the judgement that holds them.
 

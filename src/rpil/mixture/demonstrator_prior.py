@@ -47,7 +47,7 @@ def demonstrator_posterior(
     demonstrators: Demonstrators,
     log_ratio: Float[Array, " M"],
     labels: Int[Array, " M"],
-    settings: DemonstratorSettings = DemonstratorSettings(),
+    settings: DemonstratorSettings,
 ) -> DemonstratorPosterior:
     """The posterior of the demonstrators, given log p(D_m | expert) - log p(D_m | adversary) of the demonstrations and
     their labels: 1 expert, -1 adversary, 0 none."""

@@ -83,7 +83,7 @@ def lower_bound(state: State, posterior: Posterior) -> float:
 
 
 def m_step(
-    data: FitData, state: State, posterior: Posterior, settings: MixtureSettings = MixtureSettings()
+    data: FitData, state: State, posterior: Posterior, settings: MixtureSettings
 ) -> tuple[State, Float[Array, "N ..."]]:
     """The next state, and the outputs of its policy: a convex problem for the policy, closed forms for the rest.
 
@@ -103,7 +103,7 @@ def m_step(
 def run_em(
     data: FitData,
     state: State,
-    settings: MixtureSettings = MixtureSettings(),
+    settings: MixtureSettings,
     outputs: Float[Array, "N ..."] | None = None,
 ) -> Result:
     """EM from `state`, whose policy has these `outputs`, until it converges; the last step is an E-step.

@@ -61,7 +61,7 @@ def fit_softmax(
     features: Float[Array, "N D"],
     targets: Float[Array, "N K"],
     penalty: Float[Array, " D"],
-    settings: NewtonSettings = NewtonSettings(),
+    settings: NewtonSettings,
     *,
     start: Float[Array, "D K"] | None = None,
     preconditioner: Preconditioner | None = None,

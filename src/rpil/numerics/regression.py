@@ -60,9 +60,7 @@ def solve_ridge(
     return np.asarray(solve(penalised, product, assume_a="pos"))
 
 
-def error_scale(
-    errors: Float[Array, "N A"], weight: Float[Array, " N"], settings: ErrorSettings = ErrorSettings()
-) -> Float[Array, " A"]:
+def error_scale(errors: Float[Array, "N A"], weight: Float[Array, " N"], settings: ErrorSettings) -> Float[Array, " A"]:
     """Robust scale of the errors of each part: 1.35 times their weighted median, plus `min_scale`."""
     order = np.argsort(np.abs(errors), axis=0)
     total = np.cumsum(np.maximum(weight, MIN_WEIGHT)[order], axis=0)
@@ -72,7 +70,7 @@ def error_scale(
 
 
 def student_log_density(
-    errors: Float[Array, "N A"], scale: Float[Array, " A"], settings: ErrorSettings = ErrorSettings()
+    errors: Float[Array, "N A"], scale: Float[Array, " A"], settings: ErrorSettings
 ) -> Float[Array, " N"]:
     """Log-density of independent Student errors, summed over the parts, in nats."""
     nu = settings.degrees_of_freedom

@@ -71,11 +71,11 @@ class ClassifierPolicy:
     """Cloned and fitted."""
     n_actions: int
     """K."""
+    settings: CrossFitSettings
+    lapse: float
+    temperature: float = 1.0
     models: tuple[Estimator, ...] = ()
     """One for each fold of demonstrations, or the one of `fit_all`."""
-    temperature: float = 1.0
-    lapse: float = CrossFitSettings.start_lapse
-    settings: CrossFitSettings = CrossFitSettings()
 
     def outputs(self, features: Num[Array, "N D"]) -> Float[Array, "N K"]:
         """log pi(k|s), where p is the mean over the models."""
@@ -128,9 +128,9 @@ class RegressorPolicy:
     """Cloned and fitted."""
     noise: StudentPolicy
     """The distribution of the errors."""
+    settings: CrossFitSettings
     models: tuple[Estimator, ...] = ()
     """One for each fold of demonstrations, or the one of `fit_all`."""
-    settings: CrossFitSettings = CrossFitSettings()
 
     def outputs(self, features: Num[Array, "N D"]) -> Float[Array, "N A"]:
         """The mean over the models."""
@@ -159,7 +159,7 @@ class RegressorPolicy:
 
 
 def cross_fitted_policy(
-    estimator: Estimator, space: Space, n_steps: int, settings: CrossFitSettings = CrossFitSettings()
+    estimator: Estimator, space: Space, n_steps: int, settings: CrossFitSettings
 ) -> CrossFittedPolicy:
     """The policy before it is fitted: of a scikit-learn `estimator`, or a `TorchPolicy` for these actions.
 
@@ -188,7 +188,7 @@ def cross_fitted_policy(
             f"The policy {name} has no predict_proba; give one that has, or wrap it in scikit-learn's "
             "CalibratedClassifierCV."
         )
-    return ClassifierPolicy(estimator, space.n, lapse=settings.start_lapse, settings=settings)
+    return ClassifierPolicy(estimator, space.n, settings, settings.start_lapse)
 
 
 def _cross_fit(

@@ -89,9 +89,9 @@ class FeatureMap:
     """Folded observations with which Nystroem compares; (0, 2 D) for the other kinds."""
     mixing: Float[Array, "R R"]
     """Matrix that turns the similarities to the landmarks into features."""
-    ridge_per_step: float = FeatureSettings.ridge_per_step
+    ridge_per_step: float
     """The default ridge, a step."""
-    kernel_width: float = FeatureSettings.kernel_width
+    kernel_width: float
     """Of Nystroem's kernel, see `FeatureSettings`."""
 
     @classmethod
@@ -101,7 +101,8 @@ class FeatureMap:
         observations: Num[Array, "N D"],
         weight: Float[Array, " N"] | None = None,
         ridge: float | None = None,
-        settings: FeatureSettings = FeatureSettings(),
+        *,
+        settings: FeatureSettings,
     ) -> FeatureMap:
         """Choose knots, landmarks, centres and scales, the latter two from weighted observations.
 

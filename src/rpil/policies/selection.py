@@ -76,7 +76,7 @@ class Choice:
     held-out likelihood."""
 
     kind: str
-    ridge: float = FeatureSettings.ridge_per_step
+    ridge: float
     temperature: float = 1.0
 
 
@@ -111,7 +111,8 @@ def choose_features(
     weight: Float[Array, " N"],
     space: Space,
     C: float | None = None,
-    settings: SelectionSettings = SelectionSettings(),
+    *,
+    settings: SelectionSettings,
 ) -> Choice:
     """The feature map, ridge and temperature under which held-out demonstrations are predicted best.
 

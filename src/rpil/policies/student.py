@@ -69,17 +69,15 @@ class StudentPolicy:
     """Not saved."""
 
     @classmethod
-    def zero(
-        cls, box: Box, ridge: Float[Array, " D"], n_steps: float, settings: StudentSettings = StudentSettings()
-    ) -> StudentPolicy:
+    def zero(cls, box: Box, ridge: Float[Array, " D"], n_steps: float) -> StudentPolicy:
         """The middle of the box with the variance of a uniform draw; `n_steps` is the total weight of the steps that
         the policy will be fitted to."""
-        width = box.high - box.low
+        width, settings = box.high - box.low, cls.settings
         edge = settings.min_spread * width
         weights = np.zeros((len(ridge), len(width)))
         weights[-1] = 0.5 * (box.low + box.high)
         spread, nu, least = np.diag(width / np.sqrt(12.0)), settings.start_degrees_of_freedom, edge * np.sqrt(n_steps)
-        return cls(weights, spread, nu, ridge, least, box.low + edge, box.high - edge, settings)
+        return cls(weights, spread, nu, ridge, least, box.low + edge, box.high - edge)
 
     @classmethod
     def of_errors(cls, box: Box, n_steps: float) -> StudentPolicy:

@@ -204,7 +204,7 @@ class TorchPolicy:
     ) -> tuple[_Trained, int]:
         """The networks after up to so many `epochs`, and the best epoch; `unit` (N,) is the unit of each step."""
         n_folds = len(trained.networks[0])
-        learn, validation = training_and_validation(unit, n_folds, weight)
+        learn, validation = training_and_validation(unit, n_folds, weight, ValidationSettings())
         if self.patience is None:  # without validation only the fold itself is held out
             learn = np.arange(n_folds)[:, None] != unit % n_folds if n_folds > 1 else np.ones_like(learn)
         networks, epoch = train(
@@ -228,7 +228,7 @@ def training_and_validation(
     unit: Int[Array, " N"],
     n_folds: int,
     weight: Float[Array, " N"],
-    settings: ValidationSettings = ValidationSettings(),
+    settings: ValidationSettings,
 ) -> tuple[Bool[Array, "k N"], Bool[Array, "k N"]]:
     """Steps that each network is trained on, and those of its validation loss.
 

@@ -60,9 +60,7 @@ class BlockScores(NamedTuple):
     """The 95 % interval of the reliability."""
 
 
-def score_block(
-    prepared: tuple[Block, FitData], judge: FittedJudge, settings: JudgeSettings = JudgeSettings()
-) -> BlockScores:
+def score_block(prepared: tuple[Block, FitData], judge: FittedJudge, settings: JudgeSettings) -> BlockScores:
     """Score the demonstrations of a block by the policy of the sample."""
     data = prepared[1]
     scored, _, trust = _step_ratios(data, judge, settings)
@@ -103,7 +101,7 @@ def judge_everyone(
     if rival is not None:
         trusted, other = sample.indices[rival.trusted], sample.indices[rival.rival]
         if sample.judgement.groups.told_apart(settings.groups):  # outside the sample, by the scores alone
-            upper = groups.log_odds(score, variance) > 0
+            upper = groups.log_odds(score, variance, settings.groups) > 0
             upper[trusted], upper[other] = True, False
             trusted, other = np.flatnonzero(upper), np.flatnonzero(~upper)
         rival = replace(rival, trusted=trusted, rival=other)
@@ -133,8 +131,8 @@ class StepWeights:
     """P(expert) of the demonstrations from number `first` on."""
     typical: float
     """Reliability of a typical expert."""
-    settings: JudgeSettings = JudgeSettings()
-    audit_settings: AuditSettings = AuditSettings()
+    settings: JudgeSettings
+    audit_settings: AuditSettings
     final: DesignMap | None = None
     """The map with the features of the final policy, where they are not the judge's."""
     first: int = 0
@@ -144,8 +142,8 @@ class StepWeights:
         cls,
         audit: Audit,
         judge: FittedJudge,
-        settings: JudgeSettings = JudgeSettings(),
-        audit_settings: AuditSettings = AuditSettings(),
+        settings: JudgeSettings,
+        audit_settings: AuditSettings,
     ) -> StepWeights:
         """The weights under an audit; where it trusts nobody, those of the steps that are most likely an expert's."""
         trust = audit.expert_proba
@@ -167,6 +165,5 @@ class StepWeights:
     def weight(self, data: FitData, trust: Array) -> tuple[Array, Array]:
         """Weights and log-ratios of the steps, (N,) each, of demonstrations with P(expert) `trust` (M,)."""
         _, log_ratio, steps = _step_ratios(data, self.judge, self.settings)
-        return step_weight(
-            data.lengths, trust, steps.reliability, steps.step, self.typical, self.audit_settings
-        ), log_ratio
+        of_trust = steps.reliability, steps.step, self.audit_settings
+        return step_weight(data.lengths, trust, *of_trust, self.typical), log_ratio

@@ -25,6 +25,7 @@ from rpil.audit.html.page import Article, render_page, write_page
 from rpil.audit.html.pictures import returns_figure
 from rpil.audit.label_choice import NEXT_STEPS
 from rpil.audit.record import Audit
+from rpil.audit.settings import AuditSettings
 from rpil.data.errors import DataError
 from rpil.inference.trust import FINDINGS
 
@@ -96,6 +97,12 @@ def test_parts_of_the_log_odds_are_columns_that_add_up(page: Page) -> None:
     np.testing.assert_array_equal(labels, label[order])
     assert "Log-odds Actions Label P(expert)" in parsed.text
     assert "Log-odds P(expert)" in page.text  # one part alone is the log-odds
+
+
+def test_thresholds_of_verdicts_are_those_of_the_audit() -> None:
+    text = Page(render(make_audit(settings=AuditSettings(min_verdict_proba=0.6)))).text
+    assert "at least 60 %" in text
+    assert "at most 40 %" in text
 
 
 def test_page_needs_no_network(audit: Audit) -> None:

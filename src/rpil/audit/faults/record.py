@@ -106,6 +106,11 @@ class FaultReport:
         counted = Counter(found.rule for found in self.findings)
         object.__setattr__(self, "counts", {rule: counted[rule] for rule in RULES if counted[rule]})
 
+    @property
+    def absent(self) -> set[Id]:
+        """Ids of the demonstrations that the recording names and does not hold."""
+        return {found.id for found in self.findings if found.rule == "frame count" and not found.value}
+
     def to_dict(self) -> dict[str, object]:
         """As plain numbers and text."""
         return {

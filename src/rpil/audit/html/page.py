@@ -18,7 +18,6 @@ from rpil.audit.html.pictures import Timelines, inline_svg
 from rpil.audit.label_choice import NEXT_STEPS
 from rpil.audit.plots import HistoryDisplay, LengthDisplay
 from rpil.audit.record import Audit
-from rpil.audit.settings import AUDIT_SETTINGS
 from rpil.audit.text import printable
 from rpil.data.files import replacing
 from rpil.inference.trust import FINDINGS
@@ -77,7 +76,7 @@ def render_page(articles: Sequence[Article], *, title: str = "", headline: str =
         headline=headline,
         introduction=introduction,
         articles=rendered,
-        threshold=AUDIT_SETTINGS.min_verdict_proba,
+        threshold=articles[0].audit.settings.min_verdict_proba,
     )
 
 

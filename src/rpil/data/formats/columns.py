@@ -27,6 +27,7 @@ from rpil.data.formats.names import (
     ROW_INDEX,
     STATE,
     TASK,
+    TIMESTAMP,
     plain_name,
     quoted,
 )
@@ -78,6 +79,7 @@ class Columns:
     ignored: Mapping[str, str] = field(default_factory=dict, compare=False)  # name -> reason
     action_kind: ActionKind = "auto"
     order_given: bool = False
+    times: tuple[str, ...] = ()  # timestamps that are neither data nor the order
 
     @property
     def data(self) -> list[str]:
@@ -88,7 +90,7 @@ class Columns:
     def all(self) -> list[str]:
         """All columns to read."""
         named = [name for name in (self.operator, self.task) if name is not None]
-        return list(dict.fromkeys([*self.data, *self.orders, *self.index, *self.parts, *named]))
+        return list(dict.fromkeys([*self.data, *self.orders, *self.index, *self.parts, *self.times, *named]))
 
 
 def find_columns(
@@ -156,9 +158,12 @@ class _Search:
         for name in self.free.keys() - {*observations}:
             self.ignored.setdefault(name, "not among the observations that were named")
         ignored = {name: self.ignored[name] for name in self.names if name in self.ignored}
+        excluded, numbers = {*self.matching(options.exclude, "exclude")}, ("number", "time", "counter")
+        times = (name for name in ignored.keys() - excluded if self.plain[name] in TIMESTAMP)
         return Columns(
             *(episode, tuple(actions), tuple(observations), one_action, tuple(orders), index, parts),
             *(operator, task, ignored, options.action_kind, order is not None),
+            tuple(name for name in times if self.kinds.get(name) in numbers),
         )
 
     def take(self, *names: str) -> None:

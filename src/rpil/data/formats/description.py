@@ -71,10 +71,10 @@ class Description:
     def lines(self) -> list[str]:
         """Everything, for ``rpil info``; a column a line."""
         lines = [self._size(), f"Demonstrations by {self.id_column}; {self.order}.", self._actions()]
-        if self.task_column:
-            lines.append(f"Task, in {self.task_column}: {listed(self.tasks)}.")
-        if self.operator_column:
-            lines.append(f"Operator, in {self.operator_column}: {listed(self.operators)}.")
+        named = ("Task", self.task_column, self.tasks), ("Operator", self.operator_column, self.operators)
+        for what, column, names in named:
+            if column:  # a task is often a sentence, with its full stop
+                lines.append(f"{what}, in {column}: {listed([name.removesuffix('.') for name in names])}.")
         lines += [*self.notes, "", f"Observations: {len(self.observations):,}"]
         lines += [f"  {name}{self._range(name)}" for name in self.observations]
         if self.action_kind == "continuous":

@@ -18,12 +18,13 @@ from rpil.data.folders import copy_folder
 from rpil.data.formats import folder
 from rpil.data.formats import table as flat
 from rpil.data.formats.columns import ColumnOptions
+from rpil.data.formats.lerobot import read_info
 from rpil.data.formats.parquet_pages import check_table
 from rpil.data.formats.selection import keep_rows
 from rpil.data.formats.store import find_files
 from rpil.data.formats.table import check_ids
 from rpil.data.guard import guarded
-from rpil.data.json_files import read_json
+from rpil.data.json_files import LARGEST_METADATA, read_json
 from rpil.numerics.types import Array
 
 if TYPE_CHECKING:
@@ -51,8 +52,10 @@ def is_mine(path: Path) -> bool:
 
 def check_output(path: Path, output: Path) -> dict[str, Any]:
     """What ``meta/info.json`` says; a `DataError` where `keep` cannot write to `output`."""
-    with guarded(f"{path}: meta/info.json"):
-        info: dict[str, Any] = read_json(path / "meta" / "info.json")
+    place = path / "meta" / "info.json"
+    with place.open("rb") as file:
+        info = read_info(file.read(LARGEST_METADATA + 1), path.resolve().name)
+    with guarded(place):
         images = any(feature.get("dtype") in ("video", "image") for feature in info["features"].values())
         size = info.setdefault("chunks_size", 1000)
         if not isinstance(size, int) or size < 1:

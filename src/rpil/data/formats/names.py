@@ -10,6 +10,7 @@ from unicodedata import combining, normalize
 EPISODE = ("episode_index", "episode_id", "episode_ids", "episode")
 ACTION = ("action", "actions")
 STEP = "step_index"
+TIMESTAMP = ("timestamp", "timestamps")
 
 _NUMBER = r"(?:_(?:index|ids?|idx|no|num|number|nr|name|key))?"
 _EPISODE_STEMS = (

@@ -9,15 +9,16 @@ from pathlib import Path
 
 import numpy as np
 
-from rpil.data.arrays import are_whole
+from rpil.data.arrays import are_whole, group_rows
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
 from rpil.data.files import replacing
 from rpil.data.formats.columns import ColumnOptions, as_list
-from rpil.data.formats.names import ACTION, EPISODE, quoted
+from rpil.data.formats.names import ACTION, EPISODE, TIMESTAMP, quoted
 from rpil.data.formats.recording import Recording
+from rpil.data.formats.times import Times
 from rpil.data.guard import guarded
-from rpil.data.npy import read_arrays, write_npz
+from rpil.data.npy import declared, read_arrays, write_npz
 from rpil.numerics.types import Array
 
 SPELLINGS = ("observations", "observation"), ACTION[::-1], ("episode_ids", *EPISODE)
@@ -25,13 +26,14 @@ _OPTIONAL = "observation_names"
 
 
 def read(path: Path, options: ColumnOptions) -> Recording:
-    """Read ``observations``, ``actions``, ``episode_ids`` and, where there, ``observation_names``; nothing else."""
+    """Read ``observations``, ``actions``, ``episode_ids`` and, where there, ``observation_names``, ``timestamps``."""
     source = path.name
     fault = "not an NPZ file, or a damaged or truncated one", "write it again"
     with guarded(source, *fault), zipfile.ZipFile(path) as stored:
         found = {name.removesuffix(".npy"): name for name in stored.namelist()}
         wanted = _find_arrays(found, options, source)
-        names = [name for name in (*wanted, _OPTIONAL, options.operator) if name in found]
+        optional = _OPTIONAL, options.operator, _timestamps(stored, found, wanted[-1])
+        names = [name for name in (*wanted, *optional) if name in found]
         arrays = dict(zip(names, read_arrays(stored, [found[name] for name in names], source), strict=True))
     observations, actions, steps = (arrays[name] for name in wanted)
     demonstrations = Demonstrations.from_groups(
@@ -42,6 +44,8 @@ def read(path: Path, options: ColumnOptions) -> Recording:
     )
     ignored = [name for name in found if name not in arrays]
     recording = Recording.of(demonstrations, "NPZ", dict.fromkeys(ignored, "no array of demonstrations"))
+    times = next((Times(_in_order(arrays[name], steps)) for name in TIMESTAMP if name in arrays), Times())
+    recording = replace(recording, times=lambda: times)
     if options.operator is None:
         return recording
     if options.operator not in arrays:
@@ -65,6 +69,21 @@ def _find_arrays(found: Iterable[str], options: ColumnOptions, source: str) -> l
             )
         wanted.append(name)
     return wanted
+
+
+def _timestamps(stored: zipfile.ZipFile, found: Mapping[str, str], steps: str) -> str | None:
+    """The array of times, if it says that it has a number for each of the `steps`: others are not read."""
+    name = next((name for name in TIMESTAMP if name in found), None)
+    if name is None:
+        return None
+    shape, dtype = declared(stored, found[name])
+    return name if dtype.kind in "iuf" and shape == declared(stored, found[steps])[0] else None
+
+
+def _in_order(values: Array, steps: Array) -> Array:
+    """Numbers of the `steps`, in the order of the demonstrations."""
+    rows = group_rows(np.unique(steps, return_inverse=True)[1])[2]
+    return np.asarray(values if rows is None else values[rows], dtype=np.float64)
 
 
 def _pairs(who: Array, steps: Array, ids: Sequence[object], what: str) -> list[tuple[str, object]]:

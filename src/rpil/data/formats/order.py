@@ -1,4 +1,4 @@
-"""The order of the steps of a demonstration, by a column of the file, and the time that they take."""
+"""The order of the steps of a demonstration, by a column of the file."""
 
 from __future__ import annotations
 
@@ -10,7 +10,6 @@ import numpy as np
 
 from rpil.data.errors import DataError
 from rpil.data.formats.columns import Columns
-from rpil.data.formats.names import plain_name
 from rpil.data.formats.table import Place, kind_of_type
 from rpil.numerics.types import Array
 
@@ -20,9 +19,6 @@ if TYPE_CHECKING:
 NO_NUMBERS = "values that are missing, or neither numbers nor times"
 REPEATS = "repeated values within a demonstration"
 _FILE_ORDER = "steps in the order of the file"
-
-_SECONDS = {"s": 1.0, "sec": 1.0, "secs": 1.0, "seconds": 1.0, "ms": 1e-3, "msec": 1e-3, "us": 1e-6, "ns": 1e-9}
-_SECONDS |= {"nsec": 1e-9, "nsecs": 1e-9, "nanosec": 1e-9, "msecs": 1e-3}
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,39 +100,3 @@ def order_values(column: pa.ChunkedArray) -> Array | None:
     if values.dtype.kind in "mM":
         values = values.astype(np.int64)
     return values if values.dtype.kind in "iu" or (values.dtype.kind == "f" and np.isfinite(values).all()) else None
-
-
-def seconds_of_steps(
-    table: pa.Table, columns: Columns, rows: Array | None, offsets: Array
-) -> tuple[float | None, float | None]:
-    """Duration of all demonstrations in seconds, and steps a second, by a column of time; None where there is none."""
-    for name in columns.orders:
-        values = order_values(table[name])
-        unit = None if values is None else _unit(name, table[name].type, values)
-        if values is None or unit is None:
-            continue
-        values = values if rows is None else values[rows]
-        lengths = values[offsets[1:] - 1] - values[offsets[:-1]]
-        steps = np.diff(values)
-        steps = steps[steps > 0]
-        if np.all(lengths >= 0) and len(steps):
-            return float(lengths.sum() * unit), float(1 / (np.median(steps) * unit))
-    return None, None
-
-
-def _unit(name: str, kind: pa.DataType, values: Array) -> float | None:
-    """Seconds in one unit of a column of time; by its type, its name, or the size of a time since 1970."""
-    import pyarrow as pa
-
-    if pa.types.is_timestamp(kind) or pa.types.is_duration(kind) or pa.types.is_time(kind):
-        return _SECONDS[kind.unit]
-    words = plain_name(name).split("_")
-    if words[-1] in _SECONDS and len(words) > 1:
-        return _SECONDS[words[-1]]
-    if not {"t", "ts", "time", "timestamp", "timestamps", "stamp", "elapsed"} & set(words):
-        return None
-    largest = float(np.abs(values).max())
-    for limit, unit in ((1e17, 1e-9), (1e14, 1e-6), (1e11, 1e-3)):
-        if largest > limit:
-            return unit
-    return 1.0 if values.dtype.kind == "f" and not np.array_equal(values, np.round(values)) else None

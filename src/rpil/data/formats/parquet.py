@@ -49,7 +49,7 @@ def read_files(filesystem: fs.FileSystem, paths: Sequence[str], options: ColumnO
             tables[-1].validate(full=True)  # text from a damaged file need not be Unicode
     assert columns is not None
     refuse_id_in_two_files([table[columns.episode] for table in tables], names, source)
-    metadata = read_metadata(filesystem, paths[0])
+    metadata = read_metadata(filesystem, paths)
     table = pa.concat_tables(tables, promote_options="permissive")
     return from_table(table, columns, source, format_name(metadata, len(paths)), metadata)
 

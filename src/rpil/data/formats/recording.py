@@ -18,7 +18,8 @@ from rpil.data.formats.columns import Columns
 from rpil.data.formats.dataset import Dataset
 from rpil.data.formats.description import Description, listed
 from rpil.data.formats.lerobot import Metadata, format_name
-from rpil.data.formats.order import Order, check_one_id, find_order, seconds_of_steps
+from rpil.data.formats.order import Order, check_one_id, find_order
+from rpil.data.formats.times import Clock, Times, clock_columns, find_clock
 from rpil.data.guard import guarded
 from rpil.numerics.types import Array
 
@@ -47,6 +48,8 @@ class Recording:
         The different pairs of a demonstration's id, as text, and the value in the column of operators.
     tasks : mapping of str to str
         What was to be done in each demonstration, by its id as text; empty where the file does not say.
+    times : function
+        Reads what the file says of its own times and lengths.
     """
 
     description: Description
@@ -54,6 +57,7 @@ class Recording:
     step_columns: StepColumns = lambda _: None
     operators: list[tuple[str, object]] = field(default_factory=list)
     tasks: Mapping[str, str] = field(default_factory=dict)
+    times: Callable[[], Times] = Times
 
     @cached_property
     def demonstrations(self) -> Demonstrations | Dataset:
@@ -120,12 +124,18 @@ def from_table(
         return Demonstrations(observations, actions, offsets, ids, parts, source, columns.action_kind, action_names)
 
     numbers = _numbers_of_rows(table, _own_numbers(columns, order), rows)
-    described = _describe(table, columns, order, rows, offsets, metadata)
+    clock = find_clock(table, columns, rows, offsets)
+    described = _describe(table, columns, order, rows, offsets, metadata, clock)
     all_notes = (*described.notes, *notes, *metadata.notes(len(ids), len(table)))
     description = replace(described, source=source, format=format_name, notes=all_notes)
     operators, tasks = (_pairs(table, name, names, group) for name in (columns.operator, columns.task))
     description = replace(description, operators=_values(operators), tasks=_values(tasks, metadata.tasks))
-    return Recording(description, load, numbers, operators, tasks_of(tasks, metadata))
+    times = _times(clock, metadata)
+    return Recording(description, load, numbers, operators, tasks_of(tasks, metadata), lambda: times)
+
+
+def _times(clock: Clock | None, metadata: Metadata) -> Times:
+    return Times(None if clock is None else clock.timestamps, metadata.fps, metadata.lengths)
 
 
 def from_dataset(data: Dataset) -> Recording:
@@ -156,18 +166,31 @@ def from_dataset(data: Dataset) -> Recording:
         ranges=statistics.ranges,
         notes=about.metadata.notes(len(data), data.n_steps),
     )
-    tasks = tasks_of(about.tasks, about.metadata)
-    recording = Recording(description, lambda: data, lambda steps: _stored_numbers(data, steps), about.operators, tasks)
-    return recording.with_ignored_files(about.ignored_files)
+    return Recording(
+        description,
+        lambda: data,
+        lambda steps: _stored_columns(data, steps, _own_numbers(columns, about.order)),
+        about.operators,
+        tasks_of(about.tasks, about.metadata),
+        lambda: _stored_times(data),
+    ).with_ignored_files(about.ignored_files)
 
 
-def _stored_numbers(data: Dataset, steps: slice) -> pa.Table | None:
-    """The file's own numbers of some of its rows."""
+def _stored_times(data: Dataset) -> Times:
+    """From one reading of the columns of time."""
+    columns = data.store.columns
+    with guarded(data.source):
+        table = _stored_columns(data, slice(0, data.n_steps), clock_columns(columns))
+        clock = None if table is None else find_clock(table, columns, None, data.offsets)
+    return _times(clock, data.about.metadata)
+
+
+def _stored_columns(data: Dataset, steps: slice, names: list[str]) -> pa.Table | None:
+    """Some columns of some of the rows; None where there are none."""
     import pyarrow as pa
 
-    names = _own_numbers(data.store.columns, data.about.order)
     tables = [table for _, table, _ in data.store.tables(steps.start, steps.stop, names)] if names else []
-    return pa.concat_tables(tables) if tables else None
+    return pa.concat_tables(tables, promote_options="permissive") if tables else None
 
 
 def _own_numbers(columns: Columns, order: Order) -> list[str]:
@@ -197,7 +220,13 @@ def _numbers_of_rows(table: pa.Table, names: list[str], rows: Array | None) -> S
 
 
 def _describe(
-    table: pa.Table, columns: Columns, order: Order, rows: Array | None, offsets: Array, metadata: Metadata
+    table: pa.Table,
+    columns: Columns,
+    order: Order,
+    rows: Array | None,
+    offsets: Array,
+    metadata: Metadata,
+    clock: Clock | None,
 ) -> Description:
     """All of a description but the names of file and format."""
     missing: dict[str, int] = {}
@@ -212,9 +241,9 @@ def _describe(
         ranges |= {} if values is None else _ranges(names[name], values)
         if values is not None and name in columns.observations:
             constant += constant_parts(names[name], values if rows is None else values[rows], offsets)
-    seconds, fps = (len(table) / metadata.fps, metadata.fps) if metadata.fps else (None, None)
-    if not metadata.fps:
-        seconds, fps = seconds_of_steps(table, columns, rows, offsets)
+    seconds, fps = clock.seconds(offsets) if clock else (None, None)
+    if metadata.fps:
+        seconds, fps = len(table) / metadata.fps, metadata.fps
     actions = tuple(part for name in columns.actions for part in names[name])
     kind, reason = _kind_of_action(table, columns, len(actions))
     return Description(

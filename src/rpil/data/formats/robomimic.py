@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 import shutil
-from collections.abc import Container, Mapping, Sequence
+from collections.abc import Container, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -13,7 +13,7 @@ import numpy as np
 
 from rpil.data.arrays import Id
 from rpil.data.errors import DataError
-from rpil.data.files import replacing
+from rpil.data.files import StrPath, replacing
 from rpil.data.formats import hdf5
 from rpil.data.formats.columns import ColumnOptions
 from rpil.data.formats.description import listed
@@ -58,15 +58,13 @@ def read(path: Path, options: ColumnOptions) -> Recording:
             without = listed([name for name in groups if name not in found])
             notes = (*notes, f"Left out, because they hold no actions: {without}.")
         format_name = "HDF5 of robomimic's layout" if in_data else "HDF5, a group for each demonstration"
-        metadata = Metadata(fps=_steps_a_second(settings))
+        metadata = Metadata(fps=_steps_a_second(settings), lengths=_stated_lengths(groups, found))
         return from_parts(parts, _GROUP_NAME, path.name, format_name, options, metadata, notes)
 
 
-def stated_lengths(path: Path) -> dict[Id, int]:
+def _stated_lengths(groups: Mapping[str, h5py.Group], names: Iterable[str]) -> dict[Id, int]:
     """The steps that each demonstration says it has, in ``num_samples``, by the name of its group."""
-    with hdf5.opened(path) as file:
-        groups = hdf5.groups(_parent(file))
-        found = {name: groups[name].attrs.get("num_samples") for name in _demonstrations(file)}
+    found = {name: groups[name].attrs.get("num_samples") for name in names}
     return {name: int(number) for name, number in found.items() if isinstance(number, int | np.integer)}
 
 
@@ -100,12 +98,13 @@ def _copy_without(dropped: Container[str], group: h5py.Group, new: h5py.Group) -
             group.copy(member, new, name)
 
 
-def write_mask(path: Path, output: Path, ids: Sequence[Id]) -> None:
+def write_mask(path: StrPath, output: StrPath, ids: Sequence[Id]) -> None:
     """Write the file with one more filter key, ``mask/rpil_expert``, that lists `ids`, to `output`.
 
     `output` may be `path`: then the file is replaced by the copy, once that is whole. A `DataError` where an id is
     unknown, or the demonstrations are not in ``data``, where robomimic looks for them.
     """
+    path, output = Path(path), Path(output)
     with hdf5.opened(path) as file:
         names = _checked(file, path, ids)
         is_free = "mask" not in list(file) or "mask" in hdf5.groups(file)

@@ -292,7 +292,8 @@ def describe(
     filesystem: fs.FileSystem, paths: list[str], options: ColumnOptions = ColumnOptions()
 ) -> tuple[Store, Metadata]:
     """The store of the files `paths`, and what they say of themselves; a `DataError` where their columns differ."""
-    metadata = read_metadata(filesystem, paths[0])
+    with opened(filesystem, paths[0]):  # damaged data are named before damaged metadata
+        metadata = read_metadata(filesystem, paths)
     groups: list[RowGroup] = []
     columns, first, store, begins = None, "", None, 0
     for path in paths:

@@ -2,24 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
-from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from rpil.data.arrays import Id
-from rpil.data.errors import DataError
-from rpil.data.files import StrPath
-from rpil.data.formats import robomimic
-from rpil.data.formats.dialect import TEXT_SUFFIXES, find_dialect
-from rpil.data.formats.names import EPISODE
-from rpil.data.formats.parquet_pages import check_table
-from rpil.data.guard import guard
-from rpil.data.json_files import LARGEST_TABLE, parse_lines, read_json, read_text
+from rpil.data.formats.columns import Columns
+from rpil.data.formats.names import TIMESTAMP, plain_name
+from rpil.data.formats.order import order_values
 from rpil.numerics.types import Array, Float
 
-TIMESTAMP = ("timestamp", "timestamps")
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+_SECONDS = {"s": 1.0, "sec": 1.0, "secs": 1.0, "seconds": 1.0, "ms": 1e-3, "msec": 1e-3, "us": 1e-6, "ns": 1e-9}
+_SECONDS |= {"nsec": 1e-9, "nsecs": 1e-9, "nanosec": 1e-9, "msecs": 1e-3}
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,7 +28,7 @@ class Times:
     Attributes
     ----------
     timestamps : (N,) array, optional
-        Time of each step in seconds, in the order of the demonstrations.
+        Time of each step in seconds, in the order of the demonstrations; NaN where it is missing.
     fps : float, optional
         Frames a second.
     frames : mapping of id to int
@@ -41,95 +40,75 @@ class Times:
     frames: Mapping[Id, int] = field(default_factory=dict)
 
 
-@guard
-def read_times(path: StrPath, ids: Sequence[Id], id_column: str | None = None) -> Times:
-    """The times of a Parquet file, a folder of such files (LeRobot's with what ``meta`` says), or a text table.
+@dataclass(frozen=True, eq=False)
+class Clock:
+    """A column of time."""
 
-    Arrays of an NPZ file are read as well; robomimic's HDF5 says only how many steps there should be.
+    ticks: Float[Array, " N"]
+    """Of each step, in the order of the demonstrations, from the smallest on; NaN where it is missing."""
+    unit: float | None
+    """Seconds in a tick, None where neither type, name nor size says it."""
 
-    `ids` are those of the demonstrations, in order, and `id_column` is the column that holds them, by default
-    "episode_index". A column ``timestamp`` or an array ``timestamps`` holds seconds; where there is none, times are not
-    known.
+    @property
+    def timestamps(self) -> Float[Array, " N"]:
+        """In seconds; a column of which only the name says that it is time is taken to hold them."""
+        return self.ticks * (self.unit or 1.0)
+
+    def seconds(self, offsets: Array) -> tuple[float | None, float | None]:
+        """Duration of all demonstrations in seconds, and steps a second; None where they are not known."""
+        lengths, steps = self._lengths(offsets), np.diff(self.ticks)
+        steps = steps[steps > 0]
+        if self.unit is None or not len(steps) or not np.all(lengths >= 0):
+            return None, None
+        return float(lengths.sum() * self.unit), float(1 / (np.median(steps) * self.unit))
+
+    def is_plausible(self, offsets: Array) -> bool:
+        """Whether time passes, and no demonstration ends before it begins."""
+        return bool((np.diff(self.ticks) > 0).any()) and not (self._lengths(offsets) < 0).any()
+
+    def _lengths(self, offsets: Array) -> Array:
+        return np.asarray(self.ticks[offsets[1:] - 1] - self.ticks[offsets[:-1]])
+
+
+def clock_columns(columns: Columns) -> list[str]:
+    """The columns that may hold the time of each step, the likeliest first."""
+    named = [name for name in columns.all if plain_name(name) in TIMESTAMP]
+    return list(dict.fromkeys([*columns.orders, *named]))
+
+
+def find_clock(table: pa.Table, columns: Columns, rows: Array | None, offsets: Array) -> Clock | None:
+    """The first column of time whose unit is known, or else one that is called so; None where there is none.
+
+    `rows` (N,) are those of the table in the order of the demonstrations; None where they are in that order.
     """
-    place, id_column = Path(str(path)), id_column or EPISODE[0]
-    if "://" in str(path) or not place.exists():
-        return Times()
-    if place.suffix.lower() == ".npz":
-        return Times(_npz_timestamps(place, ids))
-    if robomimic.is_mine(place):
-        return Times(frames=robomimic.stated_lengths(place))
-    timestamps = _table_timestamps(place, id_column, ids)
-    meta = place / "meta"
-    if not (meta / "info.json").is_file():
-        return Times(timestamps)
-    try:
-        fps = read_json(meta / "info.json").get("fps")
-    except (ValueError, AttributeError) as error:
-        raise DataError(f"{meta / 'info.json'}: it is not the description of a data set; write it again.") from error
-    known = isinstance(fps, int | float) and not isinstance(fps, bool) and 0 < fps < np.inf
-    return Times(timestamps, float(fps) if known else None, _frames(meta))
+    found: list[Clock] = []
+    for name in clock_columns(columns):
+        missing = np.asarray(table[name].is_null(nan_is_null=True).to_numpy(), dtype=bool)
+        values = order_values(table[name].filter(~missing))
+        if values is None or not len(values):
+            continue
+        ticks = np.full(len(missing), np.nan)
+        ticks[~missing] = values - values.min()
+        clock = Clock(ticks if rows is None else ticks[rows], _unit(name, table[name].type, values))
+        is_named = plain_name(name) in TIMESTAMP
+        if is_named or (clock.unit is not None and clock.is_plausible(offsets)):
+            found.append(clock)
+    return next((clock for clock in found if clock.unit is not None), found[0] if found else None)
 
 
-def _npz_timestamps(path: Path, ids: Sequence[Id]) -> Array | None:
-    with np.load(path, allow_pickle=False) as stored:
-        name = next((name for name in TIMESTAMP if name in stored.files), None)
-        episode = next((name for name in ("episode_ids", *EPISODE) if name in stored.files), None)
-        return None if name is None or episode is None else _in_order(stored[name], stored[episode], ids)
-
-
-def _table_timestamps(path: Path, id_column: str, ids: Sequence[Id]) -> Array | None:
-    """From Parquet, or from one table of text; None from other files."""
+def _unit(name: str, kind: pa.DataType, values: Array) -> float | None:
+    """Seconds in one unit of a column of time; by its type, its name, or the size of a time since 1970."""
     import pyarrow as pa
-    from pyarrow import csv, dataset
 
-    from rpil.data.formats.store import find_files
-
-    try:
-        if path.is_file() and path.name.lower().endswith(TEXT_SUFFIXES):
-            dialect = find_dialect(path)
-            options = csv.ConvertOptions(column_types={id_column: pa.string()}, decimal_point=dialect.decimal)
-            rows = csv.ReadOptions(
-                skip_rows=dialect.skip_rows, column_names=dialect.names, encoding=dialect.encoding, use_threads=False
-            )
-            table = csv.read_csv(path, rows, csv.ParseOptions(delimiter=dialect.separator), options)
-        else:
-            filesystem, files, _ = find_files(path)
-            opened = dataset.dataset(files, filesystem=filesystem)
-            table = opened.to_table([name for name in (id_column, *TIMESTAMP) if name in opened.schema.names])
-    except (pa.ArrowException, OSError, DataError):
-        return None  # the demonstrations were read, so that there is no error to report
-    name = next((name for name in TIMESTAMP if name in table.column_names), None)
-    if name is None or id_column not in table.column_names:
+    if pa.types.is_timestamp(kind) or pa.types.is_duration(kind) or pa.types.is_time(kind):
+        return _SECONDS[kind.unit]
+    words = plain_name(name).split("_")
+    if words[-1] in _SECONDS and len(words) > 1:
+        return _SECONDS[words[-1]]
+    if not {"t", "ts", "time", "timestamp", "timestamps", "stamp", "elapsed"} & set(words):
         return None
-    return _in_order(table[name].to_numpy(), table[id_column].to_numpy(), ids)
-
-
-def _in_order(times: Array, episodes: Array, ids: Sequence[Id]) -> Array | None:
-    """Times in the order of the demonstrations; None where they are no numbers, or the rows are not those of `ids`."""
-    if times.dtype.kind not in "iuf" or times.ndim != 1 or len(times) != len(episodes):
-        return None
-    values, inverse = np.unique(episodes.astype(str), return_inverse=True)
-    number = {str(name): m for m, name in enumerate(ids)}
-    if any(value not in number for value in values.tolist()):
-        return None
-    owner = np.array([number[value] for value in values.tolist()])[inverse]
-    return np.asarray(times[np.argsort(owner, kind="stable")], dtype=np.float64)
-
-
-def _frames(meta: Path) -> dict[Id, int]:
-    """LeRobot's lengths by episode: of version 3 in ``episodes/``, before in ``episodes.jsonl``."""
-    import pyarrow as pa
-    import pyarrow.parquet as pq
-
-    try:
-        if (meta / "episodes.jsonl").is_file():
-            path = meta / "episodes.jsonl"
-            rows = parse_lines(read_text(path, LARGEST_TABLE), str(path), LARGEST_TABLE)
-        else:
-            files = sorted((meta / "episodes").rglob("*.parquet"))
-            for file in files:
-                check_table(file)
-            rows = [row for f in files for row in pq.read_table(f, columns=["episode_index", "length"]).to_pylist()]
-        return {int(row["episode_index"]): int(row["length"]) for row in rows}
-    except (pa.ArrowException, OSError, ValueError, KeyError, TypeError) as error:
-        raise DataError(f"{meta}: it does not say how long each episode is, or is damaged; write it again.") from error
+    largest = float(np.abs(values).max())
+    for limit, unit in ((1e17, 1e-9), (1e14, 1e-6), (1e11, 1e-3)):
+        if largest > limit:
+            return unit
+    return 1.0 if values.dtype.kind == "f" and not np.array_equal(values, np.round(values)) else None
