@@ -48,7 +48,7 @@ def format_name(metadata: Metadata, n_files: int) -> str:
     return name if n_files == 1 else f"{name}, {n_files:,} files"
 
 
-def read_info(text: bytes, folder: str) -> dict[str, Any]:
+def read_info(text: str | bytes, folder: str) -> dict[str, Any]:
     """The content of ``meta/info.json`` in a `folder`; a `DataError` that names the file, if it is damaged."""
     where = f"{folder}/meta/info.json", "it does not describe a data set", "write it again, or move it away"
     with guarded(*where):
@@ -127,7 +127,7 @@ def _lengths(filesystem: fs.FileSystem, meta: PurePosixPath) -> dict[Id, int]:
     with guarded(meta, "it does not say how long each episode is", "write it again"):
         try:
             with filesystem.open_input_stream(str(meta / "episodes.jsonl")) as stream:
-                rows = parse_lines(stream.read(LARGEST_TABLE + 1), "episodes.jsonl", LARGEST_TABLE)
+                rows = parse_lines(stream.read(LARGEST_TABLE + 1), str(meta / "episodes.jsonl"), LARGEST_TABLE)
         except FileNotFoundError:
             folder = fs.FileSelector(str(meta / "episodes"), recursive=True, allow_not_found=True)
             files = sorted(info.path for info in filesystem.get_file_info(folder) if info.path.endswith(".parquet"))
@@ -154,13 +154,13 @@ def _tasks(filesystem: fs.FileSystem, meta: PurePosixPath) -> dict[str, str] | N
     import pyarrow.parquet as pq
 
     try:
-        with suppress(FileNotFoundError):
+        with suppress(FileNotFoundError), filesystem.open_input_file(str(meta / "tasks.parquet")) as file:
             check_table(str(meta / "tasks.parquet"), filesystem)
-            table = pq.read_table(str(meta / "tasks.parquet"), filesystem=filesystem)
+            table = pq.read_table(file)
             text = next((name for name in table.column_names if name != "task_index"), "task_index")
             return dict(zip(map(str, table["task_index"].to_pylist()), map(str, table[text].to_pylist()), strict=True))
         with suppress(FileNotFoundError), filesystem.open_input_stream(str(meta / "tasks.jsonl")) as stream:
-            rows = parse_lines(stream.read(LARGEST_METADATA + 1), "tasks.jsonl")
+            rows = parse_lines(stream.read(LARGEST_METADATA + 1), str(meta / "tasks.jsonl"))
             return {str(row["task_index"]): str(row["task"]) for row in rows}
     except (pa.ArrowException, OSError, ValueError, KeyError, TypeError, RecursionError):
         return None

@@ -52,9 +52,10 @@ def is_mine(path: Path) -> bool:
 
 def check_output(path: Path, output: Path) -> dict[str, Any]:
     """What ``meta/info.json`` says; a `DataError` where `keep` cannot write to `output`."""
-    with (path / "meta" / "info.json").open("rb") as file:
+    place = path / "meta" / "info.json"
+    with place.open("rb") as file:
         info = read_info(file.read(LARGEST_METADATA + 1), path.resolve().name)
-    with guarded(f"{path}: meta/info.json"):
+    with guarded(place):
         images = any(feature.get("dtype") in ("video", "image") for feature in info["features"].values())
         size = info.setdefault("chunks_size", 1000)
         if not isinstance(size, int) or size < 1:
