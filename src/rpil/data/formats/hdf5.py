@@ -20,6 +20,7 @@ from rpil.data.errors import DataError, MissingExtraError
 from rpil.data.files import cannot_be_written, check_readable, replacing
 from rpil.data.formats.columns import ColumnOptions
 from rpil.data.formats.description import listed
+from rpil.data.formats.hdf5_storage import checked
 from rpil.data.formats.names import natural_key
 from rpil.data.formats.recording import Recording
 from rpil.data.guard import guarded
@@ -94,13 +95,11 @@ def copy_attributes(source: h5py.Group, new: h5py.Group) -> None:
 
 
 def member(group: h5py.Group, name: str) -> h5py.Group | h5py.Dataset | None:
-    """What is called `name` in a group, an array as a `CheckedDataset`; None where nothing is, or a link."""
+    """What is called `name` in a group; None where nothing is, or a link. An array is checked when it is read."""
     import h5py
 
-    from rpil.data.formats.hdf5_storage import CheckedDataset
-
     found = group[name] if isinstance(group.get(name, getlink=True), h5py.HardLink) else None
-    return CheckedDataset(found.id) if isinstance(found, h5py.Dataset) else found
+    return checked(found) if isinstance(found, h5py.Dataset) else found
 
 
 def members(group: h5py.Group) -> dict[str, h5py.Group | h5py.Dataset]:

@@ -5,30 +5,43 @@ from __future__ import annotations
 import os
 import zlib
 from collections.abc import Iterator, Sequence
+from functools import cache
+from typing import TYPE_CHECKING, Any
 
-import h5py
 import numpy as np
-from h5py import h5z
 
 from rpil.data.errors import DataError
 from rpil.data.memory import check_memory, check_padding
 
+if TYPE_CHECKING:
+    import h5py
+
+_DEFLATE, _SHUFFLE, _FLETCHER32, _LZF = 1, 2, 3, 32_000  # the numbers of filters in HDF5
 _LZF_RATIO = 90  # what LZF decodes to, of its size, at most
 _FILTER_OVERHEAD = 4096  # bytes that a filter may add to what it cannot compress
-_FILTERS = (h5z.FILTER_DEFLATE, h5z.FILTER_SHUFFLE, h5z.FILTER_FLETCHER32, h5z.FILTER_LZF)
+_FILTERS = (_DEFLATE, _SHUFFLE, _FLETCHER32, _LZF)
 _CHECKSUM_BYTES = 4
 
 
-class CheckedDataset(h5py.Dataset):  # type: ignore[misc]
-    """An array of a file that is read only if its storage fits its shape."""
+def checked(array: h5py.Dataset) -> h5py.Dataset:
+    """The same array, which is read only if its storage fits its shape: see `check_storage`."""
+    return _checked_class()(array.id)
 
-    _is_checked = False
 
-    def __getitem__(self, rows: object, new_dtype: np.dtype[np.generic] | None = None) -> object:
-        if not self._is_checked:
-            check_storage(self)
-            self._is_checked = True
-        return super().__getitem__(rows, new_dtype)
+@cache
+def _checked_class() -> Any:
+    import h5py
+
+    class CheckedDataset(h5py.Dataset):  # type: ignore[misc]
+        _is_checked = False
+
+        def __getitem__(self, rows: object, new_dtype: np.dtype[np.generic] | None = None) -> object:
+            if not self._is_checked:
+                check_storage(self)
+                self._is_checked = True
+            return super().__getitem__(rows, new_dtype)
+
+    return CheckedDataset
 
 
 def check_storage(array: h5py.Dataset) -> None:
@@ -64,7 +77,7 @@ def _filters(array: h5py.Dataset, where: str) -> list[int]:
     plist = array.id.get_create_plist()
     found = [plist.get_filter(k) for k in range(plist.get_nfilters())]
     numbers = [number for number, *_ in found]
-    n_compressing = numbers.count(h5z.FILTER_DEFLATE) + numbers.count(h5z.FILTER_LZF)
+    n_compressing = numbers.count(_DEFLATE) + numbers.count(_LZF)
     if n_compressing > 1 or any(number not in _FILTERS for number in numbers):
         names = ", ".join(str(name or number) for number, *_, name in found)
         raise DataError(f"{where} is stored with filters that are not read ({names}); write it again with gzip or lzf.")
@@ -83,13 +96,13 @@ def _chunks(array: h5py.Dataset) -> Iterator[h5py.h5d.StoreInfo]:
 def _fits(array: h5py.Dataset, chunk: h5py.h5d.StoreInfo, filters: Sequence[int], n_bytes: int) -> bool:
     """Whether a chunk decodes to `n_bytes`."""
     used = [number for k, number in enumerate(filters) if not chunk.filter_mask >> k & 1]
-    checksums = _CHECKSUM_BYTES * used.count(h5z.FILTER_FLETCHER32)
-    if h5z.FILTER_LZF in used:  # the filter leaves alone what it cannot make smaller
+    checksums = _CHECKSUM_BYTES * used.count(_FLETCHER32)
+    if _LZF in used:  # the filter leaves alone what it cannot make smaller
         check_memory(_LZF_RATIO * chunk.size, str(array.name))
         return bool(chunk.size <= n_bytes + checksums)
-    if h5z.FILTER_DEFLATE not in used:
+    if _DEFLATE not in used:
         return bool(chunk.size == n_bytes + checksums)
-    inner = n_bytes + _CHECKSUM_BYTES * used[: used.index(h5z.FILTER_DEFLATE)].count(h5z.FILTER_FLETCHER32)
+    inner = n_bytes + _CHECKSUM_BYTES * used[: used.index(_DEFLATE)].count(_FLETCHER32)
     content = array.id.read_direct_chunk(chunk.chunk_offset)[1]
     try:
         return len(zlib.decompressobj().decompress(content, inner + 1)) == inner
