@@ -206,6 +206,7 @@ def peak() -> int:
 
 def work(name: str, seed: int, first: int, last: int) -> None:
     """In a process of its own: read the mutants ``first:last`` of a sample, and print a line of JSON for each."""
+    faulthandler.enable()
     resource.setrlimit(resource.RLIMIT_AS, (_LIMIT, _LIMIT))
     make, read = READERS[name]
     with TemporaryDirectory() as folder:
