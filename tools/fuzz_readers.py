@@ -12,7 +12,8 @@ Notes
 -----
 Mutant k of a sample depends on the seed, the name of the sample and k alone: 1 to 8 bytes of one of its files have
 another value. What is read: the description, the demonstrations, both from disk where that is possible, the times, and
-what `keep` writes. A process reads the mutants of one sample, and is started again where it dies.
+what `keep` writes. A process reads the mutants of one sample, and is started again where it dies: the libraries of
+HDF5 (which copies for `keep`) and, more rarely, of Arrow do that themselves on some damage.
 """
 
 from __future__ import annotations
@@ -205,6 +206,7 @@ def peak() -> int:
 
 def work(name: str, seed: int, first: int, last: int) -> None:
     """In a process of its own: read the mutants ``first:last`` of a sample, and print a line of JSON for each."""
+    faulthandler.enable()
     resource.setrlimit(resource.RLIMIT_AS, (_LIMIT, _LIMIT))
     make, read = READERS[name]
     with TemporaryDirectory() as folder:

@@ -6,6 +6,8 @@ import itertools
 import json
 import re
 import shutil
+import subprocess
+import sys
 import zipfile
 from pathlib import Path
 
@@ -296,3 +298,19 @@ def test_extreme_numbers_of_zip_and_arrays():
     path = sample("NPZ")
     np.savez(path, observations=np.ones((3, 2)), actions=np.array([0, 1, 0]), episode_ids=np.array([{}, 1, 2]))
     refused("Python objects", "info", path)
+
+
+def test_texts_beyond_their_column_do_not_end_the_process():
+    """To look at such a text reads memory that is not there."""
+    path = sample("Minari, Arrow")
+    file = path / "data/0/part-0.arrow"
+    table = pa.ipc.open_file(file).read_all()
+    ends = np.array([0, *[2**30] * (len(table) - 1), 1], np.int32)  # the last is small, so that it can be written
+    texts = pa.Array.from_buffers(pa.string(), len(table), [None, pa.py_buffer(ends), pa.py_buffer(b"a")])
+    table = table.set_column(table.column_names.index("mission"), "mission", texts)
+    with pa.ipc.new_file(file, table.schema) as stream:
+        stream.write_table(table)
+    script = f"import rpil\ntry:\n    rpil.read({str(path)!r})\nexcept rpil.DataError as error:\n    print(error)"
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True)
+    assert done.returncode == 0
+    assert re.fullmatch(r"set-v0, demonstration 0: [^\n]*damaged[^\n]*\.\n", done.stdout)

@@ -169,6 +169,7 @@ def _read_tables(data: Path, kind: str, source: str, options: ColumnOptions, not
             for file in stored.files if kind == "parquet" else ():
                 check_table(Path(file))
             table = stored.to_table(columns={name: dataset.field(*path) for name, (path, _) in read.items()})
+            table.validate(full=True)  # to look at the values of a damaged file would end the process
         n_steps = _n_steps(folder, n_rows)
         n_left_out += n_rows > n_steps
         table = table.slice(0, n_steps)
