@@ -12,7 +12,8 @@ Notes
 -----
 Mutant k of a sample depends on the seed, the name of the sample and k alone: 1 to 8 bytes of one of its files have
 another value. What is read: the description, the demonstrations, both from disk where that is possible, the times, and
-what `keep` writes. A process reads the mutants of one sample, and is started again where it dies.
+what `keep` writes. A process reads the mutants of one sample, and is started again where it dies: the libraries of
+HDF5 (which copies for `keep`) and, more rarely, of Arrow do that themselves on some damage.
 """
 
 from __future__ import annotations
