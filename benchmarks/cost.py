@@ -26,8 +26,6 @@ from threadpoolctl import threadpool_limits
 
 from provenance import line, provenance
 from rpil import RPIL, Dataset, Settings, open_dataset
-from rpil.audit.settings import AuditSettings
-from rpil.inference.settings import JudgeSettings
 from rpil.scale.ascent import block_statistics
 from rpil.scale.disk import Streamed
 from rpil.scale.fit import DesignMap, StepWeights
@@ -73,8 +71,9 @@ def measure(data: Dataset, path: Path, repetitions: int, settings: Settings | No
     prepare, final = (DesignMap(features, model.space_, model.classes_) for features in maps)
     blocks = [block for shard in data.shards() for block in shard]
     ready = [prepare(block) for block in blocks]
-    scoring = partial(score, judge=model.judge_)
-    weigh = replace(StepWeights.of(model.audit_, model.judge_, JudgeSettings(), AuditSettings()), final=final)
+    used = settings or Settings()
+    scoring = partial(score, judge=model.judge_, settings=used.judge)
+    weigh = replace(StepWeights.of(model.audit_, model.judge_, used.judge, used.audit), final=final)
     lessons = [weigh(one) for one in ready]
     one_pass = partial(block_statistics, policy=model.policy_)
     seen, design, weights = ready[0][1].features, lessons[0][0].features, model.policy_.weights.astype(np.float32)
