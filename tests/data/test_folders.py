@@ -70,6 +70,26 @@ def test_a_link_may_stay_in_the_folder_and_the_folder_may_be_a_link(folder):
     assert rpil.read(folder.parent / "kept").ids == (0,)
 
 
+def test_hidden_folders_and_locks_of_editors_are_left_alone(folder, secret):
+    (folder / ".venv").symlink_to(secret)
+    (folder / ".git").mkdir()
+    pq.write_table(TABLE.slice(0, 1), folder / ".git" / "c.parquet")
+    (folder / ".git" / "hooks").symlink_to(secret)
+    (folder / "b" / ".#b.parquet").symlink_to("me@host.123")
+    assert rpil.read(folder).ids == rpil.read(str(folder / "**" / "*.parquet")).ids == (0, 1)
+    copy_folder(folder / "b", folder.parent / "copy")
+    assert os.listdir(folder.parent / "copy") == ["b.parquet"]
+    (folder / "b" / ".c.parquet").symlink_to(secret / "key.parquet")
+    with pytest.raises(DataError, match="link that leads out"):
+        rpil.read(folder)
+
+
+def test_a_link_to_nothing_is_a_download_that_broke_off(folder):
+    (folder / "c.parquet").symlink_to("d.parquet")
+    with pytest.raises(DataError, match=r"c\.parquet: .* leads to nothing.*download"):
+        rpil.read(folder)
+
+
 def test_no_folder_is_read_twice(folder):
     (folder / "c").symlink_to("b")
     with pytest.raises(DataError, match="a link leads to this folder"):

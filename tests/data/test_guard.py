@@ -47,6 +47,13 @@ def test_too_little_memory_is_no_damage():
     assert "damage" not in str(caught.value)
 
 
+@pytest.mark.parametrize("file", [None, "drive/1.csv"])
+def test_permissions_are_no_damage(file):
+    with pytest.raises(DataError, match=f"^{file or 'drive'}: .*permissions") as caught, guarded("drive"):
+        raise PermissionError(errno.EACCES, "Permission denied", file)
+    assert "damage" not in str(caught.value)
+
+
 @pytest.mark.parametrize(
     "error",
     [

@@ -19,7 +19,8 @@ def check_folder(path: StrPath) -> None:
 
     That is a link that leads out of the folder, to nothing, or to a folder that is read already, as in a circle; and a
     pipe or device, which a reader would wait for. The folder itself may be named by a link. From a snapshot in the
-    cache of the Hugging Face Hub, links may lead to the ``blobs`` of its repository. Nothing is checked of a file.
+    cache of the Hugging Face Hub, links may lead to the ``blobs`` of its repository. Nothing is checked of a file, nor
+    in hidden folders such as ``.git``, which are never read.
     """
     top = Path(path)
     if not top.is_dir():
@@ -31,7 +32,9 @@ def check_folder(path: StrPath) -> None:
         for entry in _entries(folder):
             is_link = entry.is_symlink()
             is_folder = os.path.isdir(entry.path) if is_link else entry.is_dir()
-            if is_folder and only and real_folder == places[0] and entry.name not in only:
+            if is_folder and real_folder == places[0] and (is_hidden(entry.name) or (only and entry.name not in only)):
+                continue
+            if is_hidden(entry.name) and is_dangling(entry.path):  # a lock of an editor, which nothing can read
                 continue
             real = _real_place(entry.path, top, places) if is_link else os.path.join(real_folder, entry.name)
             if is_folder and real in reached:
@@ -60,9 +63,23 @@ def _real_place(path: StrPath, top: StrPath, places: Sequence[str]) -> str:
             f"{path}: it is a link that leads out of {top}, and is not followed; remove it, or copy the folder with "
             "what its links lead to (cp -rL)."
         )
+    if is_dangling(path):
+        raise DataError(
+            f"{path}: it is a link that leads to nothing, as when a download breaks off; download or copy it again."
+        )
     if not (os.path.isfile(real) or os.path.isdir(real)):
         raise _not_a_file(path)
     return real
+
+
+def is_hidden(name: str) -> bool:
+    """Whether a file or folder has a name that lists leave out."""
+    return name.startswith(".")
+
+
+def is_dangling(path: StrPath) -> bool:
+    """Whether a link leads to nothing."""
+    return os.path.islink(path) and not os.path.exists(path)
 
 
 def _places(top: StrPath) -> list[str]:
@@ -88,12 +105,12 @@ def copy_folder(path: Path, new: Path, without: str = "") -> None:
         for entry in folder.iterdir():
             if entry.is_dir() and entry != path / without:
                 waiting.append((entry, target / entry.name))
-            elif entry != path / without:
+            elif entry != path / without and not is_dangling(entry):
                 shutil.copyfile(entry, target / entry.name)
 
 
 def _not_a_file(path: StrPath) -> DataError:
-    return DataError(f"{path}: it is a pipe, a device or a link to nothing; remove it, or copy the file again.")
+    return DataError(f"{path}: it is a pipe or a device; remove it, or copy the file again.")
 
 
 def _entries(folder: str) -> list[os.DirEntry[str]]:

@@ -34,6 +34,8 @@ def guarded(
         raise
     except MemoryError as error:
         raise DataError(f"{where}: more memory than is free would be needed to read it; read less of it.") from error
+    except PermissionError as error:
+        raise DataError(f"{error.filename or where}: it may not be read; change its permissions.") from error
     except Exception as error:  # damaged files make libraries raise errors of very many types
         if isinstance(error, OSError) and error.errno in _OF_WRITING:
             raise

@@ -15,7 +15,7 @@ import numpy as np
 
 from rpil.data.errors import DataError
 from rpil.data.files import StrPath, check_exists
-from rpil.data.folders import check_folder, check_inside
+from rpil.data.folders import check_folder, check_inside, is_hidden
 from rpil.data.formats import table as flat
 from rpil.data.formats.columns import ColumnOptions, Columns, check_unique, find_columns
 from rpil.data.formats.dialect import TEXT_SUFFIXES
@@ -214,7 +214,7 @@ def find_files(path: StrPath) -> tuple[fs.FileSystem, list[str], list[str]]:
         if kind == fs.FileType.NotFound:
             raise DataError(f"{where}: there is no such file or folder; check the path.")
         if kind == fs.FileType.File:
-            return filesystem, *_tables([place])
+            return filesystem, *_tables([place], place)
         # LeRobot keeps the steps in data/, and tables of other things in meta/.
         data = f"{place}/data"
         place = data if filesystem.get_file_info(data).type == fs.FileType.Directory else place
@@ -222,22 +222,26 @@ def find_files(path: StrPath) -> tuple[fs.FileSystem, list[str], list[str]]:
     except ImportError as error:
         reason = one_line(error)
         raise DataError(f"{where}: addresses of this kind need a package of their own ({reason}).") from error
+    except PermissionError:  # which the guard names
+        raise
     except (pa.ArrowException, OSError) as error:
         raise DataError(f"{where}: it cannot be listed ({one_line(error)}); check the path.") from error
-    return filesystem, *_tables(sorted(info.path for info in entries if info.type == fs.FileType.File))
+    return filesystem, *_tables(sorted(info.path for info in entries if info.type == fs.FileType.File), place)
 
 
 def _matches(pattern: str) -> tuple[list[str], list[str]]:
     """The tables that a pattern matches; no link may lead out of the folder in which it begins."""
-    found = _tables(sorted(glob.glob(pattern, recursive=True)))
+    found = _tables(sorted(glob.glob(pattern, recursive=True)), pattern)
     top = next(folder for folder in PurePath(pattern).parents if not glob.has_magic(str(folder)))
     for path in itertools.chain(*found):
         check_inside(path, top)
     return found
 
 
-def _tables(paths: list[str]) -> tuple[list[str], list[str]]:
+def _tables(paths: list[str], top: str) -> tuple[list[str], list[str]]:
+    """The Parquet files and the text tables among files, but for those in hidden folders of `top`."""
     shown = [p for p in paths if not PurePosixPath(p).name.startswith((".", "_"))]
+    shown = [p for p in shown if not is_hidden(p.removeprefix(top).lstrip("/"))]
     return [p for p in shown if p.lower().endswith(".parquet")], [p for p in shown if p.lower().endswith(TEXT_SUFFIXES)]
 
 
