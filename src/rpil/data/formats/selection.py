@@ -87,10 +87,11 @@ def _kept_tables(path: Path, ids: Set[str], options: ColumnOptions, found: set[s
     import pyarrow as pa
     from pyarrow import fs
 
-    with opened(fs.LocalFileSystem(), str(path)) as file:
+    filesystem = fs.LocalFileSystem()
+    with opened(filesystem, str(path)) as file:
         schema = file.schema.to_arrow_schema()
         nested = any(flat.kind_of_type(field.type) == "nested" for field in schema)
-        column = columns_of_file(file, path.name, options).episode
+        column = columns_of_file(filesystem, str(path), file, options).episode
         yield schema.empty_table()
         for batch in file.iter_batches(_NESTED_ROWS if nested else BATCH_ROWS):
             rows = pa.Table.from_batches([batch])
