@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 _MARK = b"ARROW1\0\0"  # before the stream in a file
 _COMPRESSED = b"ARROW:experimental_compression"  # said so before version 1
-_HEADER, _DATA, _COMPRESSION = 2, 1, 3  # fields of a message, of a dictionary in it, and of rows
+_OF_MESSAGE, _OF_DICTIONARY, _OF_ROWS = 2, 1, 3  # fields: the content, the rows, their compression
 
 FRAME = "the frame"
 """Name of a data frame in messages."""
@@ -105,10 +105,10 @@ def _is_compressed(message: pa.ipc.Message) -> bool:
         step = _int(content, "<H", fields + place) if place < _int(content, "<H", fields) else 0
         return step and table + step + _int(content, "<I", table + step)
 
-    header = follow(_int(content, "<I", 0), _HEADER)
+    header = follow(_int(content, "<I", 0), _OF_MESSAGE)
     if message.type == "dictionary":
-        header = follow(header, _DATA)
-    return message.type in ("record batch", "dictionary") and follow(header, _COMPRESSION) > 0
+        header = follow(header, _OF_DICTIONARY)
+    return message.type in ("record batch", "dictionary") and follow(header, _OF_ROWS) > 0
 
 
 def _int(content: memoryview, kind: str, place: int) -> int:

@@ -19,6 +19,9 @@ if TYPE_CHECKING:
     from pyarrow import fs
 
 
+_SIZES = "total_episodes", "total_frames"
+
+
 @dataclass(frozen=True)
 class Metadata:
     """What ``meta`` says of the data; empty where there is none."""
@@ -89,9 +92,8 @@ def read_metadata(filesystem: fs.FileSystem, paths: Sequence[str]) -> Metadata:
     if features != given:
         wrong = [name for name in given if name not in features] if isinstance(given, dict) else []
         unusable.append(f"features {quoted(wrong, 5)}" if wrong else "features")
-    declared: dict[str, Any] = {name: info[name] for name in ("total_episodes", "total_frames") if name in info}
-    sizes = {name: size for name, size in declared.items() if _is_size(size)}
-    unusable += [name for name in declared if name not in sizes]
+    sizes: dict[str, float] = {name: info[name] for name in _SIZES if _is_size(info.get(name))}
+    unusable += [name for name in _SIZES if name in info and name not in sizes]
     tasks = _tasks(filesystem, meta)
     if tasks is None:
         unusable.append("tasks")
