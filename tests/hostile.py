@@ -94,6 +94,29 @@ def keep_first(path: str) -> None:
     formats.keep(path, f"{path}.kept.hdf5", ["demo_0"])
 
 
+def write_letters(path: Path, n: int, column: str = "comment") -> None:
+    """A text of `n` letters in one column, in `n` / 30,000 bytes, and short ones in the others."""
+    columns = {"episode_index": [0, 0], "observation.x": [0.5, 1.0], "action": [0, 1], "task_index": [0, 1]}
+    columns |= {"id": ["a", "b"], "verdict": ["expert", "expert"], column: ["a" * n, ""]}
+    pq.write_table(pa.table(columns), path, compression="zstd", use_dictionary=False, write_statistics=False)
+
+
+def write_zeros(path: Path, n: int, says: int) -> None:
+    """Steps with `n` zeros in one page, of which the footer says that there are `says`."""
+    table = pa.table({"episode_index": np.zeros(n, np.int8), "observation.x": np.zeros(n), "action": np.zeros(n, "i1")})
+    how = {"use_dictionary": False, "data_page_size": 2**31 - 1, "max_rows_per_page": n, "row_group_size": n}
+    pq.write_table(table, path, compression="zstd", write_statistics=False, **how)
+    _say(path, n, says)
+
+
+def read_operator(path: str) -> None:
+    """Read data with the operator of each step."""
+    from rpil.data import formats
+    from rpil.data.formats.columns import ColumnOptions
+
+    formats.read_recording(path, ColumnOptions(operator="operator"))
+
+
 def varint(number: int) -> bytes:
     """A whole number as Thrift writes it."""
     number, found = 2 * number, []
@@ -110,10 +133,15 @@ def write_long_list(path: Path, n: int, says: int | None = None) -> None:
         pa.table({"episode_index": [0, 0], "observation.x": lists, "action": [0, 1]}), path, compression="zstd"
     )
     if says is not None:
-        content = path.read_bytes()
-        size = 8 + int.from_bytes(content[-8:-4], "little")
-        true = varint(n + 1)
-        false = bytes([2 * says | 128, *[128] * (len(true) - 2), 0])
-        assert true in content[-size:]
-        path.write_bytes(content[:-size] + content[-size:].replace(true, false))
+        _say(path, n + 1, says)
         assert pq.ParquetFile(path).metadata.row_group(0).column(1).num_values == says
+
+
+def _say(path: Path, n: int, says: int) -> None:
+    """Write `says` for the number `n` wherever it is in the footer."""
+    content = path.read_bytes()
+    size = 8 + int.from_bytes(content[-8:-4], "little")
+    true = varint(n)
+    false = bytes([2 * says | 128, *[128] * (len(true) - 2), 0])
+    assert true in content[-size:]
+    path.write_bytes(content[:-size] + content[-size:].replace(true, false))

@@ -12,7 +12,16 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from hostile import MAX_BYTES, MAX_SECONDS, assert_refused, read_all, write_long_list
+from hostile import (
+    MAX_BYTES,
+    MAX_SECONDS,
+    assert_refused,
+    read_all,
+    write_letters,
+    write_long_list,
+    write_zeros,
+)
+from samples import SAMPLES
 
 h5py = pytest.importorskip("h5py", reason="needs the extra hdf5")
 numcodecs = pytest.importorskip("numcodecs", reason="needs the extra zarr")
@@ -143,6 +152,37 @@ def lerobot(path):
     )
 
 
+def beside_lerobot(name):
+    """Sound data, and a table of `name` with one text of 300 MB."""
+
+    def make(path):
+        for part in ("data", "meta/episodes"):
+            (path / part).mkdir(parents=True)
+        write_letters(path / "data/0.parquet", 1)
+        (path / "meta/info.json").write_text('{"codebase_version": "v3.0", "features": {}}')
+        write_letters(path / name, 3 * 10**8, "task")
+
+    return make
+
+
+def compressed(name, file, kind):
+    """A sample whose `file` has a column of a gigabyte of zeros, which is not read."""
+
+    def make(path):
+        path.with_suffix(".of").mkdir()
+        SAMPLES[name](path.with_suffix(".of")).rename(path)
+        with pa.memory_map(str(path / file)) as source:
+            table = getattr(pa.ipc, f"open_{kind}")(source).read_all()
+        infos = pa.ListArray.from_arrays([0] * len(table) + [10**8], np.zeros(10**8))
+        table = table.select([name for name in table.column_names if name != "infos"]).append_column("infos", infos)
+        with getattr(pa.ipc, f"new_{kind}")(
+            path / file, table.schema, options=pa.ipc.IpcWriteOptions(compression="zstd")
+        ) as stream:
+            stream.write_table(table)
+
+    return make
+
+
 def policy(**members):
     def make(path):
         with zipfile.ZipFile(path, "w") as archive:
@@ -201,6 +241,15 @@ FILES = {
     "long-list.parquet": (lambda path: write_long_list(path, 8 * 10**7), READ),
     "long-list-on-disk.parquet": (lambda path: write_long_list(path, 8 * 10**7), OPEN),
     "long-list-hidden.parquet": (lambda path: write_long_list(path, 8 * 10**7, says=2), READ),
+    "letters.parquet": (lambda path: write_letters(path, 4 * 10**8), READ),
+    "letters-on-disk.parquet": (lambda path: write_letters(path, 4 * 10**8), OPEN),
+    "operator.parquet": (lambda path: write_letters(path, 4 * 10**8, "operator"), "hostile:read_operator"),
+    "verdicts.parquet": (lambda path: write_letters(path, 4 * 10**8), "rpil.audit.choice:read_verdicts"),
+    "zeros-hidden.parquet": (lambda path: write_zeros(path, 6 * 10**7, says=20), READ),
+    "zeros-hidden-on-disk.parquet": (lambda path: write_zeros(path, 6 * 10**7, says=20), OPEN),
+    "lerobot-letters": (beside_lerobot("meta/episodes/lerobot-letters.parquet"), READ),
+    "compressed-imitation": (compressed("imitation", "data-00000-of-00001.arrow", "stream"), READ),
+    "compressed-minari": (compressed("Minari, Arrow", "data/0/part-0.arrow", "file"), READ),
     "sparse-minari": (minari, READ),
     "sparse-lerobot": (lerobot, READ),
     "lists.rpil": (policy(header_json=(zipfile.ZIP_DEFLATED, lambda: lists(40 * 10**6))), LOAD),

@@ -140,12 +140,14 @@ def _exceeds_budget(file: str) -> bool:
         return False
     from pyarrow import fs
 
-    from rpil.data.formats.parquet import decoded_bytes
+    from rpil.data.formats.parquet_pages import check_pages
     from rpil.data.formats.store import opened
+    from rpil.data.formats.table import kind_of_type
 
     filesystem, path = fs.LocalFileSystem(), os.path.abspath(file)
     with opened(filesystem, path) as opened_file:
-        return decoded_bytes(filesystem, path, opened_file) > budget()
+        columns = [field.name for field in opened_file.schema_arrow if kind_of_type(field.type) != "nested"]
+        return check_pages(filesystem, path, opened_file, columns) > budget()
 
 
 @contextmanager

@@ -15,6 +15,9 @@ from rpil.data.errors import DataError
 from rpil.data.memory import check_memory
 from rpil.numerics.types import Array
 
+ARRAY = ".npy"
+"""End of the names of members that hold an array."""
+
 _READ_HEAD = {(1, 0): npy.read_array_header_1_0, (2, 0): npy.read_array_header_2_0}
 
 
@@ -30,9 +33,7 @@ def read_arrays(archive: zipfile.ZipFile, members: Sequence[str], where: str) ->
 
 def declared(archive: zipfile.ZipFile, member: str) -> tuple[tuple[int, ...], np.dtype[np.generic]]:
     """The shape and the type that an array says it has."""
-    with archive.open(member) as stream:
-        shape, _, dtype = _READ_HEAD[npy.read_magic(stream)](stream)
-    return shape, dtype
+    return _head(archive, member)[:2]
 
 
 def write_npz(path: Path, arrays: Mapping[str, Array]) -> None:
@@ -57,17 +58,26 @@ def new_member(archive: zipfile.ZipFile, name: str) -> zipfile.ZipInfo:
 
 def _declared_bytes(archive: zipfile.ZipFile, member: str, where: str) -> int:
     """Bytes of an array and of its copy as float64; a `ValueError` where the member does not hold as many."""
-    with archive.open(member) as stream:
-        shape, _, dtype = _READ_HEAD[npy.read_magic(stream)](stream)
-        if dtype.hasobject:
-            raise DataError(
-                f"{where}: {member!r} holds Python objects, which are never unpickled because that can run any code; "
-                "save plain arrays of numbers or text, with numpy.asarray(values.tolist()) where they are objects."
-            )
-        n_bytes = math.prod(shape) * dtype.itemsize
-        if n_bytes != archive.getinfo(member).file_size - stream.tell():
-            raise ValueError(member)
+    shape, dtype, n_before = _head(archive, member)
+    if dtype.hasobject:
+        raise DataError(
+            f"{where}: {member!r} holds Python objects, which are never unpickled because that can run any code; "
+            "save plain arrays of numbers or text, with numpy.asarray(values.tolist()) where they are objects."
+        )
+    n_bytes = math.prod(shape) * dtype.itemsize
+    if n_bytes != archive.getinfo(member).file_size - n_before:
+        raise ValueError(member)
     return n_bytes + 8 * math.prod(shape)
+
+
+def _head(archive: zipfile.ZipFile, member: str) -> tuple[tuple[int, ...], np.dtype[np.generic], int]:
+    """The shape and the type that an array says it has, and the bytes before its values."""
+    with archive.open(member) as stream:
+        version = npy.read_magic(stream)
+        if version not in _READ_HEAD:
+            raise ValueError(f"{member}: version {version[0]}.{version[1]} of the format is not read")
+        shape, _, dtype = _READ_HEAD[version](stream)
+        return shape, dtype, stream.tell()
 
 
 def _read_array(archive: zipfile.ZipFile, member: str, where: str) -> Array:

@@ -99,6 +99,43 @@ def test_data_are_believed_and_not_the_metadata(dataset):
         assert formats.read_recording(dataset, on_disk=on_disk).description.notes == expected
 
 
+def test_what_metadata_say_and_cannot_be_used_is_named_in_short(dataset):
+    place = dataset / "meta" / "info.json"
+    info = json.loads(place.read_text())
+    info["features"]["odd"] = 3
+    place.write_text(json.dumps(info | {"total_frames": "9" * 10**6, "total_episodes": 5}))
+    left_out, differs = formats.read_recording(dataset).description.notes
+    assert "'odd'" in left_out
+    assert "action" not in left_out
+    assert "total_frames" in left_out
+    assert len(left_out) < 200
+    assert "total_episodes = 5" in differs
+
+
+def test_metadata_that_cannot_be_opened_are_refused(dataset):
+    (dataset / "meta" / "info.json").unlink()
+    assert formats.read_recording(dataset).description.format == "Parquet, 2 files"
+    (dataset / "meta" / "info.json").mkdir()
+    for on_disk in (False, True):
+        with pytest.raises(DataError, match=r"info\.json: it cannot be read"):
+            formats.read_recording(dataset, on_disk=on_disk)
+
+
+@pytest.mark.parametrize("output", ["k", "k.json"])
+@pytest.mark.parametrize("ids", [["99"], [0, 99]])
+def test_episodes_that_are_not_there_are_not_kept(dataset, output, ids):
+    with pytest.raises(DataError, match=r"called '99'; the ids are '0', '1', '2', '3'; correct them"):
+        formats.keep(dataset, dataset.with_name(output), ids)
+    assert not dataset.with_name(output).exists()
+
+
+def test_long_lists_of_tasks_are_read(dataset):
+    (dataset / "meta" / "tasks.parquet").unlink()
+    lines = [json.dumps({"task_index": k, "task": f"{k}: {'x' * 10**6}"}) for k in range(20)]
+    (dataset / "meta" / "tasks.jsonl").write_text("\n".join(lines))
+    assert formats.read_recording(dataset).tasks["1"].startswith("1: xxx")
+
+
 def test_images_and_videos_are_not_read(dataset):
     info = json.loads((dataset / "meta" / "info.json").read_text())
     info["features"]["observation.images.top"] = {"dtype": "video", "shape": [480, 640, 3], "names": None}

@@ -9,7 +9,7 @@ from pyarrow import fs
 import rpil
 from hostile import write_long_list
 from rpil.data.errors import DataError
-from rpil.data.formats.parquet_pages import listed_numbers
+from rpil.data.formats.parquet_pages import page_sizes
 from rpil.data.memory import limited
 
 ROWS = 500
@@ -24,8 +24,13 @@ TABLE = pa.table(
 )
 
 
+def sizes(path, *columns):
+    return page_sizes(fs.LocalFileSystem(), str(path), pq.ParquetFile(path), columns)
+
+
 def counted(path, *columns):
-    return listed_numbers(fs.LocalFileSystem(), str(path), pq.ParquetFile(path), columns)
+    """The numbers in lists."""
+    return [sum(chunk.n_values for chunk in chunks if chunk.is_list) for chunks in sizes(path, *columns)]
 
 
 @pytest.mark.parametrize(
@@ -50,6 +55,18 @@ def test_numbers_are_counted(tmp_path, how):
     assert sum(counted(path, "ragged")) == sum(max(k % 3, 1) for k in range(ROWS))
 
 
+def test_bytes_are_those_of_decoded_pages(tmp_path):
+    path = tmp_path / "x.parquet"
+    plain = {"use_dictionary": False, "compression": "zstd"}
+    pq.write_table(TABLE, path, **plain, data_page_size=1000, write_batch_size=10)
+    [[chunk]] = sizes(path, "text")
+    assert ROWS * 304 <= chunk.n_bytes < ROWS * 310
+    assert (chunk.n_values, chunk.largest < 10_000) == (ROWS, True)
+    pq.write_table(TABLE, path, compression="zstd")
+    [[chunk]] = sizes(path, "text")  # of a dictionary with one text
+    assert 304 <= chunk.largest < chunk.n_bytes < 1000
+
+
 def test_the_pages_are_believed_and_not_the_footer(tmp_path):
     path = tmp_path / "x.parquet"
     write_long_list(path, 10**6, says=2)
@@ -69,8 +86,8 @@ def test_damaged_files_are_refused_and_end_no_process(tmp_path):
         bad[rng.integers(len(content))] ^= 1 << int(rng.integers(8))
         path.write_bytes(bad)
         try:
-            numbers = listed_numbers(fs.LocalFileSystem(), str(path), file, ["state.pos"])
+            groups = page_sizes(fs.LocalFileSystem(), str(path), file, ["state.pos", "text"])
         except DataError as error:
             assert "x.parquet" in str(error)  # noqa: PT017
         else:
-            assert all(number >= 0 for number in numbers)
+            assert all(chunk.n_values >= 0 and chunk.n_bytes >= 0 for chunks in groups for chunk in chunks)

@@ -129,3 +129,17 @@ def test_nothing_is_written_where_something_is_wrong(tmp_path, demonstrations):
         formats.keep("s3://bucket/data", tmp_path / "some", [1])
     assert path.read_bytes() == before
     assert sorted(file.name for file in tmp_path.rglob("*")) == ["a.csv", "all.csv", "folder"]
+
+
+def test_what_is_no_array_is_not_read(tmp_path, demonstrations):
+    """Neither a text in the archive, nor times in a version of the format that is not known."""
+    path, output = tmp_path / "all.npz", tmp_path / "some.npz"
+    rpil.write(path, demonstrations)
+    with zipfile.ZipFile(path, "a") as archive:
+        archive.writestr("README.txt", "recorded on Monday")
+    formats.keep(path, output, KEPT)
+    assert_kept(path, output)
+    with zipfile.ZipFile(path, "a") as archive:
+        archive.writestr("timestamps.npy", b"\x93NUMPY\x03\x00\x10\x00\x00\x00")
+    assert rpil.read(path).ids == demonstrations.ids
+    assert "timestamps" in formats.read_recording(path).description.ignored

@@ -18,6 +18,7 @@ from rpil.data.arrays import Id
 from rpil.data.errors import DataError
 from rpil.data.files import check_extension, new_folder, replacing
 from rpil.data.formats import table as flat
+from rpil.data.formats.arrow import read_ipc
 from rpil.data.formats.columns import ColumnOptions
 from rpil.data.formats.parts import NO_STEPS, NUMBERED, Part, from_parts
 from rpil.data.formats.recording import Recording
@@ -104,7 +105,7 @@ def _table(path: Path) -> pa.Table:
 
     with guarded(path.name, "it is damaged or truncated", "save it again"):
         files = [Path(file["filename"]).name for file in read_json(path / _STATE)["_data_files"]]
-        tables = [pa.ipc.open_stream(pa.memory_map(str(path / name))).read_all() for name in files]
+        tables = [read_ipc(path / name, path.name) for name in files]
         for table in tables:
             table.validate(full=True)
         return pa.concat_tables(tables)

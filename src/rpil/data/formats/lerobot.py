@@ -10,12 +10,16 @@ from typing import TYPE_CHECKING, Any
 
 from rpil.data.arrays import Id
 from rpil.data.folders import check_inside
+from rpil.data.formats.names import quoted
 from rpil.data.formats.parquet_pages import check_table
 from rpil.data.guard import guarded
 from rpil.data.json_files import LARGEST_METADATA, LARGEST_TABLE, parse, parse_lines
 
 if TYPE_CHECKING:
     from pyarrow import fs
+
+
+_SIZES = "total_episodes", "total_frames"
 
 
 @dataclass(frozen=True)
@@ -27,7 +31,7 @@ class Metadata:
     names: Mapping[str, tuple[str, ...]] = field(default_factory=dict)  # of the numbers in a column of lists
     tasks: Mapping[str, str] = field(default_factory=dict)  # by task_index, as text
     videos: tuple[str, ...] = ()  # observations that lie beside the table
-    sizes: Mapping[str, object] = field(default_factory=dict)  # declared numbers of demonstrations and steps
+    sizes: Mapping[str, float] = field(default_factory=dict)  # declared numbers of demonstrations and steps
     lengths: Mapping[Id, int] = field(default_factory=dict)  # declared steps of each demonstration
     unusable: tuple[str, ...] = ()  # what ``meta`` says and cannot be used
 
@@ -76,9 +80,8 @@ def read_metadata(filesystem: fs.FileSystem, paths: Sequence[str]) -> Metadata:
         for place in (*names, meta / "episodes", *(info.path for info in filesystem.get_file_info(folder))):
             check_inside(str(place), str(data.parent))
     try:
-        with filesystem.open_input_stream(str(meta / "info.json")) as stream:
-            text = stream.read(LARGEST_METADATA + 1)
-    except OSError:
+        text = _read_start(filesystem, meta / "info.json")
+    except FileNotFoundError:
         return Metadata()
     info, unusable = read_info(text, data.parent.name), []
     fps = _frame_rate(info.get("fps"))
@@ -87,20 +90,39 @@ def read_metadata(filesystem: fs.FileSystem, paths: Sequence[str]) -> Metadata:
     given = info.get("features", {})
     features = {k: v for k, v in given.items() if isinstance(v, dict)} if isinstance(given, dict) else {}
     if features != given:
-        unusable.append("features")
+        wrong = [name for name in given if name not in features] if isinstance(given, dict) else []
+        unusable.append(f"features {quoted(wrong, 5)}" if wrong else "features")
+    sizes: dict[str, float] = {name: info[name] for name in _SIZES if _is_size(info.get(name))}
+    unusable += [name for name in _SIZES if name in info and name not in sizes]
     tasks = _tasks(filesystem, meta)
     if tasks is None:
         unusable.append("tasks")
     return Metadata(
-        version=str(info.get("codebase_version", "")),
+        version=str(info.get("codebase_version", ""))[:40],
         fps=fps,
         names={name: parts for name, feature in features.items() if (parts := _part_names(feature))},
         tasks=tasks or {},
         videos=tuple(name for name, feature in features.items() if feature.get("dtype") == "video"),
-        sizes={name: info[name] for name in ("total_episodes", "total_frames") if name in info},
+        sizes=sizes,
         lengths=_lengths(filesystem, meta) if _are_all(filesystem, data, paths) else {},
         unusable=tuple(unusable),
     )
+
+
+def _read_start(filesystem: fs.FileSystem, path: PurePosixPath) -> bytes:
+    """As much of a file as metadata have; a `FileNotFoundError` where it is not there."""
+    remedy = "change its permissions, or move it away"
+    with (
+        guarded(path, remedy=remedy),
+        suppress(FileNotFoundError),
+        filesystem.open_input_stream(str(path)) as stream,
+    ):
+        return bytes(stream.read(LARGEST_METADATA + 1))
+    raise FileNotFoundError(path)
+
+
+def _is_size(value: object) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and 0 <= value < 1e15
 
 
 def _frame_rate(value: object) -> float | None:
@@ -160,7 +182,7 @@ def _tasks(filesystem: fs.FileSystem, meta: PurePosixPath) -> dict[str, str] | N
             text = next((name for name in table.column_names if name != "task_index"), "task_index")
             return dict(zip(map(str, table["task_index"].to_pylist()), map(str, table[text].to_pylist()), strict=True))
         with suppress(FileNotFoundError), filesystem.open_input_stream(str(meta / "tasks.jsonl")) as stream:
-            rows = parse_lines(stream.read(LARGEST_METADATA + 1), str(meta / "tasks.jsonl"))
+            rows = parse_lines(stream.read(LARGEST_TABLE + 1), str(meta / "tasks.jsonl"), LARGEST_TABLE)
             return {str(row["task_index"]): str(row["task"]) for row in rows}
     except (pa.ArrowException, OSError, ValueError, KeyError, TypeError, RecursionError):
         return None

@@ -19,9 +19,9 @@ from rpil.data.formats import folder
 from rpil.data.formats import table as flat
 from rpil.data.formats.columns import ColumnOptions
 from rpil.data.formats.lerobot import read_info
-from rpil.data.formats.parquet_pages import check_table
+from rpil.data.formats.parquet_pages import check_pages, check_table
 from rpil.data.formats.selection import keep_rows
-from rpil.data.formats.store import find_files
+from rpil.data.formats.store import find_files, opened
 from rpil.data.formats.table import check_ids
 from rpil.data.guard import guarded
 from rpil.data.json_files import LARGEST_METADATA, read_json
@@ -72,10 +72,8 @@ def check_output(path: Path, output: Path) -> dict[str, Any]:
 def keep(path: Path, output: Path, ids: Sequence[Id]) -> None:
     """Write ``{"episodes": [...]}`` where `output` ends in .json, else a new folder in the layout of version 3.0."""
     info = check_output(path, output)
+    check_ids(ids, _ids(path), str(path), "them")
     if output.suffix.lower() == ".json":
-        unknown = [name for name in ids if not str(name).isdecimal()]
-        if unknown:
-            raise DataError(f"{path}: no demonstration is called {unknown[0]!r}; episodes are whole numbers.")
         with replacing(output) as temporary:
             temporary.write_text(json.dumps({"episodes": sorted(map(int, ids))}, indent=1) + "\n")
         return
@@ -83,7 +81,6 @@ def keep(path: Path, output: Path, ids: Sequence[Id]) -> None:
         copy_folder(path / "meta", new / "meta", without="episodes")
         episodes = _Episodes({str(name) for name in ids})
         episodes.copy(path, new, info["chunks_size"])
-        check_ids(ids, episodes.numbers, str(path), "them")
         with guarded(path / "meta" / "episodes"):
             _write_episodes(path, new, episodes)
         n_episodes = len(episodes.numbers)
@@ -92,6 +89,20 @@ def keep(path: Path, output: Path, ids: Sequence[Id]) -> None:
         (new / "meta" / "info.json").write_text(json.dumps(info, indent=4), encoding="utf-8")
         with guarded(path / "meta" / "stats.json"):
             _write_statistics(new)
+
+
+def _ids(path: Path) -> set[int]:
+    """The numbers of the episodes in the data files."""
+    from pyarrow import fs
+
+    found: set[int] = set()
+    for file in find_files(path)[1]:
+        filesystem = fs.LocalFileSystem()
+        with opened(filesystem, file) as stored:
+            check_pages(filesystem, file, stored, ["episode_index"])
+            for batch in stored.iter_batches(columns=["episode_index"]):
+                found.update(batch["episode_index"].unique().to_pylist())
+    return found
 
 
 def commands(path: Path, ids: Sequence[object], kept: Sequence[object], output: StrPath = "") -> list[str]:

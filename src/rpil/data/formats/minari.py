@@ -15,7 +15,7 @@ from rpil.data.files import new_folder
 from rpil.data.folders import check_inside, copy_folder
 from rpil.data.formats import hdf5
 from rpil.data.formats import table as flat
-from rpil.data.formats.arrow import end_to_end, from_arrow
+from rpil.data.formats.arrow import end_to_end, from_arrow, read_ipc
 from rpil.data.formats.columns import ColumnOptions
 from rpil.data.formats.description import listed
 from rpil.data.formats.parquet_pages import check_table
@@ -186,7 +186,9 @@ def _opened(folder: Path, kind: str, source: str) -> Iterator[dataset.Dataset]:
     from pyarrow import dataset
 
     with guarded(f"{source}, demonstration {folder.name}", "it is damaged or truncated", "write it again"):
-        yield dataset.dataset([str(file) for file in sorted(folder.glob(f"*.{kind}"))], format=kind)
+        files = sorted(folder.glob(f"*.{kind}"))
+        stored = [read_ipc(file, f"{source}, demonstration {folder.name}") for file in files if kind == "arrow"]
+        yield dataset.dataset(stored or list(map(str, files)), format=None if stored else kind)
 
 
 def _n_steps(folder: Path, n_rows: int) -> int:

@@ -18,7 +18,7 @@ from rpil.data.formats.names import ACTION, EPISODE, TIMESTAMP, quoted
 from rpil.data.formats.recording import Recording
 from rpil.data.formats.times import Times
 from rpil.data.guard import guarded
-from rpil.data.npy import declared, read_arrays, write_npz
+from rpil.data.npy import ARRAY, declared, read_arrays, write_npz
 from rpil.numerics.types import Array
 
 SPELLINGS = ("observations", "observation"), ACTION[::-1], ("episode_ids", *EPISODE)
@@ -30,7 +30,7 @@ def read(path: Path, options: ColumnOptions) -> Recording:
     source = path.name
     fault = "not an NPZ file, or a damaged or truncated one", "write it again"
     with guarded(source, *fault), zipfile.ZipFile(path) as stored:
-        found = {name.removesuffix(".npy"): name for name in stored.namelist()}
+        found = {name.removesuffix(ARRAY): name for name in stored.namelist() if name.endswith(ARRAY)}
         wanted = _find_arrays(found, options, source)
         optional = _OPTIONAL, options.operator, _timestamps(stored, found, wanted[-1])
         names = [name for name in (*wanted, *optional) if name in found]
@@ -76,7 +76,10 @@ def _timestamps(stored: zipfile.ZipFile, found: Mapping[str, str], steps: str) -
     name = next((name for name in TIMESTAMP if name in found), None)
     if name is None:
         return None
-    shape, dtype = declared(stored, found[name])
+    try:
+        shape, dtype = declared(stored, found[name])
+    except ValueError:  # of another version, or no array
+        return None
     return name if dtype.kind in "iuf" and shape == declared(stored, found[steps])[0] else None
 
 

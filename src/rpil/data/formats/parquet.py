@@ -12,16 +12,15 @@ from rpil.data.files import replacing
 from rpil.data.formats import table as flat
 from rpil.data.formats.columns import ColumnOptions, Columns
 from rpil.data.formats.lerobot import format_name, read_metadata
-from rpil.data.formats.parquet_pages import check_lists
+from rpil.data.formats.parquet_pages import check_pages
 from rpil.data.formats.recording import Recording, from_table
 from rpil.data.formats.store import check_columns, columns_of_file, opened
 from rpil.data.formats.table import refuse_id_in_two_files
-from rpil.data.memory import BYTES_PER_NUMBER, check_memory
+from rpil.data.memory import check_memory
 from rpil.numerics.types import Array
 
 if TYPE_CHECKING:
     import pyarrow as pa
-    import pyarrow.parquet as pq
     from pyarrow import fs
 
 
@@ -41,9 +40,9 @@ def read_files(filesystem: fs.FileSystem, paths: Sequence[str], options: ColumnO
     tables, n_bytes = [], 0
     for path, name in zip(paths, names, strict=True):
         with opened(filesystem, path) as file:
-            columns = columns or columns_of_file(file, name, options)
+            columns = columns or columns_of_file(filesystem, path, file, options)
             check_columns(file, columns, name, names[0])
-            n_bytes += decoded_bytes(filesystem, path, file, columns.all)
+            n_bytes += check_pages(filesystem, path, file, columns.all)
             check_memory(n_bytes, source)
             tables.append(file.read(columns=columns.all))
             tables[-1].validate(full=True)  # text from a damaged file need not be Unicode
@@ -52,20 +51,6 @@ def read_files(filesystem: fs.FileSystem, paths: Sequence[str], options: ColumnO
     metadata = read_metadata(filesystem, paths)
     table = pa.concat_tables(tables, promote_options="permissive")
     return from_table(table, columns, source, format_name(metadata, len(paths)), metadata)
-
-
-def decoded_bytes(
-    filesystem: fs.FileSystem, path: str, file: pq.ParquetFile, columns: Sequence[str] | None = None
-) -> int:
-    """Bytes that `columns`, by default all, take in memory, by the numbers of rows and of values in lists.
-
-    A value that repeats is in the file only once.
-    """
-    kinds = {field.name: flat.kind_of_type(field.type) for field in file.schema_arrow}
-    chosen = list(kinds) if columns is None else columns
-    lists = [name for name in chosen if kinds[name] == "list"]
-    n_listed = check_lists(filesystem, path, file, lists)
-    return BYTES_PER_NUMBER * (int(file.metadata.num_rows) * (len(chosen) - len(lists)) + n_listed)
 
 
 def write(path: Path, demonstrations: Demonstrations, truth: Mapping[str, Array]) -> None:

@@ -1,15 +1,15 @@
-"""How many numbers the lists in a Parquet file hold, by the headers of its pages, before any is decoded.
+"""What the columns of a Parquet file take in memory, by the headers of their pages, before any is decoded.
 
-A value that repeats is stored once, so that a row of a kilobyte may hold 10^9 of them: neither the number of rows nor
-the size of the file tells. The footer does, but a reader believes the pages. pyarrow does not show their headers, and
-to ask it for a column of a damaged footer may end the process. Both are read here, in Thrift's compact encoding.
+A value that repeats is stored once, so that a kilobyte may hold 10^9 letters, or a list of 10^9 numbers: neither the
+number of rows nor the size of the file tells. The footer does, but a reader believes the pages. pyarrow does not show
+their headers, and to ask it for a column of a damaged footer may end the process. Both are encoded by Thrift.
 """
 
 from __future__ import annotations
 
 from collections.abc import Collection
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from rpil.data.errors import DataError
 from rpil.data.memory import BYTES_PER_NUMBER, check_memory
@@ -25,47 +25,36 @@ Fields = dict[int, Any]
 _TAIL = 8  # bytes at the end of a file: the length of the footer, and a mark
 _FIRST_HEADER, _LONGEST_HEADER = 256, 2**24  # bytes of the header of a page that are read at first, and at most
 _MAX_DEPTH = 16
-_SMALL_GROUP = 2**28  # bytes of the lists in a row group, which are decoded whatever the memory
+_LARGEST_PAGE = 2**28  # bytes, which are decoded at once, and may be whatever the memory
 _LONGEST_LIST = 2**20  # numbers of a step
 _TRUE, _FALSE, _BYTE, _DOUBLE, _BINARY, _LIST, _SET, _STRUCT = 1, 2, 3, 7, 8, 9, 10, 12  # types of Thrift
 _ROW_GROUPS, _COLUMNS, _ABOUT = 4, 1, 3  # fields of the footer, of a row group and of a column in it
 _PACKED_BYTES, _DATA_PAGE, _DICTIONARY_PAGE = 7, 9, 11  # fields of what is said about a column
-_PAGE_BYTES, _PAGE, _PAGE_2, _N_VALUES = 3, 5, 8, 1  # fields of the header of a page
+_DECODED_BYTES, _PAGE_BYTES, _PAGE, _PAGE_2, _N_VALUES = 2, 3, 5, 8, 1  # fields of the header of a page
 
 
-def listed_numbers(filesystem: fs.FileSystem, path: str, file: pq.ParquetFile, columns: Collection[str]) -> list[int]:
-    """The numbers in the lists of `columns`, of each row group; a `DataError` where the file is damaged."""
-    schema, names = file.schema, set(file.schema_arrow.names)
-    parts = ((k, schema.column(k)) for k in range(len(schema)))
-    lists = [k for k, part in parts if part.max_repetition_level and _column_of(part.path, names) in columns]
-    if not lists:
-        return [0] * file.num_row_groups
-    try:
-        with filesystem.open_input_file(path) as stream:
-            groups = _footer(stream)[_ROW_GROUPS]
-            return [sum(_n_values(stream, group[_COLUMNS][k]) for k in lists) for group in groups]
-    except (LookupError, TypeError, ValueError, RecursionError) as error:
-        raise DataError(f"{path.rpartition('/')[2]}: a damaged Parquet file; write it again.") from error
+def check_pages(filesystem: fs.FileSystem, path: str, file: pq.ParquetFile, columns: Collection[str]) -> int:
+    """The bytes that `columns` take in memory.
 
-
-def check_lists(filesystem: fs.FileSystem, path: str, file: pq.ParquetFile, columns: Collection[str]) -> int:
-    """The numbers in the lists of `columns`.
-
-    A `DataError` where there are many in a row group, which may all be in one list, and they do not fit in memory, are
-    not as many in each row, or are more than a step has.
+    A `DataError` where the file is damaged, a page is larger than any that is written, or a row group has many numbers
+    in lists, which may all be in one list, and they do not fit in memory, are not as many in each row, or are more than
+    a step has.
     """
-    name = path.rpartition("/")[2]
-    numbers = listed_numbers(filesystem, path, file, columns)
-    for k, n in enumerate(numbers):
-        if BYTES_PER_NUMBER * n > _SMALL_GROUP:
+    name, n_bytes = path.rpartition("/")[2], 0
+    for number, chunks in enumerate(page_sizes(filesystem, path, file, columns)):
+        if any(chunk.largest > _LARGEST_PAGE for chunk in chunks):
+            raise DataError(f"{name}: a page of it has over {_LARGEST_PAGE // 2**20} MiB; write it with smaller pages.")
+        n = sum(chunk.n_values for chunk in chunks if chunk.is_list)
+        if BYTES_PER_NUMBER * n > _LARGEST_PAGE:
             check_memory(BYTES_PER_NUMBER * n, f"{name}, the lists of a row group")
-            n_rows = max(file.metadata.row_group(k).num_rows, 1)
+            n_rows = max(file.metadata.row_group(number).num_rows, 1)
             if n % n_rows or n // n_rows > _LONGEST_LIST:
                 raise DataError(
                     f"{name}: lists hold {n:,} numbers in {n_rows:,} rows; write as many in every row, and "
                     f"{_LONGEST_LIST:,} at most, or leave them out with --exclude or exclude=."
                 )
-    return sum(numbers)
+        n_bytes += sum(max(BYTES_PER_NUMBER * chunk.n_values, chunk.n_bytes) for chunk in chunks)
+    return n_bytes
 
 
 def check_table(path: Path | str, filesystem: fs.FileSystem | None = None) -> None:
@@ -75,8 +64,31 @@ def check_table(path: Path | str, filesystem: fs.FileSystem | None = None) -> No
 
     filesystem = filesystem or fs.LocalFileSystem()
     with filesystem.open_input_file(str(path)) as stream, pq.ParquetFile(stream) as file:
-        n_listed = sum(listed_numbers(filesystem, str(path), file, file.schema_arrow.names))
-        check_memory(BYTES_PER_NUMBER * (file.metadata.num_rows * len(file.schema) + n_listed), Path(path).name)
+        check_memory(check_pages(filesystem, str(path), file, file.schema_arrow.names), Path(path).name)
+
+
+class Chunk(NamedTuple):
+    """What a column holds in a row group, by its pages: values, bytes, those of its largest page; whether in lists."""
+
+    n_values: int
+    n_bytes: int
+    largest: int
+    is_list: bool
+
+
+def page_sizes(
+    filesystem: fs.FileSystem, path: str, file: pq.ParquetFile, columns: Collection[str]
+) -> list[list[Chunk]]:
+    """What `columns` hold in each row group; a `DataError` where the file is damaged."""
+    schema, names = file.schema, set(file.schema_arrow.names)
+    parts = [(k, schema.column(k)) for k in range(len(schema))]
+    chosen = [(k, part.max_repetition_level > 0) for k, part in parts if _column_of(part.path, names) in columns]
+    try:
+        with filesystem.open_input_file(path) as stream:
+            groups = _footer(stream)[_ROW_GROUPS]
+            return [[_chunk(stream, group[_COLUMNS][k], is_list) for k, is_list in chosen] for group in groups]
+    except (LookupError, TypeError, ValueError, RecursionError) as error:
+        raise DataError(f"{path.rpartition('/')[2]}: a damaged Parquet file; write it again.") from error
 
 
 def _column_of(path: str, names: Collection[str]) -> str:
@@ -92,20 +104,19 @@ def _footer(stream: pa.NativeFile) -> Fields:
     return _Reader(stream.read_at(min(n_bytes, size), max(size - _TAIL - n_bytes, 0))).fields()
 
 
-def _n_values(stream: pa.NativeFile, column: Fields) -> int:
-    """The numbers in the pages of a column in a row group."""
+def _chunk(stream: pa.NativeFile, column: Fields, is_list: bool) -> Chunk:
     about = column[_ABOUT]
-    starts = [about[field] for field in (_DATA_PAGE, _DICTIONARY_PAGE) if about.get(field)]
-    place, n_values = min(starts), 0
-    end = place + about[_PACKED_BYTES]
+    place = min(about[field] for field in (_DATA_PAGE, _DICTIONARY_PAGE) if about.get(field))
+    end, n_values, sizes = place + about[_PACKED_BYTES], 0, [0]
     while place < end:
         n_bytes, page = _page_header(stream, place)
         values = page.get(_PAGE) or page.get(_PAGE_2) or {_N_VALUES: 0}  # a dictionary's are no values of a row
-        if min(values[_N_VALUES], page[_PAGE_BYTES]) < 0:
+        if min(values[_N_VALUES], page[_PAGE_BYTES], page[_DECODED_BYTES]) < 0:
             raise ValueError(place)
         n_values += values[_N_VALUES]
+        sizes.append(page[_DECODED_BYTES])
         place += n_bytes + page[_PAGE_BYTES]
-    return n_values
+    return Chunk(n_values, sum(sizes), max(sizes), is_list)
 
 
 def _page_header(stream: pa.NativeFile, place: int) -> tuple[int, Fields]:

@@ -24,7 +24,7 @@ from rpil.data.formats.csv import FILE, find_text_columns, names_in_folder
 from rpil.data.formats.dialect import TEXT_SUFFIXES, find_dialect, without_suffix
 from rpil.data.formats.store import BATCH_ROWS, columns_of_file, find_files, opened
 from rpil.data.formats.table import check_ids
-from rpil.data.npy import read_arrays, write_npz
+from rpil.data.npy import ARRAY, read_arrays, write_npz
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -87,10 +87,11 @@ def _kept_tables(path: Path, ids: Set[str], options: ColumnOptions, found: set[s
     import pyarrow as pa
     from pyarrow import fs
 
-    with opened(fs.LocalFileSystem(), str(path)) as file:
+    filesystem = fs.LocalFileSystem()
+    with opened(filesystem, str(path)) as file:
         schema = file.schema.to_arrow_schema()
         nested = any(flat.kind_of_type(field.type) == "nested" for field in schema)
-        column = columns_of_file(file, path.name, options).episode
+        column = columns_of_file(filesystem, str(path), file, options).episode
         yield schema.empty_table()
         for batch in file.iter_batches(_NESTED_ROWS if nested else BATCH_ROWS):
             rows = pa.Table.from_batches([batch])
@@ -148,13 +149,13 @@ def _tee(lines: Iterable[str], taken: list[str]) -> Iterator[str]:
 def _keep_arrays(path: Path, output: Path, ids: Set[str], options: ColumnOptions) -> set[str]:
     """Write the arrays of an NPZ file with the rows, or the values, of the demonstrations `ids`; return the ids found.
 
-    An array with one value for each step or demonstration is cut, any other is written whole.
+    An array with one value for each step or demonstration is cut, any other is written whole; what is no array is not.
     """
     order = [str(name) for name in npz.read(path, options).demonstrations.ids]
     with zipfile.ZipFile(path) as stored:
-        members = stored.namelist()
+        members = [name for name in stored.namelist() if name.endswith(ARRAY)]
         values = read_arrays(stored, members, path.name)
-    arrays = dict(zip((name.removesuffix(".npy") for name in members), values, strict=True))
+    arrays = dict(zip((name.removesuffix(ARRAY) for name in members), values, strict=True))
     column = next(name for name in as_list(options.id or ()) or npz.SPELLINGS[-1] if name in arrays)
     owners = arrays[column]
     owners = owners.astype(np.int64) if owners.dtype.kind == "f" else owners

@@ -21,7 +21,7 @@ from rpil.data.formats.columns import ColumnOptions, Columns, check_unique, find
 from rpil.data.formats.dialect import TEXT_SUFFIXES
 from rpil.data.formats.lerobot import Metadata, read_metadata
 from rpil.data.formats.names import is_data
-from rpil.data.formats.parquet_pages import check_lists
+from rpil.data.formats.parquet_pages import check_pages
 from rpil.data.formats.table import Place
 from rpil.data.guard import guard, guarded, one_line
 from rpil.numerics.types import Array
@@ -269,15 +269,16 @@ class Statistics:
                 self.ranges[name] = float(min(low, np.nanmin(values))), float(max(high, np.nanmax(values)))
 
 
-def columns_of_file(file: pq.ParquetFile, name: str, options: ColumnOptions) -> Columns:
-    """The columns of an open file, by their names, types and first values."""
+def columns_of_file(filesystem: fs.FileSystem, path: str, file: pq.ParquetFile, options: ColumnOptions) -> Columns:
+    """The columns of an open file, by their names, types and first values; a `DataError` where these are too large."""
     import pyarrow as pa
 
-    schema = file.schema_arrow
+    schema, name = file.schema_arrow, PurePosixPath(path).name
     check_unique(schema.names, name)
     kinds = {field.name: flat.kind_of_type(field.type) for field in schema} if file.metadata.num_rows else {}
     # Of images no value is read, and of very many columns the types are enough.
     plain = [name for name, kind in kinds.items() if kind in ("number", "text")][:_HEAD_COLUMNS]
+    check_pages(filesystem, path, file, plain)
     head = next(file.iter_batches(flat.HEAD_ROWS, columns=plain), None)
     if head is not None:
         kinds |= flat.kinds_of(pa.Table.from_batches([head]))
@@ -309,9 +310,9 @@ def describe(
                 groups.append(RowGroup(path, number, begins + row, begins + row + n_rows, row))
                 row += n_rows
             begins += row
-            columns, first = columns or columns_of_file(file, name, options), first or name
+            columns, first = columns or columns_of_file(filesystem, path, file, options), first or name
             check_columns(file, columns, name, first)
-            check_lists(filesystem, path, file, columns.data)
+            check_pages(filesystem, path, file, columns.all)
             head = next(file.iter_batches(1, columns=columns.data), None)
         if head is not None:
             this = _store_of_row(filesystem, columns, head, name, metadata)
