@@ -94,6 +94,13 @@ def keep_first(path: str) -> None:
     formats.keep(path, f"{path}.kept.hdf5", ["demo_0"])
 
 
+def keep_number_0(path: str) -> None:
+    """Write the demonstration 0 beside the file."""
+    from rpil.data import formats
+
+    formats.keep(path, f"{path}.kept", [0])
+
+
 def varint(number: int) -> bytes:
     """A whole number as Thrift writes it."""
     number, found = 2 * number, []
