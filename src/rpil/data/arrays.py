@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable, Sequence
-from typing import Any, Literal, cast
+from typing import Literal, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -216,7 +216,7 @@ def check_text(text: str, what: str, where: str) -> None:
         raise DataError(f"{where}: {what} {fault}; change it.")
 
 
-def check_width(dtype: np.dtype[Any], where: str) -> None:
+def check_width(dtype: np.dtype[np.generic], where: str) -> None:
     """Raise a `DataError` on a type of texts of one length that is longer than any text may be."""
     if dtype.kind in "SU" and dtype.itemsize > _CHARACTER_BYTES * LONGEST_TEXT:
         raise DataError(
