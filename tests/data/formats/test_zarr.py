@@ -207,13 +207,3 @@ def test_a_zip_file_is_one_by_its_name(tmp_path):
     damaged.write_bytes(other.read_bytes()[:-30])
     with pytest.raises(DataError, match=r"damaged\.zarr\.zip: no ZIP file, or a damaged one"):
         rpil.read(damaged)
-
-
-def test_texts_count_with_their_length(tmp_path):
-    path = tmp_path / "buffer.zarr"
-    write_buffer(path)
-    texts = np.array([f"{k:0900}" for k in ENDS] * 4, np.dtypes.StringDType())[:11]
-    zarr.open_group(path).create_array("data/task", data=np.sort(texts), chunks=(3,))
-    assert len(rpil.read(path, observations="state", action="action", order=None)) == 3
-    with pytest.raises(DataError, match="to read it would take"):
-        rpil.read(path, observations="state", action="task", memory="20kB")
