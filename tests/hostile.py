@@ -117,6 +117,13 @@ def read_operator(path: str) -> None:
     formats.read_recording(path, ColumnOptions(operator="operator"))
 
 
+def keep_number_0(path: str) -> None:
+    """Write the demonstration 0 beside the file."""
+    from rpil.data import formats
+
+    formats.keep(path, f"{path}.kept", [0])
+
+
 def varint(number: int) -> bytes:
     """A whole number as Thrift writes it."""
     number, found = 2 * number, []

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gzip
 import json
 import struct
 import zipfile
@@ -221,6 +222,40 @@ def labels(path):
             file.write(piece)
 
 
+def no_chunk_of_many_rows(path):
+    one_value = {"shape": [10**8, 1], "chunks": [1, 1], "dtype": "<f8"}
+    zarr_store(ends=gzip.compress(np.array([5 * 10**7, 10**8]).tobytes()), **one_value)(path)
+    header = path / "data/state/.zarray"
+    header.write_text(json.dumps(json.loads(header.read_text()) | one_value))
+    (path / "data/state/0.0").unlink()
+
+
+def wide_images(path):
+    zarr_store(action=bytes(960))(path)
+    (path / "data/img").mkdir()
+    about = json.loads((path / "data/action/.zarray").read_text())
+    about |= {"shape": [40, 10**8], "chunks": [20, 10**8], "dtype": "|u1", "compressor": {"id": "zstd"}}
+    (path / "data/img/.zarray").write_text(json.dumps(about))
+    content = numcodecs.Zstd().encode(bytes(10**7)) * 200
+    for k in range(2):
+        (path / f"data/img/{k}.0").write_bytes(content)
+
+
+def wide_texts(path):
+    zarr_store(action=bytes(960))(path)
+    (path / "data/task").mkdir()
+    about = json.loads((path / "data/action/.zarray").read_text())
+    about |= {"shape": [40], "chunks": [1], "dtype": "<U999999", "compressor": {"id": "zstd"}}
+    (path / "data/task/.zarray").write_text(json.dumps(about))
+    for k in range(40):
+        (path / f"data/task/{k}").write_bytes(numcodecs.Zstd().encode(bytes(4 * 999_999)))
+
+
+def wide_mask(file):
+    file["data/demo_1/actions"] = np.ones((10, 3))
+    file.create_dataset("mask/huge", data=np.full(2, b"demo_0", "S250000000"), chunks=(1,), compression="gzip")
+
+
 FILES = {
     "gzip.zarr": (zarr_store(action=gzipped, compressor={"id": "gzip", "level": 1}), READ),
     "gzip-ends.zarr": (zarr_store(ends=gzipped), READ),
@@ -234,6 +269,9 @@ FILES = {
     "lz4.zarr": (zarr_store(action=encoded(numcodecs.LZ4()), compressor={"id": "lz4"}), READ),
     "no-chunk.zarr": (zarr_store(shape=[40, 4 * 10**6], chunks=[1, 1]), READ),
     "wide-chunk.zarr": (zarr_store(chunks=[10**9, 3], action=gzipped, compressor={"id": "gzip"}), READ),
+    "many-rows.zarr": (no_chunk_of_many_rows, READ),
+    "wide-texts.zarr": (wide_texts, READ),
+    "wide-mask.hdf5": (robomimic(wide_mask), "hostile:keep_first"),
     "deflated.zarr.zip": (zipped_zarr, READ),
     "deflate.hdf5": (robomimic(deflated), READ),
     "wide-chunk.hdf5": (robomimic(wide_chunk), READ),
@@ -275,3 +313,9 @@ def test_it_is_refused_in_one_sentence_and_soon(ends, name):
 
 def test_no_file_takes_more_than_one_gib(ends):
     assert ends[1] < MAX_BYTES
+
+
+def test_keeping_wide_images_takes_no_more_memory_than_it_may(tmp_path):
+    ends, peak = read_all(tmp_path, {"wide.zarr": (wide_images, "hostile:keep_number_0")}, memory="300MB")
+    assert_refused(ends["wide.zarr"], "wide.zarr")
+    assert peak < MAX_BYTES

@@ -115,7 +115,7 @@ COLUMN_OPTIONS = (
         "--fill-missing",
         is_flag=True,
         callback=_fill_chunks,
-        help="Read chunks of Zarr that are not there as the value that its header names, mostly 0.",
+        help="Read chunks of Zarr and HDF5 that are not there as the value that the file names, mostly 0.",
     ),
 )
 FIT_OPTIONS = (

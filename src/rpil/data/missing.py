@@ -27,7 +27,7 @@ def are_allowed() -> bool:
 
 @contextmanager
 def fill_chunks(wanted: bool = True) -> Iterator[None]:
-    """Within the block, and only if `wanted`, chunks of Zarr that are not there are read as the fill value."""
+    """Within the block, and only if `wanted`, chunks of Zarr and HDF5 that are not there are read as the fill value."""
     token = _FILLED.set(wanted)
     try:
         yield

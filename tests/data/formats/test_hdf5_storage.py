@@ -5,10 +5,12 @@ import zlib
 import numpy as np
 import pytest
 
+import rpil
+from hdf5_files import d4rl, h5py
+from rpil.data import formats
 from rpil.data.errors import DataError
 from rpil.data.formats import hdf5
-
-h5py = pytest.importorskip("h5py", reason="needs the extra hdf5")
+from rpil.data.missing import fill_chunks
 
 VALUES = np.arange(300.0).reshape(100, 3)
 STORED = {
@@ -60,7 +62,12 @@ def large_chunks(file):
     file.create_dataset("x", data=VALUES[:10], chunks=(2 * 10**7, 1), maxshape=(None, 3), compression="gzip")
 
 
+def some_chunks_unwritten(file):
+    file.create_dataset("x", (100, 3), "f4", chunks=(10, 3))[10:50] = 1
+
+
 HOSTILE = {
+    "some chunks unwritten": some_chunks_unwritten,
     "unwritten": unwritten,
     "unwritten chunks": unwritten_chunks,
     "longer": of_chunk(zlib.compress(bytes(241))),
@@ -87,3 +94,53 @@ def test_a_chunk_that_was_not_compressed_is_read(tmp_path):
         of_chunk(VALUES[:10].tobytes(), filter_mask=1)(file)
     with hdf5.opened(tmp_path / "x.hdf5") as file:
         np.testing.assert_array_equal(hdf5.array_at(file, "x")[:], VALUES[:10])
+
+
+@pytest.mark.parametrize("how", [{}, {"chunks": (5, 2)}, {"chunks": (5, 2), "compression": "gzip"}])
+def test_what_was_not_written_is_filled_in_where_that_is_asked_for(tmp_path, how):
+    with h5py.File(tmp_path / "x.hdf5", "w") as file:
+        array = file.create_dataset("x", (20, 2), "f4", fillvalue=7, **how)
+        if how:
+            array[5:10] = 1
+    with hdf5.opened(tmp_path / "x.hdf5") as file:
+        array = hdf5.array_at(file, "x")
+        with fill_chunks():
+            assert array[:].sum() == (20 * 2 * 7 - 10 * 6 if how else 20 * 2 * 7)
+        with pytest.raises(DataError, match=r"x\.hdf5: x .*--fill-missing"):
+            array[:]
+
+
+def test_arrays_that_are_not_read_may_be_stored_in_any_way(tmp_path):
+    """Those that are read may not, and rewards without a value are given back as they are read."""
+    path, kept = d4rl(tmp_path / "x.hdf5"), tmp_path / "kept.hdf5"
+    with h5py.File(path, "r+") as file:
+        n = len(file["rewards"])
+        del file["rewards"]
+        file.create_dataset("rewards", (n,), "f4", chunks=(5,))[:5] = 1
+        file.create_dataset("infos/packed", data=np.arange(n), scaleoffset=8, chunks=(5,))
+    assert len(rpil.read(path)) == 3
+    with pytest.raises(DataError, match=r"x\.hdf5: rewards .* 1 of its 8 chunks are in .*--fill-missing"):
+        rpil.read(path, observations="rewards")
+    with pytest.raises(DataError, match=r"infos/packed .*\(scaleoffset\)"):
+        rpil.read(path, observations="infos/packed")
+    with h5py.File(path, "r+") as file:
+        del file["infos/packed"]
+    formats.keep(path, kept, [0, 2])
+    with h5py.File(kept) as file:
+        assert file["rewards"][:].tolist() == [1] * 5 + [0] * (len(file["rewards"]) - 5)
+
+
+def test_timeouts_that_were_not_written_are_all_false_where_that_is_asked_for(tmp_path):
+    path = d4rl(tmp_path / "x.hdf5", terminal=(0, 1, 2), timeouts=False)
+    with h5py.File(path, "r+") as file:
+        file.create_dataset("timeouts", (36,), bool)
+    with pytest.raises(DataError, match=r"x\.hdf5: timeouts .*--fill-missing"):
+        rpil.read(path)
+    assert len(rpil.read(path, fill_missing=True)) == 3
+
+
+def test_texts_of_one_length_that_are_too_long_are_not_loaded(tmp_path):
+    with h5py.File(tmp_path / "x.hdf5", "w") as file:
+        file["x"] = np.array([b"a"], dtype="S5000")
+    with hdf5.opened(tmp_path / "x.hdf5") as file, pytest.raises(DataError, match=r"x\.hdf5: x is of texts of 5,000"):
+        hdf5.load(hdf5.array_at(file, "x"), "x.hdf5")

@@ -153,8 +153,13 @@ def test_chunks_of_columns_that_are_not_read_may_be_missing(tmp_path):
     path = tmp_path / "buffer.zarr"
     write_buffer(path)
     root = zarr.open_group(path)
-    root.create_array("data/reward", data=np.zeros(11), chunks=(3,))  # zarr leaves chunks of zeros out
+    root.create_array("data/reward", data=np.arange(11.0) // 9, chunks=(3,))  # zarr leaves chunks of zeros out
     assert len(rpil.read(path)) == 3
+    formats.keep(path, tmp_path / "kept.zarr", [0, 2])
+    assert zarr.open_group(tmp_path / "kept.zarr")["data/reward"][:].tolist() == [0, 0, 0, 0, 1, 1]
+    (path / "data/keypoint/3.0.0").unlink()  # which may hold anything
+    with pytest.raises(DataError, match="data/keypoint: 1 of its 4 chunks"):
+        formats.keep(path, tmp_path / "no.zarr", [0, 2])
 
 
 def test_ends_are_never_filled_in(tmp_path):
@@ -163,6 +168,15 @@ def test_ends_are_never_filled_in(tmp_path):
     (path / "meta/episode_ends/0").unlink()
     with pytest.raises(DataError, match=r"meta/episode_ends: 1 of its 1 chunks are not there; copy it again\.$"):
         rpil.read(path, fill_missing=True)
+
+
+def test_ends_that_are_images_reach_no_codec(tmp_path):
+    path = tmp_path / "buffer.zarr"
+    write_buffer(path)
+    header = path / "meta/episode_ends/.zarray"
+    header.write_text(json.dumps({**json.loads(header.read_text()), "compressor": {"id": "imagecodecs_jpegxl"}}))
+    with pytest.raises(DataError, match="meta/episode_ends must hold rising numbers"):
+        rpil.read(path)
 
 
 @pytest.mark.parametrize("zarr_format", [2, 3])
@@ -186,6 +200,9 @@ def test_a_zip_file_is_one_by_its_name(tmp_path):
     other = path.rename(tmp_path / "buffer.dat")
     with pytest.raises(DataError, match="unknown extension"):
         rpil.read(other)
+    outside = shutil.make_archive(str(tmp_path / "outside"), "zip", tmp_path, "buffer.zarr")  # the folder itself
+    with pytest.raises(DataError, match=r"outside\.zip: .*no meta/episode_ends at the top"):
+        rpil.read(outside)
     damaged = tmp_path / "damaged.zarr.zip"
     damaged.write_bytes(other.read_bytes()[:-30])
     with pytest.raises(DataError, match=r"damaged\.zarr\.zip: no ZIP file, or a damaged one"):

@@ -22,7 +22,7 @@ WORDS = np.array(["lift", "", "gieße Kaffee", "stop"] * 3)[:11]
 
 def opened_array(folder):
     """The array in a folder, which is the whole store."""
-    files = zarr_files.Files(zarr_files._Folder(folder.parent), folder.parent.name)
+    files = zarr_files._Folder(folder.parent)
     name = next(folder / header for header in HEADERS if (folder / header).exists())
     return ZarrArray(files, folder.name, parse_header(name.read_bytes(), "store: x"), np.array([4, 9, 11]))
 

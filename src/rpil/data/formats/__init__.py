@@ -80,7 +80,8 @@ def read(
     memory : int or str, optional
         Bytes that the data may take, as a number or as text such as "4GB"; by default half of the free memory.
     fill_missing : bool
-        Whether chunks of Zarr that are not there are read as the value that its header names; else they are an error.
+        Whether chunks of Zarr and HDF5 that are not there are read as the value that the file names; else they are
+        an error.
 
     Raises
     ------

@@ -17,6 +17,7 @@ from rpil.data.formats.names import EPISODE
 from rpil.data.formats.parts import NUMBERED, Part, Stored, from_parts
 from rpil.data.formats.recording import Recording
 from rpil.data.formats.table import check_ids
+from rpil.data.missing import are_chunks_filled, fill_chunks
 from rpil.numerics.types import Array
 
 if TYPE_CHECKING:
@@ -173,4 +174,5 @@ def _copy_rows(array: h5py.Dataset, new: h5py.Group, name: str, rows: Array) -> 
     for run in np.split(np.arange(len(rows)), np.flatnonzero(np.diff(rows) != 1) + 1):
         for first in range(0, len(run), _ROWS_AT_ONCE):
             block = run[first : first + _ROWS_AT_ONCE]
-            copy[block[0] : block[-1] + 1] = array[rows[block[0]] : rows[block[-1]] + 1]
+            with fill_chunks(are_chunks_filled() or math.prod(shape[1:]) == 1):  # rewards may be left out as zeros
+                copy[block[0] : block[-1] + 1] = array[rows[block[0]] : rows[block[-1]] + 1]

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from rpil.data.arrays import Id
+from rpil.data.arrays import Id, check_width
 from rpil.data.errors import DataError, MissingExtraError
 from rpil.data.files import cannot_be_written, check_readable, replacing
 from rpil.data.formats.columns import ColumnOptions
@@ -193,8 +193,9 @@ def _is_elsewhere(array: h5py.Dataset) -> bool:
 
 
 def load(array: h5py.Dataset, source: str) -> Array:
-    """All values of an array; a `DataError` where they would not fit in memory."""
-    check_memory(BYTES_PER_NUMBER * float(np.prod(array.shape, dtype=float)), source)
+    """All values of an array; a `DataError` where they would not fit in memory, or are far too long texts."""
+    check_width(array.dtype, f"{source}: {str(array.name).strip('/')}")
+    check_memory(max(BYTES_PER_NUMBER, array.dtype.itemsize) * float(np.prod(array.shape, dtype=float)), source)
     return np.asarray(array[()])
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import zlib
 from collections.abc import Iterator, Sequence
@@ -12,6 +13,7 @@ import numpy as np
 
 from rpil.data.errors import DataError
 from rpil.data.memory import check_memory, check_padding
+from rpil.data.missing import are_chunks_filled
 
 if TYPE_CHECKING:
     import h5py
@@ -33,9 +35,16 @@ def _checked_class() -> Any:
     import h5py
 
     class CheckedDataset(h5py.Dataset):  # type: ignore[misc]
-        _is_checked = False
+        _is_checked, _is_whole = False, False
+
+        def check(self) -> None:
+            """A `DataError` where some of its values are not in the file, unless such are filled in here."""
+            if not self._is_whole and not are_chunks_filled():
+                check_whole(self)
+                self._is_whole = True
 
         def __getitem__(self, rows: object, new_dtype: np.dtype[np.generic] | None = None) -> object:
+            self.check()
             if not self._is_checked:
                 check_storage(self)
                 self._is_checked = True
@@ -44,19 +53,32 @@ def _checked_class() -> Any:
     return CheckedDataset
 
 
-def check_storage(array: h5py.Dataset) -> None:
-    """A `DataError` where an array declares values that are not in the file, or a chunk does not decode to its shape.
-
-    Values that the file does not hold would be read as zeros.
-    """
-    where = f"{os.path.basename(array.file.filename)}: {str(array.name).strip('/')}"
-    if not array.size:
-        return
-    if not array.id.get_storage_size():
+def check_whole(array: h5py.Dataset) -> None:
+    """A `DataError` where values that an array declares are not in the file: they would be read as the fill value."""
+    chunks = array.chunks or array.shape
+    n_chunks = math.prod(-(-size // step) for size, step in zip(array.shape, chunks, strict=True)) if array.size else 0
+    if array.chunks is None:
+        n_there = int(array.id.get_storage_size() > 0)
+    else:
+        n_there = array.id.get_num_chunks() if n_chunks else 0
+    if n_there < n_chunks:
+        there = f"{n_there:,} of its {n_chunks:,} chunks are" if array.chunks else "none of its values is"
         raise DataError(
-            f"{where} declares the shape {array.shape}, but none of its values is in the file; write it again, or take "
-            "it out."
+            f"{_where(array)} declares the shape {array.shape}, but {there} in the file; copy or write it again, or, "
+            "where the writer left out what has one value, have that value read with --fill-missing or "
+            "fill_missing=True."
         )
+
+
+def _where(array: h5py.Dataset) -> str:
+    return f"{os.path.basename(array.file.filename)}: {str(array.name).strip('/')}"
+
+
+def check_storage(array: h5py.Dataset) -> None:
+    """A `DataError` where an array that is stored is larger than the file, or a chunk does not decode to its shape."""
+    where = _where(array)
+    if not array.size or not array.id.get_storage_size():
+        return
     if array.chunks is None:
         if array.nbytes > array.file.id.get_filesize():
             raise DataError(
@@ -79,7 +101,7 @@ def _filters(array: h5py.Dataset, where: str) -> list[int]:
     numbers = [number for number, *_ in found]
     n_compressing = numbers.count(_DEFLATE) + numbers.count(_LZF)
     if n_compressing > 1 or any(number not in _FILTERS for number in numbers):
-        names = ", ".join(str(name or number) for number, *_, name in found)
+        names = ", ".join(name.decode(errors="replace") or str(number) for number, *_, name in found)
         raise DataError(f"{where} is stored with filters that are not read ({names}); write it again with gzip or lzf.")
     return numbers
 

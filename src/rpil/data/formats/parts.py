@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
 
 import numpy as np
 
-from rpil.data.arrays import Id, check_any
+from rpil.data.arrays import Id, check_any, check_width
 from rpil.data.errors import DataError
 from rpil.data.formats import table as flat
 from rpil.data.formats.columns import ColumnOptions, Kind, find_columns
@@ -32,6 +33,10 @@ MAX_MATRIX = 1024
 """Numbers of a matrix that is no image, at most; it is read as a list."""
 
 
+_TEXTS_AT_ONCE = 1 << 16
+_COPIES_OF_TEXTS = 3  # as they are stored, in the table, and as they are kept
+
+
 class Stored(Protocol):
     """An array that need not be in memory, such as a data set of HDF5."""
 
@@ -45,6 +50,14 @@ class Stored(Protocol):
 
     def __getitem__(self, rows: slice, /) -> object:
         """Some of its rows."""
+
+
+@runtime_checkable
+class Checked(Protocol):
+    """An array that can tell, before it is read, that some of its values are not stored."""
+
+    def check(self) -> None:
+        """A `DataError` where some are not."""
 
 
 @dataclass(frozen=True)
@@ -117,8 +130,10 @@ def _kinds(part: Part, source: str) -> dict[str, Kind]:
     kinds |= dict.fromkeys((name for name in part.arrays if not part.has_steps(name)), "nested")
     numbers = [name for name, kind in kinds.items() if kind == "number"]
     check_memory(_chunk_bytes([part.arrays[name] for name in numbers]), source)
-    with fill_chunks():  # of columns that are not read, chunks may be missing
-        head = {name: _native(part.arrays[name][: flat.HEAD_ROWS])[: part.n_steps] for name in numbers}
+    head = {}
+    for name in numbers:  # of columns that are not read, chunks may be missing or damaged; of others it is said later
+        with suppress(DataError), fill_chunks():
+            head[name] = _native(part.arrays[name][: flat.HEAD_ROWS])[: part.n_steps]
     kinds |= flat.kinds_of(pa.table(head)) if head else {}
     return kinds | {name: "text" if isinstance(value, str) else "number" for name, value in part.about.items()}
 
@@ -145,6 +160,7 @@ def _check(part: Part, first: Part, columns: Sequence[str], place: str) -> None:
         array = part.arrays.get(name)
         if array is None:
             raise DataError(f"{place}: it has no {name!r}, as others have; leave it out, or leave {name!r} out.")
+        check_width(array.dtype, f"{place}: {name!r}")
         shape = array.shape
         if not part.has_steps(name):
             raise DataError(f"{place}: {name!r} has the shape {shape} for {part.n_steps:,} actions; leave it out.")
@@ -158,10 +174,13 @@ def _rows(part: Part, name: str) -> int:
 
 
 def _check_size(parts: Sequence[Part], names: Sequence[str], source: str) -> None:
-    """A `DataError` where the arrays `names` would not fit in memory."""
+    """A `DataError` where the arrays `names` would not fit in memory, or are not stored whole, before any is read."""
     arrays = [part.arrays[name] for part in parts for name in names if name in part.arrays]
-    n_bytes = BYTES_PER_NUMBER * sum(math.prod(array.shape) for array in arrays)
+    n_bytes = sum(max(BYTES_PER_NUMBER, array.dtype.itemsize) * math.prod(array.shape) for array in arrays)
     check_memory(n_bytes + _chunk_bytes(arrays), source)
+    for array in arrays:
+        if isinstance(array, Checked):
+            array.check()
 
 
 def _chunk_bytes(arrays: Sequence[Stored]) -> int:
@@ -178,8 +197,7 @@ def _column(parts: Sequence[Part], name: str, source: str) -> pa.Array:
         return pa.concat_arrays([pa.repeat(part.about[name], part.n_steps) for part in parts])
     arrays = [part.arrays[name] for part in parts]
     if arrays[0].dtype.kind in "SUT":
-        rows = (np.asarray(array[: part.n_steps]) for array, part in zip(arrays, parts, strict=True))
-        return pa.array([_text(value, name, source) for values in rows for value in values.tolist()])
+        return pa.concat_arrays(_texts(parts, name, source))
     dtype = np.result_type(*{_native_type(array.dtype) for array in arrays})
     values = np.empty((sum(part.n_steps for part in parts), *arrays[0].shape[1:]), dtype)
     row = 0
@@ -188,6 +206,23 @@ def _column(parts: Sequence[Part], name: str, source: str) -> pa.Array:
         row += part.n_steps
     column = pa.array(values.reshape(-1))
     return column if values.ndim == 1 else pa.FixedSizeListArray.from_arrays(column, math.prod(values.shape[1:]))
+
+
+def _texts(parts: Sequence[Part], name: str, source: str) -> list[pa.Array]:
+    """The texts of a column, some steps at a time: how long they are is known only when they are read."""
+    import pyarrow as pa
+
+    found, n_bytes = [pa.array([], pa.string())], 0
+    for part in parts:
+        array = part.arrays[name]
+        size = (getattr(array, "chunks", None) or (1,))[0]
+        step = max(_TEXTS_AT_ONCE // size, 1) * size
+        for first in range(0, part.n_steps, step):
+            values = np.asarray(array[first : min(first + step, part.n_steps)]).tolist()
+            found.append(pa.array([_text(value, name, source) for value in values], pa.string()))
+            n_bytes += found[-1].nbytes
+            check_memory(_COPIES_OF_TEXTS * n_bytes, source)
+    return found
 
 
 def _text(value: object, name: str, source: str) -> str:

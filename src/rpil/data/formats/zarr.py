@@ -7,11 +7,12 @@ import math
 import zipfile
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from rpil.data.arrays import Id
+from rpil.data.arrays import LONGEST_TEXT, Id
 from rpil.data.errors import DataError, MissingExtraError
 from rpil.data.files import beside, check_extension, new_folder, replacing
 from rpil.data.formats import umi, zarr_files
@@ -26,7 +27,7 @@ from rpil.data.formats.zarr_header import HEADERS, parse_header
 from rpil.data.guard import guarded
 from rpil.data.json_files import LARGEST_METADATA
 from rpil.data.memory import BYTES_PER_NUMBER, check_memory
-from rpil.data.missing import fill_chunks
+from rpil.data.missing import are_chunks_filled, fill_chunks
 from rpil.numerics.types import Array
 
 _ENDS = "meta/episode_ends"
@@ -34,15 +35,36 @@ _ATTRIBUTES = ".zattrs"
 _COPIED_BYTES = 64 * 2**20  # at a time
 
 
+@dataclass(frozen=True)
+class _Numbers:
+    """The number of the demonstration of each step, made when it is asked for."""
+
+    ends: Array
+    dtype: np.dtype[np.int64] = np.dtype(np.int64)
+
+    @property
+    def shape(self) -> tuple[int]:
+        return (int(self.ends[-1]),)
+
+    def __getitem__(self, rows: slice) -> Array:
+        return np.searchsorted(self.ends, np.arange(*rows.indices(self.shape[0])), side="right")
+
+
 def is_mine(path: Path) -> bool:
     """Whether there is a ``meta/episode_ends`` in the folder, or in the file, whose name says that it is a ZIP file.
 
-    A `DataError` where the ZIP file is damaged.
+    A `DataError` where the ZIP file is damaged, or has none at its top.
     """
     if not path.is_dir() and not zarr_files.is_zip(path):
         return False
     with zarr_files.opened(path) as files:
-        return _header_name(files, _ENDS) is not None
+        found = _header_name(files, _ENDS) is not None
+    if not found and not path.is_dir():
+        raise DataError(
+            f"{path.name}: there is no {_ENDS} at the top of this ZIP file, as Zarr has; pack what is in the folder of "
+            "Zarr, not the folder itself, or unpack the file where it holds no Zarr."
+        )
+    return found
 
 
 def read(path: Path, options: ColumnOptions) -> Recording:
@@ -61,10 +83,9 @@ def read(path: Path, options: ColumnOptions) -> Recording:
         whole = {name: "describes a demonstration as a whole" for name in arrays if umi.WHOLE.fullmatch(name)}
         steps: dict[str, Stored] = {name: array for name, array in arrays.items() if name not in whole}
         actions = umi.moves(steps, ends, path.name) if "action" not in steps and not options.action else {}
-        lengths = np.diff(ends, prepend=0)
-        empty = np.flatnonzero(lengths == 0).tolist()
+        empty = np.flatnonzero(np.diff(ends, prepend=0) == 0).tolist()
         notes = (*([umi.NOTE] if actions else []), *without_steps(empty))
-        parts = [Part(int(ends[-1]), {NUMBERED: np.repeat(np.arange(len(ends)), lengths), **steps, **actions})]
+        parts = [Part(int(ends[-1]), {NUMBERED: _Numbers(ends), **steps, **actions})]
         recording = from_parts(parts, NUMBERED, path.name, "Zarr replay buffer", options, notes=notes)
     unread = dict.fromkeys(closed, "images of the package imagecodecs")
     return recording.with_ignored({**whole, **unread})
@@ -114,7 +135,7 @@ def _ends(files: Files) -> Array:
     """Where each demonstration ends, (M,), rising."""
     source, array = files.source, _array(files, _ENDS)
     wrong = DataError(f"{source}: {_ENDS} must hold rising numbers of steps, one for each demonstration; repair it.")
-    if array is None or len(array.shape) != 1 or array.dtype.kind not in "iu":
+    if array is None or array.header.is_closed or len(array.shape) != 1 or array.dtype.kind not in "iu":
         raise wrong
     check_memory(BYTES_PER_NUMBER * max(math.prod(array.shape), math.prod(array.chunks)), source)
     with fill_chunks(False):
@@ -184,17 +205,23 @@ def _write(new: Path, first: int, values: Array) -> None:
 
 
 def _copy(files: Files, old: ZarrArray, folder: Path, rows: Array) -> None:
-    """Write the `rows` of an array to a new one, some at a time."""
+    """Write the `rows` of an array to a new one, some at a time.
+
+    Of one number a step, as rewards are, missing chunks are filled: zarr leaves chunks of zeros out, and where such an
+    array is read as a column, they were refused when it was read.
+    """
     if old.header.is_closed:
         raise DataError(
             f"{old.header.where} holds images of the package imagecodecs, several steps in a chunk, which cannot be "
             "parted here; write it again with a chunk for each step, or take the array out."
         )
     new = _create(files, old, folder, len(rows))
-    row_bytes = max(old.dtype.itemsize * math.prod(old.shape[1:]), 1)
+    n_bytes = 4 * LONGEST_TEXT if old.header.coding.is_text else old.dtype.itemsize
+    row_bytes = max(n_bytes * math.prod(old.shape[1:]), 1)
     step = max(_COPIED_BYTES // (row_bytes * old.chunks[0]), 1) * old.chunks[0]
-    for first in range(0, len(rows), step):
-        _write(new, first, old.take(rows[first : first + step]))
+    with fill_chunks(are_chunks_filled() or math.prod(old.shape[1:]) == 1):
+        for first in range(0, len(rows), step):
+            _write(new, first, old.take(rows[first : first + step]))
 
 
 def _copy_chunks(files: Files, old: ZarrArray, folder: Path, rows: Array) -> None:

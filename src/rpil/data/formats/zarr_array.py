@@ -15,7 +15,7 @@ from rpil.data.formats.description import listed
 from rpil.data.formats.zarr_files import Files
 from rpil.data.formats.zarr_header import STREAMS, Coding, Header, Options
 from rpil.data.json_files import Parsed
-from rpil.data.memory import check_padding
+from rpil.data.memory import check_memory, check_padding
 from rpil.data.missing import are_chunks_filled
 from rpil.numerics.types import Array
 
@@ -41,14 +41,28 @@ class ZarrArray:
         self.shape, self.dtype, self.chunks = header.shape, header.coding.dtype, header.file_shape
 
     def __getitem__(self, rows: slice) -> Array:
-        return self.take(np.arange(*rows.indices(self.shape[0])))
+        first, stop, _ = rows.indices(self.shape[0])
+        self.check(first, stop)
+        return self.take(np.arange(first, stop))
+
+    def check(self, first: int = 0, stop: int | None = None) -> None:
+        """A `DataError` where a chunk of the rows from `first` to `stop` is missing, found without a list of rows."""
+        check_padding(self.shape, self.chunks, self.dtype.itemsize, self.header.where)
+        numbers = range(first // self.chunks[0], -(-(self.shape[0] if stop is None else stop) // self.chunks[0]))
+        n_there = sum(len(files) for number, files in self.chunk_files.items() if number in numbers)
+        if not are_chunks_filled() and n_there < len(numbers) * math.prod(self.header.grid[1:]):
+            raise self._missing()
 
     def take(self, rows: Array) -> Array:
         """The values of `rows` (n,), which rise; a `DataError` where a chunk of theirs is missing or damaged."""
         check_padding(self.shape, self.chunks, self.dtype.itemsize, self.header.where)
-        size, in_row = self.chunks[0], math.prod(self.header.grid[1:])
-        wanted = {number: self.chunk_files.get(number, {}) for number in np.unique(rows // size).tolist()}
-        if not are_chunks_filled() and any(len(files) < in_row for files in wanted.values()):
+        n_values = len(rows) * math.prod(self.shape[1:]) + 2 * math.prod(self.chunks)  # a chunk is decoded and unpacked
+        check_memory(self.dtype.itemsize * n_values, self.header.where)
+        size, numbers = self.chunks[0], np.unique(rows // self.chunks[0])
+        there = np.intersect1d(numbers, np.fromiter(self.chunk_files, np.int64, len(self.chunk_files)))
+        wanted = {number: self.chunk_files[number] for number in there.tolist()}
+        n_wanted = len(numbers) * math.prod(self.header.grid[1:])
+        if not are_chunks_filled() and sum(map(len, wanted.values())) < n_wanted:
             raise self._missing()
         out = np.full((len(rows), *self.shape[1:]), self._fill(), self.dtype)
         for number, files in wanted.items():
@@ -85,17 +99,15 @@ class ZarrArray:
     def _missing(self) -> DataError:
         """The error that names the demonstrations some of whose steps have no chunk."""
         n_files, in_row = math.prod(self.header.grid), math.prod(self.header.grid[1:])
-        there = np.zeros(self.header.grid[0], dtype=np.int64)
-        there[list(self.chunk_files)] = [len(files) for files in self.chunk_files.values()]
-        fault = f"{self.header.where}: {n_files - int(there.sum()):,} of its {n_files:,} chunks are not there"
+        n_there = sum(map(len, self.chunk_files.values()))
+        fault = f"{self.header.where}: {n_files - n_there:,} of its {n_files:,} chunks are not there"
         if self.ends is None:
             return DataError(f"{fault}; copy it again.")
-        first_rows = np.flatnonzero(there < in_row) * self.chunks[0]
-        last_rows = np.minimum(first_rows + self.chunks[0], self.shape[0]) - 1
-        touched = np.zeros(len(self.ends) + 1, dtype=np.int64)
-        np.add.at(touched, np.searchsorted(self.ends, first_rows, side="right"), 1)
-        np.add.at(touched, np.searchsorted(self.ends, last_rows, side="right") + 1, -1)
-        ids = np.flatnonzero((np.cumsum(touched)[:-1] > 0) & (np.diff(self.ends, prepend=0) > 0))
+        whole = sorted(number for number, files in self.chunk_files.items() if len(files) == in_row)
+        begins = np.concatenate([[0], self.ends[:-1]])
+        first, last = begins // self.chunks[0], (self.ends - 1) // self.chunks[0]  # numbers of chunks
+        n_whole = np.searchsorted(whole, last, side="right") - np.searchsorted(whole, first)
+        ids = np.flatnonzero((n_whole <= last - first) & (begins < self.ends))
         return DataError(
             f"{fault}, which hold steps of the demonstrations {listed(list(map(str, ids.tolist())))}, as after a copy "
             "that broke off; copy it again, or, where the writer left out chunks of one value, have that value read "

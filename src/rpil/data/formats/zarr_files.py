@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import os
 import zipfile
+from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import IO, Protocol
+from typing import IO
 
 from rpil.data.errors import DataError
 
@@ -17,52 +18,48 @@ ZIP = ".zip"
 _PLAIN = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)  # which zipfile decodes in small parts
 
 
-class Place(Protocol):
-    """Where the files are."""
+class Files(ABC):
+    """The files of a store, which is called `source` in messages."""
 
+    def __init__(self, source: str) -> None:
+        self.source = source
+
+    @abstractmethod
     def names(self, folder: str) -> list[str]:
         """The names of all files in a folder and in the folders in it, without the name of the folder."""
 
-    def folders(self, folder: str) -> list[str]:
-        """The names of the folders in a folder."""
-
+    @abstractmethod
     def open(self, name: str) -> IO[bytes]:
         """A file; a `KeyError` or `OSError` where there is none."""
 
-
-class Files:
-    """The files of a store."""
-
-    def __init__(self, place: Place, source: str) -> None:
-        self.place, self.source = place, source
-
-    def names(self, folder: str) -> list[str]:
-        """The names of all files in a folder and in the folders in it, without the name of the folder."""
-        return self.place.names(folder)
+    @abstractmethod
+    def _folders(self, folder: str) -> list[str]:
+        """The names of the folders in a folder, as they are written."""
 
     def folders(self, folder: str) -> list[str]:
         """The names of the folders in a folder, in order."""
-        return sorted(name for name in self.place.folders(folder) if name not in ("", ".", "..") and "\\" not in name)
+        return sorted(name for name in self._folders(folder) if name not in ("", ".", "..") and "\\" not in name)
 
     def has(self, name: str) -> bool:
         """Whether there is a file of this name."""
         try:
-            self.place.open(name).close()
+            self.open(name).close()
         except (KeyError, OSError):
             return False
         return True
 
     def read(self, name: str, limit: int) -> bytes:
         """The bytes of a file; a `DataError` where it has more than `limit`."""
-        with self.place.open(name) as file:
+        with self.open(name) as file:
             content = file.read(limit + 1)
         if len(content) > limit:
             raise DataError(f"{self.source}: {name} holds more than {limit:,} bytes; copy or write it again.")
         return content
 
 
-class _Folder:
+class _Folder(Files):
     def __init__(self, path: Path) -> None:
+        super().__init__(path.name)
         self.path = path
 
     def names(self, folder: str) -> list[str]:
@@ -76,7 +73,7 @@ class _Folder:
                     found.append(inner + entry.name)
         return found
 
-    def folders(self, folder: str) -> list[str]:
+    def _folders(self, folder: str) -> list[str]:
         return [entry.name for entry in self._entries(Path(folder)) if entry.is_dir()]
 
     def _entries(self, folder: Path) -> list[os.DirEntry[str]]:
@@ -93,15 +90,16 @@ class _Folder:
         return path.open("rb")
 
 
-class _Archive:
-    def __init__(self, archive: zipfile.ZipFile) -> None:
+class _Archive(Files):
+    def __init__(self, archive: zipfile.ZipFile, source: str) -> None:
+        super().__init__(source)
         self.archive = archive
         self.members = {member.filename: member for member in archive.infolist() if not member.is_dir()}
 
     def names(self, folder: str) -> list[str]:
         return [name.removeprefix(f"{folder}/") for name in self.members if name.startswith(f"{folder}/")]
 
-    def folders(self, folder: str) -> list[str]:
+    def _folders(self, folder: str) -> list[str]:
         return list({name.split("/")[0] for name in self.names(folder) if "/" in name})
 
     def open(self, name: str) -> IO[bytes]:
@@ -119,11 +117,11 @@ def is_zip(path: Path) -> bool:
 def opened(path: Path) -> Iterator[Files]:
     """The files of a folder or ZIP file; a `DataError` where it is damaged."""
     if not is_zip(path):
-        yield Files(_Folder(path), path.name)
+        yield _Folder(path)
         return
     try:
         archive = zipfile.ZipFile(path)
     except Exception as error:  # a damaged directory makes zipfile raise errors of many types
         raise DataError(f"{path.name}: no ZIP file, or a damaged one; copy or write it again.") from error
     with archive:
-        yield Files(_Archive(archive), path.name)
+        yield _Archive(archive, path.name)
