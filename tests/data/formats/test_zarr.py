@@ -162,6 +162,15 @@ def test_chunks_of_columns_that_are_not_read_may_be_missing(tmp_path):
         formats.keep(path, tmp_path / "no.zarr", [0, 2])
 
 
+def test_a_lost_chunk_of_one_action_is_not_made_up_by_keep(tmp_path):
+    path = tmp_path / "buffer.zarr"
+    write_buffer(path, action=np.arange(11.0)[:, None])
+    (path / "data/action/3.0").unlink()
+    with pytest.raises(DataError, match=r"data/action: 1 of its 4 chunks .* demonstrations 2"):
+        formats.keep(path, tmp_path / "kept.zarr", [0, 2])
+    assert [file.name for file in tmp_path.iterdir()] == ["buffer.zarr"]
+
+
 def test_ends_are_never_filled_in(tmp_path):
     path = tmp_path / "buffer.zarr"
     write_buffer(path)

@@ -13,7 +13,7 @@ from rpil.data.arrays import Id
 from rpil.data.errors import DataError
 from rpil.data.formats import hdf5
 from rpil.data.formats.columns import ColumnOptions
-from rpil.data.formats.names import EPISODE
+from rpil.data.formats.names import EPISODE, is_outcome
 from rpil.data.formats.parts import NUMBERED, Part, Stored, from_parts
 from rpil.data.formats.recording import Recording
 from rpil.data.formats.table import check_ids
@@ -174,5 +174,5 @@ def _copy_rows(array: h5py.Dataset, new: h5py.Group, name: str, rows: Array) -> 
     for run in np.split(np.arange(len(rows)), np.flatnonzero(np.diff(rows) != 1) + 1):
         for first in range(0, len(run), _ROWS_AT_ONCE):
             block = run[first : first + _ROWS_AT_ONCE]
-            with fill_chunks(are_chunks_filled() or math.prod(shape[1:]) == 1):  # rewards may be left out as zeros
+            with fill_chunks(are_chunks_filled() or is_outcome(name)):  # rewards may be left out as zeros
                 copy[block[0] : block[-1] + 1] = array[rows[block[0]] : rows[block[-1]] + 1]

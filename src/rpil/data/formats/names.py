@@ -65,6 +65,11 @@ def is_data(name: str) -> bool:
     return bool(words or any(pattern.fullmatch(plain) for pattern in ACTION_COLUMNS[0]))
 
 
+def is_outcome(name: str) -> bool:
+    """Whether a column called `name` is a reward, an end or a verdict, and so no observation."""
+    return bool(OUTCOME.fullmatch(plain_name(name)))
+
+
 def action_columns(names: Sequence[str], n_actions: int) -> list[str]:
     """What to call the columns of a continuous action so that they are read as such: by number where names fail."""
     columns = [f"action.{re.sub(r'^actions?[._]', '', name)}" for name in names]

@@ -65,7 +65,7 @@ def _find_arrays(found: Iterable[str], options: ColumnOptions, source: str) -> l
         name = next((name for name in names if name in found), None)
         if name is None:
             raise DataError(
-                f"{source}: no array is called {names[0]!r}; save it under that name (found {quoted(found)})."
+                f"{source}: no array is called {names[0]!r}; save it under that name (found {quoted(found) or 'none'})."
             )
         wanted.append(name)
     return wanted

@@ -18,6 +18,7 @@ from rpil.data.files import beside, check_extension, new_folder, replacing
 from rpil.data.formats import umi, zarr_files
 from rpil.data.formats.columns import ColumnOptions
 from rpil.data.formats.description import listed
+from rpil.data.formats.names import is_outcome
 from rpil.data.formats.parts import NUMBERED, Part, Stored, from_parts, without_steps
 from rpil.data.formats.recording import Recording
 from rpil.data.formats.table import check_ids
@@ -207,8 +208,7 @@ def _write(new: Path, first: int, values: Array) -> None:
 def _copy(files: Files, old: ZarrArray, folder: Path, rows: Array) -> None:
     """Write the `rows` of an array to a new one, some at a time.
 
-    Of one number a step, as rewards are, missing chunks are filled: zarr leaves chunks of zeros out, and where such an
-    array is read as a column, they were refused when it was read.
+    Missing chunks of rewards and ends are filled, because zarr leaves chunks of zeros out; all others are refused.
     """
     if old.header.is_closed:
         raise DataError(
@@ -219,7 +219,7 @@ def _copy(files: Files, old: ZarrArray, folder: Path, rows: Array) -> None:
     n_bytes = 4 * LONGEST_TEXT if old.header.coding.is_text else old.dtype.itemsize
     row_bytes = max(n_bytes * math.prod(old.shape[1:]), 1)
     step = max(_COPIED_BYTES // (row_bytes * old.chunks[0]), 1) * old.chunks[0]
-    with fill_chunks(are_chunks_filled() or math.prod(old.shape[1:]) == 1):
+    with fill_chunks(are_chunks_filled() or is_outcome(old.name.rpartition("/")[2])):
         for first in range(0, len(rows), step):
             _write(new, first, old.take(rows[first : first + step]))
 
