@@ -6,8 +6,8 @@ log-likelihood of a step, the best share h of them is the next training group T,
     T <- the share h of the demonstrations with the largest  (1 / N_m) sum_n log pi_T(a_n | s_n)
 
 This is trimmed likelihood with concentration steps (Rousseeuw and Van Driessen 1999), and the paper's robust maximum
-entropy (eq. 2) with held-out likelihoods. The share of experts is unknown, so h starts at `TrimmingSettings.share` and
-is halved (`group_shares`) until the scores show two groups.
+entropy (eq. 2) with held-out likelihoods. h is `TrimmingSettings.share`. Labels are not read: they are evidence about
+demonstrations (`rpil.inference.answers`), and not about what most of them do.
 """
 
 from __future__ import annotations
@@ -51,12 +51,6 @@ def choose_ridge(data: FitData, model: HeldOutModel, group: Bool[Array, " M"]) -
     return max(model.ridges, key=explained, default=0.0)
 
 
-def group_shares(n_demonstrations: int, settings: TrimmingSettings) -> list[float]:
-    """Shares of the demonstrations in the training group, from the largest to the smallest."""
-    halved = [settings.share / 2**k for k in range(1, settings.halvings + 1)]
-    return [settings.share] + [share for share in halved if round(share * n_demonstrations) >= settings.min_group]
-
-
 def fit_group(data: FitData, model: HeldOutModel, group: Bool[Array, " M"], ridge: float) -> TrimmedFit:
     """Policies fitted to `group`, without concentration steps."""
     held_out = model.evaluate(data.per_step(group.astype(float)), ridge)
@@ -71,7 +65,7 @@ def fit_trimmed(
     fit = fit_group(data, model, group, ridge)
     history = [fit.history]
     for _ in range(max_iter):
-        best = best_explained(data, data.mean_steps(fit.held_out.log_prob), count)
+        best = best_explained(data.mean_steps(fit.held_out.log_prob), count)
         if (best == fit.group).all():
             break
         fit = fit_group(data, model, best, ridge)
@@ -79,9 +73,8 @@ def fit_trimmed(
     return TrimmedFit(fit.held_out, fit.group, ridge, np.concatenate(history))
 
 
-def best_explained(data: FitData, score: Float[Array, " M"], count: int) -> Bool[Array, " M"]:
-    """The `count` demonstrations with the largest `score`; labelled experts always, labelled adversaries never."""
-    ranked = np.where(data.labels > 0, np.inf, np.where(data.labels < 0, -np.inf, score))
+def best_explained(score: Float[Array, " M"], count: int) -> Bool[Array, " M"]:
+    """The `count` demonstrations with the largest `score`."""
     chosen = np.zeros(len(score), dtype=bool)
-    chosen[np.argsort(-ranked, kind="stable")[:count]] = True
-    return (chosen & (data.labels >= 0)) | (data.labels > 0)
+    chosen[np.argsort(-score, kind="stable")[:count]] = True
+    return chosen

@@ -1,0 +1,164 @@
+"""What the scores support without answers: who is typical, who is unlike the others, and what speaks against it.
+
+A demonstration is `unlike` the others only if all of this holds:
+
+    P(two groups of scores) >= min_p_two,  and P(upper group | m) <= 1 - min_proba,  with two dealings of the folds
+    the policy of the upper group explains that group:  gain > 0
+    the lower demonstrations have no policy of their own (`rpil.inference.rivals`); else there are two groups
+    no `Doubt` is left
+
+The upper group is `typical`; only its better half where the lower group is a tail and not a cluster of its own, because
+a tail seldom holds all that differ. Nothing here says who is good.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.stats import norm, spearmanr
+
+from rpil.inference.findings import Finding
+from rpil.inference.rivals import Lower, look_below
+from rpil.inference.scores import Scores, Scoring
+from rpil.inference.settings import ClaimSettings
+from rpil.numerics.types import Array, Bool, Float, Int
+
+
+@dataclass(frozen=True, eq=False)
+class Doubt:
+    """A reason not to call demonstrations unlike the others."""
+
+    sentence: str
+    """In it, {members} stands for the names of the demonstrations."""
+    members: Int[Array, " K"]
+    """The demonstrations of which it speaks; may be none."""
+
+
+@dataclass(frozen=True, eq=False)
+class Claims:
+    """What the scores of M demonstrations support."""
+
+    finding: Finding
+    words: Int[Array, " M"]
+    """1 typical, 0 open, -1 unlike."""
+    doubts: tuple[Doubt, ...] = ()
+    lower: Lower | None = None
+    """The demonstrations below the upper group, where the scores are two groups."""
+
+    @property
+    def groups(self) -> tuple[Int[Array, " A"], Int[Array, " B"]] | None:
+        """The members of two groups that each have a policy of their own."""
+        if self.finding != "two groups" or self.lower is None:
+            return None
+        return self.lower.upper, self.lower.rival
+
+
+def claim(scoring: Scoring, scores: Scores, again: Scores | None, order: Float[Array, " M"] | None) -> Claims:
+    """The claims that `scores` support.
+
+    Parameters
+    ----------
+    again : Scores or None
+        With other folds.
+    order : (M,) array or None
+        The order in which the demonstrations were made, where it is stated.
+    """
+    data, settings = scoring.data, scoring.settings
+    limits, nobody = settings.claims, np.zeros(data.n_demonstrations, dtype=int)
+    unclaimed: Finding = "nobody stands out" if scores.state_predicts_action else "nothing could be learned"
+    upper = scores.groups.upper(scores.score, scores.variance, settings.groups)
+    if scores.groups.p_two < limits.min_p_two or not limits.min_upper <= upper.sum() < len(upper):
+        return Claims(unclaimed, nobody)
+    lower = look_below(data, scoring.model, upper, scoring.ridge, settings)
+    if lower.gain_upper <= 0:
+        return Claims("nothing could be learned", nobody, lower=lower)
+    words = said(scores, settings.claims, upper, scores.log_odds(settings))
+    if again is not None:
+        words *= words == np.sign(again.log_odds(settings)).astype(int)
+    if lower.is_rival:
+        return Claims("two groups", nobody, lower=lower)
+    doubts = tuple(doubts_of(scoring, scores, again, words, order))
+    if doubts:
+        return Claims("in doubt", nobody, doubts, lower)
+    return Claims("some are unlike" if (words < 0).any() else unclaimed, words, (), lower)
+
+
+def said(scores: Scores, limits: ClaimSettings, upper: Bool[Array, " M"], log_odds: Float[Array, " M"]) -> Int[Array, " M"]:
+    """The words that scores alone give to M demonstrations, whatever speaks against them."""
+    typical = log_odds >= limits.log_odds
+    if not scores.groups.is_cluster and upper.any():
+        typical &= scores.score >= np.median(scores.score[upper])
+    return typical.astype(int) - (log_odds <= -limits.log_odds).astype(int)
+
+
+def doubts_of(
+    scoring: Scoring, scores: Scores, again: Scores | None, words: Int[Array, " M"], order: Float[Array, " M"] | None
+) -> list[Doubt]:
+    """Every reason to doubt that the demonstrations with word -1 are unlike the others."""
+    data, limits, none = scoring.data, scoring.settings.claims, np.empty(0, dtype=int)
+    log_prob, unlike = scores.fit.held_out.log_prob, words < 0
+    doubts = []
+    if again is not None and again.groups.p_two < limits.min_p_two:
+        doubts.append(Doubt("Other folds of the demonstrations give one group of scores.", none))
+    agreement = spearmanr(data.mean_steps(log_prob), data.mean_steps(log_prob - scoring.log_q)).statistic
+    if data.space.kind != "discrete" and agreement < limits.min_agreement:
+        sentence = "The likelihood and its gain over frequent actions rank the demonstrations differently (rank correlation "
+        doubts.append(Doubt(f"{sentence}{agreement:.2f}).", none))
+    if order is not None and unlike.any() and runs_p(unlike[np.argsort(order, kind="stable")]) < limits.max_runs_p:
+        sentence = "{members} follow one another: a session, a set-up or a calibration, not necessarily worse."
+        doubts.append(Doubt(sentence, np.flatnonzero(unlike)[np.argsort(order[unlike], kind="stable")]))
+    share, part = share_of_part(scoring, scores, unlike)
+    if share > limits.max_part_share:
+        doubts.append(Doubt(f"{share:.0%} of the evidence is in part {part} of the action alone.", none))
+    return doubts
+
+
+def runs_p(member: Bool[Array, " M"]) -> float:
+    """Probability of so few runs of members and others in a random order (Wald and Wolfowitz 1940)."""
+    a, b = int(member.sum()), int((~member).sum())
+    if min(a, b) == 0:
+        return 1.0
+    n, runs = a + b, 1 + int((member[1:] != member[:-1]).sum())
+    mean = 1 + 2 * a * b / n
+    variance = max((mean - 1) * (mean - 2) / (n - 1), 1e-12)
+    return float(norm.cdf((runs + 0.5 - mean) / np.sqrt(variance)))
+
+
+def share_of_part(scoring: Scoring, scores: Scores, unlike: Bool[Array, " M"]) -> tuple[float, int]:
+    """The largest share of the evidence against the `unlike` that is in one part of the action, and that part; 0 for
+    actions of fewer than three parts."""
+    data = scoring.data
+    weight = data.per_step(scores.fit.group.astype(float))
+    by_part = scoring.model.log_prob_of_parts(weight, scoring.ridge) if unlike.any() else None
+    if by_part is None or by_part.shape[1] < 3:
+        return 0.0, 0
+    means = data.sum_steps(by_part) / data.lengths[:, None]
+    lack = np.maximum(np.median(means[scores.fit.group], axis=0) - means[unlike].mean(axis=0), 0.0)
+    return float(lack.max() / max(lack.sum(), 1e-12)), int(lack.argmax())
+
+
+def telling_pair(claims: Claims, score: Float[Array, " M"]) -> tuple[int, int] | None:
+    """Two demonstrations, of which an answer says most which is better: the 90 % and the 10 % points of the ranking, or
+    the middle members of two groups. Extremes are often odd in other ways. None where all scores are the same."""
+    if claims.groups is not None:
+        first, second = (int(group[np.argsort(score[group])[len(group) // 2]]) for group in claims.groups)
+        return first, second
+    order, last = np.argsort(score, kind="stable"), len(score) - 1
+    if not np.ptp(score) > 0:
+        return None
+    return int(order[round(0.9 * last)]), int(order[round(0.1 * last)])
+
+
+def missing_steps(scoring: Scoring, scores: Scores) -> int:
+    """How many independent steps a demonstration lacks to be told from one that does not look at the state, at an error
+    of `max_error` either way: n = (2 z s / g)^2, for log-ratios of a step with mean g and standard deviation s."""
+    data, z = scoring.data, norm.isf(scoring.settings.claims.max_error)
+    typical = data.mean_steps(scores.fit.held_out.log_prob - scoring.log_q)[scores.fit.group]
+    gain = float(np.median(typical))
+    if gain <= 0:
+        return 0
+    needed = (2 * z * np.sqrt(scores.step_variance) / gain) ** 2
+    return max(0, int(np.ceil(needed - np.median(scores.effective_steps))))
+
+
