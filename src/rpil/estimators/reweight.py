@@ -207,8 +207,8 @@ def reweight(
         Trains the policy, for an epoch, say, with weights in [0, 1]. Returns nothing, or the new policy, of the same
         type. Whatever it changes, such as an optimiser, must belong to the policy, so that copies of the policy have
         their own.
-    labels : mapping of id to {"expert", "adversary"}, optional
-        Policies are not trained on known adversaries.
+    labels : mapping of id to {"good", "bad"}, optional
+        Policies are not trained on demonstrations that are known to be bad.
     progress : callable, optional
         Called with a few words at every round.
     n_folds : int, default=3
