@@ -10,13 +10,13 @@ from sklearn.exceptions import ConvergenceWarning
 from audits import make_audit
 from rpil.audit import assumptions
 from rpil.data.errors import AmbiguousWarning
-from rpil.inference.trust import FINDINGS
+from rpil.inference.findings import FINDINGS
 
 
 @pytest.mark.parametrize("finding", FINDINGS)
 def test_sentences_begin_with_the_finding_and_the_meaning_of_p_expert(finding):
     sentences = assumptions.assumption_sentences(finding)
-    assert sentences[:2] == (FINDINGS[finding], assumptions.P_EXPERT)
+    assert sentences[:2] == (FINDINGS[finding], WORDS[anchor].explanation)
     assert len(sentences) == 3
     assert all(sentence.endswith(".") for sentence in sentences)
 
@@ -34,7 +34,7 @@ def test_sentences_begin_with_the_finding_and_the_meaning_of_p_expert(finding):
     ],
 )
 def test_each_fact_adds_one_sentence(given, words):
-    plain, more = (assumptions.assumption_sentences("told apart", **options) for options in ({}, given))
+    plain, more = (assumptions.assumption_sentences("some are unlike", **options) for options in ({}, given))
     (added,) = set(more) - set(plain)
     assert words in added
 

@@ -285,7 +285,7 @@ def test_without_bad_demonstrations_verdicts_are_counted(real, tmp_path):
     rows = {row["method"]: row for row in found["ranking"]}
     assert rows["rpil"]["auroc"] is None
     longer = int((np.array(LENGTHS) > 5).sum())
-    assert rows["rpil"]["verdicts"]["good"] == {"expert": longer, "uncertain": 0, "adversary": 10 - longer}
+    assert rows["rpil"]["verdicts"]["good"] == {"expert": longer, "open": 0, "adversary": 10 - longer}
     assert found["mean_auroc"]["length"]["mean"] is None
     assert f"of 10 good {longer} expert" in real.text(found)
 

@@ -41,8 +41,8 @@ def real_result(ours: float = 0.81, peer: float = 0.92) -> dict:
         "bad": 11,
     }
     verdicts = {
-        "good": {"expert": 7, "uncertain": 4, "adversary": 0},
-        "bad": {"expert": 1, "uncertain": 2, "adversary": 8},
+        "good": {"expert": 7, "open": 4, "adversary": 0},
+        "bad": {"expert": 1, "open": 2, "adversary": 8},
     }
     message = "the actions are continuous, which it is not made for; give discrete ones."
     ranking = [row("rpil", "cramped_room", ours, verdicts=verdicts), row("length", "cramped_room", peer)]

@@ -164,7 +164,7 @@ def test_verdicts_and_brier_by_hand():
     from trust_scores import exact_interval, judged
 
     row = {
-        "verdicts": ["expert", "uncertain", "adversary", "expert", "adversary", "expert", "expert", "uncertain"],
+        "verdicts": ["expert", "open", "adversary", "expert", "adversary", "expert", "expert", "open"],
         "expert_proba": [0.95, 0.5, 0.05, 0.9, 0.1, 0.99, 1.0, 0.6],
     }
     found = judged(row, GOOD, np.random.default_rng(0))
@@ -200,10 +200,10 @@ def test_new_and_old_audits_are_described_alike():
     from trust import described
 
     odds = np.array([2.0, -1.0])
-    audit = SimpleNamespace(log_odds=odds, expert_proba=odds, verdicts=("expert", "uncertain"), ids=(0, 1))
+    audit = SimpleNamespace(log_odds=odds, expert_proba=odds, verdicts=("expert", "open"), ids=(0, 1))
     audit.identifiable, audit.competing = False, ((1,), (0,))
     old = described(audit)
-    assert (old["finding"], old["length"], old["groups"]) == ("cannot be known", [0.0, 0.0], [[1], [0]])
+    assert (old["finding"], old["length"], old["groups"]) == ("two groups", [0.0, 0.0], [[1], [0]])
     audit.finding, audit.evidence = "nobody stands out", {"actions": odds - 3, "length": np.full(2, 3.0)}
     new = described(audit)
     assert (new["finding"], new["length"], new["scores"]) == ("nobody stands out", [3.0, 3.0], [2.0, -1.0])
@@ -222,7 +222,7 @@ def test_styles_and_the_oracle_by_hand():
     assert not of_styles(extra, ours | {"groups": [[3]]})["style_listed"]  # a third of the style
 
     odds = np.array([3.0, 3.0, 1.0, -3.0])
-    ours = {"verdicts": ["expert", "adversary", "adversary", "uncertain"], "expert_proba": [0.95, 0.1, 0.04, 0.5]}
+    ours = {"verdicts": ["expert", "adversary", "adversary", "open"], "expert_proba": [0.95, 0.1, 0.04, 0.5]}
     found = against_oracle(odds, ours, np.array([1, 0, 0, 0]))
     assert (found["oracle_correct"], found["oracle_wrong"], found["correct"]) == (2, 1, 3)
     assert found["wrong_expected"] == pytest.approx(0.05 + 0.1 + 0.04)

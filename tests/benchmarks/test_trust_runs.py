@@ -164,7 +164,7 @@ def run(monkeypatch, tmp_path):
         world = cell.make()
         if run.fails == method:
             return trust.truth_of(world), {"set": cell.name, "method": method, "seconds": 0.0, "error": "no"}
-        found = {"scores": trust.plain(world.is_good), "length": [0.0] * 20, "finding": "told apart", "groups": []}
+        found = {"scores": trust.plain(world.is_good), "length": [0.0] * 20, "finding": "some are unlike", "groups": []}
         found |= {"verdicts": ["expert"] * 20, "expert_proba": [0.5] * 20}
         return trust.truth_of(world), {"set": cell.name, "method": method, "seconds": 0.0} | found
 

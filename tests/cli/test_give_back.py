@@ -131,7 +131,7 @@ def test_in_place_lists_the_trusted_in_the_file_itself(folder):
     assert printed == "Kept 2 of 3 demonstrations: lift.hdf5\n"
     refused("give it the extension .hdf5", "keep", "lift.hdf5", "-o", "x.csv", "--verdicts", "labels.csv")
     with h5py.File("lift.hdf5") as file:
-        assert file["mask/rpil_expert"][:].tolist() == [b"demo_0", b"demo_2"]
+        assert file["mask/rpil_kept"][:].tolist() == [b"demo_0", b"demo_2"]
         assert len(file["data"]) == 3
 
 

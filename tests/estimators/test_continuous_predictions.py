@@ -28,7 +28,7 @@ ESTIMATORS = [RPIL(), BehavioralCloning(), RMEnt()]
 
 
 def right(model: RPIL, toy: Toy) -> bool:
-    return model.audit_.verdicts == tuple(np.where(toy.is_good, "expert", "adversary"))
+    return model.audit_.verdicts == tuple(np.where(toy.is_good, "typical", "unlike"))
 
 
 def means(toy: Toy) -> np.ndarray:

@@ -11,7 +11,7 @@ from rpil.audit.html.pictures import MAX_CURVE_POINTS, Timelines, returns_figure
 
 
 def test_timeline_places_curves_and_marks_at_their_steps() -> None:
-    audit = make_audit(("expert", "adversary"), lengths=[40, 1000])
+    audit = make_audit(("typical", "unlike"), lengths=[40, 1000])
     timelines = Timelines(audit)
     shown = timelines.timeline(1)
     band = np.array([point.split(",") for point in shown["band"].split()], dtype=float)
@@ -30,7 +30,7 @@ def test_timeline_places_curves_and_marks_at_their_steps() -> None:
 
 
 def test_timeline_of_one_step_has_the_full_width() -> None:
-    shown = Timelines(make_audit(("expert", "adversary"), lengths=[1, 5])).timeline(0)
+    shown = Timelines(make_audit(("typical", "unlike"), lengths=[1, 5])).timeline(0)
     first, *_, last = shown["mean"].split()
     assert first.startswith("0,")
     assert last.startswith("1000,")
