@@ -20,7 +20,7 @@ TABLE = {
 @pytest.mark.parametrize(
     ("options", "kept"),
     [
-        ({}, "ad"),
+        ({}, "acd"),
         ({"share": 0.75}, "acd"),
         ({"share": 0.01}, "a"),
         ({"share": 1}, "abcd"),
@@ -41,6 +41,13 @@ def test_the_file_of_an_audit_says_the_same_as_the_audit(tmp_path, extension):
         expected = kept_ids(verdict_columns(audit, {}), **options)
         assert expected
         assert kept_ids(read_verdicts(path), **options) == expected
+
+
+def test_words_of_the_first_version_are_read_and_unknown_ones_refused():
+    table = {"id": ["a", "b", "c"], "verdict": ["expert", "adversary", "uncertain"]}
+    assert kept_ids(table) == ["a", "c"]
+    with pytest.raises(DataError, match="Demonstration 'b': the verdict 'perhaps' is unknown; write one of typical"):
+        kept_ids(table | {"verdict": ["good", "perhaps", "bad"]})
 
 
 def test_labels_are_verdicts(tmp_path):

@@ -15,6 +15,7 @@ from matplotlib.figure import Figure
 
 from audits import make_audit
 from rpil.audit import plots
+from rpil.audit.words import SIDES
 from rpil.data.errors import DataError
 
 AUDIT_DISPLAYS = [plots.RankingDisplay, plots.LengthDisplay, plots.TimelineDisplay, plots.HistoryDisplay]

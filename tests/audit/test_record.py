@@ -24,7 +24,7 @@ def test_to_dict_has_the_documented_keys_and_is_json():
     log_odds = np.array([1.0, 2.0, -30.0, 0.0, -1.0])
     audit = make_audit(("typical",) * 5, ids=list("abcde"), lengths=[3, 1, 4, 2, 5], log_odds=log_odds)
     content = json.loads(json.dumps(audit.to_dict(), allow_nan=False))
-    keys = {"n_demonstrations", "n_steps", "finding", "adversary", "prior", "identifiable", "demonstrations"}
+    keys = {"n_demonstrations", "n_steps", "finding", "anchor", "adversary", "prior", "identifiable", "demonstrations"}
     assert set(content) == keys | {"groups", "to_label", "assumptions", "demonstrators"}
     assert set(content["prior"]) == {"mean", "low", "high"}
     keys = {"id", "n_steps", "log_odds", "evidence", "expert_proba", "reliability", "verdict", "reason", "worst_steps"}
@@ -62,7 +62,8 @@ def test_calibrated_audit_follows_the_labels_and_keeps_the_order():
     np.testing.assert_array_equal(np.argsort(after.log_odds[others]), np.argsort(before.log_odds[others]))
     assert (after.expert_proba[most_trusted] < 1e-6).all()
     assert set(after.labelled) == set(labels)
-    assert all(after.verdicts[m] == "unlike" for m in most_trusted)
+    assert all(after.verdicts[m] == "bad" for m in most_trusted)
+    assert (after.finding, after.anchor, after.words.probability) == ("answered", "answers", "P(good)")
     assert "4 labels" in after.assumptions[-1]
     assert (after.step_weight <= np.repeat(after.expert_proba, after.lengths) + 1e-12).all()
     assert before.labelled == ()
@@ -81,7 +82,7 @@ def test_number_of_labels_for_calibration_is_a_setting():
     [
         ({}, "0 labels that the fit did not see are too few to calibrate with; give at least 4"),
         ({"nobody": "good"}, "no demonstration is called 'nobody'"),
-        ({0: "perhaps"}, "Demonstration 0: the label 'perhaps' is unknown; use 'expert' or 'adversary'"),
+        ({0: "perhaps"}, "Demonstration 0: the label 'perhaps' is unknown; use 'good' or 'bad'"),
     ],
 )
 def test_unusable_calibration_labels_are_refused_in_one_sentence(labels, match):

@@ -16,6 +16,7 @@ import pytest
 from command_line import npz, ok
 from problems import make_continuous
 from rpil.audit.label_choice import NEXT_STEPS
+from rpil.audit.words import WORDS
 from rpil.data import formats
 from rpil.data.demonstrations import Demonstrations
 from rpil.estimators.persistence import load

@@ -7,7 +7,6 @@ import warnings
 from sklearn.exceptions import ConvergenceWarning
 
 from rpil.audit.record import Audit
-from rpil.audit.words import WORDS
 from rpil.data.errors import AmbiguousWarning, user_stack_level
 from rpil.inference.findings import FINDINGS
 
@@ -27,31 +26,27 @@ def custom_policy(type_name: str) -> str:
 
 
 def assumption_sentences(
-    finding: str,
-    anchor: str,
+    audit: Audit,
     policy: str = "",
     *,
     p_two_groups: float | None = None,
-    whole_demonstrations: bool = False,
     expert_share: float | None = None,
-    n_labels: int = 0,
     demonstrators: str = "",
 ) -> tuple[str, ...]:
     """The finding, the meaning of the probability, and all that an audit assumed, as sentences for `Audit.assumptions`.
 
     `policy` and `demonstrators` are sentences about these. `p_two_groups` is the judge's probability that there are two
-    groups of scores; `whole_demonstrations` is true of the mixture with a named adversary; `expert_share` is the prior
-    probability of an expert, where the user fixed it.
+    groups of scores; `expert_share` is the prior probability of an expert, where the user fixed it.
     """
     sentences = (
-        FINDINGS[finding],
-        WORDS[anchor].explanation,
+        FINDINGS[audit.finding],
+        audit.words.explanation,
         "" if p_two_groups is None else f"P(two groups of scores) is {p_two_groups:.2f}.",
         policy,
         "The order of demonstrations, their lengths and any reward were not used.",
-        "A demonstration is good or bad as a whole." if whole_demonstrations else "",
+        "A demonstration is good or bad as a whole." if audit.anchor == "named adversary" else "",
         "" if expert_share is None else f"The share of experts was fixed at {expert_share}.",
-        f"{n_labels} labels were taken as certain." if n_labels else "",
+        f"{len(audit.labelled)} labels were taken as certain." if audit.labelled else "",
         demonstrators,
     )
     return tuple(filter(None, sentences))

@@ -93,7 +93,8 @@ def write_kept(path: StrPath, audit: Audit) -> None:
     DataError
         Where the path has another extension, or cannot be written.
     """
-    episodes = file_ids(kept(audit))
+    own = set(kept(audit))
+    episodes = [name for old, name in zip(audit.ids, file_ids(audit.ids), strict=True) if old in own]
     _write_json(
         check_extension(path, (".json",), "demonstrations to keep"), {"episodes": episodes, "run": audit.run_id}
     )

@@ -251,5 +251,5 @@ def reweight(
     for n in range(n_rounds):
         progress(f"training the policy: {n + 1} of {n_rounds}")
         policy = model.train_round(policy, np.arange(demonstrations.n_steps), audit.step_weight)
-    sentences = assumption_sentences(judgement.finding, IN_SAMPLE_POLICY if chosen.n_folds == 1 else "")
+    sentences = assumption_sentences(audit, IN_SAMPLE_POLICY if chosen.n_folds == 1 else "")
     return Reweighted(policy, replace(audit, assumptions=sentences), n_rounds, n_rounds < chosen.max_rounds)

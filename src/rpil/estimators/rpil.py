@@ -192,13 +192,10 @@ class RPIL(PolicyEstimator):
         prior, type_name = options.settings.mixture.prior, type(self.policy).__name__
         linear = self.policy is None
         sentences = assumptions.assumption_sentences(
-            self.audit_.finding,
-            self.audit_.anchor,
+            self.audit_,
             assumptions.linear_policy(self.features_.kind) if linear else assumptions.custom_policy(type_name),
             p_two_groups=None if self.judge_ is None else self.judge_.groups.p_two,
-            whole_demonstrations=self.state_ is not None,
             expert_share=prior if isinstance(prior, float) else None,
-            n_labels=int(np.count_nonzero(task.labels)),
             demonstrators=task.demonstrators.note,
         )
         self.audit_ = replace(self.audit_, assumptions=sentences)

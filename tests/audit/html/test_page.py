@@ -25,6 +25,7 @@ from rpil.audit.html.pictures import returns_figure
 from rpil.audit.label_choice import NEXT_STEPS
 from rpil.audit.record import Audit
 from rpil.audit.settings import AuditSettings
+from rpil.audit.words import WORDS
 from rpil.data.errors import DataError
 from rpil.inference.findings import FINDINGS
 
@@ -65,7 +66,7 @@ def test_page_begins_with_the_finding_and_the_next_step(page: Page) -> None:
     assert f"An audit Some are unlike. {FINDINGS['some are unlike']} 10 demonstrations:" in page.text
     assert "10 demonstrations: 5 typical , 1 open , 4 unlike ." in page.text
     assert f"Next: {NEXT_STEPS['some are unlike']}" in page.text
-    assert "Share of experts 55 % 95 % interval 31 % to 77 %" in page.text
+    assert "Share of typical ones 55 % 95 % interval 31 % to 77 %" in page.text
     assert "Compared with uniform" in page.text
     assert "Time 1.25 s" in page.text
     assert f"The most trusted first. {WORDS['none'].explanation}" in page.text
@@ -76,11 +77,11 @@ def test_page_without_groups_gives_no_verdicts(finding: str) -> None:
     audit = make_audit(("open",) * 10, finding=finding)
     text = Page(render(audit)).text
     assert f"{finding.capitalize()}. {FINDINGS[finding]} 10 demonstrations, ranked below; the ranking gives no" in text
-    assert "gives no verdicts. Next:" in text
+    assert "gives no words. Next:" in text
     assert NEXT_STEPS[finding] in text
     assert "0 unlike" not in text
     labelled = Page(render(make_audit(("open",) * 9 + ("typical",), finding=finding, labelled=(9,)))).text
-    assert "the ranking gives no verdicts beyond the labels." in labelled
+    assert "the ranking gives no words beyond the labels." in labelled
 
 
 def test_parts_of_the_log_odds_are_columns_that_add_up(page: Page) -> None:

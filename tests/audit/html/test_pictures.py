@@ -43,5 +43,5 @@ def test_returns_figure_has_its_numbers_in_the_description() -> None:
     assert svg["aria-label"] == "Mean returns: R-PIL −104.2 (−110.0 to −98.5); Trusting <all> −128.0 (−140.0 to −116.0)"
     assert "−104.2" in Page(figure).text
     assert "Trusting <all>" in Page(figure).text
-    assert "var(--expert)" in figure
+    assert "var(--upper)" in figure
     assert "currentColor" in figure
