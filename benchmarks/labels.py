@@ -2,8 +2,8 @@
 
     python benchmarks/labels.py --data DIR --json labels.json
 
-DIR holds NPZ files as `real.py` reads them. The answer about a demonstration is "good" where the truth is good and "bad"
-where it is bad; one in between stays without an answer, and the next one is asked about, until there are k
+DIR holds NPZ files as `real.py` reads them. The answer about a demonstration is "good" where the truth is good and
+"bad" where it is bad; one in between stays without an answer, and the next one is asked about, until there are k
 labels. Then
 everything is fitted again with these, and there are two AUROCs of good against bad. One is over all demonstrations,
 those that are labelled where their labels put them: what the user has in the end. The other is over those that are not.

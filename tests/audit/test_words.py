@@ -26,7 +26,7 @@ def test_without_an_anchor_the_sentence_is_conditional():
 
 def test_words_change_at_the_thresholds():
     words = WORDS["none"]
-    assert [words.verdict(p, 0.9) for p in (0.9, 0.899, 0.101, 0.1)] == ["typical", "open", "open", "unlike"]
+    assert [words.verdict(p, 0.9) for p in (0.9, 0.899, 0.101, 0.099)] == ["typical", "open", "open", "unlike"]
 
 
 def test_lower_words_of_all_vocabularies_are_counted():
@@ -50,7 +50,7 @@ def test_counts_have_the_words_of_the_audit_and_those_that_occur():
     ],
 )
 def test_a_fit_uses_the_words_of_its_anchor(options, anchor, finding):
-    data = make("random").demonstrations
+    data = make("random", 0).demonstrations
     audit = RPIL(**options).fit(data).audit_
     assert (audit.anchor, audit.finding) == (anchor, finding)
     assert set(audit.verdicts) <= {audit.words.upper, "open", audit.words.lower}

@@ -37,7 +37,7 @@ def test_commands_with_continuous_actions():
     ok("fit", name, "-o", "policy", "--features", "raw")
     assert load("policy").predict(toy.observations).shape == toy.actions.shape
     other = json.loads(ok("audit", name, "--json", "--adversary", "own-policy").stdout)
-    assert other["unlike"] == "own policy"
+    assert other["adversary"] == "own policy"
 
 
 def printed_ranking(result):
@@ -93,7 +93,7 @@ def test_audit_without_groups_prints_no_verdicts():
     npz("data.npz", observations=x, actions=y, episode_ids=np.repeat(np.arange(20), 60))
     result = ok("audit", "data.npz")
     assert f"\nNobody stands out: {FINDINGS['nobody stands out']}\n" in result.stdout
-    assert "\n20 demonstrations (1,200 steps) are ranked; there are no verdicts.\n" in result.stdout
+    assert "\n20 demonstrations (1,200 steps) are ranked; all are open.\n" in result.stdout
     assert "can be trusted" not in result.stdout
     assert f"\nNext: {NEXT_STEPS['nobody stands out']}\n" in result.stdout
     assert {row[5] for row in printed_ranking(result)[1]} == {"open"}
@@ -106,8 +106,8 @@ def test_audit_prints_json(folder):
     audit = json.loads(result.stdout, parse_constant=pytest.fail)
     # The issue's, and what is needed where the data do not settle it.
     assert list(audit) == [
-        "run", "input", "n_demonstrations", "n_steps", "finding", "anchor", "adversary", "prior", "identifiable", "groups",
-        "to_label", "assumptions", "demonstrations", "demonstrators", "faults",
+        "run", "input", "n_demonstrations", "n_steps", "finding", "anchor", "adversary", "prior", "identifiable",
+        "groups", "to_label", "assumptions", "demonstrations", "demonstrators", "faults",
     ]  # fmt: skip
     assert audit["faults"]["findings"] == []
     assert audit["n_demonstrations"] == 12
@@ -129,7 +129,7 @@ def test_audit_prints_json(folder):
         assert all(0 <= step < entry["n_steps"] for step in entry["worst_steps"])
     assert ok("audit", folder / "good.parquet", "--json", "--quiet").stdout == result.stdout
     other = ok("audit", folder / "good.parquet", "--json", "--adversary", "normalised-complement")
-    assert json.loads(other.stdout)["unlike"] == "normalised complement"
+    assert json.loads(other.stdout)["adversary"] == "normalised complement"
 
 
 def test_audit_does_not_choose_features(folder, monkeypatch):
@@ -175,7 +175,7 @@ def test_one_label_decides_between_competing_groups(folder):
         r"labels that say most about the others, the best first: \d+, \d+, \d+\.\nWrite .* to labels.csv", result.stdout
     )
     assert "--minority" in result.stdout
-    assert "there are no verdicts." in result.stdout
+    assert "are ranked; all are open." in result.stdout
     assert result.stderr == ""
     again = result.stdout.splitlines()[-1].removeprefix("Then run: ")
     assert shlex.split(again) == ["rpil", "audit", str(file), "--seed", "2", "--labels", "labels.csv"]
@@ -185,11 +185,11 @@ def test_one_label_decides_between_competing_groups(folder):
     result = ok(*shlex.split(again)[1:], "--json")
     audit = json.loads(result.stdout)
     assert audit["identifiable"] is True
-    assert audit["finding"] == "some are unlike"
+    assert audit["finding"] == "answered"
     assert result.stderr == ""
     trusted = int(label.split(",")[0]) < 6
     for entry in audit["demonstrations"]:
-        assert entry["verdict"] == ("typical" if (entry["id"] < 6) == trusted else "unlike")
+        assert entry["verdict"] == ("good" if (entry["id"] < 6) == trusted else "bad")
 
 
 def test_competing_groups_in_json_and_minority_options(folder):

@@ -125,7 +125,7 @@ def test_sentences_contain_the_numbers(result: demo.DemoResult, stages: list[str
     text = " ".join(result.sentences())
     assert f"{result.overcooked.auroc:.2f}" in text
     assert f"32 real people: {result.overcooked.audit.finding}. " in text
-    assert "corrupted demonstrations: told apart. 0 of 20" in text
+    assert "corrupted demonstrations: some are unlike. 0 of 20" in text
     assert f"R-PIL {result.lunarlander.returns['rpil'].mean:.0f}" in text
     assert "0 of 20 verdicts wrong" in text
     text.encode("ascii")  # some terminals have no other characters
@@ -143,7 +143,7 @@ def test_report_has_both_articles_and_needs_no_network(result: demo.DemoResult, 
         assert FINDINGS[audit.finding] in parsed.text
     told_apart = result.overcooked.audit.finding == "some are unlike"
     assert ("plays differently" in parsed.text) == told_apart
-    assert ("no player gets a verdict" in parsed.text) == (not told_apart)
+    assert ("word for every player is “open”" in parsed.text) == (not told_apart)
     assert len(parsed.all("table", **{"class": "ranking"})) == 2
     assert len(parsed.all("details")) == 32 + 20
     # A scatter of the score, two pictures of each audit, the returns.

@@ -26,7 +26,7 @@ def test_every_finding_has_a_sentence_and_a_next_step(finding, capsys):
     lines = capsys.readouterr().out.splitlines()
     assert lines[0] == f"{finding.capitalize()}: {FINDINGS[finding]}"
     assert lines[-1].startswith("10 demonstrations (100 steps) are ranked")
-    assert lines[-1].endswith("except on labelled ones.")
+    assert lines[-1].endswith("all are open but the labelled ones.")
     following = terminal.next_steps(make_audit(finding=finding), "labels.csv", "rpil audit x").splitlines()
     assert following[0] == f"Next: {NEXT_STEPS[finding]}"
     assert (len(following) == 1) == (finding == "nothing could be learned")
@@ -42,7 +42,9 @@ def many():
     log_odds = np.linspace(-9, 9, len(VERDICTS))
     log_odds[100:140] = np.linspace(-1, 1, 40)
     log_odds[:100], log_odds[140:] = np.linspace(-9, -3, 100), np.linspace(3, 9, 4860)
-    people = tuple(Demonstrator(f"person {k}", Interval(0.9, 0.8, 1), 125, 100, 25, 0) for k in range(40))
+    people = tuple(
+        Demonstrator(f"person {k}", Interval(0.9, 0.8, 1), tuple(range(125 * k, 125 * k + 125))) for k in range(40)
+    )
     audit = make_audit(VERDICTS, lengths=[2] * len(VERDICTS), log_odds=log_odds, demonstrators=people)
     parts = {"from_actions": audit.log_odds - 1, "from_demonstrator": np.ones(len(VERDICTS))}
     return dataclasses.replace(audit, **parts)
@@ -87,14 +89,14 @@ def test_terminal_gets_lines_and_colours(monkeypatch):
     monkeypatch.setattr(sys, "stdout", stream)
     terminal.print_audit(make_audit())
     assert "\u2500\u2500" in stream.getvalue()
-    assert "\x1b[31madversary" in stream.getvalue()
+    assert "\x1b[31munlike" in stream.getvalue()
 
 
 @pytest.mark.parametrize(
     ("labels_file", "labelled", "lines"),
     [
-        ("labels.csv", (), ["id,label", '"a,""b""",expert']),
-        ("labels.csv", ("good", "bad"), ['"a,""b""",expert']),
+        ("labels.csv", (), ["id,label", '"a,""b""",good']),
+        ("labels.csv", ("good", "bad"), ['"a,""b""",good']),
         ("labels.json", (), ['{"a,\\"b\\"": "good"}']),
         ("labels.json", ("good", "bad"), ['"a,\\"b\\"": "good"']),
     ],

@@ -94,10 +94,8 @@ def write_kept(path: StrPath, audit: Audit) -> None:
         Where the path has another extension, or cannot be written.
     """
     own = set(kept(audit))
-    episodes = [name for old, name in zip(audit.ids, file_ids(audit.ids), strict=True) if old in own]
-    _write_json(
-        check_extension(path, (".json",), "demonstrations to keep"), {"episodes": episodes, "run": audit.run_id}
-    )
+    ids = [name for old, name in zip(audit.ids, file_ids(audit.ids), strict=True) if old in own]
+    _write_json(check_extension(path, (".json",), "demonstrations to keep"), {"episodes": ids, "run": audit.run_id})
 
 
 def file_ids(ids: Sequence[Hashable]) -> list[int] | list[str]:
