@@ -43,8 +43,8 @@ def test_goals_on_real_sets():
 
 
 def simulated_row(kind: str, seed: int, right: int, finding: str = "some are unlike"):
-    verdicts = {"good": {"expert": 10, "open": 0, "adversary": 0}, "bad": {"adversary": right}}
-    verdicts["bad"]["expert"] = 10 - right
+    verdicts = {"good": {"typical": 10, "open": 0, "unlike": 0}, "bad": {"unlike": right}}
+    verdicts["bad"]["typical"] = 10 - right
     judged = {"verdicts": verdicts, "wrong": 10 - right, "given": 20, "brier": 0.1, "base_rate_brier": 0.25}
     row = real_row(f"simulated Acrobot-v1 {kind} 50 % {seed}", 1.0, 0.9) | {"family": "simulated", "finding": finding}
     row |= judged | {"extra": {"unknowable": kind == "flip"}}
