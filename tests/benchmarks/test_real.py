@@ -287,7 +287,7 @@ def test_without_bad_demonstrations_verdicts_are_counted(real, tmp_path):
     longer = int((np.array(LENGTHS) > 5).sum())
     assert rows["rpil"]["verdicts"]["good"] == {"typical": longer, "open": 0, "unlike": 10 - longer}
     assert found["mean_auroc"]["length"]["mean"] is None
-    assert f"of 10 good {longer} expert" in real.text(found)
+    assert f"of 10 good {longer} typical" in real.text(found)
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,7 @@ from problems import make
 from rpil import RPIL, AmbiguousWarning, load, save
 
 
-def test_competing_groups_are_uncertain_and_the_longest_of_each_is_asked_about():
+def test_competing_groups_are_open_and_the_longest_of_each_is_asked_about():
     toy = make("shifted", 1, steps=(40, 60))
     with pytest.warns(AmbiguousWarning, match="two groups of demonstrations") as caught:
         audit = RPIL().fit(toy.demonstrations).audit_
@@ -43,4 +43,4 @@ def test_first_suggested_label_decides_between_competing_groups():
     is_good = dict(zip(toy.ids, toy.is_good, strict=True))
     labelled = RPIL().fit(toy.demonstrations, labels={name: "good" if is_good[name] else "bad"}).audit_
     assert labelled.identifiable
-    assert [verdict == "typical" for verdict in labelled.verdicts] == toy.is_good.tolist()
+    assert [verdict == "good" for verdict in labelled.verdicts] == toy.is_good.tolist()

@@ -105,7 +105,7 @@ def test_labels_outside_the_sample_are_used(maker):
     _, data = demonstrations(maker=maker)
     labels = {"d0": "good", "d3": "bad", "d100": "bad"}  # the second is wrong, and obeyed
     model, other = both(data, labels=labels)
-    assert model.audit_.finding == other.audit_.finding == "some are unlike"
+    assert model.audit_.finding == other.audit_.finding == "answered"
     assert model.audit_.verdicts == other.audit_.verdicts
     assert model.audit_.labelled == ("d0", "d3", "d100")
     verdicts = dict(zip(model.audit_.ids, model.audit_.verdicts, strict=True))
@@ -168,7 +168,7 @@ def test_sample_with_labels_of_one_kind_holds_unlabelled_demonstrations(recwarn)
     toy, data = demonstrations("random", 1, n_good=100, n_bad=100)
     labels = dict.fromkeys(toy.ids[100:160], "bad")
     model = small_rpil(labels=labels, settings=settings).fit(data)
-    np.testing.assert_array_equal(np.array(model.audit_.verdicts) == "typical", toy.is_good)
+    np.testing.assert_array_equal(np.array(model.audit_.verdicts) == "good", toy.is_good)
     assert not [w for w in recwarn if w.category is RuntimeWarning]
 
 

@@ -55,7 +55,8 @@ def test_rment_of_single_steps_may_leave_out_a_class():
 
 
 def right(model: RPIL, toy: Toy) -> bool:
-    return model.audit_.verdicts == tuple(np.where(toy.is_good, "typical", "unlike"))
+    words = model.audit_.words
+    return model.audit_.verdicts == tuple(np.where(toy.is_good, words.upper, words.lower))
 
 
 def predicted(model: Any, toy: Toy) -> np.ndarray:
@@ -257,7 +258,7 @@ def test_group_of_a_labelled_expert_is_trusted():
     """Even the shifted half: the data are symmetric."""
     toy = make("shifted", 2, steps=STEPS)
     model = RPIL().fit(toy.demonstrations, labels={"d0": "bad", "d6": "good"})
-    assert model.audit_.verdicts == ("unlike",) * 6 + ("typical",) * 6
+    assert model.audit_.verdicts == ("bad",) * 6 + ("good",) * 6
 
 
 def test_score_demonstrations_of_new_data():
