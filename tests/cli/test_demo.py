@@ -201,7 +201,7 @@ def test_picture_shows_the_landings_of_the_demo(result: demo.DemoResult) -> None
         assert float(log_odds) == pytest.approx(audit.log_odds[m], abs=0.1)
         assert float(expert_proba) == pytest.approx(audit.expert_proba[m], abs=0.01)
         assert float(reliability) == pytest.approx(audit.reliability[m], abs=0.03)
-    assert any(text.startswith("Told apart") for text in texts)
+    assert any(text.startswith("Some are unlike") for text in texts)
 
 
 def test_readme_quotes_the_demo(result: demo.DemoResult) -> None:
