@@ -1,16 +1,16 @@
-"""Calibration of P(expert), and false accusations where there is no signal.
+"""Calibration of P(typical), and false accusations where there is no signal.
 
     python benchmarks/calibration.py --draws 5 --json calibration.json
 
 With signal: the cells of `robustness.py`, 10 good demonstrations and as many bad ones as make up a share of 50, 75 or
-90 %. The expected calibration error compares P(expert), in ten bins, with the share of the good; and the interval for
+90 %. The expected calibration error compares P(typical), in ten bins, with the share of the good; and the interval for
 the share of experts should hold the truth. Where the data cannot tell which group is good, one label of each sort is
-given, and labelled demonstrations are not scored. Draws with the finding "cannot be known" are left out: they have no
+given, and labelled demonstrations are not scored. Draws with the finding "two groups" are left out: they have no
 verdicts.
 
 Without signal: 20 demonstrations that do not differ. They all come from one policy, an expert, a random one or an
 expert half of whose actions are random; or ten good and ten corrupted ones are shuffled, their actions among all steps,
-or their steps among all demonstrations. "adversary" is wrong for each of them.
+or their steps among all demonstrations. "unlike" is wrong for each of them.
 """
 
 from __future__ import annotations
@@ -100,7 +100,7 @@ def with_signal(env: str, kind: str, share: int, seed: int) -> Row:
 
 
 def without_signal(env: str, name: str, seed: int) -> Row:
-    """How many of `N_ALIKE` demonstrations that do not differ are called adversaries."""
+    """How many of `N_ALIKE` demonstrations that do not differ are called unlike."""
     if name in ONE_POLICY:
         kind, kept = ONE_POLICY[name]
         made = simulate(env, kind, n_good=N_ALIKE, n_bad=N_ALIKE, seed=seed)
@@ -109,7 +109,7 @@ def without_signal(env: str, name: str, seed: int) -> Row:
         made = simulate(env, "corrupted", n_good=N_ALIKE // 2, n_bad=N_ALIKE // 2, seed=seed)
         demonstrations = shuffled(Demonstrations.from_episodes(made.episodes), name, np.random.default_rng(seed))
     verdicts = fitted(demonstrations, {}).verdicts
-    return {"env": env, "name": name, "seed": seed, "accused": verdicts.count("adversary"), "of": len(verdicts)}
+    return {"env": env, "name": name, "seed": seed, "accused": verdicts.count("unlike"), "of": len(verdicts)}
 
 
 def shuffled(demonstrations: Demonstrations, name: str, rng: np.random.Generator) -> Demonstrations:

@@ -7,7 +7,7 @@ SHARES = (50, 75, 90)
 """Percent of the demonstrations that are bad."""
 
 N_GOOD = 10
-LABELS = {0: "expert", N_GOOD: "adversary"}
+LABELS = {0: "good", N_GOOD: "bad"}
 """One label of each sort: `simulate` puts the good demonstrations first."""
 
 

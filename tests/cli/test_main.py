@@ -92,8 +92,8 @@ def test_fit_reports_a_policy_of_both_groups(folder):
     assert result.stderr == ""
     Path("l.json").write_text('{"0": "good"}')
     result = ok("fit", folder / "shifted.parquet", "-o", "p", "--labels", "l.json", *raw)
-    assert result.stdout.startswith("Told apart: ")
-    assert "6 can be trusted, 6 cannot be trusted" in result.stdout
+    assert result.stdout.startswith("Answered: ")
+    assert "6 good, 0 open, 6 bad." in result.stdout
     assert "both groups" not in result.stdout
 
 

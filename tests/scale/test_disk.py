@@ -23,7 +23,7 @@ from small import small_rpil
 def test_a_fit_from_disk_is_the_fit_in_memory(tmp_path, continuous):
     memory = demonstrations(continuous, "noisy", single=True)
     folder = write_files(flat.from_demonstrations(memory, {}), tmp_path / "many")
-    labels = {3: "expert", 100: "adversary"}
+    labels = {3: "good", 100: "bad"}
     here = small_rpil(engine=InMemory(), labels=labels).fit(memory)
     there = small_rpil(labels=labels).fit(open_dataset(folder))
     assert here.audit_.ids == there.audit_.ids

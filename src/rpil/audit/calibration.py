@@ -1,4 +1,4 @@
-"""Calibration of P(expert) by demonstrations of known quality whose labels the fit did not see."""
+"""Calibration of the probabilities by demonstrations of known quality whose labels the fit did not see."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from rpil.numerics.types import Array, Bool, Float
 class PlattCalibration:
     """Platt scaling (Platt 1999) of log-odds z with a prior on its two parameters.
 
-        logit P(expert) = slope z + offset,    log slope ~ N(0, log_slope_sd^2),    offset ~ N(0, offset_sd^2)
+        logit P(good) = slope z + offset,    log slope ~ N(0, log_slope_sd^2),    offset ~ N(0, offset_sd^2)
 
     The prior keeps slope and offset near 1 and 0 where there are few labels.
     """
@@ -29,12 +29,12 @@ class PlattCalibration:
     def fit(
         cls,
         log_odds: Float[Array, " L"],
-        is_expert: Bool[Array, " L"],
+        is_good: Bool[Array, " L"],
         settings: CalibrationSettings,
     ) -> PlattCalibration:
         """The maximum of the posterior, given the log-odds of L labelled demonstrations and their labels."""
         z = np.clip(log_odds, -settings.max_log_odds, settings.max_log_odds)
-        sign = np.where(is_expert, 1.0, -1.0)
+        sign = np.where(is_good, 1.0, -1.0)
 
         def negative_log_posterior(parameters: Array) -> float:
             log_slope, offset = parameters

@@ -2,9 +2,9 @@
 
 A label settles every pair of demonstrations that contains the labelled one: the pair is in the right order or in the
 wrong one. So the labels to ask for are those that settle the most pairs in the wrong order. The order of an audit is
-more reliable than its probabilities, which may be overconfident and depend on the unknown share of experts. Suppose
+more reliable than its probabilities, which may be overconfident and depend on the unknown share of good ones. Suppose
 that nothing is known of this share, and that the order is informative: then the demonstration of rank r (0 for the
-least trusted, 1 for the most) is an expert's with probability r, and the share of all demonstrations that form a pair
+least trusted, 1 for the most) is good with probability r, and the share of all demonstrations that form a pair
 in the wrong order with it is
 
     r * int_r^1 (1 - s) ds + (1 - r) * int_0^r s ds = r (1 - r) / 2.
@@ -21,8 +21,11 @@ import numpy as np
 from rpil.numerics.types import Array, Float, Int
 
 NEXT_STEPS = {
-    "told apart": "Look at the worst steps of a few adversaries, and label a demonstration whose verdict is wrong.",
-    "cannot be known": "Label one demonstration of either group, or choose minority=trust if both groups are good.",
+    "some are unlike": "Look at the worst steps of a few that are called unlike, and label those that you can judge.",
+    "answered": "Look at the worst steps of a few that are called bad, and label a demonstration whose word is wrong.",
+    "mixture": "Look at the worst steps of a few adversaries, and label a demonstration whose word is wrong.",
+    "two groups": "Label one demonstration of either group, or choose minority=trust if both groups are good.",
+    "in doubt": "Look at the lowest ranked demonstrations, and label those that you can judge.",
     "nobody stands out": "Look at the lowest ranked demonstrations, and label those that you can judge.",
     "nothing could be learned": "Check that the observations contain what the actions depend on, or give more "
     "demonstrations.",

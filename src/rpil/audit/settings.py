@@ -10,7 +10,7 @@ from rpil.data.archive import stored
 @stored()
 @dataclass(frozen=True)
 class CalibrationSettings:
-    """Calibration of P(expert) by labels (`rpil.audit.calibration`). All were chosen by hand, not tuned."""
+    """Calibration of probabilities by labels (`rpil.audit.calibration`). All were chosen by hand, not tuned."""
 
     min_labels: int = 4
     """Labels that a calibration needs."""
@@ -30,12 +30,12 @@ class AuditSettings:
     """From probabilities to verdicts and step weights."""
 
     min_verdict_proba: float = 0.9
-    """P(expert), or P(adversary), from which a demonstration gets that verdict. benchmarks/calibration.py measures how
-    many verdicts are then wrong."""
+    """Probability from which a demonstration gets the upper word; the lower one from one minus this down.
+    benchmarks/calibration.py measures how many words are then wrong."""
     min_label_log_odds: float = 20.0
     """Nats. A label raises the log-odds to at least this: as good as certain. Chosen by hand, not tuned."""
     full_weight_reliability: float = 0.9
-    """Reliability, divided by that of a typical expert, from which every step of a demonstration has the full weight:
-    a few unlikely steps are a misfit of the policy, and without them it would be biased to where it fits. Chosen by
-    hand, not tuned."""
+    """Reliability, divided by that of a typical trusted one, from which every step has the full weight: a few unlikely
+    steps are a misfit of the policy, and without them it would be biased to where it fits. Chosen by hand, not
+    tuned."""
     calibration: CalibrationSettings = CalibrationSettings()

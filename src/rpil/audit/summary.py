@@ -7,10 +7,12 @@ from collections.abc import Hashable, Sequence
 import numpy as np
 from scipy.special import expit
 
-from rpil.audit.record import MAX_LOG_ODDS, Audit, Demonstrator, Interval, Verdict, apply_labels, verdict
+from rpil.audit.record import MAX_LOG_ODDS, Audit, Demonstrator, Interval, apply_labels
 from rpil.audit.settings import AuditSettings
+from rpil.audit.words import WORDS, Anchor
 from rpil.data.demonstrators import Demonstrators
 from rpil.data.fit_data import FitData
+from rpil.inference.findings import DECIDED, Finding
 from rpil.inference.trust import Judgement
 from rpil.mixture.em import Result
 from rpil.numerics.types import Array, Float, Int
@@ -20,16 +22,19 @@ def audit_from_judgement(
     judgement: Judgement, data: FitData, ids: Sequence[Hashable], settings: AuditSettings
 ) -> Audit:
     """The audit of the judge, of demonstrations that are called `ids`."""
-    rival, steps, finding = judgement.rival, judgement.step_trust, judgement.finding
+    rival, steps = judgement.rival, judgement.step_trust
+    anchor: Anchor = "answers" if data.labels.any() else "none"
+    answered = judgement.finding == "some are unlike" and anchor == "answers"
+    finding: Finding = "answered" if answered else judgement.finding
     groups = () if rival is None else (rival.trusted, rival.rival)
     unlabelled = data.labels == 0
     log_odds = apply_labels(judgement.log_odds, data.labels, settings)
     proba = expit(log_odds)
-    if finding in ("cannot be known", "nothing could be learned"):
+    if finding in ("two groups", "nothing could be learned"):
         proba = np.where(unlabelled, 0.5, proba)
-    verdicts = tuple(verdict(p, settings) for p in proba)
-    if finding != "told apart":
-        verdicts = tuple("uncertain" if u else v for u, v in zip(unlabelled, verdicts, strict=True))
+    verdicts = tuple(WORDS[anchor].verdict(p, settings.min_verdict_proba) for p in proba)
+    if finding not in DECIDED:
+        verdicts = tuple("open" if u else v for u, v in zip(unlabelled, verdicts, strict=True))
     return Audit(
         ids=tuple(ids),
         offsets=np.asarray(data.offsets, dtype=np.int64),
@@ -45,13 +50,14 @@ def audit_from_judgement(
         step_log_ratio=judgement.log_ratio,
         step_weight=step_weight(data.lengths, proba, steps.reliability, steps.step, settings),
         prior=Interval(*judgement.expert_share),
-        identifiable=finding != "cannot be known",
+        identifiable=finding != "two groups",
         competing=tuple(tuple(ids[m] for m in group) for group in groups),
         to_label=tuple(ids[m] for m in longest_unlabelled(data, groups)),
         adversary="frequent actions" if data.space.kind == "discrete" else "any action",
         history=judgement.scores.fit.history,
-        demonstrators=rank_demonstrators(data.demonstrators, judgement.demonstrator_trust, verdicts),
+        demonstrators=rank_demonstrators(data.demonstrators, judgement.demonstrator_trust, ids),
         labelled=tuple(ids[m] for m in np.flatnonzero(data.labels).tolist()),
+        anchor=anchor,
         settings=settings,
     )
 
@@ -72,7 +78,8 @@ def audit_from_mixture(
     return Audit(
         ids=tuple(ids),
         offsets=np.asarray(data.offsets, dtype=np.int64),
-        finding="told apart",
+        finding="mixture",
+        anchor="named adversary",
         log_odds=log_odds,
         from_actions=from_actions,
         from_demonstrator=np.zeros(len(log_odds)),
@@ -80,7 +87,7 @@ def audit_from_mixture(
         expert_proba=proba,
         reliability=proba,
         reliability_interval=np.stack([proba, proba], axis=1),
-        verdicts=tuple(verdict(p, settings) for p in proba),
+        verdicts=tuple(WORDS["named adversary"].verdict(p, settings.min_verdict_proba) for p in proba),
         step_log_ratio=posterior.log_ratio,
         step_weight=data.per_step(proba),
         prior=expert_share,
@@ -140,15 +147,14 @@ def typical_reliability(
 
 
 def rank_demonstrators(
-    demonstrators: Demonstrators, trust: Float[Array, "U 3"], verdicts: Sequence[Verdict]
+    demonstrators: Demonstrators, trust: Float[Array, "U 3"], ids: Sequence[Hashable]
 ) -> tuple[Demonstrator, ...]:
     """The demonstrators with a name, the most trusted first; `trust` holds the mean and the 95 % interval of each."""
     if not demonstrators.informative:
         return ()
     ranked = []
     for u, name in enumerate(demonstrators.names):
-        own = [verdicts[m] for m in np.flatnonzero(demonstrators.index == u).tolist()]
-        counts = [own.count(kind) for kind in ("expert", "adversary", "uncertain")]
         if name is not None:
-            ranked.append(Demonstrator(name, Interval(*map(float, trust[u])), len(own), *counts))
+            own = tuple(ids[m] for m in np.flatnonzero(demonstrators.index == u).tolist())
+            ranked.append(Demonstrator(name, Interval(*map(float, trust[u])), own))
     return tuple(sorted(ranked, key=lambda demonstrator: -demonstrator.trust.mean))

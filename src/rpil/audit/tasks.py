@@ -8,15 +8,17 @@ from functools import cached_property
 
 import numpy as np
 
-from rpil.audit.record import Audit, Interval, Verdict
+from rpil.audit.record import Audit, Interval
 from rpil.audit.settings import AuditSettings
+from rpil.audit.words import Verdict
+from rpil.inference.findings import FINDINGS
 from rpil.numerics.types import Array
 
 MIN_DEMONSTRATIONS = 8
 """Of a task: with fewer the verdicts are weak, and a user is warned."""
 
 ALONE = "Not judged: it is the only demonstration of its task."
-_FINDINGS = ("told apart", "cannot be known", "nobody stands out", "nothing could be learned")
+_FINDINGS = tuple(FINDINGS)
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,7 +49,7 @@ def join_audits(
     Parameters
     ----------
     audits : mapping of task to Audit
-        A task with a single demonstration has none: it stays uncertain.
+        A task with a single demonstration has none: it stays open.
     places : mapping of task to sequence of int
         The numbers of the demonstrations of each task, in the order of its audit.
     offsets : (M + 1,) int array
@@ -58,7 +60,7 @@ def join_audits(
     columns = {name: np.full(n, value) for name, value in (values | {"expert_proba": 0.5, "reliability": 0.5}).items()}
     interval = np.tile([0.0, 1.0], (n, 1))
     steps = {"step_log_ratio": np.zeros(n_steps), "step_weight": np.full(n_steps, 0.5)}
-    verdicts: list[Verdict] = ["uncertain"] * n
+    verdicts: list[Verdict] = ["open"] * n
     reasons, deviations = [ALONE] * n, [""] * n
     for task, audit in audits.items():
         rows = np.concatenate([np.arange(offsets[m], offsets[m + 1]) for m in places[task]])
@@ -71,6 +73,7 @@ def join_audits(
             verdicts[m], reasons[m] = audit.verdicts[k], audit.reasons[k]
             deviations[m] = audit.deviations[k] if audit.deviations else ""
     parts = list(audits.values())
+    anchors = {audit.anchor for audit in parts}
     opposed = next((audit for audit in parts if not audit.identifiable), None)
     assumptions = dict.fromkeys(sentence for audit in parts for sentence in audit.assumptions)
     return AuditOfTasks(
@@ -90,6 +93,8 @@ def join_audits(
         assumptions=(_sentence(audits, places), *assumptions),
         demonstrators=tuple(demonstrator for audit in parts for demonstrator in audit.demonstrators),
         labelled=tuple(name for audit in parts for name in audit.labelled),
+        # Each verdict keeps the word of its task; where tasks differ, the probability is what it is without an anchor.
+        anchor=anchors.pop() if len(anchors) == 1 else "none",
         deviations=tuple(deviations) if any(deviations) else (),
         settings=parts[0].settings if parts else AuditSettings(),
         own_reasons=tuple(reasons),
@@ -97,7 +102,7 @@ def join_audits(
 
 
 def _mean_prior(audits: Sequence[Audit]) -> Interval:
-    """The shares of experts in the tasks, weighted by their numbers of demonstrations."""
+    """The shares in the tasks, weighted by their numbers of demonstrations."""
     if not audits:
         return Interval(0.5, 0.0, 1.0)
     weights = [len(audit.ids) for audit in audits]

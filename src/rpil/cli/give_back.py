@@ -35,9 +35,11 @@ if TYPE_CHECKING:
 @click.command()
 @click.argument("file", type=click.Path())
 @click.option("-o", "--output", type=click.Path(), metavar="NEW", help="A new file, or folder.")
-@click.option("--in-place", is_flag=True, help="Only list them in FILE itself, as mask/rpil_expert: HDF5 of robomimic.")
+@click.option("--in-place", is_flag=True, help="Only list them in FILE itself, as mask/rpil_kept: HDF5 of robomimic.")
 @click.option("--share", metavar="S", type=click.FloatRange(0, 1, min_open=True), help="Keep this share, as .8.")
-@click.option("--at-least", metavar="P", type=click.FloatRange(0, 1), help="Keep those whose P(expert) is P or more.")
+@click.option(
+    "--at-least", metavar="P", type=click.FloatRange(0, 1), help="Keep those with a probability of P or more."
+)
 @click.option(
     "--verdicts",
     type=click.Path(),
@@ -54,13 +56,13 @@ def keep(
     verdicts: str | None,
     **options: Any,
 ) -> None:
-    """Write the trusted demonstrations to a new file of the same format.
+    """Write demonstrations to a new file of the same format, without those that an audit calls unlike or bad.
 
-    These are the ones with the verdict expert, unless --share or --at-least says otherwise.
+    All others are kept, unless --share or --at-least says otherwise.
     """
     if share is not None and at_least is not None:
         raise click.UsageError("--share and --at-least exclude each other: leave one out")
-    from rpil.audit.choice import Table, read_verdicts, trusted_ids
+    from rpil.audit.choice import Table, kept_ids, read_verdicts
     from rpil.audit.verdict_table import verdict_columns
     from rpil.data import formats
     from rpil.data.formats.table import check_ids
@@ -86,9 +88,9 @@ def keep(
             table, why = read_verdicts(verdicts), ""
             ids = _ids(file, columns, progress, stream)
             check_ids(table["id"], ids, verdicts, "the ids")
-        kept = trusted_ids(table, share, at_least)
+        kept = kept_ids(table, share, at_least)
         if not kept:
-            raise DataError(f"{file}: no demonstration is trusted enough{why}; give labels, or choose with --share.")
+            raise DataError(f"{file}: no demonstration is left{why}; give labels, or choose with --share.")
         progress(f"writing {output or file}")
         if output is None:
             formats.write_mask(file, kept)

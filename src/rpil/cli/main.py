@@ -21,13 +21,14 @@ from rpil.cli.options import (
     ERROR_CHOICE,
     FitOptions,
     OutputFile,
+    WordLimit,
     json_option,
     pop_columns,
     quiet_option,
     seed_option,
     with_fit_options,
 )
-from rpil.cli.outputs import OUTPUTS, Audited, judged_within, lines_after_output, write_outputs
+from rpil.cli.outputs import OUTPUTS, Audited, judged_within, lines_after_output, tell_if_too_many, write_outputs
 from rpil.cli.progress import StageProgress, show_count, show_stages
 from rpil.data.files import check_outputs
 
@@ -56,7 +57,7 @@ def _show_stages(quiet: bool) -> AbstractContextManager[StageProgress]:
 )
 @click.pass_context
 def main(ctx: click.Context, /) -> None:
-    """Find out which demonstrations can be trusted, and learn a policy from these.
+    """Find out which demonstrations are unlike the others, or bad, and learn a policy from the rest.
 
     FILE holds demonstrations as .parquet, .csv or .npz: one row per step, with columns such as episode_index, action
     and observation.*. It can also be a folder of .parquet or .csv files, or the address of one, larger than the memory.
@@ -89,7 +90,13 @@ for command in (check, info, keep, convert):
     "--keep",
     type=OutputFile(".json"),
     metavar="OUT.json",
-    help="Also write the ids of the trusted demonstrations, as LeRobot takes them.",
+    help="Also write the ids of the demonstrations to keep, all but unlike or bad ones, as LeRobot takes them.",
+)
+@click.option(
+    "--fail-on",
+    type=WordLimit(),
+    metavar="unlike|bad[:N]",
+    help="Exit with code 1 where more than N demonstrations, by default 0, are unlike or bad.",
 )
 @click.option("--suggest", metavar="K", type=click.IntRange(1), help="Name the K labels that would say most.")
 @click.option("--all", "all_rows", is_flag=True, help="Print all demonstrations, not the worst and doubtful ones only.")
@@ -97,8 +104,15 @@ for command in (check, info, keep, convert):
 @with_fit_options
 @click.pass_context
 def audit(
-    ctx: click.Context, /, file: str, suggest: int | None, all_rows: bool, json_wanted: bool, **options: Any
-) -> None:
+    ctx: click.Context,
+    /,
+    file: str,
+    suggest: int | None,
+    all_rows: bool,
+    json_wanted: bool,
+    fail_on: str | None,
+    **options: Any,
+) -> int:
     """Print how far each demonstration can be trusted, the least trusted first.
 
     No policy is kept: with --features auto none are chosen for one, and the verdicts are those of rpil fit.
@@ -137,6 +151,7 @@ def audit(
             click.echo(f"{title.capitalize()}: {path}", err=json_wanted)
             if not json_wanted and not quiet:
                 terminal.print_lines(lines_after_output(title, path, file, result))
+    return tell_if_too_many(result, fail_on)
 
 
 @main.command()

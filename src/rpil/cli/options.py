@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import reduce
@@ -62,6 +63,17 @@ class OutputFile(click.Path):
 
     def convert(self, value: StrPath, param: click.Parameter | None, ctx: click.Context | None) -> str:
         return str(check_extension(value, self.extensions, param.opts[-1] if param else ""))
+
+
+class WordLimit(click.ParamType[str]):
+    """``unlike`` or ``bad``, with a number that is allowed, as ``unlike:2``."""
+
+    name = "word"
+
+    def convert(self, value: str, param: click.Parameter | None, ctx: click.Context | None) -> str:
+        if re.fullmatch(r"(unlike|bad)(:\d{1,9})?", value) is None:
+            self.fail(f"{value!r} is neither unlike nor bad, with a number as in unlike:2", param, ctx)
+        return value
 
 
 def _limit_memory(ctx: click.Context, param: click.Parameter, size: str | None) -> str | None:
@@ -153,7 +165,7 @@ FIT_OPTIONS = (
 )
 
 
-def with_fit_options(command: Callable[..., None]) -> Callable[..., None]:
+def with_fit_options(command: Callable[..., object]) -> Callable[..., object]:
     return reduce(lambda wrapped, option: option(wrapped), reversed(FIT_OPTIONS), command)
 
 

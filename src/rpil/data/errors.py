@@ -21,7 +21,7 @@ class MissingExtraError(ImportError):
 
 
 class AmbiguousWarning(UserWarning):
-    """The data hold two groups that may each be the expert's; `RPIL.audit_` names demonstrations to label."""
+    """The data hold two groups that may each be the good one; `RPIL.audit_` names demonstrations to label."""
 
 
 def user_stack_level() -> int:

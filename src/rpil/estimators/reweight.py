@@ -207,8 +207,8 @@ def reweight(
         Trains the policy, for an epoch, say, with weights in [0, 1]. Returns nothing, or the new policy, of the same
         type. Whatever it changes, such as an optimiser, must belong to the policy, so that copies of the policy have
         their own.
-    labels : mapping of id to {"expert", "adversary"}, optional
-        Policies are not trained on known adversaries.
+    labels : mapping of id to {"good", "bad"}, optional
+        Policies are not trained on demonstrations that are known to be bad.
     progress : callable, optional
         Called with a few words at every round.
     n_folds : int, default=3
@@ -251,5 +251,5 @@ def reweight(
     for n in range(n_rounds):
         progress(f"training the policy: {n + 1} of {n_rounds}")
         policy = model.train_round(policy, np.arange(demonstrations.n_steps), audit.step_weight)
-    sentences = assumption_sentences(judgement.finding, IN_SAMPLE_POLICY if chosen.n_folds == 1 else "")
+    sentences = assumption_sentences(audit, IN_SAMPLE_POLICY if chosen.n_folds == 1 else "")
     return Reweighted(policy, replace(audit, assumptions=sentences), n_rounds, n_rounds < chosen.max_rounds)

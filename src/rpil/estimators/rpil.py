@@ -34,15 +34,15 @@ from rpil.scale.protocol import Engine
 
 class RPIL(PolicyEstimator):
     """Robust probabilistic imitation learning: a policy from demonstrations of unknown quality, and the probability
-    that each demonstration is an expert's.
+    that each demonstration belongs with those that agree best.
 
     By default the judge (`rpil.inference.trust`) decides. The score of demonstration m is the mean held-out log-ratio
     of its N_m steps under a policy pi fitted to the training group, the demonstrations that are explained best,
 
         y_m = (1 / N_m) sum_n [ log pi(a_n | s_n) - log q(a_n) ],
 
-    where q is the reference. P(expert) follows from the mixture of one or two groups fitted to the scores. With a named
-    `adversary`, RPIL fits the mixture of the paper (eq. 7, 9, 11) by EM instead:
+    where q is the reference. The probability, see `rpil.audit.words`, follows from the mixture of one or two groups
+    fitted to the scores. With a named `adversary`, RPIL fits the mixture of the paper (eq. 7, 9, 11) by EM instead:
 
         p(D) = prod_m [ p prod_n pi(a_n | s_n) + (1 - p) prod_n psi(a_n | s_n) ].
 
@@ -61,10 +61,10 @@ class RPIL(PolicyEstimator):
         ``Confusion.given(matrix)``. The mixture needs all data in memory.
     C : float, optional
         Inverse ridge strength of the final policy, as in `BehavioralCloning`.
-    labels : mapping of id to {"expert", "adversary"}, optional
+    labels : mapping of id to {"good", "bad"}, optional
         Known demonstrations; `fit` takes labels too.
     minority : {"ask", "trust", "distrust"}
-        The decision about a rival group where no label decides: answer "cannot be known" and ask for a label; trust
+        The decision about a rival group where no label decides: answer "two groups" and ask for a label; trust
         both groups; or trust the larger group.
     random_state : int
         Seed; the same seed gives the same bits.
@@ -163,7 +163,7 @@ class RPIL(PolicyEstimator):
             Actions.
         groups : (N,) array
             The demonstration of each step.
-        labels : mapping of id to {"expert", "adversary"}, optional
+        labels : mapping of id to {"good", "bad"}, optional
             Known demonstrations, in the place of the constructor's.
         demonstrators : mapping of id to name, or sequence of M names, optional
             The demonstrator of each demonstration. Demonstrations of one demonstrator then change each other's
@@ -174,7 +174,7 @@ class RPIL(PolicyEstimator):
         ------
         DataError
             One sentence: constant actions, an action outside the box, a single demonstration, an unknown id in `labels`
-            or `demonstrators`, a wrong number of `demonstrators`, or only known adversaries.
+            or `demonstrators`, a wrong number of `demonstrators`, or only demonstrations labelled bad.
         """
         options = self._options()
         source = X if isinstance(X, Dataset) else as_demonstrations(self, X, y, groups)
@@ -187,17 +187,15 @@ class RPIL(PolicyEstimator):
         return self
 
     def _explain(self, task: Task, options: Options) -> None:
-        """Add the assumptions to the audit; warn if the fit did not converge or nothing says which group is the
-        expert."""
+        """Add the assumptions to the audit; warn if the fit did not converge or nothing says which group is
+        good."""
         prior, type_name = options.settings.mixture.prior, type(self.policy).__name__
         linear = self.policy is None
         sentences = assumptions.assumption_sentences(
-            self.audit_.finding,
+            self.audit_,
             assumptions.linear_policy(self.features_.kind) if linear else assumptions.custom_policy(type_name),
             p_two_groups=None if self.judge_ is None else self.judge_.groups.p_two,
-            whole_demonstrations=self.state_ is not None,
             expert_share=prior if isinstance(prior, float) else None,
-            n_labels=int(np.count_nonzero(task.labels)),
             demonstrators=task.demonstrators.note,
         )
         self.audit_ = replace(self.audit_, assumptions=sentences)
@@ -224,18 +222,18 @@ class RPIL(PolicyEstimator):
 
     @property
     def log_odds_(self) -> Array:
-        """Log-odds of expert against adversary, (M,)."""
+        """`Audit.log_odds`, (M,)."""
         return self.audit_.log_odds
 
     @property
     def expert_proba_(self) -> Array:
-        """P(expert) of each demonstration, (M,)."""
+        """`Audit.expert_proba`, (M,)."""
         return self.audit_.expert_proba
 
     def score_demonstrations(
         self, X: ArrayLike | Demonstrations, y: ArrayLike | None = None, groups: ArrayLike | None = None
     ) -> Array:
-        """Log-odds of expert against adversary for demonstrations that were not fitted, (M,).
+        """Log-odds, as in `Audit.log_odds`, for demonstrations that were not fitted, (M,).
 
         Decisions about a rival group, by labels or by ``minority="trust"``, concern the fitted demonstrations alone.
 

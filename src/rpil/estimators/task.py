@@ -36,7 +36,7 @@ class Task:
     classes: Array
     """The discrete actions, or an empty array."""
     labels: Array
-    """1 known expert, -1 known adversary, 0 unknown."""
+    """1 known to be good, -1 known to be bad, 0 unknown."""
     demonstrators: Demonstrators
 
     @classmethod

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 from scipy.special import expit
 
 from rpil.data.fit_data import FitData
+from rpil.inference.findings import Finding
 from rpil.inference.groups import Groups, expert_share_interval
 from rpil.inference.held_out import HeldOutModel
 from rpil.inference.labels import Decision, decide
@@ -21,24 +21,13 @@ from rpil.inference.trimming import fit_trimmed, group_shares
 from rpil.mixture.demonstrator_prior import demonstrator_posterior
 from rpil.numerics.types import Array, Bool, Float
 
-Finding = Literal["told apart", "cannot be known", "nobody stands out", "nothing could be learned"]
-
-FINDINGS: dict[str, str] = {
-    "told apart": "The demonstrations fall into two groups; the one that agrees best is taken for the experts'.",
-    "cannot be known": "Two groups of demonstrations each act alike, but differently from each other, in the same "
-    "states: without a label it cannot be known which of them is the experts'.",
-    "nobody stands out": "The scores are one group: demonstrations are ranked, and none is called an adversary's.",
-    "nothing could be learned": "The state does not help to predict the actions of other demonstrations.",
-}
-"""The findings, each explained in a sentence."""
-
 
 @dataclass(frozen=True, eq=False)
 class Judgement:
     """The result of the judge for M demonstrations of N steps by U demonstrators."""
 
     finding: Finding
-    """One of `FINDINGS`."""
+    """One of `rpil.inference.findings.FINDINGS`."""
     from_actions: Float[Array, " M"]
     from_demonstrator: Float[Array, " M"]
     """Log-odds of expert against adversary, nats: by the actions of the demonstration itself, and by the other
@@ -155,9 +144,9 @@ def conclude(
     total = log_odds + from_demonstrator
     finding: Finding = "nobody stands out" if scores.state_predicts_action else "nothing could be learned"
     if rival is not None and rival.opposed and decision.minority == "ask":
-        finding = "cannot be known"
+        finding = "two groups"
     elif apart or (np.abs(total) >= limit).any():  # the latter where demonstrators decide
-        finding = "told apart"
+        finding = "some are unlike"
     return Judgement(
         finding=finding,
         from_actions=log_odds,
@@ -166,7 +155,7 @@ def conclude(
         log_ratio=log_ratio,
         step_trust=steps,
         expert_share=expert_share_interval(expit(total), 1.0 if apart else groups.p_two),
-        rival=rival if finding != "told apart" and decision.minority == "ask" else None,
+        rival=rival if finding != "some are unlike" and decision.minority == "ask" else None,
         training_group=training_group,
         demonstrator_trust=demonstrator_trust,
     )

@@ -190,7 +190,7 @@ def check_mask(path: StrPath) -> Path:
 
 @guard
 def write_mask(path: StrPath, ids: Sequence[Id]) -> None:
-    """List some demonstrations in the file itself, under ``mask/rpil_expert``; errors are those of `keep`."""
+    """List some demonstrations in the file itself, under ``mask/rpil_kept``; errors are those of `keep`."""
     path = check_mask(path)
     robomimic.write_mask(path, path, ids)
 

@@ -16,26 +16,28 @@ from rpil.data.formats.table import check_ids
 from rpil.data.guard import guarded
 from rpil.data.json_files import LARGEST_TABLE, parse, read_text
 
-Label = Literal["expert", "adversary"]
+Label = Literal["good", "bad"]
 Key = TypeVar("Key", bound=Hashable)
 
-_LABELS: dict[str, Label] = {"expert": "expert", "adversary": "adversary", "good": "expert", "bad": "adversary"}
+_LABELS: dict[str, Label] = {"good": "good", "bad": "bad", "expert": "good", "adversary": "bad"}
+"""Each word of a label, in any case; "expert" and "adversary" are what rpil 0.1 wrote."""
+
 _EXTENSIONS = (".csv", ".json")
 
 
 def read_labels(path: StrPath) -> dict[str, Label]:
     """Read labels from a CSV file with the columns ``id`` and ``label``, or from a JSON object of id to label.
 
-    ``good`` and ``bad`` are accepted for ``expert`` and ``adversary``. Ids come back as text; see `match_labels`. A
-    `DataError` names the file and the demonstration: unknown words, an id labelled twice, no labels at all.
+    Labels are ``good`` or ``bad``; ``expert`` and ``adversary`` are read as these. Ids come back as text, see
+    `match_labels`. A `DataError` names the file and the demonstration: unknown words, an id labelled twice, no labels.
     """
     path = check_extension(path, _EXTENSIONS, "labels")
     labels: dict[str, Label] = {}
-    for m, word in read_id_pairs(path, "label", "expert"):
-        label = _LABELS.get(word.strip().lower()) if isinstance(word, str) else None
+    for m, word in read_id_pairs(path, "label", "good"):
+        label = _label(word)
         if label is None:
             raise DataError(
-                f"{path.name}, demonstration {m!r}: unknown label {word!r}; write 'expert' or 'adversary', "
+                f"{path.name}, demonstration {m!r}: unknown label {word!r}; write 'good' or 'bad', "
                 "and leave out the demonstrations you cannot judge."
             )
         if m in labels:
@@ -46,17 +48,21 @@ def read_labels(path: StrPath) -> dict[str, Label]:
     return labels
 
 
-def match_labels(labels: Mapping[Key, str], ids: Sequence[object], source: str = "the labels") -> dict[int, bool]:
-    """Number of each labelled demonstration to whether it is an expert's; ids are compared as text.
+def _label(word: object) -> Label | None:
+    return _LABELS.get(word.strip().lower()) if isinstance(word, str) else None
 
-    A `DataError` where a label is neither "expert" nor "adversary", or an id is not among `ids`.
+
+def match_labels(labels: Mapping[Key, str], ids: Sequence[object], source: str = "the labels") -> dict[int, bool]:
+    """Number of each labelled demonstration to whether it is good; ids are compared as text.
+
+    A `DataError` where a label is neither "good" nor "bad", or an id is not among `ids`.
     """
     for m, label in labels.items():
-        if label not in ("expert", "adversary"):
-            raise DataError(f"Demonstration {m!r}: the label {label!r} is unknown; use 'expert' or 'adversary'.")
+        if _label(label) is None:
+            raise DataError(f"Demonstration {m!r}: the label {label!r} is unknown; use 'good' or 'bad'.")
     check_ids(labels, ids, source, "the labels")
     number = {str(name): m for m, name in enumerate(ids)}
-    return {number[str(name)]: label == "expert" for name, label in labels.items()}
+    return {number[str(name)]: _label(label) == "good" for name, label in labels.items()}
 
 
 def is_id_file(where: str) -> bool:
