@@ -84,7 +84,7 @@ def test_wrong_outcomes_are_refused(given, words):
 
 def test_a_place_that_is_missing_is_refused():
     np.testing.assert_array_equal(given_order([2, 1, 3], "abc", "a"), [2, 1, 3])
-    with pytest.raises(DataError, match="demonstration 'b'.*nan") as error:
+    with pytest.raises(DataError, match=r"demonstration 'b'.*nan") as error:
         given_order([0, NAN, 1], "abc", "a.csv")
     assert one_sentence(error)
 

@@ -7,7 +7,6 @@ from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from rpil.data.arrays import Indices
 from rpil.data.errors import DataError
@@ -15,6 +14,9 @@ from rpil.data.formats.columns import FILE_SESSION
 from rpil.data.formats.names import plain_name
 from rpil.data.formats.table import check_ids
 from rpil.numerics.types import Array, Float, Int
+
+Outcome = Mapping[int, float] | Mapping[str, float] | Sequence[float] | Array
+"""What a user gives: a number by id, or one for each demonstration."""
 
 _REWARD = re.compile(r"(?:next_)?rew(?:ard)?s?")
 
@@ -91,9 +93,7 @@ def tells(outcome: Float[Array, " M"] | None) -> bool:
     return outcome is not None and len(np.unique(outcome[~np.isnan(outcome)])) > 1
 
 
-def given_outcome(
-    given: Mapping[Hashable, float] | Sequence[float] | ArrayLike | None, ids: Sequence[Hashable], source: str
-) -> Float[Array, " M"] | None:
+def given_outcome(given: Outcome | None, ids: Sequence[Hashable], source: str) -> Float[Array, " M"] | None:
     """The outcome that a user gives, by id or for each of M demonstrations; those that are left out are unknown.
 
     A `DataError` as `check_outcome`, and where an id is unknown, a value no number, or their count another one.
@@ -101,14 +101,14 @@ def given_outcome(
     if given is None:
         return None
     if isinstance(given, Mapping):
-        check_ids(given, ids, "the outcome", "outcome=")
         by_id = {str(m): value for m, value in given.items()}
+        check_ids(by_id, ids, "the outcome", "outcome=")
         given = [by_id.get(str(m), np.nan) for m in ids]
     return check_outcome(_numbers(given, "outcome", ids, source), "the outcome", source)
 
 
 def given_order(
-    given: Sequence[float] | ArrayLike | None, ids: Sequence[Hashable], source: str
+    given: Sequence[float] | Array | None, ids: Sequence[Hashable], source: str
 ) -> Float[Array, " M"] | None:
     """The positions that a user gives for M demonstrations; a `DataError` where one is missing, or no number."""
     if given is None:
@@ -120,7 +120,7 @@ def given_order(
     return order
 
 
-def _numbers(given: Sequence[float] | ArrayLike, name: str, ids: Sequence[Hashable], source: str) -> Array:
+def _numbers(given: Sequence[float] | Array, name: str, ids: Sequence[Hashable], source: str) -> Array:
     try:
         values = np.asarray(given, dtype=np.float64)
     except (TypeError, ValueError) as error:

@@ -14,6 +14,7 @@ from rpil.audit import assumptions
 from rpil.audit.record import Audit
 from rpil.data.coding import encode_demonstrations
 from rpil.data.demonstrations import Demonstrations
+from rpil.data.facts import Outcome
 from rpil.data.files import StrPath
 from rpil.data.fit_data import FitData
 from rpil.data.formats.dataset import Dataset
@@ -21,7 +22,7 @@ from rpil.estimators.cloning import PolicyEstimator
 from rpil.estimators.passes import SampledFit, is_sampled
 from rpil.estimators.pipeline import Fitted, FullFit, Options, fit
 from rpil.estimators.settings import Settings
-from rpil.estimators.task import ActionBox, Features, Labels, Names, Outcome, Task
+from rpil.estimators.task import ActionBox, Features, Labels, Names, Task
 from rpil.estimators.validation import Given, as_demonstrations
 from rpil.inference.fitted_judge import FittedJudge
 from rpil.inference.settings import JudgeSettings, Minority

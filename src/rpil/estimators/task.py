@@ -13,7 +13,7 @@ from rpil.data.coding import action_space, encode_actions, label_codes
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.demonstrators import Demonstrators, group_by_demonstrator
 from rpil.data.errors import DataError
-from rpil.data.facts import given_order, given_outcome
+from rpil.data.facts import Outcome, given_order, given_outcome
 from rpil.data.fit_data import FitData
 from rpil.data.formats.dataset import Dataset
 from rpil.data.spaces import Space
@@ -26,7 +26,6 @@ Features = FeatureMap | IdentityMap
 FinalPolicy = Policy | CrossFittedPolicy
 Labels = Mapping[Any, str]
 Names = Mapping[Any, Hashable] | Sequence[Hashable]
-Outcome = Mapping[int, float] | Mapping[str, float] | Sequence[float] | Array
 
 
 @dataclass(frozen=True, eq=False)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gzip
+import json
 from pathlib import Path
 
 import numpy as np
@@ -66,7 +67,7 @@ def test_one_file_each_states_the_order_by_the_numbers_in_the_names(tmp_path, na
         found = recording.facts
         assert found.order_source == "one file each"
         firsts = [recording.demonstrations.select([m]).observations[0, 0] for m in np.argsort(found.order)]
-        assert firsts == [STATES[OWNERS == m][0, 0] for m in (1, 0, 2)]
+        assert firsts == [STATES[m == OWNERS][0, 0] for m in (1, 0, 2)]
     (path / f"ep_9{suffix}").rename(path / f"ep_9 (copy){suffix}")
     assert facts(path).order is None
 
@@ -118,7 +119,7 @@ def test_outcomes_are_read_when_they_are_named_and_are_no_observations(tmp_path,
     assert facts(path, on_disk).outcome is None
     seen = formats.read_recording(path, ColumnOptions(outcome="half"), on_disk=on_disk)
     assert "half" not in seen.description.observations
-    with pytest.raises(DataError, match="'half' changes within demonstrations.*'next.success', 'reward', 'length'") as e:
+    with pytest.raises(DataError, match=r"'half' changes within .*'next.success', 'reward', 'length'") as e:
         seen.facts  # noqa: B018
     assert one_sentence(e)
     with pytest.raises(DataError, match="'nothing'") as e:
@@ -185,3 +186,20 @@ def test_other_formats_state_no_order(tmp_path, name):
         pytest.skip("needs an extra")
     found = facts(SAMPLES[name](tmp_path))
     assert (found.order, found.sessions, found.outcome) == (None, (), None)
+
+
+@pytest.mark.parametrize("on_disk", [False, True])
+@pytest.mark.parametrize("given", ["1, 2:9", [1, 2], ["1:3"]])
+def test_lists_of_episodes_of_lerobot_are_outcomes(tmp_path, on_disk, given):
+    path = lerobot(tmp_path)
+    info = json.loads((path / "meta" / "info.json").read_text())
+    splits = {"train": "0:3", "drop": given, "kept": "0:1", "odd": "a:b", "none": None}
+    (path / "meta" / "info.json").write_text(json.dumps(info | {"splits": splits}))
+    read = formats.read_recording(path, ColumnOptions(outcome="-splits.drop"), on_disk=on_disk)
+    np.testing.assert_array_equal(read.facts.outcome, [0, -1, -1])
+    options = {"splits.drop": "--outcome -splits.drop", "splits.kept": "--outcome splits.kept"}
+    assert read.description.outcomes == options
+    for wrong in ("splits.odd", "splits.other"):
+        with pytest.raises(DataError, match="'train', 'drop', 'kept'") as error:
+            facts(path, on_disk, outcome=wrong)
+        assert one_sentence(error)

@@ -8,7 +8,7 @@ from difflib import get_close_matches
 from fnmatch import fnmatchcase
 
 from rpil.data.errors import DataError
-from rpil.data.formats.columns import FILE_SESSION, LENGTH, ColumnOptions, Columns, Kind, Names, check_unique
+from rpil.data.formats.columns import FILE_SESSION, LENGTH, SPLITS, ColumnOptions, Columns, Kind, Names, check_unique
 from rpil.data.formats.names import (
     ABOUT_ACTION,
     ACTION,
@@ -110,7 +110,7 @@ class _Search:
         """The outcome, which is no observation; a `DataError` where the user names it among the `data` as well."""
         wanted = self.options.outcome
         name = (wanted or "").removeprefix("-")
-        if wanted is None or name == LENGTH:
+        if wanted is None or name == LENGTH or (name.startswith(SPLITS) and not any(self.named(name))):
             return wanted
         column = self.one(name, "outcome")
         if column is None or column in data:

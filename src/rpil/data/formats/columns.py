@@ -19,7 +19,9 @@ Names = str | Sequence[str]
 
 FILE_SESSION = "file"
 LENGTH = "length"
-"""What a user names in the place of a column: the file of each demonstration, and its number of steps."""
+SPLITS = "splits."
+"""What a user names in the place of a column: the file of each demonstration, its number of steps, and, with the name
+of a list of demonstrations after it, whether LeRobot's ``meta/info.json`` lists it there."""
 
 
 @dataclass(frozen=True)
@@ -82,8 +84,9 @@ class Columns:
     def facts(self) -> list[str]:
         """The columns of the session and of the outcome."""
         outcome = (self.outcome or LENGTH).removeprefix("-")
-        named = (self.session or FILE_SESSION, FILE_SESSION), (outcome, LENGTH)
-        return list(dict.fromkeys(name for name, none in named if name != none))
+        is_column = outcome != LENGTH and (outcome in self.ignored or not outcome.startswith(SPLITS))
+        session = [self.session] if self.session not in (None, FILE_SESSION) else []
+        return list(dict.fromkeys([*session, *([outcome] if is_column else [])]))
 
     @property
     def all(self) -> list[str]:

@@ -32,7 +32,7 @@ STATE = re.compile(r"states?(?:_.*|\d.*|)")
 OUTCOME = re.compile(
     r"(?:.*_)?(?:rewards?|rews?|returns?|scores?|success(?:es|ful)?|succeeded|dones?|terminals?|terminated|terminations?"
     r"|truncated|truncations?|timeouts?)(?:_.*)?|weights?|expert_proba|log_odds|labels?|quality|ratings?|grades?|verdicts?"
-    r"|(?:is_)?(?:experts?|good|bad|optimal|failed|failures?)|outcomes?|skills?(?:_levels?)?|advantages?|q_values?"
+    r"|(?:is_)?(?:experts?|good|bad|optimal|failed|failures?)|outcomes?|skills?(?:_levels?)?|advantages?|q_values?|splits?_\w+"
 )
 _OWN_COLUMN = re.compile(r"weights?|expert_proba|log_odds|labels?|verdicts?")  # as rpil and its users write them
 NEXT_STEP = re.compile(r"next_.*|.*_next")

@@ -43,7 +43,7 @@ def from_dataset(data: Dataset) -> Recording:
         ignored=ignored_columns(columns, about.order, about.metadata),
         missing=statistics.missing,
         ranges=statistics.ranges,
-        outcomes=outcome_options(columns.outcomes),
+        outcomes=outcome_options([*about.metadata.split_outcomes, *columns.outcomes]),
         notes=about.metadata.notes(len(data), data.n_steps),
     )
     return Recording(

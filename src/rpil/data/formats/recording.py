@@ -242,7 +242,7 @@ def _describe(
         ignored=ignored_columns(columns, order, metadata),
         missing=missing,
         ranges=ranges,
-        outcomes=outcome_options(columns.outcomes),
+        outcomes=outcome_options([*metadata.split_outcomes, *columns.outcomes]),
         notes=_constant_note(constant),
     )
 
