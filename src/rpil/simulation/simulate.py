@@ -33,8 +33,8 @@ def simulate(env_id: str, kind: str, *, n_good: int, n_bad: int, seed: int) -> S
     """Record the closed-form expert of an environment, and corrupt some of the demonstrations.
 
     The good episodes depend on neither `kind` nor `n_bad`, and for every kind but "random" the same episodes are
-    corrupted: results for two kinds with one seed differ by the kind alone. They are in a random order, which depends
-    on the seed and the numbers of good and bad, because data in order of quality would answer what is asked of them.
+    corrupted: results for two kinds with one seed differ by the kind alone. Good and bad are in random order, because
+    data in order of quality would answer what is asked of them; the good among themselves keep their order.
 
     Parameters
     ----------
@@ -78,11 +78,12 @@ def simulate(env_id: str, kind: str, *, n_good: int, n_bad: int, seed: int) -> S
             for episode, rng in zip(bad, streams, strict=True)
         ]
     episodes = [*((episode.observations, episode.actions) for episode in good), *corrupted]
-    order = np.random.default_rng(order_seed).permutation(n_good + n_bad)
+    is_good = np.random.default_rng(order_seed).permutation(np.repeat([1, 0], [n_good, n_bad]))
+    order = np.argsort(np.argsort(-is_good, kind="stable"))  # the good, and the bad, among themselves as recorded
     return Simulation(
         env_id=env_id,
         kind=kind,
         episodes=[episodes[m] for m in order.tolist()],
-        is_good=np.repeat([1, 0], [n_good, n_bad])[order],
+        is_good=is_good,
         returns=np.array([episode.total_reward for episode in [*good, *bad]])[order],
     )
