@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 from sklearn.metrics import roc_auc_score
 
-from grid import ENVIRONMENTS, LABELS, N_GOOD
+from grid import ENVIRONMENTS, N_GOOD, one_label_each
 from options import at_least, counted, output, write_json
 from provenance import provenance
 from rpil.audit.record import Audit
@@ -95,7 +95,8 @@ def one_draw(env_id: str, kind: str, seed: int, features: str, rollouts: int) ->
         "auroc": float(roc_auc_score(good, model.log_odds_)),
     }
     if kind == COHERENT:
-        row["wrong_labelled"] = wrong(RPIL(features=features).fit(demonstrations, labels=LABELS).audit_, good)
+        labelled = RPIL(features=features).fit(demonstrations, labels=one_label_each(good))
+        row["wrong_labelled"] = wrong(labelled.audit_, good)
     if kind in PAPER:
         policies = {
             "rpil": model,

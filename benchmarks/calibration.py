@@ -25,7 +25,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from grid import ENVIRONMENTS, LABELS, N_GOOD, SHARES, n_bad, unknowable
+from grid import ENVIRONMENTS, N_GOOD, SHARES, n_bad, one_label_each, unknowable
 from options import at_least, output, write_json
 from provenance import provenance
 from rpil.audit.record import Audit
@@ -81,7 +81,7 @@ def measure(environments: Sequence[str], kinds: Sequence[str], shares: Sequence[
 def with_signal(env: str, kind: str, share: int, seed: int) -> Row:
     """Probabilities of the audit of one draw, and the truth."""
     made = simulate(env, kind, n_good=N_GOOD, n_bad=n_bad(share), seed=seed)
-    labels = LABELS if unknowable(kind, share) else {}
+    labels = one_label_each(made.is_good == 1) if unknowable(kind, share) else {}
     audit = fitted(Demonstrations.from_episodes(made.episodes), labels)
     asked = np.setdiff1d(np.arange(len(made.episodes)), list(labels))
     return {

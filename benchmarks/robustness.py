@@ -36,7 +36,7 @@ import numpy as np
 from sklearn.metrics import roc_auc_score
 
 import rpil
-from grid import ENVIRONMENTS, LABELS, N_GOOD, SHARES, n_bad, unknowable
+from grid import ENVIRONMENTS, N_GOOD, SHARES, n_bad, one_label_each, unknowable
 from options import at_least, write_json
 from provenance import provenance
 from robustness_report import LABELLED, OURS, REFERENCE, Row, heat_map, summary, table
@@ -187,7 +187,7 @@ def unlabelled(job: Job, demonstrations: Demonstrations, good: np.ndarray, rollo
 
 
 def labelled(job: Job, demonstrations: Demonstrations, good: np.ndarray, rollouts: int) -> Row:
-    model, found = fitted(demonstrations, good, LABELS)
+    model, found = fitted(demonstrations, good, one_label_each(good))
     return found | {"return": play(model, job.env, rollouts, job.seed)}
 
 

@@ -59,7 +59,7 @@ def test_simulate_writes_demonstrations_with_their_truth(folder):
     assert len(demonstrations) == 12
     table = pq.read_table(folder / "good.parquet")
     assert {"is_good", "episode_return"} <= set(table.column_names)
-    assert table["is_good"].to_numpy().reshape(-1)[[0, -1]].tolist() == [1, 0]
+    assert set(table["is_good"].to_pylist()) == {0, 1}
 
 
 @pytest.mark.parametrize("name", ["a.parquet", "a.csv", "a.npz"])

@@ -1,15 +1,15 @@
-"""Several tasks in one set of data: the demonstrations of each are judged by themselves, and the audits become one."""
+"""Several tasks or sessions in one set of data: each is judged by itself, and the audits become one."""
 
 from __future__ import annotations
 
 from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 
 from rpil.audit.record import Audit, Interval
 from rpil.audit.settings import AuditSettings
+from rpil.audit.subset import AuditOfPart
 from rpil.audit.words import Verdict
 from rpil.inference.findings import FINDINGS
 from rpil.numerics.types import Array
@@ -17,34 +17,36 @@ from rpil.numerics.types import Array
 MIN_DEMONSTRATIONS = 8
 """Of a task: with fewer the verdicts are weak, and a user is warned."""
 
-ALONE = "Not judged: it is the only demonstration of its task."
+ALONE = "Not judged: it is the only demonstration of its task or session."
 _FINDINGS = tuple(FINDINGS)
 
 
 @dataclass(frozen=True, eq=False)
-class AuditOfTasks(Audit):
-    """The audits of several tasks as one; each sentence and number is that of the demonstration's own task."""
-
-    own_reasons: tuple[str, ...] = ()
-
-    @cached_property
-    def reasons(self) -> tuple[str, ...]:
-        """The reason for the verdict on each demonstration, one sentence each."""
-        return self.own_reasons
+class AuditOfTasks(AuditOfPart):
+    """The audits of several tasks or sessions as one; each sentence and number is that of the demonstration's own."""
 
 
-def split_by_task(ids: Sequence[Hashable], tasks: Mapping[str, str]) -> dict[str, list[int]]:
-    """The numbers of the demonstrations of each task, by the `tasks` of the ids as text."""
+def split_by_task(
+    ids: Sequence[Hashable], tasks: Mapping[str, str], sessions: Sequence[str] = ()
+) -> dict[str, list[int]]:
+    """The numbers of the demonstrations of each task and session, by the `tasks` of the ids as text."""
     places: dict[str, list[int]] = {}
+    several = len({tasks.get(str(name), "") for name in ids}) > 1
     for m, name in enumerate(ids):
-        places.setdefault(tasks.get(str(name), ""), []).append(m)
+        task = tasks.get(str(name), "")
+        group = f"{task or 'no task'}, {sessions[m]}" if sessions and several else sessions[m] if sessions else task
+        places.setdefault(group, []).append(m)
     return places
 
 
 def join_audits(
-    audits: Mapping[str, Audit], places: Mapping[str, Sequence[int]], ids: Sequence[Hashable], offsets: Array
+    audits: Mapping[str, Audit],
+    places: Mapping[str, Sequence[int]],
+    ids: Sequence[Hashable],
+    offsets: Array,
+    what: str = "tasks",
 ) -> Audit:
-    """One audit of the M demonstrations `ids`, from those of their tasks.
+    """One audit of the M demonstrations `ids`, from those of their tasks, or `what` the groups are.
 
     Parameters
     ----------
@@ -90,7 +92,7 @@ def join_audits(
         identifiable=opposed is None,
         competing=opposed.competing if opposed else (),
         to_label=opposed.to_label if opposed else (),
-        assumptions=(_sentence(audits, places), *assumptions),
+        assumptions=(_sentence(audits, places, what), *assumptions),
         demonstrators=tuple(demonstrator for audit in parts for demonstrator in audit.demonstrators),
         labelled=tuple(name for audit in parts for name in audit.labelled),
         # Each verdict keeps the word of its task; where tasks differ, the probability is what it is without an anchor.
@@ -110,9 +112,9 @@ def _mean_prior(audits: Sequence[Audit]) -> Interval:
     return Interval(*np.average(shares, axis=0, weights=weights).tolist())
 
 
-def _sentence(audits: Mapping[str, Audit], places: Mapping[str, Sequence[int]]) -> str:
+def _sentence(audits: Mapping[str, Audit], places: Mapping[str, Sequence[int]], what: str) -> str:
     findings = (
         f"{task or 'no task'} ({len(rows):,}: {audits[task].finding if task in audits else 'not judged'})"
         for task, rows in places.items()
     )
-    return f"Demonstrations are judged within their tasks: {', '.join(findings)}."
+    return f"Demonstrations are judged within their {what}: {', '.join(findings)}."

@@ -12,6 +12,7 @@ from rpil.cli.commands import (
     connect_engine,
     load_into_memory,
     read_recording,
+    read_reference,
     resolve_stream,
 )
 from rpil.cli.options import (
@@ -20,7 +21,7 @@ from rpil.cli.options import (
     pop_columns,
     quiet_option,
     with_column_options,
-    with_fit_options,
+    with_judge_options,
 )
 from rpil.cli.progress import StageProgress, show_stages
 from rpil.cli.terminal import print_lines
@@ -46,7 +47,7 @@ if TYPE_CHECKING:
     metavar="FILE",
     help="Verdicts that rpil audit wrote, or labels: keep by these, and judge nothing.",
 )
-@with_fit_options
+@with_judge_options
 def keep(
     file: str,
     output: str | None,
@@ -74,14 +75,16 @@ def keep(
     else:
         formats.check_mask(file)
     quiet, stream, scheduler = (options.pop(name) for name in ("quiet", "stream", "scheduler"))
+    reference = options.pop("reference")
     columns = pop_columns(options)
     if options["features"] == "auto":
         options["features"] = "folded"  # the judge's, as in an audit: no policy is kept
     with show_stages(quiet, CommandSettings.current().timing) as progress:
         if verdicts is None:
             with connect_engine(scheduler, progress) as engine:
-                read = read_recording(file, columns, progress, resolve_stream(stream, scheduler))
-                audit, who = audit_by_task(file, read, FitOptions(**options), progress, engine)
+                read = read_recording(file, columns, progress, resolve_stream(stream, scheduler, reference))
+                good = read_reference(reference, file, columns, progress)
+                audit, who = audit_by_task(file, read, FitOptions(**options), progress, engine, reference=good)
             table: Table = verdict_columns(audit, who)
             ids, why = read.demonstrations.ids, f" ({audit.finding})"
         else:

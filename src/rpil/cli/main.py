@@ -27,6 +27,7 @@ from rpil.cli.options import (
     quiet_option,
     seed_option,
     with_fit_options,
+    with_judge_options,
 )
 from rpil.cli.outputs import OUTPUTS, Audited, judged_within, lines_after_output, tell_if_too_many, write_outputs
 from rpil.cli.progress import StageProgress, show_count, show_stages
@@ -101,7 +102,7 @@ for command in (check, info, keep, convert):
 @click.option("--suggest", metavar="K", type=click.IntRange(1), help="Name the K labels that would say most.")
 @click.option("--all", "all_rows", is_flag=True, help="Print all demonstrations, not the worst and doubtful ones only.")
 @json_option
-@with_fit_options
+@with_judge_options
 @click.pass_context
 def audit(
     ctx: click.Context,
@@ -120,14 +121,17 @@ def audit(
     start = time.perf_counter()
     outputs = {title: options.pop(title) for title in OUTPUTS}
     quiet, stream, scheduler = (options.pop(name) for name in ("quiet", "stream", "scheduler"))
-    check_outputs((file, options["labels"], options["operator"]), *outputs.values())
-    stream = commands.resolve_stream(stream, scheduler)
+    reference = options.pop("reference")
+    check_outputs((file, options["labels"], options["operator"], reference), *outputs.values())
+    stream = commands.resolve_stream(stream, scheduler, reference)
+    columns = pop_columns(options)
     if options["features"] == "auto":
         options["features"] = "folded"  # the judge's features; no final policy is kept, so none need be chosen
     with _show_stages(quiet) as progress:
         with connect_engine(scheduler, progress) as engine:
-            read = read_recording(file, pop_columns(options), progress, stream)
-            result, who = audit_by_task(file, read, FitOptions(**options), progress, engine, json_wanted)
+            read = read_recording(file, columns, progress, stream)
+            good = commands.read_reference(reference, file, columns, progress)
+            result, who = audit_by_task(file, read, FitOptions(**options), progress, engine, json_wanted, good)
         progress("looking for recording faults")
         faults = check_recording(read)
         write_outputs(outputs, result, Audited(file, read, faults, who), time.perf_counter() - start, progress)
@@ -212,7 +216,7 @@ def fit(ctx: click.Context, /, file: str, output: str, method: str, trusted: int
 
 def _refuse_rpil_options(ctx: click.Context, method: str) -> None:
     """Refuse options that only --method rpil has."""
-    given = [name for name in ("labels", "operator", "resume") if ctx.params[name]]
+    given = [name for name in ("labels", "operator", "outcome", "resume") if ctx.params[name]]
     chosen = ("adversary", "minority")
     given += [name for name in chosen if ctx.get_parameter_source(name) is ParameterSource.COMMANDLINE]
     if given:
@@ -260,7 +264,7 @@ def evaluate(policy: str, env: str, episodes: int, json_wanted: bool, seed: int,
 def simulate(env: str, kind: str, good: int, bad: int, output: str, seed: int, quiet: bool) -> None:
     """Make demonstrations of known quality.
 
-    The good ones come first. The columns is_good and episode_return hold the truth, which no method reads.
+    Good and bad are in a random order. The columns is_good and episode_return hold the truth, which no method reads.
     """
     check_outputs((), output)
     with _show_stages(quiet) as progress:

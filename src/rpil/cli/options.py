@@ -30,6 +30,7 @@ class FitOptions:
     minority: Minority
     seed: int
     resume: bool
+    session: str | None = None
 
 
 class NameChoice(click.Choice[str]):
@@ -136,6 +137,11 @@ FIT_OPTIONS = (
         "--labels", type=click.Path(), metavar="FILE", help="Labels of some demonstrations: CSV (id,label) or JSON."
     ),
     click.option(
+        "--outcome",
+        metavar="[-]COLUMN",
+        help="How each demonstration ended: a success, a return, rewards; or length, its steps; - where more is worse.",
+    ),
+    click.option(
         "--features",
         type=FEATURE_CHOICE,
         default="auto",
@@ -165,16 +171,35 @@ FIT_OPTIONS = (
 )
 
 
+JUDGE_OPTIONS = (
+    *FIT_OPTIONS,
+    click.option(
+        "--session", metavar="COLUMN|file", help="Judge within sessions: a column, or the file of each demonstration."
+    ),
+    click.option(
+        "--reference",
+        type=click.Path(),
+        metavar="FILE",
+        help="Demonstrations that are known to be good, judged beside those of the other FILE and not printed.",
+    ),
+)
+
+
+def with_judge_options(command: Callable[..., object]) -> Callable[..., object]:
+    """Those of a fit, and how to judge without a policy."""
+    return reduce(lambda wrapped, option: option(wrapped), reversed(JUDGE_OPTIONS), command)
+
+
 def with_fit_options(command: Callable[..., object]) -> Callable[..., object]:
     return reduce(lambda wrapped, option: option(wrapped), reversed(FIT_OPTIONS), command)
 
 
-def with_column_options(command: Callable[..., None]) -> Callable[..., None]:
+def with_column_options(command: Callable[..., object]) -> Callable[..., object]:
     return reduce(lambda wrapped, option: option(wrapped), reversed(COLUMN_OPTIONS), command)
 
 
 def pop_columns(options: dict[str, Any]) -> ColumnOptions:
-    """The options for reading, removed from `options`; the operator stays, because a fit needs it too."""
+    """The options for reading, removed from `options`; operator and session stay, because a fit needs them too."""
     from rpil.data.formats.columns import ColumnOptions
     from rpil.data.formats.id_values import is_id_file
 
@@ -183,5 +208,7 @@ def pop_columns(options: dict[str, Any]) -> ColumnOptions:
     del options["memory"], options["fill_missing"]  # their callbacks have set them
     return ColumnOptions(
         operator=None if operator is None or is_id_file(operator) else operator,
+        outcome=options.pop("outcome", None),
+        session=options.get("session"),
         **{name: options.pop(name) for name in names},
     )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import fields, replace
 
 import numpy as np
@@ -14,6 +14,7 @@ from rpil.audit import assumptions
 from rpil.audit.record import Audit
 from rpil.data.coding import encode_demonstrations
 from rpil.data.demonstrations import Demonstrations
+from rpil.data.facts import Outcome
 from rpil.data.files import StrPath
 from rpil.data.fit_data import FitData
 from rpil.data.formats.dataset import Dataset
@@ -152,6 +153,8 @@ class RPIL(PolicyEstimator):
         groups: ArrayLike | None = None,
         labels: Labels | None = None,
         demonstrators: Names | None = None,
+        outcome: Outcome | None = None,
+        order: Sequence[float] | Array | None = None,
     ) -> RPIL:
         """Decide which demonstrations to trust, and fit the final policy (`rpil.estimators.pipeline`).
 
@@ -169,16 +172,22 @@ class RPIL(PolicyEstimator):
             The demonstrator of each demonstration. Demonstrations of one demonstrator then change each other's
             log-odds, see `rpil.mixture.demonstrator_prior`. A demonstration without a name has a demonstrator of its
             own.
+        outcome : mapping of id to number, or sequence of M numbers, optional
+            How each demonstration ended, as its return or its success; more is better, and NaN is not known.
+        order : sequence of M numbers, optional
+            The place of each demonstration in the order in which they were made.
 
         Raises
         ------
         DataError
-            One sentence: constant actions, an action outside the box, a single demonstration, an unknown id in `labels`
-            or `demonstrators`, a wrong number of `demonstrators`, or only demonstrations labelled bad.
+            One sentence: constant actions, an action outside the box, a single demonstration, an unknown id, a wrong
+            number of `demonstrators`, outcomes or places, an outcome that is the same for all, or only demonstrations
+            labelled bad.
         """
         options = self._options()
         source = X if isinstance(X, Dataset) else as_demonstrations(self, X, y, groups)
-        task = Task.of(source, self.action_box, labels if labels is not None else self.labels, demonstrators)
+        labels = labels if labels is not None else self.labels
+        task = Task.of(source, self.action_box, labels, demonstrators, outcome, order)
         options.check(task)
         with threadpool_limits(1, "blas"):  # thin products gain nothing from threads, and can lose a lot
             fitted = fit(SampledFit(task, options) if is_sampled(task, options) else FullFit(task, options), options)

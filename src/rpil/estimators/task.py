@@ -13,10 +13,11 @@ from rpil.data.coding import action_space, encode_actions, label_codes
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.demonstrators import Demonstrators, group_by_demonstrator
 from rpil.data.errors import DataError
+from rpil.data.facts import Outcome, given_order, given_outcome
 from rpil.data.fit_data import FitData
 from rpil.data.formats.dataset import Dataset
 from rpil.data.spaces import Space
-from rpil.numerics.types import Array
+from rpil.numerics.types import Array, Float
 from rpil.policies.features import FeatureMap, IdentityMap
 from rpil.policies.protocol import CrossFittedPolicy, Policy
 
@@ -38,6 +39,10 @@ class Task:
     labels: Array
     """1 known to be good, -1 known to be bad, 0 unknown."""
     demonstrators: Demonstrators
+    outcome: Float[Array, " M"] | None = None
+    """How each demonstration ended, more is better; NaN where it is not known, None where nothing is."""
+    order: Float[Array, " M"] | None = None
+    """The place of each demonstration in the order in which they were made, where that is stated."""
 
     @classmethod
     def of(
@@ -46,15 +51,18 @@ class Task:
         action_box: ActionBox | None = None,
         labels: Labels | None = None,
         demonstrators: Names | None = None,
+        outcome: Outcome | None = None,
+        order: Sequence[float] | Array | None = None,
     ) -> Task:
-        """Find the space of the actions; match labels and demonstrators with the demonstrations."""
+        """Find the space of the actions; match what is given of the demonstrations with them."""
         space, classes = action_space(source, action_box)
         if len(source.ids) < 2:
             raise DataError(
                 f"{source.source}: one demonstration alone (n_samples=1) cannot be compared; give at least two."
             )
         groups = group_by_demonstrator(demonstrators, source)
-        return cls(source, space, classes, label_codes(labels, source), groups)
+        known = given_outcome(outcome, source.ids, source.source), given_order(order, source.ids, source.source)
+        return cls(source, space, classes, label_codes(labels, source), groups, *known)
 
     def codes(self, demonstrations: Demonstrations) -> Array:
         """Codes (N,) of discrete actions, or continuous actions (N, A)."""
