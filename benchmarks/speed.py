@@ -5,9 +5,9 @@
     python benchmarks/speed.py --rows K,L,M,N --data ../shared/data
     python benchmarks/speed.py --quick                   # small sizes: checks the harness, not the time
 
-Every row is one function of `speed_fits`, `speed_systems`, `speed_real` or `speed_folder`, which says what it measures. Rows A to D, F
-and I have one core and one thread, also for scikit-learn; E, G and H have all cores. The seconds are medians over runs
-that take turns; those of rows K to O are CPU seconds.
+Every row is one function of `speed_fits`, `speed_systems`, `speed_real` or `speed_folder`, which says what it measures.
+Rows A to D, F and I have one core and one thread, also for scikit-learn; E, G and H have all cores. The seconds are
+medians over runs that take turns; those of rows K to O are CPU seconds.
 """
 
 from __future__ import annotations

@@ -94,7 +94,7 @@ def best_two_piece_normal(score, variance):
     for mode in modes:
         sides = np.sqrt(spreads[:, None] ** 2 + variance)
         z = ((score - mode) / sides) ** 2 / 2
-        left, right = (z * of).sum(axis=1) for of in ((score < mode), (score >= mode))
+        left, right = ((z * of).sum(axis=1) for of in (score < mode, score >= mode))
         total = np.log(sides[:, None] + sides).sum(axis=2)
         best = max(best, len(score) * np.log(2 / np.sqrt(2 * np.pi)) - (left[:, None] + right + total).min())
     return best
