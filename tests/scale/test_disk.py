@@ -54,7 +54,8 @@ def peak():
 
 before = peak()
 data = rpil.open_dataset(sys.argv[1])
-sample, ascent = SampleSettings(min_steps=5000, steps_per_coefficient=20), AscentSettings(max_passes=1)
+sample = SampleSettings(min_steps=5000, steps_per_coefficient=20, max_kept_entries=1)
+ascent = AscentSettings(max_passes=1)
 model = rpil.RPIL("raw", settings=rpil.Settings(sample=sample, ascent=ascent)).fit(data)
 assert len(model.audit_.step_weight) == data.n_steps
 print(peak() - before)

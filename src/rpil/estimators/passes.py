@@ -54,8 +54,10 @@ class SampledFit:
 
     @property
     def engine(self) -> Engine:
-        """The engine asked for; else this process, on data in memory or from disk."""
-        in_memory = isinstance(self.task.source, Demonstrations)
+        """The engine asked for; else this process, which keeps data on disk in memory where they are small."""
+        source, settings = self.task.source, self.options.settings.sample
+        n_entries = int(source.offsets[-1]) * 2 * source.n_observations  # folded features are twice as many
+        in_memory = isinstance(source, Demonstrations) or n_entries <= settings.max_kept_entries
         return self.options.engine or (InMemory() if in_memory else Streamed())
 
     def pose(self) -> JudgeInput:

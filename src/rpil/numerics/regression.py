@@ -8,7 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import solve
+from scipy.linalg import cho_factor, cho_solve
 from scipy.special import gammaln
 
 from rpil.numerics.types import Array, Float, Num
@@ -43,8 +43,12 @@ def normal_equations(
     features: Float[Array, "N D"], actions: Float[Array, "N A"], weight: Float[Array, " N"]
 ) -> tuple[Float[Array, "D D"], Float[Array, "D A"], float]:
     """X^T W X, X^T W Y and the sum of the weights: the sums from which `solve_ridge` fits."""
-    weighted = features * weight[:, None]
-    return weighted.T @ features, weighted.T @ actions, float(weight.sum())
+    used = weight > 0.0
+    if not used.all():
+        features, actions, weight = features[used], actions[used], weight[used]
+    root = np.sqrt(weight)[:, None]
+    weighted = features * root
+    return weighted.T @ weighted, weighted.T @ (actions * root), float(weight.sum())  # X^T X takes half of X^T Y
 
 
 def solve_ridge(
@@ -55,9 +59,10 @@ def solve_ridge(
     `ridge` is the penalty a step, `total` the sum of the weights; see `normal_equations`.
     """
     total = max(total, MIN_WEIGHT)
-    penalised = np.asarray(gram, dtype=float).copy()
+    penalised = np.array(gram, dtype=float)
     penalised[np.diag_indices_from(penalised)] += np.append(np.full(len(gram) - 1, ridge * total), 1e-9 * total)
-    return np.asarray(solve(penalised, product, assume_a="pos"))
+    factor = cho_factor(penalised, overwrite_a=True, check_finite=False)
+    return np.asarray(cho_solve(factor, product, check_finite=False))
 
 
 def error_scale(errors: Float[Array, "N A"], weight: Float[Array, " N"], settings: ErrorSettings) -> Float[Array, " A"]:
