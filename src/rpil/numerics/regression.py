@@ -11,10 +11,14 @@ import numpy as np
 from scipy.linalg import solve
 from scipy.special import gammaln
 
-from rpil.numerics.types import Array, Float, Num
+from rpil.numerics.types import Array, Float, Int, Num
 
 MIN_WEIGHT = 1e-6
 """Lower bound of the weight of steps, so that a fold without weight is no division by zero."""
+
+
+ROUNDING = 1e-12
+"""Differences relative to the values, up to which these are equal but for rounding."""
 
 
 @dataclass(frozen=True)
@@ -37,6 +41,29 @@ def column_scales(actions: Num[Array, "N A"]) -> Float[Array, " A"]:
     """Standard deviation of each part of the actions, 1 where it never changes."""
     spread = actions.std(axis=0)
     return np.where(spread > 0, spread, 1.0)
+
+
+def robust_scale(values: Num[Array, "N A"], offsets: Int[Array, " M1"]) -> tuple[Float[Array, " A"], Float[Array, " A"]]:
+    """Location and spread (A,) of the columns of the steps ``offsets[m]:offsets[m + 1]`` of demonstrations m: the
+    median, and the standard deviation within the median demonstration.
+
+    The spread of a column that is constant within most demonstrations is the root mean square distance from the
+    location within the median one of the demonstrations where that is not zero; 1 where the column never changes.
+    One demonstration has no influence on either, however far off it is.
+    """
+    values, starts, lengths = np.asarray(values, dtype=float), offsets[:-1], np.diff(offsets)[:, None]
+    location = np.median(values, axis=0)
+    distance = values - location
+    mean = np.add.reduceat(distance, starts, axis=0) / lengths
+    around = np.sqrt(np.add.reduceat(distance**2, starts, axis=0) / lengths)
+    around[around <= ROUNDING * np.abs(location)] = 0.0
+    within = np.sqrt(np.add.reduceat((distance - np.repeat(mean, lengths[:, 0], axis=0)) ** 2, starts, axis=0) / lengths)
+    within[within <= ROUNDING * around] = 0.0
+    spread = np.median(within, axis=0)
+    for column in np.flatnonzero(spread == 0):
+        distant = around[around[:, column] > 0, column]
+        spread[column] = np.median(distant) if len(distant) else 1.0
+    return location, spread
 
 
 def normal_equations(
