@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from rpil.data.fit_data import FitData
-from rpil.numerics.regression import robust_scale
+from rpil.numerics.regression import scale_within
 from rpil.numerics.types import Array, Bool, Float, Int, Num
 
 MAX_SPREAD = 0.01
@@ -23,8 +23,9 @@ MAX_CHANGES = 0.5
 MAX_RANGE = 0.5
 """Range within the median demonstration, relative to the range within all, up to which a part may rest: a gripper
 changes rarely, and in small units, but from end to end."""
-MIN_RATIO = 10.0
-"""Distance of two resting values, relative to the differences within one session, from which they are different."""
+MIN_GAP = 2.5
+"""Gap between resting values from which they are clearly different, relative to every other gap and to the motion
+within the median demonstration."""
 MAX_SESSIONS = 6
 """Groups of demonstrations with a resting value of their own, at most; more are no sessions."""
 
@@ -73,31 +74,28 @@ def not_judged(judged: Bool[Array, " A"], names: Sequence[str] = ()) -> str:
 def resting_sessions(
     actions: Num[Array, "N A"], offsets: Int[Array, " M1"], judged: Bool[Array, " A"]
 ) -> dict[int, list[Int[Array, " G"]]]:
-    """Of each part that rests at 2 to `MAX_SESSIONS` clearly different values: the demonstrations at each of them.
-
-    Values are divided at their wide gaps. A part counts where every group holds at least two demonstrations.
-    """
+    """Of each part that is not judged and rests at 2 to `MAX_SESSIONS` clearly different values: the demonstrations at
+    each of them, two or more, lowest values first."""
     episodes = np.split(np.asarray(actions, dtype=float), offsets[1:-1])
     found = {}
     for part in np.flatnonzero(~judged):
-        value = np.array([np.median(episode[:, part]) for episode in episodes])
-        groups = _groups_by_gaps(value)
-        if groups and min(map(len, groups)) >= 2:
+        motion = float(np.median([episode[:, part].std() for episode in episodes]))
+        groups = _divide_at_gaps(np.array([np.median(episode[:, part]) for episode in episodes]), motion)
+        if groups:
             found[int(part)] = groups
     return found
 
 
-def _groups_by_gaps(value: Float[Array, " M"]) -> list[Int[Array, " G"]]:
-    """Groups of demonstrations whose values lie `MIN_RATIO` times as far from each other as within any group; the most
-    groups up to `MAX_SESSIONS`, lowest values first, or none."""
+def _divide_at_gaps(value: Float[Array, " M"], motion: float) -> list[Int[Array, " G"]]:
+    """The most groups of two or more that gaps of `MIN_GAP` times all other gaps, and the `motion`, divide; or none."""
     order = np.argsort(value, kind="stable")
     gaps = np.diff(value[order])
-    for n_groups in range(min(MAX_SESSIONS, len(value)), 1, -1):
-        cuts = np.sort(np.argsort(-gaps, kind="stable")[: n_groups - 1])
-        groups = np.split(order, cuts + 1)
-        widest = max(float(np.ptp(value[group])) for group in groups)
-        if gaps[cuts].min() > MIN_RATIO * widest:
-            return groups
+    widest = np.argsort(-gaps, kind="stable")
+    for n_cuts in range(min(MAX_SESSIONS, len(value) // 2) - 1, 0, -1):
+        cuts, others = widest[:n_cuts], widest[n_cuts:]
+        groups = np.split(order, np.sort(cuts) + 1)
+        if gaps[cuts].min() > MIN_GAP * max(motion, *gaps[others]) and min(map(len, groups)) >= 2:
+            return [np.sort(group) for group in groups]
     return []
 
 
@@ -111,7 +109,7 @@ class ActionScale:
     @classmethod
     def of(cls, data: FitData) -> ActionScale:
         """From the motion within the demonstrations of `data`."""
-        location, spread = robust_scale(data.actions, data.offsets)
+        location, spread = scale_within(data.actions, data.offsets)
         return cls(location, spread if data.judged is None else np.where(data.judged, spread, np.inf))
 
     def __call__(self, actions: Num[Array, "N A"]) -> Float[Array, "N A"]:

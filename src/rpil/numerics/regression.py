@@ -44,26 +44,41 @@ def column_scales(actions: Num[Array, "N A"]) -> Float[Array, " A"]:
 
 
 def robust_scale(values: Num[Array, "N A"], offsets: Int[Array, " M1"]) -> tuple[Float[Array, " A"], Float[Array, " A"]]:
-    """Location and spread (A,) of the columns of the steps ``offsets[m]:offsets[m + 1]`` of demonstrations m: the
-    median, and the standard deviation within the median demonstration.
+    """Location and spread (A,) of columns whose steps ``offsets[m]:offsets[m + 1]`` are those of demonstration m: the
+    median, and the root mean square distance from it within the median demonstration.
 
-    The spread of a column that is constant within most demonstrations is the root mean square distance from the
-    location within the median one of the demonstrations where that is not zero; 1 where the column never changes.
-    One demonstration has no influence on either, however far off it is.
+    Where most demonstrations are at the location all the time, the spread is that of the median one of the others; 1
+    where all are. One demonstration has no influence on either, however far off it is.
     """
-    values, starts, lengths = np.asarray(values, dtype=float), offsets[:-1], np.diff(offsets)[:, None]
+    values = np.asarray(values, dtype=float)
     location = np.median(values, axis=0)
-    distance = values - location
-    mean = np.add.reduceat(distance, starts, axis=0) / lengths
-    around = np.sqrt(np.add.reduceat(distance**2, starts, axis=0) / lengths)
-    around[around <= ROUNDING * np.abs(location)] = 0.0
-    within = np.sqrt(np.add.reduceat((distance - np.repeat(mean, lengths[:, 0], axis=0)) ** 2, starts, axis=0) / lengths)
-    within[within <= ROUNDING * around] = 0.0
-    spread = np.median(within, axis=0)
-    for column in np.flatnonzero(spread == 0):
-        distant = around[around[:, column] > 0, column]
-        spread[column] = np.median(distant) if len(distant) else 1.0
-    return location, spread
+    distance = _mean_square(values - location, offsets)
+    distance[distance <= (ROUNDING * location) ** 2] = 0.0
+    return location, np.sqrt(_median_distance(distance))
+
+
+def scale_within(values: Num[Array, "N A"], offsets: Int[Array, " M1"]) -> tuple[Float[Array, " A"], Float[Array, " A"]]:
+    """Location and spread (A,) as `robust_scale`, but the spread is the standard deviation within the median
+    demonstration, wherever each of them is; that of `robust_scale` where most demonstrations do not move."""
+    location, spread = robust_scale(values, offsets)
+    lengths = np.diff(offsets)
+    distance = np.asarray(values, dtype=float) - location
+    means = np.add.reduceat(distance, offsets[:-1], axis=0) / lengths[:, None]
+    within = np.sqrt(np.median(_mean_square(distance - np.repeat(means, lengths, axis=0), offsets), axis=0))
+    return location, np.where(within > ROUNDING * np.maximum(spread, np.abs(location)), within, spread)
+
+
+def _mean_square(values: Float[Array, "N A"], offsets: Int[Array, " M1"]) -> Float[Array, "M A"]:
+    return np.asarray(np.add.reduceat(values**2, offsets[:-1], axis=0) / np.diff(offsets)[:, None])
+
+
+def _median_distance(distance: Float[Array, "M A"]) -> Float[Array, " A"]:
+    """Median of each column, of the positive entries where it is zero, and 1 where there are none."""
+    median = np.median(distance, axis=0)
+    for column in np.flatnonzero(median == 0):
+        positive = distance[distance[:, column] > 0, column]
+        median[column] = np.median(positive) if len(positive) else 1.0
+    return np.asarray(median)
 
 
 def normal_equations(
