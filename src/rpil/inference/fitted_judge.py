@@ -53,17 +53,15 @@ class SoftmaxRatio:
         return log_ratio, log_ratio
 
 
-@stored(name="StudentScale", weights="F+1 A", location="A", spread="A", scale="A", center="A", width="A")
+@stored(name="StudentScale", weights="F+1 A", scale="A", center="A", width="A")
 @dataclass(frozen=True, eq=False)
 class StudentRatio:
     """log pi(a|s) of ridge regression with Student's errors, and log q(a) of one Student distribution for all states,
-    of actions in robust spreads: (a - location) / spread.
+    of actions as `scaling` scales them.
     """
 
     weights: Float[Array, "D A"]
-    location: Float[Array, " A"]
-    spread: Float[Array, " A"]
-    """Of the actions, see `rpil.inference.parts.ActionScale`."""
+    scaling: ActionScale
     scale: Float[Array, " A"]
     """Of the errors."""
     center: Float[Array, " A"]
@@ -80,13 +78,13 @@ class StudentRatio:
         center = np.median(actions, axis=0)
         width = error_scale(actions - center, np.ones(len(actions)), settings.errors)
         scale = error_scale(errors, weight, settings.errors)
-        return cls(weights, scaling.location, scaling.spread, scale, center, width)
+        return cls(weights, scaling, scale, center, width)
 
     def step_ratios(
         self, features: Float[Array, "N D"], actions: Float[Array, "N A"], settings: HeldOutSettings
     ) -> StepRatios:
         """Log-ratios of the actions taken; the reference of the score is a constant, which is left out."""
-        scaled = (actions - self.location) / self.spread
+        scaled = self.scaling(actions)
         log_prob = student_log_density(scaled - linear(features, self.weights), self.scale, settings.errors)
         return log_prob, log_prob - student_log_density(scaled - self.center, self.width, settings.errors)
 

@@ -11,8 +11,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from rpil.data.archive import stored
 from rpil.data.fit_data import FitData
-from rpil.numerics.regression import scale_within
+from rpil.numerics.regression import robust_scale, scale_within
 from rpil.numerics.types import Array, Bool, Float, Int, Num
 
 MAX_SPREAD = 0.01
@@ -23,6 +24,8 @@ MAX_CHANGES = 0.5
 MAX_RANGE = 0.5
 """Range within the median demonstration, relative to the range within all, up to which a part may rest: a gripper
 changes rarely, and in small units, but from end to end."""
+MAX_DISTANCE = 8.0
+"""Spreads from the location, by `rpil.numerics.regression.robust_scale`, at which actions are cut off."""
 MIN_GAP = 2.5
 """Gap between resting values from which they are clearly different, relative to every other gap and to the motion
 within the median demonstration."""
@@ -99,19 +102,25 @@ def _divide_at_gaps(value: Float[Array, " M"], motion: float) -> list[Int[Array,
     return []
 
 
+@stored(location="A", spread="A", reach="A")
 @dataclass(frozen=True, eq=False)
 class ActionScale:
-    """Location and spread (A,) of continuous actions; the spread of a part that is not judged is infinite."""
+    """How the judge scales continuous actions."""
 
     location: Float[Array, " A"]
     spread: Float[Array, " A"]
+    """The median, and the motion within demonstrations; infinite for a part that is not judged."""
+    reach: Float[Array, " A"]
+    """Distance from the location at which actions are cut off, because least squares have no robustness of their own."""
 
     @classmethod
     def of(cls, data: FitData) -> ActionScale:
-        """From the motion within the demonstrations of `data`."""
-        location, spread = scale_within(data.actions, data.offsets)
-        return cls(location, spread if data.judged is None else np.where(data.judged, spread, np.inf))
+        """From the demonstrations of `data`."""
+        location, around = robust_scale(data.actions, data.offsets)
+        spread = scale_within(data.actions, data.offsets)[1]
+        spread = spread if data.judged is None else np.where(data.judged, spread, np.inf)
+        return cls(location, spread, MAX_DISTANCE * around)
 
     def __call__(self, actions: Num[Array, "N A"]) -> Float[Array, "N A"]:
         """Actions less their location, in spreads: 0 where a part is not judged."""
-        return np.asarray((actions - self.location) / self.spread)
+        return np.asarray(np.clip(actions - self.location, -self.reach, self.reach) / self.spread)
