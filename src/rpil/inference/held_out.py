@@ -4,8 +4,8 @@
     continuous    a_j | s ~ Student's t with 4 degrees of freedom around x w_j, independent over the parts j
     any           a policy that cross-fits itself (`rpil.policies.cross_fitted`), with the same lapses eps
 
-Actions of continuous spaces are in robust spreads (`rpil.inference.parts`). The judge evaluates a held-out model again and again, each time
-with other weights of the steps.
+Actions of continuous spaces are in robust spreads (`rpil.inference.parts`). The judge evaluates a held-out model again
+and again, each time with other weights of the steps.
 """
 
 from __future__ import annotations

@@ -24,8 +24,9 @@ MAX_CHANGES = 0.5
 MAX_RANGE = 0.5
 """Range within the median demonstration, relative to the range within all, up to which a part may rest: a gripper
 changes rarely, and in small units, but from end to end."""
-MAX_DISTANCE = 8.0
-"""Spreads from the location, by `rpil.numerics.regression.robust_scale`, at which actions are cut off."""
+MAX_DISTANCE = 30.0
+"""Spreads from the location, by `rpil.numerics.regression.robust_scale`, at which actions are cut off: beyond what a
+gripper does that most demonstrations hardly move."""
 MIN_GAP = 2.5
 """Gap between resting values from which they are clearly different, relative to every other gap and to the motion
 within the median demonstration."""
@@ -111,7 +112,7 @@ class ActionScale:
     spread: Float[Array, " A"]
     """The median, and the motion within demonstrations; infinite for a part that is not judged."""
     reach: Float[Array, " A"]
-    """Distance from the location at which actions are cut off, because least squares have no robustness of their own."""
+    """Distance from the location at which actions are cut off: least squares have no robustness of their own."""
 
     @classmethod
     def of(cls, data: FitData) -> ActionScale:

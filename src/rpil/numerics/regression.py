@@ -43,7 +43,9 @@ def column_scales(actions: Num[Array, "N A"]) -> Float[Array, " A"]:
     return np.where(spread > 0, spread, 1.0)
 
 
-def robust_scale(values: Num[Array, "N A"], offsets: Int[Array, " M1"]) -> tuple[Float[Array, " A"], Float[Array, " A"]]:
+def robust_scale(
+    values: Num[Array, "N A"], offsets: Int[Array, " M1"]
+) -> tuple[Float[Array, " A"], Float[Array, " A"]]:
     """Location and spread (A,) of columns whose steps ``offsets[m]:offsets[m + 1]`` are those of demonstration m: the
     median, and the root mean square distance from it within the median demonstration.
 
@@ -57,7 +59,9 @@ def robust_scale(values: Num[Array, "N A"], offsets: Int[Array, " M1"]) -> tuple
     return location, np.sqrt(_median_distance(distance))
 
 
-def scale_within(values: Num[Array, "N A"], offsets: Int[Array, " M1"]) -> tuple[Float[Array, " A"], Float[Array, " A"]]:
+def scale_within(
+    values: Num[Array, "N A"], offsets: Int[Array, " M1"]
+) -> tuple[Float[Array, " A"], Float[Array, " A"]]:
     """Location and spread (A,) as `robust_scale`, but the spread is the standard deviation within the median
     demonstration, wherever each of them is; that of `robust_scale` where most demonstrations do not move."""
     location, spread = robust_scale(values, offsets)

@@ -148,7 +148,9 @@ class FeatureMap:
             landmarks, mixing = _nystroem(_fold((observations - location) / spread), settings)
         none = np.zeros(0)
         ridge = settings.ridge_per_step if ridge is None else ridge
-        unscaled = cls(kind, knots, location, spread, none, none, landmarks, mixing, ridge, settings.kernel_width, bound)
+        unscaled = cls(
+            kind, knots, location, spread, none, none, landmarks, mixing, ridge, settings.kernel_width, bound
+        )
         columns = unscaled._columns(observations)
         unit = 1.0 if kind in ("poly", "nystroem") else 0.0
         center, scale = _location_and_spread(columns, weight, offsets, unit)
