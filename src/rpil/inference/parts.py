@@ -24,7 +24,7 @@ MAX_CHANGES = 0.5
 MAX_RANGE = 0.5
 """Range within the median demonstration, relative to the range within all, up to which a part may rest: a gripper
 changes rarely, and in small units, but from end to end."""
-MAX_DISTANCE = 30.0
+MAX_DISTANCE = 100.0
 """Spreads from the location, by `rpil.numerics.regression.robust_scale`, at which actions are cut off: beyond what a
 gripper does that most demonstrations hardly move."""
 MIN_GAP = 2.5
