@@ -71,6 +71,6 @@ class Given:
         outcome, of_reference = self.facts.outcome, self.reference_outcome
         if outcome is not None and of_reference is not None:
             outcome = np.concatenate([outcome, of_reference])
-        labels: dict[str, Label] = {**self.labels, **dict.fromkeys(ids, "expert")}
+        labels: dict[str, Label] = {**self.labels, **dict.fromkeys(ids, "good")}
         # No file states the order of two recordings.
         return replace(self, labels=labels, facts=replace(self.facts, outcome=outcome, order=None), reference=None)

@@ -19,7 +19,6 @@ from rpil.numerics.types import Array
 from rpil.policies.features import FeatureMap, ridge_of
 from rpil.policies.linear import linear_policy
 from rpil.policies.protocol import AdditivePolicy
-from rpil.policies.selection import Choice
 from rpil.scale.ascent import AscentState, ascend, gather_steps
 from rpil.scale.checkpoint import Checkpoint
 from rpil.scale.disk import Streamed
@@ -75,7 +74,7 @@ class SampledFit:
         blocks = engine.place(task.source.shards(engine.n_shards, settings.block_steps)).then(
             DesignMap(features, task.space, task.classes)
         )
-        return JudgeInput(demonstrations, data, features, minority, indices, blocks)
+        return JudgeInput(demonstrations, options.judged(data), features, minority, indices, blocks)
 
     def extend(self, posed: JudgeInput, decision: TrustDecision) -> TrustDecision:
         task, source, options = self.task, self.task.source, self.options
@@ -110,11 +109,10 @@ class SampledFit:
         weights = StepWeights.of(decision.audit, decision.judge, options.settings.judge, options.settings.audit)
         weight = weights.weight(data, weights.trust[posed.indices])[0]
         choice = options.linear.choice(posed.demonstrations, data.actions, weight, task.space)
-        if choice != Choice(features.kind, features.ridge_per_step):
-            observations = posed.demonstrations.observations
-            features = options.linear.feature_map(choice, observations, weight)
-            weights = replace(weights, final=DesignMap(features, task.space, task.classes))
-            data = replace(data, features=features.design(observations, single=True))
+        observations = posed.demonstrations.observations
+        features = options.linear.feature_map(choice, observations, weight)
+        weights = replace(weights, final=DesignMap(features, task.space, task.classes))
+        data = replace(data, features=features.design(observations, single=True))
         blocks = posed.blocks.then(weights)
         on_disk = not isinstance(self.engine, InMemory)
         log_ratio, step_weight, total = gather_steps(blocks.map(_steps), int(task.source.offsets[-1]), on_disk)

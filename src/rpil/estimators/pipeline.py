@@ -26,6 +26,7 @@ from rpil.estimators.task import Features, FinalPolicy, Task
 from rpil.estimators.validation import check_minority
 from rpil.inference.fitted_judge import FittedJudge
 from rpil.inference.held_out import HeldOutModel, HeldOutPolicy, held_out_model
+from rpil.inference.parts import judged_parts
 from rpil.inference.search import SearchSettings, fit_mixture
 from rpil.inference.settings import Minority
 from rpil.inference.trust import Judgement, judge
@@ -88,7 +89,14 @@ class Options:
         kind = self.settings.judge_features
         if kind == "auto":
             kind = self.features if self.features not in ("raw", "auto") else "folded"
-        return FeatureMap.fit(kind, demonstrations.observations, settings=self.settings.selection.maps)
+        offsets = demonstrations.offsets if self.judges else None  # the paper's mixture sees what its policy sees
+        return FeatureMap.fit(kind, demonstrations.observations, offsets=offsets, settings=self.settings.selection.maps)
+
+    def judged(self, data: FitData) -> FitData:
+        """The data with the parts of continuous actions that the judge sees; the user's policy needs all of them."""
+        if self.policy is not None or data.space.kind == "discrete":
+            return data
+        return replace(data, judged=judged_parts(data.actions, data.offsets))
 
 
 @dataclass(frozen=True, eq=False)
@@ -208,7 +216,7 @@ class FullFit:
         data = replace(
             task.data(demonstrations, features, single), labels=task.labels, demonstrators=task.demonstrators
         )
-        return JudgeInput(demonstrations, data, features, options.minority)
+        return JudgeInput(demonstrations, options.judged(data), features, options.minority)
 
     def extend(self, posed: JudgeInput, decision: TrustDecision) -> TrustDecision:
         return decision

@@ -20,9 +20,9 @@ from rpil.data.fit_data import FitData
 from rpil.estimators.task import ActionBox, Labels, Task
 from rpil.estimators.validation import check_minority
 from rpil.inference.held_out import HeldOutLogProb, log_reference
+from rpil.inference.parts import ActionScale
 from rpil.inference.settings import JudgeSettings, Minority
 from rpil.inference.trust import judge
-from rpil.numerics.regression import column_scales
 from rpil.numerics.types import Array
 from rpil.policies.features import FeatureMap, FeatureSettings
 from rpil.policies.folds import deal
@@ -128,8 +128,8 @@ class TrainedPolicy:
 
     def _with_lapses(self, log_prob: Array, weight: Array) -> HeldOutLogProb:
         """log[(1 - eps) pi + eps q], as in `rpil.inference.held_out`."""
-        if not self.data.is_discrete:  # densities of actions in standard deviations, like the reference
-            log_prob = log_prob + np.log(column_scales(self.data.actions)).sum()
+        if not self.data.is_discrete:  # densities of actions in spreads, like the reference
+            log_prob = log_prob + np.log(ActionScale.of(self.fit_data).spread).sum()
         lapse = self.options.judge.held_out.lapse
         q = log_reference(self.fit_data, np.ones(len(self.data), dtype=bool), self.options.judge.held_out)
         log_prob = np.logaddexp(np.log1p(-lapse) + log_prob, np.log(lapse) + q)

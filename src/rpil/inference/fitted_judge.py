@@ -10,16 +10,15 @@ from rpil.data.archive import stored
 from rpil.data.fit_data import FitData
 from rpil.inference.groups import Groups
 from rpil.inference.held_out import fit_weighted, frequencies, with_lapses
+from rpil.inference.parts import ActionScale
 from rpil.inference.scores import mean_variance
 from rpil.inference.settings import HeldOutSettings, JudgeSettings
 from rpil.inference.trust import Judgement
 from rpil.numerics.blocks import linear, log_softmax
 from rpil.numerics.regression import (
-    column_scales,
     error_scale,
     normal_equations,
     solve_ridge,
-    standardise,
     student_log_density,
 )
 from rpil.numerics.types import Array, Float, Int, Shaped
@@ -54,17 +53,15 @@ class SoftmaxRatio:
         return log_ratio, log_ratio
 
 
-@stored(name="StudentScale", weights="F+1 A", location="A", spread="A", scale="A", center="A", width="A")
+@stored(name="StudentScale", weights="F+1 A", scale="A", center="A", width="A")
 @dataclass(frozen=True, eq=False)
 class StudentRatio:
     """log pi(a|s) of ridge regression with Student's errors, and log q(a) of one Student distribution for all states,
-    of actions in standard deviations: (a - location) / spread.
+    of actions as `scaling` scales them.
     """
 
     weights: Float[Array, "D A"]
-    location: Float[Array, " A"]
-    spread: Float[Array, " A"]
-    """Mean and standard deviation of the actions."""
+    scaling: ActionScale
     scale: Float[Array, " A"]
     """Of the errors."""
     center: Float[Array, " A"]
@@ -74,19 +71,20 @@ class StudentRatio:
     @classmethod
     def fit(cls, data: FitData, weight: Float[Array, " N"], ridge: float, settings: HeldOutSettings) -> StudentRatio:
         """Fit the policy to weighted steps, with a `ridge` a step."""
-        actions, rows = standardise(data.actions), weight > 0
+        scaling, rows = ActionScale.of(data), weight > 0
+        actions = scaling(data.actions)
         weights = solve_ridge(*normal_equations(data.features[rows], actions[rows], weight[rows]), ridge)
         errors = actions - linear(data.features, weights)
         center = np.median(actions, axis=0)
         width = error_scale(actions - center, np.ones(len(actions)), settings.errors)
         scale = error_scale(errors, weight, settings.errors)
-        return cls(weights, data.actions.mean(axis=0), column_scales(data.actions), scale, center, width)
+        return cls(weights, scaling, scale, center, width)
 
     def step_ratios(
         self, features: Float[Array, "N D"], actions: Float[Array, "N A"], settings: HeldOutSettings
     ) -> StepRatios:
         """Log-ratios of the actions taken; the reference of the score is a constant, which is left out."""
-        scaled = (actions - self.location) / self.spread
+        scaled = self.scaling(actions)
         log_prob = student_log_density(scaled - linear(features, self.weights), self.scale, settings.errors)
         return log_prob, log_prob - student_log_density(scaled - self.center, self.width, settings.errors)
 
@@ -104,7 +102,7 @@ class FittedJudge:
     effective_per_step: float
     """Effective steps of one step, on average."""
     reference: Shaped[Array, " K"] | None = None
-    """Without a `ratio`: the frequencies of the actions, (K,), or the standard deviations of their parts, (A,)."""
+    """Without a `ratio`: the frequencies of the actions, (K,), or the spreads of their parts, (A,)."""
 
     @classmethod
     def of(cls, judgement: Judgement, data: FitData, settings: JudgeSettings, user_policy: bool = False) -> FittedJudge:
@@ -112,7 +110,7 @@ class FittedJudge:
         scores, discrete = judgement.scores, data.space.kind == "discrete"
         per_step = float(scores.effective_steps.sum() / data.lengths.sum())
         if user_policy:
-            reference = frequencies(data) if discrete else column_scales(data.actions)
+            reference = frequencies(data) if discrete else ActionScale.of(data).spread
             return cls(None, scores.groups, scores.step_variance, per_step, reference)
         kind: type[SoftmaxRatio | StudentRatio] = SoftmaxRatio if discrete else StudentRatio
         weight = data.per_step(judgement.training_group.astype(float))
