@@ -34,7 +34,7 @@ from rpil.estimators.rpil import RPIL
 from rpil.inference import groups, scores, trimming, trust
 from rpil.inference.settings import GroupSettings, HeldOutSettings, JudgeSettings, TrimmingSettings
 from rpil.numerics.parallel import in_processes
-from scoring import auroc
+from scoring import auroc, plain_words
 from tables import table
 from trust_data import data_cells
 from trust_worlds import Cell, cells
@@ -132,15 +132,15 @@ def measure(variant: str, cell: Cell) -> Row:
     with replaced(VARIANTS[variant]), warnings.catch_warnings():
         warnings.simplefilter("ignore")
         audit = RPIL(settings=VARIANTS[variant].settings).fit(world.demonstrations).audit_
-    good, verdicts = np.asarray(world.is_good), np.array(audit.verdicts)
-    wrong = int(((good == 1) & (verdicts == "adversary")).sum() + ((good == 0) & (verdicts == "expert")).sum())
+    good, verdicts = np.asarray(world.is_good), np.array(plain_words(audit.verdicts))
+    wrong = int(((good == 1) & (verdicts == "unlike")).sum() + ((good == 0) & (verdicts == "typical")).sum())
     known = good >= 0
     both = len(np.unique(good[known])) == 2
     return {
         "family": world.family,
         "auroc": auroc(audit.log_odds[good == 1], audit.log_odds[good == 0]) if both else None,
         "wrong": wrong,
-        "given": int((verdicts[known] != "uncertain").sum()),
+        "given": int((verdicts[known] != "open").sum()),
         "of": int(known.sum()),
         "finding": audit.finding,
     }

@@ -4,7 +4,7 @@
 
 The paper's cells: 10 good demonstrations and 10 bad ones of MountainCar, Acrobot and LunarLander, the bad ones with
 uniform actions in the expert's states ("corrupted") or driven by them ("random"). Every verdict must be right,
-"uncertain" being wrong, and the policy must return what the oracle's does, which is fitted to the good ones alone.
+"open" being wrong, and the policy must return what the oracle's does, which is fitted to the good ones alone.
 Partly bad demonstrations ("noisy", "window") must be told apart by their log-odds. Where half of all have shifted
 actions the data cannot tell which half is good: the finding must say so, and with one label of each sort all verdicts
 must be right.
@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 from sklearn.metrics import roc_auc_score
 
-from grid import ENVIRONMENTS, LABELS, N_GOOD
+from grid import ENVIRONMENTS, N_GOOD, one_label_each
 from options import at_least, counted, output, write_json
 from provenance import provenance
 from rpil.audit.record import Audit
@@ -31,6 +31,7 @@ from rpil.estimators.rpil import RPIL
 from rpil.numerics.parallel import in_processes
 from rpil.simulation.rollouts import rollout
 from rpil.simulation.simulate import simulate
+from scoring import plain_words, truth_words
 
 PAPER, PARTLY, COHERENT = ("corrupted", "random"), ("noisy", "window"), "shift"
 POLICIES = ("rpil", "oracle", "trust_all")
@@ -94,7 +95,8 @@ def one_draw(env_id: str, kind: str, seed: int, features: str, rollouts: int) ->
         "auroc": float(roc_auc_score(good, model.log_odds_)),
     }
     if kind == COHERENT:
-        row["wrong_labelled"] = wrong(RPIL(features=features).fit(demonstrations, labels=LABELS).audit_, good)
+        labelled = RPIL(features=features).fit(demonstrations, labels=one_label_each(good))
+        row["wrong_labelled"] = wrong(labelled.audit_, good)
     if kind in PAPER:
         policies = {
             "rpil": model,
@@ -107,8 +109,8 @@ def one_draw(env_id: str, kind: str, seed: int, features: str, rollouts: int) ->
 
 
 def wrong(audit: Audit, good: np.ndarray) -> int:
-    """Verdicts that are not right; "uncertain" never is."""
-    return int((np.array(audit.verdicts) != np.where(good, "expert", "adversary")).sum())
+    """Verdicts that are not right; "open" never is."""
+    return int((np.array(plain_words(audit.verdicts)) != truth_words(good)).sum())
 
 
 def key(row: Row) -> tuple[str, str, str]:

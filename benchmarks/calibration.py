@@ -1,16 +1,16 @@
-"""Calibration of P(expert), and false accusations where there is no signal.
+"""Calibration of P(typical), and false accusations where there is no signal.
 
     python benchmarks/calibration.py --draws 5 --json calibration.json
 
 With signal: the cells of `robustness.py`, 10 good demonstrations and as many bad ones as make up a share of 50, 75 or
-90 %. The expected calibration error compares P(expert), in ten bins, with the share of the good; and the interval for
+90 %. The expected calibration error compares P(typical), in ten bins, with the share of the good; and the interval for
 the share of experts should hold the truth. Where the data cannot tell which group is good, one label of each sort is
-given, and labelled demonstrations are not scored. Draws with the finding "cannot be known" are left out: they have no
+given, and labelled demonstrations are not scored. Draws with the finding "two groups" are left out: they have no
 verdicts.
 
 Without signal: 20 demonstrations that do not differ. They all come from one policy, an expert, a random one or an
 expert half of whose actions are random; or ten good and ten corrupted ones are shuffled, their actions among all steps,
-or their steps among all demonstrations. "adversary" is wrong for each of them.
+or their steps among all demonstrations. "unlike" is wrong for each of them.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from grid import ENVIRONMENTS, LABELS, N_GOOD, SHARES, n_bad, unknowable
+from grid import ENVIRONMENTS, N_GOOD, SHARES, n_bad, one_label_each, unknowable
 from options import at_least, output, write_json
 from provenance import provenance
 from rpil.audit.record import Audit
@@ -81,7 +81,7 @@ def measure(environments: Sequence[str], kinds: Sequence[str], shares: Sequence[
 def with_signal(env: str, kind: str, share: int, seed: int) -> Row:
     """Probabilities of the audit of one draw, and the truth."""
     made = simulate(env, kind, n_good=N_GOOD, n_bad=n_bad(share), seed=seed)
-    labels = LABELS if unknowable(kind, share) else {}
+    labels = one_label_each(made.is_good == 1) if unknowable(kind, share) else {}
     audit = fitted(Demonstrations.from_episodes(made.episodes), labels)
     asked = np.setdiff1d(np.arange(len(made.episodes)), list(labels))
     return {
@@ -100,7 +100,7 @@ def with_signal(env: str, kind: str, share: int, seed: int) -> Row:
 
 
 def without_signal(env: str, name: str, seed: int) -> Row:
-    """How many of `N_ALIKE` demonstrations that do not differ are called adversaries."""
+    """How many of `N_ALIKE` demonstrations that do not differ are called unlike."""
     if name in ONE_POLICY:
         kind, kept = ONE_POLICY[name]
         made = simulate(env, kind, n_good=N_ALIKE, n_bad=N_ALIKE, seed=seed)
@@ -109,7 +109,7 @@ def without_signal(env: str, name: str, seed: int) -> Row:
         made = simulate(env, "corrupted", n_good=N_ALIKE // 2, n_bad=N_ALIKE // 2, seed=seed)
         demonstrations = shuffled(Demonstrations.from_episodes(made.episodes), name, np.random.default_rng(seed))
     verdicts = fitted(demonstrations, {}).verdicts
-    return {"env": env, "name": name, "seed": seed, "accused": verdicts.count("adversary"), "of": len(verdicts)}
+    return {"env": env, "name": name, "seed": seed, "accused": verdicts.count("unlike"), "of": len(verdicts)}
 
 
 def shuffled(demonstrations: Demonstrations, name: str, rng: np.random.Generator) -> Demonstrations:

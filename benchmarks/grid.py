@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 ENVIRONMENTS = ("MountainCar-v0", "Acrobot-v1", "LunarLander-v3")
 SHARES = (50, 75, 90)
 """Percent of the demonstrations that are bad."""
 
 N_GOOD = 10
-LABELS = {0: "expert", N_GOOD: "adversary"}
-"""One label of each sort: `simulate` puts the good demonstrations first."""
+
+
+def one_label_each(good: np.ndarray) -> dict[int, str]:
+    """A label for the first of the `good` (M,) bool demonstrations, and one for the first of the others."""
+    return {int(np.argmax(good)): "good", int(np.argmin(good)): "bad"}
 
 
 def n_bad(share: int) -> int:

@@ -2,8 +2,8 @@
 
     python benchmarks/labels.py --data DIR --json labels.json
 
-DIR holds NPZ files as `real.py` reads them. The answer about a demonstration is "expert" where the truth is good and
-"adversary" where it is bad; one in between stays without an answer, and the next one is asked about, until there are k
+DIR holds NPZ files as `real.py` reads them. The answer about a demonstration is "good" where the truth is good and
+"bad" where it is bad; one in between stays without an answer, and the next one is asked about, until there are k
 labels. Then
 everything is fitted again with these, and there are two AUROCs of good against bad. One is over all demonstrations,
 those that are labelled where their labels put them: what the user has in the end. The other is over those that are not.
@@ -31,7 +31,7 @@ from provenance import provenance
 from rpil import RPIL, Demonstrations
 from rpil.audit.record import Audit
 from rpil.data.errors import DataError
-from scoring import auroc, stream
+from scoring import auroc, plain_words, stream
 from tables import table
 
 Array = NDArray[Any]
@@ -113,7 +113,7 @@ def questions(order: list[int], known: Truth, k: int) -> list[int]:
 def answers(demonstrations: Demonstrations, known: Truth, asked: list[int]) -> dict[Any, str]:
     """Labels of the demonstrations `asked`, without those in between."""
     ids = demonstrations.ids
-    found = {ids[m]: "expert" for m in asked if known.good[m]} | {ids[m]: "adversary" for m in asked if known.bad[m]}
+    found = {ids[m]: "good" for m in asked if known.good[m]} | {ids[m]: "bad" for m in asked if known.bad[m]}
     return {} if len(found) == len(ids) else found
 
 
@@ -121,8 +121,8 @@ def scored(found: Audit, alone: Audit, known: Truth, asked: list[int]) -> Row:
     """AUROC over all, and over those without a label, with labels and without; wrong verdicts among these."""
     rest = ~np.isin(np.arange(len(known.good)), asked)
     good, bad = known.good & rest, known.bad & rest
-    verdicts = np.array(found.verdicts)
-    wrong = int((verdicts[good] == "adversary").sum() + (verdicts[bad] == "expert").sum())
+    verdicts = np.array(plain_words(found.verdicts))
+    wrong = int((verdicts[good] == "unlike").sum() + (verdicts[bad] == "typical").sum())
     row: Row = {"questions": len(asked), "wrong": wrong, "auroc": None, "without": None}
     answered = np.where(rest, found.log_odds, np.where(known.good, np.inf, -np.inf))
     row["all"] = auroc(answered[known.good], answered[known.bad])

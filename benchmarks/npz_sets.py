@@ -69,10 +69,11 @@ def read_set(path: Path) -> tuple[Demonstrations, Truth]:
 
 
 def write_simulated(path: Path, kind: str, n_good: int, n_bad: int, seed: int, **columns: ArrayLike) -> None:
-    """Demonstrations of Mountain Car as such a file, with more columns for each demonstration."""
+    """Demonstrations of Mountain Car as such a file, the good first, with more columns for each demonstration."""
     made = simulate("MountainCar-v0", kind, n_good=n_good, n_bad=n_bad, seed=seed)
-    truth = {"is_good": made.is_good, "episode_quality": made.is_good.astype(float)}
-    formats.write(path, Demonstrations.from_episodes(made.episodes), truth | columns)
+    order = np.argsort(-made.is_good, kind="stable")
+    truth = {"is_good": made.is_good[order], "episode_quality": made.is_good[order].astype(float)}
+    formats.write(path, Demonstrations.from_episodes(made.episodes[m] for m in order), truth | columns)
 
 
 def sets_with_both(paths: Iterable[Path]) -> Iterator[tuple[Path, Demonstrations, Truth]]:

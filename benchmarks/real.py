@@ -35,7 +35,7 @@ from rpil.data import formats
 from rpil.data.errors import DataError
 from rpil.numerics.parallel import in_processes
 from rpil.policies.features import FEATURES
-from scoring import stream
+from scoring import plain_words, stream
 
 __all__ = ["main", "markdown", "measure"]
 
@@ -158,7 +158,7 @@ def answer(job: Job) -> Reply:
     if job.held_out is not None:
         return Reply(seconds, predicted=np.asarray(found.policy.predict(held_out.observations)))
     audit = getattr(found.policy, "audit_", None)
-    return Reply(seconds, found.scores, None if audit is None else np.array(audit.verdicts))
+    return Reply(seconds, found.scores, None if audit is None else np.array(plain_words(audit.verdicts)))
 
 
 if __name__ == "__main__":

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import Any
 
+from scoring import VERDICTS
 from tables import and_list, bold_best, bullets, by_column, table
 
 OURS = "rpil"
-VERDICTS = ("expert", "uncertain", "adversary")
 Row = dict[str, Any]
 
 

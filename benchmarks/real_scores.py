@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from scipy.stats import rankdata, spearmanr
 
 from npz_sets import Truth
-from real_report import OURS, VERDICTS
+from real_report import OURS
 from rpil.data.demonstrations import Demonstrations
-from scoring import N_RESAMPLES, interval, pair_wins, resampled_auroc, stream
+from scoring import N_RESAMPLES, VERDICTS, interval, pair_wins, resampled_auroc, stream
 
 ORACLE = "oracle"
 TRAINED_ON = {"all": "trust all", "kept": OURS, "good": ORACLE}

@@ -104,7 +104,7 @@ def acceptance(result: Result) -> str:
         [
             "## Acceptance",
             f"`benchmarks/acceptance.py`, {draws} draws of 10 good and 10 bad demonstrations; mean return ± one "
-            "standard error over draws, wrong verdicts of all draws (“uncertain” is wrong). The better of R-PIL and "
+            "standard error over draws, wrong verdicts of all draws (“open” is wrong). The better of R-PIL and "
             "trusting all is bold; the oracle learned from the good ones alone.",
             table(["environment", "bad half", "features", "wrong", "R-PIL", "trust all", "clean oracle"], rows, 3),
             bullets([*other_cells(result["cells"]), *(missed or ["Nothing that was promised is missed."])]),

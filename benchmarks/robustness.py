@@ -5,9 +5,9 @@
 
 Ten good demonstrations, and as many bad ones of one kind as make up a share of 50, 75 or 90 %; ten draws of the data.
 Three scores: the normalised return (R - R_random) / (R_oracle - R_random), where the oracle is cloned from the good
-demonstrations alone with the same features; the AUROC of the log-odds; the share of wrong verdicts, "uncertain" being
+demonstrations alone with the same features; the AUROC of the log-odds; the share of wrong verdicts, "open" being
 wrong. From a share of one half, "flip" and "shift" make bad demonstrations that agree as well as the good ones do. The
-data cannot tell which group is good there, so the finding must be "cannot be known"; with one label of each sort the
+data cannot tell which group is good there, so the finding must be "two groups"; with one label of each sort the
 cell is scored like the others, on the demonstrations without a label.
 
 Every finished piece of work is one JSON line in `draws.jsonl`, so that a run can be broken off and taken up again. A
@@ -36,7 +36,7 @@ import numpy as np
 from sklearn.metrics import roc_auc_score
 
 import rpil
-from grid import ENVIRONMENTS, LABELS, N_GOOD, SHARES, n_bad, unknowable
+from grid import ENVIRONMENTS, N_GOOD, SHARES, n_bad, one_label_each, unknowable
 from options import at_least, write_json
 from provenance import provenance
 from robustness_report import LABELLED, OURS, REFERENCE, Row, heat_map, summary, table
@@ -48,6 +48,7 @@ from rpil.simulation.corruptions import KINDS
 from rpil.simulation.experts import expert
 from rpil.simulation.rollouts import RandomPolicy, rollout
 from rpil.simulation.simulate import simulate
+from scoring import plain_words, truth_words
 from study.experiments import EXPERIMENTS
 
 CHOSEN = "auto"
@@ -186,7 +187,7 @@ def unlabelled(job: Job, demonstrations: Demonstrations, good: np.ndarray, rollo
 
 
 def labelled(job: Job, demonstrations: Demonstrations, good: np.ndarray, rollouts: int) -> Row:
-    model, found = fitted(demonstrations, good, LABELS)
+    model, found = fitted(demonstrations, good, one_label_each(good))
     return found | {"return": play(model, job.env, rollouts, job.seed)}
 
 
@@ -222,7 +223,7 @@ def fitted(demonstrations: Demonstrations, good: np.ndarray, labels: dict[int, s
     seconds = time.perf_counter() - begun
     audit = model.audit_
     asked = np.setdiff1d(np.arange(len(good)), list(labels))
-    right = np.array(audit.verdicts) == np.where(good, "expert", "adversary")
+    right = np.array(plain_words(audit.verdicts)) == truth_words(good)
     return model, {
         "seconds": seconds,
         "identifiable": audit.identifiable,

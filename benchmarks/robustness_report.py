@@ -16,7 +16,7 @@ GOALS = {
     "return": f"normalised return of {RETURN} at least",
     "AUROC": f"AUROC of {AUROC} at least",
     "verdicts": f"wrong verdicts of {100 * WRONG:g} % at most",
-    "ambiguous": "“cannot be known” without labels in every draw of such cells",
+    "ambiguous": "“two groups” without labels in every draw of such cells",
 }
 OURS, LABELLED, REFERENCE = "rpil", "rpil, two labels", "reference"
 PANELS = (

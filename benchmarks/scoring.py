@@ -3,13 +3,27 @@
 from __future__ import annotations
 
 import zlib
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 N_RESAMPLES = 2000
+VERDICTS = ("typical", "open", "unlike")
 Array = NDArray[Any]
+
+_WORDS = {"good": "typical", "expert": "typical", "uncertain": "open", "bad": "unlike", "adversary": "unlike"}
+
+
+def plain_words(verdicts: Iterable[str]) -> list[str]:
+    """Verdicts in the words of `VERDICTS`, whatever the anchor of the audit and the version of rpil."""
+    return [_WORDS.get(verdict, verdict) for verdict in verdicts]
+
+
+def truth_words(good: Array) -> Array:
+    """The right words for demonstrations that are good, or not."""
+    return np.where(good, "typical", "unlike")
 
 
 def pair_wins(good: Array, bad: Array) -> Array:

@@ -5,9 +5,9 @@
     python benchmarks/speed.py --rows K,L,M,N --data ../shared/data
     python benchmarks/speed.py --quick                   # small sizes: checks the harness, not the time
 
-Every row is one function of `speed_fits`, `speed_systems` or `speed_real`, which says what it measures. Rows A to D, F
-and I have one core and one thread, also for scikit-learn; E, G and H have all cores. The seconds are medians over runs
-that take turns; those of rows K to N are CPU seconds.
+Every row is one function of `speed_fits`, `speed_systems`, `speed_real` or `speed_folder`, which says what it measures.
+Rows A to D, F and I have one core and one thread, also for scikit-learn; E, G and H have all cores. The seconds are
+medians over runs that take turns; those of rows K to O are CPU seconds.
 """
 
 from __future__ import annotations
@@ -28,12 +28,15 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 os.environ.setdefault("MKL_NUM_THREADS", "1")
 
 import speed_fits
+import speed_folder
 import speed_real
 import speed_systems
 from provenance import provenance
 from speed_timing import Measured, Skipped, peak_gib, threads
 
 MOST_GIB = 16.0
+MOST_CROSS_FITS = 12.0
+"""Times a cross-fit that the fit of recorded data with continuous actions may take."""
 
 
 @dataclass(frozen=True)
@@ -53,7 +56,7 @@ def recorded(letter: str, what: str, file: str, seconds: float) -> Row:
     def measure(_: dict[str, int], repeats: int) -> Measured | Skipped:
         return speed_real.default_fit(letter, None if DATA.folder is None else DATA.folder / file, repeats)
 
-    return Row(what, measure, {}, {}, {letter: seconds, f"{letter}_ratio": None})
+    return Row(what, measure, {}, {}, {letter: seconds, f"{letter}_ratio": MOST_CROSS_FITS if letter != "N" else None})
 
 
 @dataclass
@@ -122,7 +125,21 @@ ROWS = {
     "K": recorded("K", "RPIL() on LeRobot, 50 files: CPU s, over a cross-fit", "formats/lerobot_v3_50files", 10.0),
     "L": recorded("L", "RPIL() on MetaWorld push", "metaworld_push.npz", 3.0),
     "M": recorded("M", "RPIL() on Ant, mixed agents", "rilco_ant_mix.npz", 10.0),
-    "N": recorded("N", "RPIL() on Overcooked, coordination ring", "overcooked_coordination_ring.npz", 5.0),
+    "N": recorded("N", "RPIL() on Overcooked, coordination ring", "overcooked_coordination_ring.npz", 3.0),
+    "O": Row(
+        "RPIL() on 253 columns: CPU s",
+        speed_real.wide_fit,
+        {"steps": 2_236, "features": 253, "actions": 7, "demonstrations": 20},
+        {"steps": 400, "features": 10, "actions": 2, "demonstrations": 8},
+        {"O": 5.0},
+    ),
+    "P": Row(
+        "rpil audit of a LeRobot folder: s",
+        speed_folder.audit_of_folder,
+        {"episodes": 2_000, "steps": 500, "joints": 14},
+        {"episodes": 12, "steps": 60, "joints": 3},
+        {"P": 60.0, "P_cpu": None, "P_time_left": None},
+    ),
 }
 AT_LEAST = ("H",)
 """What should be large; all else should be small."""

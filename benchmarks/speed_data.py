@@ -54,3 +54,19 @@ def lander(n_good: int, n_bad: int, seed: int = 0) -> Planted:
     """LunarLander-v3: an expert's demonstrations, and others whose recorded actions are uniform draws."""
     made = simulate("LunarLander-v3", "corrupted", n_good=n_good, n_bad=n_bad, seed=seed)
     return Planted(Demonstrations.from_episodes(made.episodes), made.is_good == 1)
+
+
+def wide_regression(n_steps: int, n_features: int, n_parts: int, n_demonstrations: int) -> Planted:
+    """Slow observations in many columns and a linear expert with continuous actions; every fourth demonstration has
+    noise alone in the place of its actions."""
+    rng = np.random.default_rng(0)
+    weights = rng.normal(size=(n_features, n_parts)) / np.sqrt(n_features)
+    observations = rng.normal(size=(n_steps, n_features))
+    for t in range(1, n_steps):
+        observations[t] = 0.95 * observations[t - 1] + 0.31 * observations[t]
+    offsets = np.linspace(0, n_steps, n_demonstrations + 1).astype(int)
+    actions = observations @ weights + 0.1 * rng.normal(size=(n_steps, n_parts))
+    is_good = np.arange(n_demonstrations) % 4 > 0
+    noisy = np.repeat(~is_good, np.diff(offsets))
+    actions[noisy] = actions.std(axis=0) * rng.normal(size=(int(noisy.sum()), n_parts))
+    return Planted(Demonstrations(observations, actions, offsets), is_good)

@@ -1,4 +1,4 @@
-"""Rows K, L, M and N: the whole default fit of a recorded data set, one cross-fit of scikit-learn beside."""
+"""Rows K to O: the whole default fit of recorded data, one cross-fit of scikit-learn beside, and of wide made data."""
 
 from __future__ import annotations
 
@@ -21,6 +21,7 @@ import rpil
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.formats.dataset import Dataset
 from rpil.estimators.rpil import RPIL
+from speed_data import wide_regression
 from speed_timing import Measured, Skipped
 
 N_FOLDS = 5
@@ -43,6 +44,15 @@ def default_fit(letter: str, path: Path | None, repeats: int) -> Measured | Skip
     values = {letter: seconds["ours"], f"{letter}_ratio": seconds["ours"] / seconds["cross_fit"]}
     details = {"cpu_seconds": seconds, "shape": list(design.shape), "finding": model.audit_.finding}
     return Measured(values, details)
+
+
+def wide_fit(size: dict[str, int], repeats: int) -> Measured:
+    """O: CPU seconds of `RPIL().fit` on observations with very many columns."""
+    data = wide_regression(size["steps"], size["features"], size["actions"], size["demonstrations"]).demonstrations
+    with threadpool_limits(1, "blas"):
+        runs = [cpu_seconds(lambda: RPIL().fit(data)) for _ in range(repeats)]
+    seconds = [taken for taken, _ in runs]
+    return Measured({"O": statistics.median(seconds)}, {"cpu_seconds": seconds, "finding": runs[0][1].audit_.finding})
 
 
 def opened(path: Path) -> Demonstrations | Dataset:

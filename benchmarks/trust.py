@@ -43,6 +43,7 @@ from rpil.data.errors import DataError
 from rpil.data.files import replacing
 from rpil.estimators.rpil import RPIL
 from rpil.numerics.parallel import in_processes
+from scoring import plain_words
 from trust_data import data_cells
 from trust_goals import goals
 from trust_peers import SINGLE
@@ -160,12 +161,12 @@ def ours(world: World) -> Row:
 def described(audit: Audit) -> Row:
     """An audit as plain numbers; the index of a demonstration is its id."""
     evidence = getattr(audit, "evidence", None) or {"actions": audit.log_odds}
-    finding = getattr(audit, "finding", None) or ("told apart" if audit.identifiable else "cannot be known")
+    finding = getattr(audit, "finding", None) or ("some are unlike" if audit.identifiable else "two groups")
     return {
         "scores": plain(audit.log_odds),
         "length": plain(evidence.get("length", np.zeros(len(audit.ids)))),
         "expert_proba": plain(audit.expert_proba),
-        "verdicts": list(audit.verdicts),
+        "verdicts": plain_words(audit.verdicts),
         "finding": str(finding),
         "groups": [[int(m) for m in group] for group in audit.competing],
     }
@@ -175,11 +176,11 @@ def labels_for(world: World, audit: Audit) -> dict[int, str]:
     """The labels that a person with the truth would give, where the audit cannot know."""
     if world.extra.get("unknowable"):
         good, bad = (int(np.flatnonzero(world.is_good == kind)[0]) for kind in (1, 0))
-        return {good: "expert", bad: "adversary"}
+        return {good: "good", bad: "bad"}
     if "style" in world.extra and world.extra["log_ratio"].mean() > ASK_ABOVE:
         style = world.extra["style"]
         asked = int(audit.to_label[0]) if len(audit.to_label) else int(np.flatnonzero(style == 1)[0])
-        return {asked: "adversary" if style[asked] == 1 else "expert"}
+        return {asked: "bad" if style[asked] == 1 else "good"}
     return {}
 
 

@@ -16,7 +16,7 @@ WITHOUT = tuple(name for name in SINGLE if name != "length")
 """Peers that do not look at the number of steps."""
 
 ALL_PEERS = (*SINGLE, *(name + WITH_LENGTH for name in LENGTHENED))
-NO_VERDICTS = ("cannot be known", "nobody stands out", "nothing could be learned")
+NO_VERDICTS = ("two groups", "nobody stands out", "nothing could be learned")
 N_CELLS, N_CONTINUOUS, CONTINUOUS_ASKED = 63, 45, 43
 LOW = 0.05
 """Probability below which an excess of errors is no accident."""
@@ -198,9 +198,7 @@ def grid_goals(simulated: list[Row]) -> list[Row]:
     }
     final = [row.get("labelled", row) for row in asked if "verdicts" in row]
     wrong, given = (sum(row[name] for row in final) for name in ("wrong", "given"))
-    cell = (
-        "AUROC .99, at most 1 % without the right verdict; “cannot be known” where it cannot, and all that with labels"
-    )
+    cell = "AUROC .99, at most 1 % without the right verdict; “two groups” where it cannot, and all that with labels"
     return [
         cells_goal(f"all {N_CELLS} cells of the simulated grid ({cell})", grids[False], N_CELLS, N_CELLS),
         cells_goal(
@@ -232,7 +230,7 @@ def cell_met(draws: list[Row]) -> bool:
     if any("verdicts" not in row for row in draws):
         return False
     if draws[0]["extra"]["unknowable"]:
-        if any(row["finding"] != "cannot be known" for row in draws):
+        if any(row["finding"] != "two groups" for row in draws):
             return False
         draws = [row["labelled"] for row in draws]
     aurocs = [row["auroc"] if "auroc" in row else auroc(row, OURS) for row in draws]
@@ -243,7 +241,7 @@ def cell_met(draws: list[Row]) -> bool:
 
 def not_right(verdicts: Row) -> float:
     """The share of the good and bad that have no verdict, or the wrong one."""
-    right = verdicts["good"]["expert"] + verdicts["bad"]["adversary"]
+    right = verdicts["good"]["typical"] + verdicts["bad"]["unlike"]
     return 1 - right / (sum(verdicts["good"].values()) + sum(verdicts["bad"].values()))
 
 
@@ -263,7 +261,7 @@ def power_goals(rows: list[Row]) -> list[Row]:
     }
     texts = {
         "for each size 80 % of the correct verdicts of an oracle that knows the likelihood ratios": weak,
-        "for each size no more of them wrong than P(expert) says (exact test at 95 %)": unsound,
+        "for each size no more of them wrong than P(typical) says (exact test at 95 %)": unsound,
     }
     return [
         goal(

@@ -16,8 +16,8 @@ from trust_worlds import FAMILIES
 Row = dict[str, Any]
 MET = {True: "met", False: "missed", None: "not measured"}
 NOTE = (
-    "Verdicts are expert/uncertain/adversary; wrong are those of the verdicts given, with the exact 95 % interval; the "
-    "other intervals are bootstrapped over demonstrations; Brier is P(expert)'s against the base rate's."
+    "Verdicts are typical/open/unlike; wrong are those of the verdicts given, with the exact 95 % interval; the "
+    "other intervals are bootstrapped over demonstrations; Brier is P(typical)'s against the base rate's."
 )
 NAMED = 12
 """Worlds that are named where they miss a goal; of more, how many."""

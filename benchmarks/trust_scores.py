@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy.special import expit
 from scipy.stats import binomtest, rankdata, spearmanr
 
-from scoring import auroc, interval, pair_wins, resampled_auroc, stream
+from scoring import VERDICTS, auroc, interval, pair_wins, resampled_auroc, stream
 from trust_peers import LENGTHENED, WITH_LENGTH, add_length
 
 OURS = "rpil"
@@ -17,7 +17,6 @@ WITHOUT_LENGTH = "rpil without length"
 SURE = 0.9
 """Probability from which the oracle of well-specified worlds gives a verdict."""
 
-VERDICTS = ("expert", "uncertain", "adversary")
 N_RESAMPLES = 1000
 
 Array = NDArray[Any]
@@ -86,7 +85,7 @@ def resampled_spearman(scores: Array, quality: Array, good: Array, rng: np.rando
 
 
 def judged(row: Row, good: Array, rng: np.random.Generator) -> Row:
-    """Verdicts against the truth, where it is known, and the Brier score of P(expert)."""
+    """Verdicts against the truth, where it is known, and the Brier score of P(typical)."""
     verdicts, proba = np.array(row["verdicts"]), np.array(row["expert_proba"])
     counts = {
         name: {verdict: int(((good == kind) & (verdicts == verdict)).sum()) for verdict in VERDICTS}
@@ -94,7 +93,7 @@ def judged(row: Row, good: Array, rng: np.random.Generator) -> Row:
     }
     wrong, given = right_and_wrong(verdicts, good)
     found: Row = {"verdicts": counts, "wrong": wrong, "given": given, "wrong_ci95": exact_interval(wrong, given)}
-    found["answered"] = float((verdicts != "uncertain").mean())
+    found["answered"] = float((verdicts != "open").mean())
     known = good >= 0
     found |= {"brier": None, "brier_ci95": None, "base_rate_brier": None}
     if known.any():
@@ -106,8 +105,8 @@ def judged(row: Row, good: Array, rng: np.random.Generator) -> Row:
 
 def right_and_wrong(verdicts: Array, good: Array) -> tuple[int, int]:
     """How many of the verdicts given are wrong, and how many are given, where the truth is known."""
-    given = (verdicts != "uncertain") & (good >= 0)
-    wrong = given & ((verdicts == "expert") != (good == 1))
+    given = (verdicts != "open") & (good >= 0)
+    wrong = given & ((verdicts == "typical") != (good == 1))
     return int(wrong.sum()), int(given.sum())
 
 
@@ -167,7 +166,7 @@ def of_styles(extra: Row, ours: Row) -> Row:
         if len(group)
     )
     found: Row = {
-        "accused": ours["verdicts"].count("adversary"),
+        "accused": ours["verdicts"].count("unlike"),
         "log_ratio": float(np.mean(extra["log_ratio"])),
         "groups_listed": len(ours["groups"]) > 0,
         "style_listed": bool(listed),
@@ -185,11 +184,11 @@ def of_styles(extra: Row, ours: Row) -> Row:
 def against_oracle(log_ratio: Array, ours: Row, good: Array) -> Row:
     """Correct verdicts of ours and of an oracle that knows the likelihood ratios, and the errors that ours expects."""
     known = expit(log_ratio)  # a prior of one half
-    oracle = np.where(known >= SURE, "expert", np.where(known <= 1 - SURE, "adversary", "uncertain"))
+    oracle = np.where(known >= SURE, "typical", np.where(known <= 1 - SURE, "unlike", "open"))
     wrong, given = right_and_wrong(oracle, good)
     verdicts, proba = np.array(ours["verdicts"]), np.array(ours["expert_proba"])
     ours_wrong, ours_given = right_and_wrong(verdicts, good)
-    doubt = np.where(verdicts == "expert", 1 - proba, proba)[verdicts != "uncertain"]
+    doubt = np.where(verdicts == "typical", 1 - proba, proba)[verdicts != "open"]
     return {
         "oracle_correct": given - wrong,
         "oracle_wrong": wrong,

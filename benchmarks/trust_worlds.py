@@ -101,7 +101,7 @@ class Cell:
 def simulated(env: str, kind: str, share: int, seed: int) -> World:
     """Ten good demonstrations, and as many bad ones of one kind as make up a share in percent."""
     made = simulate(env, kind, n_good=N_GOOD, n_bad=n_bad(share), seed=seed)
-    order = np.random.default_rng(seed).permutation(len(made.episodes))
+    order = np.argsort(-made.is_good, kind="stable")[np.random.default_rng(seed).permutation(len(made.episodes))]
     observations, actions = (np.concatenate([made.episodes[m][part] for m in order]) for part in (0, 1))
     lengths = [len(made.episodes[m][1]) for m in order]
     extra = {"env": env, "kind": kind, "share": share, "seed": seed, "unknowable": unknowable(kind, share)}

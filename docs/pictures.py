@@ -24,6 +24,7 @@ from sklearn.ensemble import HistGradientBoostingClassifier
 
 from rpil import RPIL, Demonstrations, Settings
 from rpil.audit.plots import COLOURS, RankingDisplay
+from rpil.audit.words import SIDES
 
 Array = NDArray[Any]
 N_ACTIONS = 4
@@ -101,7 +102,7 @@ def adversaries() -> Any:
     row = np.array([kinds.index(sort) for sort in sorts])
     shift = np.array([sorts[:m].count(sort) / sorts.count(sort) for m, sort in enumerate(sorts)])
     for ax, (name, audit) in zip(axes.flat, found.items(), strict=True):
-        colours = [COLOURS[verdict] for verdict in audit.verdicts]
+        colours = [COLOURS[SIDES[verdict]] for verdict in audit.verdicts]
         ax.axvline(0, color="#c8ccd0", linewidth=1)
         ax.scatter(audit.log_odds, row + 0.6 * (shift - 0.4), c=colours, s=16)
         ax.set_title(f'"{name}"' + (f": {audit.adversary}" if name == "auto" else ""), fontsize=10)
@@ -109,9 +110,9 @@ def adversaries() -> Any:
     axes[0, 0].set_yticks(range(len(kinds)), kinds)
     axes[0, 0].invert_yaxis()
     for ax in axes[1]:
-        ax.set_xlabel("log-odds of expert")
-    for verdict, colour in COLOURS.items():
-        axes[0, 2].scatter([], [], c=colour, s=16, label=verdict)
+        ax.set_xlabel("log-odds")
+    for side, verdict in zip(COLOURS, ("expert", "open", "adversary"), strict=True):
+        axes[0, 2].scatter([], [], c=COLOURS[side], s=16, label=verdict)
     axes[0, 2].legend(frameon=False, fontsize=8, loc="center right")
     return figure
 
@@ -163,7 +164,7 @@ def draw_map(ax: Any, actions: Array, title: str) -> None:
 
 def count_right(model: RPIL, good: Array) -> str:
     """The number of right verdicts in words."""
-    right = np.array(model.audit_.verdicts) == np.where(good, "expert", "adversary")
+    right = np.array(model.audit_.verdicts) == np.where(good, "typical", "unlike")
     return f"{right.sum()} of {len(good)} verdicts right"
 
 

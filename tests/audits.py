@@ -7,18 +7,19 @@ from typing import Any
 
 import numpy as np
 
-from rpil.audit.record import Audit, Interval, Verdict
+from rpil.audit.record import Audit, Interval
+from rpil.audit.words import SIDES, Verdict
 
 
 def make_audit(
-    verdicts: Sequence[Verdict] = ("expert",) * 5 + ("uncertain",) + ("adversary",) * 4,
+    verdicts: Sequence[Verdict] = ("typical",) * 5 + ("open",) + ("unlike",) * 4,
     *,
     ids: Sequence[Any] | None = None,
     lengths: Sequence[int] | None = None,
     seed: int = 0,
     **changes: Any,
 ) -> Audit:
-    """An audit with one demonstration for each verdict; adversaries go wrong in the middle half of their steps."""
+    """An audit with one demonstration for each verdict; those below go wrong in the middle half of their steps."""
     rng = np.random.default_rng(seed)
     size = len(verdicts)
     lengths = rng.integers(30, 200, size) if lengths is None else np.asarray(lengths)
@@ -26,18 +27,18 @@ def make_audit(
     ratios, reliability = [], np.empty(size)
     for m, (verdict, length) in enumerate(zip(verdicts, lengths, strict=True)):
         middle = np.abs(np.arange(length) - length / 2) < length / 4
-        bad = {"expert": 0.02, "uncertain": 0.3, "adversary": 0.5}[verdict]
+        bad = {"upper": 0.02, "open": 0.3, "lower": 0.5}[SIDES[verdict]]
         wrong = rng.random(length) < np.where(middle, min(2 * bad, 1), bad / 10)
         ratios.append(np.where(wrong, -rng.exponential(3.0, length), rng.uniform(0.1, np.log(3), length)))
         reliability[m] = 1 - wrong.mean()
     half = 1.96 * np.sqrt(reliability * (1 - reliability) / lengths + 1e-4)
-    sign = np.array([{"expert": 1.0, "uncertain": 0.0, "adversary": -1.0}[verdict] for verdict in verdicts])
+    sign = np.array([{"upper": 1.0, "open": 0.0, "lower": -1.0}[SIDES[verdict]] for verdict in verdicts])
     log_odds = sign * (3 + 0.4 * lengths * rng.random(size)) + rng.normal(0, 0.5, size)
     steps = np.concatenate(ratios)
     fields: dict[str, Any] = {
         "ids": tuple(range(size)) if ids is None else tuple(ids),
         "offsets": offsets.astype(np.int64),
-        "finding": "told apart",
+        "finding": "some are unlike",
         "log_odds": log_odds,
         "expert_proba": 1 / (1 + np.exp(-log_odds)),
         "reliability": reliability,
@@ -51,7 +52,7 @@ def make_audit(
         "to_label": (),
         "adversary": "uniform",
         "history": -2 + 0.9 * (1 - np.exp(-np.arange(5.0))),
-        "assumptions": ("Every expert follows one policy.", "An adversary acts uniformly at random."),
+        "assumptions": ("Those who agree follow one policy.", "Nobody acts at random."),
     }
     fields |= changes
     nothing = np.zeros(size)

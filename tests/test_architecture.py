@@ -204,6 +204,8 @@ WITHOUT_TESTS = {
     "data/formats/dialect.py": "tests/data/test_csv_variants.py",
     "data/formats/names.py": "as dialect.py",
     "data/formats/columns.py": "as dialect.py",
+    "data/formats/column_search.py": "tests/data/test_columns.py",
+    "data/formats/on_disk.py": "tests/data/formats/test_dataset.py",
     "data/formats/order.py": "as dialect.py",
     "data/formats/starts.py": "as store.py",
     "data/formats/recording.py": "as csv.py",

@@ -35,7 +35,7 @@ def overcooked(shared: Path, out: Path) -> None:
 def lunarlander(out: Path) -> None:
     """10 expert and 10 corrupted demonstrations in random order, so that order tells nothing."""
     made = simulate("LunarLander-v3", "corrupted", n_good=10, n_bad=10, seed=SEED)
-    order = np.random.default_rng(SEED).permutation(len(made.episodes))
+    order = np.argsort(-made.is_good, kind="stable")[np.random.default_rng(SEED).permutation(len(made.episodes))]
     demonstrations = Demonstrations.from_episodes([made.episodes[m] for m in order], observation_names=LANDER)
     write(out / "lunarlander_corrupted.npz", demonstrations, {"is_good": made.is_good[order]})
 

@@ -110,9 +110,7 @@ def reweighted(kind: str, folder: Path, **given: Any) -> dict[str, Array]:
 
 def calibrated(folder: Path) -> dict[str, Array]:
     found = rpil.RPIL().fit(toy("noisy")).audit_
-    return audited(
-        found.calibrated({"d0": "expert", "d1": "expert", "d2": "adversary", "d13": "adversary", "d15": "adversary"})
-    )
+    return audited(found.calibrated({"d0": "good", "d1": "good", "d2": "bad", "d13": "bad", "d15": "bad"}))
 
 
 def files(folder: Path) -> dict[str, Array]:
@@ -139,7 +137,7 @@ def refused(folder: Path) -> dict[str, Array]:
     """What is messages of mistakes."""
     data, continuous = toy("random"), toy("random", True)
     wrong: dict[str, Callable[[], Any]] = {
-        "label": lambda: rpil.RPIL(labels={"d99": "expert"}).fit(data),
+        "label": lambda: rpil.RPIL(labels={"d99": "good"}).fit(data),
         "label word": lambda: rpil.RPIL(labels={"d0": "good"}).fit(data),
         "adversary": lambda: rpil.RPIL(adversary="evil").fit(data),
         "adversary of the other kind": lambda: rpil.RPIL(adversary="complement").fit(continuous),
@@ -210,8 +208,8 @@ for continuous, action in ((False, "discrete"), (True, "continuous")):
         add(f"default {action} {kind}", rpil.RPIL, partial(toy, kind, continuous))
     for minority in ("ask", "trust", "distrust"):
         add(f"minority {minority} {action}", partial(rpil.RPIL, minority=minority), rival)
-    add(f"labels {action}", rpil.RPIL, rival, labels={"d0": "expert", "d15": "adversary"})
-    add(f"labels as a setting {action}", partial(rpil.RPIL, labels={"d2": "adversary"}), noisy)
+    add(f"labels {action}", rpil.RPIL, rival, labels={"d0": "good", "d15": "bad"})
+    add(f"labels as a setting {action}", partial(rpil.RPIL, labels={"d2": "bad"}), noisy)
     add(f"demonstrators {action}", rpil.RPIL, noisy, demonstrators=[f"p{m // 4}" for m in range(20)])
     add(f"demonstrators by id {action}", rpil.RPIL, noisy, demonstrators={f"d{m}": m % 3 for m in range(15)})
     add(f"one step each {action}", rpil.RPIL, partial(toy, "random", continuous, 120, 80, 1))
@@ -232,7 +230,7 @@ for continuous, action in ((False, "discrete"), (True, "continuous")):
                 add(f"adversary {adversary} {m_step} {action} {kind}", make, partial(toy, kind, continuous))
     for prior in (0.6, (3.0, 2.0)):
         make = partial(rpil.RPIL, adversary="marginal", settings=mixture(prior=prior), features="spline")
-        add(f"prior {prior} {action}", make, noisy, labels={"d0": "expert", "d14": "adversary"})
+        add(f"prior {prior} {action}", make, noisy, labels={"d0": "good", "d14": "bad"})
     add(f"RMEnt {action}", rpil.RMEnt, noisy)
     add(f"RMEnt n_trusted {action}", partial(rpil.RMEnt, n_trusted=11, n_starts=30, features="auto"), noisy)
     torch = partial(rpil.TorchPolicy, hidden=(8,), n_folds=3, epochs=15)
@@ -255,12 +253,12 @@ logistic = make_pipeline(StandardScaler(), LogisticRegression())
 forest = RandomForestRegressor(n_estimators=10, min_samples_leaf=5, random_state=0)
 add("policy classifier", partial(rpil.RPIL, policy=logistic), partial(toy, "noisy"))
 add("policy regressor", partial(rpil.RPIL, policy=forest), partial(toy, "noisy", True))
-CASES["large streamed labels"] = partial(streamed, False, labels={"d0": "expert", "d2000": "adversary"})
+CASES["large streamed labels"] = partial(streamed, False, labels={"d0": "good", "d2000": "bad"})
 CASES["large demonstrators"] = partial(fit, rpil.RPIL, many, demonstrators=[f"p{m // 30}" for m in range(2100)])
 CASES["large dask"] = on_dask
 CASES["reweight"] = partial(reweighted, "random")
 CASES["reweight one fold"] = partial(reweighted, "noisy", n_folds=1, max_rounds=5)
-CASES["reweight labels"] = partial(reweighted, "flipped", labels={"d0": "expert"}, minority="distrust")
+CASES["reweight labels"] = partial(reweighted, "flipped", labels={"d0": "good"}, minority="distrust")
 report = "audit data.npz --suggest 2 --report report.html --weights weights.csv"
 CASES["command audit"] = partial(commanded, report, "corrupted")
 CASES["command audit json"] = partial(commanded, "audit data.npz --json --features raw", "noisy")

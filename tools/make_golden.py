@@ -22,7 +22,7 @@ import rpil
 
 GOLDEN = Path(__file__).parents[1] / "tests" / "golden"
 GIVEN = [[0.1, 0.1, 0.8], [0.2, 0.6, 0.2], [0.8, 0.1, 0.1]]
-LABELS = {"d0": "expert", "d11": "adversary"}
+LABELS = {"d0": "good", "d11": "bad"}
 FEATURES = ("spline", "nystroem")
 
 

@@ -35,7 +35,7 @@ from study.experiments import (
 CAR = "MountainCar-v0"
 ACTIONS = ("push left", "no push", "push right")
 # The two that the expert uses are the two that differ most, also for readers with a colour deficiency.
-ACTION_COLOURS = (COLOURS["expert"], COLOURS["uncertain"], "#e69f00")
+ACTION_COLOURS = (COLOURS["upper"], COLOURS["open"], "#e69f00")
 EPISODES = 20
 _POSITIONS, _VELOCITIES = (-1.23, 0.6), (-0.07, 0.07)
 _FLAG = 0.5
@@ -129,8 +129,8 @@ def _car(panels: Sequence[Panel]) -> Any:
             pale = {"alpha": 0.16, "origin": "lower", "aspect": "auto", "extent": (*_POSITIONS, *_VELOCITIES)}
             ax.imshow(policy.predict(points).reshape(_GRID, _GRID), interpolation="nearest", **pale, **colours)
         ax.scatter(*observations.T, c=actions, s=7, linewidths=0, **colours)
-        ax.axvline(_FLAG, color=COLOURS["uncertain"], linewidth=1, linestyle=(0, (4, 3)))
-        ax.text(_FLAG - 0.015, _VELOCITIES[0] * 0.97, "flag", ha="right", color=COLOURS["uncertain"], fontsize="small")
+        ax.axvline(_FLAG, color=COLOURS["open"], linewidth=1, linestyle=(0, (4, 3)))
+        ax.text(_FLAG - 0.015, _VELOCITIES[0] * 0.97, "flag", ha="right", color=COLOURS["open"], fontsize="small")
         ax.set_title(title, loc="left", fontsize="medium")
         ax.set(xlim=_POSITIONS, ylim=_VELOCITIES, xlabel="Position", xticks=(-1.2, -0.8, -0.4, 0.0, 0.4))
         ax.spines[["top", "right"]].set_visible(False)
@@ -150,8 +150,8 @@ def _weights(rows: Sequence[dict[str, Any]]) -> Any:
     figure = _figure(10, 0.9 + 1.7 * len(rows))
     axes = figure.subplots(len(rows), 2, sharex=True, squeeze=False)
     styles: dict[str, dict[str, Any]] = {
-        RECIPE: {"color": COLOURS["adversary"], "marker": "o", "fillstyle": "none", "markersize": 7},
-        OURS: {"color": COLOURS["expert"], "marker": "D", "markersize": 3.5},
+        RECIPE: {"color": COLOURS["lower"], "marker": "o", "fillstyle": "none", "markersize": 7},
+        OURS: {"color": COLOURS["upper"], "marker": "D", "markersize": 3.5},
     }
     bound = 3 * max(np.abs(row["log_odds"][name]).max() for row in rows for name in styles)
     decades = 10.0 ** np.arange(1, np.log10(bound), 2)
@@ -163,14 +163,14 @@ def _weights(rows: Sequence[dict[str, Any]]) -> Any:
             for ax, values in ((left, expit(log_odds)), (right, log_odds)):
                 ax.plot(where, values, linestyle="none", label=NAMES[name], **style)
         for ax in (left, right):
-            ax.axvspan(n_good + 0.5, size + 0.5, color=COLOURS["uncertain"], alpha=0.12, linewidth=0)
+            ax.axvspan(n_good + 0.5, size + 0.5, color=COLOURS["open"], alpha=0.12, linewidth=0)
             ax.spines[["top", "right"]].set_visible(False)
             ax.set(xlim=(0.4, size + 0.6))
         left.set_title(f"Table {row['table']}. {row['env']}, {row['kind']}", loc="left", fontsize="medium")
         left.set(ylabel="P(expert)", ylim=(-0.08, 1.08), yticks=(0, 0.5, 1))
         right.set_yscale("symlog", linthresh=10)
         right.set(ylabel="Log-odds (nats)", ylim=(-bound, bound), yticks=[*-decades, 0, *decades])
-        right.axhline(0, color=COLOURS["uncertain"], linewidth=0.8)
+        right.axhline(0, color=COLOURS["open"], linewidth=0.8)
     for ax in axes[-1]:
         ax.set(xlabel="Demonstration (the bad ones on grey)", xticks=(1, 5, 10, 15, 20))
     handles, labels = axes[0, 0].get_legend_handles_labels()

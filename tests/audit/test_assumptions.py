@@ -9,15 +9,17 @@ from sklearn.exceptions import ConvergenceWarning
 
 from audits import make_audit
 from rpil.audit import assumptions
+from rpil.audit.words import WORDS
 from rpil.data.errors import AmbiguousWarning
-from rpil.inference.trust import FINDINGS
+from rpil.inference.findings import FINDINGS
 
 
 @pytest.mark.parametrize("finding", FINDINGS)
-def test_sentences_begin_with_the_finding_and_the_meaning_of_p_expert(finding):
-    sentences = assumptions.assumption_sentences(finding)
-    assert sentences[:2] == (FINDINGS[finding], assumptions.P_EXPERT)
-    assert len(sentences) == 3
+@pytest.mark.parametrize("anchor", WORDS)
+def test_sentences_begin_with_the_finding_and_the_meaning_of_the_probability(finding, anchor):
+    sentences = assumptions.assumption_sentences(make_audit(finding=finding, anchor=anchor))
+    assert sentences[:2] == (FINDINGS[finding], WORDS[anchor].explanation)
+    assert len(sentences) == 3 + (anchor == "named adversary")
     assert all(sentence.endswith(".") for sentence in sentences)
 
 
@@ -27,16 +29,21 @@ def test_sentences_begin_with_the_finding_and_the_meaning_of_p_expert(finding):
         ({"policy": assumptions.linear_policy("spline")}, "spline"),
         ({"policy": assumptions.custom_policy("TorchPolicy")}, "TorchPolicy"),
         ({"p_two_groups": 0.256}, "0.26"),
-        ({"whole_demonstrations": True}, "whole"),
         ({"expert_share": 0.75}, "0.75"),
-        ({"n_labels": 3}, "3 labels"),
         ({"demonstrators": "Ann gave all."}, "Ann gave all."),
     ],
 )
 def test_each_fact_adds_one_sentence(given, words):
-    plain, more = (assumptions.assumption_sentences("told apart", **options) for options in ({}, given))
+    plain, more = (assumptions.assumption_sentences(make_audit(), **options) for options in ({}, given))
     (added,) = set(more) - set(plain)
     assert words in added
+
+
+def test_labels_and_whole_demonstrations_are_assumptions_too():
+    audit = make_audit(anchor="named adversary", labelled=(0, 1, 2))
+    sentences = assumptions.assumption_sentences(audit)
+    assert "A demonstration is good or bad as a whole." in sentences
+    assert "3 labels were taken as certain." in sentences
 
 
 def test_good_fit_gives_no_warning():

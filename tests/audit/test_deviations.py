@@ -16,7 +16,7 @@ from rpil.data.spaces import Box, Discrete
 
 RATIO = np.ones(80)
 RATIO[50:56] = -2.0
-AUDIT = make_audit(("expert", "adversary"), step_log_ratio=RATIO, lengths=[40, 40])
+AUDIT = make_audit(("typical", "unlike"), step_log_ratio=RATIO, lengths=[40, 40])
 
 
 def test_most_frequent_other_action_is_named_with_the_action_of_the_trusted() -> None:
@@ -58,7 +58,7 @@ def test_part_furthest_from_the_trusted_is_named_in_units_of_their_spread() -> N
 
 def test_no_more_than_the_worst_steps_of_a_long_stretch_are_compared() -> None:
     ratio = np.concatenate([np.ones(50), -np.linspace(1, 2, 50)])
-    audit = make_audit(("expert", "adversary"), step_log_ratio=ratio, lengths=[50, 50])
+    audit = make_audit(("typical", "unlike"), step_log_ratio=ratio, lengths=[50, 50])
     asked = []
 
     def outputs(rows: np.ndarray) -> np.ndarray:
@@ -70,7 +70,7 @@ def test_no_more_than_the_worst_steps_of_a_long_stretch_are_compared() -> None:
     assert f"{MAX_STEPS} of its {MAX_STEPS} worst steps" in phrase
 
 
-@pytest.mark.parametrize("changes", [{"finding": "nobody stands out"}, {"verdicts": ("uncertain", "adversary")}])
+@pytest.mark.parametrize("changes", [{"finding": "nobody stands out"}, {"verdicts": ("open", "unlike")}])
 def test_without_trusted_demonstrations_nothing_is_compared(changes: dict[str, object]) -> None:
     def outputs(rows: np.ndarray) -> np.ndarray:
         raise AssertionError
@@ -88,7 +88,7 @@ def test_fit_names_the_corrupted_window_and_the_action_and_a_file_keeps_both(tmp
             actions[20:50] = "stop"
         episodes.append((states, actions))
     model = rpil.RPIL().fit(Demonstrations.from_episodes(episodes))
-    assert model.audit_.verdicts[9:] == ("adversary",) * 3
+    assert model.audit_.verdicts[9:] == ("unlike",) * 3
     for reason in model.audit_.reasons[9:]:
         first, last = (int(word) for word in reason.partition("steps ")[2].split()[0:3:2])
         assert abs(first - 20) <= 1

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from rpil.audit.label_choice import NEXT_STEPS, choose_labels, middle_first
-from rpil.inference.trust import FINDINGS
+from rpil.inference.findings import FINDINGS
 
 
 def test_every_finding_has_a_next_step_of_one_sentence():

@@ -15,6 +15,7 @@ from matplotlib.figure import Figure
 
 from audits import make_audit
 from rpil.audit import plots
+from rpil.audit.words import SIDES
 from rpil.data.errors import DataError
 
 AUDIT_DISPLAYS = [plots.RankingDisplay, plots.LengthDisplay, plots.TimelineDisplay, plots.HistoryDisplay]
@@ -68,26 +69,26 @@ def test_ranking_shows_every_demonstration_in_order_with_its_interval_and_colour
     assert ax.yaxis_inverted()
     for line, bars in zip(ax.lines, ax.collections, strict=True):
         verdict = line.get_label().split()[0]
-        assert line.get_color() == plots.COLOURS[verdict] == to_hex(bars.get_color()[0])
+        assert line.get_color() == plots.COLOURS[SIDES[verdict]] == to_hex(bars.get_color()[0])
         rows = line.get_ydata()
         assert all(audit.verdicts[order[row]] == verdict for row in rows)
         np.testing.assert_array_equal(line.get_xdata(), audit.reliability[order[rows]])
         ends = [segment[:, 0] for segment in bars.get_segments()]
         np.testing.assert_array_equal(ends, audit.reliability_interval[order[rows]])
-    assert [text.get_text() for text in ax.get_legend().texts] == ["expert (5)", "uncertain (1)", "adversary (4)"]
+    assert [text.get_text() for text in ax.get_legend().texts] == ["typical (5)", "open (1)", "unlike (4)"]
 
 
 def test_ranking_by_log_odds_keeps_labelled_demonstrations_in_the_picture() -> None:
-    audit = make_audit(("expert", "expert", "adversary"), log_odds=np.array([np.inf, 4.0, -np.inf]))
+    audit = make_audit(("typical", "typical", "unlike"), log_odds=np.array([np.inf, 4.0, -np.inf]))
     ax = plots.RankingDisplay.from_audit(audit, quantity="log_odds").ax_
     drawn = np.concatenate(
-        [line.get_xdata() for line in ax.lines if line.get_label().startswith(("expert", "adversary"))]
+        [line.get_xdata() for line in ax.lines if line.get_label().startswith(("typical", "unlike"))]
     )
     np.testing.assert_array_equal(drawn, [8.0, 4.0, -8.0])
 
 
 def test_ranking_of_many_demonstrations_shows_ranks_and_no_ids() -> None:
-    ax = plots.RankingDisplay.from_audit(make_audit(("expert", "adversary") * 50)).ax_
+    ax = plots.RankingDisplay.from_audit(make_audit(("typical", "unlike") * 50)).ax_
     assert ax.get_ylabel() == "Rank"
     assert len(ax.get_yticks()) < 20
 
@@ -103,7 +104,7 @@ def test_length_shows_reliability_against_steps() -> None:
     drawn = {tuple(point) for line in ax.lines for point in line.get_xydata()}
     assert drawn == set(zip(audit.lengths.astype(float), audit.reliability, strict=True))
     assert ax.get_xscale() == "linear"
-    assert plots.LengthDisplay.from_audit(make_audit(("expert",) * 2, lengths=[10, 900])).ax_.get_xscale() == "log"
+    assert plots.LengthDisplay.from_audit(make_audit(("typical",) * 2, lengths=[10, 900])).ax_.get_xscale() == "log"
 
 
 def test_timeline_marks_the_worst_steps_of_the_demonstration_asked_for() -> None:
@@ -138,7 +139,7 @@ def test_history_shows_the_objective_of_every_round() -> None:
 
 @pytest.mark.parametrize("display", [plots.RankingDisplay, plots.TimelineDisplay])
 def test_names_are_text_and_not_formulas(display: type, tmp_path: Path) -> None:
-    audit = make_audit(("expert", "adversary"), ids=("$\\frac$ \ud800", "cost $5$ \x07"))
+    audit = make_audit(("typical", "unlike"), ids=("$\\frac$ \ud800", "cost $5$ \x07"))
     shown = display.from_audit(audit)
     texts = [*shown.ax_.get_yticklabels(), shown.ax_.title]
     assert r"cost $5$ \x07" in {text.get_text().removeprefix("Demonstration ") for text in texts}

@@ -9,6 +9,7 @@ import pytest
 
 from audits import make_audit
 from rpil.audit.reasons import MIN_STRETCH, Grounds, worst_stretch
+from rpil.audit.words import WORDS
 
 NO_STRETCH = {"step_log_ratio": np.ones(40), "lengths": [20, 20]}
 
@@ -35,65 +36,65 @@ def test_steps_without_evidence_against_an_expert_do_not_stand_out() -> None:
 def test_reason_names_the_stretch_of_the_audit() -> None:
     ratio = np.ones(40)
     ratio[25:29] = -3.0
-    audit = make_audit(("expert", "adversary"), step_log_ratio=ratio, lengths=[20, 20])
+    audit = make_audit(("typical", "unlike"), step_log_ratio=ratio, lengths=[20, 20])
     good, bad = audit.reasons
     assert good == "Judged by its actions: its mean log-ratio is +1.00 nats."
-    assert "mean log-ratio is +0.20 nats, that of the trusted +1.00" in bad
-    assert "steps 5 to 8 are least like an expert's (-12.0 nats)." in bad
+    assert "mean log-ratio is +0.20 nats, that of the typical ones +1.00" in bad
+    assert "steps 5 to 8 are least like typical ones (-12.0 nats)." in bad
 
 
 def test_demonstrator_is_the_reason_where_its_part_is_the_larger() -> None:
     parts = {"from_actions": np.array([3.0, 0.5]), "from_demonstrator": np.array([1.0, -4.0])}
-    audit = make_audit(("expert", "adversary"), log_odds=np.array([4.0, -3.5]), **parts, **NO_STRETCH)
+    audit = make_audit(("typical", "unlike"), log_odds=np.array([4.0, -3.5]), **parts, **NO_STRETCH)
     assert audit.reasons[0].startswith("Judged by its actions")
     assert audit.reasons[1].startswith("Judged by its demonstrator's other demonstrations (-4.0 nats; +0.5 nats from")
 
 
 def test_label_is_the_reason_and_its_contradiction_with_the_actions_is_told() -> None:
     parts = {"from_actions": np.array([3.0, 8.0]), "from_label": np.array([17.0, -28.0])}
-    audit = make_audit(
-        ("expert", "adversary"), log_odds=np.array([20.0, -20.0]), labelled=(0, 1), **parts, **NO_STRETCH
-    )
-    assert audit.reasons == ("Labelled expert.", "Labelled adversary, against its actions (+8.0 nats).")
+    audit = make_audit(("typical", "unlike"), log_odds=np.array([20.0, -20.0]), labelled=(0, 1), **parts, **NO_STRETCH)
+    assert audit.reasons == ("Labelled good.", "Labelled bad, against its actions (+8.0 nats).")
 
 
 @pytest.mark.parametrize("finding", ["nobody stands out", "nothing could be learned"])
 def test_without_two_groups_nothing_tells_a_demonstration_from_the_others(finding: str) -> None:
-    audit = make_audit(("uncertain",) * 2, finding=finding, **NO_STRETCH)
+    audit = make_audit(("open",) * 2, finding=finding, **NO_STRETCH)
     assert all(reason.startswith("Nothing tells it from the others") for reason in audit.reasons)
     ratios = {"step_log_ratio": np.full(40, -1.0), "lengths": [20, 20]}
-    bad = make_audit(("uncertain",) * 2, finding=finding, **ratios).reasons[0]
+    bad = make_audit(("open",) * 2, finding=finding, **ratios).reasons[0]
     assert ("steps 0 to 19" in bad) == (finding == "nobody stands out")
 
 
 def test_competing_groups_wait_for_a_label() -> None:
-    groups = {"competing": ((0,), (1,)), "to_label": (0, 1), "identifiable": False, "finding": "cannot be known"}
-    audit = make_audit(("uncertain",) * 3, lengths=[20, 20, 20], step_log_ratio=np.ones(60), **groups)
+    groups = {"competing": ((0,), (1,)), "to_label": (0, 1), "identifiable": False, "finding": "two groups"}
+    audit = make_audit(("open",) * 3, lengths=[20, 20, 20], step_log_ratio=np.ones(60), **groups)
     assert [reason.partition(" does")[0] for reason in audit.reasons[:2]] == [
         "It acts as group A",
         "It acts as group B",
     ]
-    assert audit.reasons[2] == "Only a label can tell which group is the expert's."
+    assert audit.reasons[2] == "Only a label can tell which group is good."
 
 
 def test_no_verdict_is_explained_by_log_odds_near_zero() -> None:
-    audit = make_audit(("uncertain", "expert"), log_odds=np.array([-0.3, 5.0]), **NO_STRETCH)
-    assert audit.reasons[0] == "Its log-odds of -0.3 nats are too close to 0 for a verdict."
+    audit = make_audit(("open", "typical"), log_odds=np.array([-0.3, 5.0]), **NO_STRETCH)
+    assert audit.reasons[0] == "Its log-odds of -0.3 nats are too close to 0 to call it typical or unlike."
 
 
 def test_nothing_is_said_of_the_trusted_where_there_are_none_or_they_score_lower() -> None:
-    grounds = Grounds("told apart", "adversary", -5.0, -5.0, 0.0, False, "", -0.5, float("nan"), None, "")
+    grounds = Grounds(
+        "some are unlike", WORDS["none"], "unlike", -5.0, -5.0, 0.0, False, "", -0.5, float("nan"), None, ""
+    )
     for trusted in (float("nan"), -0.6):
-        assert "trusted" not in replace(grounds, trusted_score=trusted).sentence()
-    assert "that of the trusted +0.60" in replace(grounds, trusted_score=0.6).sentence()
+        assert "that of" not in replace(grounds, trusted_score=trusted).sentence()
+    assert "that of the typical ones +0.60" in replace(grounds, trusted_score=0.6).sentence()
 
 
 def test_impossible_steps_do_not_make_a_reason_infinite() -> None:
     ratio = np.ones(40)
     ratio[30] = -np.inf
-    reason = make_audit(("expert", "adversary"), step_log_ratio=ratio, lengths=[20, 20]).reasons[1]
+    reason = make_audit(("typical", "unlike"), step_log_ratio=ratio, lengths=[20, 20]).reasons[1]
     assert "inf" not in reason
-    assert "step 10 is least like an expert's" in reason
+    assert "step 10 is least like typical ones" in reason
 
 
 def test_reasons_are_in_the_dict_in_the_order_of_the_ranking() -> None:

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy.special import logit
 
+from audits import make_audit
 from problems import make, pooled_state
 from rpil.audit.record import Audit, Interval
 from rpil.audit.settings import AuditSettings
@@ -44,13 +45,14 @@ def mixture_audit(
 def test_verdicts_change_at_the_thresholds():
     edge = float(logit(0.9))
     audit = mixture_audit((edge + 1e-6, edge - 1e-6, 0.0, -edge + 1e-6, -edge - 1e-6))
-    assert audit.verdicts == ("expert", "uncertain", "uncertain", "uncertain", "adversary")
+    assert audit.verdicts == ("expert", "open", "open", "open", "adversary")
+    assert (audit.anchor, audit.finding, audit.words.probability) == ("named adversary", "mixture", "P(expert)")
     np.testing.assert_allclose(audit.expert_proba, 1 / (1 + np.exp(-audit.log_odds)))
 
 
 def test_verdict_threshold_is_a_setting():
     audit = mixture_audit((1.0, -1.0, 0.1, -0.1, 0.0), settings=AuditSettings(min_verdict_proba=0.6))
-    assert audit.verdicts == ("expert", "adversary", "uncertain", "uncertain", "uncertain")
+    assert audit.verdicts == ("expert", "adversary", "open", "open", "open")
 
 
 def test_labels_are_as_good_as_certain():
@@ -145,9 +147,11 @@ def test_longest_unlabelled_demonstration_of_each_group():
 def test_demonstrators_are_ranked_by_trust_and_counted_by_verdict():
     demonstrators = Demonstrators.from_names(["Ann", "Bob", "Ann", None, "Bob"])
     trust = np.array([[0.2, 0.1, 0.3], [0.8, 0.7, 0.9], [0.5, 0.0, 1.0]])
-    verdicts = ("adversary", "expert", "uncertain", "expert", "expert")
-    bob, ann = rank_demonstrators(demonstrators, trust, verdicts)
-    assert (bob.name, bob.n_demonstrations, bob.experts, bob.adversaries, bob.uncertain) == ("Bob", 2, 2, 0, 0)
-    assert (ann.name, ann.n_demonstrations, ann.experts, ann.adversaries, ann.uncertain) == ("Ann", 2, 0, 1, 1)
+    bob, ann = rank_demonstrators(demonstrators, trust, IDS)
+    assert (bob.name, bob.demonstrations) == ("Bob", (IDS[1], IDS[4]))
+    assert (ann.name, ann.demonstrations) == ("Ann", (IDS[0], IDS[2]))
+    audit = make_audit(("unlike", "typical", "open", "typical", "typical"), ids=IDS, demonstrators=(bob, ann))
+    assert audit.verdict_counts(bob.demonstrations) == {"typical": 2, "open": 0, "unlike": 0}
+    assert audit.verdict_counts(ann.demonstrations) == {"typical": 0, "open": 1, "unlike": 1}
     assert bob.trust == Interval(0.8, 0.7, 0.9)
-    assert rank_demonstrators(Demonstrators(), trust, verdicts) == ()
+    assert rank_demonstrators(Demonstrators(), trust, IDS) == ()

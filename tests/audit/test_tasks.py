@@ -24,7 +24,7 @@ def test_each_demonstration_keeps_what_its_own_task_says():
         for k, m in enumerate(rows):
             np.testing.assert_array_equal(audit.step_weight[audit.steps(m)], part.step_weight[part.steps(k)])
             assert audit.worst_steps(m) == part.worst_steps(k)
-    assert (audit.verdicts[20], audit.expert_proba[20], audit.reasons[20]) == ("uncertain", 0.5, ALONE)
+    assert (audit.verdicts[20], audit.expert_proba[20], audit.reasons[20]) == ("open", 0.5, ALONE)
     assert audit.finding == lift.finding
     assert audit.assumptions[0] == (
         f"Demonstrations are judged within their tasks: lift (10: {lift.finding}), turn (10: {turn.finding}), "
@@ -35,5 +35,5 @@ def test_each_demonstration_keeps_what_its_own_task_says():
 def test_without_any_audit_nothing_is_known():
     audit = join_audits({}, {"a": [0], "b": [1]}, ["x", "y"], np.array([0, 2, 5]))
     assert audit.finding == "nothing could be learned"
-    assert audit.verdicts == ("uncertain", "uncertain")
+    assert audit.verdicts == ("open", "open")
     assert audit.to_dict()["n_steps"] == 5

@@ -53,9 +53,10 @@ def test_every_format_holds_one_row_for_each_demonstration(tmp_path, extension, 
 @pytest.mark.parametrize(
     ("verdicts", "ids", "kept"),
     [
-        (("expert", "adversary", "expert"), (7, 3, 1), [7, 1]),
-        (("adversary", "expert"), ("a", 7), ["7"]),
-        (("uncertain", "uncertain"), (0, 1), []),
+        (("typical", "unlike", "typical"), (7, 3, 1), [7, 1]),
+        (("unlike", "typical"), ("a", 7), ["7"]),
+        (("open", "bad", "adversary", "good"), (0, 1, 2, 3), [0, 3]),
+        (("unlike", "unlike"), (0, 1), []),
     ],
 )
 def test_kept_are_the_trusted_in_the_form_of_lerobot(tmp_path, verdicts, ids, kept):

@@ -61,7 +61,7 @@ def cloned(demonstrations, task):
 
 def judged(demonstrations, task):
     class_codes(demonstrations.actions, demonstrations.source)
-    verdicts = np.where(demonstrations.lengths > 5, "expert", "adversary")
+    verdicts = np.where(demonstrations.lengths > 5, "typical", "unlike")
     audit = SimpleNamespace(verdicts=tuple(verdicts))
     policy = Constant(1)
     policy.audit_ = audit
@@ -285,9 +285,9 @@ def test_without_bad_demonstrations_verdicts_are_counted(real, tmp_path):
     rows = {row["method"]: row for row in found["ranking"]}
     assert rows["rpil"]["auroc"] is None
     longer = int((np.array(LENGTHS) > 5).sum())
-    assert rows["rpil"]["verdicts"]["good"] == {"expert": longer, "uncertain": 0, "adversary": 10 - longer}
+    assert rows["rpil"]["verdicts"]["good"] == {"typical": longer, "open": 0, "unlike": 10 - longer}
     assert found["mean_auroc"]["length"]["mean"] is None
-    assert f"of 10 good {longer} expert" in real.text(found)
+    assert f"of 10 good {longer} typical" in real.text(found)
 
 
 @pytest.mark.parametrize(

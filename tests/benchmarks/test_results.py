@@ -41,8 +41,8 @@ def real_result(ours: float = 0.81, peer: float = 0.92) -> dict:
         "bad": 11,
     }
     verdicts = {
-        "good": {"expert": 7, "uncertain": 4, "adversary": 0},
-        "bad": {"expert": 1, "uncertain": 2, "adversary": 8},
+        "good": {"typical": 7, "open": 4, "unlike": 0},
+        "bad": {"typical": 1, "open": 2, "unlike": 8},
     }
     message = "the actions are continuous, which it is not made for; give discrete ones."
     ranking = [row("rpil", "cramped_room", ours, verdicts=verdicts), row("length", "cramped_room", peer)]
@@ -95,7 +95,7 @@ def test_page_names_a_loss_on_real_data():
         in page
     )
     assert "Goal for R² on other: not measured." in page
-    assert "of 11 bad 1 expert, 2 uncertain and 8 adversary" in page
+    assert "of 11 bad 1 typical, 2 open and 8 unlike" in page
     assert "| cramped room | **0.770 (0.750 to 0.790)** | 0.750" in page
 
 

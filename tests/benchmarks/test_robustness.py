@@ -75,11 +75,11 @@ def test_rows_of_one_draw(robustness):
     reference, *_ = robustness.run(robustness.Job(CAR, "", 0, 1000, ("reference",)), 2)
     assert reference["expert"] > reference["random"]
     (alone,) = robustness.run(robustness.Job(CAR, "corrupted", 50, 1000, ("rpil",)), 2)
-    assert alone["good"] == [1] * 10 + [0] * 10
+    assert sorted(alone["good"]) == [0] * 10 + [1] * 10
     assert np.mean((np.array(alone["expert_proba"]) > 0.5) == alone["good"]) == 1 - alone["wrong"]
     assert "return" in alone
     unlabelled, labelled = robustness.run(robustness.Job(CAR, "shift", 50, 1000, ("rpil", "rpil, two labels")), 2)
-    assert labelled["good"] == [1] * 9 + [0] * 9  # a labelled demonstration is not scored
+    assert sorted(labelled["good"]) == [0] * 9 + [1] * 9  # a labelled demonstration is not scored
     assert "return" in labelled
     assert "return" not in unlabelled
 

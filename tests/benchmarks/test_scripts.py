@@ -33,7 +33,7 @@ ARGUMENTS = {
     "trust": ["--quick"],
     "ablations": ["--quick"],
     "paper": PAPER,
-    "speed": ["--quick", "--rows", "A,B,D,F,H,I,J,K"],  # not those that start a cluster or other interpreters
+    "speed": ["--quick", "--rows", "A,B,D,F,H,I,J,K,O,P"],  # not those that start a cluster or other interpreters
 }
 TRUST_WORLDS = (
     "simulated MountainCar-v0 flip 50 % 1000",

@@ -164,7 +164,7 @@ def test_verdicts_and_brier_by_hand():
     from trust_scores import exact_interval, judged
 
     row = {
-        "verdicts": ["expert", "uncertain", "adversary", "expert", "adversary", "expert", "expert", "uncertain"],
+        "verdicts": ["typical", "open", "unlike", "typical", "unlike", "typical", "typical", "open"],
         "expert_proba": [0.95, 0.5, 0.05, 0.9, 0.1, 0.99, 1.0, 0.6],
     }
     found = judged(row, GOOD, np.random.default_rng(0))
@@ -200,10 +200,10 @@ def test_new_and_old_audits_are_described_alike():
     from trust import described
 
     odds = np.array([2.0, -1.0])
-    audit = SimpleNamespace(log_odds=odds, expert_proba=odds, verdicts=("expert", "uncertain"), ids=(0, 1))
+    audit = SimpleNamespace(log_odds=odds, expert_proba=odds, verdicts=("expert", "open"), ids=(0, 1))
     audit.identifiable, audit.competing = False, ((1,), (0,))
     old = described(audit)
-    assert (old["finding"], old["length"], old["groups"]) == ("cannot be known", [0.0, 0.0], [[1], [0]])
+    assert (old["finding"], old["length"], old["groups"]) == ("two groups", [0.0, 0.0], [[1], [0]])
     audit.finding, audit.evidence = "nobody stands out", {"actions": odds - 3, "length": np.full(2, 3.0)}
     new = described(audit)
     assert (new["finding"], new["length"], new["scores"]) == ("nobody stands out", [3.0, 3.0], [2.0, -1.0])
@@ -213,8 +213,8 @@ def test_styles_and_the_oracle_by_hand():
     from trust_scores import against_oracle, of_styles
 
     extra = {"style": [0, 0, 0, 1, 1, 1], "log_ratio": [20.0] * 6, "style_log_ratio": [1.0, 2, 3, 0, -1, 1.5]}
-    ours = {"verdicts": ["expert"] * 4 + ["adversary"] * 2, "groups": [[3, 4]]}
-    ours["labelled"] = {"labels": {"5": "adversary"}, "scores": [3.0, 2, 1, 1, 0, -9]}
+    ours = {"verdicts": ["typical"] * 4 + ["unlike"] * 2, "groups": [[3, 4]]}
+    ours["labelled"] = {"labels": {"5": "bad"}, "scores": [3.0, 2, 1, 1, 0, -9]}
     found = of_styles(extra, ours)
     assert (found["accused"], found["style_listed"], found["oracle_auroc"]) == (2, True, 1.0)
     assert found["label_auroc"] == pytest.approx(5.5 / 6)  # the labelled one is left out
@@ -222,7 +222,7 @@ def test_styles_and_the_oracle_by_hand():
     assert not of_styles(extra, ours | {"groups": [[3]]})["style_listed"]  # a third of the style
 
     odds = np.array([3.0, 3.0, 1.0, -3.0])
-    ours = {"verdicts": ["expert", "adversary", "adversary", "uncertain"], "expert_proba": [0.95, 0.1, 0.04, 0.5]}
+    ours = {"verdicts": ["typical", "unlike", "unlike", "open"], "expert_proba": [0.95, 0.1, 0.04, 0.5]}
     found = against_oracle(odds, ours, np.array([1, 0, 0, 0]))
     assert (found["oracle_correct"], found["oracle_wrong"], found["correct"]) == (2, 1, 3)
     assert found["wrong_expected"] == pytest.approx(0.05 + 0.1 + 0.04)

@@ -7,7 +7,7 @@ def real_row(name: str, ours: float, pooled: float, **changed):
     ranking = {"rpil": ours, "rpil without length": ours - 0.02, "pooled": pooled, "length": 0.99}
     found = {"set": name, "family": "people", "size": 20, "failed": {}, "said": {}, "seconds": {"rpil": 1.0}}
     found["ranking"] = {method: {"auroc": value} for method, value in ranking.items()}
-    found |= {"verdicts": {}, "finding": "told apart", "groups": [], "extra": {}, "answered": 0.7}
+    found |= {"verdicts": {}, "finding": "some are unlike", "groups": [], "extra": {}, "answered": 0.7}
     return found | {"wrong": 1, "given": 14, "brier": 0.1, "base_rate_brier": 0.25} | changed
 
 
@@ -42,9 +42,9 @@ def test_goals_on_real_sets():
     assert set(met([]).values()) == {None}
 
 
-def simulated_row(kind: str, seed: int, right: int, finding: str = "told apart"):
-    verdicts = {"good": {"expert": 10, "uncertain": 0, "adversary": 0}, "bad": {"adversary": right}}
-    verdicts["bad"]["expert"] = 10 - right
+def simulated_row(kind: str, seed: int, right: int, finding: str = "some are unlike"):
+    verdicts = {"good": {"typical": 10, "open": 0, "unlike": 0}, "bad": {"unlike": right}}
+    verdicts["bad"]["typical"] = 10 - right
     judged = {"verdicts": verdicts, "wrong": 10 - right, "given": 20, "brier": 0.1, "base_rate_brier": 0.25}
     row = real_row(f"simulated Acrobot-v1 {kind} 50 % {seed}", 1.0, 0.9) | {"family": "simulated", "finding": finding}
     row |= judged | {"extra": {"unknowable": kind == "flip"}}
@@ -57,8 +57,8 @@ def test_goals_of_the_grid():
     assert cell_met([simulated_row("noisy", seed, 10) for seed in (0, 1)])
     assert not cell_met([simulated_row("noisy", 0, 10), simulated_row("noisy", 1, 9)])  # 2.5 % are wrong
     assert not cell_met([simulated_row("flip", 0, 10)])  # it claims to know
-    assert cell_met([simulated_row("flip", 0, 10, "cannot be known")])
-    assert not cell_met([simulated_row("flip", 0, 9, "cannot be known")])
+    assert cell_met([simulated_row("flip", 0, 10, "two groups")])
+    assert not cell_met([simulated_row("flip", 0, 9, "two groups")])
     counts = [cells_goal("", {str(n): n < right for n in range(of)}, 45, 43)["met"]
               for right, of in ((43, 45), (42, 45), (40, 42), (40, 43), (43, 43))]  # fmt: skip
     assert counts == [True, False, None, False, True]

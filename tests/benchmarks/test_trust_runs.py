@@ -164,8 +164,8 @@ def run(monkeypatch, tmp_path):
         world = cell.make()
         if run.fails == method:
             return trust.truth_of(world), {"set": cell.name, "method": method, "seconds": 0.0, "error": "no"}
-        found = {"scores": trust.plain(world.is_good), "length": [0.0] * 20, "finding": "told apart", "groups": []}
-        found |= {"verdicts": ["expert"] * 20, "expert_proba": [0.5] * 20}
+        found = {"scores": trust.plain(world.is_good), "length": [0.0] * 20, "finding": "some are unlike", "groups": []}
+        found |= {"verdicts": ["typical"] * 20, "expert_proba": [0.5] * 20}
         return trust.truth_of(world), {"set": cell.name, "method": method, "seconds": 0.0} | found
 
     monkeypatch.setattr(trust, "answer", answer)
@@ -256,12 +256,12 @@ def test_labels_are_the_truth_about_who_is_asked():
 
     world = simulated("MountainCar-v0", "flip", 50, 1000)
     labels = trust.labels_for(world, SimpleNamespace(to_label=()))
-    assert {world.is_good[m]: label for m, label in labels.items()} == {1: "expert", 0: "adversary"}
+    assert {world.is_good[m]: label for m, label in labels.items()} == {1: "good", 0: "bad"}
     assert trust.labels_for(simulated("MountainCar-v0", "noisy", 50, 1000), None) == {}
     world = styles(30, 50, 200, 6, False, 0)
     first, second = (int(np.flatnonzero(world.extra["style"] == k)[-1]) for k in (0, 1))
-    assert trust.labels_for(world, SimpleNamespace(to_label=(first,))) == {first: "expert"}
-    assert trust.labels_for(world, SimpleNamespace(to_label=(second,))) == {second: "adversary"}
+    assert trust.labels_for(world, SimpleNamespace(to_label=(first,))) == {first: "good"}
+    assert trust.labels_for(world, SimpleNamespace(to_label=(second,))) == {second: "bad"}
     asked = trust.labels_for(world, SimpleNamespace(to_label=()))
-    assert [(world.extra["style"][m], label) for m, label in asked.items()] == [(1, "adversary")]
+    assert [(world.extra["style"][m], label) for m, label in asked.items()] == [(1, "bad")]
     assert trust.labels_for(styles(5, 50, 40, 6, False, 0), SimpleNamespace(to_label=(0,))) == {}

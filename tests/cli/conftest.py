@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
+import numpy as np
+import pyarrow.parquet as pq
 import pytest
 
 from command_line import ENV, ok
+from rpil.data import formats
 
 
 @pytest.fixture(scope="session")
@@ -13,9 +18,21 @@ def folder(tmp_path_factory):
     folder = tmp_path_factory.mktemp("cli")
     for name, kind in (("good", "corrupted"), ("shifted", "shift")):
         n = ["--good", "6", "--bad", "6"]
-        ok("simulate", "--env", ENV, "--kind", kind, *n, "-o", str(folder / f"{name}.parquet"), "--seed", "1")
+        path = folder / f"{name}.parquet"
+        ok("simulate", "--env", ENV, "--kind", kind, *n, "-o", str(path), "--seed", "1")
+        good_first(path)
     ok("fit", str(folder / "good.parquet"), "-o", str(folder / "policy"))
     return folder
+
+
+def good_first(path):
+    """Write demonstrations 0 to 5 again as the good ones, so that tests can name them."""
+    demonstrations = formats.read(path)
+    table = pq.read_table(path)
+    truth = {name: np.array(table[name])[demonstrations.offsets[:-1]] for name in ("is_good", "episode_return")}
+    order = np.argsort(-truth["is_good"], kind="stable")
+    made = replace(demonstrations.select(order), ids=tuple(range(len(order))))
+    formats.write(path, made, {name: values[order] for name, values in truth.items()})
 
 
 @pytest.fixture(autouse=True)

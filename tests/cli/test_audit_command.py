@@ -15,12 +15,12 @@ import pytest
 
 from command_line import npz, ok
 from problems import make_continuous
-from rpil.audit.assumptions import P_EXPERT
 from rpil.audit.label_choice import NEXT_STEPS
+from rpil.audit.words import WORDS
 from rpil.data import formats
 from rpil.data.demonstrations import Demonstrations
 from rpil.estimators.persistence import load
-from rpil.inference.trust import FINDINGS
+from rpil.inference.findings import FINDINGS
 
 
 def test_commands_with_continuous_actions():
@@ -29,7 +29,7 @@ def test_commands_with_continuous_actions():
     formats.write(Path(name), Demonstrations.from_arrays(toy.observations, toy.actions, toy.offsets), {})
     audit = json.loads(ok("audit", name, "--json", "--report", "r.html", "--weights", "w.csv").stdout)
     verdicts = {entry["id"]: entry["verdict"] for entry in audit["demonstrations"]}
-    assert [verdicts[m] for m in range(20)] == np.where(toy.is_good, "expert", "adversary").tolist()
+    assert [verdicts[m] for m in range(20)] == np.where(toy.is_good, "typical", "unlike").tolist()
     page = Path("r.html").read_text()
     assert name in page
     assert re.search(r"\bnan\b", page) is None
@@ -51,17 +51,17 @@ def printed_ranking(result):
 def test_audit_prints_finding_ranking_and_next_step(folder):
     result = ok("audit", folder / "good.parquet")
     titles, rows = printed_ranking(result)
-    assert f"\nTold apart: {FINDINGS['told apart']}\n" in result.stdout
-    assert titles[:6] == ["id", "steps", "log-odds", "P(expert)", "reliability", "verdict"]  # actions are all there is
+    assert f"\nSome are unlike: {FINDINGS['some are unlike']}\n" in result.stdout
+    assert titles[:6] == ["id", "steps", "log-odds", "P(typical)", "reliability", "verdict"]  # actions are all there is
     assert [int(row[0]) < 6 for row in rows] == [False] * 6 + [True] * 6
-    assert [row[5] for row in rows] == ["adversary"] * 6 + ["expert"] * 6
+    assert [row[5] for row in rows] == ["unlike"] * 6 + ["typical"] * 6
     odds = [float(row[2]) for row in rows]
     assert odds == sorted(odds)
-    assert result.stdout.count(P_EXPERT) == 1
+    assert result.stdout.count(WORDS["none"].explanation) == 1
     headline, faults, following = result.stdout.split("\n\n")[-1].splitlines()[:3]
-    assert headline == "Of 12 demonstrations (1,160 steps), 6 can be trusted, 6 cannot be trusted, and 0 are uncertain."
+    assert headline == "12 demonstrations (1,160 steps): 6 typical, 0 open, 6 unlike."
     assert faults == "No recording faults found."
-    assert following == f"Next: {NEXT_STEPS['told apart']}"
+    assert following == f"Next: {NEXT_STEPS['some are unlike']}"
     assert "Next" not in ok("audit", folder / "good.parquet", "--quiet").stdout
     assert result.stderr == ""
 
@@ -69,7 +69,7 @@ def test_audit_prints_finding_ranking_and_next_step(folder):
 def test_parts_of_the_log_odds_add_up(folder):
     Path("labels.csv").write_text("id,label\n3,good\n")
     titles, rows = printed_ranking(ok("audit", folder / "good.parquet", "--labels", "labels.csv"))
-    assert titles[2:6] == ["log-odds", "= actions", "+ label", "P(expert)"]
+    assert titles[2:6] == ["log-odds", "= actions", "+ label", "P(good)"]
     for row in rows:
         total, actions, label = map(float, row[2:5])
         assert total == pytest.approx(actions + label, abs=0.011)
@@ -78,7 +78,7 @@ def test_parts_of_the_log_odds_add_up(folder):
     Path("who.csv").write_text(f"id,demonstrator\n{who}")
     result = ok("audit", folder / "good.parquet", "--demonstrators", "who.csv")
     titles, rows = printed_ranking(result)
-    assert titles[2:6] == ["log-odds", "= actions", "+ demonstrator", "P(expert)"]
+    assert titles[2:6] == ["log-odds", "= actions", "+ demonstrator", "P(typical)"]
     for row in rows:
         total, actions, lent = map(float, row[2:5])
         assert total == pytest.approx(actions + lent, abs=0.011)
@@ -93,11 +93,11 @@ def test_audit_without_groups_prints_no_verdicts():
     npz("data.npz", observations=x, actions=y, episode_ids=np.repeat(np.arange(20), 60))
     result = ok("audit", "data.npz")
     assert f"\nNobody stands out: {FINDINGS['nobody stands out']}\n" in result.stdout
-    assert "\n20 demonstrations (1,200 steps) are ranked; there are no verdicts.\n" in result.stdout
+    assert "\n20 demonstrations (1,200 steps) are ranked; all are open.\n" in result.stdout
     assert "can be trusted" not in result.stdout
     assert f"\nNext: {NEXT_STEPS['nobody stands out']}\n" in result.stdout
-    assert {row[5] for row in printed_ranking(result)[1]} == {"uncertain"}
-    assert len({row[3] for row in printed_ranking(result)[1]}) > 5  # P(expert) is graded
+    assert {row[5] for row in printed_ranking(result)[1]} == {"open"}
+    assert len({row[3] for row in printed_ranking(result)[1]}) > 5  # the probability is graded
 
 
 def test_audit_prints_json(folder):
@@ -106,13 +106,13 @@ def test_audit_prints_json(folder):
     audit = json.loads(result.stdout, parse_constant=pytest.fail)
     # The issue's, and what is needed where the data do not settle it.
     assert list(audit) == [
-        "run", "input", "n_demonstrations", "n_steps", "finding", "adversary", "prior", "identifiable", "groups",
-        "to_label", "assumptions", "demonstrations", "demonstrators", "faults",
+        "run", "input", "n_demonstrations", "n_steps", "finding", "anchor", "adversary", "prior", "identifiable",
+        "groups", "to_label", "assumptions", "demonstrations", "demonstrators", "faults",
     ]  # fmt: skip
     assert audit["faults"]["findings"] == []
     assert audit["n_demonstrations"] == 12
     assert audit["n_steps"] == formats.read(folder / "good.parquet").n_steps
-    assert audit["finding"] == "told apart"
+    assert audit["finding"] == "some are unlike"
     assert audit["prior"].keys() == {"mean", "low", "high"}
     assert 0 < audit["prior"]["low"] < audit["prior"]["mean"] < audit["prior"]["high"] < 1
     assert audit["identifiable"] is True
@@ -123,7 +123,7 @@ def test_audit_prints_json(folder):
             "verdict": str, "reason": str, "worst_steps": list,
         }  # fmt: skip
         assert {key: type(value) for key, value in entry.items()} == kinds
-        assert entry["verdict"] == ("expert" if entry["id"] < 6 else "adversary")
+        assert entry["verdict"] == ("typical" if entry["id"] < 6 else "unlike")
         assert list(entry["evidence"]) == ["actions", "demonstrator", "label"]
         assert sum(entry["evidence"].values()) == pytest.approx(entry["log_odds"], abs=1e-9)
         assert all(0 <= step < entry["n_steps"] for step in entry["worst_steps"])
@@ -168,14 +168,14 @@ def proposed_labels_file(result):
 def test_one_label_decides_between_competing_groups(folder):
     file = folder / "shifted.parquet"
     result = ok("audit", file, "--seed", 2)
-    assert f"\nCannot be known: {FINDINGS['cannot be known']}\n" in result.stdout
+    assert f"\nTwo groups: {FINDINGS['two groups']}\n" in result.stdout
     groups = re.findall(r"Group [AB], 6 demonstrations: ([\d, ]+)", result.stdout)
     assert sorted(sorted(map(int, group.split(", "))) for group in groups) == [[*range(6)], [*range(6, 12)]]
     assert re.search(
         r"labels that say most about the others, the best first: \d+, \d+, \d+\.\nWrite .* to labels.csv", result.stdout
     )
     assert "--minority" in result.stdout
-    assert "there are no verdicts." in result.stdout
+    assert "are ranked; all are open." in result.stdout
     assert result.stderr == ""
     again = result.stdout.splitlines()[-1].removeprefix("Then run: ")
     assert shlex.split(again) == ["rpil", "audit", str(file), "--seed", "2", "--labels", "labels.csv"]
@@ -185,18 +185,18 @@ def test_one_label_decides_between_competing_groups(folder):
     result = ok(*shlex.split(again)[1:], "--json")
     audit = json.loads(result.stdout)
     assert audit["identifiable"] is True
-    assert audit["finding"] == "told apart"
+    assert audit["finding"] == "answered"
     assert result.stderr == ""
     trusted = int(label.split(",")[0]) < 6
     for entry in audit["demonstrations"]:
-        assert entry["verdict"] == ("expert" if (entry["id"] < 6) == trusted else "adversary")
+        assert entry["verdict"] == ("good" if (entry["id"] < 6) == trusted else "bad")
 
 
 def test_competing_groups_in_json_and_minority_options(folder):
     result = ok("audit", folder / "shifted.parquet", "--json")
     audit = json.loads(result.stdout)
     assert audit["identifiable"] is False
-    assert audit["finding"] == "cannot be known"
+    assert audit["finding"] == "two groups"
     assert sorted(map(sorted, audit["groups"])) == [[*range(6)], [*range(6, 12)]]
     assert len(audit["to_label"]) == 2
     assert re.fullmatch(r"note: shifted\.parquet: two groups .* label one demonstration, say .*\n", result.stderr)

@@ -15,7 +15,7 @@ import pytest
 from html_page import Page
 from rpil.cli import demo
 from rpil.data.errors import DataError
-from rpil.inference.trust import FINDINGS
+from rpil.inference.findings import FINDINGS
 
 ROOT = Path(__file__).parents[2]
 NUMBER = r"-?\d+(?:\.\d+)?"
@@ -99,7 +99,7 @@ def test_to_dict_has_the_documented_keys(result: demo.DemoResult) -> None:
 
 def test_audits_agree_with_the_truth(result: demo.DemoResult) -> None:
     figures = result.to_dict()
-    assert figures["lunarlander"]["finding"] == "told apart"
+    assert figures["lunarlander"]["finding"] == "some are unlike"
     assert figures["lunarlander"]["wrong_verdicts"] == 0
     assert figures["lunarlander"]["rpil"]["mean"] > figures["lunarlander"]["trust_all"]["mean"] + 100
     assert figures["overcooked"]["auroc"] > 0.8
@@ -118,14 +118,14 @@ def test_scores_equal_those_of_scikit_learn(result: demo.DemoResult) -> None:
     assert 0.04 < people.auroc_ci95[1] - people.auroc_ci95[0] < 0.6
     verdicts = np.array(result.lunarlander.audit.verdicts)
     good = demo.load_truth(demo.LUNARLANDER, "is_good") == 1
-    assert result.lunarlander.wrong_verdicts == (verdicts != np.where(good, "expert", "adversary")).sum()
+    assert result.lunarlander.wrong_verdicts == (verdicts != np.where(good, "typical", "unlike")).sum()
 
 
 def test_sentences_contain_the_numbers(result: demo.DemoResult, stages: list[str]) -> None:
     text = " ".join(result.sentences())
     assert f"{result.overcooked.auroc:.2f}" in text
     assert f"32 real people: {result.overcooked.audit.finding}. " in text
-    assert "corrupted demonstrations: told apart. 0 of 20" in text
+    assert "corrupted demonstrations: some are unlike. 0 of 20" in text
     assert f"R-PIL {result.lunarlander.returns['rpil'].mean:.0f}" in text
     assert "0 of 20 verdicts wrong" in text
     text.encode("ascii")  # some terminals have no other characters
@@ -141,9 +141,9 @@ def test_report_has_both_articles_and_needs_no_network(result: demo.DemoResult, 
     assert "95 % bootstrap interval" in parsed.text.replace("\u00a0", " ")
     for audit in (result.overcooked.audit, result.lunarlander.audit):
         assert FINDINGS[audit.finding] in parsed.text
-    told_apart = result.overcooked.audit.finding == "told apart"
+    told_apart = result.overcooked.audit.finding == "some are unlike"
     assert ("plays differently" in parsed.text) == told_apart
-    assert ("no player gets a verdict" in parsed.text) == (not told_apart)
+    assert ("word for every player is “open”" in parsed.text) == (not told_apart)
     assert len(parsed.all("table", **{"class": "ranking"})) == 2
     assert len(parsed.all("details")) == 32 + 20
     # A scatter of the score, two pictures of each audit, the returns.
@@ -201,7 +201,7 @@ def test_picture_shows_the_landings_of_the_demo(result: demo.DemoResult) -> None
         assert float(log_odds) == pytest.approx(audit.log_odds[m], abs=0.1)
         assert float(expert_proba) == pytest.approx(audit.expert_proba[m], abs=0.01)
         assert float(reliability) == pytest.approx(audit.reliability[m], abs=0.03)
-    assert any(text.startswith("Told apart") for text in texts)
+    assert any(text.startswith("Some are unlike") for text in texts)
 
 
 def test_readme_quotes_the_demo(result: demo.DemoResult) -> None:

@@ -64,13 +64,14 @@ def test_keep_refuses_before_it_judges(folder, monkeypatch):
     refused("it is the data themselves", "keep", data, "-o", data)
     refused("there is no folder", "keep", data, "-o", "no/kept.parquet")
     refused("exclude each other", "keep", data, "-o", "k.parquet", "--share", 0.5, "--at-least", 0.5)
-    refused("no demonstration is trusted enough; ", "keep", data, "-o", "k.parquet", "--verdicts", "all_bad.csv")
+    refused("no demonstration is left; ", "keep", data, "-o", "k.parquet", "--verdicts", "all_bad.csv")
     refused("no demonstration is called '99'", "keep", data, "-o", "k.parquet", "--verdicts", "other.csv")
     refused("give it the extension .parquet", "keep", data, "-o", "k.csv")
 
 
-def test_what_cannot_be_known_is_not_kept(folder):
-    refused("trusted enough .cannot be known.; give labels", "keep", folder / "shifted.parquet", "-o", "k.parquet")
+def test_what_is_open_is_kept(folder):
+    printed = ok("keep", folder / "shifted.parquet", "-o", "k.parquet").stdout
+    assert printed == "Kept 12 of 12 demonstrations: k.parquet\n"
 
 
 @pytest.mark.parametrize("suffix", [".csv", ".npz", ".parquet"])
@@ -102,7 +103,8 @@ def test_each_task_is_judged_by_itself(folder):
     pq.write_table(both.take(np.argsort(np.r_[episode, episode + 0.5], kind="stable")), "both.parquet")
     files = ["--verdicts", "v.csv", "--weights", "w.csv", "--report", "r.html"]
     printed = ok("audit", "both.parquet", *files, "-q").stdout
-    assert "Demonstrations are judged within their tasks: left (12: told apart), right (12: told apart)." in printed
+    judged = "left (12: some are unlike), right (12: some are unlike)"
+    assert f"Demonstrations are judged within their tasks: {judged}." in printed
     rows = {row["id"]: row for row in pa.csv.read_csv("v.csv").to_pylist()}
     ok("audit", folder / "good.parquet", "--verdicts", "one.csv", "-q")
     for row in pa.csv.read_csv("one.csv").to_pylist():
@@ -131,7 +133,7 @@ def test_in_place_lists_the_trusted_in_the_file_itself(folder):
     assert printed == "Kept 2 of 3 demonstrations: lift.hdf5\n"
     refused("give it the extension .hdf5", "keep", "lift.hdf5", "-o", "x.csv", "--verdicts", "labels.csv")
     with h5py.File("lift.hdf5") as file:
-        assert file["mask/rpil_expert"][:].tolist() == [b"demo_0", b"demo_2"]
+        assert file["mask/rpil_kept"][:].tolist() == [b"demo_0", b"demo_2"]
         assert len(file["data"]) == 3
 
 

@@ -6,7 +6,9 @@ import json
 import shlex
 import shutil
 from pathlib import Path
+from types import SimpleNamespace
 
+import click
 import numpy as np
 import pyarrow as pa
 import pyarrow.csv
@@ -40,9 +42,40 @@ def test_audit_writes_verdicts_and_the_list_to_keep(folder):
 
 
 def test_nothing_to_keep_is_said(folder):
-    result = ok("audit", folder / "shifted.parquet", "--keep", "k.json", "--quiet", "--minority", "ask")
+    given = outputs.Audited("x", SimpleNamespace(step_columns=None), None, {})
+    paths = dict.fromkeys(outputs.OUTPUTS) | {"keep": "k.json"}
+    with click.Context(click.Command("audit")), pytest.warns(UserWarning, match=r"k\.json: every .* is unlike, so"):
+        outputs.write_outputs(paths, make_audit(("unlike",) * 3), given, 1.0, lambda _: None)
     assert json.loads(Path("k.json").read_text())["episodes"] == []
-    assert result.stderr == "note: k.json: no demonstration has the verdict expert, so that it lists none.\n"
+    ok("audit", folder / "shifted.parquet", "--keep", "k.json", "--quiet", "--minority", "ask")
+    assert json.loads(Path("k.json").read_text())["episodes"] == [*range(12)]
+
+
+@pytest.mark.parametrize(
+    ("limit", "code"), [("unlike", 1), ("bad", 1), ("unlike:5", 1), ("unlike:6", 0), ("bad:99", 0)]
+)
+def test_too_many_that_are_unlike_end_with_code_1_after_all_output(folder, limit, code):
+    result = call("audit", folder / "good.parquet", "--fail-on", limit, "--keep", "k.json", "--json")
+    assert result.exit_code == code
+    assert json.loads(result.stdout)["finding"] == "some are unlike"
+    assert len(json.loads(Path("k.json").read_text())["episodes"]) == 6
+    said = [line for line in result.stderr.splitlines() if "--fail-on" in line]
+    allowed = int(limit.partition(":")[2] or 0)
+    line = f"rpil: 6 of 12 demonstrations are unlike, and --fail-on {limit} allows {allowed}."
+    assert said == ([line] if code else [])
+
+
+@pytest.mark.parametrize("limit", ["typical", "unlike:", "unlike:x", "bad:-1"])
+def test_other_limits_are_refused(folder, limit):
+    data = folder / "good.parquet"
+    refused("is neither unlike nor bad, with a number as in unlike:2", "audit", data, "--fail-on", limit)
+
+
+def test_bad_ones_are_counted_where_labels_were_given(folder):
+    Path("labels.csv").write_text("id,label\n0,good\n")
+    result = call("audit", folder / "good.parquet", "--labels", "labels.csv", "--fail-on", "unlike", "-q")
+    assert result.exit_code == 1
+    assert "rpil: 6 of 12 demonstrations are bad, and" in result.stderr
 
 
 @pytest.mark.parametrize("data", ["data", "data/*.parquet", "data/**"])
@@ -91,4 +124,4 @@ def test_the_command_to_run_then_reads_the_same_data(folder):
     Path("labels.csv").write_text("id,label\n0,expert\n")
     assert words.count("--exclude") == 2
     assert {"--no-stream", "--all"} < set(words)
-    assert "Of 12 demonstrations" in ok(*words).stdout
+    assert "12 demonstrations (1,160 steps): " in ok(*words).stdout

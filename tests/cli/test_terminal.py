@@ -16,24 +16,24 @@ from rpil.audit.record import Audit, Demonstrator, Interval
 from rpil.cli import terminal
 from rpil.cli.outputs import OUTPUTS
 from rpil.data.formats import read_labels
-from rpil.inference.trust import FINDINGS
+from rpil.inference.findings import FINDINGS
 
 
 @pytest.mark.parametrize("finding", ["nobody stands out", "nothing could be learned"])
 def test_every_finding_has_a_sentence_and_a_next_step(finding, capsys):
-    verdicts = ("uncertain",) * 9 + ("expert",)
+    verdicts = ("open",) * 9 + ("typical",)
     terminal.print_audit(make_audit(verdicts, finding=finding, labelled=(9,), lengths=[10] * 10))
     lines = capsys.readouterr().out.splitlines()
     assert lines[0] == f"{finding.capitalize()}: {FINDINGS[finding]}"
     assert lines[-1].startswith("10 demonstrations (100 steps) are ranked")
-    assert lines[-1].endswith("except on labelled ones.")
+    assert lines[-1].endswith("all are open but the labelled ones.")
     following = terminal.next_steps(make_audit(finding=finding), "labels.csv", "rpil audit x").splitlines()
     assert following[0] == f"Next: {NEXT_STEPS[finding]}"
     assert (len(following) == 1) == (finding == "nothing could be learned")
 
 
 N_HEAD_LINES = 8  # at most, of what was read: above the audit
-VERDICTS = ("adversary",) * 100 + ("uncertain",) * 40 + ("expert",) * 4860
+VERDICTS = ("unlike",) * 100 + ("open",) * 40 + ("typical",) * 4860
 
 
 @pytest.fixture(scope="module")
@@ -42,7 +42,9 @@ def many():
     log_odds = np.linspace(-9, 9, len(VERDICTS))
     log_odds[100:140] = np.linspace(-1, 1, 40)
     log_odds[:100], log_odds[140:] = np.linspace(-9, -3, 100), np.linspace(3, 9, 4860)
-    people = tuple(Demonstrator(f"person {k}", Interval(0.9, 0.8, 1), 125, 100, 25, 0) for k in range(40))
+    people = tuple(
+        Demonstrator(f"person {k}", Interval(0.9, 0.8, 1), tuple(range(125 * k, 125 * k + 125))) for k in range(40)
+    )
     audit = make_audit(VERDICTS, lengths=[2] * len(VERDICTS), log_odds=log_odds, demonstrators=people)
     parts = {"from_actions": audit.log_odds - 1, "from_demonstrator": np.ones(len(VERDICTS))}
     return dataclasses.replace(audit, **parts)
@@ -68,9 +70,9 @@ def test_the_worst_and_the_most_doubtful_are_shown(many):
     assert shown[:15] == [*range(15)]
     assert max(abs(many.log_odds[shown[15:]])) <= min(abs(many.log_odds[[m for m in range(140) if m not in shown]]))
     assert terminal.worst_and_doubtful(many, 300)[:140] == [*range(140)]
-    certain = dataclasses.replace(many, verdicts=("adversary",) * 140 + VERDICTS[140:])
+    certain = dataclasses.replace(many, verdicts=("unlike",) * 140 + VERDICTS[140:])
     assert terminal.worst_and_doubtful(certain, 30) == [*range(30)]
-    unknown = dataclasses.replace(many, verdicts=("uncertain",) * 5000, finding="nobody stands out")
+    unknown = dataclasses.replace(many, verdicts=("open",) * 5000, finding="nobody stands out")
     assert terminal.worst_and_doubtful(unknown, 30) == [*range(30)]
 
 
@@ -87,29 +89,29 @@ def test_terminal_gets_lines_and_colours(monkeypatch):
     monkeypatch.setattr(sys, "stdout", stream)
     terminal.print_audit(make_audit())
     assert "\u2500\u2500" in stream.getvalue()
-    assert "\x1b[31madversary" in stream.getvalue()
+    assert "\x1b[31munlike" in stream.getvalue()
 
 
 @pytest.mark.parametrize(
     ("labels_file", "labelled", "lines"),
     [
-        ("labels.csv", (), ["id,label", '"a,""b""",expert']),
-        ("labels.csv", ("good", "bad"), ['"a,""b""",expert']),
-        ("labels.json", (), ['{"a,\\"b\\"": "expert"}']),
-        ("labels.json", ("good", "bad"), ['"a,\\"b\\"": "expert"']),
+        ("labels.csv", (), ["id,label", '"a,""b""",good']),
+        ("labels.csv", ("good", "bad"), ['"a,""b""",good']),
+        ("labels.json", (), ['{"a,\\"b\\"": "good"}']),
+        ("labels.json", ("good", "bad"), ['"a,\\"b\\"": "good"']),
     ],
 )
 def test_labels_to_paste_are_read_as_labels_of_the_demonstration(labels_file, labelled, lines, tmp_path):
-    audit = make_audit(("expert", "uncertain", "adversary"), ids=("good", 'a,"b"', "bad"), labelled=labelled)
+    audit = make_audit(("typical", "open", "unlike"), ids=("good", 'a,"b"', "bad"), labelled=labelled)
     text = terminal.next_steps(audit, labels_file, "rpil audit x", n_labels=1)
     assert [line[4:] for line in text.splitlines() if line.startswith("    ")] == lines
     assert text.splitlines()[-1] == f"Then run: rpil audit x --labels {labels_file}"
     if not labelled:
         path = tmp_path / labels_file
         path.write_text("\n".join(lines))
-        assert read_labels(path) == {'a,"b"': "expert"}
+        assert read_labels(path) == {'a,"b"': "good"}
 
 
 def test_labels_for_all_leave_nothing_to_label():
-    audit = make_audit(("expert", "adversary"), labelled=(0, 1))
+    audit = make_audit(("typical", "unlike"), labelled=(0, 1))
     assert terminal.next_steps(audit, "l.csv", "rpil audit x").endswith("Every demonstration has a label already.")

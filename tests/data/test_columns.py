@@ -7,7 +7,8 @@ import time
 import pytest
 
 from rpil.data.errors import DataError
-from rpil.data.formats.columns import ColumnOptions, find_columns
+from rpil.data.formats.column_search import find_columns
+from rpil.data.formats.columns import ColumnOptions
 from rpil.data.formats.names import plain_name, quoted
 
 BASE = ["episode", "x", "v", "action"]

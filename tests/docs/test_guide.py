@@ -37,7 +37,7 @@ def test_snippets_run(pictures):
     for code in plain():
         exec(compile(code, "docs/policies.md", "exec"), names)
     assert len(plain()) == 3
-    assert names["audit"].verdicts == tuple("expert" if expert else "adversary" for expert in good)
+    assert names["audit"].verdicts == tuple("typical" if expert else "unlike" for expert in good)
 
 
 @pytest.mark.filterwarnings("ignore::sklearn.exceptions.ConvergenceWarning")  # trees change by leaps

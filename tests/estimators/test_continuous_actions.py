@@ -31,7 +31,8 @@ ESTIMATORS = [RPIL(), BehavioralCloning(), RMEnt()]
 
 
 def right(model: RPIL, toy: Toy) -> bool:
-    return model.audit_.verdicts == tuple(np.where(toy.is_good, "expert", "adversary"))
+    words = model.audit_.words
+    return model.audit_.verdicts == tuple(np.where(toy.is_good, words.upper, words.lower))
 
 
 def means(toy: Toy) -> np.ndarray:
@@ -48,7 +49,7 @@ def test_experts_with_actions_on_the_bounds_of_the_box_are_trusted():
     actions = np.where(np.repeat(is_good, lengths)[:, None], np.clip(wanted, -1.0, 1.0), random)
     offsets = np.concatenate([[0], np.cumsum(lengths)])
     audit = RPIL().fit(Demonstrations.from_arrays(observations, actions, offsets)).audit_
-    assert audit.verdicts == tuple(np.where(is_good, "expert", "adversary"))
+    assert audit.verdicts == tuple(np.where(is_good, "typical", "unlike"))
 
 
 def test_one_outlying_step_does_not_decide_a_verdict():
@@ -111,8 +112,8 @@ def test_expert_with_a_policy_in_two_parts_is_one_expert(bad):
     model = RPIL().fit(Demonstrations.from_episodes(made.episodes))
     assert roc_auc_score(made.is_good, model.log_odds_) == 1.0
     verdicts = np.array(model.audit_.verdicts)
-    assert (verdicts[made.is_good == 0] == "adversary").all()
-    assert not (verdicts[made.is_good == 1] == "adversary").any()
+    assert (verdicts[made.is_good == 0] == "unlike").all()
+    assert not (verdicts[made.is_good == 1] == "unlike").any()
 
 
 @pytest.mark.parametrize(("kind", "seed"), [("flipped", 0), ("smooth", 1)])
@@ -122,7 +123,7 @@ def test_of_two_consistent_groups_only_a_label_names_the_expert(kind, seed):
         blind = RPIL().fit(toy.demonstrations)
     assert not blind.audit_.identifiable
     assert {frozenset(group) for group in blind.audit_.competing} == {frozenset(toy.ids[:6]), frozenset(toy.ids[6:])}
-    for labels in ({"d0": "expert"}, {"d11": "adversary"}, {"d1": "expert", "d7": "adversary"}):
+    for labels in ({"d0": "good"}, {"d11": "bad"}, {"d1": "good", "d7": "bad"}):
         told = RPIL().fit(toy.demonstrations, labels=labels)
         assert told.audit_.identifiable
         assert right(told, toy), labels
@@ -140,7 +141,7 @@ def test_no_adversary_among_equal_demonstrations():
     toy = make_continuous("none", 0, **MANY)
     audit = RPIL().fit(toy.demonstrations).audit_
     assert audit.finding == "nobody stands out"
-    assert set(audit.verdicts) == {"uncertain"}
+    assert set(audit.verdicts) == {"open"}
 
 
 @pytest.mark.parametrize("which", ADVERSARIES["continuous"])

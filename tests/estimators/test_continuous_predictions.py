@@ -28,7 +28,8 @@ ESTIMATORS = [RPIL(), BehavioralCloning(), RMEnt()]
 
 
 def right(model: RPIL, toy: Toy) -> bool:
-    return model.audit_.verdicts == tuple(np.where(toy.is_good, "expert", "adversary"))
+    words = model.audit_.words
+    return model.audit_.verdicts == tuple(np.where(toy.is_good, words.upper, words.lower))
 
 
 def means(toy: Toy) -> np.ndarray:

@@ -9,12 +9,12 @@ from problems import make
 from rpil import RPIL, AmbiguousWarning, load, save
 
 
-def test_competing_groups_are_uncertain_and_the_longest_of_each_is_asked_about():
+def test_competing_groups_are_open_and_the_longest_of_each_is_asked_about():
     toy = make("shifted", 1, steps=(40, 60))
     with pytest.warns(AmbiguousWarning, match="two groups of demonstrations") as caught:
         audit = RPIL().fit(toy.demonstrations).audit_
     assert caught[0].filename == __file__
-    assert set(audit.verdicts) == {"uncertain"}
+    assert set(audit.verdicts) == {"open"}
     assert (audit.expert_proba == 0.5).all()
     assert not audit.identifiable
     assert {frozenset(group) for group in audit.competing} == {frozenset(toy.ids[:6]), frozenset(toy.ids[6:])}
@@ -25,7 +25,7 @@ def test_competing_groups_are_uncertain_and_the_longest_of_each_is_asked_about()
 
 def test_suggestions_leave_out_labels_and_survive_a_file(tmp_path):
     toy = make("noisy", 0, n_good=6, n_bad=6)
-    model = RPIL(adversary="uniform").fit(toy.demonstrations, labels={"d0": "expert"})
+    model = RPIL(adversary="uniform").fit(toy.demonstrations, labels={"d0": "good"})
     audit = model.audit_
     assert audit.labelled == ("d0",)
     assert "d0" not in audit.suggest_labels(12)
@@ -41,6 +41,6 @@ def test_first_suggested_label_decides_between_competing_groups():
     (name,) = audit.suggest_labels(1)
     assert name == audit.to_label[0]
     is_good = dict(zip(toy.ids, toy.is_good, strict=True))
-    labelled = RPIL().fit(toy.demonstrations, labels={name: "expert" if is_good[name] else "adversary"}).audit_
+    labelled = RPIL().fit(toy.demonstrations, labels={name: "good" if is_good[name] else "bad"}).audit_
     assert labelled.identifiable
-    assert [verdict == "expert" for verdict in labelled.verdicts] == toy.is_good.tolist()
+    assert [verdict == "good" for verdict in labelled.verdicts] == toy.is_good.tolist()

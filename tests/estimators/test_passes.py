@@ -70,8 +70,8 @@ def test_majority_that_acts_alike_is_not_taken_for_the_expert(maker):
         model, other = both(data)
     assert_alike(model, other)
     audit = model.audit_
-    assert audit.finding == "cannot be known"
-    assert set(audit.verdicts) == {"uncertain"}
+    assert audit.finding == "two groups"
+    assert set(audit.verdicts) == {"open"}
     assert (audit.expert_proba == 0.5).all()
     groups = [set(group) for group in audit.competing]
     good = {name for name, is_good in zip(toy.ids, toy.is_good, strict=True) if is_good}
@@ -80,7 +80,7 @@ def test_majority_that_acts_alike_is_not_taken_for_the_expert(maker):
     assert audit.to_label[1] in groups[1]
 
 
-@pytest.mark.parametrize(("maker", "labels"), [(make, {"d0": "expert"}), (make_continuous, {"d100": "adversary"})])
+@pytest.mark.parametrize(("maker", "labels"), [(make, {"d0": "good"}), (make_continuous, {"d100": "bad"})])
 def test_one_label_decides_which_group_is_the_experts(maker, labels):
     toy, data = demonstrations("flipped", 1, n_good=30, n_bad=90, maker=maker)
     model, other = both(data, labels=labels)
@@ -94,18 +94,18 @@ def test_minority_decides_about_a_rival_group_of_a_sample(maker):
     toy, data = demonstrations("flipped", 1, n_good=90, n_bad=30, maker=maker)
     distrusted, other = both(data, minority="distrust")
     assert_alike(distrusted, other)
-    np.testing.assert_array_equal(np.array(distrusted.audit_.verdicts) == "expert", toy.is_good)
+    np.testing.assert_array_equal(np.array(distrusted.audit_.verdicts) == "typical", toy.is_good)
     trusted, other = both(data, minority="trust")
-    assert trusted.audit_.finding == other.audit_.finding == "told apart"
-    assert set(trusted.audit_.verdicts) == set(other.audit_.verdicts) == {"expert"}
+    assert trusted.audit_.finding == other.audit_.finding == "some are unlike"
+    assert set(trusted.audit_.verdicts) == set(other.audit_.verdicts) == {"typical"}
 
 
 @pytest.mark.parametrize("maker", MAKERS)
 def test_labels_outside_the_sample_are_used(maker):
     _, data = demonstrations(maker=maker)
-    labels = {"d0": "expert", "d3": "adversary", "d100": "adversary"}  # the second is wrong, and obeyed
+    labels = {"d0": "good", "d3": "bad", "d100": "bad"}  # the second is wrong, and obeyed
     model, other = both(data, labels=labels)
-    assert model.audit_.finding == other.audit_.finding == "told apart"
+    assert model.audit_.finding == other.audit_.finding == "answered"
     assert model.audit_.verdicts == other.audit_.verdicts
     assert model.audit_.labelled == ("d0", "d3", "d100")
     verdicts = dict(zip(model.audit_.ids, model.audit_.verdicts, strict=True))
@@ -166,9 +166,9 @@ def test_final_policy_learns_states_outside_the_sample():
 def test_sample_with_labels_of_one_kind_holds_unlabelled_demonstrations(recwarn):
     settings = replace(SMALL, sample=replace(SAMPLE, min_steps=1500))
     toy, data = demonstrations("random", 1, n_good=100, n_bad=100)
-    labels = dict.fromkeys(toy.ids[100:160], "adversary")
+    labels = dict.fromkeys(toy.ids[100:160], "bad")
     model = small_rpil(labels=labels, settings=settings).fit(data)
-    np.testing.assert_array_equal(np.array(model.audit_.verdicts) == "expert", toy.is_good)
+    np.testing.assert_array_equal(np.array(model.audit_.verdicts) == "good", toy.is_good)
     assert not [w for w in recwarn if w.category is RuntimeWarning]
 
 

@@ -35,7 +35,7 @@ def mixture(data):
 @pytest.mark.parametrize(
     "estimator",
     [
-        RPIL(labels={"é0": "expert", "é7": "adversary"}, minority="trust", random_state=5),
+        RPIL(labels={"é0": "good", "é7": "bad"}, minority="trust", random_state=5),
         RPIL(features="spline", settings=Settings(judge_features="poly")),
         RPIL(adversary="uniform", settings=mixture_settings(prior=(3, 2))),
         RPIL(features="spline", adversary="own policy"),

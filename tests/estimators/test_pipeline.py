@@ -14,7 +14,7 @@ from problems import fit_data_of, make, make_continuous, two_styles
 from rpil import RPIL, DataError
 from rpil.audit.summary import longest_unlabelled
 from rpil.data.demonstrations import Demonstrations
-from rpil.inference.trust import FINDINGS
+from rpil.inference.findings import FINDINGS
 
 STEPS = (40, 60)
 
@@ -51,13 +51,13 @@ def test_opposed_styles_are_listed_and_a_label_decides():
     data, second = two_styles(0)
     with pytest.warns(UserWarning, match="label one demonstration"):
         audit = RPIL().fit(data).audit_
-    assert set(audit.verdicts) == {"uncertain"}
+    assert set(audit.verdicts) == {"open"}
     assert {frozenset(group) for group in audit.competing} == {
         frozenset(np.flatnonzero(side).tolist()) for side in (second, ~second)
     }
     for style in (second, ~second):
         told = int(np.flatnonzero(style)[0])
-        assert roc_auc_score(style, RPIL().fit(data, labels={told: "expert"}).audit_.log_odds) == 1.0
+        assert roc_auc_score(style, RPIL().fit(data, labels={told: "good"}).audit_.log_odds) == 1.0
 
 
 def test_similar_styles_are_listed_without_a_warning():
@@ -70,33 +70,33 @@ def test_similar_styles_are_listed_without_a_warning():
     }
     assert np.ptp(audit.expert_proba) > 0
     told, other = int(np.flatnonzero(second)[0]), int(np.flatnonzero(~second)[0])
-    one = RPIL().fit(data, labels={told: "expert"}).audit_
+    one = RPIL().fit(data, labels={told: "good"}).audit_
     assert roc_auc_score(second, one.log_odds) == 1.0
-    assert one.verdicts.count("uncertain") == 15
-    both = RPIL().fit(data, labels={told: "expert", other: "adversary"}).audit_
-    assert (np.array(both.verdicts) == np.where(second, "expert", "adversary")).all()
+    assert one.verdicts.count("open") == 15
+    both = RPIL().fit(data, labels={told: "good", other: "bad"}).audit_
+    assert (np.array(both.verdicts) == np.where(second, "good", "bad")).all()
 
 
-@pytest.mark.parametrize(("minority", "finding"), [("ask", "cannot be known"), ("distrust", "told apart")])
+@pytest.mark.parametrize(("minority", "finding"), [("ask", "two groups"), ("distrust", "some are unlike")])
 def test_minority_parameter_decides_about_a_rival(minority, finding):
     toy = make("shifted", 1, n_good=8, n_bad=4, steps=STEPS)
     audit = RPIL(minority=minority).fit(toy.demonstrations).audit_ if minority != "ask" else None
     if audit is None:
         with pytest.warns(UserWarning, match="label one demonstration"):
             audit = RPIL().fit(toy.demonstrations).audit_
-        assert set(audit.verdicts) == {"uncertain"}
+        assert set(audit.verdicts) == {"open"}
         assert (audit.expert_proba == 0.5).all()
     else:
-        assert audit.verdicts == ("expert",) * 8 + ("adversary",) * 4
+        assert audit.verdicts == ("typical",) * 8 + ("unlike",) * 4
     assert audit.finding == finding
     trusting = RPIL(minority="trust").fit(toy.demonstrations).audit_
-    assert "adversary" not in trusting.verdicts
+    assert "unlike" not in trusting.verdicts
 
 
 def test_log_odds_are_the_sum_of_their_parts():
     toy = make("random", 0, steps=STEPS)
     who = ["Ann"] * 3 + ["Bob"] * 3 + ["Cid"] * 6
-    audit = RPIL(labels={"d0": "expert"}).fit(toy.demonstrations, demonstrators=who).audit_
+    audit = RPIL(labels={"d0": "good"}).fit(toy.demonstrations, demonstrators=who).audit_
     np.testing.assert_allclose(sum(audit.evidence.values()), audit.log_odds)
     assert audit.from_label[0] > 0
     assert not audit.from_label[1:].any()
@@ -122,7 +122,7 @@ def test_user_policy_with_repeated_columns(large):
     toy = make("none", 0, n_good=8, n_bad=4, steps=STEPS)
     twice = np.hstack([toy.observations, toy.observations[:, :1], np.zeros((len(toy.actions), 1))]) * large
     audit = RPIL(policy=LogisticRegression()).fit(twice, toy.actions, groups=toy.groups).audit_
-    assert set(audit.verdicts) <= {"uncertain", "expert"}
+    assert set(audit.verdicts) <= {"open", "typical"}
 
 
 def test_user_policy_scores_demonstrations_as_it_judged_them():

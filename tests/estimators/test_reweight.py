@@ -55,7 +55,7 @@ def test_reweight_of_a_numpy_policy(n_folds):
     assert mine.trained >= found.n_rounds > 1
     assert found.audit.ids == TOY.ids
     assert roc_auc_score(TOY.is_good, found.audit.log_odds) == 1.0
-    assert set(found.audit.verdicts) == {"expert", "adversary"}
+    assert set(found.audit.verdicts) == {"typical", "unlike"}
     assert found.step_weight.shape == TOY.actions.shape
     assert 0.0 <= found.step_weight.min() <= found.step_weight.max() <= 1.0
     assert abs(found.audit.prior.mean - 0.6) < 0.2
@@ -110,7 +110,7 @@ def test_log_prob_is_held_out():
 
 def test_labels_decide_log_odds_of_reweight():
     toy = make("flipped", 1, n_good=5, n_bad=7, steps=(30, 40))
-    labels = {f"d{m}": "adversary" for m in range(5, 9)} | {"d0": "expert"}
+    labels = {f"d{m}": "bad" for m in range(5, 9)} | {"d0": "good"}
     found = reweight(Linear(), toy.demonstrations, log_prob=log_prob, train=train, labels=labels)
     assert (found.audit.log_odds[5:9] < -10).all()
     assert found.audit.log_odds[0] > 10
@@ -185,7 +185,7 @@ def frozen_elsewhere(policy, observations, actions, weights):
         ({"n_folds": 21}, "n_folds=21"),
         ({"max_rounds": 0}, "max_rounds=0"),
         ({"minority": "hope"}, "no minority 'hope'; choose ask or trust or distrust"),
-        ({"labels": {"d99": "expert"}}, "d99"),
+        ({"labels": {"d99": "good"}}, "d99"),
     ],
 )
 def test_invalid_functions_and_options_are_refused_in_one_sentence(wrong, words):
@@ -214,7 +214,7 @@ def test_steps_keep_weight_where_no_demonstration_is_trusted():
         weights.append(trust.sum())
 
     found = reweight(Linear(), TOY.demonstrations, log_prob=never, train=note, max_rounds=3)
-    assert "expert" not in found.audit.verdicts
+    assert "typical" not in found.audit.verdicts
     assert min(weights) > 0.0
 
 

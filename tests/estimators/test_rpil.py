@@ -55,7 +55,8 @@ def test_rment_of_single_steps_may_leave_out_a_class():
 
 
 def right(model: RPIL, toy: Toy) -> bool:
-    return model.audit_.verdicts == tuple(np.where(toy.is_good, "expert", "adversary"))
+    words = model.audit_.words
+    return model.audit_.verdicts == tuple(np.where(toy.is_good, words.upper, words.lower))
 
 
 def predicted(model: Any, toy: Toy) -> np.ndarray:
@@ -196,7 +197,7 @@ def test_actions_that_are_not_0_to_k_minus_1():
 
 
 def test_clone_and_parameters():
-    model = RPIL("spline", adversary="uniform", settings=mixture(prior=(3, 2)), labels={"d0": "expert"})
+    model = RPIL("spline", adversary="uniform", settings=mixture(prior=(3, 2)), labels={"d0": "good"})
     assert clone(model).get_params() == model.get_params()
     assert model.set_params(C=2.0).C == 2.0
     assert {"features", "adversary", "C", "labels", "settings", "random_state"} <= set(RPIL().get_params())
@@ -240,13 +241,13 @@ def test_labels():
     with pytest.warns(AmbiguousWarning, match="two groups of demonstrations") as caught:
         blind = RPIL().fit(toy.demonstrations)
     assert not blind.audit_.identifiable
-    assert set(blind.audit_.verdicts) == {"uncertain"}
+    assert set(blind.audit_.verdicts) == {"open"}
     assert all(repr(name) in str(caught[0].message) for name in blind.audit_.to_label)
     for to_label, fit in (
         ((toy.ids[0], toy.ids[6]), lambda labels: RPIL(labels=labels).fit(toy.demonstrations)),
         (blind.audit_.to_label, lambda labels: RPIL().fit(toy.demonstrations, labels=labels)),
     ):
-        labels = {name: "expert" if toy.is_good[toy.ids.index(name)] else "adversary" for name in to_label}
+        labels = {name: "good" if toy.is_good[toy.ids.index(name)] else "bad" for name in to_label}
         told = fit(labels)
         assert told.audit_.identifiable
         assert right(told, toy)
@@ -256,8 +257,8 @@ def test_labels():
 def test_group_of_a_labelled_expert_is_trusted():
     """Even the shifted half: the data are symmetric."""
     toy = make("shifted", 2, steps=STEPS)
-    model = RPIL().fit(toy.demonstrations, labels={"d0": "adversary", "d6": "expert"})
-    assert model.audit_.verdicts == ("adversary",) * 6 + ("expert",) * 6
+    model = RPIL().fit(toy.demonstrations, labels={"d0": "bad", "d6": "good"})
+    assert model.audit_.verdicts == ("bad",) * 6 + ("good",) * 6
 
 
 def test_score_demonstrations_of_new_data():

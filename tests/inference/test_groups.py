@@ -84,3 +84,34 @@ def test_one_group_is_at_least_as_likely_as_a_normal():
     score = np.random.default_rng(0).normal(size=50)
     normal = -0.5 * (np.log(2 * np.pi * score.var()) + 1) * 50
     assert normal <= one_group(score, np.full(50, 1e-9)) < normal + 5
+
+
+def best_two_piece_normal(score, variance):
+    """Log-likelihood of the best of very many two-piece normals."""
+    spreads = score.std() * np.geomspace(1e-3, 4, 60)
+    modes = np.concatenate([score, np.linspace(score.min(), score.max(), 40)])
+    best = -np.inf
+    for mode in modes:
+        sides = np.sqrt(spreads[:, None] ** 2 + variance)
+        z = ((score - mode) / sides) ** 2 / 2
+        left, right = ((z * of).sum(axis=1) for of in (score < mode, score >= mode))
+        total = np.log(sides[:, None] + sides).sum(axis=2)
+        best = max(best, len(score) * np.log(2 / np.sqrt(2 * np.pi)) - (left[:, None] + right + total).min())
+    return best
+
+
+@pytest.mark.parametrize("kind", ["normal", "skewed", "heavy tails", "two groups", "one spike"])
+@pytest.mark.parametrize("noise", [1e-3, 0.3])
+def test_one_group_finds_the_best_mode_and_spreads(kind, noise):
+    rng = np.random.default_rng(3)
+    score = {
+        "normal": rng.normal(size=40),
+        "skewed": -rng.gamma(1.5, size=40),
+        "heavy tails": rng.standard_t(2, size=40),
+        "two groups": np.concatenate([rng.normal(size=25), 6 + rng.normal(size=15)]),
+        "one spike": np.concatenate([rng.normal(size=20), 3 + 0.05 * rng.normal(size=20)]),
+    }[kind]
+    variance = noise * score.var() * rng.gamma(2, size=40)
+    found = one_group(score, variance)
+    assert found >= best_two_piece_normal(score, variance) - 1e-9
+    assert one_group(1e3 * score + 7, 1e6 * variance) == pytest.approx(found - 40 * np.log(1e3), abs=1e-4)

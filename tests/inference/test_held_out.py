@@ -10,8 +10,9 @@ from sklearn.linear_model import LogisticRegression, Ridge
 
 from problems import fit_data_of, make, make_continuous
 from rpil.inference.held_out import HeldOutRidge, HeldOutSoftmax, frequencies, log_reference
+from rpil.inference.parts import ActionScale
 from rpil.inference.settings import HeldOutSettings
-from rpil.numerics.regression import ErrorSettings, error_scale, standardise, student_log_density
+from rpil.numerics.regression import ErrorSettings, error_scale, student_log_density
 from rpil.policies.folds import deal
 
 STEPS = (40, 60)
@@ -41,7 +42,7 @@ def test_ridge_log_probabilities_are_those_of_scikit_learn_on_the_other_folds():
     weight = np.random.default_rng(0).random(len(problem.actions))
     found = HeldOutRidge(problem, deal(problem, 3, 0), HeldOutSettings())
     scored = found.evaluate(weight, 1e-2)
-    fold, actions = problem.per_step(found.fold), standardise(problem.actions)
+    fold, actions = problem.per_step(found.fold), ActionScale.of(problem)(problem.actions)
     errors = np.empty_like(actions)
     for k in range(3):
         train, test = fold != k, fold == k

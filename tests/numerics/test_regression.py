@@ -11,6 +11,8 @@ from rpil.numerics.regression import (
     ErrorSettings,
     error_scale,
     normal_equations,
+    robust_scale,
+    scale_within,
     solve_ridge,
     standardise,
     student_log_density,
@@ -24,6 +26,33 @@ def test_standardise_leaves_a_constant_part_at_zero():
     found = standardise(actions)
     np.testing.assert_allclose(found.mean(axis=0), 0.0, atol=1e-12)
     np.testing.assert_allclose(found.std(axis=0), [1.0, 0.0])
+
+
+OFFSETS = np.arange(0, 101, 20)  # five demonstrations of 20 steps
+
+
+def test_robust_scale_of_gaussian_steps_and_of_constants():
+    values = np.column_stack([RNG.normal(5.0, 3.0, 100), np.full(100, 0.1), np.repeat([1.0, 1.0, 1.0, 1.0, 3.0], 20)])
+    location, spread = robust_scale(values, OFFSETS)
+    np.testing.assert_allclose(location, [5.0, 0.1, 1.0], atol=1.0)
+    np.testing.assert_allclose(spread, [3.0, 1.0, 2.0], rtol=0.3)
+
+
+def test_scale_within_ignores_the_levels_of_demonstrations():
+    values = RNG.normal(0.0, 2.0, 100) + np.repeat(50.0 * np.arange(5), 20)
+    assert scale_within(values[:, None], OFFSETS)[1] == pytest.approx(2.0, rel=0.3)
+    assert robust_scale(values[:, None], OFFSETS)[1] > 40
+    levels = np.repeat([0.1, 0.2, 0.3, 0.4, 0.5], 20)[:, None]  # constant within each
+    assert scale_within(levels, OFFSETS)[1] == pytest.approx(0.1)
+
+
+@pytest.mark.parametrize("scale", [robust_scale, scale_within])
+def test_one_demonstration_has_no_influence_however_far_it_is(scale):
+    values = RNG.normal(size=(100, 1))
+    near, far = values.copy(), values.copy()
+    near[:20] += 1e3
+    far[:20] += 1e9
+    np.testing.assert_array_equal(scale(near, OFFSETS), scale(far, OFFSETS))
 
 
 def test_solve_ridge_minimises_the_penalised_squares():

@@ -156,3 +156,23 @@ def test_knots_that_the_precision_cannot_tell_apart():
     """Between 2^53 and 2^53 + 2 there is no number."""
     observations = np.array([[2.0**53], [2.0**53 + 2]])
     assert np.isfinite(fit("spline", observations).design(observations)).all()
+
+
+@pytest.mark.parametrize("kind", ["raw", "folded", "poly", "nystroem", "spline"])
+def test_a_robust_map_sees_the_others_as_before_however_far_one_demonstration_is(kind):
+    rng = np.random.default_rng(0)
+    observations, offsets = rng.normal(size=(200, 3)), np.arange(0, 201, 20)
+    near, wild = observations.copy(), observations.copy()
+    near[:20] += 1e3
+    wild[:20] += 1e9
+    one, other = (fit(kind, rows, offsets=offsets) for rows in (near, wild))
+    np.testing.assert_allclose(other.design(wild), one.design(near), atol=1e-9)
+    plain = fit(kind, observations, offsets=offsets).design(observations)
+    assert np.abs(one.design(near)[:, :3]).max() < max(9.0, np.abs(plain).max())
+
+
+def test_a_robust_map_is_the_same_in_single_precision():
+    rng = np.random.default_rng(0)
+    observations = rng.standard_t(2, size=(200, 3)).astype(np.float32)
+    robust = fit("folded", observations, offsets=np.arange(0, 201, 20))
+    np.testing.assert_allclose(robust.design(observations, single=True), robust.design(observations), atol=1e-4)

@@ -89,3 +89,55 @@ def test_predictions_of_a_fold_do_not_use_it():
     found = out_of_fold(fold, lambda k, test: np.full((test.sum(), 2), values[~test].sum() + k))
     expected = [values[fold != k].sum() + k for k in fold]
     np.testing.assert_array_equal(found, np.column_stack([expected, expected]))
+
+
+def with_copies(problem, numbers):
+    """The problem with the demonstrations `numbers` once more at the end, in an order of its own."""
+    every = np.concatenate([np.arange(problem.n_demonstrations), numbers])
+    order = np.random.default_rng(3).permutation(len(every))
+    return problem.select(every[order]), every[order]
+
+
+@pytest.mark.parametrize("maker", [make, make_continuous])
+@pytest.mark.parametrize("numbers", [[0], [0] * 9, [*range(20)], [1, 1, 4, 4, 4, 7]])
+def test_copies_of_a_demonstration_are_in_its_fold_and_folds_stay_balanced(maker, numbers):
+    problem = fit_data_of(maker("noisy", 1, n_good=12, n_bad=8))
+    data, originals = with_copies(problem, numbers)
+    largest = np.bincount(originals).max()
+    for n_folds in (2, 5, data.n_demonstrations):
+        fold = deal(data, n_folds, 0)
+        for m in set(originals):
+            assert len(set(fold[originals == m])) == 1
+        sizes = np.bincount(fold)
+        assert sizes.min() > 0
+        assert len(sizes) == min(n_folds, len(set(originals)))
+        if n_folds < 20:
+            assert sizes.max() <= max(largest, -(-len(originals) // n_folds) + largest - 1)
+            rest = np.delete(sizes, np.argmax(sizes))
+            assert np.ptp(rest) <= largest
+        order = np.random.default_rng(4).permutation(len(originals))
+        np.testing.assert_array_equal(fold[order], deal(data.select(order), n_folds, 0))
+
+
+def test_a_demonstration_with_one_other_step_is_no_copy():
+    problem = fit_data_of(make("noisy", 1, n_good=12, n_bad=8, steps=(30, 30)))
+    data, originals = with_copies(problem, [*range(20)])
+    features = data.features.copy()
+    features[data.offsets[:-1], 0] += 1e-9 * np.arange(40)  # too small a change for the order, which is rounded
+    folds = deal(replace(data, features=features), 5, 0)
+    assert any(len(set(folds[originals == m])) == 2 for m in range(20))
+
+
+def test_nothing_but_copies_is_dealt_into_all_folds():
+    problem = fit_data_of(make("noisy", 1))
+    data = problem.select(np.zeros(10, dtype=int))
+    np.testing.assert_array_equal(np.bincount(deal(data, 5, 0)), [2] * 5)
+
+
+@pytest.mark.parametrize(
+    ("maker", "expected"),
+    [(make, "211300203231"), (make_continuous, "130300211223")],
+)
+def test_without_copies_folds_are_those_of_version_0_1(maker, expected):
+    fold = deal(fit_data_of(maker("noisy", 1, n_good=6, n_bad=6)), 4, 0)
+    assert "".join(map(str, fold)) == expected

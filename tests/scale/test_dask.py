@@ -69,7 +69,7 @@ def assert_same(one, other):
 @pytest.mark.parametrize(("maker", "on_disk"), [(make, True), (make_continuous, False)])
 def test_fit_on_a_cluster_is_the_fit_in_memory(cluster, tmp_path, maker, on_disk):
     data = demonstrations(maker)
-    labels = {0: "expert", 100: "adversary"}
+    labels = {0: "good", 100: "bad"}
     here = small_rpil(engine=InMemory(), labels=labels).fit(data)
     if on_disk:
         formats.write(tmp_path / "a.parquet", data)

@@ -23,7 +23,7 @@ from small import small_rpil
 def test_a_fit_from_disk_is_the_fit_in_memory(tmp_path, continuous):
     memory = demonstrations(continuous, "noisy", single=True)
     folder = write_files(flat.from_demonstrations(memory, {}), tmp_path / "many")
-    labels = {3: "expert", 100: "adversary"}
+    labels = {3: "good", 100: "bad"}
     here = small_rpil(engine=InMemory(), labels=labels).fit(memory)
     there = small_rpil(labels=labels).fit(open_dataset(folder))
     assert here.audit_.ids == there.audit_.ids
@@ -54,7 +54,8 @@ def peak():
 
 before = peak()
 data = rpil.open_dataset(sys.argv[1])
-sample, ascent = SampleSettings(min_steps=5000, steps_per_coefficient=20), AscentSettings(max_passes=1)
+sample = SampleSettings(min_steps=5000, steps_per_coefficient=20, max_kept_entries=1)
+ascent = AscentSettings(max_passes=1)
 model = rpil.RPIL("raw", settings=rpil.Settings(sample=sample, ascent=ascent)).fit(data)
 assert len(model.audit_.step_weight) == data.n_steps
 print(peak() - before)

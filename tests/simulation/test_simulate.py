@@ -29,16 +29,29 @@ def assert_same(first, second):
         np.testing.assert_array_equal(actions, other_actions)
 
 
+def those(made, good):
+    """The episodes that are good, or bad, in their order."""
+    return [episode for episode, is_good in zip(made.episodes, made.is_good, strict=True) if is_good == good]
+
+
 @pytest.mark.parametrize("kind", KINDS)
-def test_good_first_and_labelled(kind):
+def test_good_and_bad_are_labelled(kind):
     made = simulate(CAR, kind, n_good=3, n_bad=2, seed=0)
     assert (made.env_id, made.kind) == (CAR, kind)
-    np.testing.assert_array_equal(made.is_good, [1, 1, 1, 0, 0])
+    assert sorted(made.is_good) == [0, 0, 1, 1, 1]
     assert made.returns.shape == (5,)
     assert len(made.episodes) == 5
-    agrees = [(expert(CAR).predict(observations) == actions).mean() for observations, actions in made.episodes]
-    assert agrees[:3] == [1, 1, 1]
-    assert max(agrees[3:]) < 0.95
+    agrees = np.array([(expert(CAR).predict(seen) == actions).mean() for seen, actions in made.episodes])
+    assert (agrees[made.is_good == 1] == 1).all()
+    assert agrees[made.is_good == 0].max() < 0.95
+
+
+def test_order_is_random_and_of_the_seed():
+    orders = [simulate(CAR, "flip", n_good=6, n_bad=6, seed=seed).is_good for seed in (0, 0, 1, 2)]
+    np.testing.assert_array_equal(orders[0], orders[1])
+    assert len({tuple(order) for order in orders[1:]}) == 3
+    for order in orders:
+        assert 0 < order[:6].sum() < 6
 
 
 @pytest.mark.parametrize("env_id", [CAR, "MountainCarContinuous-v0"])
@@ -53,9 +66,9 @@ def test_same_seed_same_bits_and_another_seed_others(kind, env_id):
 
 @pytest.mark.parametrize("env_id", CONTINUOUS)
 @pytest.mark.parametrize("kind", KINDS)
-def test_continuous_good_first_and_bad_off_the_expert(kind, env_id):
+def test_continuous_good_as_the_expert_and_bad_off_it(kind, env_id):
     made = simulate(env_id, kind, n_good=2, n_bad=2, seed=0)
-    np.testing.assert_array_equal(made.is_good, [1, 1, 0, 0])
+    assert sorted(made.is_good) == [0, 0, 1, 1]
     box = expert(env_id).actions
     # The mean distance from the expert's action, in widths of the box.
     off = []
@@ -63,8 +76,8 @@ def test_continuous_good_first_and_bad_off_the_expert(kind, env_id):
         assert actions.dtype == np.float32
         assert ((box.low <= actions) & (actions <= box.high)).all()
         off.append((np.abs(expert(env_id).predict(observations) - actions) / (box.high - box.low)).mean())
-    assert off[:2] == [0, 0]
-    assert min(off[2:]) > 0.08
+    assert (np.array(off)[made.is_good == 1] == 0).all()
+    assert (np.array(off)[made.is_good == 0] > 0.08).all()
 
 
 @pytest.mark.parametrize("suffix", ["parquet", "csv", "npz"])
@@ -85,20 +98,21 @@ def test_continuous_demonstrations_survive_every_format(env_id, suffix, tmp_path
 def test_good_episodes_depend_on_neither_kind_nor_number_of_bad():
     plain = simulate(CAR, "corrupted", n_good=3, n_bad=0, seed=3)
     for kind in KINDS:
-        assert_same(plain.episodes, simulate(CAR, kind, n_good=3, n_bad=1, seed=3).episodes[:3])
+        made = simulate(CAR, kind, n_good=3, n_bad=1, seed=3)
+        assert_same(plain.episodes, those(made, 1))
 
 
 @pytest.mark.parametrize("kind", [kind for kind in KINDS if kind != "random"])
 def test_more_bad_ones_leave_the_first_as_they_were(kind):
-    few, many = (simulate(CAR, kind, n_good=0, n_bad=n, seed=4).episodes for n in (2, 4))
-    assert_same(few, many[:2])
+    few, many = (simulate(CAR, kind, n_good=2, n_bad=n, seed=4) for n in (2, 4))
+    assert_same(those(few, 0), those(many, 0)[:2])
 
 
 def test_spoiled_returns_are_the_experts_but_for_random():
     assert (simulate(CAR, "flip", n_good=2, n_bad=4, seed=5).returns > -200).all()
     made = simulate(CAR, "random", n_good=2, n_bad=4, seed=5)
-    assert (made.returns[:2] > -200).all()
-    np.testing.assert_array_equal(made.returns[2:], -200)
+    assert (made.returns[made.is_good == 1] > -200).all()
+    assert (made.returns[made.is_good == 0] == -200).all()
 
 
 def test_good_and_bad_are_different_episodes():

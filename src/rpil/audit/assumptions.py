@@ -6,15 +6,10 @@ import warnings
 
 from sklearn.exceptions import ConvergenceWarning
 
+from rpil.audit.answering import sentence_of
 from rpil.audit.record import Audit
-from rpil.data.errors import AmbiguousWarning, user_stack_level
-from rpil.inference.trust import FINDINGS
-
-P_EXPERT = (
-    "P(expert) is the probability that a demonstration belongs to the group of demonstrations that agree best with "
-    "each other; that this group is good is an assumption."
-)
-"""The meaning of P(expert), for tables and reports."""
+from rpil.data.errors import user_stack_level
+from rpil.inference.findings import FINDINGS
 
 IN_SAMPLE_POLICY = (
     "The policy was scored on the steps that it was trained on; this assumes that it cannot memorise actions."
@@ -32,33 +27,46 @@ def custom_policy(type_name: str) -> str:
 
 
 def assumption_sentences(
-    finding: str,
+    audit: Audit,
     policy: str = "",
     *,
     p_two_groups: float | None = None,
-    whole_demonstrations: bool = False,
     expert_share: float | None = None,
-    n_labels: int = 0,
     demonstrators: str = "",
+    steps: str = "",
+    parts: str = "",
 ) -> tuple[str, ...]:
-    """The finding, the meaning of P(expert), and all that an audit assumed, as sentences for `Audit.assumptions`.
+    """The finding, the meaning of the probability, and all that an audit assumed, as sentences for `Audit.assumptions`.
 
-    `policy` and `demonstrators` are sentences about these. `p_two_groups` is the judge's probability that there are two
-    groups of scores; `whole_demonstrations` is true of the mixture with a named adversary; `expert_share` is the prior
-    probability of an expert, where the user fixed it.
+    `policy`, `demonstrators`, `steps` and `parts` (of the action) are sentences about these. `p_two_groups` is the
+    judge's probability that there are two groups of scores; `expert_share` is the prior probability of an expert, where
+    the user fixed it.
     """
     sentences = (
-        FINDINGS[finding],
-        P_EXPERT,
+        FINDINGS[audit.finding],
+        audit.words.explanation,
         "" if p_two_groups is None else f"P(two groups of scores) is {p_two_groups:.2f}.",
         policy,
-        "The order of demonstrations, their lengths and any reward were not used.",
-        "A demonstration is good or bad as a whole." if whole_demonstrations else "",
+        *audit.doubts,
+        steps,
+        parts,
+        sentence_of(audit.answers) if audit.anchor == "answers" else "Lengths and rewards were not used.",
+        "A demonstration is good or bad as a whole." if audit.anchor == "named adversary" else "",
         "" if expert_share is None else f"The share of experts was fixed at {expert_share}.",
-        f"{n_labels} labels were taken as certain." if n_labels else "",
+        f"{len(audit.labelled)} labels were taken as certain."
+        if audit.labelled and audit.anchor == "named adversary"
+        else "",
         demonstrators,
     )
     return tuple(filter(None, sentences))
+
+
+def missing_steps(finding: str, n: int) -> str:
+    """That `n` independent steps are missing to tell demonstrations from noise; empty where nobody stands out for other
+    reasons, or some do."""
+    if not n or finding not in ("nobody stands out", "nothing could be learned"):
+        return ""
+    return f"Demonstrations are short: it takes about {n:,} more independent steps each to tell one from noise."
 
 
 def warn_if_not_converged(converged: bool) -> None:
@@ -66,15 +74,3 @@ def warn_if_not_converged(converged: bool) -> None:
     if not converged:
         message = "EM stopped at max_iter before it converged; raise max_iter or tol."
         warnings.warn(message, ConvergenceWarning, stacklevel=user_stack_level())
-
-
-def warn_if_ambiguous(audit: Audit, source: str) -> None:
-    """Warn that nothing in the data, called `source`, says which of two groups of demonstrations is the expert's."""
-    if audit.identifiable:
-        return
-    choices = " or ".join(repr(name) for name in audit.to_label)
-    message = (
-        f"{source}: two groups of demonstrations act in two different ways in the same states, and nothing in the data "
-        f"says which of them is the expert; label one demonstration, say {choices}."
-    )
-    warnings.warn(message, AmbiguousWarning, stacklevel=user_stack_level())

@@ -1,4 +1,4 @@
-"""The demonstrations to keep: by their verdicts, a share of the most trusted, or all from some P(expert) on."""
+"""The demonstrations to keep: by their verdicts, a share of the most trusted, or all from some probability on."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from typing import cast
 import numpy as np
 
 from rpil.audit.verdict_table import TABLE_EXTENSIONS
+from rpil.audit.words import SIDES, Side
 from rpil.data.arrays import Id
 from rpil.data.errors import DataError
 from rpil.data.files import StrPath, check_extension, check_readable
@@ -22,9 +23,12 @@ from rpil.numerics.types import Array
 
 Table = Mapping[str, Sequence[object]]
 
+_OLD = {"uncertain": "open"}
+"""A word that rpil 0.1 wrote, and what it is now."""
 
-def trusted_ids(table: Table, share: float | None = None, at_least: float | None = None) -> list[Id]:
-    """The ids to keep of a table of verdicts, in its order: by default those with the verdict "expert".
+
+def kept_ids(table: Table, share: float | None = None, at_least: float | None = None) -> list[Id]:
+    """The ids to keep of a table of verdicts, in its order: by default all but those called unlike, bad or adversary.
 
     Parameters
     ----------
@@ -33,12 +37,12 @@ def trusted_ids(table: Table, share: float | None = None, at_least: float | None
     share : float, optional
         Keep this share of the demonstrations, in (0, 1]; those with the largest log-odds.
     at_least : float, optional
-        Keep those whose P(expert) is this or more.
+        Keep those whose probability is this or more.
 
     Raises
     ------
     DataError
-        Where the table has no numbers to choose by.
+        Where the table has no numbers to choose by, or a verdict is no word of an audit.
     """
     ids = list(cast(Sequence[Id], table["id"]))
     if at_least is not None:
@@ -48,7 +52,9 @@ def trusted_ids(table: Table, share: float | None = None, at_least: float | None
         ranked = np.argsort(-_numbers(table, "log_odds"), kind="stable")
         chosen = np.isin(np.arange(len(ids)), ranked[:n_kept])
     else:
-        chosen = np.array([verdict == "expert" for verdict in table["verdict"]])
+        chosen = np.array(
+            [_side(verdict, name) != "lower" for name, verdict in zip(ids, table["verdict"], strict=True)]
+        )
     return [name for name, kept in zip(ids, chosen.tolist(), strict=True) if kept]
 
 
@@ -81,6 +87,13 @@ def read_verdicts(path: StrPath) -> Table:
         return columns
     labels = read_labels(path)
     return {"id": list(labels), "verdict": list(labels.values())}
+
+
+def _side(verdict: object, name: Id) -> Side:
+    word = _OLD.get(str(verdict), str(verdict))
+    if word not in SIDES:
+        raise DataError(f"Demonstration {name!r}: the verdict {word!r} is unknown; write one of {', '.join(SIDES)}.")
+    return SIDES[word]
 
 
 def _numbers(table: Table, column: str) -> Array:

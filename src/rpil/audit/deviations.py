@@ -10,7 +10,9 @@ import numpy as np
 from rpil.audit.reasons import MAX_LOG_RATIO, worst_stretch
 from rpil.audit.record import Audit
 from rpil.audit.text import printable
+from rpil.audit.words import SIDES
 from rpil.data.spaces import Space
+from rpil.inference.findings import DECIDED
 from rpil.numerics.types import Array, Float, Int, Num
 
 Outputs = Callable[[Int[Array, " R"]], Float[Array, "R O"]]
@@ -39,7 +41,7 @@ def deviations(
     `actions` are codes of `classes`, or continuous with parts called `action_names`, if these have names. Without a
     trusted group there is nothing to compare with.
     """
-    if audit.finding != "told apart" or "expert" not in audit.verdicts:
+    if audit.finding not in DECIDED or "upper" not in map(SIDES.get, audit.verdicts):
         return ()
     rows = [_worst_rows(audit, m) for m in range(len(audit.ids))]
     ends = np.cumsum([len(own) for own in rows])
@@ -50,7 +52,7 @@ def deviations(
     if space.kind == "discrete":
         likely = (each.argmax(axis=1) for each in expected)
         return tuple(_other_action(classes[actions[r]], classes[k]) for r, k in zip(rows, likely, strict=True))
-    trusted = np.flatnonzero(np.repeat([v == "expert" for v in audit.verdicts], audit.lengths))
+    trusted = np.flatnonzero(np.repeat([SIDES[v] == "upper" for v in audit.verdicts], audit.lengths))
     trusted = trusted[:: 1 + len(trusted) // MAX_TRUSTED_STEPS]
     # The median error, times what makes it the standard deviation of a normal distribution.
     spread = 1.4826 * np.median(np.abs(actions[trusted] - outputs(trusted)), axis=0)

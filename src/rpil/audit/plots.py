@@ -14,17 +14,18 @@ from typing import TYPE_CHECKING, Any, Literal, Self
 import numpy as np
 
 from rpil.audit.text import printable
+from rpil.audit.words import SIDES, Side
 from rpil.numerics.types import Array, Float
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure, SubFigure
 
-    from rpil.audit.record import Audit, Verdict
+    from rpil.audit.record import Audit
 
 
 # The palette of Okabe and Ito, which readers with any of the common colour deficiencies can distinguish.
-COLOURS: dict[Verdict, str] = {"expert": "#0072b2", "uncertain": "#7f8790", "adversary": "#d55e00"}
+COLOURS: dict[Side, str] = {"upper": "#0072b2", "open": "#7f8790", "lower": "#d55e00"}
 MAX_NAMED_ROWS = 40
 
 
@@ -85,19 +86,20 @@ class RankingDisplay(_AuditDisplay):
         # Infinite log-odds are drawn beyond all others.
         bound = 2 * np.abs(values[np.isfinite(values)]).max(initial=1)
         values = values.clip(-bound, bound)
-        for verdict, colour in COLOURS.items():
-            mask = verdicts == verdict
+        for verdict in audit.verdict_counts():
+            mask, colour = verdicts == verdict, COLOURS[SIDES[verdict]]
             if quantity == "reliability":
                 ax.hlines(rows[mask], *intervals[mask].T, color=colour, alpha=0.4, linewidth=2)
             if mask.any():
                 ax.plot(values[mask], rows[mask], "o", color=colour, markersize=4.5, label=f"{verdict} ({mask.sum()})")
         if quantity == "reliability":
-            ax.set(xlim=(-0.02, 1.02), xlabel="Reliability (share of expert steps, 95 % interval)")
+            ax.set(xlim=(-0.02, 1.02), xlabel=f"Reliability (share of {audit.words.upper} steps, 95 % interval)")
         else:
             # Log-odds grow with the number of steps: some are hundreds of nats, others near 0.
             ax.set_xscale("symlog", linthresh=10)
-            ax.axvline(0, color=COLOURS["uncertain"], linewidth=0.8)
-            ax.set(xlabel="Log-odds of expert against adversary (nats, logarithmic beyond 10)")
+            ax.axvline(0, color=COLOURS["open"], linewidth=0.8)
+            words = audit.words
+            ax.set(xlabel=f"Log-odds of {words.upper} against {words.lower} (nats, logarithmic beyond 10)")
         if has_names:
             ax.set_yticks(rows, [printable(audit.ids[m]) for m in order], parse_math=False)
         ax.set(ylim=(size - 0.5, -0.5), ylabel="Demonstration" if has_names else "Rank")
@@ -112,8 +114,8 @@ class LengthDisplay(_AuditDisplay):
         """Draw one dot and its 95 % interval for each demonstration."""
         ax = self._prepare_axes(ax)
         audit, lengths, verdicts = self.audit, self.audit.lengths, np.array(self.audit.verdicts)
-        for verdict, colour in COLOURS.items():
-            mask = verdicts == verdict
+        for verdict in audit.verdict_counts():
+            mask, colour = verdicts == verdict, COLOURS[SIDES[verdict]]
             if mask.any():
                 ax.vlines(lengths[mask], *audit.reliability_interval[mask].T, color=colour, alpha=0.25, linewidth=1.5)
                 ax.plot(lengths[mask], audit.reliability[mask], "o", color=colour, markersize=4.5, label=verdict)
@@ -143,19 +145,19 @@ class TimelineDisplay(_AuditDisplay):
         index = int(self.audit.ranking()[-1]) if demonstration is None else self.audit.index(demonstration)
         ratio = self.audit.step_log_ratio[self.audit.steps(index)]
         steps, mean, marks = np.arange(len(ratio)), running_mean(ratio, window), self.audit.worst_steps(index, worst)
-        ax.plot(steps, ratio, ".", color=COLOURS["uncertain"], markersize=3, alpha=0.6)
-        ax.axhline(0, color=COLOURS["uncertain"], linewidth=0.8)
-        for colour, side in ((COLOURS["expert"], mean >= 0), (COLOURS["adversary"], mean <= 0)):
+        ax.plot(steps, ratio, ".", color=COLOURS["open"], markersize=3, alpha=0.6)
+        ax.axhline(0, color=COLOURS["open"], linewidth=0.8)
+        for colour, side in ((COLOURS["upper"], mean >= 0), (COLOURS["lower"], mean <= 0)):
             ax.fill_between(steps, mean, where=side, interpolate=True, color=colour, alpha=0.25, linewidth=0)
         ax.plot(steps, mean, color="#4a5158", linewidth=1.2)
-        ax.plot(marks, ratio[marks], "o", color=COLOURS["adversary"], markersize=6, fillstyle="none")
+        ax.plot(marks, ratio[marks], "o", color=COLOURS["lower"], markersize=6, fillstyle="none")
         # Bad steps are often neighbours, so that their numbers would overlap: one number for each run of them.
         labelled: list[int] = []
         for step in marks:
             if all(abs(step - other) > len(steps) / 20 for other in labelled):
                 labelled.append(step)
                 text = ax.text(step, ratio[step], f"\n{step}", ha="center", va="top", linespacing=0.8)
-                text.set(fontsize="small", color=COLOURS["adversary"])
+                text.set(fontsize="small", color=COLOURS["lower"])
         ax.margins(x=0.01, y=0.12)
         ax.set(xlabel="Step", ylabel="Log-ratio (nats)")
         ax.set_title(f"Demonstration {printable(self.audit.ids[index])}", parse_math=False)
@@ -170,7 +172,7 @@ class HistoryDisplay(_AuditDisplay):
         from matplotlib.ticker import MaxNLocator
 
         ax, history = self._prepare_axes(ax), self.audit.history
-        ax.plot(np.arange(1, len(history) + 1), history, "-o", color=COLOURS["expert"], markersize=2.5)
+        ax.plot(np.arange(1, len(history) + 1), history, "-o", color=COLOURS["upper"], markersize=2.5)
         ax.xaxis.set_major_locator(MaxNLocator(integer=True))
         ax.set(xlabel="Round", ylabel="Objective (nats)")
         return self

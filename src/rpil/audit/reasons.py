@@ -1,7 +1,7 @@
 """The reason for a verdict, as one sentence: the part of the evidence that decided, and the steps that stand out.
 
-Steps stand out where they are much more likely under the adversary, or the reference, than under the policy of an
-expert: the stretch of consecutive steps with the lowest sum of log-ratios.
+Steps stand out where they are much more likely under the reference, or the named adversary, than under the policy
+of the trusted: the stretch of consecutive steps with the lowest sum of log-ratios.
 """
 
 from __future__ import annotations
@@ -11,10 +11,12 @@ from typing import NamedTuple
 
 import numpy as np
 
+from rpil.audit.words import SIDES, Words
 from rpil.numerics.types import Array, Float
 
 MIN_STRETCH = 5.0
-"""Nats against an expert from which a stretch is named: a hundred and fifty to one. No verdict depends on it."""
+"""Nats against the policy of the trusted from which a stretch is named: a hundred and fifty to one. No verdict depends
+on it."""
 
 MAX_LOG_RATIO = 50.0
 """Nats. Log-ratios of steps are bounded by this in sums: one impossible step is not all there is to say."""
@@ -49,17 +51,21 @@ class Grounds:
     """What the reason for the verdict on one demonstration is made from."""
 
     finding: str
+    words: Words
     verdict: str
     log_odds: float
     from_actions: float
     from_demonstrator: float
-    is_labelled: bool
+    label: int
+    """1 labelled good, -1 bad, 0 not labelled."""
+    contradicts: bool
+    """Whether the label contradicts the other answers."""
     group: str
     """The letter of its group, where two groups compete, or nothing."""
     score: float
     """Mean log-ratio of its steps, in nats."""
     trusted_score: float
-    """The median score of the demonstrations with the verdict "expert"; NaN where there is none."""
+    """The median score of the demonstrations with the upper word; NaN where there is none."""
     stretch: Stretch | None
     deviation: str
     """What it does in its worst steps, against what the trusted do there; or nothing."""
@@ -68,30 +74,34 @@ class Grounds:
         """The reason."""
         reason = self._decided()
         if self.stretch is not None and self.finding != "nothing could be learned":
-            reason += f"; {self.stretch.steps} least like an expert's ({self.stretch.nats:+.1f} nats)"
+            reason += f"; {self.stretch.steps} least like {self.words.upper} ones ({self.stretch.nats:+.1f} nats)"
             reason += f": {self.deviation}" if self.deviation else ""
         return f"{reason}."
 
     def _decided(self) -> str:
         """What decided."""
-        sign = {"expert": 1, "uncertain": 0, "adversary": -1}[self.verdict]
+        sign = {"upper": 1, "open": 0, "lower": -1}[SIDES[self.verdict]]
         own, others = f"{self.from_actions:+.1f} nats", f"{self.from_demonstrator:+.1f} nats"
-        if self.is_labelled:
-            return f"Labelled {self.verdict}" + (
-                f", against its actions ({own})" if sign * self.from_actions < 0 else ""
-            )
-        if self.finding == "cannot be known":
+        if self.label:
+            labelled = f"Labelled {'good' if self.label > 0 else 'bad'}"
+            return f"{labelled}, which contradicts the other answers: look again" if self.contradicts else labelled
+        if self.finding == "two groups":
             group = f"It acts as group {self.group} does, and only" if self.group else "Only"
-            return f"{group} a label can tell which group is the expert's"
+            return f"{group} an answer can tell which group is good"
         if self.finding == "nothing could be learned":
             return "Nothing tells it from the others: the state does not help to predict anyone's actions"
+        if self.finding == "in doubt":
+            return "There is a reason to doubt the scores, so that it gets no word"
+        if self.finding == "answered" and sign:
+            return f"Judged by what the answers say of demonstrations like it ({self.log_odds:+.1f} nats)"
         if self.finding == "nobody stands out":
             return "Nothing tells it from the others: all scores are one group"
-        if self.verdict == "uncertain":
-            return f"Its log-odds of {self.log_odds:+.1f} nats are too close to 0 for a verdict"
+        if sign == 0:
+            either = f"{self.words.upper} or {self.words.lower}"
+            return f"Its log-odds of {self.log_odds:+.1f} nats are too close to 0 to call it {either}"
         if sign * self.from_demonstrator > sign * self.from_actions:
             return f"Judged by its demonstrator's other demonstrations ({others}; {own} from its own actions)"
-        # Without an expert the trusted score is NaN, which no score is below.
-        is_lower = self.verdict == "adversary" and self.score < self.trusted_score
-        trusted = f", that of the trusted {self.trusted_score:+.2f}" if is_lower else ""
+        # Without a trusted one the trusted score is NaN, which no score is below.
+        is_lower = sign < 0 and self.score < self.trusted_score
+        trusted = f", that of the {self.words.upper} ones {self.trusted_score:+.2f}" if is_lower else ""
         return f"Judged by its actions: its mean log-ratio is {self.score:+.2f} nats{trusted}"

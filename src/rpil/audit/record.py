@@ -3,28 +3,25 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Hashable, Mapping
-from dataclasses import asdict, dataclass, field, replace
+from collections.abc import Hashable, Mapping, Sequence
+from dataclasses import asdict, dataclass, field
 from functools import cached_property
-from typing import Literal, TypeVar
+from typing import TypeVar
 
 import numpy as np
-from scipy.special import expit
 
-from rpil.audit.calibration import PlattCalibration
-from rpil.audit.label_choice import choose_labels
 from rpil.audit.reasons import MAX_LOG_RATIO, Grounds, worst_stretch
 from rpil.audit.settings import AuditSettings
+from rpil.audit.words import SIDES, WORDS, Verdict, Words
 from rpil.data.archive import NOT_STORED, stored
 from rpil.data.errors import DataError
-from rpil.data.formats.id_values import match_labels
 from rpil.data.run import run_id
+from rpil.inference.answers import Answers
 from rpil.numerics.types import Array, Float, Int
 
 MAX_LOG_ODDS = 1e9
 """Nats. Infinite log-odds become this, because JSON has no infinity: of steps that an adversary can never take."""
 
-Verdict = Literal["expert", "adversary", "uncertain"]
 Id = TypeVar("Id", bound=Hashable)
 
 
@@ -41,15 +38,13 @@ class Interval:
 @stored()
 @dataclass(frozen=True)
 class Demonstrator:
-    """Trust in a demonstrator who gave several demonstrations, and how many of them have each verdict."""
+    """Trust in a demonstrator who gave several demonstrations; `Audit.verdict_counts` counts their words."""
 
     name: Hashable
     trust: Interval
-    """Probability that a demonstration of this demonstrator is an expert's."""
-    n_demonstrations: int
-    experts: int
-    adversaries: int
-    uncertain: int
+    """The mean of `Audit.expert_proba` that is expected of another demonstration of this demonstrator."""
+    demonstrations: tuple[Hashable, ...]
+    """Their ids."""
 
 
 @stored(
@@ -64,6 +59,7 @@ class Demonstrator:
     step_log_ratio="N",
     step_weight="N",
     history="iterations",
+    columns="M D",
 )
 @dataclass(frozen=True, eq=False)
 class Audit:
@@ -76,35 +72,33 @@ class Audit:
     offsets : (M + 1,) int array
         Demonstration m has the steps ``offsets[m]:offsets[m + 1]``.
     finding : str
-        "told apart", "cannot be known", "nobody stands out" or "nothing could be learned"; see
-        `rpil.inference.trust.FINDINGS`. Verdicts are given only where demonstrations were told apart.
+        One of `rpil.inference.findings.FINDINGS`.
     log_odds : (M,) array
-        log P(expert) - log P(adversary), in nats; the sum of `evidence`.
+        log P - log(1 - P), in nats, where P is the probability that `words` names; the sum of `evidence`.
     from_actions, from_demonstrator, from_label : (M,) arrays
         The parts of `log_odds`, in nats: from the actions of the demonstration itself, from the other demonstrations of
         its demonstrator, and from its label.
     expert_proba : (M,) array
-        P(expert) = ``sigmoid(log_odds)``, or 0.5 where the finding is "cannot be known" or "nothing could be learned".
-        It is the probability that the demonstration belongs to the group that agrees best; that this group is good is
-        an assumption.
+        The probability that `words` names and explains: ``sigmoid(log_odds)``, or 0.5 where the finding is "two
+        groups" or "nothing could be learned" and nothing was answered.
     reliability : (M,) array
-        Share of the steps of the demonstration that are an expert's: posterior mean.
+        Share of the steps of the demonstration that are like those of the trusted: posterior mean.
     reliability_interval : (M, 2) array
         Its 95 % posterior interval.
-    verdicts : tuple of {"expert", "adversary", "uncertain"}
+    verdicts : tuple of str
+        The upper and the lower one of `words`, or "open" where the data do not decide.
     step_log_ratio : (N,) array
         ``log pi(a|s) - log psi(a|s)`` of each step, in nats.
     step_weight : (N,) array
         Weight of each step for training a policy, in [0, 1].
     prior : Interval
-        Share of expert demonstrations.
+        Share of the demonstrations that the upper one of `words` describes.
     identifiable : bool
-        False where two groups of demonstrations each agree among themselves and nothing says which one is the expert's.
-        Then `competing` holds the groups, and `to_label` the ids of demonstrations whose labels would decide.
+        False where two groups of demonstrations each have a policy of their own and nothing says which one is good.
     competing : tuple of tuple of ids
-        Two such groups; where `identifiable` is true, two styles, which differ in some states only.
-    to_label : tuple of ids
-        One demonstration of each group.
+        These two groups.
+    pair : tuple of ids
+        Two demonstrations of which the answer to "which is better?" would say most; empty where there are none.
     adversary : str
         Name of the adversary of the mixture, or of the reference of the judge.
     history : (T,) array
@@ -113,11 +107,19 @@ class Audit:
         The assumptions of the audit, one sentence each.
     demonstrators : tuple of Demonstrator
         The most trusted first; empty where demonstrators were not given.
-    labelled : tuple of ids
-        Demonstrations whose label was given.
+    answers : Answers
+        The labels, pairs and outcomes that were given.
+    contradicting : tuple of ids
+        Demonstrations whose label contradicts the other answers.
+    doubts : tuple of str
+        Reasons not to call anybody unlike the others, one sentence each.
+    columns : (M, D) array
+        What answers learn from, see `rpil.inference.answered`; (M, 0) where there is none.
     deviations : tuple of str
         What each demonstration does in its worst steps, against what the trusted do there, or ""; empty where the data
         are not in memory (`rpil.audit.deviations`).
+    anchor : {"none", "answers", "named adversary"}
+        What says who is good; see `rpil.audit.words`.
     settings : AuditSettings
         Those by which verdicts and weights were given.
     """
@@ -140,11 +142,15 @@ class Audit:
     history: Float[Array, " T"]
     identifiable: bool = True
     competing: tuple[tuple[Hashable, ...], ...] = ()
-    to_label: tuple[Hashable, ...] = ()
+    pair: tuple[Hashable, ...] = ()
     assumptions: tuple[str, ...] = ()
     demonstrators: tuple[Demonstrator, ...] = ()
-    labelled: tuple[Hashable, ...] = ()
+    answers: Answers = field(default_factory=Answers.none)
+    contradicting: tuple[Hashable, ...] = ()
+    doubts: tuple[str, ...] = ()
+    columns: Float[Array, "M D"] = field(default_factory=lambda: np.empty((0, 0)))
     deviations: tuple[str, ...] = ()
+    anchor: str = "none"
     settings: AuditSettings = field(default=AuditSettings(), metadata=NOT_STORED)  # files hold the estimator's
 
     @property
@@ -162,17 +168,20 @@ class Audit:
         """The reason for the verdict on each demonstration, one sentence each."""
         log_ratio = np.clip(self.step_log_ratio, -MAX_LOG_RATIO, MAX_LOG_RATIO, dtype=float)
         score = np.add.reduceat(log_ratio, self.offsets[:-1]) / self.lengths
-        trusted = score[np.array(self.verdicts) == "expert"]
+        trusted = score[[SIDES[verdict] == "upper" for verdict in self.verdicts]]
         letters = {name: letter for letter, group in self.groups.items() for name in group}
-        labelled = set(self.labelled)
+        label_of = dict(zip(self.ids, self.answers.labels.tolist(), strict=False))
+        contradicting = set(self.contradicting)
         grounds = (
             Grounds(
                 finding=self.finding,
+                words=self.words,
                 verdict=self.verdicts[m],
                 log_odds=float(self.log_odds[m]),
                 from_actions=float(self.from_actions[m]),
                 from_demonstrator=float(self.from_demonstrator[m]),
-                is_labelled=name in labelled,
+                label=label_of.get(name, 0),
+                contradicts=name in contradicting,
                 group=letters.get(name, ""),
                 score=float(score[m]),
                 trusted_score=float(np.median(trusted)) if len(trusted) else math.nan,
@@ -184,9 +193,27 @@ class Audit:
         return tuple(each.sentence() for each in grounds)
 
     @property
+    def labelled(self) -> tuple[Hashable, ...]:
+        """Ids of the demonstrations whose label was given."""
+        return tuple(self.ids[m] for m in np.flatnonzero(self.answers.labels).tolist())
+
+    @property
     def groups(self) -> dict[str, tuple[Hashable, ...]]:
         """The `competing` groups by their names, A and B."""
         return dict(zip("AB", self.competing, strict=False))
+
+    @property
+    def words(self) -> Words:
+        """The words of the verdicts, and the name and the meaning of `expert_proba`."""
+        return WORDS[self.anchor]
+
+    def verdict_counts(self, ids: Sequence[Hashable] | None = None) -> dict[str, int]:
+        """The number of demonstrations with each word: of all, or of those called `ids`."""
+        verdict_of: dict[Hashable, str] = dict(zip(self.ids, self.verdicts, strict=True))
+        verdicts = [verdict_of[name] for name in (self.ids if ids is None else ids)]
+        own = (self.words.upper, "open", self.words.lower)
+        # Where tasks are judged by themselves, some may have an anchor and others none.
+        return {word: verdicts.count(word) for word in SIDES if word in own or word in self.verdicts}
 
     @property
     def lengths(self) -> Int[Array, " M"]:
@@ -198,72 +225,35 @@ class Audit:
         return np.argsort(-self.log_odds, kind="stable")
 
     def suggest_labels(self, k: int = 3) -> tuple[Hashable, ...]:
-        """Ids of up to `k` unlabelled demonstrations whose labels would say most about the others, the best first.
-
-        First one of each group in `to_label`, then the demonstrations in the middle of the ranking; see
-        `rpil.audit.label_choice`.
+        """Ids of up to `k` demonstrations without a label whose labels would say most, the best first; see
+        `rpil.audit.answering.suggest`.
 
         Raises
         ------
         DataError
             If `k` is not positive.
         """
-        if k < 1:
-            raise DataError(f"k={k!r} labels cannot be suggested; ask for one at least.")
-        index = {name: m for m, name in enumerate(self.ids)}
-        first, labelled = ([index[name] for name in names] for names in (self.to_label, self.labelled))
-        return tuple(self.ids[m] for m in choose_labels(self.log_odds, first, labelled, k))
+        from rpil.audit.answering import suggest
 
-    def calibrated(self, labels: Mapping[Id, str], settings: AuditSettings | None = None) -> Audit:
-        """The same audit with P(expert) calibrated by labels that `fit` did not see.
+        return suggest(self, k)
 
-        A slope and an offset of the log-odds are fitted to the labels, see `rpil.audit.calibration`; verdicts and step
-        weights follow. The order of the demonstrations without a label stays the same.
+    def answered(self, labels: Mapping[Id, str] | None = None, pairs: Sequence[tuple[Id, Id]] = ()) -> Audit:
+        """The same audit with these answers beside those that it has; no policy is fitted again.
 
         Parameters
         ----------
-        labels : mapping of id to {"expert", "adversary"}
-        settings : AuditSettings, optional
-            By default those of the audit.
+        labels : mapping of id to {"good", "bad"}
+        pairs : sequence of (id, id)
+            The better and the worse of two demonstrations.
 
         Raises
         ------
         DataError
-            If two groups compete, an id or a label is unknown, or fewer labels are new than the calibration needs.
+            If an id or a label is unknown, or answers contradict each other.
         """
-        if not self.identifiable:
-            raise DataError("Two groups compete for being the expert; fit with one label before calibrating.")
-        settings, is_expert = settings or self.settings, match_labels(labels, self.ids)
-        index = np.array([m for m in is_expert if self.ids[m] not in self.labelled], dtype=int)
-        if len(index) < settings.calibration.min_labels:
-            raise DataError(
-                f"{len(index)} labels that the fit did not see are too few to calibrate with; give at least "
-                f"{settings.calibration.min_labels}, to calibrated() alone and not to fit()."
-            )
-        signs = np.zeros(len(self.ids), dtype=np.int64)
-        signs[index] = [1 if is_expert[m] else -1 for m in index.tolist()]
-        calibration = PlattCalibration.fit(self.log_odds[index], signs[index] > 0, settings.calibration)
-        in_fit = np.array([name in self.labelled for name in self.ids])
-        corrected = np.where(in_fit, self.log_odds, calibration.log_odds(self.log_odds))
-        log_odds = apply_labels(corrected, signs, settings)
-        proba, old_proba = expit(log_odds), np.repeat(self.expert_proba, self.lengths)
-        relative_weight = np.divide(self.step_weight, old_proba, out=np.ones(len(old_proba)), where=old_proba > 0)
-        sentence = (
-            f"Calibrated on {len(index)} labels: log-odds times {calibration.slope:.2f}, {calibration.offset:+.2f}."
-        )
-        return replace(
-            self,
-            log_odds=log_odds,
-            finding="told apart",
-            from_actions=self.from_actions + corrected - self.log_odds,
-            from_label=self.from_label + log_odds - corrected,
-            expert_proba=proba,
-            verdicts=tuple(verdict(p, settings) for p in proba),
-            step_weight=np.repeat(proba, self.lengths) * np.minimum(relative_weight, 1.0),
-            labelled=(*self.labelled, *(self.ids[m] for m in index.tolist())),
-            assumptions=(*self.assumptions, sentence),
-            settings=settings,
-        )
+        from rpil.audit.answering import with_answers
+
+        return with_answers(self, labels or {}, pairs)
 
     def worst_steps(self, index: int, k: int = 5) -> list[int]:
         """Up to `k` steps of demonstration `index` with the lowest log-ratios below 0, counted from its first step."""
@@ -299,11 +289,14 @@ class Audit:
             "n_demonstrations": len(self.ids),
             "n_steps": int(self.offsets[-1]),
             "finding": self.finding,
+            "anchor": self.anchor,
             "adversary": self.adversary,
             "prior": asdict(self.prior),
             "identifiable": self.identifiable,
             "groups": [list(group) for group in self.competing],
-            "to_label": list(self.to_label),
+            "pair": list(self.pair),
+            "doubts": list(self.doubts),
+            "contradicting": list(self.contradicting),
             "assumptions": list(self.assumptions),
             "demonstrations": [
                 {
@@ -319,19 +312,9 @@ class Audit:
                 }
                 for m in self.ranking().tolist()
             ],
-            "demonstrators": [asdict(demonstrator) for demonstrator in self.demonstrators],
+            "demonstrators": [
+                {"name": who.name, "trust": asdict(who.trust), "n_demonstrations": len(who.demonstrations)}
+                | {"verdicts": self.verdict_counts(who.demonstrations)}
+                for who in self.demonstrators
+            ],
         }
-
-
-def apply_labels(log_odds: Float[Array, " M"], labels: Int[Array, " M"], settings: AuditSettings) -> Float[Array, " M"]:
-    """Log-odds in which labels (1 expert, -1 adversary, 0 unknown) are as good as certain; all become finite."""
-    log_odds = np.clip(log_odds, -MAX_LOG_ODDS, MAX_LOG_ODDS)
-    labelled: Array = labels * np.maximum(np.abs(log_odds), settings.min_label_log_odds)
-    return np.where(labels == 0, log_odds, labelled)
-
-
-def verdict(expert_proba: float, settings: AuditSettings) -> Verdict:
-    """The verdict on a demonstration that can be told apart."""
-    if expert_proba >= settings.min_verdict_proba:
-        return "expert"
-    return "adversary" if expert_proba <= 1 - settings.min_verdict_proba else "uncertain"

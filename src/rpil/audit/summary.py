@@ -7,29 +7,35 @@ from collections.abc import Hashable, Sequence
 import numpy as np
 from scipy.special import expit
 
-from rpil.audit.record import MAX_LOG_ODDS, Audit, Demonstrator, Interval, Verdict, apply_labels, verdict
+from rpil.audit.answering import doubts_of_answers, verdicts_of
+from rpil.audit.record import MAX_LOG_ODDS, Audit, Demonstrator, Interval
 from rpil.audit.settings import AuditSettings
+from rpil.audit.words import WORDS, Anchor
 from rpil.data.demonstrators import Demonstrators
 from rpil.data.fit_data import FitData
+from rpil.inference.answers import Answers
+from rpil.inference.claims import Doubt
 from rpil.inference.trust import Judgement
 from rpil.mixture.em import Result
 from rpil.numerics.types import Array, Float, Int
 
+MAX_NAMES = 20
+"""Demonstrations that a sentence names, at most."""
+
 
 def audit_from_judgement(
-    judgement: Judgement, data: FitData, ids: Sequence[Hashable], settings: AuditSettings
+    judgement: Judgement, data: FitData, ids: Sequence[Hashable], answers: Answers, settings: AuditSettings
 ) -> Audit:
     """The audit of the judge, of demonstrations that are called `ids`."""
-    rival, steps, finding = judgement.rival, judgement.step_trust, judgement.finding
-    groups = () if rival is None else (rival.trusted, rival.rival)
-    unlabelled = data.labels == 0
-    log_odds = apply_labels(judgement.log_odds, data.labels, settings)
+    steps, finding, claims = judgement.step_trust, judgement.finding, judgement.claims
+    anchor: Anchor = "none" if judgement.answered is None else "answers"
+    known = judgement.answered
+    groups = claims.groups if known is None else None
+    log_odds = np.clip(judgement.log_odds, -MAX_LOG_ODDS, MAX_LOG_ODDS)
     proba = expit(log_odds)
-    if finding in ("cannot be known", "nothing could be learned"):
-        proba = np.where(unlabelled, 0.5, proba)
-    verdicts = tuple(verdict(p, settings) for p in proba)
-    if finding != "told apart":
-        verdicts = tuple("uncertain" if u else v for u, v in zip(unlabelled, verdicts, strict=True))
+    if finding in ("two groups", "nothing could be learned"):
+        proba = np.full(len(proba), 0.5)
+    doubts = tuple(doubt_sentence(doubt, ids) for doubt in claims.doubts) if known is None else ()
     return Audit(
         ids=tuple(ids),
         offsets=np.asarray(data.offsets, dtype=np.int64),
@@ -37,23 +43,34 @@ def audit_from_judgement(
         log_odds=log_odds,
         from_actions=judgement.from_actions,
         from_demonstrator=judgement.from_demonstrator,
-        from_label=log_odds - judgement.log_odds,
+        from_label=judgement.from_answers,
         expert_proba=proba,
         reliability=steps.reliability,
         reliability_interval=steps.interval,
-        verdicts=verdicts,
+        verdicts=verdicts_of(judgement.words, anchor),
         step_log_ratio=judgement.log_ratio,
         step_weight=step_weight(data.lengths, proba, steps.reliability, steps.step, settings),
         prior=Interval(*judgement.expert_share),
-        identifiable=finding != "cannot be known",
-        competing=tuple(tuple(ids[m] for m in group) for group in groups),
-        to_label=tuple(ids[m] for m in longest_unlabelled(data, groups)),
+        identifiable=finding != "two groups",
+        competing=() if groups is None else tuple(tuple(ids[m] for m in group) for group in groups),
+        pair=() if judgement.pair is None else tuple(ids[m] for m in judgement.pair),
         adversary="frequent actions" if data.space.kind == "discrete" else "any action",
         history=judgement.scores.fit.history,
-        demonstrators=rank_demonstrators(data.demonstrators, judgement.demonstrator_trust, verdicts),
-        labelled=tuple(ids[m] for m in np.flatnonzero(data.labels).tolist()),
+        demonstrators=rank_demonstrators(data.demonstrators, judgement.demonstrator_trust, ids),
+        anchor=anchor,
+        answers=answers,
+        contradicting=() if known is None else tuple(ids[m] for m in known.contradicting.tolist()),
+        doubts=doubts if known is None else doubts_of_answers(known, answers),
+        columns=judgement.columns,
         settings=settings,
     )
+
+
+def doubt_sentence(doubt: Doubt, ids: Sequence[Hashable]) -> str:
+    """The sentence of a doubt, with the names of its demonstrations."""
+    names = [str(ids[m]) for m in doubt.members.tolist()]
+    shown = names if len(names) <= MAX_NAMES else [*names[:MAX_NAMES], "..."]
+    return doubt.sentence.replace("{members}", ", ".join(shown))
 
 
 def audit_from_mixture(
@@ -67,12 +84,13 @@ def audit_from_mixture(
     the weight of its steps are P(expert)."""
     posterior = result.posterior
     from_actions = np.nan_to_num(posterior.log_odds, posinf=MAX_LOG_ODDS, neginf=-MAX_LOG_ODDS)
-    log_odds = apply_labels(from_actions, data.labels, settings)
+    log_odds = certain(from_actions, data.labels, settings)
     proba = expit(log_odds)
     return Audit(
         ids=tuple(ids),
         offsets=np.asarray(data.offsets, dtype=np.int64),
-        finding="told apart",
+        finding="mixture",
+        anchor="named adversary",
         log_odds=log_odds,
         from_actions=from_actions,
         from_demonstrator=np.zeros(len(log_odds)),
@@ -80,21 +98,22 @@ def audit_from_mixture(
         expert_proba=proba,
         reliability=proba,
         reliability_interval=np.stack([proba, proba], axis=1),
-        verdicts=tuple(verdict(p, settings) for p in proba),
+        verdicts=tuple(WORDS["named adversary"].verdict(p, settings.min_verdict_proba) for p in proba),
         step_log_ratio=posterior.log_ratio,
         step_weight=data.per_step(proba),
         prior=expert_share,
         adversary=result.state.adversary.name,
         history=result.history,
-        labelled=tuple(ids[m] for m in np.flatnonzero(data.labels).tolist()),
+        answers=Answers.of_labels(data.labels.astype(np.int64)),
         settings=settings,
     )
 
 
-def longest_unlabelled(data: FitData, groups: Sequence[Array]) -> list[int]:
-    """The longest demonstration without a label of each of the `groups` of indices that has one."""
-    unlabelled = (group[data.labels[group] == 0] for group in groups)
-    return [int(group[np.argmax(data.lengths[group])]) for group in unlabelled if len(group)]
+def certain(log_odds: Float[Array, " M"], labels: Int[Array, " M"], settings: AuditSettings) -> Float[Array, " M"]:
+    """Log-odds in which labels (1 good, -1 bad, 0 unknown) are as good as certain; all become finite."""
+    log_odds = np.clip(log_odds, -MAX_LOG_ODDS, MAX_LOG_ODDS)
+    labelled: Array = labels * np.maximum(np.abs(log_odds), settings.min_label_log_odds)
+    return np.where(labels == 0, log_odds, labelled)
 
 
 def step_weight(
@@ -140,15 +159,14 @@ def typical_reliability(
 
 
 def rank_demonstrators(
-    demonstrators: Demonstrators, trust: Float[Array, "U 3"], verdicts: Sequence[Verdict]
+    demonstrators: Demonstrators, trust: Float[Array, "U 3"], ids: Sequence[Hashable]
 ) -> tuple[Demonstrator, ...]:
     """The demonstrators with a name, the most trusted first; `trust` holds the mean and the 95 % interval of each."""
     if not demonstrators.informative:
         return ()
     ranked = []
     for u, name in enumerate(demonstrators.names):
-        own = [verdicts[m] for m in np.flatnonzero(demonstrators.index == u).tolist()]
-        counts = [own.count(kind) for kind in ("expert", "adversary", "uncertain")]
         if name is not None:
-            ranked.append(Demonstrator(name, Interval(*map(float, trust[u])), len(own), *counts))
+            own = tuple(ids[m] for m in np.flatnonzero(demonstrators.index == u).tolist())
+            ranked.append(Demonstrator(name, Interval(*map(float, trust[u])), own))
     return tuple(sorted(ranked, key=lambda demonstrator: -demonstrator.trust.mean))

@@ -1,53 +1,58 @@
-"""Several tasks in one set of data: the demonstrations of each are judged by themselves, and the audits become one."""
+"""Several tasks or sessions in one set of data: each is judged by itself, and the audits become one."""
 
 from __future__ import annotations
 
 from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 
-from rpil.audit.record import Audit, Interval, Verdict
+from rpil.audit.record import Audit, Interval
 from rpil.audit.settings import AuditSettings
+from rpil.audit.subset import AuditOfPart
+from rpil.audit.words import Verdict
+from rpil.inference.answers import Answers
+from rpil.inference.findings import FINDINGS
 from rpil.numerics.types import Array
 
 MIN_DEMONSTRATIONS = 8
 """Of a task: with fewer the verdicts are weak, and a user is warned."""
 
-ALONE = "Not judged: it is the only demonstration of its task."
-_FINDINGS = ("told apart", "cannot be known", "nobody stands out", "nothing could be learned")
+ALONE = "Not judged: it is the only demonstration of its task or session."
+_FINDINGS = tuple(FINDINGS)
 
 
 @dataclass(frozen=True, eq=False)
-class AuditOfTasks(Audit):
-    """The audits of several tasks as one; each sentence and number is that of the demonstration's own task."""
-
-    own_reasons: tuple[str, ...] = ()
-
-    @cached_property
-    def reasons(self) -> tuple[str, ...]:
-        """The reason for the verdict on each demonstration, one sentence each."""
-        return self.own_reasons
+class AuditOfTasks(AuditOfPart):
+    """The audits of several tasks or sessions as one; each sentence and number is that of the demonstration's own."""
 
 
-def split_by_task(ids: Sequence[Hashable], tasks: Mapping[str, str]) -> dict[str, list[int]]:
-    """The numbers of the demonstrations of each task, by the `tasks` of the ids as text."""
+def split_by_task(
+    ids: Sequence[Hashable], tasks: Mapping[str, str], sessions: Sequence[str] = ()
+) -> dict[str, list[int]]:
+    """The numbers of the demonstrations of each task and session, by the `tasks` of the ids as text."""
     places: dict[str, list[int]] = {}
+    several = len({tasks.get(str(name), "") for name in ids}) > 1
     for m, name in enumerate(ids):
-        places.setdefault(tasks.get(str(name), ""), []).append(m)
+        task = tasks.get(str(name), "")
+        group = f"{task or 'no task'}, {sessions[m]}" if sessions and several else sessions[m] if sessions else task
+        places.setdefault(group, []).append(m)
     return places
 
 
 def join_audits(
-    audits: Mapping[str, Audit], places: Mapping[str, Sequence[int]], ids: Sequence[Hashable], offsets: Array
+    audits: Mapping[str, Audit],
+    places: Mapping[str, Sequence[int]],
+    ids: Sequence[Hashable],
+    offsets: Array,
+    what: str = "tasks",
 ) -> Audit:
-    """One audit of the M demonstrations `ids`, from those of their tasks.
+    """One audit of the M demonstrations `ids`, from those of their tasks, or `what` the groups are.
 
     Parameters
     ----------
     audits : mapping of task to Audit
-        A task with a single demonstration has none: it stays uncertain.
+        A task with a single demonstration has none: it stays open.
     places : mapping of task to sequence of int
         The numbers of the demonstrations of each task, in the order of its audit.
     offsets : (M + 1,) int array
@@ -58,7 +63,7 @@ def join_audits(
     columns = {name: np.full(n, value) for name, value in (values | {"expert_proba": 0.5, "reliability": 0.5}).items()}
     interval = np.tile([0.0, 1.0], (n, 1))
     steps = {"step_log_ratio": np.zeros(n_steps), "step_weight": np.full(n_steps, 0.5)}
-    verdicts: list[Verdict] = ["uncertain"] * n
+    verdicts: list[Verdict] = ["open"] * n
     reasons, deviations = [ALONE] * n, [""] * n
     for task, audit in audits.items():
         rows = np.concatenate([np.arange(offsets[m], offsets[m + 1]) for m in places[task]])
@@ -71,6 +76,7 @@ def join_audits(
             verdicts[m], reasons[m] = audit.verdicts[k], audit.reasons[k]
             deviations[m] = audit.deviations[k] if audit.deviations else ""
     parts = list(audits.values())
+    anchors = {audit.anchor for audit in parts}
     opposed = next((audit for audit in parts if not audit.identifiable), None)
     assumptions = dict.fromkeys(sentence for audit in parts for sentence in audit.assumptions)
     return AuditOfTasks(
@@ -86,18 +92,42 @@ def join_audits(
         history=np.empty(0),
         identifiable=opposed is None,
         competing=opposed.competing if opposed else (),
-        to_label=opposed.to_label if opposed else (),
-        assumptions=(_sentence(audits, places), *assumptions),
+        pair=next((audit.pair for audit in parts if audit.pair), ()),
+        assumptions=(_sentence(audits, places, what), *assumptions),
         demonstrators=tuple(demonstrator for audit in parts for demonstrator in audit.demonstrators),
-        labelled=tuple(name for audit in parts for name in audit.labelled),
+        answers=_joined_answers(audits, places, n),
+        contradicting=tuple(name for audit in parts for name in audit.contradicting),
+        doubts=tuple(dict.fromkeys(doubt for audit in parts for doubt in audit.doubts)),
+        columns=_joined_columns(audits, places, n),
+        # Each verdict keeps the word of its task; where tasks differ, the probability is what it is without an anchor.
+        anchor=anchors.pop() if len(anchors) == 1 else "none",
         deviations=tuple(deviations) if any(deviations) else (),
         settings=parts[0].settings if parts else AuditSettings(),
         own_reasons=tuple(reasons),
     )
 
 
+def _joined_answers(audits: Mapping[str, Audit], places: Mapping[str, Sequence[int]], n: int) -> Answers:
+    """The answers of all tasks, by the numbers of the demonstrations among all `n`."""
+    joined = Answers(np.zeros(n, dtype=np.int64), np.empty((0, 2), dtype=np.int64), np.full(n, np.nan))
+    pairs = [joined.pairs]
+    for task, audit in audits.items():
+        own, rows = audit.answers, np.asarray(places[task])
+        joined.labels[rows], joined.outcome[rows] = own.labels, own.outcome
+        pairs.append(rows[own.pairs])
+    return Answers(joined.labels, np.concatenate(pairs), joined.outcome)
+
+
+def _joined_columns(audits: Mapping[str, Audit], places: Mapping[str, Sequence[int]], n: int) -> Array:
+    """The columns of all tasks, which are ranks within each; 0 for a demonstration without a task."""
+    columns = np.zeros((n, max((audit.columns.shape[1] for audit in audits.values()), default=0)))
+    for task, audit in audits.items():
+        columns[places[task]] = audit.columns
+    return columns
+
+
 def _mean_prior(audits: Sequence[Audit]) -> Interval:
-    """The shares of experts in the tasks, weighted by their numbers of demonstrations."""
+    """The shares in the tasks, weighted by their numbers of demonstrations."""
     if not audits:
         return Interval(0.5, 0.0, 1.0)
     weights = [len(audit.ids) for audit in audits]
@@ -105,9 +135,9 @@ def _mean_prior(audits: Sequence[Audit]) -> Interval:
     return Interval(*np.average(shares, axis=0, weights=weights).tolist())
 
 
-def _sentence(audits: Mapping[str, Audit], places: Mapping[str, Sequence[int]]) -> str:
+def _sentence(audits: Mapping[str, Audit], places: Mapping[str, Sequence[int]], what: str) -> str:
     findings = (
         f"{task or 'no task'} ({len(rows):,}: {audits[task].finding if task in audits else 'not judged'})"
         for task, rows in places.items()
     )
-    return f"Demonstrations are judged within their tasks: {', '.join(findings)}."
+    return f"Demonstrations are judged within their {what}: {', '.join(findings)}."

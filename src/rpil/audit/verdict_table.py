@@ -9,6 +9,7 @@ from types import MappingProxyType
 
 from rpil.audit.faults.record import Finding
 from rpil.audit.record import Audit
+from rpil.audit.words import SIDES
 from rpil.data.files import StrPath, check_extension, replacing
 from rpil.data.formats import csv, parquet
 
@@ -76,8 +77,13 @@ def write_verdicts(
     writer.write_tables(path, iter([pa.table(columns)]))
 
 
+def kept(audit: Audit) -> list[Hashable]:
+    """The ids of all demonstrations but those that are called unlike, bad or adversary, in the order of the data."""
+    return [name for name, verdict in zip(audit.ids, audit.verdicts, strict=True) if SIDES[verdict] != "lower"]
+
+
 def write_kept(path: StrPath, audit: Audit) -> None:
-    """Write ``{"episodes": [...], "run": ...}``: the ids with the verdict "expert", and the run id.
+    """Write ``{"episodes": [...], "run": ...}``: the `kept` ids, and the run id.
 
     Ids are in the order of the data. Whole numbers are written as such: then the list is what LeRobot takes as the
     episodes of a data set.
@@ -87,8 +93,9 @@ def write_kept(path: StrPath, audit: Audit) -> None:
     DataError
         Where the path has another extension, or cannot be written.
     """
-    trusted = [name for name, verdict in zip(file_ids(audit.ids), audit.verdicts, strict=True) if verdict == "expert"]
-    _write_json(check_extension(path, (".json",), "demonstrations to keep"), {"episodes": trusted, "run": audit.run_id})
+    own = set(kept(audit))
+    ids = [name for old, name in zip(audit.ids, file_ids(audit.ids), strict=True) if old in own]
+    _write_json(check_extension(path, (".json",), "demonstrations to keep"), {"episodes": ids, "run": audit.run_id})
 
 
 def file_ids(ids: Sequence[Hashable]) -> list[int] | list[str]:

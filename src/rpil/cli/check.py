@@ -95,6 +95,7 @@ def check_recording(
 def audit_fault_lines(report: FaultReport, audit: Audit, file: str) -> list[str]:
     """The recording faults beside an audit: how many, and those that may explain low trust."""
     from rpil.audit.faults.record import explain
+    from rpil.audit.words import SIDES
 
     if not report.findings:
         return ["No recording faults found."]
@@ -102,7 +103,7 @@ def audit_fault_lines(report: FaultReport, audit: Audit, file: str) -> list[str]
     lines = [
         f"Recording faults, which do not change the trust: {counts}; {shlex.join(['rpil', 'check', file])} lists them."
     ]
-    distrusted = [name for name, verdict in zip(audit.ids, audit.verdicts, strict=True) if verdict == "adversary"]
+    distrusted = [name for name, verdict in zip(audit.ids, audit.verdicts, strict=True) if SIDES[verdict] == "lower"]
     reasons = [(name, reason) for name in distrusted if (reason := explain(report.findings, name))]
     return lines + [f"  {terminal.printable(name)}: {reason}" for name, reason in reasons[:MAX_REASONS]]
 

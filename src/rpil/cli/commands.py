@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any, NoReturn
 import click
 
 from rpil.cli import INTERRUPTED, tell_of_interruption
+from rpil.cli.given import Given
 from rpil.cli.options import FitOptions
 from rpil.cli.progress import ProgressTiming, StageProgress
 from rpil.cli.terminal import print_warnings, to_one_line
@@ -26,7 +27,6 @@ if TYPE_CHECKING:
     from rpil.data.demonstrations import Demonstrations
     from rpil.data.formats.columns import ColumnOptions
     from rpil.data.formats.dataset import Dataset
-    from rpil.data.formats.id_values import Label
     from rpil.data.formats.recording import Recording
     from rpil.estimators.rpil import RPIL
     from rpil.estimators.settings import Settings
@@ -120,8 +120,25 @@ def read_recording(
     return formats.read_recording(file, columns, on_disk=stream)
 
 
-def resolve_stream(stream: bool | None, scheduler: str | None) -> bool | None:
-    """`stream` for `read_recording`: with a cluster the data stay on disk, because its workers read them."""
+def read_reference(
+    reference: str | None, file: str, columns: ColumnOptions, progress: StageProgress
+) -> Recording | None:
+    """The recording of good demonstrations at `reference`, if one is given beside `file`, with its options."""
+    if reference is None:
+        return None
+    if os.path.realpath(reference) == os.path.realpath(file):
+        raise DataError(f"{reference}: the reference is the data themselves; give other demonstrations.")
+    return read_recording(reference, columns, progress)
+
+
+def resolve_stream(stream: bool | None, scheduler: str | None, reference: str | None = None) -> bool | None:
+    """`stream` for `read_recording`: with a cluster the data stay on disk, because its workers read them; with a
+    reference they are read into memory."""
+    if reference is not None and (stream or scheduler):
+        option = "--scheduler" if scheduler else "--stream"
+        raise click.UsageError(f"--reference needs all data in memory: leave out {option}")
+    if reference is not None:
+        return False
     if scheduler and stream is False:
         raise click.UsageError("--scheduler and --no-stream exclude each other: leave one out")
     return True if scheduler else stream
@@ -169,7 +186,6 @@ def fit_rpil(
     options: FitOptions,
     progress: StageProgress,
     engine: Engine | None = None,
-    warn_if_ambiguous: bool = True,
 ) -> tuple[RPIL, Mapping[str, str]]:
     """`RPIL`, fitted to the demonstrations in `file` with the options of the command line, and the demonstrators by the
     ids of their demonstrations as text."""
@@ -177,8 +193,9 @@ def fit_rpil(
     if n_tasks > 1:
         message = f"{file}: its {n_tasks} tasks are judged and learned as one; rpil audit judges each by itself."
         warnings.warn(message, stacklevel=1)
-    given = _read_ids(recording, options)
-    return _fit(file, recording.demonstrations, given, options, progress, engine, warn_if_ambiguous), given[1]
+    given = Given.read(recording, options)
+    model = _fit(file, recording.demonstrations, given, options, progress, engine)
+    return model, given.demonstrators
 
 
 def audit_by_task(
@@ -187,79 +204,95 @@ def audit_by_task(
     options: FitOptions,
     progress: StageProgress,
     engine: Engine | None = None,
-    warn_if_ambiguous: bool = True,
+    reference: Recording | None = None,
 ) -> tuple[Audit, Mapping[str, str]]:
-    """The audit of the demonstrations in `file`, each judged within its task, and the demonstrators as `fit_rpil`."""
-    from rpil.audit.tasks import MIN_DEMONSTRATIONS, join_audits, split_by_task
+    """The audit of the demonstrations in `file`, each judged within its task and session, beside those of a
+    `reference`; and the demonstrators as `fit_rpil`."""
+    from rpil.audit.tasks import join_audits, split_by_task
 
-    demonstrations = recording.demonstrations
-    places = split_by_task(demonstrations.ids, recording.tasks)
+    demonstrations, given = recording.demonstrations, Given.read(recording, options, reference)
+    if options.session:
+        from rpil.data.facts import check_sessions
+
+        check_sessions(given.facts.sessions, options.session, recording.description.source)
+    places = split_by_task(demonstrations.ids, recording.tasks, given.facts.sessions)
+    fit_options = options, progress, engine
     if len(places) == 1:
-        model, demonstrators = fit_rpil(file, recording, options, progress, engine, warn_if_ambiguous)
-        return model.audit_, demonstrators
-    labels, demonstrators = _read_ids(recording, options)
+        return _audit(file, demonstrations, given, *fit_options), given.demonstrators
     audits: dict[str, Audit] = {}
-    for task, rows in places.items():
-        if len(rows) < MIN_DEMONSTRATIONS:
-            warnings.warn(
-                f"{file}: the task {task!r} has {len(rows)} demonstrations, too few to judge them well; to judge all "
-                f"tasks as one, add --exclude {recording.description.task_column}.",
-                stacklevel=1,
-            )
-        if len(rows) > 1:
+    for group, rows in places.items():
+        _warn_of_few(file, group, len(rows), recording, options)
+        if len(rows) > 1 or reference is not None:
             part = demonstrations.select(rows)
-            ids = {*map(str, part.ids)}
-            own_labels = {m: label for m, label in labels.items() if m in ids}
-            who = {m: name for m, name in demonstrators.items() if m in ids}
-            audits[task] = _fit(file, part, (own_labels, who), options, progress, None, warn_if_ambiguous).audit_
-    return join_audits(audits, places, demonstrations.ids, demonstrations.offsets), demonstrators
+            own = given.select(rows, {*map(str, part.ids)})
+            audits[group] = _audit(file, part, own, options, progress, None)
+    what = "sessions" if options.session else "tasks"
+    what = f"tasks and {what}" if options.session and len({*recording.tasks.values()}) > 1 else what
+    return join_audits(audits, places, demonstrations.ids, demonstrations.offsets, what), given.demonstrators
 
 
-def _read_ids(recording: Recording, options: FitOptions) -> tuple[dict[str, Label], dict[str, str]]:
-    """The labels and the demonstrators, by the ids of the demonstrations as text."""
-    if options.adversary != "auto" and options.minority != "ask":
-        raise click.UsageError("--minority has no effect with a named --adversary: leave one out")
-    from rpil.data import formats
-    from rpil.data.formats.table import check_ids
+def _warn_of_few(file: str, group: str, n: int, recording: Recording, options: FitOptions) -> None:
+    """Warn where a task or session has too few demonstrations."""
+    from rpil.audit.tasks import MIN_DEMONSTRATIONS
 
-    demonstrations = recording.demonstrations
-    labels = formats.read_labels(options.labels) if options.labels else {}
-    # The estimator checks these ids too, but cannot name the file.
-    check_ids(labels, demonstrations.ids, str(options.labels), "the labels")
-    demonstrators = formats.read_demonstrators(options.operator, recording) if options.operator else {}
-    check_ids(demonstrators, demonstrations.ids, str(options.operator), "the demonstrators")
-    return labels, demonstrators
+    if n < MIN_DEMONSTRATIONS:
+        what = "session" if options.session else "task"
+        remedy = "leave out --session" if options.session else f"add --exclude {recording.description.task_column}"
+        warnings.warn(
+            f"{file}: the {what} {group!r} has {n} demonstrations, too few to judge them well; to judge all {what}s as "
+            f"one, {remedy}.",
+            stacklevel=1,
+        )
+
+
+def _audit(
+    file: str,
+    demonstrations: Demonstrations | Dataset,
+    given: Given,
+    options: FitOptions,
+    progress: StageProgress,
+    engine: Engine | None,
+) -> Audit:
+    """The audit of the demonstrations, which are judged together with those of the reference if there is one."""
+    if given.reference is None:
+        return _fit(file, demonstrations, given, options, progress, engine).audit_
+    from rpil.audit.subset import select
+    from rpil.data.reference import with_reference
+
+    n, own = len(demonstrations), load_into_memory(demonstrations)
+    both = with_reference(own, given.reference)
+    given = given.with_good([str(name) for name in both.ids[n:]])
+    return select(_fit(file, both, given, options, progress, engine).audit_, range(n), own.ids)
 
 
 def _fit(
     file: str,
     demonstrations: Demonstrations | Dataset,
-    given: tuple[Mapping[str, Label], Mapping[str, str]],  # labels and demonstrators
+    given: Given,
     options: FitOptions,
     progress: StageProgress,
     engine: Engine | None,
-    warn_if_ambiguous: bool,
 ) -> RPIL:
     progress("starting")
-    from rpil.data.errors import AmbiguousWarning
+    from rpil.data.facts import tells
     from rpil.estimators.rpil import RPIL
 
     checkpoint = _checkpoint_path(file, options.resume)
     model = RPIL(
         features=options.features,
         adversary=options.adversary,
-        minority=options.minority,
-        labels=given[0] or None,
+        labels=given.labels or None,
         random_state=options.seed,
         progress=progress,
         checkpoint=checkpoint,
         engine=engine,
         settings=CommandSettings.current().fit,
     )
-    if not warn_if_ambiguous:
-        warnings.simplefilter("ignore", AmbiguousWarning)
+    outcome = given.facts.outcome if tells(given.facts.outcome) else None  # of a session it may be the same for all
     try:
-        return model.fit(demonstrations, demonstrators=given[1] or None)
+        return model.fit(
+            demonstrations, demonstrators=given.demonstrators or None, outcome=outcome, order=given.facts.order
+        )
     except KeyboardInterrupt:
         if checkpoint.exists():
             tell_if_interrupted(f"the work so far is in {checkpoint}; run the command again with --resume")

@@ -17,6 +17,7 @@ from rpil.audit.html.number_format import format_number
 from rpil.audit.html.page import Article, html_environment, write_page
 from rpil.audit.html.pictures import returns_figure, score_figure
 from rpil.audit.record import Audit
+from rpil.audit.words import SIDES
 from rpil.data import formats
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError, MissingExtraError
@@ -62,7 +63,7 @@ class LunarLanderResult:
     audit: Audit
     seconds: float  # duration of the audit
     returns: dict[str, Returns]  # of "trust_all", "rpil", "oracle" and "expert", from the same starts; or empty
-    wrong_verdicts: int  # verdicts that are not the truth; "uncertain" counts as wrong
+    wrong_verdicts: int  # verdicts that are not the truth; "open" counts as wrong
     not_played: str = ""  # why there are no returns, and what to install
 
     def returns_sentence(self) -> str:
@@ -202,7 +203,8 @@ def _run_lunarlander(episodes: int, seed: int, progress: Progress) -> LunarLande
         returns = {name: play(policy, name) for name, policy in policies.items()}
     except MissingExtraError as error:
         not_played = str(error)
-    wrong = int((np.array(model.audit_.verdicts) != np.where(is_good, "expert", "adversary")).sum())
+    sides = np.array([SIDES[verdict] for verdict in model.audit_.verdicts])
+    wrong = int((sides != np.where(is_good, "upper", "lower")).sum())
     return LunarLanderResult(model.audit_, seconds, returns, wrong, not_played)
 
 

@@ -12,6 +12,7 @@ from rpil.cli.commands import (
     connect_engine,
     load_into_memory,
     read_recording,
+    read_reference,
     resolve_stream,
 )
 from rpil.cli.options import (
@@ -20,7 +21,7 @@ from rpil.cli.options import (
     pop_columns,
     quiet_option,
     with_column_options,
-    with_fit_options,
+    with_judge_options,
 )
 from rpil.cli.progress import StageProgress, show_stages
 from rpil.cli.terminal import print_lines
@@ -35,16 +36,18 @@ if TYPE_CHECKING:
 @click.command()
 @click.argument("file", type=click.Path())
 @click.option("-o", "--output", type=click.Path(), metavar="NEW", help="A new file, or folder.")
-@click.option("--in-place", is_flag=True, help="Only list them in FILE itself, as mask/rpil_expert: HDF5 of robomimic.")
+@click.option("--in-place", is_flag=True, help="Only list them in FILE itself, as mask/rpil_kept: HDF5 of robomimic.")
 @click.option("--share", metavar="S", type=click.FloatRange(0, 1, min_open=True), help="Keep this share, as .8.")
-@click.option("--at-least", metavar="P", type=click.FloatRange(0, 1), help="Keep those whose P(expert) is P or more.")
+@click.option(
+    "--at-least", metavar="P", type=click.FloatRange(0, 1), help="Keep those with a probability of P or more."
+)
 @click.option(
     "--verdicts",
     type=click.Path(),
     metavar="FILE",
     help="Verdicts that rpil audit wrote, or labels: keep by these, and judge nothing.",
 )
-@with_fit_options
+@with_judge_options
 def keep(
     file: str,
     output: str | None,
@@ -54,13 +57,13 @@ def keep(
     verdicts: str | None,
     **options: Any,
 ) -> None:
-    """Write the trusted demonstrations to a new file of the same format.
+    """Write demonstrations to a new file of the same format, without those that an audit calls unlike or bad.
 
-    These are the ones with the verdict expert, unless --share or --at-least says otherwise.
+    All others are kept, unless --share or --at-least says otherwise.
     """
     if share is not None and at_least is not None:
         raise click.UsageError("--share and --at-least exclude each other: leave one out")
-    from rpil.audit.choice import Table, read_verdicts, trusted_ids
+    from rpil.audit.choice import Table, kept_ids, read_verdicts
     from rpil.audit.verdict_table import verdict_columns
     from rpil.data import formats
     from rpil.data.formats.table import check_ids
@@ -72,23 +75,25 @@ def keep(
     else:
         formats.check_mask(file)
     quiet, stream, scheduler = (options.pop(name) for name in ("quiet", "stream", "scheduler"))
+    reference = options.pop("reference")
     columns = pop_columns(options)
     if options["features"] == "auto":
         options["features"] = "folded"  # the judge's, as in an audit: no policy is kept
     with show_stages(quiet, CommandSettings.current().timing) as progress:
         if verdicts is None:
             with connect_engine(scheduler, progress) as engine:
-                read = read_recording(file, columns, progress, resolve_stream(stream, scheduler))
-                audit, who = audit_by_task(file, read, FitOptions(**options), progress, engine)
+                read = read_recording(file, columns, progress, resolve_stream(stream, scheduler, reference))
+                good = read_reference(reference, file, columns, progress)
+                audit, who = audit_by_task(file, read, FitOptions(**options), progress, engine, reference=good)
             table: Table = verdict_columns(audit, who)
             ids, why = read.demonstrations.ids, f" ({audit.finding})"
         else:
             table, why = read_verdicts(verdicts), ""
             ids = _ids(file, columns, progress, stream)
             check_ids(table["id"], ids, verdicts, "the ids")
-        kept = trusted_ids(table, share, at_least)
+        kept = kept_ids(table, share, at_least)
         if not kept:
-            raise DataError(f"{file}: no demonstration is trusted enough{why}; give labels, or choose with --share.")
+            raise DataError(f"{file}: no demonstration is left{why}; give labels, or choose with --share.")
         progress(f"writing {output or file}")
         if output is None:
             formats.write_mask(file, kept)

@@ -21,13 +21,15 @@ from rpil.cli.options import (
     ERROR_CHOICE,
     FitOptions,
     OutputFile,
+    WordLimit,
     json_option,
     pop_columns,
     quiet_option,
     seed_option,
     with_fit_options,
+    with_judge_options,
 )
-from rpil.cli.outputs import OUTPUTS, Audited, judged_within, lines_after_output, write_outputs
+from rpil.cli.outputs import OUTPUTS, Audited, judged_within, lines_after_output, tell_if_too_many, write_outputs
 from rpil.cli.progress import StageProgress, show_count, show_stages
 from rpil.data.files import check_outputs
 
@@ -56,7 +58,7 @@ def _show_stages(quiet: bool) -> AbstractContextManager[StageProgress]:
 )
 @click.pass_context
 def main(ctx: click.Context, /) -> None:
-    """Find out which demonstrations can be trusted, and learn a policy from these.
+    """Find out which demonstrations are unlike the others, or bad, and learn a policy from the rest.
 
     FILE holds demonstrations as .parquet, .csv or .npz: one row per step, with columns such as episode_index, action
     and observation.*. It can also be a folder of .parquet or .csv files, or the address of one, larger than the memory.
@@ -89,16 +91,29 @@ for command in (check, info, keep, convert):
     "--keep",
     type=OutputFile(".json"),
     metavar="OUT.json",
-    help="Also write the ids of the trusted demonstrations, as LeRobot takes them.",
+    help="Also write the ids of the demonstrations to keep, all but unlike or bad ones, as LeRobot takes them.",
+)
+@click.option(
+    "--fail-on",
+    type=WordLimit(),
+    metavar="unlike|bad[:N]",
+    help="Exit with code 1 where more than N demonstrations, by default 0, are unlike or bad.",
 )
 @click.option("--suggest", metavar="K", type=click.IntRange(1), help="Name the K labels that would say most.")
 @click.option("--all", "all_rows", is_flag=True, help="Print all demonstrations, not the worst and doubtful ones only.")
 @json_option
-@with_fit_options
+@with_judge_options
 @click.pass_context
 def audit(
-    ctx: click.Context, /, file: str, suggest: int | None, all_rows: bool, json_wanted: bool, **options: Any
-) -> None:
+    ctx: click.Context,
+    /,
+    file: str,
+    suggest: int | None,
+    all_rows: bool,
+    json_wanted: bool,
+    fail_on: str | None,
+    **options: Any,
+) -> int:
     """Print how far each demonstration can be trusted, the least trusted first.
 
     No policy is kept: with --features auto none are chosen for one, and the verdicts are those of rpil fit.
@@ -106,14 +121,17 @@ def audit(
     start = time.perf_counter()
     outputs = {title: options.pop(title) for title in OUTPUTS}
     quiet, stream, scheduler = (options.pop(name) for name in ("quiet", "stream", "scheduler"))
-    check_outputs((file, options["labels"], options["operator"]), *outputs.values())
-    stream = commands.resolve_stream(stream, scheduler)
+    reference = options.pop("reference")
+    check_outputs((file, options["labels"], options["operator"], reference), *outputs.values())
+    stream = commands.resolve_stream(stream, scheduler, reference)
+    columns = pop_columns(options)
     if options["features"] == "auto":
         options["features"] = "folded"  # the judge's features; no final policy is kept, so none need be chosen
     with _show_stages(quiet) as progress:
         with connect_engine(scheduler, progress) as engine:
-            read = read_recording(file, pop_columns(options), progress, stream)
-            result, who = audit_by_task(file, read, FitOptions(**options), progress, engine, json_wanted)
+            read = read_recording(file, columns, progress, stream)
+            good = commands.read_reference(reference, file, columns, progress)
+            result, who = audit_by_task(file, read, FitOptions(**options), progress, engine, good)
         progress("looking for recording faults")
         faults = check_recording(read)
         write_outputs(outputs, result, Audited(file, read, faults, who), time.perf_counter() - start, progress)
@@ -137,6 +155,7 @@ def audit(
             click.echo(f"{title.capitalize()}: {path}", err=json_wanted)
             if not json_wanted and not quiet:
                 terminal.print_lines(lines_after_output(title, path, file, result))
+    return tell_if_too_many(result, fail_on)
 
 
 @main.command()
@@ -174,7 +193,7 @@ def fit(ctx: click.Context, /, file: str, output: str, method: str, trusted: int
 
         model: BehavioralCloning | RMEnt | RPIL
         if method == "rpil":
-            model, _ = fit_rpil(file, recording, FitOptions(**options), progress, engine, warn_if_ambiguous=False)
+            model, _ = fit_rpil(file, recording, FitOptions(**options), progress, engine)
         else:
             progress("learning")
             if trusted is None:
@@ -186,7 +205,7 @@ def fit(ctx: click.Context, /, file: str, output: str, method: str, trusted: int
     size = f"{len(demonstrations):,} demonstrations ({demonstrations.n_steps:,} steps)"
     if isinstance(model, RPIL):
         click.echo(f"{terminal.finding_sentence(model.audit_)}\n{terminal.verdict_sentence(model.audit_)}")
-        _print_next_steps(ctx, model.audit_, quiet, f"Without a label, the policy in {output} learns from both groups.")
+        _print_next_steps(ctx, model.audit_, quiet)
     elif trusted is None:
         click.echo(f"All of {size} were trusted alike.")
     else:
@@ -197,8 +216,8 @@ def fit(ctx: click.Context, /, file: str, output: str, method: str, trusted: int
 
 def _refuse_rpil_options(ctx: click.Context, method: str) -> None:
     """Refuse options that only --method rpil has."""
-    given = [name for name in ("labels", "operator", "resume") if ctx.params[name]]
-    chosen = ("adversary", "minority")
+    given = [name for name in ("labels", "operator", "outcome", "resume") if ctx.params[name]]
+    chosen = ("adversary",)
     given += [name for name in chosen if ctx.get_parameter_source(name) is ParameterSource.COMMANDLINE]
     if given:
         message = f"--{min(given)} has no effect with --method {method}: leave it out, or use --method rpil"
@@ -245,7 +264,7 @@ def evaluate(policy: str, env: str, episodes: int, json_wanted: bool, seed: int,
 def simulate(env: str, kind: str, good: int, bad: int, output: str, seed: int, quiet: bool) -> None:
     """Make demonstrations of known quality.
 
-    The good ones come first. The columns is_good and episode_return hold the truth, which no method reads.
+    Good and bad are in a random order. The columns is_good and episode_return hold the truth, which no method reads.
     """
     check_outputs((), output)
     with _show_stages(quiet) as progress:
@@ -299,11 +318,9 @@ def demo(episodes: int, output: str, json_wanted: bool, seed: int, quiet: bool) 
     click.echo(f"Report: {output}", err=json_wanted)
 
 
-def _print_next_steps(
-    ctx: click.Context, audit: Audit, quiet: bool, consequence: str = "", n_labels: int = N_LABELS
-) -> None:
-    """Print what to do next, with the command to run then; if `quiet`, only where two groups compete."""
-    if quiet and audit.identifiable:
+def _print_next_steps(ctx: click.Context, audit: Audit, quiet: bool, n_labels: int = N_LABELS) -> None:
+    """Print what to do next, with the command to run then; nothing if `quiet`."""
+    if quiet:
         return
     words = ["rpil", str(ctx.info_name)]
     for param in ctx.command.params:
@@ -317,4 +334,4 @@ def _print_next_steps(
                 for one in value if isinstance(value, tuple) else (value,):
                     words += [param.opts[0], str(one)]
     labels = ctx.params["labels"] or "labels.csv"
-    click.echo(terminal.next_steps(audit, labels, shlex.join(words), n_labels, consequence))
+    click.echo(terminal.next_steps(audit, labels, shlex.join(words), n_labels))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import reduce
@@ -15,7 +16,6 @@ from rpil.data.missing import fill_chunks
 
 if TYPE_CHECKING:
     from rpil.data.formats.columns import ColumnOptions
-    from rpil.inference.settings import Minority
 
 
 @dataclass(frozen=True)
@@ -26,9 +26,9 @@ class FitOptions:
     operator: str | None
     features: str
     adversary: str
-    minority: Minority
     seed: int
     resume: bool
+    session: str | None = None
 
 
 class NameChoice(click.Choice[str]):
@@ -49,7 +49,6 @@ FEATURE_CHOICE = NameChoice("auto", "raw", "folded", "spline", "poly", "nystroem
 ADVERSARY_CHOICE = NameChoice(
     *("auto", "constant", "uniform", "marginal", "complement", "normalised complement", "confusion", "own policy")
 )
-MINORITY_CHOICE = NameChoice("ask", "trust", "distrust")
 ERROR_CHOICE = NameChoice("corrupted", "random", "flip", "shift", "noisy", "window", "sensor")
 
 
@@ -62,6 +61,17 @@ class OutputFile(click.Path):
 
     def convert(self, value: StrPath, param: click.Parameter | None, ctx: click.Context | None) -> str:
         return str(check_extension(value, self.extensions, param.opts[-1] if param else ""))
+
+
+class WordLimit(click.ParamType[str]):
+    """``unlike`` or ``bad``, with a number that is allowed, as ``unlike:2``."""
+
+    name = "word"
+
+    def convert(self, value: str, param: click.Parameter | None, ctx: click.Context | None) -> str:
+        if re.fullmatch(r"(unlike|bad)(:\d{1,9})?", value) is None:
+            self.fail(f"{value!r} is neither unlike nor bad, with a number as in unlike:2", param, ctx)
+        return value
 
 
 def _limit_memory(ctx: click.Context, param: click.Parameter, size: str | None) -> str | None:
@@ -124,6 +134,11 @@ FIT_OPTIONS = (
         "--labels", type=click.Path(), metavar="FILE", help="Labels of some demonstrations: CSV (id,label) or JSON."
     ),
     click.option(
+        "--outcome",
+        metavar="[-]COLUMN",
+        help="How each demonstration ended: a success, a return, rewards; or length, its steps; - where more is worse.",
+    ),
+    click.option(
         "--features",
         type=FEATURE_CHOICE,
         default="auto",
@@ -137,14 +152,6 @@ FIT_OPTIONS = (
         show_default=True,
         help="Model of the actions of bad demonstrators; auto needs none.",
     ),
-    click.option(
-        "--minority",
-        type=MINORITY_CHOICE,
-        default="ask",
-        show_default=True,
-        help="What to do about a second group that acts differently from the first: ask for a label, trust it too, or "
-        "distrust the smaller one.",
-    ),
     click.option("--resume", is_flag=True, help="Go on with a long run that was interrupted."),
     stream_option,
     click.option("--scheduler", metavar="ADDRESS", help="Address of a Dask cluster that does the work; Parquet only."),
@@ -153,16 +160,35 @@ FIT_OPTIONS = (
 )
 
 
-def with_fit_options(command: Callable[..., None]) -> Callable[..., None]:
+JUDGE_OPTIONS = (
+    *FIT_OPTIONS,
+    click.option(
+        "--session", metavar="COLUMN|file", help="Judge within sessions: a column, or the file of each demonstration."
+    ),
+    click.option(
+        "--reference",
+        type=click.Path(),
+        metavar="FILE",
+        help="Demonstrations that are known to be good, judged beside those of the other FILE and not printed.",
+    ),
+)
+
+
+def with_judge_options(command: Callable[..., object]) -> Callable[..., object]:
+    """Those of a fit, and how to judge without a policy."""
+    return reduce(lambda wrapped, option: option(wrapped), reversed(JUDGE_OPTIONS), command)
+
+
+def with_fit_options(command: Callable[..., object]) -> Callable[..., object]:
     return reduce(lambda wrapped, option: option(wrapped), reversed(FIT_OPTIONS), command)
 
 
-def with_column_options(command: Callable[..., None]) -> Callable[..., None]:
+def with_column_options(command: Callable[..., object]) -> Callable[..., object]:
     return reduce(lambda wrapped, option: option(wrapped), reversed(COLUMN_OPTIONS), command)
 
 
 def pop_columns(options: dict[str, Any]) -> ColumnOptions:
-    """The options for reading, removed from `options`; the operator stays, because a fit needs it too."""
+    """The options for reading, removed from `options`; operator and session stay, because a fit needs them too."""
     from rpil.data.formats.columns import ColumnOptions
     from rpil.data.formats.id_values import is_id_file
 
@@ -171,5 +197,7 @@ def pop_columns(options: dict[str, Any]) -> ColumnOptions:
     del options["memory"], options["fill_missing"]  # their callbacks have set them
     return ColumnOptions(
         operator=None if operator is None or is_id_file(operator) else operator,
+        outcome=options.pop("outcome", None),
+        session=options.get("session"),
         **{name: options.pop(name) for name in names},
     )

@@ -8,6 +8,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import click
+
 from rpil.cli.commands import tell_if_interrupted
 from rpil.cli.progress import StageProgress
 
@@ -34,7 +36,7 @@ def write_outputs(
     paths: Mapping[str, str | None], audit: Audit, given: Audited, seconds: float, progress: StageProgress
 ) -> None:
     """Write the files of `OUTPUTS` whose paths are given; the audit took so many `seconds`."""
-    from rpil.audit.verdict_table import write_kept, write_verdicts
+    from rpil.audit.verdict_table import kept, write_kept, write_verdicts
     from rpil.data.formats.weights import write_weights
 
     def write_report(path: str) -> None:
@@ -49,8 +51,8 @@ def write_outputs(
 
     def write_keep(path: str) -> None:
         write_kept(path, audit)
-        if "expert" not in audit.verdicts:
-            warnings.warn(f"{path}: no demonstration has the verdict expert, so that it lists none.", stacklevel=1)
+        if not kept(audit):
+            warnings.warn(f"{path}: every demonstration is {audit.words.lower}, so that it lists none.", stacklevel=1)
 
     steps = audit.ids, audit.offsets, audit.step_weight, audit.expert_proba, audit.log_odds
     writers: dict[str, Callable[[str], None]] = {
@@ -71,12 +73,28 @@ def write_outputs(
 
 def lines_after_output(title: str, path: str, source: str, audit: Audit) -> list[str]:
     """What to do with the file at `path`, an output, where the tool that wrote the data at `source` takes it."""
+    from rpil.audit.verdict_table import kept
     from rpil.data import formats
 
     if title == "weights":
         return formats.notes_on_weights(source)
-    kept = [name for name, verdict in zip(audit.ids, audit.verdicts, strict=True) if verdict == "expert"]
-    return formats.commands_to_keep(source, audit.ids, kept, path) if title == "keep" and kept else []
+    ids = kept(audit)
+    return formats.commands_to_keep(source, audit.ids, ids, path) if title == "keep" and ids else []
+
+
+def tell_if_too_many(audit: Audit, limit: str | None) -> int:
+    """The exit code under a `WordLimit`: 1, with a line on stderr, if more are unlike or bad than it allows, else 0."""
+    from rpil.audit.words import n_lower
+
+    count, allowed = n_lower(audit.verdicts), int((limit or "").partition(":")[2] or 0)
+    if limit is None or count <= allowed:
+        return 0
+    click.echo(
+        f"rpil: {count:,} of {len(audit.ids):,} demonstrations are {audit.words.lower}, and --fail-on {limit} allows "
+        f"{allowed:,}.",
+        err=True,
+    )
+    return 1
 
 
 def judged_within(audit: Audit) -> tuple[str, ...]:

@@ -20,23 +20,13 @@ if TYPE_CHECKING:
 
     from rpil.audit.record import Audit, Demonstrator
 
-VERDICT_COLOURS = {"expert": "green", "uncertain": "yellow", "adversary": "red"}
+SIDE_COLOURS = {"upper": "green", "open": "yellow", "lower": "red"}
 
 MAX_ROWS = 26  # of the ranking, and of the demonstrators with their titles, unless all are asked for
 MAX_DEMONSTRATORS = 4
 MAX_IDS = 20  # in one line
 N_WORST = 3  # demonstrations whose reasons are printed, and that the next step names
 PIPE_WIDTH = 10_000  # of a table where there is no terminal: no line is wrapped
-
-CANNOT_BE_KNOWN = (
-    "Two groups of demonstrations act in two different ways in the same states. Nothing in the data says which of them "
-    "is the expert, so all verdicts are uncertain."
-)
-MINORITY_OPTIONS = "If both groups are good, use --minority trust. If group A is the expert's, use --minority distrust."
-TWO_STYLES = (
-    "There are two styles: two groups of demonstrations act differently in some states. Both may be good; if one is "
-    "bad, label one demonstration of each."
-)
 
 
 @contextmanager
@@ -69,7 +59,7 @@ def _replace_non_finite(value: object) -> object:
 
 
 def finding_sentence(audit: Audit) -> str:
-    from rpil.inference.trust import FINDINGS
+    from rpil.inference.findings import FINDINGS
 
     return f"{audit.finding.capitalize()}: {FINDINGS[audit.finding]}"
 
@@ -81,18 +71,16 @@ def print_lines(lines: Iterable[str]) -> None:
 
 
 def print_audit(audit: Audit, all_rows: bool = False) -> None:
-    """Print the finding, the ranking, the meaning of P(expert), the demonstrators, and the number of each verdict.
+    """Print the finding, the ranking, the meaning of the probability, the demonstrators, and the counts of words.
 
     Ranking and demonstrators have at most `MAX_ROWS` rows, unless `all_rows`.
     """
-    from rpil.audit.assumptions import P_EXPERT
-
     click.echo(f"{finding_sentence(audit)}\n")
     n_rows = MAX_ROWS - (MAX_DEMONSTRATORS + 4 if audit.demonstrators else 0)
     shown = worst_and_doubtful(audit, len(audit.ids) if all_rows else n_rows)
     _print_ranking(audit, shown)
     _print_reasons(audit, shown[:N_WORST])
-    click.echo(f"\n{P_EXPERT}\n")
+    click.echo(f"\n{audit.words.explanation}\n")
     if audit.demonstrators:
         _print_demonstrators(audit.demonstrators[::-1][: None if all_rows else MAX_DEMONSTRATORS], audit)
     click.echo(verdict_sentence(audit))
@@ -101,10 +89,12 @@ def print_audit(audit: Audit, all_rows: bool = False) -> None:
 def worst_and_doubtful(audit: Audit, n_rows: int) -> list[int]:
     """Up to `n_rows` indices of demonstrations, the least trusted first: half of them the most doubtful ones.
 
-    Doubtful are those that got no verdict although demonstrations were told apart.
+    Doubtful are those that stay open although the finding gives words.
     """
+    from rpil.inference.findings import DECIDED
+
     order = audit.ranking()[::-1].tolist()
-    doubtful = [m for m in order if audit.finding == "told apart" and audit.verdicts[m] == "uncertain"]
+    doubtful = [m for m in order if audit.finding in DECIDED and audit.verdicts[m] == "open"]
     shown = set(sorted(doubtful, key=lambda m: abs(audit.log_odds[m]))[: n_rows // 2])
     shown |= set([m for m in order if m not in shown][: n_rows - len(shown)])
     return [m for m in order if m in shown]
@@ -113,9 +103,11 @@ def worst_and_doubtful(audit: Audit, n_rows: int) -> list[int]:
 def _print_ranking(audit: Audit, shown: Sequence[int]) -> None:
     from rich.text import Text
 
+    from rpil.audit.words import SIDES
+
     parts = audit.evidence_columns()
     sums = (f"{'+' if k else '='} {name}" for k, name in enumerate(parts))
-    table = _empty_table("id", "steps", "log-odds", *sums, "P(expert)", "reliability")
+    table = _empty_table("id", "steps", "log-odds", *sums, audit.words.probability, "reliability")
     table.add_column("verdict", no_wrap=True)
     table.add_column("worst steps")
     groups = {name: letter for letter, members in _groups(audit).items() for name in members}
@@ -128,7 +120,7 @@ def _print_ranking(audit: Audit, shown: Sequence[int]) -> None:
             *(f"{value[m]:+,.2f}" for value in (audit.log_odds, *parts.values())),
             f"{audit.expert_proba[m]:.3f}",
             f"{audit.reliability[m]:.2f}",
-            Text(audit.verdicts[m], style=VERDICT_COLOURS[audit.verdicts[m]]),
+            Text(audit.verdicts[m], style=SIDE_COLOURS[SIDES[audit.verdicts[m]]]),
             " ".join(map(str, audit.worst_steps(m))),
             *([groups.get(audit.ids[m], "")] if groups else []),
         )
@@ -146,9 +138,9 @@ def _print_reasons(audit: Audit, shown: Sequence[int]) -> None:
 def _print_demonstrators(shown: Sequence[Demonstrator], audit: Audit) -> None:
     from rich.text import Text
 
-    table = _empty_table("demonstrator", "trust", "95 %", "demonstrations", *VERDICT_COLOURS)
+    table = _empty_table("demonstrator", "trust", "95 %", "demonstrations", *audit.verdict_counts())
     for row in shown:
-        counts = row.n_demonstrations, row.experts, row.uncertain, row.adversaries
+        counts = len(row.demonstrations), *audit.verdict_counts(row.demonstrations).values()
         trust = f"{row.trust.mean:.2f}", f"{row.trust.low:.2f} to {row.trust.high:.2f}"
         table.add_row(Text(printable(row.name)), *trust, *(f"{count:,}" for count in counts))
     _print_table(table, len(audit.demonstrators), "demonstrators")
@@ -179,62 +171,55 @@ def _print_table(table: Table, n_rows: int, what: str) -> None:
 
 
 def verdict_sentence(audit: Audit) -> str:
+    from rpil.inference.findings import DECIDED
+
     size = f"{len(audit.ids):,} demonstrations ({audit.offsets[-1]:,} steps)"
-    if audit.finding != "told apart":
-        return f"{size} are ranked; there are no verdicts{' except on labelled ones' if audit.labelled else ''}."
-    expert, uncertain, adversary = (audit.verdicts.count(verdict) for verdict in ("expert", "uncertain", "adversary"))
-    return f"Of {size}, {expert:,} can be trusted, {adversary:,} cannot be trusted, and {uncertain:,} are uncertain."
+    if audit.finding not in DECIDED:
+        return f"{size} are ranked; all are open."
+    counts = ", ".join(f"{count:,} {word}" for word, count in audit.verdict_counts().items())
+    return f"{size}: {counts}."
 
 
-def next_steps(audit: Audit, labels_file: str, command: str, n_labels: int = 3, consequence: str = "") -> str:
-    """What to do next: which demonstrations to look at and to label, what to write to `labels_file`, what to run then.
+def next_steps(audit: Audit, labels_file: str, command: str, n_labels: int = 3) -> str:
+    """What to do next: the question that decides most, or the demonstrations to label, what to write to `labels_file`,
+    and what to run then. `command` is the command without ``--labels``."""
+    from rpil.audit.answering import NEXT_STEPS, question
 
-    `command` is the command without ``--labels``. `consequence` is a sentence about having no label where two groups
-    compete.
-    """
-    from rpil.audit.label_choice import NEXT_STEPS
-
-    lines = _group_lines(audit)
-    if consequence and not audit.identifiable:
-        lines.append(consequence)
-    lines.append(f"Next: {NEXT_STEPS[audit.finding]}")
-    if audit.finding in ("told apart", "nobody stands out"):
-        worst = [audit.ids[m] for m in audit.ranking()[::-1][:N_WORST].tolist()]
-        lines.append(f"The least trusted, the worst first: {join_ids(worst)}.")
-    if audit.finding != "nothing could be learned":
-        lines += _label_lines(audit, labels_file, command, n_labels)
-    return "\n".join(lines)
-
-
-def _group_lines(audit: Audit) -> list[str]:
-    """The two groups that compete, or two styles, and what they mean."""
     lines = [f"Group {letter}, {len(ids)} demonstrations: {join_ids(ids)}" for letter, ids in _groups(audit).items()]
-    if not audit.identifiable:
-        return [CANNOT_BE_KNOWN, *lines, MINORITY_OPTIONS]
-    return [TWO_STYLES, *lines] if lines else []
+    lines += [
+        f"{printable(name)}: its label contradicts the other answers; look again." for name in audit.contradicting
+    ]
+    lines += [*audit.doubts, f"Next: {NEXT_STEPS[audit.finding]}"]
+    if audit.finding == "nothing could be learned" and not audit.answers.any:
+        return "\n".join(lines)
+    if audit.pair and not audit.answers.any:
+        first, second = map(printable, audit.pair)
+        lines += [question(audit), *_answer_lines(audit.pair[0], f"better than {second}", first, labels_file, False)]
+    else:
+        to_label = audit.suggest_labels(n_labels)
+        if not to_label:
+            return "\n".join([*lines, "Every demonstration has a label already."])
+        name = printable(to_label[0])
+        lines += [f"The labels that say most about the others, the best first: {join_ids(to_label)}."]
+        lines += _answer_lines(to_label[0], "good", name, labels_file, audit.answers.any)
+    return "\n".join([*lines, f"Then run: {command} --labels {shlex.quote(labels_file)}"])
 
 
-def _label_lines(audit: Audit, labels_file: str, command: str, n_labels: int) -> list[str]:
-    """Which demonstrations to label, and the text that calls the first of them an expert's."""
+def _answer_lines(id_: Hashable, label: str, name: str, labels_file: str, add: bool) -> list[str]:
+    """How to write a label of the demonstration `id_`, which is printed as `name`."""
     from rpil.data.formats.cells import to_cell
 
-    to_label = audit.suggest_labels(n_labels)
-    if not to_label:
-        return ["Every demonstration has a label already."]
-    name, add = printable(to_label[0]), bool(audit.labelled)
     if labels_file.lower().endswith(".json"):
-        pair = json.dumps({name: "expert"}, ensure_ascii=False)
+        pair = json.dumps({name: label}, ensure_ascii=False)
         content = [pair[1:-1] if add else pair]
     else:
         row = io.StringIO()
-        csv.writer(row, lineterminator="").writerow([to_cell(name), "expert"])
+        csv.writer(row, lineterminator="").writerow([to_cell(id_), label])
         content = [row.getvalue()] if add else ["id,label", row.getvalue()]
     verb = "Add" if add else "Write"
     return [
-        f"The labels that say most about the others, the best first: {join_ids(to_label)}.",
-        f"{verb} expert or adversary for those you can judge to {labels_file}; if {name} is good:",
+        f"{verb} good, bad or better than ... for those you can judge to {labels_file}; if {name} is {label}:",
         *(f"    {line}" for line in content),
-        f"Then run: {command} --labels {shlex.quote(labels_file)}",
     ]
 
 

@@ -25,12 +25,13 @@ from rpil.data.memory import check_memory
 from rpil.data.npy import new_member, read_arrays, write_arrays
 from rpil.numerics.types import Array
 
-VERSION = 6
+VERSION = 7
 """Version of the format; a file of another version is refused."""
 
 _HEADER = "header.json"
 _STEP_TYPES = (np.float64, np.float32)  # single precision where there are very many steps
-_TYPES = {"offsets": (np.int64,), "step_log_ratio": _STEP_TYPES, "step_weight": _STEP_TYPES}
+_INTEGERS = dict.fromkeys(("offsets", "labels", "pairs"), (np.int64,))
+_TYPES = {**_INTEGERS, "step_log_ratio": _STEP_TYPES, "step_weight": _STEP_TYPES}
 """Types of array fields by their names; all others are float64."""
 
 Json = None | bool | int | float | str | list["Json"] | dict[str, "Json"]

@@ -21,6 +21,7 @@ class FitData:
     space: Space  # of the actions
     labels: Array  # (M,): 1 labelled expert, -1 labelled adversary, 0 not labelled
     demonstrators: Demonstrators = field(default_factory=Demonstrators)
+    judged: Array | None = None  # (A,) bool: the parts of continuous actions that the judge sees; None for all
 
     @classmethod
     def from_steps(cls, features: Array, actions: Array, space: Space) -> FitData:

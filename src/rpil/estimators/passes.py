@@ -8,18 +8,16 @@ from functools import partial
 import numpy as np
 
 from rpil.audit.record import Audit
-from rpil.audit.summary import longest_unlabelled
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.fit_data import FitData
 from rpil.estimators.pipeline import JudgeInput, Options, TrustDecision
 from rpil.estimators.task import Features, FinalPolicy, Task
-from rpil.inference.settings import Minority
+from rpil.inference.answers import Answers
 from rpil.numerics.newton import Preconditioner
 from rpil.numerics.types import Array
 from rpil.policies.features import FeatureMap, ridge_of
 from rpil.policies.linear import linear_policy
 from rpil.policies.protocol import AdditivePolicy
-from rpil.policies.selection import Choice
 from rpil.scale.ascent import AscentState, ascend, gather_steps
 from rpil.scale.checkpoint import Checkpoint
 from rpil.scale.disk import Streamed
@@ -54,8 +52,10 @@ class SampledFit:
 
     @property
     def engine(self) -> Engine:
-        """The engine asked for; else this process, on data in memory or from disk."""
-        in_memory = isinstance(self.task.source, Demonstrations)
+        """The engine asked for; else this process, which keeps data on disk in memory where they are small."""
+        source, settings = self.task.source, self.options.settings.sample
+        n_entries = int(source.offsets[-1]) * 2 * source.n_observations  # folded features are twice as many
+        in_memory = isinstance(source, Demonstrations) or n_entries <= settings.max_kept_entries
         return self.options.engine or (InMemory() if in_memory else Streamed())
 
     def pose(self) -> JudgeInput:
@@ -66,14 +66,15 @@ class SampledFit:
         demonstrations = task.source.select(indices)
         features = options.judge_features(demonstrations)
         assert isinstance(features, FeatureMap)
-        data = replace(task.data(demonstrations, features, single=True), labels=task.labels[indices])
-        # A rival group to trust is reported by the sample, and trusted among all demonstrations.
-        minority: Minority = "ask" if options.minority == "trust" else options.minority
+        data = task.data(demonstrations, features, single=True)
+        order = None if task.order is None else task.order[indices]
         engine = self.engine
         blocks = engine.place(task.source.shards(engine.n_shards, settings.block_steps)).then(
             DesignMap(features, task.space, task.classes)
         )
-        return JudgeInput(demonstrations, data, features, minority, indices, blocks)
+        return JudgeInput(
+            demonstrations, options.judged(data), features, Answers.of_labels(data.labels), order, indices, blocks
+        )
 
     def extend(self, posed: JudgeInput, decision: TrustDecision) -> TrustDecision:
         task, source, options = self.task, self.task.source, self.options
@@ -86,19 +87,19 @@ class SampledFit:
         none = np.empty(0)
         everyone = FitData(none, none, source.offsets, task.space, task.labels, task.demonstrators)
         scores = posed.blocks.map(partial(score_block, judge=sample.judge, settings=options.settings.judge))
-        judgement = judge_everyone(sample, everyone, scores, options.minority, options.settings.judge)
+        judgement = judge_everyone(sample, everyone, scores, task.answers, options.settings.judge)
         # The steps are weighted in the next pass; until then the audit is of demonstrations without steps.
         stepless = replace(everyone, offsets=np.zeros_like(source.offsets))
         extended = TrustDecision.of(
-            judgement, replace(sample.judge, groups=judgement.groups), stepless, source.ids, options.settings.audit
+            judgement,
+            replace(sample.judge, groups=judgement.groups),
+            stepless,
+            source.ids,
+            task.answers,
+            options.settings.audit,
         )
         audit = replace(extended.audit, offsets=np.asarray(source.offsets, dtype=np.int64))
-        rival = sample.judgement.rival
-        if judgement.rival is not None and rival is not None:
-            # Only the demonstrations of the sample were compared: all others may be in either group.
-            to_label = longest_unlabelled(sample.data, (rival.trusted, rival.rival))
-            audit = replace(audit, to_label=tuple(posed.demonstrations.ids[m] for m in to_label))
-        return replace(extended, audit=audit)
+        return replace(extended, audit=audit, parts=decision.parts)
 
     def fit_policy(self, posed: JudgeInput, decision: TrustDecision) -> tuple[Features, FinalPolicy, TrustDecision]:
         task, options, data, features = self.task, self.options, posed.data, posed.features
@@ -108,11 +109,10 @@ class SampledFit:
         weights = StepWeights.of(decision.audit, decision.judge, options.settings.judge, options.settings.audit)
         weight = weights.weight(data, weights.trust[posed.indices])[0]
         choice = options.linear.choice(posed.demonstrations, data.actions, weight, task.space)
-        if choice != Choice(features.kind, features.ridge_per_step):
-            observations = posed.demonstrations.observations
-            features = options.linear.feature_map(choice, observations, weight)
-            weights = replace(weights, final=DesignMap(features, task.space, task.classes))
-            data = replace(data, features=features.design(observations, single=True))
+        observations = posed.demonstrations.observations
+        features = options.linear.feature_map(choice, observations, weight)
+        weights = replace(weights, final=DesignMap(features, task.space, task.classes))
+        data = replace(data, features=features.design(observations, single=True))
         blocks = posed.blocks.then(weights)
         on_disk = not isinstance(self.engine, InMemory)
         log_ratio, step_weight, total = gather_steps(blocks.map(_steps), int(task.source.offsets[-1]), on_disk)

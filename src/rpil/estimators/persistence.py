@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from sklearn.utils.validation import check_is_fitted
 
+from rpil.audit.words import SIDES
 from rpil.data.archive import VERSION, Decoder, encode, read_archive, rpil_version, stored_name, write_archive
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
@@ -21,7 +22,7 @@ from rpil.estimators.cloning import BehavioralCloning
 from rpil.estimators.rment import RMEnt
 from rpil.estimators.rpil import RPIL
 from rpil.estimators.settings import Settings
-from rpil.inference.trust import FINDINGS
+from rpil.inference.findings import FINDINGS
 from rpil.numerics.types import Array
 
 ESTIMATOR_SCHEMA = "rpil fitted estimator"
@@ -176,7 +177,7 @@ def _try_out(estimator: Estimator) -> None:
         bounds = audit.offsets[[0, -1]].tolist() == [0, len(audit.step_weight)] and (audit.lengths > 0).all()
         sound &= bounds and len(audit.ids) == len(audit.verdicts) == len(audit.log_odds)
         sound &= len(audit.deviations) in (0, len(audit.ids))
-        sound &= audit.finding in FINDINGS and judged == (state is None)
+        sound &= audit.finding in FINDINGS and set(audit.verdicts) <= SIDES.keys() and judged == (state is None)
         json.dumps(audit.to_dict())
         one_step = Demonstrations(observation, classes[action] if len(classes) else action, np.array([0, 1]))
         sound &= not np.isnan(estimator.score_demonstrations(one_step)).any()

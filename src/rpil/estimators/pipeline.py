@@ -23,11 +23,11 @@ from rpil.data.spaces import Space
 from rpil.estimators.final_policy import LinearPolicySpec
 from rpil.estimators.settings import Settings
 from rpil.estimators.task import Features, FinalPolicy, Task
-from rpil.estimators.validation import check_minority
+from rpil.inference.answers import Answers
 from rpil.inference.fitted_judge import FittedJudge
 from rpil.inference.held_out import HeldOutModel, HeldOutPolicy, held_out_model
+from rpil.inference.parts import judged_parts, not_judged
 from rpil.inference.search import SearchSettings, fit_mixture
-from rpil.inference.settings import Minority
 from rpil.inference.trust import Judgement, judge
 from rpil.mixture.adversaries.protocol import Adversary
 from rpil.mixture.em import State
@@ -49,7 +49,6 @@ class Options:
     policy: object
     adversary: str | Adversary
     C: float | None
-    minority: Minority
     seed: int
     settings: Settings
     progress: Progress = field(repr=False)
@@ -75,7 +74,6 @@ class Options:
 
     def check(self, task: Task) -> None:
         """Refuse options that are unknown, or that do not fit the demonstrations, before any work."""
-        check_minority(self.minority)
         if self.policy is not None:
             self.cross_fitted(task.space, int(task.source.offsets[-1]))  # refuses an unsuitable estimator
         if not self.judges and (task.demonstrators.informative or self.policy is not None):
@@ -88,7 +86,14 @@ class Options:
         kind = self.settings.judge_features
         if kind == "auto":
             kind = self.features if self.features not in ("raw", "auto") else "folded"
-        return FeatureMap.fit(kind, demonstrations.observations, settings=self.settings.selection.maps)
+        offsets = demonstrations.offsets if self.judges else None  # the paper's mixture sees what its policy sees
+        return FeatureMap.fit(kind, demonstrations.observations, offsets=offsets, settings=self.settings.selection.maps)
+
+    def judged(self, data: FitData) -> FitData:
+        """The data with the parts of continuous actions that the judge sees; the user's policy needs all of them."""
+        if self.policy is not None or data.space.kind == "discrete":
+            return data
+        return replace(data, judged=judged_parts(data.actions, data.offsets))
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,7 +103,9 @@ class JudgeInput:
     demonstrations: Demonstrations
     data: FitData
     features: Features
-    minority: Minority
+    answers: Answers
+    order: Array | None = None
+    """The order in which the demonstrations were made, where it is stated."""
     indices: Array | None = None
     """The demonstrations of a sample among all."""
     blocks: Shards[tuple[Block, FitData]] | None = None
@@ -120,13 +127,21 @@ class TrustDecision:
     """Objective of the mixture, or mean held-out log-likelihood of a step of the training group, in nats."""
     converged: bool = True
     judgement: Judgement | None = None
+    parts: str = ""
+    """A sentence that names the parts of the action that are not judged, or nothing."""
 
     @classmethod
     def of(
-        cls, judgement: Judgement, judge: FittedJudge, data: FitData, ids: Sequence[Hashable], settings: AuditSettings
+        cls,
+        judgement: Judgement,
+        judge: FittedJudge,
+        data: FitData,
+        ids: Sequence[Hashable],
+        answers: Answers,
+        settings: AuditSettings,
     ) -> TrustDecision:
         """The decision of the judge about the demonstrations `data`."""
-        audit, history = audit_from_judgement(judgement, data, ids, settings), judgement.scores.fit.history
+        audit, history = audit_from_judgement(judgement, data, ids, answers, settings), judgement.scores.fit.history
         step = judgement.step_trust.step
         return cls(audit, step, judge, None, len(history), float(history[-1]), judgement=judgement)
 
@@ -142,10 +157,18 @@ def decide_trust(posed: JudgeInput, options: Options) -> TrustDecision:
             model = HeldOutPolicy(data, policy, settings.judge.held_out)
         else:
             model = held_out_model(data, options.seed, settings.judge.held_out)
-        seed, minority = options.seed, posed.minority
-        judgement = judge(data, model, settings.judge, seed=seed, minority=minority, progress=options.progress)
+        judgement = judge(
+            data,
+            model,
+            settings.judge,
+            seed=options.seed,
+            answers=posed.answers,
+            order=posed.order,
+            progress=options.progress,
+        )
         fitted = FittedJudge.of(judgement, data, settings.judge, user_policy=own)
-        return TrustDecision.of(judgement, fitted, data, ids, settings.audit)
+        decision = TrustDecision.of(judgement, fitted, data, ids, posed.answers, settings.audit)
+        return replace(decision, parts=_resting(data, posed.demonstrations.action_names))
     assert isinstance(posed.features, FeatureMap)
     start = linear_policy(data.space, ridge_of(posed.features, options.C, n_steps, data.space), n_steps)
     search = SearchSettings(start, settings.mixture, settings.judge, options.seed)
@@ -154,6 +177,12 @@ def decide_trust(posed: JudgeInput, options: Options) -> TrustDecision:
     audit = audit_from_mixture(data, result, share, ids, settings.audit)
     n_iter = max(1, len(result.history) - 1)
     return TrustDecision(audit, audit.step_weight, None, result.state, n_iter, result.objective, bool(result.converged))
+
+
+def _resting(data: FitData, names: Sequence[str]) -> str:
+    """A sentence that names the parts of the action that are not judged, or nothing."""
+    sentence = "" if data.judged is None else not_judged(data.judged, names)
+    return f"{sentence[:1].upper()}{sentence[1:]}." if sentence else ""
 
 
 @dataclass(frozen=True, eq=False)
@@ -208,7 +237,7 @@ class FullFit:
         data = replace(
             task.data(demonstrations, features, single), labels=task.labels, demonstrators=task.demonstrators
         )
-        return JudgeInput(demonstrations, data, features, options.minority)
+        return JudgeInput(demonstrations, options.judged(data), features, task.answers, task.order)
 
     def extend(self, posed: JudgeInput, decision: TrustDecision) -> TrustDecision:
         return decision

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import fields, replace
 
 import numpy as np
@@ -14,6 +14,7 @@ from rpil.audit import assumptions
 from rpil.audit.record import Audit
 from rpil.data.coding import encode_demonstrations
 from rpil.data.demonstrations import Demonstrations
+from rpil.data.facts import Outcome
 from rpil.data.files import StrPath
 from rpil.data.fit_data import FitData
 from rpil.data.formats.dataset import Dataset
@@ -21,10 +22,10 @@ from rpil.estimators.cloning import PolicyEstimator
 from rpil.estimators.passes import SampledFit, is_sampled
 from rpil.estimators.pipeline import Fitted, FullFit, Options, fit
 from rpil.estimators.settings import Settings
-from rpil.estimators.task import ActionBox, Features, Labels, Names, Task
+from rpil.estimators.task import ActionBox, Features, Labels, Names, Pairs, Task
 from rpil.estimators.validation import Given, as_demonstrations
 from rpil.inference.fitted_judge import FittedJudge
-from rpil.inference.settings import JudgeSettings, Minority
+from rpil.inference.settings import JudgeSettings
 from rpil.mixture.adversaries.protocol import Adversary
 from rpil.mixture.em import State, e_step
 from rpil.numerics.types import Array
@@ -34,15 +35,15 @@ from rpil.scale.protocol import Engine
 
 class RPIL(PolicyEstimator):
     """Robust probabilistic imitation learning: a policy from demonstrations of unknown quality, and the probability
-    that each demonstration is an expert's.
+    that each demonstration belongs with those that agree best.
 
     By default the judge (`rpil.inference.trust`) decides. The score of demonstration m is the mean held-out log-ratio
     of its N_m steps under a policy pi fitted to the training group, the demonstrations that are explained best,
 
         y_m = (1 / N_m) sum_n [ log pi(a_n | s_n) - log q(a_n) ],
 
-    where q is the reference. P(expert) follows from the mixture of one or two groups fitted to the scores. With a named
-    `adversary`, RPIL fits the mixture of the paper (eq. 7, 9, 11) by EM instead:
+    where q is the reference. The probability, see `rpil.audit.words`, follows from the mixture of one or two groups
+    fitted to the scores. With a named `adversary`, RPIL fits the mixture of the paper (eq. 7, 9, 11) by EM instead:
 
         p(D) = prod_m [ p prod_n pi(a_n | s_n) + (1 - p) prod_n psi(a_n | s_n) ].
 
@@ -61,11 +62,8 @@ class RPIL(PolicyEstimator):
         ``Confusion.given(matrix)``. The mixture needs all data in memory.
     C : float, optional
         Inverse ridge strength of the final policy, as in `BehavioralCloning`.
-    labels : mapping of id to {"expert", "adversary"}, optional
+    labels : mapping of id to {"good", "bad"}, optional
         Known demonstrations; `fit` takes labels too.
-    minority : {"ask", "trust", "distrust"}
-        The decision about a rival group where no label decides: answer "cannot be known" and ask for a label; trust
-        both groups; or trust the larger group.
     random_state : int
         Seed; the same seed gives the same bits.
     action_box : (low, high), optional
@@ -124,7 +122,6 @@ class RPIL(PolicyEstimator):
         adversary: str | Adversary = "auto",
         C: float | None = None,
         labels: Labels | None = None,
-        minority: Minority = "ask",
         random_state: int = 0,
         action_box: ActionBox | None = None,
         settings: Settings | None = None,
@@ -137,7 +134,6 @@ class RPIL(PolicyEstimator):
         self.adversary = adversary
         self.C = C
         self.labels = labels
-        self.minority = minority
         self.random_state = random_state
         self.action_box = action_box
         self.settings = settings
@@ -152,6 +148,9 @@ class RPIL(PolicyEstimator):
         groups: ArrayLike | None = None,
         labels: Labels | None = None,
         demonstrators: Names | None = None,
+        outcome: Outcome | None = None,
+        order: Sequence[float] | Array | None = None,
+        pairs: Pairs = (),
     ) -> RPIL:
         """Decide which demonstrations to trust, and fit the final policy (`rpil.estimators.pipeline`).
 
@@ -163,46 +162,53 @@ class RPIL(PolicyEstimator):
             Actions.
         groups : (N,) array
             The demonstration of each step.
-        labels : mapping of id to {"expert", "adversary"}, optional
+        labels : mapping of id to {"good", "bad"}, optional
             Known demonstrations, in the place of the constructor's.
         demonstrators : mapping of id to name, or sequence of M names, optional
             The demonstrator of each demonstration. Demonstrations of one demonstrator then change each other's
             log-odds, see `rpil.mixture.demonstrator_prior`. A demonstration without a name has a demonstrator of its
             own.
+        outcome : mapping of id to number, or sequence of M numbers, optional
+            How each demonstration ended, as its return or its success; more is better, and NaN is not known.
+        order : sequence of M numbers, optional
+            The place of each demonstration in the order in which they were made.
+        pairs : sequence of (id, id)
+            Answers to "which is better?": the better and the worse of two demonstrations.
 
         Raises
         ------
         DataError
-            One sentence: constant actions, an action outside the box, a single demonstration, an unknown id in `labels`
-            or `demonstrators`, a wrong number of `demonstrators`, or only known adversaries.
+            One sentence: constant actions, an action outside the box, a single demonstration, an unknown id, a wrong
+            number of `demonstrators`, outcomes or places, an outcome that is the same for all, or only demonstrations
+            labelled bad.
         """
         options = self._options()
         source = X if isinstance(X, Dataset) else as_demonstrations(self, X, y, groups)
-        task = Task.of(source, self.action_box, labels if labels is not None else self.labels, demonstrators)
+        labels = labels if labels is not None else self.labels
+        task = Task.of(source, self.action_box, labels, demonstrators, outcome, order, pairs)
         options.check(task)
         with threadpool_limits(1, "blas"):  # thin products gain nothing from threads, and can lose a lot
             fitted = fit(SampledFit(task, options) if is_sampled(task, options) else FullFit(task, options), options)
         self._keep(task, fitted)
-        self._explain(task, options)
+        self._explain(task, options, fitted)
         return self
 
-    def _explain(self, task: Task, options: Options) -> None:
-        """Add the assumptions to the audit; warn if the fit did not converge or nothing says which group is the
-        expert."""
+    def _explain(self, task: Task, options: Options, fitted: Fitted) -> None:
+        """Add the assumptions to the audit; warn if the fit did not converge."""
+        judgement = fitted.decision.judgement
         prior, type_name = options.settings.mixture.prior, type(self.policy).__name__
         linear = self.policy is None
         sentences = assumptions.assumption_sentences(
-            self.audit_.finding,
+            self.audit_,
             assumptions.linear_policy(self.features_.kind) if linear else assumptions.custom_policy(type_name),
             p_two_groups=None if self.judge_ is None else self.judge_.groups.p_two,
-            whole_demonstrations=self.state_ is not None,
             expert_share=prior if isinstance(prior, float) else None,
-            n_labels=int(np.count_nonzero(task.labels)),
             demonstrators=task.demonstrators.note,
+            steps=assumptions.missing_steps(self.audit_.finding, 0 if judgement is None else judgement.missing_steps),
+            parts=fitted.decision.parts,
         )
         self.audit_ = replace(self.audit_, assumptions=sentences)
         assumptions.warn_if_not_converged(self.converged_)
-        assumptions.warn_if_ambiguous(self.audit_, task.source.source)
 
     def _options(self) -> Options:
         """The constructor parameters, with the default settings and a silent progress in the place of None."""
@@ -224,20 +230,20 @@ class RPIL(PolicyEstimator):
 
     @property
     def log_odds_(self) -> Array:
-        """Log-odds of expert against adversary, (M,)."""
+        """`Audit.log_odds`, (M,)."""
         return self.audit_.log_odds
 
     @property
     def expert_proba_(self) -> Array:
-        """P(expert) of each demonstration, (M,)."""
+        """`Audit.expert_proba`, (M,)."""
         return self.audit_.expert_proba
 
     def score_demonstrations(
         self, X: ArrayLike | Demonstrations, y: ArrayLike | None = None, groups: ArrayLike | None = None
     ) -> Array:
-        """Log-odds of expert against adversary for demonstrations that were not fitted, (M,).
+        """Log-odds, as in `Audit.log_odds`, for demonstrations that were not fitted, (M,).
 
-        Decisions about a rival group, by labels or by ``minority="trust"``, concern the fitted demonstrations alone.
+        Answers, as labels and outcomes, concern the fitted demonstrations alone.
 
         Raises
         ------
@@ -263,7 +269,8 @@ class RPIL(PolicyEstimator):
         """The log-ratio of each step under the fitted policy, (N,)."""
         assert self.judge_ is not None
         if self.judge_.ratio is not None:
-            return self.judge_.step_ratios(design, codes, settings)[0]
+            log_prob, log_ratio = self.judge_.step_ratios(design, codes, settings)
+            return log_ratio if self.space_.kind == "discrete" else log_prob
         assert isinstance(self.policy_, CrossFittedPolicy)
         outputs = self.policy_.outputs(self.features_.design(demonstrations.observations))
         return self.judge_.step_ratios_of(self.policy_, outputs, codes, settings)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Hashable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -13,10 +13,13 @@ from rpil.data.coding import action_space, encode_actions, label_codes
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.demonstrators import Demonstrators, group_by_demonstrator
 from rpil.data.errors import DataError
+from rpil.data.facts import Outcome, given_order, given_outcome
 from rpil.data.fit_data import FitData
 from rpil.data.formats.dataset import Dataset
+from rpil.data.formats.id_values import match_pairs
 from rpil.data.spaces import Space
-from rpil.numerics.types import Array
+from rpil.inference.answers import Answers
+from rpil.numerics.types import Array, Float, Int
 from rpil.policies.features import FeatureMap, IdentityMap
 from rpil.policies.protocol import CrossFittedPolicy, Policy
 
@@ -25,6 +28,8 @@ Features = FeatureMap | IdentityMap
 FinalPolicy = Policy | CrossFittedPolicy
 Labels = Mapping[Any, str]
 Names = Mapping[Any, Hashable] | Sequence[Hashable]
+Pairs = Sequence[tuple[Hashable, Hashable]]
+"""The better and the worse demonstration, by their ids."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,8 +41,20 @@ class Task:
     classes: Array
     """The discrete actions, or an empty array."""
     labels: Array
-    """1 known expert, -1 known adversary, 0 unknown."""
+    """1 known to be good, -1 known to be bad, 0 unknown."""
     demonstrators: Demonstrators
+    outcome: Float[Array, " M"] | None = None
+    """How each demonstration ended, more is better; NaN where it is not known, None where nothing is."""
+    order: Float[Array, " M"] | None = None
+    """The place of each demonstration in the order in which they were made, where that is stated."""
+    pairs: Int[Array, "P 2"] = field(default_factory=lambda: np.empty((0, 2), dtype=int))
+    """The better and the worse demonstration of each pair that was compared."""
+
+    @property
+    def answers(self) -> Answers:
+        """All that is known of the demonstrations."""
+        unknown = np.full(len(self.labels), np.nan)
+        return Answers(self.labels, self.pairs, unknown if self.outcome is None else self.outcome)
 
     @classmethod
     def of(
@@ -46,15 +63,20 @@ class Task:
         action_box: ActionBox | None = None,
         labels: Labels | None = None,
         demonstrators: Names | None = None,
+        outcome: Outcome | None = None,
+        order: Sequence[float] | Array | None = None,
+        pairs: Pairs = (),
     ) -> Task:
-        """Find the space of the actions; match labels and demonstrators with the demonstrations."""
+        """Find the space of the actions; match what is given of the demonstrations with them."""
         space, classes = action_space(source, action_box)
         if len(source.ids) < 2:
             raise DataError(
                 f"{source.source}: one demonstration alone (n_samples=1) cannot be compared; give at least two."
             )
         groups = group_by_demonstrator(demonstrators, source)
-        return cls(source, space, classes, label_codes(labels, source), groups)
+        known = given_outcome(outcome, source.ids, source.source), given_order(order, source.ids, source.source)
+        compared = match_pairs(pairs, source.ids)
+        return cls(source, space, classes, label_codes(labels, source), groups, *known, compared)
 
     def codes(self, demonstrations: Demonstrations) -> Array:
         """Codes (N,) of discrete actions, or continuous actions (N, A)."""

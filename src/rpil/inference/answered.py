@@ -36,15 +36,12 @@ def columns_of(
     return np.column_stack([normal_scores(channels), np.clip(log_odds, -bound, bound) / bound])
 
 
-def answer(
-    channels: Float[Array, "M C"], log_odds: Float[Array, " M"], answers: Answers, settings: AnswerSettings
-) -> Answered:
-    """P(good) of every demonstration; `log_odds` are those of the upper group of the scores.
+def answer(columns: Float[Array, "M D"], answers: Answers, settings: AnswerSettings) -> Answered:
+    """P(good) of every demonstration, by its `columns_of`.
 
     A label is itself an answer that may be wrong: its demonstration is judged by the other answers and by it. A known
     outcome says P(good): the share of outcomes that are lower. One answer alone gives no word.
     """
-    columns = columns_of(channels, log_odds, settings)
     found = posterior(columns, answers, settings)
     proba = np.clip(found.proba(columns), settings.min_proba_bound, 1 - settings.min_proba_bound)
     ranks = answers.ranks()

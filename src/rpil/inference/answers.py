@@ -1,16 +1,19 @@
-"""What answers say of demonstrations: Bayesian logistic regression of "good" on the channels of `rpil.inference.channels`.
+"""What answers say of demonstrations: Bayesian logistic regression of "good" on channels.
 
     P(answer r is "yes") = (1 - 2 e) sigma(A_r w) + e,         w ~ sum_d pi_d N(d w_0, Lambda^-1)
 
-A row A_r is (1, x_m) for a label of demonstration m, with its columns x_m, and (0, x_i - x_j) for "i is better than j";
-an outcome is an answer t in [0, 1], the share of the known outcomes that are lower. w_0 is 1 on agreement, the first
-column, and on the group of scores, the last one, and 0 on the others, so that without answers the ranking is the one by agreement. The direction d is 1, or -1
-where those who agree are the bad ones. e is the rate of wrong answers, on a grid. For each d and e the posterior of w is
-Laplace's approximation, and its evidence weighs it; P(good) integrates over w (MacKay 1992).
+A row A_r is (1, x_m) for a label of demonstration m, whose columns x_m are ranks of its channels
+(`rpil.inference.channels`), and (0, x_i - x_j) for "i is better than j". An outcome is an answer t in [0, 1], the share
+of the known outcomes that are lower. w_0 is 1 on agreement, the first column, `group_weight` on the group of scores,
+the last one, and 0 on the others: without answers the ranking is the one by agreement. The direction d is 1, or -1 where
+those who agree are the bad ones. e is the rate of wrong answers, on a grid. For each d and e the posterior of w is
+Laplace's approximation, and its evidence weighs it; P(good) integrates over w (MacKay 1992). Channels are correlated,
+and this posterior is wider than it should be: so the logit is multiplied by `sharpness`.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import product
 
@@ -35,9 +38,14 @@ class Answers:
     """Higher is better; NaN where it is unknown."""
 
     @classmethod
+    def none(cls) -> Answers:
+        """Of no demonstrations."""
+        return cls.of_labels(np.empty(0, dtype=np.int64))
+
+    @classmethod
     def of_labels(cls, labels: Int[Array, " M"]) -> Answers:
         """Labels alone."""
-        return cls(labels, np.empty((0, 2), dtype=int), np.full(len(labels), np.nan))
+        return cls(labels, np.empty((0, 2), dtype=np.int64), np.full(len(labels), np.nan))
 
     @property
     def any(self) -> bool:
@@ -48,6 +56,13 @@ class Answers:
     def count(self) -> int:
         """The number of labels, pairs and known outcomes."""
         return int(np.count_nonzero(self.labels)) + len(self.pairs) + int(np.isfinite(self.outcome).sum())
+
+    def select(self, indices: Sequence[int]) -> Answers:
+        """The answers about some of the demonstrations, and about pairs of them."""
+        place = {m: k for k, m in enumerate(indices)}
+        pairs = [(place[a], place[b]) for a, b in self.pairs.tolist() if a in place and b in place]
+        chosen = list(indices)
+        return Answers(self.labels[chosen], np.array(pairs, dtype=np.int64).reshape(-1, 2), self.outcome[chosen])
 
     def without(self, m: int) -> Answers:
         """The same without the label of demonstration m."""
@@ -83,6 +98,8 @@ class Posterior:
     covariance: Float[Array, "K D D"]
     log_weight: Float[Array, " K"]
     error: Float[Array, " K"]
+    sharpness: float
+    """See `AnswerSettings`."""
 
     def logits(self, channels: Float[Array, "M C"]) -> tuple[Float[Array, "M K"], Float[Array, "M K"]]:
         """Means and variances of A_m w for a label of each demonstration."""
@@ -93,7 +110,7 @@ class Posterior:
     def proba(self, channels: Float[Array, "M C"]) -> Float[Array, " M"]:
         """P(good) of each demonstration."""
         mean, variance = self.logits(channels)
-        return np.asarray(expit(mean / np.sqrt(1 + np.pi * variance / 8)) @ np.exp(self.log_weight))
+        return np.asarray(expit(self.sharpness * mean / np.sqrt(1 + np.pi * variance / 8)) @ np.exp(self.log_weight))
 
     @property
     def error_rate(self) -> float:
@@ -107,13 +124,13 @@ def posterior(channels: Float[Array, "M C"], answers: Answers, settings: AnswerS
     n_columns = channels.shape[1] + 1
     precision = np.append(settings.offset_precision, np.full(n_columns - 1, settings.precision))
     anchor = np.zeros(n_columns)
-    anchor[[1, -1]] = 1.0
+    anchor[1], anchor[-1] = 1.0, settings.group_weight
     log_prior = np.log([settings.p_agreement, 1 - settings.p_agreement])
     errors = settings.error_rates
     fits = [_laplace(rows, targets, d * anchor, precision, e) for d, e in product((1.0, -1.0), errors)]
     mean, covariance, evidence = (np.stack(part) for part in zip(*fits, strict=True))
     log_weight = evidence + np.repeat(log_prior, len(errors))
-    return Posterior(mean, covariance, log_weight - logsumexp(log_weight), np.tile(errors, 2))
+    return Posterior(mean, covariance, log_weight - logsumexp(log_weight), np.tile(errors, 2), settings.sharpness)
 
 
 def _laplace(rows: Array, targets: Array, anchor: Array, precision: Array, error: float) -> tuple[Array, Array, Array]:

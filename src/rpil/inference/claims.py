@@ -13,7 +13,7 @@ a tail seldom holds all that differ. Nothing here says who is good.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.stats import norm, spearmanr
@@ -21,7 +21,7 @@ from scipy.stats import norm, spearmanr
 from rpil.inference.findings import Finding
 from rpil.inference.rivals import Lower, look_below
 from rpil.inference.scores import Scores, Scoring
-from rpil.inference.settings import ClaimSettings
+from rpil.inference.settings import ClaimSettings, JudgeSettings
 from rpil.numerics.types import Array, Bool, Float, Int
 
 
@@ -84,12 +84,32 @@ def claim(scoring: Scoring, scores: Scores, again: Scores | None, order: Float[A
     return Claims("some are unlike" if (words < 0).any() else unclaimed, words, (), lower)
 
 
-def said(scores: Scores, limits: ClaimSettings, upper: Bool[Array, " M"], log_odds: Float[Array, " M"]) -> Int[Array, " M"]:
+def extended(claims: Claims, scores: Scores, indices: Int[Array, " S"], settings: JudgeSettings) -> Claims:
+    """The claims about a sample, at these `indices`, as claims about all demonstrations with `scores`."""
+    words = np.zeros(len(scores.score), dtype=int)
+    upper = scores.groups.upper(scores.score, scores.variance, settings.groups)
+    if claims.words.any():
+        words = said(scores, settings.claims, upper, scores.log_odds(settings))
+        words[indices] = claims.words
+    doubts = tuple(replace(doubt, members=indices[doubt.members]) for doubt in claims.doubts)
+    lower = claims.lower
+    if lower is not None:
+        in_upper = upper.copy()
+        in_upper[indices[lower.upper]], in_upper[indices[lower.rival]] = True, False
+        rival = indices[lower.rival] if claims.finding != "two groups" else np.flatnonzero(~in_upper)
+        lower = replace(lower, upper=np.flatnonzero(in_upper), rival=rival)
+    return Claims(claims.finding, words, doubts, lower)
+
+
+def said(
+    scores: Scores, limits: ClaimSettings, upper: Bool[Array, " M"], log_odds: Float[Array, " M"]
+) -> Int[Array, " M"]:
     """The words that scores alone give to M demonstrations, whatever speaks against them."""
     typical = log_odds >= limits.log_odds
     if not scores.groups.is_cluster and upper.any():
         typical &= scores.score >= np.median(scores.score[upper])
-    return typical.astype(int) - (log_odds <= -limits.log_odds).astype(int)
+    unlike: Array = log_odds <= -limits.log_odds
+    return np.asarray(typical.astype(int) - unlike.astype(int))
 
 
 def doubts_of(
@@ -103,8 +123,8 @@ def doubts_of(
         doubts.append(Doubt("Other folds of the demonstrations give one group of scores.", none))
     agreement = spearmanr(data.mean_steps(log_prob), data.mean_steps(log_prob - scoring.log_q)).statistic
     if data.space.kind != "discrete" and agreement < limits.min_agreement:
-        sentence = "The likelihood and its gain over frequent actions rank the demonstrations differently (rank correlation "
-        doubts.append(Doubt(f"{sentence}{agreement:.2f}).", none))
+        sentence = "The likelihood and its gain over frequent actions rank the demonstrations differently ("
+        doubts.append(Doubt(f"{sentence}correlation {agreement:.2f}).", none))
     if order is not None and unlike.any() and runs_p(unlike[np.argsort(order, kind="stable")]) < limits.max_runs_p:
         sentence = "{members} follow one another: a session, a set-up or a calibration, not necessarily worse."
         doubts.append(Doubt(sentence, np.flatnonzero(unlike)[np.argsort(order[unlike], kind="stable")]))
@@ -160,5 +180,3 @@ def missing_steps(scoring: Scoring, scores: Scores) -> int:
         return 0
     needed = (2 * z * np.sqrt(scores.step_variance) / gain) ** 2
     return max(0, int(np.ceil(needed - np.median(scores.effective_steps))))
-
-

@@ -8,25 +8,25 @@ import numpy as np
 
 from rpil.data.archive import stored
 from rpil.data.fit_data import FitData
+from rpil.inference.channels import StateScale, channels
 from rpil.inference.groups import Groups
 from rpil.inference.held_out import fit_weighted, frequencies, with_lapses
+from rpil.inference.parts import ActionScale
 from rpil.inference.scores import mean_variance
 from rpil.inference.settings import HeldOutSettings, JudgeSettings
 from rpil.inference.trust import Judgement
 from rpil.numerics.blocks import linear, log_softmax
 from rpil.numerics.regression import (
-    column_scales,
     error_scale,
     normal_equations,
     solve_ridge,
-    standardise,
     student_log_density,
 )
 from rpil.numerics.types import Array, Float, Int, Shaped
 from rpil.policies.protocol import CrossFittedPolicy
 
 StepRatios = tuple[Float[Array, " N"], Float[Array, " N"]]
-"""Of each step, nats: the log-ratio of which the score is the mean, and log pi - log q."""
+"""Of each step, nats: log pi, and log pi - log q."""
 
 
 @stored(name="SoftmaxScale", weights="F+1 K", frequency="K")
@@ -50,21 +50,22 @@ class SoftmaxRatio:
         """Log-ratios of the actions taken."""
         log_proba = log_softmax(linear(features, self.weights))
         log_prob = with_lapses(log_proba, self.frequency, actions, settings.lapse).log_prob
-        log_ratio = log_prob - np.log(self.frequency)[actions]
-        return log_ratio, log_ratio
+        return log_prob, log_prob - np.log(self.frequency)[actions]
+
+    def indicators(self, actions: Int[Array, " N"]) -> Float[Array, "N K"]:
+        """Indicators of the actions."""
+        return np.eye(len(self.frequency))[actions]
 
 
-@stored(name="StudentScale", weights="F+1 A", location="A", spread="A", scale="A", center="A", width="A")
+@stored(name="StudentScale", weights="F+1 A", scale="A", center="A", width="A")
 @dataclass(frozen=True, eq=False)
 class StudentRatio:
     """log pi(a|s) of ridge regression with Student's errors, and log q(a) of one Student distribution for all states,
-    of actions in standard deviations: (a - location) / spread.
+    of actions as `scaling` scales them.
     """
 
     weights: Float[Array, "D A"]
-    location: Float[Array, " A"]
-    spread: Float[Array, " A"]
-    """Mean and standard deviation of the actions."""
+    scaling: ActionScale
     scale: Float[Array, " A"]
     """Of the errors."""
     center: Float[Array, " A"]
@@ -74,21 +75,26 @@ class StudentRatio:
     @classmethod
     def fit(cls, data: FitData, weight: Float[Array, " N"], ridge: float, settings: HeldOutSettings) -> StudentRatio:
         """Fit the policy to weighted steps, with a `ridge` a step."""
-        actions, rows = standardise(data.actions), weight > 0
+        scaling, rows = ActionScale.of(data), weight > 0
+        actions = scaling(data.actions)
         weights = solve_ridge(*normal_equations(data.features[rows], actions[rows], weight[rows]), ridge)
         errors = actions - linear(data.features, weights)
         center = np.median(actions, axis=0)
         width = error_scale(actions - center, np.ones(len(actions)), settings.errors)
         scale = error_scale(errors, weight, settings.errors)
-        return cls(weights, data.actions.mean(axis=0), column_scales(data.actions), scale, center, width)
+        return cls(weights, scaling, scale, center, width)
 
     def step_ratios(
         self, features: Float[Array, "N D"], actions: Float[Array, "N A"], settings: HeldOutSettings
     ) -> StepRatios:
-        """Log-ratios of the actions taken; the reference of the score is a constant, which is left out."""
-        scaled = (actions - self.location) / self.spread
+        """Log-ratios of the actions taken."""
+        scaled = self.scaling(actions)
         log_prob = student_log_density(scaled - linear(features, self.weights), self.scale, settings.errors)
         return log_prob, log_prob - student_log_density(scaled - self.center, self.width, settings.errors)
+
+    def indicators(self, actions: Float[Array, "N A"]) -> Float[Array, "N J"]:
+        """The actions, scaled."""
+        return self.scaling(actions)
 
 
 @stored()
@@ -103,8 +109,9 @@ class FittedJudge:
     """Of the log-ratio of a step within a demonstration."""
     effective_per_step: float
     """Effective steps of one step, on average."""
+    states: StateScale
     reference: Shaped[Array, " K"] | None = None
-    """Without a `ratio`: the frequencies of the actions, (K,), or the standard deviations of their parts, (A,)."""
+    """Without a `ratio`: the frequencies of the actions, (K,), or the spreads of their parts, (A,)."""
 
     @classmethod
     def of(cls, judgement: Judgement, data: FitData, settings: JudgeSettings, user_policy: bool = False) -> FittedJudge:
@@ -112,12 +119,12 @@ class FittedJudge:
         scores, discrete = judgement.scores, data.space.kind == "discrete"
         per_step = float(scores.effective_steps.sum() / data.lengths.sum())
         if user_policy:
-            reference = frequencies(data) if discrete else column_scales(data.actions)
-            return cls(None, scores.groups, scores.step_variance, per_step, reference)
+            reference = frequencies(data) if discrete else ActionScale.of(data).spread
+            return cls(None, scores.groups, scores.step_variance, per_step, judgement.states, reference)
         kind: type[SoftmaxRatio | StudentRatio] = SoftmaxRatio if discrete else StudentRatio
         weight = data.per_step(judgement.training_group.astype(float))
         ratio = kind.fit(data, weight, scores.fit.ridge, settings.held_out)
-        return cls(ratio, scores.groups, scores.step_variance, per_step)
+        return cls(ratio, scores.groups, scores.step_variance, per_step, judgement.states)
 
     def step_ratios(
         self, features: Float[Array, "N D"], actions: Shaped[Array, "N ..."], settings: JudgeSettings
@@ -125,6 +132,14 @@ class FittedJudge:
         """Log-ratios of the actions taken."""
         assert self.ratio is not None
         return self.ratio.step_ratios(features, actions, settings.held_out)
+
+    def channels(
+        self, data: FitData, log_prob: Float[Array, " N"], log_ratio: Float[Array, " N"], settings: JudgeSettings
+    ) -> Float[Array, "M C"]:
+        """The channels of demonstrations whose steps have these log-ratios."""
+        assert self.ratio is not None
+        actions = self.ratio.indicators(data.actions)
+        return channels(data, log_prob, log_ratio, actions, self.states, settings.channels)
 
     def step_ratios_of(
         self,
@@ -143,13 +158,13 @@ class FittedJudge:
     def log_odds(
         self, log_ratio: Float[Array, " N"], offsets: Int[Array, " M1"], settings: JudgeSettings
     ) -> Float[Array, " M"]:
-        """Log-odds of expert against adversary, of demonstrations whose scores are the means of `log_ratio` and that
-        have the steps ``offsets[m]:offsets[m + 1]``."""
+        """Log-odds of the upper group against the lower, of demonstrations whose scores are the means of `log_ratio`
+        and that have the steps ``offsets[m]:offsets[m + 1]``."""
         lengths = np.diff(offsets)
         score = np.add.reduceat(log_ratio, offsets[:-1]) / lengths
         squares = np.add.reduceat((log_ratio - np.repeat(score, lengths)) ** 2, offsets[:-1])
         variance = self.score_variance(squares, lengths, settings)
-        return self.groups.bounded(self.groups.log_odds(score, variance, settings.groups), settings.groups)
+        return self.groups.log_odds(score, variance, settings.groups)
 
     def score_variance(
         self, squares: Float[Array, " M"], lengths: Int[Array, " M"], settings: JudgeSettings

@@ -18,7 +18,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.optimize import minimize
-from scipy.special import betainc, betaincinv, expit, logit, logsumexp
+from scipy.special import betainc, betaincinv, expit, logit
 
 from rpil.data.archive import stored
 from rpil.inference.settings import GroupSettings
@@ -33,6 +33,15 @@ is a cluster. In recorded data it is 1 to 3.5, in simulated worlds of noise 6 an
 
 _TIE_LOG_ODDS = 1e-3
 """Log-odds that keep the order of the scores where P(expert) is at its bound."""
+
+_STARTS = ((0.0, -2.0, 0.5), (0.3, 0.0, 0.0), (0.7, 0.0, 0.0), (1.0, 0.5, -2.0))
+"""Quantile of the mode, and log spreads below and above it in standard deviations, from which `one_group` starts: all
+scores on one side of the mode, or both sides alike. On 400 random vectors of scores they miss the best optimum twice.
+"""
+
+_MIN_VARIANCE = 1e-6
+_MAX_LOG_SPREAD = 3.0
+"""Bounds of variances and log spreads in `one_group`, in standard deviations of the scores."""
 
 
 @stored(mean="2", spread="2", quantiles="Q")
@@ -65,9 +74,11 @@ class Groups:
         """Whether the lower group is a cluster of its own, and not the tail of a wide one."""
         return bool(self.mean[1] - self.mean[0] > CLUSTER_DISTANCE * np.sqrt(self.spread[0]))
 
-    def upper(self, score: Float[Array, " M"], variance: Float[Array, " M"], settings: GroupSettings) -> Bool[Array, " M"]:
+    def upper(
+        self, score: Float[Array, " M"], variance: Float[Array, " M"], settings: GroupSettings
+    ) -> Bool[Array, " M"]:
         """The members of the upper group, whether or not there are two."""
-        return replace(self, log_bayes_factor=np.inf).log_odds(score, variance, settings) > 0
+        return np.asarray(replace(self, log_bayes_factor=np.inf).log_odds(score, variance, settings) > 0)
 
     def log_odds(
         self, score: Float[Array, " M"], variance: Float[Array, " M"], settings: GroupSettings
@@ -122,19 +133,25 @@ def fit_groups(
 def one_group(score: Float[Array, " M"], variance: Float[Array, " M"]) -> float:
     """Log-likelihood of the best two-piece normal, whose spreads are widened by `variance`."""
     deviation = score.std()
+    y, variance = (score - score.mean()) / deviation, np.maximum(variance / deviation**2, _MIN_VARIANCE)
+    least = variance.min()
 
-    def loss(scaled: Array) -> float:
-        mode, spreads = deviation * scaled[0], np.sqrt(np.exp(2 * scaled[1:, None]) + variance)
-        z = (score - mode) / np.where(score < mode, spreads[0], spreads[1])
-        return float((0.5 * z * z + np.log(spreads.sum(axis=0)) - np.log(2 / np.sqrt(2 * np.pi))).sum())
+    def loss(parameters: Array) -> tuple[float, Array]:
+        """At the mode and, for both sides, half of log(s^2 + the least variance), where no slope vanishes."""
+        own = np.exp(2 * parameters[1:, None])
+        spreads = np.sqrt(own + (variance - least))
+        below = y < parameters[0]
+        side, total = np.where(below, *spreads), spreads.sum(axis=0)
+        z = (y - parameters[0]) / side
+        slopes = own / spreads * (1 / total - np.where([below, ~below], z * z / side, 0.0))
+        return float(0.5 * (z @ z) + np.log(total).sum()), np.append(-(z / side).sum(), slopes.sum(axis=1))
 
-    starts = [
-        np.array([np.quantile(score, q) / deviation, np.log(deviation) + skew, np.log(deviation) - skew])
-        for q in (0.3, 0.5, 0.7, 0.9)
-        for skew in (0.0, 0.7)
-    ]
-    options = {"maxiter": 1000, "xatol": 1e-5, "fatol": 1e-6}
-    return -min(float(minimize(loss, start, method="Nelder-Mead", options=options).fun) for start in starts)
+    low = 0.5 * np.log(least)
+    bounds = np.array([[y.min(), y.max()], [low, _MAX_LOG_SPREAD], [low, _MAX_LOG_SPREAD]])
+    starts = [np.clip([np.quantile(y, q), *spreads], *bounds.T) for q, *spreads in _STARTS]
+    fits = (minimize(loss, start, jac=True, method="L-BFGS-B", bounds=bounds) for start in starts)
+    constant = np.log(2 / np.sqrt(2 * np.pi)) - np.log(deviation)
+    return float(len(y) * constant - min(fit.fun for fit in fits))
 
 
 def two_groups(
@@ -143,7 +160,8 @@ def two_groups(
     noise: float,
     settings: GroupSettings,
 ) -> tuple[float, Groups] | None:
-    """Log-likelihood of two normal groups, and the groups, by EM from several starts. None where no start ends in two groups that are far enough apart."""
+    """Log-likelihood of two normal groups, and the groups, by EM from several starts; None where no start ends in two
+    groups that are far enough apart."""
     starts = [score > cut for cut in np.unique(np.quantile(score, settings.start_quantiles))]
     starts = [upper for upper in starts if 2 <= upper.sum() <= len(score) - 2]
     fits = [_two_normals(score, noise * variance, upper, settings) for upper in starts]
@@ -167,7 +185,7 @@ def _two_normals(
     for _ in range(settings.max_iter):
         widths = spread + variance[:, None]
         log_joint = np.log([1 - share, share]) + _log_normal(score[:, None], mean, widths)
-        log_evidence = logsumexp(log_joint, axis=1)
+        log_evidence = np.logaddexp(*log_joint.T)
         log_likelihood = float(log_evidence.sum())
         penalised = log_likelihood - 0.5 * float((np.log(spread) + prior / spread).sum())
         if penalised - last < settings.tol:

@@ -4,8 +4,8 @@
     continuous    a_j | s ~ Student's t with 4 degrees of freedom around x w_j, independent over the parts j
     any           a policy that cross-fits itself (`rpil.policies.cross_fitted`), with the same lapses eps
 
-Actions of continuous spaces are in standard deviations. The judge evaluates a held-out model again and again, each time
-with other weights of the steps.
+Actions of continuous spaces are in robust spreads (`rpil.inference.parts`). The judge evaluates a held-out model again
+and again, each time with other weights of the steps.
 """
 
 from __future__ import annotations
@@ -17,16 +17,15 @@ import numpy as np
 
 from rpil.data.fit_data import FitData
 from rpil.data.spaces import Discrete
+from rpil.inference.parts import ActionScale
 from rpil.inference.settings import HeldOutSettings
 from rpil.numerics.blocks import log_softmax
 from rpil.numerics.newton import NewtonSettings, Preconditioner, fit_softmax
 from rpil.numerics.regression import (
     MIN_WEIGHT,
-    column_scales,
     error_scale,
     normal_equations,
     solve_ridge,
-    standardise,
     student_log_density,
 )
 from rpil.numerics.types import Array, Float, Int
@@ -159,7 +158,7 @@ class HeldOutRidge(HeldOutModel):
     settings: HeldOutSettings
 
     def __post_init__(self) -> None:
-        self.actions = standardise(self.data.actions)
+        self.actions = ActionScale.of(self.data)(self.data.actions)
 
     @property
     def ridges(self) -> tuple[float, ...]:
@@ -203,7 +202,7 @@ class HeldOutPolicy(HeldOutModel):
         if isinstance(self.data.space, Discrete):
             return with_lapses(outputs, frequencies(self.data), self.data.actions, self.settings.lapse)
         log_density = self.policy.log_prob(outputs, self.data.actions)
-        return HeldOutLogProb.centred(log_density + np.log(column_scales(self.data.actions)).sum(), weight)
+        return HeldOutLogProb.centred(log_density + np.log(ActionScale.of(self.data).spread).sum(), weight)
 
 
 def held_out_model(data: FitData, seed: int, settings: HeldOutSettings) -> HeldOutModel:
@@ -226,5 +225,5 @@ def log_reference(data: FitData, group: Array, settings: HeldOutSettings) -> Flo
     weight = data.per_step(group.astype(float))
     if isinstance(data.space, Discrete):
         return np.asarray(np.log(frequencies(data, weight))[data.actions])
-    actions = standardise(data.actions)
+    actions = ActionScale.of(data)(data.actions)
     return log_density_of_errors(actions - np.median(actions[weight > 0], axis=0), weight, settings)

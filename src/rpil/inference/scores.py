@@ -11,9 +11,9 @@ from rpil.data.spaces import Discrete
 from rpil.inference.effective_steps import autocovariances, effective_steps
 from rpil.inference.groups import Groups, fit_groups
 from rpil.inference.held_out import HeldOutModel, log_reference
+from rpil.inference.parts import ActionScale
 from rpil.inference.settings import JudgeSettings
 from rpil.inference.trimming import TrimmedFit, choose_ridge, fit_group
-from rpil.numerics.regression import standardise
 from rpil.numerics.types import Array, Bool, Float, Int
 
 
@@ -71,7 +71,7 @@ class Scoring:
         """The actions as the policy sees them: scaled, or indicators of discrete actions."""
         if isinstance(self.data.space, Discrete):
             return np.eye(self.data.space.n)[self.data.actions]
-        return standardise(self.data.actions)
+        return ActionScale.of(self.data)(self.data.actions)
 
     def fit_group(self, group: Bool[Array, " M"]) -> TrimmedFit:
         """Policies fitted to `group`."""

@@ -15,6 +15,7 @@ from rpil.data.errors import DataError
 from rpil.mixture.settings import DemonstratorSettings
 from rpil.numerics.regression import ErrorSettings
 
+
 @stored()
 @dataclass(frozen=True)
 class HeldOutSettings:
@@ -166,7 +167,9 @@ class ClaimSettings:
     """Error at which the steps that are missing are counted."""
 
     def __post_init__(self) -> None:
-        check_settings(self, min_p_two="[0.5, 1)", min_proba="(0.5, 1)", min_agreement="[-1, 1]", max_part_share="(0, 1]")
+        check_settings(
+            self, min_p_two="[0.5, 1)", min_proba="(0.5, 1)", min_agreement="[-1, 1]", max_part_share="(0, 1]"
+        )
 
     @property
     def log_odds(self) -> float:
@@ -204,8 +207,12 @@ class AnswerSettings:
     """Prior precision of the weight of a channel."""
     offset_precision: float = 0.25
     """Of the offset."""
-    error_rates: tuple[float, ...] = (0.02, 0.1, 0.25)
+    error_rates: tuple[float, ...] = (0.02, 0.1)
     """Rates of wrong answers, equally likely beforehand; the smallest first."""
+    group_weight: float = 2.0
+    """Prior weight of the group of scores; that of agreement is 1."""
+    sharpness: float = 1.6
+    """Factor of the logit of P(good)."""
     max_group_log_odds: float = 3.0
     """Nats by which the log-odds of the upper group are bounded as a channel."""
     min_proba: float = 0.9
@@ -220,7 +227,14 @@ class AnswerSettings:
     """Answers up to which each label is compared with the others."""
 
     def __post_init__(self) -> None:
-        check_settings(self, p_agreement="(0, 1)", min_proba="(0.5, 1)", error_rates="(0, 0.5)", max_contradicted_proba="(0, 1)", max_left_out="[0, inf)")
+        check_settings(
+            self,
+            p_agreement="(0, 1)",
+            min_proba="(0.5, 1)",
+            error_rates="(0, 0.5)",
+            max_contradicted_proba="(0, 1)",
+            max_left_out="[0, inf)",
+        )
 
     @property
     def log_odds(self) -> float:

@@ -18,7 +18,6 @@ import numpy as np
 
 from rpil.data.fit_data import FitData
 from rpil.inference.held_out import HeldOutLogProb, HeldOutModel
-from rpil.inference.settings import TrimmingSettings
 from rpil.numerics.types import Array, Bool, Float
 
 

@@ -1,5 +1,7 @@
-"""The judge decides which demonstrations are typical, and, where answers are given, which are good. It runs the stages of
-`rpil.inference` in order."""
+"""The judge decides which demonstrations are typical, and, where answers are given, which are good.
+
+It runs the stages of `rpil.inference` in order.
+"""
 
 from __future__ import annotations
 
@@ -10,7 +12,7 @@ import numpy as np
 from scipy.special import expit
 
 from rpil.data.fit_data import FitData
-from rpil.inference.answered import Answered, answer
+from rpil.inference.answered import Answered, answer, columns_of
 from rpil.inference.answers import Answers
 from rpil.inference.channels import StateScale, channels
 from rpil.inference.claims import Claims, claim, missing_steps, telling_pair
@@ -38,8 +40,8 @@ class Judgement:
     """Log-odds, nats: by the actions of the demonstration itself, by the other demonstrations of its demonstrator, and
     by the answers."""
     scores: Scores
-    channels: Float[Array, "M C"]
-    """See `rpil.inference.channels`."""
+    columns: Float[Array, "M D"]
+    """From which answers learn, see `rpil.inference.answered.columns_of`."""
     states: StateScale
     claims: Claims
     answered: Answered | None
@@ -112,8 +114,8 @@ def judge(
 
 
 def score_by_best_group(scoring: Scoring, start: Bool[Array, " M"]) -> Scores:
-    """Scores under policies of the training group; once more under those of the upper group of these scores, where it is
-    smaller and then the scores are two groups.
+    """Scores under policies of the training group; once more under those of the upper group of these scores, where that
+    is smaller and the scores are then two groups.
 
     A group fits better once all others are left out, as in reweighted least squares (Rousseeuw and Leroy 1987). Whether
     there are two groups is asked once, of the last scores.
@@ -154,9 +156,10 @@ def conclude(
     scores, claims, words = evidence.scores, evidence.claims, evidence.claims.words
     from_actions = scores.log_odds(settings)
     from_demonstrator, from_answers, trust = np.zeros(len(words)), np.zeros(len(words)), np.empty((0, 3))
+    columns = columns_of(evidence.channels, from_actions, settings.answers)
     answered = None
     if answers.any:
-        answered = answer(evidence.channels, from_actions, answers, settings.answers)
+        answered = answer(columns, answers, settings.answers)
         from_answers = answered.log_odds - from_actions
         words = answered.words
     if data.demonstrators.informative:
@@ -165,7 +168,7 @@ def conclude(
         )
         from_demonstrator, trust = posterior.log_odds, posterior.intervals()
     total = from_actions + from_demonstrator + from_answers
-    words = words * (np.sign(total) == words)
+    words = words * (np.sign(total) == words)  # a demonstrator withdraws words, and gives none
     p_two = 1.0 if answered is not None else scores.groups.p_two
     return Judgement(
         finding=claims.finding if answered is None else "answered",
@@ -174,7 +177,7 @@ def conclude(
         from_demonstrator=from_demonstrator,
         from_answers=from_answers,
         scores=scores,
-        channels=evidence.channels,
+        columns=columns,
         states=evidence.states,
         claims=claims,
         answered=answered,

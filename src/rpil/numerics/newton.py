@@ -184,8 +184,9 @@ class Preconditioner:
             hessian = _full_hessian(x.astype(float, copy=False), p, s)[None]
             penalty = np.tile(penalty, p.shape[1])
         else:
-            curvature = (s[:, None] * p * (1 - p)).astype(x.dtype, copy=False)
-            hessian = np.stack([(x.T * curvature[:, k]) @ x for k in range(p.shape[1])]).astype(float)
+            root = np.sqrt(s[:, None] * p * np.maximum(1 - p, 0.0)).astype(x.dtype, copy=False)
+            weighted = (x * root[:, k : k + 1] for k in range(p.shape[1]))
+            hessian = np.stack([y.T @ y for y in weighted]).astype(float)  # takes half of X^T Y
         floor = max(1e-8, 100 * np.finfo(x.dtype).eps) if len(hessian) > 1 else 1e-9
         diagonal = np.einsum("kdd->kd", hessian)
         # The floor keeps a class that the subsample hardly sees invertible, and is above the product's rounding.

@@ -8,13 +8,17 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import solve
+from scipy.linalg import cho_factor, cho_solve
 from scipy.special import gammaln
 
-from rpil.numerics.types import Array, Float, Num
+from rpil.numerics.types import Array, Float, Int, Num
 
 MIN_WEIGHT = 1e-6
 """Lower bound of the weight of steps, so that a fold without weight is no division by zero."""
+
+
+ROUNDING = 1e-12
+"""Differences relative to the values, up to which these are equal but for rounding."""
 
 
 @dataclass(frozen=True)
@@ -39,12 +43,58 @@ def column_scales(actions: Num[Array, "N A"]) -> Float[Array, " A"]:
     return np.where(spread > 0, spread, 1.0)
 
 
+def robust_scale(
+    values: Num[Array, "N A"], offsets: Int[Array, " M1"]
+) -> tuple[Float[Array, " A"], Float[Array, " A"]]:
+    """Location and spread (A,) of columns whose steps ``offsets[m]:offsets[m + 1]`` are those of demonstration m: the
+    median, and the root mean square distance from it within the median demonstration.
+
+    Where most demonstrations are at the location all the time, the spread is that of the median one of the others; 1
+    where all are. One demonstration has no influence on either, however far off it is.
+    """
+    values = np.asarray(values, dtype=float)
+    location = np.median(values, axis=0)
+    distance = _mean_square(values - location, offsets)
+    distance[distance <= (ROUNDING * location) ** 2] = 0.0
+    return location, np.sqrt(_median_distance(distance))
+
+
+def scale_within(
+    values: Num[Array, "N A"], offsets: Int[Array, " M1"]
+) -> tuple[Float[Array, " A"], Float[Array, " A"]]:
+    """Location and spread (A,) as `robust_scale`, but the spread is the standard deviation within the median
+    demonstration, wherever each of them is; that of `robust_scale` where most demonstrations do not move."""
+    location, spread = robust_scale(values, offsets)
+    lengths = np.diff(offsets)
+    distance = np.asarray(values, dtype=float) - location
+    means = np.add.reduceat(distance, offsets[:-1], axis=0) / lengths[:, None]
+    within = np.sqrt(np.median(_mean_square(distance - np.repeat(means, lengths, axis=0), offsets), axis=0))
+    return location, np.where(within > ROUNDING * np.maximum(spread, np.abs(location)), within, spread)
+
+
+def _mean_square(values: Float[Array, "N A"], offsets: Int[Array, " M1"]) -> Float[Array, "M A"]:
+    return np.asarray(np.add.reduceat(values**2, offsets[:-1], axis=0) / np.diff(offsets)[:, None])
+
+
+def _median_distance(distance: Float[Array, "M A"]) -> Float[Array, " A"]:
+    """Median of each column, of the positive entries where it is zero, and 1 where there are none."""
+    median = np.median(distance, axis=0)
+    for column in np.flatnonzero(median == 0):
+        positive = distance[distance[:, column] > 0, column]
+        median[column] = np.median(positive) if len(positive) else 1.0
+    return np.asarray(median)
+
+
 def normal_equations(
     features: Float[Array, "N D"], actions: Float[Array, "N A"], weight: Float[Array, " N"]
 ) -> tuple[Float[Array, "D D"], Float[Array, "D A"], float]:
     """X^T W X, X^T W Y and the sum of the weights: the sums from which `solve_ridge` fits."""
-    weighted = features * weight[:, None]
-    return weighted.T @ features, weighted.T @ actions, float(weight.sum())
+    used = weight > 0.0
+    if not used.all():
+        features, actions, weight = features[used], actions[used], weight[used]
+    root = np.sqrt(weight)[:, None]
+    weighted = features * root
+    return weighted.T @ weighted, weighted.T @ (actions * root), float(weight.sum())  # X^T X takes half of X^T Y
 
 
 def solve_ridge(
@@ -55,9 +105,10 @@ def solve_ridge(
     `ridge` is the penalty a step, `total` the sum of the weights; see `normal_equations`.
     """
     total = max(total, MIN_WEIGHT)
-    penalised = np.asarray(gram, dtype=float).copy()
+    penalised = np.array(gram, dtype=float)
     penalised[np.diag_indices_from(penalised)] += np.append(np.full(len(gram) - 1, ridge * total), 1e-9 * total)
-    return np.asarray(solve(penalised, product, assume_a="pos"))
+    factor = cho_factor(penalised, overwrite_a=True, check_finite=False)
+    return np.asarray(cho_solve(factor, product, check_finite=False))
 
 
 def error_scale(errors: Float[Array, "N A"], weight: Float[Array, " N"], settings: ErrorSettings) -> Float[Array, " A"]:

@@ -18,7 +18,8 @@ from rpil.data.arrays import LARGEST
 from rpil.data.checks import check_settings
 from rpil.data.errors import DataError
 from rpil.data.spaces import Discrete, Space
-from rpil.numerics.types import Array, Float, Num
+from rpil.numerics.regression import robust_scale
+from rpil.numerics.types import Array, Float, Int, Num
 
 FEATURE_KINDS = ("raw", "folded", "spline", "poly", "nystroem")
 """The kinds of feature maps."""
@@ -53,9 +54,11 @@ class FeatureSettings:
     root of the smallest eigenvalue of the kernel of the landmarks."""
     kernel_width: float = 0.1
     """gamma of the Gaussian kernel exp(-gamma |z - z'|^2), times the number of columns of z."""
+    bound: float = 8.0
+    """Spreads from the location at which a robust map cuts observations off."""
 
     def __post_init__(self) -> None:
-        check_settings(self, n_knots="[2, inf)", landmark_tol="(0, 1)")
+        check_settings(self, n_knots="[2, inf)", landmark_tol="(0, 1)", bound="(0, inf)")
 
 
 @stored(
@@ -81,10 +84,11 @@ class FeatureMap:
     """Knots of the spline; (0, D) for the other kinds."""
     location: Float[Array, " D"]
     spread: Float[Array, " D"]
-    """Mean and standard deviation by which observations are standardised before they are folded or multiplied."""
+    """Mean and standard deviation by which observations are standardised before they are folded or multiplied; of a
+    robust map `rpil.numerics.regression.robust_scale`."""
     center: Float[Array, " F"]
     scale: Float[Array, " F"]
-    """Mean and standard deviation by which every column is standardised."""
+    """The same of every column, by which it is standardised."""
     landmarks: Float[Array, "R E"]
     """Folded observations with which Nystroem compares; (0, 2 D) for the other kinds."""
     mixing: Float[Array, "R R"]
@@ -93,6 +97,8 @@ class FeatureMap:
     """The default ridge, a step."""
     kernel_width: float
     """Of Nystroem's kernel, see `FeatureSettings`."""
+    bound: float | None
+    """Spreads from the location at which observations are cut off; None where they are not."""
 
     @classmethod
     def fit(
@@ -102,6 +108,7 @@ class FeatureMap:
         weight: Float[Array, " N"] | None = None,
         ridge: float | None = None,
         *,
+        offsets: Int[Array, " M1"] | None = None,
         settings: FeatureSettings,
     ) -> FeatureMap:
         """Choose knots, landmarks, centres and scales, the latter two from weighted observations.
@@ -114,6 +121,9 @@ class FeatureMap:
             Weights of the observations; 1 by default.
         ridge : float, optional
             Ridge a step, in the place of ``settings.ridge_per_step``.
+        offsets : (M + 1,) array, optional
+            Bounds of the demonstrations. With them the map is robust: no single demonstration, however far off, changes
+            how the others are seen. Weights are then not used.
 
         Raises
         ------
@@ -128,16 +138,22 @@ class FeatureMap:
         observations = np.asarray(observations, dtype=float)
         if np.abs(observations).max() > LARGEST:
             raise DataError(f"An observation is beyond {LARGEST:g}, where its square is no number; use larger units.")
-        location, spread = _mean_and_spread(observations, weight)
+        bound = None if offsets is None else settings.bound
+        location, spread = _location_and_spread(observations, weight, offsets)
+        if bound is not None:
+            observations = _cut_off(observations, location, spread, bound)
         knots = _knots(observations, settings.n_knots) if kind == "spline" else np.empty((0, n_columns))
         landmarks, mixing = np.empty((0, 2 * n_columns)), np.empty((0, 0))
         if kind == "nystroem":
             landmarks, mixing = _nystroem(_fold((observations - location) / spread), settings)
         none = np.zeros(0)
         ridge = settings.ridge_per_step if ridge is None else ridge
-        unscaled = cls(kind, knots, location, spread, none, none, landmarks, mixing, ridge, settings.kernel_width)
+        unscaled = cls(
+            kind, knots, location, spread, none, none, landmarks, mixing, ridge, settings.kernel_width, bound
+        )
         columns = unscaled._columns(observations)
-        center, scale = _mean_and_spread(columns, weight, unit=1.0 if kind in ("poly", "nystroem") else 0.0)
+        unit = 1.0 if kind in ("poly", "nystroem") else 0.0
+        center, scale = _location_and_spread(columns, weight, offsets, unit)
         if kind == "spline":  # one scale for all columns: the coefficients of a rarely visited column must stay small
             scale = np.ones_like(scale)
         return replace(unscaled, center=center, scale=scale)
@@ -155,8 +171,10 @@ class FeatureMap:
         out[:, -1] = 1.0
         write = self._write_single if single and observations.dtype == np.float32 and self._near_zero else self._write
         for start in range(0, len(observations), DESIGN_BLOCK_ROWS):
-            rows = slice(start, start + DESIGN_BLOCK_ROWS)
-            write(observations[rows], out[rows, :-1])
+            block = observations[start : start + DESIGN_BLOCK_ROWS]
+            if self.bound is not None:
+                block = _cut_off(block, self.location, self.spread, self.bound)
+            write(block, out[start : start + DESIGN_BLOCK_ROWS, :-1])
         return out
 
     @cached_property
@@ -273,9 +291,21 @@ def _similarity(folded: Array, landmarks: Array, width: float) -> Array:
     return np.asarray(rbf_kernel(folded, landmarks, gamma=width / folded.shape[1]))
 
 
-def _mean_and_spread(columns: Array, weight: Array | None, unit: float = 0.0) -> tuple[Array, Array]:
-    """Mean and standard deviation of each column, the latter 1 where the column is constant up to rounding, which is
-    relative to its mean, or to `unit` if that is larger."""
+def _cut_off(observations: Array, location: Array, spread: Array, bound: float) -> Array:
+    """Observations at most `bound` spreads from their location, in their own precision if they are no integers."""
+    dtype = observations.dtype if observations.dtype.kind == "f" else np.dtype(float)
+    low, high = ((location + sign * bound * spread).astype(dtype) for sign in (-1, 1))
+    return np.clip(observations, low, high)
+
+
+def _location_and_spread(
+    columns: Array, weight: Array | None, offsets: Array | None, unit: float = 0.0
+) -> tuple[Array, Array]:
+    """Mean and standard deviation of each column, or their robust counterparts by demonstrations; the latter is 1 where
+    the column is constant up to rounding, which is relative to its location, or to `unit` if that is larger."""
+    if offsets is not None:
+        location, spread = robust_scale(columns, offsets)
+        return location, np.where(spread > 1e-12 * np.maximum(np.abs(location), unit), spread, 1.0)
     mean = np.average(columns, axis=0, weights=weight)
     spread = np.sqrt(np.average((columns - mean) ** 2, axis=0, weights=weight))
     return mean, np.where(spread > 1e-12 * np.maximum(np.abs(mean), unit), spread, 1.0)

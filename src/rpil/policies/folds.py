@@ -16,7 +16,9 @@ def deal(data: FitData, n_folds: int, seed: int) -> Int[Array, " M"]:
     """The fold of each demonstration, at random, but the same for the same demonstrations.
 
     Their order and ids change nothing, nor do names of actions, nor units, order and copies of columns. Folds have
-    equally many demonstrations, or one more; with M folds it is a random order.
+    equally many demonstrations, or one more; with M folds it is a random order. Copies of a demonstration are in one
+    fold, so that nothing is predicted by what was fitted to itself; then there may be fewer folds, one for each
+    different demonstration, and larger ones.
     """
     actions = np.asarray(data.actions)
     if isinstance(data.space, Discrete):
@@ -24,9 +26,44 @@ def deal(data: FitData, n_folds: int, seed: int) -> Int[Array, " M"]:
     root = np.sqrt(np.arange(1, len(actions) + 1) - data.per_step(data.offsets[:-1]))  # steps in another order differ
     by_states, by_actions = (data.mean_steps(root * _largest(v)) for v in (data.features, actions))
     # Rounded, because sums over the same values in another order, or in other units, differ in their last digits.
-    order = np.lexsort((np.round(by_states, 6), np.round(by_actions, 6), data.lengths))
+    keys = np.array([np.round(by_states, 6), np.round(by_actions, 6), data.lengths])
+    order = np.lexsort(keys)
+    unit = _copies(data, order, keys[:, order])
+    sizes, rng = np.bincount(unit), np.random.default_rng(seed)
     fold = np.empty(len(order), dtype=int)
-    fold[order] = np.random.default_rng(seed).permutation(len(order)) % n_folds
+    if len(sizes) == 1 or len(sizes) == len(order):  # nothing but copies cannot be told apart by any folds
+        fold[order] = rng.permutation(len(order)) % n_folds
+    else:
+        fold[order] = _balanced(sizes, n_folds, rng)[unit]
+    return fold
+
+
+def _copies(data: FitData, order: Int[Array, " M"], keys: Float[Array, "3 M"]) -> Int[Array, " M"]:
+    """The number, from 0, of the different demonstration that each one in `order` is; copies have equal `keys`."""
+    is_new = np.append(True, (keys[:, 1:] != keys[:, :-1]).any(axis=0))
+    run, seen, unit = np.cumsum(is_new), dict[tuple[int, bytes, bytes], int](), np.empty(len(order), dtype=int)
+    alone = np.bincount(run)[run] == 1
+    n_units = 0
+    for k, m in enumerate(order.tolist()):
+        unit[k] = n_units
+        if not alone[k]:  # contents are compared only where they may be the same
+            steps = slice(data.offsets[m], data.offsets[m + 1])
+            contents = int(run[k]), data.features[steps].tobytes(), np.asarray(data.actions[steps]).tobytes()
+            unit[k] = seen.setdefault(contents, n_units)
+        n_units += int(unit[k] == n_units)
+    return unit
+
+
+def _balanced(sizes: Int[Array, " U"], n_folds: int, rng: np.random.Generator) -> Int[Array, " U"]:
+    """The fold of each unit of so many demonstrations: at random, but the largest units first, to the smallest fold."""
+    units = rng.permutation(len(sizes))
+    fold = np.empty(len(sizes), dtype=int)
+    if n_folds >= len(sizes):
+        return units
+    load = np.zeros(n_folds, dtype=int)
+    for u in units[np.argsort(-sizes[units], kind="stable")].tolist():
+        fold[u] = np.argmin(load)
+        load[fold[u]] += sizes[u]
     return fold
 
 

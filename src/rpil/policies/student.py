@@ -45,6 +45,9 @@ class StudentSettings:
     bound within which an action is at the bound."""
     max_halvings: int = 12
     """Halvings of a step after which it is given up."""
+    min_gain: float = 5e-6
+    """Gain of the objective, in nats a step, at which a fit in memory stops, whatever is asked: on trusted steps of
+    recorded data the means of the median set were within 5e-4 standard deviations of those at a fifth of it."""
 
 
 @stored(weights="F+1 A", cholesky="A A", ridge="F+1", least="A", low="A", high="A")
@@ -103,21 +106,20 @@ class StudentPolicy:
         max_iter: int = 100,
         max_cg: int = 0,
     ) -> tuple[StudentPolicy, Float[Array, "N A"]]:
-        """Weighted least squares until the objective gains less than `tol` nats a step; unchanged without weight.
+        """Weighted least squares until the objective gains less than `tol` nats a step, or less than the settings ask;
+        unchanged without weight.
 
         Adversaries of continuous actions have no `soft_targets`, and no step needs conjugate gradients.
         """
-        features, actions, total = data.features, data.actions, weight.sum()
-        policy, outputs = self, self.outputs(features)
+        total = weight.sum()
         if not total > 0.0:
-            return policy, outputs
-        objective = weight @ policy.log_prob(outputs, actions) - policy.penalty()
+            return self, self.outputs(data.features)
+        fitted = _Fitted.at(self, self.outputs(data.features), data.actions, weight)
         for _ in range(max_iter):
-            policy, outputs = policy._iterate(features, actions, outputs, weight)
-            before, objective = objective, weight @ policy.log_prob(outputs, actions) - policy.penalty()
-            if objective - before <= tol * total:
+            before, fitted = fitted, self._iterate(data, fitted, weight)
+            if fitted.objective - before.objective <= max(tol, self.settings.min_gain) * total:
                 break
-        return policy, outputs
+        return fitted.policy, fitted.outputs
 
     def with_temperature(self, temperature: float) -> StudentPolicy:
         """The policy unchanged: Sigma and nu were fitted."""
@@ -181,20 +183,26 @@ class StudentPolicy:
         better_freedom = likelihoods.max() - likelihoods[int(nearest)]
         return float(max(steepest, 0.25 * total * (excess**2).sum(), better_freedom))
 
-    def _iterate(self, features: Array, actions: Array, outputs: Array, weight: Array) -> tuple[StudentPolicy, Array]:
-        """The policy after one step of weighted least squares, and its outputs."""
-        errors, factors = self._errors(outputs, actions)
-        robust = self._robust_weight(self._distance(errors), weight)
-        grams, slope = _weighted_sums(features, errors, factors, robust, self._precision)
-        step = self._step(grams, slope, kinked := bool((factors < 1.0).any()))
+    @staticmethod
+    def _iterate(data: FitData, last: _Fitted, weight: Array) -> _Fitted:
+        """The policy after one step of weighted least squares."""
+        policy, features = last.policy, data.features
+        robust = policy._robust_weight(last.distance, weight)
+        grams, slope = _weighted_sums(features, last.errors, last.factors, robust, policy._precision)
+        step = policy._step(grams, slope, kinked := bool((last.factors < 1.0).any()))
         change = linear(features, step)
-        length = self._length(step, change, actions, outputs, weight) if kinked else 1.0
-        weights, outputs = self.weights + length * step, outputs + length * change
-        errors, _ = self._errors(outputs, actions)
-        if kinked:  # the length was chosen by the likelihood itself, so the weights are those of the new errors
-            robust = self._robust_weight(self._distance(errors), weight)
-        policy = self._moved(weights, (errors.T * robust) @ errors, weight.sum())
-        return policy._with_best_freedom(policy._log_likelihoods(policy._distance(errors), weight)), outputs
+        if kinked:  # the length is chosen by the likelihood itself, so the weights are those of the new errors
+            moved = policy._shortened(step, change, data.actions, last, weight)
+            robust = policy._robust_weight(moved.distance, weight)
+            outputs, errors, factors, weights = moved.outputs, moved.errors, moved.factors, moved.policy.weights
+        else:
+            outputs, weights = last.outputs + change, policy.weights + step
+            errors, factors = policy._errors(outputs, data.actions)
+        policy = policy._moved(weights, (errors.T * robust) @ errors, weight.sum())
+        distance = policy._distance(errors)
+        likelihoods = policy._log_likelihoods(distance, weight)
+        policy = policy._with_best_freedom(likelihoods)
+        return _Fitted(policy, outputs, errors, factors, distance, float(likelihoods.max()) - policy.penalty())
 
     def _moved(self, weights: Array, scatter: Array, total: float) -> StudentPolicy:
         """The policy with these coefficients, and Sigma of the errors with the sums of squares `scatter` (A, A)."""
@@ -219,17 +227,15 @@ class StudentPolicy:
         parts = zip(grams, slope.T, np.diag(precision), strict=True)
         return np.column_stack([_solve(gram + ridge, part / own_precision) for gram, part, own_precision in parts])
 
-    def _length(self, step: Array, change: Array, actions: Array, outputs: Array, weight: Array) -> float:
-        """The longest of 1, 1/2, 1/4 .. times the step, by which outputs `change`, that does not lower the objective;
-        0 without one."""
-
-        def objective(length: float) -> float:
+    def _shortened(self, step: Array, change: Array, actions: Array, last: _Fitted, weight: Array) -> _Fitted:
+        """The policy after the longest of 1, 1/2, 1/4 .. times the step, by which outputs `change`, that does not lower
+        the objective; the last one without any."""
+        for length in 0.5 ** np.arange(self.settings.max_halvings):
             moved = replace(self, weights=self.weights + length * step)
-            return float(weight @ moved.log_prob(outputs + length * change, actions) - moved.penalty())
-
-        before = objective(0.0)
-        lengths = 0.5 ** np.arange(self.settings.max_halvings)
-        return next((float(length) for length in lengths if objective(length) >= before), 0.0)
+            trial = _Fitted.at(moved, last.outputs + length * change, actions, weight)
+            if trial.objective >= last.objective:
+                return trial
+        return last
 
     def _errors(self, outputs: Array, actions: Array) -> tuple[Array, Array]:
         """Errors of the means times their factors, and the factors, (N, A) each: `BOUND_FACTOR` where the action is at
@@ -258,6 +264,25 @@ class StudentPolicy:
         return np.asarray(constant - 0.5 * (freedom + dimension) * np.log1p(distance / freedom))
 
 
+@dataclass(frozen=True, eq=False)
+class _Fitted:
+    """A policy during a fit, and what it says of the steps."""
+
+    policy: StudentPolicy
+    outputs: Array
+    errors: Array
+    factors: Array
+    distance: Array
+    objective: float
+
+    @classmethod
+    def at(cls, policy: StudentPolicy, outputs: Array, actions: Array, weight: Array) -> _Fitted:
+        errors, factors = policy._errors(outputs, actions)
+        distance = policy._distance(errors)
+        objective = float(weight @ policy._log_density(distance, policy.freedom)) - policy.penalty()
+        return cls(policy, outputs, errors, factors, distance, objective)
+
+
 def _weighted_sums(
     features: Array, errors: Array, factors: Array, weight: Array, precision: Array
 ) -> tuple[Array, Array]:
@@ -269,11 +294,21 @@ def _weighted_sums(
     for block in blocks(features):
         rows, of_rows, weights = features[block], factors[block], weight[block]
         slope += rows.T @ residual[block].astype(features.dtype, copy=False)
-        uncensored: Array = np.all(of_rows == 1.0, axis=0)
-        shared = _gram(rows, weights) if uncensored.any() else None
-        for part in range(n_parts):
-            grams[part] += shared if uncensored[part] else _gram(rows, weights * of_rows[:, part] ** 2)
+        shared = _gram(rows, weights)
+        for part, beyond in enumerate((of_rows < 1.0).T):
+            grams[part] += _with_beyond(shared, rows, weights, beyond)
     return grams, slope
+
+
+def _with_beyond(shared: Array, rows: Array, weight: Array, beyond: Array) -> Array:
+    """X^T W X where rows `beyond` a bound count `BOUND_FACTOR`^2 times, from `shared`, in which they count once, and
+    the rows of the rarer sort alone."""
+    few, factor = beyond.sum(), BOUND_FACTOR**2
+    if few == 0:
+        return shared
+    if 2 * few <= len(beyond):
+        return shared - (1.0 - factor) * _gram(rows[beyond], weight[beyond])
+    return factor * shared + (1.0 - factor) * _gram(rows[~beyond], weight[~beyond])
 
 
 def _gram(rows: Array, weight: Array) -> Array:

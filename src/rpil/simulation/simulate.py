@@ -16,7 +16,7 @@ from rpil.simulation.rollouts import RandomPolicy, record
 
 @dataclass(frozen=True, eq=False)
 class Simulation:
-    """M simulated demonstrations, the good first."""
+    """M simulated demonstrations, good and bad in random order."""
 
     env_id: str
     kind: str
@@ -33,7 +33,8 @@ def simulate(env_id: str, kind: str, *, n_good: int, n_bad: int, seed: int) -> S
     """Record the closed-form expert of an environment, and corrupt some of the demonstrations.
 
     The good episodes depend on neither `kind` nor `n_bad`, and for every kind but "random" the same episodes are
-    corrupted: results for two kinds with one seed differ by the kind alone.
+    corrupted: results for two kinds with one seed differ by the kind alone. Good and bad are in random order, because
+    data in order of quality would answer what is asked of them; the good among themselves keep their order.
 
     Parameters
     ----------
@@ -61,7 +62,8 @@ def simulate(env_id: str, kind: str, *, n_good: int, n_bad: int, seed: int) -> S
         raise DataError(f"n_good = {n_good} and n_bad = {n_bad} make no demonstrations: ask for at least one in all.")
     driver = expert(env_id)
     space = driver.actions
-    good_seed, bad_seed, policy_seed, corruption_seed = np.random.SeedSequence(seed).generate_state(4).tolist()
+    seeds = np.random.SeedSequence(seed).generate_state(5).tolist()
+    good_seed, bad_seed, policy_seed, corruption_seed, order_seed = seeds
 
     good = record(driver, env_id, n_episodes=n_good, seed=good_seed)
     if kind == RANDOM:
@@ -75,10 +77,13 @@ def simulate(env_id: str, kind: str, *, n_good: int, n_bad: int, seed: int) -> S
             CORRUPTIONS[kind](episode.observations, episode.actions, space, rng)
             for episode, rng in zip(bad, streams, strict=True)
         ]
+    episodes = [*((episode.observations, episode.actions) for episode in good), *corrupted]
+    is_good = np.random.default_rng(order_seed).permutation(np.repeat([1, 0], [n_good, n_bad]))
+    order = np.argsort(np.argsort(-is_good, kind="stable"))  # the good, and the bad, among themselves as recorded
     return Simulation(
         env_id=env_id,
         kind=kind,
-        episodes=[*((episode.observations, episode.actions) for episode in good), *corrupted],
-        is_good=np.repeat([1, 0], [n_good, n_bad]),
-        returns=np.array([episode.total_reward for episode in [*good, *bad]]),
+        episodes=[episodes[m] for m in order.tolist()],
+        is_good=is_good,
+        returns=np.array([episode.total_reward for episode in [*good, *bad]])[order],
     )

@@ -19,15 +19,15 @@ from matplotlib.image import imread
 
 from audits import make_audit
 from html_page import Page
-from rpil.audit.assumptions import P_EXPERT
 from rpil.audit.html.number_format import format_number
 from rpil.audit.html.page import Article, render_page, write_page
 from rpil.audit.html.pictures import returns_figure
 from rpil.audit.label_choice import NEXT_STEPS
 from rpil.audit.record import Audit
 from rpil.audit.settings import AuditSettings
+from rpil.audit.words import WORDS
 from rpil.data.errors import DataError
-from rpil.inference.trust import FINDINGS
+from rpil.inference.findings import FINDINGS
 
 
 def render(audit: Audit, **options: object) -> str:
@@ -53,9 +53,9 @@ def page(audit: Audit) -> Page:
 def unknown() -> Audit:
     ids = [f"d{k}" for k in range(30)]
     return make_audit(
-        ("uncertain",) * 30,
+        ("open",) * 30,
         ids=ids,
-        finding="cannot be known",
+        finding="two groups",
         identifiable=False,
         competing=(tuple(ids[:4]), tuple(ids[4:])),
         to_label=("d0", "d9"),
@@ -63,25 +63,25 @@ def unknown() -> Audit:
 
 
 def test_page_begins_with_the_finding_and_the_next_step(page: Page) -> None:
-    assert f"An audit Told apart. {FINDINGS['told apart']} 10 demonstrations:" in page.text
-    assert "10 demonstrations: 5 expert , 4 adversary , 1 uncertain ." in page.text
-    assert f"Next: {NEXT_STEPS['told apart']}" in page.text
-    assert "Share of experts 55 % 95 % interval 31 % to 77 %" in page.text
+    assert f"An audit Some are unlike. {FINDINGS['some are unlike']} 10 demonstrations:" in page.text
+    assert "10 demonstrations: 5 typical , 1 open , 4 unlike ." in page.text
+    assert f"Next: {NEXT_STEPS['some are unlike']}" in page.text
+    assert "Share of typical ones 55 % 95 % interval 31 % to 77 %" in page.text
     assert "Compared with uniform" in page.text
     assert "Time 1.25 s" in page.text
-    assert f"The most trusted first. {P_EXPERT}" in page.text
+    assert f"The most trusted first. {WORDS['none'].explanation}" in page.text
 
 
 @pytest.mark.parametrize("finding", ["nobody stands out", "nothing could be learned"])
 def test_page_without_groups_gives_no_verdicts(finding: str) -> None:
-    audit = make_audit(("uncertain",) * 10, finding=finding)
+    audit = make_audit(("open",) * 10, finding=finding)
     text = Page(render(audit)).text
     assert f"{finding.capitalize()}. {FINDINGS[finding]} 10 demonstrations, ranked below; the ranking gives no" in text
-    assert "gives no verdicts. Next:" in text
+    assert "gives no words. Next:" in text
     assert NEXT_STEPS[finding] in text
-    assert "0 adversary" not in text
-    labelled = Page(render(make_audit(("uncertain",) * 9 + ("expert",), finding=finding, labelled=(9,)))).text
-    assert "the ranking gives no verdicts beyond the labels." in labelled
+    assert "0 unlike" not in text
+    labelled = Page(render(make_audit(("open",) * 9 + ("typical",), finding=finding, labelled=(9,)))).text
+    assert "the ranking gives no words beyond the labels." in labelled
 
 
 def test_parts_of_the_log_odds_are_columns_that_add_up(page: Page) -> None:
@@ -95,8 +95,8 @@ def test_parts_of_the_log_odds_are_columns_that_add_up(page: Page) -> None:
     actions, labels = (np.array(values[k::6], dtype=float) for k in (1, 2))
     np.testing.assert_array_equal(actions, audit.log_odds[order])
     np.testing.assert_array_equal(labels, label[order])
-    assert "Log-odds Actions Label P(expert)" in parsed.text
-    assert "Log-odds P(expert)" in page.text  # one part alone is the log-odds
+    assert "Log-odds Actions Label P(typical)" in parsed.text
+    assert "Log-odds P(typical)" in page.text  # one part alone is the log-odds
 
 
 def test_thresholds_of_verdicts_are_those_of_the_audit() -> None:
@@ -157,14 +157,14 @@ def test_worst_steps_are_named_marked_and_linked(page: Page, audit: Audit) -> No
 
 def test_competing_groups_are_listed_with_what_to_label(unknown: Audit, page: Page) -> None:
     text = Page(render(unknown)).text
-    assert f"Cannot be known. {FINDINGS['cannot be known']} 30 demonstrations, ranked below" in text
-    assert "It cannot be known which of two groups is the expert" in text
+    assert f"Two groups. {FINDINGS['two groups']} 30 demonstrations, ranked below" in text
+    assert "It cannot be known which of two groups is good" in text
     assert "Group A 4 demonstrations: d0, d1, d2, d3 Group B 26 demonstrations: d4," in text
     assert "and 6 more" in text
     assert "Look at demonstration d0 or d9 and label it" in text
     assert "rpil audit FILE --labels labels.csv" in text
     assert "Next:" not in text
-    assert "It cannot be known which of two groups is the expert" not in page.text
+    assert "It cannot be known which of two groups is good" not in page.text
     assert "Group" not in page.text
 
 
@@ -172,7 +172,7 @@ def test_text_from_the_data_is_escaped() -> None:
     evil = "<script>alert(1)</script>"
     ids = (evil, '"><img src=x>')
     changes = {"assumptions": (evil,), "adversary": evil, "competing": ((ids[0],), (ids[1],)), "to_label": ids}
-    audit = make_audit(("expert", "adversary"), ids=ids, identifiable=False, **changes)
+    audit = make_audit(("typical", "unlike"), ids=ids, identifiable=False, **changes)
     text = render(audit, title=evil, source=evil, sections=[(evil, evil)])
     assert evil not in text
     page = Page(text)
@@ -196,7 +196,7 @@ def test_only_the_script_and_the_style_of_the_page_are_allowed() -> None:
 
 def test_characters_that_cannot_be_seen_are_shown_as_escapes() -> None:
     ids = ("bell\x07", "half \ud800", "reversed \u202e", "noncharacter \ufffe", "a\u00a0b", "naïve 漢字")
-    audit = make_audit(("expert",) * 6, ids=ids, competing=(ids[:3], ids[3:]), to_label=ids[2:4])
+    audit = make_audit(("typical",) * 6, ids=ids, competing=(ids[:3], ids[3:]), to_label=ids[2:4])
     text = render(audit, title="null \x00", source="demo\x1b[31m.csv", sections=[("\x7f", "two\nlines")])
     text.encode("utf-8")
     assert {c for c in text if unicodedata.category(c) in ("Cc", "Cs", "Cf", "Cn")} == {"\n"}
@@ -225,20 +225,20 @@ def test_sections_precede_the_ranking_and_only_markup_is_html(audit: Audit) -> N
 
 
 def test_infinite_log_odds_are_shown_as_infinity() -> None:
-    text = Page(render(make_audit(("expert", "adversary"), log_odds=np.array([np.inf, -np.inf])))).text
+    text = Page(render(make_audit(("typical", "unlike"), log_odds=np.array([np.inf, -np.inf])))).text
     assert "∞" in text
     assert "−∞" in text
     assert "inf " not in text
 
 
 def test_page_of_two_hundred_demonstrations_is_small() -> None:
-    text = render(make_audit(("expert", "adversary") * 100, lengths=[200] * 200))
+    text = render(make_audit(("typical", "unlike") * 100, lengths=[200] * 200))
     assert len(Page(text).all("details")) == 200
     assert len(text.encode()) < 3_000_000
 
 
 def test_long_page_has_timelines_of_the_least_trusted_demonstrations() -> None:
-    audit = make_audit(("expert",) * 150 + ("adversary",) * 100, lengths=[6] * 250)
+    audit = make_audit(("typical",) * 150 + ("unlike",) * 100, lengths=[6] * 250)
     page = Page(render(audit))
     shown = {attributes["id"] for attributes in page.all("details")}
     assert shown == {f"demonstration-{m}" for m in audit.ranking()[50:]}

@@ -11,7 +11,7 @@ from rpil.audit.html.pictures import MAX_CURVE_POINTS, Timelines, returns_figure
 
 
 def test_timeline_places_curves_and_marks_at_their_steps() -> None:
-    audit = make_audit(("expert", "adversary"), lengths=[40, 1000])
+    audit = make_audit(("typical", "unlike"), lengths=[40, 1000])
     timelines = Timelines(audit)
     shown = timelines.timeline(1)
     band = np.array([point.split(",") for point in shown["band"].split()], dtype=float)
@@ -30,7 +30,7 @@ def test_timeline_places_curves_and_marks_at_their_steps() -> None:
 
 
 def test_timeline_of_one_step_has_the_full_width() -> None:
-    shown = Timelines(make_audit(("expert", "adversary"), lengths=[1, 5])).timeline(0)
+    shown = Timelines(make_audit(("typical", "unlike"), lengths=[1, 5])).timeline(0)
     first, *_, last = shown["mean"].split()
     assert first.startswith("0,")
     assert last.startswith("1000,")
@@ -43,5 +43,5 @@ def test_returns_figure_has_its_numbers_in_the_description() -> None:
     assert svg["aria-label"] == "Mean returns: R-PIL −104.2 (−110.0 to −98.5); Trusting <all> −128.0 (−140.0 to −116.0)"
     assert "−104.2" in Page(figure).text
     assert "Trusting <all>" in Page(figure).text
-    assert "var(--expert)" in figure
+    assert "var(--upper)" in figure
     assert "currentColor" in figure

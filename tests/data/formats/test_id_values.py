@@ -26,10 +26,10 @@ def refused(match, call, path, *arguments):
 def test_labels_csv(tmp_path, header):
     path = tmp_path / "labels.csv"
     row = "{note},{label},{id}" if header.startswith("note") else "{id},{label}"
-    rows = [row.format(id=i, label=word, note="") for i, word in ((7, "expert"), ("a", " Bad "), ("b", "good"))]
+    rows = [row.format(id=i, label=word, note="") for i, word in ((7, "EXPERT"), ("a", " Bad "), ("b", "good"))]
     path.write_text("\n".join([header, *rows]), encoding="utf-8")
     labels = formats.read_labels(path)
-    assert labels == {"7": "expert", "a": "adversary", "b": "expert"}
+    assert labels == {"7": "good", "a": "bad", "b": "good"}
     assert formats.match_labels(labels, ("b", "x", "a", 7)) == {3: True, 2: False, 0: True}
 
 
@@ -45,10 +45,15 @@ def test_labels_json(tmp_path):
     )
 
 
+def test_labels_in_a_mapping_are_read_in_old_words_and_in_any_case():
+    labels = {"a": "expert", "b": "ADVERSARY", "c": "Good", "d": "bad"}
+    assert formats.match_labels(labels, "abcd") == {0: True, 1: False, 2: True, 3: False}
+
+
 @pytest.mark.parametrize(
     ("name", "text", "match"),
     [
-        ("l.csv", "id,label\n7,great\n", "demonstration '7': unknown label 'great'; write 'expert' or 'adversary'"),
+        ("l.csv", "id,label\n7,great\n", "demonstration '7': unknown label 'great'; write 'good' or 'bad'"),
         ("l.csv", "id,label\n7,\n", "unknown label ''"),
         ("l.csv", "id,label\n7\n", "demonstration '7': unknown label ''"),
         ("l.csv", "id,label\n7,good\n7,bad\n", "demonstration '7': it is labelled twice"),

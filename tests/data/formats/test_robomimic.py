@@ -115,12 +115,12 @@ def test_a_filter_key_is_added_and_everything_else_stays(tmp_path):
     before = contents(path)
     write_mask(path, tmp_path / "new.hdf5", ["demo_10", "demo_0"])
     assert contents(path) == before
-    assert contents(tmp_path / "new.hdf5") == before | {"mask/rpil_expert": [b"demo_0", b"demo_10"]}
+    assert contents(tmp_path / "new.hdf5") == before | {"mask/rpil_kept": [b"demo_0", b"demo_10"]}
     write_mask(path, path, ["demo_2"])
     write_mask(path, path, ["demo_0"])
-    assert contents(path) == before | {"mask/rpil_expert": [b"demo_0"]}
+    assert contents(path) == before | {"mask/rpil_kept": [b"demo_0"]}
     write_mask(str(path), str(tmp_path / "new.hdf5"), ["demo_2"])
-    assert contents(tmp_path / "new.hdf5") == before | {"mask/rpil_expert": [b"demo_2"]}
+    assert contents(tmp_path / "new.hdf5") == before | {"mask/rpil_kept": [b"demo_2"]}
     assert sorted(file.name for file in tmp_path.iterdir()) == ["all.hdf5", "new.hdf5"]
 
 

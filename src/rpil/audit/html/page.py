@@ -12,15 +12,15 @@ import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
-from rpil.audit.assumptions import P_EXPERT
+from rpil.audit.answering import NEXT_STEPS, question
 from rpil.audit.html.number_format import format_count, format_number, format_percent
 from rpil.audit.html.pictures import Timelines, inline_svg
-from rpil.audit.label_choice import NEXT_STEPS
 from rpil.audit.plots import HistoryDisplay, LengthDisplay
 from rpil.audit.record import Audit
 from rpil.audit.text import printable
+from rpil.audit.words import SIDES
 from rpil.data.files import replacing
-from rpil.inference.trust import FINDINGS
+from rpil.inference.findings import DECIDED, FINDINGS
 
 MAX_TIMELINES = 200
 """Timelines on a page, those of the least trusted demonstrations: a page with more is slow to open."""
@@ -77,6 +77,7 @@ def render_page(articles: Sequence[Article], *, title: str = "", headline: str =
         introduction=introduction,
         articles=rendered,
         threshold=articles[0].audit.settings.min_verdict_proba,
+        vocabularies=list({article.audit.anchor: article.audit.words for article in articles}.values()),
     )
 
 
@@ -96,10 +97,13 @@ def _template_values(audit: Audit, prefix: str) -> dict[str, object]:
         "audit": audit,
         "finding_sentence": FINDINGS[audit.finding],
         "next_step": NEXT_STEPS[audit.finding],
-        "p_expert": P_EXPERT,
+        "question": question(audit) if audit.pair and not audit.answers.any else "",
+        "words": audit.words,
+        "decided": audit.finding in DECIDED,
+        "sides": SIDES,
         "parts": list(parts),
         "rows": _rows(audit, parts, timelines, prefix),
-        "verdicts": {verdict: audit.verdicts.count(verdict) for verdict in ("expert", "uncertain", "adversary")},
+        "verdicts": audit.verdict_counts(),
         "n_steps": int(audit.offsets[-1]),
         "mean_weight": float(np.mean(audit.step_weight)),
         "n_rounds": len(audit.history),
@@ -121,6 +125,7 @@ def _rows(audit: Audit, parts: Mapping[str, np.ndarray], timelines: Timelines, p
             "rank": rank,
             "group": letters.get(audit.ids[m], ""),
             "verdict": audit.verdicts[m],
+            "side": SIDES[audit.verdicts[m]],
             "reason": audit.reasons[m],
             "log_odds": float(audit.log_odds[m]),
             "parts": [float(part[m]) for part in parts.values()],

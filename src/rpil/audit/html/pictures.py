@@ -13,6 +13,7 @@ from markupsafe import Markup, escape
 from rpil.audit.html.number_format import format_number
 from rpil.audit.plots import COLOURS, running_mean
 from rpil.audit.record import Audit
+from rpil.audit.words import SIDES, Side
 from rpil.numerics.types import Array, Float, Int
 
 if TYPE_CHECKING:
@@ -24,10 +25,10 @@ MAX_STRIP_POINTS = 60
 
 _FIGURE = Markup('<figure class="picture">{}</figure>')
 INK = "#1c2024"
-MARKER_STYLES: dict[str, dict[str, Any]] = {
-    "expert": {"marker": "o"},
-    "uncertain": {"marker": "o", "fillstyle": "none", "markeredgewidth": 1.5},
-    "adversary": {"marker": "D", "markersize": 5},
+MARKER_STYLES: dict[Side, dict[str, Any]] = {
+    "upper": {"marker": "o"},
+    "open": {"marker": "o", "fillstyle": "none", "markeredgewidth": 1.5},
+    "lower": {"marker": "D", "markersize": 5},
 }
 """Shapes as in the ranking of the page, so that verdicts do not rest on colour alone."""
 
@@ -56,8 +57,8 @@ def inline_svg(draw: Callable[[Axes], object], size: tuple[float, float], descri
     text = re.sub(r'<g id="[^"]*"', "<g", text)
     text = re.sub(r"font-family: [^;\"]+;?", "", text)
     text = text.replace(INK, "currentColor")
-    for verdict, colour in COLOURS.items():
-        text = text.replace(colour, f"var(--{verdict})")
+    for side, colour in COLOURS.items():
+        text = text.replace(colour, f"var(--{side})")
     return Markup(text.replace("<svg", f'<svg role="img" aria-label="{escape(description)}"', 1))
 
 
@@ -70,8 +71,8 @@ def returns_figure(rows: Sequence[tuple[str, float, float, float]]) -> Markup:
     def draw(ax: Axes) -> None:
         _, means, lows, highs = zip(*rows, strict=True)
         places = np.arange(len(rows))
-        ax.hlines(places, lows, highs, color=COLOURS["expert"], alpha=0.4, linewidth=3)
-        ax.plot(means, places, "o", color=COLOURS["expert"], markersize=6)
+        ax.hlines(places, lows, highs, color=COLOURS["upper"], alpha=0.4, linewidth=3)
+        ax.plot(means, places, "o", color=COLOURS["upper"], markersize=6)
         for place, mean in enumerate(means):
             ax.annotate(format_number(mean), (mean, place), (0, 6), textcoords="offset points", ha="center")
         ax.set_yticks(places, [name for name, *_ in rows], parse_math=False)
@@ -89,12 +90,14 @@ def score_figure(audit: Audit, score: Float[Array, " M"], name: str) -> Markup:
 
     def draw(ax: Axes) -> None:
         verdicts = np.array(audit.verdicts)
-        ax.axhline(0, color=COLOURS["uncertain"], linewidth=0.8)
-        for verdict, colour in COLOURS.items():
-            mask = verdicts == verdict
+        ax.axhline(0, color=COLOURS["open"], linewidth=0.8)
+        for verdict in audit.verdict_counts():
+            mask, side = verdicts == verdict, SIDES[verdict]
             if mask.any():
-                style: dict[str, Any] = {"markersize": 6, "linestyle": "none"} | MARKER_STYLES[verdict]
-                ax.plot(score[mask], audit.log_odds[mask], color=colour, label=f"{verdict} ({mask.sum()})", **style)
+                style: dict[str, Any] = {"markersize": 6, "linestyle": "none"} | MARKER_STYLES[side]
+                ax.plot(
+                    score[mask], audit.log_odds[mask], color=COLOURS[side], label=f"{verdict} ({mask.sum()})", **style
+                )
         ax.spines[["top", "right"]].set_visible(False)
         ax.set_xlabel(name, parse_math=False)
         ax.set_ylabel("Log-odds (nats)")
@@ -172,7 +175,7 @@ class Timelines:
         def area(values: Array) -> str:
             return f"0,500 {_svg_points(np.repeat(x, 2)[1:-1], np.repeat(500 - 500 * values, 2))} 1000,500"
 
-        return {"expert": area(height.clip(min=0)), "adversary": area(height.clip(max=0))}
+        return {"upper": area(height.clip(min=0)), "lower": area(height.clip(max=0))}
 
 
 def _block_starts(size: int, n_blocks: int) -> Int[Array, " B"]:

@@ -23,7 +23,8 @@ from rpil.data.formats.description import Description
 from rpil.data.formats.dialect import TEXT_SUFFIXES
 from rpil.data.formats.id_values import Label, is_id_file, match_demonstrators, match_labels, read_id_pairs, read_labels
 from rpil.data.formats.names import is_data
-from rpil.data.formats.recording import Recording, from_dataset
+from rpil.data.formats.on_disk import from_dataset
+from rpil.data.formats.recording import Recording
 from rpil.data.formats.registry import find_layout
 from rpil.data.formats.selection import keep_file, keep_folder
 from rpil.data.formats.store import may_be_many_files
@@ -190,7 +191,7 @@ def check_mask(path: StrPath) -> Path:
 
 @guard
 def write_mask(path: StrPath, ids: Sequence[Id]) -> None:
-    """List some demonstrations in the file itself, under ``mask/rpil_expert``; errors are those of `keep`."""
+    """List some demonstrations in the file itself, under ``mask/rpil_kept``; errors are those of `keep`."""
     path = check_mask(path)
     robomimic.write_mask(path, path, ids)
 

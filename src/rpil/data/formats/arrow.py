@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Protocol, runtime_checkable
 from rpil.data.arrays import check_any
 from rpil.data.errors import DataError
 from rpil.data.formats import table as flat
-from rpil.data.formats.columns import ColumnOptions, check_unique, find_columns
+from rpil.data.formats.column_search import find_columns
+from rpil.data.formats.columns import ColumnOptions, check_unique
 from rpil.data.formats.recording import Recording, from_table
 from rpil.data.guard import guarded
 from rpil.data.memory import check_memory

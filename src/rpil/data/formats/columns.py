@@ -1,42 +1,27 @@
-"""Which column of a table holds what: found by name and type, or named by the user."""
+"""What a user says of the columns of a table, and the columns that are read."""
 
 from __future__ import annotations
 
-import re
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from difflib import get_close_matches
-from fnmatch import fnmatchcase
 from typing import Literal
 
 from rpil.data.arrays import ActionKind
 from rpil.data.errors import DataError
-from rpil.data.formats.names import (
-    ABOUT_ACTION,
-    ACTION,
-    ACTION_COLUMNS,
-    EPISODE,
-    EPISODE_COLUMNS,
-    NEXT_STEP,
-    OBSERVATION,
-    OF_EPISODE,
-    OPERATOR,
-    ORDER_COLUMNS,
-    OUTCOME,
-    ROW_INDEX,
-    STATE,
-    TASK,
-    TIMESTAMP,
-    plain_name,
-    quoted,
-)
 
 Kind = Literal["number", "list", "text", "written list", "mixed", "time", "counter", "empty", "nested"]
 """Of a column's values; "mixed" is text in the place of some numbers, "counter" the number of the row."""
 
 Names = str | Sequence[str]
 """Names of columns, or patterns such as ``joint_*``; several may stand in one text, with commas between them."""
+
+
+FILE_SESSION = "file"
+LENGTH = "length"
+SPLITS = "splits."
+"""What a user names in the place of a column: the file of each demonstration, its number of steps, and, with the name
+of a list of demonstrations after it, whether LeRobot's ``meta/info.json`` lists it there."""
 
 
 @dataclass(frozen=True)
@@ -47,6 +32,10 @@ class ColumnOptions:
     ----------
     id, order, operator, task : str
         One column each: of the demonstration, of the order of its steps, of who gave it, of what was to be done.
+    session : str
+        The column of the session, or "file" for the file of each demonstration.
+    outcome : str
+        The column that says how a demonstration ended, or "length", with a minus before it where more is worse.
     action, observations, exclude : str or sequence of str
         Any number of columns, or patterns such as ``joint_*``; those of `exclude` are not read.
     action_kind : {"auto", "discrete", "continuous"}
@@ -60,6 +49,8 @@ class ColumnOptions:
     order: str | None = None
     operator: str | None = None
     task: str | None = None
+    session: str | None = None
+    outcome: str | None = None
     action_kind: ActionKind = "auto"
 
 
@@ -80,6 +71,9 @@ class Columns:
     action_kind: ActionKind = "auto"
     order_given: bool = False
     times: tuple[str, ...] = ()  # timestamps that are neither data nor the order
+    session: str | None = None  # or FILE_SESSION
+    outcome: str | None = None  # or LENGTH; with a minus where more is worse
+    outcomes: tuple[str, ...] = field(default=(), compare=False)  # columns that the user may name as the outcome
 
     @property
     def data(self) -> list[str]:
@@ -87,22 +81,18 @@ class Columns:
         return list(dict.fromkeys([self.episode, *self.actions, *self.observations]))
 
     @property
+    def facts(self) -> list[str]:
+        """The columns of the session and of the outcome."""
+        outcome = (self.outcome or LENGTH).removeprefix("-")
+        is_column = outcome != LENGTH and (outcome in self.ignored or not outcome.startswith(SPLITS))
+        session = [self.session] if self.session not in (None, FILE_SESSION) else []
+        return list(dict.fromkeys([*session, *([outcome] if is_column else [])]))
+
+    @property
     def all(self) -> list[str]:
         """All columns to read."""
-        named = [name for name in (self.operator, self.task) if name is not None]
+        named = [*(name for name in (self.operator, self.task) if name is not None), *self.facts]
         return list(dict.fromkeys([*self.data, *self.orders, *self.index, *self.parts, *self.times, *named]))
-
-
-def find_columns(
-    names: Sequence[str],
-    kinds: Mapping[str, Kind],
-    source: str,
-    options: ColumnOptions = ColumnOptions(),
-    default_id: str | None = None,
-) -> Columns:
-    """The columns to read; a `DataError` where columns cannot be found, and no `default_id` stands for the id."""
-    check_unique(names, source)
-    return _Search(names, kinds, source, options, default_id).columns()
 
 
 def check_unique(names: Sequence[str], source: str) -> None:
@@ -116,201 +106,3 @@ def as_list(names: Names) -> list[str]:
     """Names as the user gave them: one text, which may hold several with commas between them, or a sequence."""
     texts = [names] if isinstance(names, str) else names
     return [name.strip() for text in texts for name in text.split(",")]
-
-
-class _Search:
-    """The search for the columns of one table; every column that is given a role leaves `free`."""
-
-    def __init__(
-        self,
-        names: Sequence[str],
-        kinds: Mapping[str, Kind],
-        source: str,
-        options: ColumnOptions,
-        default_id: str | None = None,
-    ) -> None:
-        self.names, self.kinds, self.source, self.options, self.default_id = names, kinds, source, options, default_id
-        self.plain = {name: plain_name(name) for name in names}
-        self.ignored = dict.fromkeys(self.matching(options.exclude, "exclude"), "excluded as asked")
-        self.free = {name: plain for name, plain in self.plain.items() if name not in self.ignored}
-
-    def columns(self) -> Columns:
-        """All roles."""
-        options = self.options
-        asked = self.matching(options.observations, "observations")
-        actions = self.matching(options.action, "action")
-        order, operator, task = (self.one(getattr(options, role), role) for role in ("order", "operator", "task"))
-        given: set[str | None] = {*asked, *actions, order, operator, task}
-        episode, other_ids = self.episode(given)
-        self.take(episode, *actions)
-        self.refuse_written_lists({*asked, *actions})
-        one_action = len(actions) == 1
-        if not actions:
-            actions, one_action = self.actions(given)
-        self.take(*actions)
-        orders = [order] if order else self.first_named(ORDER_COLUMNS, ("number", "time", "counter", "text"))
-        operator = operator or next(iter(self.first_named([OPERATOR], ("number", "text"))), None)
-        task = task or next(iter(self.first_named([TASK], ("number", "text"))), None)
-        index = tuple(name for name, plain in self.free.items() if plain in ("index", "frame_index"))
-        self.take(*(name for name in (*orders, operator, task) if name and name not in asked))
-        observations = asked or self.observations()
-        parts = () if options.id else tuple(name for name in (*other_ids, operator, task) if name)
-        for name in self.free.keys() - {*observations}:
-            self.ignored.setdefault(name, "not among the observations that were named")
-        ignored = {name: self.ignored[name] for name in self.names if name in self.ignored}
-        excluded, numbers = {*self.matching(options.exclude, "exclude")}, ("number", "time", "counter")
-        times = (name for name in ignored.keys() - excluded if self.plain[name] in TIMESTAMP)
-        return Columns(
-            *(episode, tuple(actions), tuple(observations), one_action, tuple(orders), index, parts),
-            *(operator, task, ignored, options.action_kind, order is not None),
-            tuple(name for name in times if self.kinds.get(name) in numbers),
-        )
-
-    def take(self, *names: str) -> None:
-        """Give these columns a role."""
-        for name in names:
-            self.free.pop(name, None)
-
-    def matching(self, wanted: Names, option: str) -> list[str]:
-        """The columns that the user names; a `DataError` naming the closest ones where there is none."""
-        found: dict[str, None] = {}
-        for text in [wanted] if isinstance(wanted, str) else wanted:
-            for pattern in [text] if text in self.plain else text.split(","):
-                hits = list(self.named(pattern.strip()))
-                if not hits:
-                    close = get_close_matches(pattern, self.names[:10_000], 3) or self.names
-                    raise DataError(
-                        f"{self.source}: no column is called {pattern.strip()!r}; correct {option} "
-                        f"(found {quoted(close)})."
-                    )
-                found |= dict.fromkeys(hits)
-        return list(found)
-
-    def named(self, pattern: str) -> Iterator[str]:
-        if pattern in self.plain:
-            yield pattern
-            return
-        lower, plain = pattern.lower(), plain_name(pattern)
-        for name in self.names:
-            is_pattern = any(sign in pattern for sign in "*?[")
-            if fnmatchcase(name.strip().lower(), lower) if is_pattern else self.plain[name] == plain:
-                yield name
-
-    def one(self, wanted: str | None, option: str) -> str | None:
-        """The one column that the user names for a role, if any."""
-        if wanted is None:
-            return None
-        found = self.matching([wanted], option)
-        if len(found) > 1:
-            raise DataError(f"{self.source}: {option} needs one column, but {quoted(found)} are called {wanted!r}.")
-        return found[0]
-
-    def first_named(self, patterns: Sequence[re.Pattern[str]], kinds: Iterable[Kind]) -> list[str]:
-        """The free columns of one of the `kinds` whose names match, in the order of the patterns."""
-        free = [(name, plain) for name, plain in self.free.items() if self.kinds.get(name, "number") in kinds]
-        return [name for pattern in patterns for name, plain in free if pattern.fullmatch(plain)]
-
-    def episode(self, given: set[str | None]) -> tuple[str, list[str]]:
-        """The column of the demonstration, and others that are called so."""
-        kinds: list[Kind] = ["number", "text", "mixed", "time", "list"]
-        found = [name for name in self.first_named(EPISODE_COLUMNS[:-1], [*kinds, "counter"]) if name not in given]
-        found = found or [name for name in self.first_named(EPISODE_COLUMNS[-1:], kinds) if name not in given]
-        found.sort(key=lambda name: EPISODE.index(plain) if (plain := self.plain[name]) in EPISODE else len(EPISODE))
-        wanted = self.one(self.options.id, "id") or (found[0] if found else self.default_id)
-        if wanted is None:
-            raise DataError(
-                f"{self.source}: no column says which demonstration a row is from: name it {EPISODE[0]}, or name the "
-                f"column with --id or id= (found {self.found()})."
-            )
-        others = [name for name in found if name != wanted]
-        self.ignored |= dict.fromkeys(others, "another id")
-        return wanted, [name for name in others if self.kinds.get(name) != "list"]
-
-    def actions(self, given: set[str | None]) -> tuple[list[str], bool]:
-        """The columns of the action, and whether it is one column."""
-        free = [(name, plain) for name, plain in self.free.items() if name not in given]
-        for whole, part in ACTION_COLUMNS:
-            found = [name for name, plain in free if whole.fullmatch(plain) and self.kinds.get(name) != "nested"]
-            # `action` comes before `action_id`, which comes before `action_name`.
-            found.sort(key=lambda name: (self.plain[name] not in ACTION, self.kinds.get(name) == "text"))
-            parts = [name for name, plain in free if part.fullmatch(plain)]
-            numbers = [name for name in parts if self.plain[name][-1].isdigit() or self.is_number(name)]
-            numbers = [name for name in numbers if not ABOUT_ACTION.fullmatch(self.plain[name])]
-            if found:
-                return found[:1], True
-            if numbers:
-                return numbers, False
-        raise DataError(
-            f"{self.source}: no column holds the action: name it {ACTION[0]}, or name the columns with --action or "
-            f"action= (found {self.found()})."
-        )
-
-    def refuse_written_lists(self, given: set[str]) -> None:
-        """A `DataError` where an observation or action is text such as "[0.5, 1.0]"."""
-        for name, plain in self.free.items() | {(name, "") for name in given}:
-            is_data = name in given or any(pattern.fullmatch(plain) for pattern in (OBSERVATION, ACTION_COLUMNS[0][0]))
-            if is_data and self.kinds.get(name) == "written list":
-                raise DataError(
-                    f"{self.source}: column {name!r} holds lists that are written as text; write one column for each "
-                    "number, or leave it out with --exclude or exclude=."
-                )
-
-    def found(self) -> str:
-        """The columns for a message, with the kind of those that cannot be read."""
-        unread = ("nested", "text", "written list", "empty")
-        kinds = {name: f" ({self.kinds[name]})" if self.kinds.get(name) in unread else "" for name in self.names[:12]}
-        texts = [quoted([name]) + kind for name, kind in kinds.items()]
-        return ", ".join(texts) + (", ..." if len(self.names) > 12 else "")
-
-    def is_number(self, name: str) -> bool:
-        return self.kinds.get(name, "number") in ("number", "list", "mixed", "counter")
-
-    def observations(self) -> list[str]:
-        """The columns called obs or observation, else those called state, else all numbers without another role."""
-        for name, plain in self.free.items():
-            reason = self.reason(name, plain)
-            if reason:
-                self.ignored.setdefault(name, reason)
-        free = {name: plain for name, plain in self.free.items() if name not in self.ignored}
-        named = [name for name, plain in free.items() if OBSERVATION.fullmatch(plain)]
-        if not named:
-            named = [name for name, plain in free.items() if STATE.fullmatch(plain)]
-            named = [] if len(named) == 1 and self.kinds.get(named[0]) != "list" else named
-        for name in free.keys() - set(named or free):
-            self.ignored[name] = f"not named as an observation, as {named[0]} is"
-        if not free:
-            raise DataError(
-                f"{self.source}: no column holds observations: name them observation.*, or name the columns with "
-                f"--observations or observations= (found {self.found()})."
-            )
-        return named or list(free)
-
-    def reason(self, name: str, plain: str) -> str:
-        """Why a column without another role is no observation; empty where it is one."""
-        kind, prefixed = self.kinds.get(name, "number"), OBSERVATION.fullmatch(plain)
-        if kind in ("text", "written list"):
-            return kind
-        if kind == "nested":
-            return "images or nested values"
-        if prefixed:
-            return ""
-        if kind == "empty":
-            return "no values"
-        if kind == "counter" or ROW_INDEX.fullmatch(plain):
-            return "number of the row"
-        if kind == "time" or any(pattern.fullmatch(plain) for pattern in ORDER_COLUMNS):
-            return "time or number of the step"
-        for pattern, why in _REASONS:
-            if pattern.fullmatch(plain):
-                return why
-        return ""
-
-
-_REASONS = (
-    (OUTCOME, "reward, end or verdict"),
-    (NEXT_STEP, "what follows the step"),
-    (OF_EPISODE, "describes a demonstration as a whole"),
-    (OPERATOR, "who demonstrated"),
-    (TASK, "task"),
-    *((pattern, "another spelling of the action") for pair in ACTION_COLUMNS[:2] for pattern in pair),
-)

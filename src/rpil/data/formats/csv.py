@@ -14,7 +14,8 @@ from rpil.data.errors import DataError
 from rpil.data.files import replacing
 from rpil.data.formats import table as flat
 from rpil.data.formats.cells import from_cells, to_cell, to_cells
-from rpil.data.formats.columns import ColumnOptions, Columns, check_unique, find_columns
+from rpil.data.formats.column_search import find_columns
+from rpil.data.formats.columns import ColumnOptions, Columns, check_unique
 from rpil.data.formats.dialect import Dialect, find_dialect, without_suffix
 from rpil.data.formats.recording import Recording, from_table
 from rpil.data.formats.table import refuse_id_in_two_files
@@ -39,7 +40,7 @@ def read(path: Path, options: ColumnOptions) -> Recording:
     columns = find_text_columns(path, dialect, options)
     table = _exact(_read_table(path, dialect, columns), columns, dialect.decimal)
     note = () if dialect.encoding in ("utf-8", "utf-16") else (f"Text is not UTF-8: read as {dialect.encoding}.",)
-    return from_table(table, columns, path.name, dialect.words, notes=note)
+    return from_table(table, columns, path.name, dialect.words, notes=note, files={path.name: len(table)})
 
 
 def read_folder(paths: Sequence[Path], options: ColumnOptions, source: str) -> Recording:
@@ -60,7 +61,8 @@ def read_folder(paths: Sequence[Path], options: ColumnOptions, source: str) -> R
     import pyarrow as pa
 
     table = _exact(pa.concat_tables(tables, promote_options="permissive"), columns, first.decimal)
-    return from_table(table, columns, source, f"{first.words}, {len(paths):,} files")
+    files = dict(zip(names, map(len, tables), strict=True))
+    return from_table(table, columns, source, f"{first.words}, {len(paths):,} files", files=files)
 
 
 def write(path: Path, demonstrations: Demonstrations, truth: Mapping[str, Array]) -> None:
@@ -111,7 +113,8 @@ def _read_table(path: Path, dialect: Dialect, columns: Columns) -> pa.Table:
     from pyarrow import csv
 
     # By default the reader takes the ids 01 and 1 for the same number, and -0 for the integer 0.
-    texts = {columns.episode, columns.operator, columns.task, *(columns.actions if columns.one_action else ())} - {None}
+    named = columns.episode, columns.operator, columns.task, columns.session
+    texts = {*named, *(columns.actions if columns.one_action else ())} - {None}
     names = [name for name in columns.all if name in dialect.names]
     types = {name: pa.string() for name in names if name in texts}
     floats = {name: pa.float64() for name in (*columns.observations, *columns.actions) if name not in texts}

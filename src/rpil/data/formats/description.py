@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 
@@ -30,6 +31,8 @@ class Description:
         Values that are missing, by column.
     ranges : mapping of str to pair of float
         Smallest and largest value of each observation and continuous action.
+    outcomes : mapping of str to str
+        Columns that may say how each demonstration ended, and the option that has an audit use one.
     notes : tuple of str
         What else a user should know, in sentences.
     """
@@ -54,6 +57,7 @@ class Description:
     ignored: Mapping[str, str] = field(default_factory=dict)
     missing: Mapping[str, int] = field(default_factory=dict)
     ranges: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    outcomes: Mapping[str, str] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
 
     def to_dict(self) -> dict[str, object]:
@@ -71,8 +75,8 @@ class Description:
     def lines(self) -> list[str]:
         """Everything, for ``rpil info``; a column a line."""
         lines = [self._size(), f"Demonstrations by {self.id_column}; {self.order}.", self._actions()]
-        named = ("Task", self.task_column, self.tasks), ("Operator", self.operator_column, self.operators)
-        for what, column, names in named:
+        given = ("Task", self.task_column, self.tasks), ("Operator", self.operator_column, self.operators)
+        for what, column, names in given:
             if column:  # a task is often a sentence, with its full stop
                 lines.append(f"{what}, in {column}: {listed([name.removesuffix('.') for name in names])}.")
         lines += [*self.notes, "", f"Observations: {len(self.observations):,}"]
@@ -82,7 +86,9 @@ class Description:
         others = self.ranges.keys() - {*self.observations, *self.actions}
         if others:
             lines += ["Ranges of whole columns:", *(f"  {name}{self._range(name)}" for name in sorted(others))]
-        for title, values in (("Ignored", self.ignored), ("Missing values", self.missing)):
+        outcomes = {name: f"for rpil audit: {option}" for name, option in self.outcomes.items()}
+        named = (("Ignored", self.ignored), ("Missing values", self.missing), ("May be an outcome", outcomes))
+        for title, values in named:
             if values:
                 lines += [f"{title}:", *(f"  {name or 'no name'}: {value}" for name, value in values.items())]
         return lines
@@ -98,6 +104,11 @@ class Description:
 
     def _range(self, name: str) -> str:
         return f": {self.ranges[name][0]:.6g} to {self.ranges[name][1]:.6g}" if name in self.ranges else ""
+
+
+def outcome_options(names: Iterable[str]) -> dict[str, str]:
+    """The option that names each of the columns as the outcome, as a shell takes it; with a minus, more is worse."""
+    return {name.removeprefix("-"): f"--outcome {shlex.quote(name)}" for name in names}
 
 
 def listed(names: Iterable[str] | Sequence[str], most: int = SHORT_NAMES) -> str:

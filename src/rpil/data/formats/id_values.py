@@ -7,6 +7,8 @@ from collections.abc import Hashable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Literal, TypeVar, cast
 
+import numpy as np
+
 from rpil.data.arrays import check_text
 from rpil.data.errors import DataError
 from rpil.data.files import StrPath, check_extension, check_readable
@@ -15,27 +17,30 @@ from rpil.data.formats.names import EPISODE, quoted
 from rpil.data.formats.table import check_ids
 from rpil.data.guard import guarded
 from rpil.data.json_files import LARGEST_TABLE, parse, read_text
+from rpil.numerics.types import Array, Int
 
-Label = Literal["expert", "adversary"]
+Label = Literal["good", "bad"]
 Key = TypeVar("Key", bound=Hashable)
 
-_LABELS: dict[str, Label] = {"expert": "expert", "adversary": "adversary", "good": "expert", "bad": "adversary"}
+_LABELS: dict[str, Label] = {"good": "good", "bad": "bad", "expert": "good", "adversary": "bad"}
+"""Each word of a label, in any case; "expert" and "adversary" are what rpil 0.1 wrote."""
+
 _EXTENSIONS = (".csv", ".json")
 
 
 def read_labels(path: StrPath) -> dict[str, Label]:
     """Read labels from a CSV file with the columns ``id`` and ``label``, or from a JSON object of id to label.
 
-    ``good`` and ``bad`` are accepted for ``expert`` and ``adversary``. Ids come back as text; see `match_labels`. A
-    `DataError` names the file and the demonstration: unknown words, an id labelled twice, no labels at all.
+    Labels are ``good`` or ``bad``; ``expert`` and ``adversary`` are read as these. Ids come back as text, see
+    `match_labels`. A `DataError` names the file and the demonstration: unknown words, an id labelled twice, no labels.
     """
     path = check_extension(path, _EXTENSIONS, "labels")
     labels: dict[str, Label] = {}
-    for m, word in read_id_pairs(path, "label", "expert"):
-        label = _LABELS.get(word.strip().lower()) if isinstance(word, str) else None
+    for m, word in read_id_pairs(path, "label", "good"):
+        label = _label(word)
         if label is None:
             raise DataError(
-                f"{path.name}, demonstration {m!r}: unknown label {word!r}; write 'expert' or 'adversary', "
+                f"{path.name}, demonstration {m!r}: unknown label {word!r}; write 'good' or 'bad', "
                 "and leave out the demonstrations you cannot judge."
             )
         if m in labels:
@@ -46,17 +51,39 @@ def read_labels(path: StrPath) -> dict[str, Label]:
     return labels
 
 
-def match_labels(labels: Mapping[Key, str], ids: Sequence[object], source: str = "the labels") -> dict[int, bool]:
-    """Number of each labelled demonstration to whether it is an expert's; ids are compared as text.
+def _label(word: object) -> Label | None:
+    return _LABELS.get(word.strip().lower()) if isinstance(word, str) else None
 
-    A `DataError` where a label is neither "expert" nor "adversary", or an id is not among `ids`.
+
+def match_labels(labels: Mapping[Key, str], ids: Sequence[object], source: str = "the labels") -> dict[int, bool]:
+    """Number of each labelled demonstration to whether it is good; ids are compared as text.
+
+    A `DataError` where a label is neither "good" nor "bad", or an id is not among `ids`.
     """
     for m, label in labels.items():
-        if label not in ("expert", "adversary"):
-            raise DataError(f"Demonstration {m!r}: the label {label!r} is unknown; use 'expert' or 'adversary'.")
+        if _label(label) is None:
+            raise DataError(f"Demonstration {m!r}: the label {label!r} is unknown; use 'good' or 'bad'.")
     check_ids(labels, ids, source, "the labels")
     number = {str(name): m for m, name in enumerate(ids)}
-    return {number[str(name)]: label == "expert" for name, label in labels.items()}
+    return {number[str(name)]: _label(label) == "good" for name, label in labels.items()}
+
+
+def match_pairs(pairs: Sequence[tuple[Hashable, Hashable]], ids: Sequence[object]) -> Int[Array, "P 2"]:
+    """Numbers of the better and the worse demonstration of each pair; ids are compared as text.
+
+    A `DataError` where an id is not among `ids`, a demonstration is compared with itself, or two pairs contradict.
+    """
+    number = {str(name): m for m, name in enumerate(ids)}
+    found: dict[tuple[int, int], None] = {}
+    for pair in pairs:
+        better, worse = map(str, pair)
+        check_ids([better, worse], ids, "the pairs", "the pairs")
+        if better == worse:
+            raise DataError(f"The pairs, demonstration {better!r}: it is compared with itself; name two.")
+        if (number[worse], number[better]) in found:
+            raise DataError(f"The pairs, {better!r} and {worse!r}: each is better than the other; keep one answer.")
+        found[number[better], number[worse]] = None
+    return np.array(list(found), dtype=int).reshape(-1, 2)
 
 
 def is_id_file(where: str) -> bool:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
@@ -10,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from rpil.data.arrays import Id
 from rpil.data.folders import check_inside
+from rpil.data.formats.columns import SPLITS
 from rpil.data.formats.names import quoted
 from rpil.data.formats.parquet_pages import check_table
 from rpil.data.guard import guarded
@@ -20,6 +22,8 @@ if TYPE_CHECKING:
 
 
 _SIZES = "total_episodes", "total_frames"
+_BAD_SPLIT = re.compile(r"drop.*|bad|fail.*|exclu.*|reject.*|discard.*")
+_GOOD_SPLIT = re.compile(r"keep|kept|good|success.*|accept.*|curated")
 
 
 @dataclass(frozen=True)
@@ -34,6 +38,14 @@ class Metadata:
     sizes: Mapping[str, float] = field(default_factory=dict)  # declared numbers of demonstrations and steps
     lengths: Mapping[Id, int] = field(default_factory=dict)  # declared steps of each demonstration
     unusable: tuple[str, ...] = ()  # what ``meta`` says and cannot be used
+    splits: Mapping[str, tuple[range, ...]] = field(default_factory=dict)  # lists of demonstrations by their numbers
+
+    @property
+    def split_outcomes(self) -> tuple[str, ...]:
+        """The lists whose names say that their demonstrations are good, or, with a minus before it, bad."""
+        bad = (f"-{SPLITS}{name}" for name in self.splits if _BAD_SPLIT.fullmatch(name.lower()))
+        good = (f"{SPLITS}{name}" for name in self.splits if _GOOD_SPLIT.fullmatch(name.lower()))
+        return (*bad, *good)
 
     def notes(self, n_demonstrations: int, n_steps: int) -> tuple[str, ...]:
         """What ``meta`` says otherwise than the data, or cannot be used of it, in sentences."""
@@ -106,7 +118,24 @@ def read_metadata(filesystem: fs.FileSystem, paths: Sequence[str]) -> Metadata:
         sizes=sizes,
         lengths=_lengths(filesystem, meta) if _are_all(filesystem, data, paths) else {},
         unusable=tuple(unusable),
+        splits=_splits(info.get("splits")),
     )
+
+
+def _splits(given: object) -> dict[str, tuple[range, ...]]:
+    """Lists of episodes by name, written as "0:50", as "3, 5, 8:10" or as numbers; others are left out."""
+    found: dict[str, tuple[range, ...]] = {}
+    for name, value in given.items() if isinstance(given, dict) else ():
+        parts = value.split(",") if isinstance(value, str) else value if isinstance(value, list) else [value]
+        with suppress(ValueError):
+            found[name] = tuple(_numbers(str(part)) for part in parts)
+    return found
+
+
+def _numbers(text: str) -> range:
+    """The numbers from a to b - 1 of "a:b", or the only one of "a"."""
+    first, colon, last = text.partition(":")
+    return range(int(first), int(last) if colon else int(first) + 1)
 
 
 def _read_start(filesystem: fs.FileSystem, path: PurePosixPath) -> bytes:

@@ -32,8 +32,9 @@ STATE = re.compile(r"states?(?:_.*|\d.*|)")
 OUTCOME = re.compile(
     r"(?:.*_)?(?:rewards?|rews?|returns?|scores?|success(?:es|ful)?|succeeded|dones?|terminals?|terminated|terminations?"
     r"|truncated|truncations?|timeouts?)(?:_.*)?|weights?|expert_proba|log_odds|labels?|quality|ratings?|grades?|verdicts?"
-    r"|(?:is_)?(?:experts?|good|bad|optimal|failed|failures?)|outcomes?|skills?(?:_levels?)?|advantages?|q_values?"
+    r"|(?:is_)?(?:experts?|good|bad|optimal|failed|failures?)|outcomes?|skills?(?:_levels?)?|advantages?|q_values?|splits?_\w+"
 )
+_OWN_COLUMN = re.compile(r"weights?|expert_proba|log_odds|labels?|verdicts?")  # as rpil and its users write them
 NEXT_STEP = re.compile(r"next_.*|.*_next")
 _UNIT = r"(?:_(?:s|ms|us|ns|secs?|seconds?|msecs?|nsecs?|nanosec|ros|utc|unix|epoch|index))?"
 ORDER_COLUMNS = [
@@ -68,6 +69,12 @@ def is_data(name: str) -> bool:
 def is_outcome(name: str) -> bool:
     """Whether a column called `name` is a reward, an end or a verdict, and so no observation."""
     return bool(OUTCOME.fullmatch(plain_name(name)))
+
+
+def may_be_outcome(name: str) -> bool:
+    """Whether a column called `name` may say how a demonstration ended, as a reward or a success does."""
+    plain = re.sub(r"^(?:episode|ep|traj|trajectory|demo|demonstration)_", "", plain_name(name))
+    return bool(OUTCOME.fullmatch(plain)) and not _OWN_COLUMN.fullmatch(plain)
 
 
 def action_columns(names: Sequence[str], n_actions: int) -> list[str]:

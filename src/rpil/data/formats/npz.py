@@ -12,10 +12,13 @@ import numpy as np
 from rpil.data.arrays import are_whole, group_rows
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
+from rpil.data.facts import Facts
 from rpil.data.files import replacing
-from rpil.data.formats.columns import ColumnOptions, as_list
-from rpil.data.formats.names import ACTION, EPISODE, TIMESTAMP, quoted
+from rpil.data.formats.columns import ColumnOptions, Columns, as_list
+from rpil.data.formats.description import outcome_options
+from rpil.data.formats.names import ACTION, EPISODE, TIMESTAMP, may_be_outcome, quoted
 from rpil.data.formats.recording import Recording
+from rpil.data.formats.table_facts import Origin, fact_columns, find_facts
 from rpil.data.formats.times import Times
 from rpil.data.guard import guarded
 from rpil.data.npy import ARRAY, declared, read_arrays, write_npz
@@ -32,7 +35,9 @@ def read(path: Path, options: ColumnOptions) -> Recording:
     with guarded(source, *fault), zipfile.ZipFile(path) as stored:
         found = {name.removesuffix(ARRAY): name for name in stored.namelist() if name.endswith(ARRAY)}
         wanted = _find_arrays(found, options, source)
-        optional = _OPTIONAL, options.operator, _timestamps(stored, found, wanted[-1])
+        columns = _fact_columns(found, wanted, options, source)
+        clock = _timestamps(stored, found, wanted[-1])
+        optional = dict.fromkeys([_OPTIONAL, options.operator, clock, *columns.facts])
         names = [name for name in (*wanted, *optional) if name in found]
         arrays = dict(zip(names, read_arrays(stored, [found[name] for name in names], source), strict=True))
     observations, actions, steps = (arrays[name] for name in wanted)
@@ -42,9 +47,16 @@ def read(path: Path, options: ColumnOptions) -> Recording:
         source=source,
         action_kind=options.action_kind,
     )
-    ignored = [name for name in found if name not in arrays]
-    recording = Recording.of(demonstrations, "NPZ", dict.fromkeys(ignored, "no array of demonstrations"))
-    times = next((Times(_in_order(arrays[name], steps)) for name in TIMESTAMP if name in arrays), Times())
+    ignored = dict.fromkeys((name for name in found if name not in arrays), "no array of demonstrations")
+    recording = Recording.of(demonstrations, "NPZ", ignored | dict.fromkeys(columns.facts, "session or outcome"))
+    recording = replace(
+        recording,
+        description=replace(recording.description, outcomes=outcome_options(columns.outcomes)),
+        read_facts=lambda: _facts(arrays, replace(columns, times=(clock,) if clock else ()), demonstrations),
+    )
+    times = next(
+        (Times(_in_order(arrays[name], steps).astype(np.float64)) for name in TIMESTAMP if name in arrays), Times()
+    )
     recording = replace(recording, times=lambda: times)
     if options.operator is None:
         return recording
@@ -71,6 +83,37 @@ def _find_arrays(found: Iterable[str], options: ColumnOptions, source: str) -> l
     return wanted
 
 
+def _fact_columns(found: Iterable[str], wanted: Sequence[str], options: ColumnOptions, source: str) -> Columns:
+    """The arrays of session and outcome; a `DataError` where there are none of these names, or they are `wanted`."""
+    others = [name for name in found if name not in (*wanted, _OPTIONAL)]
+    outcomes = tuple(filter(may_be_outcome, others))
+    columns = Columns(wanted[-1], (), (), True, session=options.session, outcome=options.outcome, outcomes=outcomes)
+    unknown = [name for name in columns.facts if name not in others]
+    if unknown:
+        raise DataError(
+            f"{source}: it holds no array {unknown[0]!r} beside the demonstrations; name one of {quoted(others)}."
+            if others
+            else f"{source}: it holds no array {unknown[0]!r}, nor any other beside the demonstrations; leave it out."
+        )
+    return columns
+
+
+def _facts(arrays: Mapping[str, Array], columns: Columns, demonstrations: Demonstrations) -> Facts:
+    """The facts from arrays of one value for each step, or for each demonstration."""
+    import pyarrow as pa
+
+    d, table = demonstrations, {}
+    for name in fact_columns(columns):
+        values = arrays[name]
+        if values.ndim != 1 or len(values) not in (d.n_steps, len(d)):
+            raise DataError(
+                f"{d.source}: {name!r} has the shape {values.shape}; give one value for each step or demonstration."
+            )
+        per_step = len(values) == d.n_steps
+        table[name] = _in_order(values, arrays[columns.episode]) if per_step else np.repeat(values, d.lengths)
+    return find_facts(pa.table(table), columns, d.offsets, d.ids, Origin(d.source, [d.source] * len(d)))
+
+
 def _timestamps(stored: zipfile.ZipFile, found: Mapping[str, str], steps: str) -> str | None:
     """The array of times, if it says that it has a number for each of the `steps`: others are not read."""
     name = next((name for name in TIMESTAMP if name in found), None)
@@ -84,9 +127,9 @@ def _timestamps(stored: zipfile.ZipFile, found: Mapping[str, str], steps: str) -
 
 
 def _in_order(values: Array, steps: Array) -> Array:
-    """Numbers of the `steps`, in the order of the demonstrations."""
+    """Values of the `steps`, in the order of the demonstrations."""
     rows = group_rows(np.unique(steps, return_inverse=True)[1])[2]
-    return np.asarray(values if rows is None else values[rows], dtype=np.float64)
+    return np.asarray(values if rows is None else values[rows])
 
 
 def _pairs(who: Array, steps: Array, ids: Sequence[object], what: str) -> list[tuple[str, object]]:

@@ -16,6 +16,7 @@ from rpil.data.formats.parquet_pages import check_pages
 from rpil.data.formats.recording import Recording, from_table
 from rpil.data.formats.store import check_columns, columns_of_file, opened
 from rpil.data.formats.table import refuse_id_in_two_files
+from rpil.data.formats.table_facts import file_names
 from rpil.data.memory import check_memory
 from rpil.numerics.types import Array
 
@@ -50,7 +51,8 @@ def read_files(filesystem: fs.FileSystem, paths: Sequence[str], options: ColumnO
     refuse_id_in_two_files([table[columns.episode] for table in tables], names, source)
     metadata = read_metadata(filesystem, paths)
     table = pa.concat_tables(tables, promote_options="permissive")
-    return from_table(table, columns, source, format_name(metadata, len(paths)), metadata)
+    files = dict(zip(file_names(paths), map(len, tables), strict=True))
+    return from_table(table, columns, source, format_name(metadata, len(paths)), metadata, files=files)
 
 
 def write(path: Path, demonstrations: Demonstrations, truth: Mapping[str, Array]) -> None:

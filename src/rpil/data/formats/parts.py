@@ -13,7 +13,8 @@ import numpy as np
 from rpil.data.arrays import Id, check_any, check_width
 from rpil.data.errors import DataError
 from rpil.data.formats import table as flat
-from rpil.data.formats.columns import ColumnOptions, Kind, find_columns
+from rpil.data.formats.column_search import find_columns
+from rpil.data.formats.columns import ColumnOptions, Kind
 from rpil.data.formats.description import listed
 from rpil.data.formats.lerobot import Metadata
 from rpil.data.formats.recording import Recording, from_table

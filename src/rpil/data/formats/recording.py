@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import PurePosixPath
@@ -10,16 +10,25 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rpil.data.arrays import action_kind, are_whole, check_any, group_rows, number_reason
+from rpil.data.arrays import action_kind, check_any, group_rows, number_reason
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
+from rpil.data.facts import Facts
 from rpil.data.formats import table as flat
 from rpil.data.formats.columns import Columns
 from rpil.data.formats.dataset import Dataset
-from rpil.data.formats.description import Description, listed
-from rpil.data.formats.lerobot import Metadata, format_name
+from rpil.data.formats.description import Description, listed, outcome_options
+from rpil.data.formats.lerobot import Metadata
 from rpil.data.formats.order import Order, check_one_id, find_order
-from rpil.data.formats.times import Clock, Times, clock_columns, find_clock
+from rpil.data.formats.table_facts import (
+    Origin,
+    different,
+    fact_columns,
+    find_facts,
+    pairs_of,
+    tasks_of,
+)
+from rpil.data.formats.times import Clock, Times, find_clock
 from rpil.data.guard import guarded
 from rpil.numerics.types import Array
 
@@ -28,9 +37,6 @@ if TYPE_CHECKING:
 
 StepColumns = Callable[[slice], "pa.Table | None"]
 """The columns of some steps by which a file itself numbers its rows, if it does."""
-
-MAX_NAMES = 20
-"""Tasks and operators of a description, at most."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,6 +56,8 @@ class Recording:
         What was to be done in each demonstration, by its id as text; empty where the file does not say.
     times : function
         Reads what the file says of its own times and lengths.
+    read_facts : function
+        Reads what the file says of order, sessions and outcomes.
     """
 
     description: Description
@@ -58,6 +66,13 @@ class Recording:
     operators: list[tuple[str, object]] = field(default_factory=list)
     tasks: Mapping[str, str] = field(default_factory=dict)
     times: Callable[[], Times] = Times
+    read_facts: Callable[[], Facts] = Facts
+
+    @cached_property
+    def facts(self) -> Facts:
+        """Order, sessions and outcomes of the demonstrations; a `DataError` where a named column cannot say them."""
+        with guarded(self.description.source):
+            return self.read_facts()
 
     @cached_property
     def demonstrations(self) -> Demonstrations | Dataset:
@@ -103,8 +118,12 @@ def from_table(
     format_name: str,
     metadata: Metadata = Metadata(),
     notes: tuple[str, ...] = (),
+    files: Mapping[str, int] | None = None,
 ) -> Recording:
-    """The recording in a table, whose rows may lie in any order; a `DataError` where ids are missing."""
+    """The recording in a table, whose rows may lie in any order; a `DataError` where ids are missing.
+
+    `files` are the numbers of rows from each file, for formats in which files may state the order of demonstrations.
+    """
     check_any(table.num_rows, source)
     names, group = flat.id_codes(table, columns.episode, lambda row: f"{source}, row {row + 1}")
 
@@ -123,77 +142,35 @@ def from_table(
             observations, actions = observations[rows], actions[rows]
         return Demonstrations(observations, actions, offsets, ids, parts, source, columns.action_kind, action_names)
 
-    numbers = _numbers_of_rows(table, _own_numbers(columns, order), rows)
+    numbers = _numbers_of_rows(table, own_numbers(columns, order), rows)
     clock = find_clock(table, columns, rows, offsets)
     described = _describe(table, columns, order, rows, offsets, metadata, clock)
     all_notes = (*described.notes, *notes, *metadata.notes(len(ids), len(table)))
     description = replace(described, source=source, format=format_name, notes=all_notes)
-    operators, tasks = (_pairs(table, name, names, group) for name in (columns.operator, columns.task))
-    description = replace(description, operators=_values(operators), tasks=_values(tasks, metadata.tasks))
-    times = _times(clock, metadata)
-    return Recording(description, load, numbers, operators, tasks_of(tasks, metadata), lambda: times)
+    operators, tasks = (pairs_of(table, name, names, group) for name in (columns.operator, columns.task))
+    description = replace(description, operators=different(operators), tasks=different(tasks, metadata.tasks))
+    times = times_of(clock, metadata)
+    own = table.select(fact_columns(columns))
+
+    def read_facts() -> Facts:
+        firsts = offsets[:-1] if rows is None else rows[offsets[:-1]]
+        origin = Origin(source, files_of(firsts, files or {}), metadata)
+        return find_facts(own if rows is None else own.take(rows), columns, offsets, ids, origin)
+
+    return Recording(description, load, numbers, operators, tasks_of(tasks, metadata), lambda: times, read_facts)
 
 
-def _times(clock: Clock | None, metadata: Metadata) -> Times:
+def files_of(firsts: Array, files: Mapping[str, int]) -> list[str]:
+    """The file of each demonstration by its first row in a table, which has so many rows of each of the `files`."""
+    names, ends = list(files), np.cumsum(list(files.values()))
+    return [names[k] for k in np.searchsorted(ends, firsts, side="right").tolist()] if names else []
+
+
+def times_of(clock: Clock | None, metadata: Metadata) -> Times:
     return Times(None if clock is None else clock.timestamps, metadata.fps, metadata.lengths)
 
 
-def from_dataset(data: Dataset) -> Recording:
-    """The recording in files that stay on disk, which are read once for their ranges and missing values."""
-    statistics = data.store.statistics()
-    about, columns = data.about, data.store.columns
-    fps = about.metadata.fps
-    description = Description(
-        source=data.source,
-        format=format_name(about.metadata, about.n_files),
-        demonstrations=len(data),
-        steps=data.n_steps,
-        observations=data.observation_names,
-        actions=data.action_names,
-        action_kind="discrete" if data.is_discrete else "continuous",
-        action_reason=about.action_reason,
-        id_column=columns.episode,
-        order_column=about.order.column,
-        order=about.order.words,
-        seconds=data.n_steps / fps if fps else None,
-        fps=fps,
-        operator_column=columns.operator,
-        operators=_values(about.operators),
-        task_column=columns.task,
-        tasks=_values(about.tasks, about.metadata.tasks),
-        ignored=_ignored(columns, about.order, about.metadata),
-        missing=statistics.missing,
-        ranges=statistics.ranges,
-        notes=about.metadata.notes(len(data), data.n_steps),
-    )
-    return Recording(
-        description,
-        lambda: data,
-        lambda steps: _stored_columns(data, steps, _own_numbers(columns, about.order)),
-        about.operators,
-        tasks_of(about.tasks, about.metadata),
-        lambda: _stored_times(data),
-    ).with_ignored_files(about.ignored_files)
-
-
-def _stored_times(data: Dataset) -> Times:
-    """From one reading of the columns of time."""
-    columns = data.store.columns
-    with guarded(data.source):
-        table = _stored_columns(data, slice(0, data.n_steps), clock_columns(columns))
-        clock = None if table is None else find_clock(table, columns, None, data.offsets)
-    return _times(clock, data.about.metadata)
-
-
-def _stored_columns(data: Dataset, steps: slice, names: list[str]) -> pa.Table | None:
-    """Some columns of some of the rows; None where there are none."""
-    import pyarrow as pa
-
-    tables = [table for _, table, _ in data.store.tables(steps.start, steps.stop, names)] if names else []
-    return pa.concat_tables(tables, promote_options="permissive") if tables else None
-
-
-def _own_numbers(columns: Columns, order: Order) -> list[str]:
+def own_numbers(columns: Columns, order: Order) -> list[str]:
     return list(dict.fromkeys([*columns.index, *([order.column] if order.column else [])]))
 
 
@@ -262,9 +239,10 @@ def _describe(
         fps=fps,
         operator_column=columns.operator,
         task_column=columns.task,
-        ignored=_ignored(columns, order, metadata),
+        ignored=ignored_columns(columns, order, metadata),
         missing=missing,
         ranges=ranges,
+        outcomes=outcome_options([*metadata.split_outcomes, *columns.outcomes]),
         notes=_constant_note(constant),
     )
 
@@ -289,7 +267,7 @@ def _ranges(names: tuple[str, ...], values: Array) -> dict[str, tuple[float, flo
     return {name: (a, b) for name, a, b in zip(names, low, high, strict=True) if a == a}
 
 
-def _ignored(columns: Columns, order: Order, metadata: Metadata) -> dict[str, str]:
+def ignored_columns(columns: Columns, order: Order, metadata: Metadata) -> dict[str, str]:
     """What is not read, and why: also columns of time that are read for other things than the order of the steps."""
     times = [name for name in (*columns.orders, *columns.index) if name != order.column]
     videos = dict.fromkeys(metadata.videos, "video")
@@ -313,32 +291,3 @@ def _kind_of_action(table: pa.Table, columns: Columns, n_parts: int) -> tuple[st
         return action_kind(present, "", columns.action_kind)
     except DataError as error:
         return "refused", str(error).removeprefix(": ").rstrip(".")
-
-
-def _pairs(table: pa.Table, name: str | None, ids: list[int | str], group: Array) -> list[tuple[str, object]]:
-    """The different pairs of id, as text, and value, in the order of the file."""
-    if name is None:
-        return []
-    column = table[name].dictionary_encode().unify_dictionaries().combine_chunks()
-    values, codes = column.dictionary.to_pylist(), column.indices.fill_null(-1).to_numpy()
-    _, first = np.unique(group * (len(values) + 1) + codes, return_index=True)
-    found = [(str(ids[group[row]]), values[codes[row]] if codes[row] >= 0 else None) for row in np.sort(first).tolist()]
-    return [(m, _as_whole(value)) for m, value in found]
-
-
-def tasks_of(pairs: Sequence[tuple[str, object]], metadata: Metadata) -> dict[str, str]:
-    """The task of each demonstration from pairs of its id and the values of a column; several are one task together."""
-    names: dict[str, list[str]] = {}
-    for m, value in pairs:
-        names.setdefault(m, []).append("" if value is None else metadata.tasks.get(str(value), str(value)))
-    return {m: "; ".join(sorted(tasks)) for m, tasks in names.items()}
-
-
-def _as_whole(value: object) -> object:
-    return int(value) if isinstance(value, float) and are_whole(np.array([value])) else value
-
-
-def _values(pairs: Iterable[tuple[str, object]], names: Mapping[str, str] | None = None) -> tuple[str, ...]:
-    """The different values of pairs of id and value, the first ones, by their `names` if they have any."""
-    values = dict.fromkeys(str(value) for _, value in pairs if value is not None)
-    return tuple((names or {}).get(value, value) for value in list(values)[:MAX_NAMES])

@@ -26,7 +26,7 @@ from rpil.data.formats.table import check_ids
 if TYPE_CHECKING:
     import h5py
 
-MASK = "rpil_expert"
+MASK = "rpil_kept"
 """The filter key in ``mask`` under which `write_mask` lists demonstrations."""
 
 _GROUP_NAME = "name of the group"
@@ -99,7 +99,7 @@ def _copy_without(dropped: Container[str], group: h5py.Group, new: h5py.Group) -
 
 
 def write_mask(path: StrPath, output: StrPath, ids: Sequence[Id]) -> None:
-    """Write the file with one more filter key, ``mask/rpil_expert``, that lists `ids`, to `output`.
+    """Write the file with one more filter key, ``mask/rpil_kept``, that lists `ids`, to `output`.
 
     `output` may be `path`: then the file is replaced by the copy, once that is whole. A `DataError` where an id is
     unknown, or the demonstrations are not in ``data``, where robomimic looks for them.

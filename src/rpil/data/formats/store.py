@@ -17,7 +17,8 @@ from rpil.data.errors import DataError
 from rpil.data.files import StrPath, check_exists
 from rpil.data.folders import check_folder, check_inside, is_hidden
 from rpil.data.formats import table as flat
-from rpil.data.formats.columns import ColumnOptions, Columns, check_unique, find_columns
+from rpil.data.formats.column_search import find_columns
+from rpil.data.formats.columns import ColumnOptions, Columns, check_unique
 from rpil.data.formats.dialect import TEXT_SUFFIXES
 from rpil.data.formats.lerobot import Metadata, read_metadata
 from rpil.data.formats.names import is_data
@@ -287,8 +288,7 @@ def columns_of_file(filesystem: fs.FileSystem, path: str, file: pq.ParquetFile, 
 
 def check_columns(file: pq.ParquetFile, columns: Columns, name: str, first: str) -> None:
     """A `DataError` where the file `name` lacks columns that are read, or has more that hold data, than `first`."""
-    names = set(file.schema_arrow.names)
-    known = {*columns.all, *columns.ignored}
+    names, known = set(file.schema_arrow.names), {*columns.all, *columns.ignored}
     if not names.issuperset(columns.all) or any(is_data(other) for other in names - known):
         raise DataError(f"{name}: its columns are not those of {first}; give all files the same ones.")
 

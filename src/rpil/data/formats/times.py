@@ -21,6 +21,11 @@ _SECONDS = {"s": 1.0, "sec": 1.0, "secs": 1.0, "seconds": 1.0, "ms": 1e-3, "msec
 _SECONDS |= {"nsec": 1e-9, "nsecs": 1e-9, "nanosec": 1e-9, "msecs": 1e-3}
 
 
+_WORDS_OF_TIME = {"t", "ts", "time", "timestamp", "timestamps", "stamp", "elapsed"}
+_WALL_CLOCK = 5e8, 1e10
+"""Seconds since 1970 from 1985 to 2286: times of day, and times since a recorder was started, are far from these."""
+
+
 @dataclass(frozen=True, eq=False)
 class Times:
     """What a recording says about its times and lengths.
@@ -105,10 +110,42 @@ def _unit(name: str, kind: pa.DataType, values: Array) -> float | None:
     words = plain_name(name).split("_")
     if words[-1] in _SECONDS and len(words) > 1:
         return _SECONDS[words[-1]]
-    if not {"t", "ts", "time", "timestamp", "timestamps", "stamp", "elapsed"} & set(words):
+    if not _WORDS_OF_TIME & set(words):
         return None
     largest = float(np.abs(values).max())
     for limit, unit in ((1e17, 1e-9), (1e14, 1e-6), (1e11, 1e-3)):
         if largest > limit:
             return unit
     return 1.0 if values.dtype.kind == "f" and not np.array_equal(values, np.round(values)) else None
+
+
+def start_times(columns: Mapping[str, pa.ChunkedArray], offsets: Array) -> tuple[str, Array] | None:
+    """The first of the `columns` in which each demonstration has a wall-clock time of its own, and when each starts.
+
+    The columns are in the order of the demonstrations. None where none has: clocks that begin anew with each
+    demonstration, or with the recorder, do not tell which demonstration came first.
+    """
+    for name, column in columns.items():
+        seconds = _since_1970(name, column)
+        if seconds is not None:
+            starts = seconds[offsets[:-1]]
+            if len(np.unique(starts)) == len(starts):
+                return name, starts
+    return None
+
+
+def _since_1970(name: str, column: pa.ChunkedArray) -> Array | None:
+    """Seconds since 1970; None where a value is missing or is no wall-clock time."""
+    import pyarrow as pa
+
+    if pa.types.is_date(column.type):
+        column = column.cast(pa.timestamp("s"))
+    values = order_values(column)
+    if values is None or not len(values) or pa.types.is_duration(column.type) or pa.types.is_time(column.type):
+        return None
+    words = {*_WORDS_OF_TIME, "date", "datetime"} & {*plain_name(name).split("_")}
+    if not words and not pa.types.is_timestamp(column.type):
+        return None
+    seconds = values * (_unit(name, column.type, values) or 1.0)
+    low, high = _WALL_CLOCK
+    return seconds if low < seconds.min() and seconds.max() < high else None

@@ -1,0 +1,125 @@
+"""Answers to an audit: what they change, and what to ask next. No policy is fitted again."""
+
+from __future__ import annotations
+
+from collections.abc import Hashable, Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+from scipy.special import expit
+
+from rpil.audit.reasons import MAX_LOG_RATIO, worst_stretch
+from rpil.audit.record import Audit, Id
+from rpil.audit.words import WORDS, Verdict
+from rpil.data.errors import DataError
+from rpil.data.formats.id_values import match_labels, match_pairs
+from rpil.inference.answered import Answered, answer, most_telling
+from rpil.inference.answers import Answers
+from rpil.inference.settings import AnswerSettings
+from rpil.numerics.types import Array, Int
+
+NEXT_STEPS = {
+    "some are unlike": "Look at the worst steps of a few that are called unlike; they need not be worse.",
+    "answered": "Look at the worst steps of a few that are called bad, and label a demonstration whose word is wrong.",
+    "mixture": "Look at the worst steps of a few adversaries, and label a demonstration whose word is wrong.",
+    "two groups": "Look at one demonstration of either group, and say which is better.",
+    "in doubt": "Look at the lowest ranked demonstrations, and label those that you can judge.",
+    "nobody stands out": "Look at the lowest ranked demonstrations, and label those that you can judge.",
+    "nothing could be learned": "Check that the observations contain what the actions depend on, or give more "
+    "demonstrations.",
+}
+"""What to do next, by finding."""
+
+
+def with_answers(audit: Audit, labels: Mapping[Id, str], pairs: Sequence[tuple[Id, Id]]) -> Audit:
+    """The audit with answers beside those that it has; see `Audit.answered`."""
+    if not audit.columns.size:
+        raise DataError("This audit keeps nothing to learn from answers; give the labels to fit().")
+    known, settings = merged(audit, labels, pairs), AnswerSettings()
+    found = answer(audit.columns, known, settings)
+    log_odds = found.log_odds + audit.from_demonstrator
+    proba = expit(log_odds)
+    old = np.repeat(audit.expert_proba, audit.lengths)
+    relative = np.divide(audit.step_weight, old, out=np.ones(len(old)), where=old > 0)
+    return replace(
+        audit,
+        finding="answered",
+        anchor="answers",
+        log_odds=log_odds,
+        from_label=found.log_odds - audit.from_actions,
+        expert_proba=proba,
+        verdicts=verdicts_of(found.words, "answers"),
+        step_weight=np.repeat(proba, audit.lengths) * np.minimum(relative, 1.0),
+        identifiable=True,
+        competing=(),
+        answers=known,
+        contradicting=tuple(audit.ids[m] for m in found.contradicting.tolist()),
+        doubts=doubts_of_answers(found, known),
+        assumptions=(*audit.assumptions, sentence_of(known)),
+    )
+
+
+def merged(audit: Audit, labels: Mapping[Id, str], pairs: Sequence[tuple[Id, Id]]) -> Answers:
+    """The answers of an audit and these; a new label replaces an old one."""
+    known, unknown = audit.answers, np.full(len(audit.ids), np.nan)
+    signs = known.labels.copy() if len(known.labels) else np.zeros(len(audit.ids), dtype=np.int64)
+    for m, is_good in match_labels(labels, audit.ids).items():
+        signs[m] = 1 if is_good else -1
+    old = [(audit.ids[better], audit.ids[worse]) for better, worse in known.pairs.tolist()]
+    compared = match_pairs([*old, *pairs], audit.ids)
+    return Answers(signs, compared, known.outcome if len(known.outcome) else unknown)
+
+
+def verdicts_of(words: Int[Array, " M"], anchor: str) -> tuple[Verdict, ...]:
+    """The words 1, 0 and -1 as verdicts of an anchor."""
+    vocabulary = WORDS[anchor]
+    return tuple({1: vocabulary.upper, 0: "open", -1: vocabulary.lower}[word] for word in words.tolist())
+
+
+def doubts_of_answers(found: Answered, known: Answers) -> tuple[str, ...]:
+    """What speaks against words by these answers."""
+    if known.count == 1:
+        return ("One answer alone gives no word: give a second one that agrees.",)
+    return ()
+
+
+def sentence_of(known: Answers) -> str:
+    """How many answers there are."""
+    counts = {
+        "labels": int(np.count_nonzero(known.labels)),
+        "pairs": len(known.pairs),
+        "outcomes": int(np.isfinite(known.outcome).sum()),
+    }
+    given = ", ".join(f"{count:,} {name if count > 1 else name[:-1]}" for name, count in counts.items() if count)
+    return f"P(good) is learned from {given or 'no answers'}, each of which may be wrong."
+
+
+def question(audit: Audit) -> str:
+    """The question whose answer would say most, and where to look: the worst stretch of either demonstration."""
+    return f"Which is better: {' or '.join(_where_to_look(audit, name) for name in audit.pair)}?"
+
+
+def _where_to_look(audit: Audit, name: Hashable) -> str:
+    steps = audit.step_log_ratio[audit.steps(audit.index(name))]
+    stretch = worst_stretch(np.clip(steps, -MAX_LOG_RATIO, MAX_LOG_RATIO)) if len(steps) else None
+    if stretch is None:
+        return str(name)
+    span = f"step {stretch.first}" if stretch.first == stretch.last else f"steps {stretch.first} to {stretch.last}"
+    return f"{name} (look at {span})"
+
+
+def suggest(audit: Audit, k: int) -> tuple[Hashable, ...]:
+    """Ids of up to `k` demonstrations without a label whose labels would say most, the best first.
+
+    First the pair, which tells on which side the good ones are; then those about which the answers say least
+    (`rpil.inference.answered.most_telling`). Without columns, the middle of the ranking.
+    """
+    if k < 1:
+        raise DataError(f"k={k!r} labels cannot be suggested; ask for one at least.")
+    labels = audit.answers.labels if len(audit.answers.labels) else np.zeros(len(audit.ids), dtype=np.int64)
+    if not audit.columns.size:
+        order = np.argsort(np.abs(2 * np.argsort(np.argsort(audit.log_odds)) - (len(audit.ids) - 1)), kind="stable")
+        return tuple(audit.ids[m] for m in order.tolist() if not labels[m])[:k]
+    known = merged(audit, {}, ())
+    chosen = most_telling(audit.columns, known, AnswerSettings(), k)
+    return tuple(audit.ids[m] for m in chosen)

@@ -1,0 +1,59 @@
+"""The audit of some of the demonstrations that were judged together."""
+
+from __future__ import annotations
+
+from collections.abc import Hashable, Sequence
+from dataclasses import dataclass, fields, replace
+from functools import cached_property
+
+import numpy as np
+
+from rpil.audit.record import Audit
+
+
+@dataclass(frozen=True, eq=False)
+class AuditOfPart(Audit):
+    """An audit whose reasons compare with demonstrations that are not in it."""
+
+    own_reasons: tuple[str, ...] = ()
+
+    @cached_property
+    def reasons(self) -> tuple[str, ...]:
+        """The reason for the verdict on each demonstration, one sentence each."""
+        return self.own_reasons
+
+
+_OF_DEMONSTRATIONS = (
+    *("log_odds", "from_actions", "from_demonstrator", "from_label"),
+    *("expert_proba", "reliability", "reliability_interval", "columns"),
+)
+_OF_STEPS = "step_log_ratio", "step_weight"
+
+
+def select(audit: Audit, indices: Sequence[int], ids: Sequence[Hashable] | None = None) -> AuditOfPart:
+    """The audit of the demonstrations at `indices` alone, in that order, as they were judged among all.
+
+    `ids` are new names for them. What concerns all, as the finding and the share of experts, stays.
+    """
+    chosen = list(indices)
+    steps = np.concatenate([np.arange(0), *(np.arange(audit.offsets[m], audit.offsets[m + 1]) for m in chosen)])
+    names = dict(zip((audit.ids[m] for m in chosen), ids or [audit.ids[m] for m in chosen], strict=True))
+
+    def named(old: Sequence[Hashable]) -> tuple[Hashable, ...]:
+        return tuple(names[name] for name in old if name in names)
+
+    values = {field.name: getattr(audit, field.name) for field in fields(Audit)}
+    part = AuditOfPart(**values, own_reasons=tuple(audit.reasons[m] for m in chosen))
+    return replace(
+        part,
+        ids=tuple(names.values()),
+        offsets=np.concatenate([[0], np.cumsum(audit.lengths[chosen])]),
+        **{name: getattr(audit, name)[chosen] for name in _OF_DEMONSTRATIONS},
+        **{name: getattr(audit, name)[steps] for name in _OF_STEPS},
+        verdicts=tuple(audit.verdicts[m] for m in chosen),
+        competing=tuple(map(named, audit.competing)),
+        pair=named(audit.pair),
+        answers=audit.answers.select(chosen),
+        contradicting=named(audit.contradicting),
+        deviations=tuple(audit.deviations[m] for m in chosen) if audit.deviations else (),
+    )

@@ -1,0 +1,71 @@
+"""The words for demonstrations: they depend on what says who is good, the anchor of an audit.
+
+Without an anchor the data alone can tell who is unlike the others, and not who is good.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Literal
+
+Anchor = Literal["none", "answers", "named adversary"]
+"""What says who is good: nothing; labels, answers or outcomes; or the adversary of the paper's mixture."""
+
+Verdict = Literal["typical", "good", "expert", "open", "unlike", "bad", "adversary"]
+Side = Literal["upper", "open", "lower"]
+
+
+@dataclass(frozen=True)
+class Words:
+    """A vocabulary; its third word, for demonstrations that the data do not decide, is always "open"."""
+
+    upper: Verdict
+    lower: Verdict
+    probability: str
+    """The name of the probability in tables."""
+    explanation: str
+    """What the probability means, one sentence."""
+
+    def verdict(self, proba: float, min_proba: float) -> Verdict:
+        """The word for a demonstration with this probability; either side needs `min_proba`."""
+        if proba >= min_proba:
+            return self.upper
+        return self.lower if proba <= 1 - min_proba else "open"
+
+
+WORDS: dict[str, Words] = {
+    "none": Words(
+        "typical",
+        "unlike",
+        "P(typical)",
+        "P(typical) is the probability that a demonstration belongs with those that agree best; if those who agree are "
+        "the good ones, it is P(good).",
+    ),
+    "answers": Words(
+        "good",
+        "bad",
+        "P(good)",
+        "P(good) is the probability that a demonstration is good, given the answers about some of them.",
+    ),
+    "named adversary": Words(
+        "expert",
+        "adversary",
+        "P(expert)",
+        "P(expert) is the probability that a demonstration is an expert's, and not that of the adversary that was "
+        "named.",
+    ),
+}
+"""The vocabularies by their anchors."""
+
+SIDES: dict[str, Side] = {
+    **{words.upper: "upper" for words in WORDS.values()},
+    "open": "open",
+    **{words.lower: "lower" for words in WORDS.values()},
+}
+"""The side of each word, whatever the vocabulary."""
+
+
+def n_lower(verdicts: Iterable[str]) -> int:
+    """The number of demonstrations that are called unlike, bad or adversary."""
+    return sum(SIDES[verdict] == "lower" for verdict in verdicts)

@@ -1,0 +1,147 @@
+"""Facts about demonstrations beside their steps: the order in which they were made, their sessions and outcomes."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Hashable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from rpil.data.arrays import Indices
+from rpil.data.errors import DataError
+from rpil.data.formats.columns import FILE_SESSION
+from rpil.data.formats.names import plain_name
+from rpil.data.formats.table import check_ids
+from rpil.numerics.types import Array, Float, Int
+
+Outcome = Mapping[int, float] | Mapping[str, float] | Sequence[float] | Array
+"""What a user gives: a number by id, or one for each demonstration."""
+
+_REWARD = re.compile(r"(?:next_)?rew(?:ard)?s?")
+
+
+@dataclass(frozen=True, eq=False)
+class Facts:
+    """What is known of M demonstrations beside their steps; nothing of it is used unless it is asked for.
+
+    Attributes
+    ----------
+    order : (M,) array, optional
+        The position of each demonstration in the order that the file states; None where it states none.
+    order_source : str
+        What states it, as "episode_index", "timestamp" or "one file each".
+    sessions : tuple of M str
+        The session of each demonstration; empty where none are known.
+    outcome : (M,) array, optional
+        How each demonstration ended, more is better; NaN where it is not known.
+    outcome_name : str
+        The column of the outcome, as the user named it.
+    """
+
+    order: Float[Array, " M"] | None = None
+    order_source: str = ""
+    sessions: tuple[str, ...] = ()
+    outcome: Float[Array, " M"] | None = None
+    outcome_name: str = ""
+
+    def select(self, indices: Indices) -> Facts:
+        """The facts about the demonstrations at `indices` (integers, a slice or a mask over the M), in that order."""
+        return Facts(
+            None if self.order is None else np.atleast_1d(self.order[indices]),
+            self.order_source,
+            tuple(np.atleast_1d(np.array(self.sessions, dtype=object)[indices])) if self.sessions else (),
+            None if self.outcome is None else np.atleast_1d(self.outcome[indices]),
+            self.outcome_name,
+        )
+
+
+def outcome_of_steps(values: Float[Array, " N"], offsets: Int[Array, " _"], column: str) -> Float[Array, " M"] | None:
+    """One number for each demonstration, of a column with a value for each step; None where nothing says which.
+
+    It is the sum of a reward; the value of a column that is constant within each demonstration; and the last one of
+    a flag, 0 or 1. NaN is a missing value: one in a reward makes its sum unknown, others are left out.
+    """
+    if _REWARD.fullmatch(plain_name(column)):
+        return np.add.reduceat(values, offsets[:-1])
+    low, high = (extreme.reduceat(values, offsets[:-1]) for extreme in (np.fmin, np.fmax))
+    if np.all((low == high) | np.isnan(low)):
+        return np.asarray(low)
+    if np.isin(values[~np.isnan(values)], (0, 1)).all():
+        last = np.maximum.reduceat(np.where(np.isnan(values), -1, np.arange(len(values))), offsets[:-1])
+        return np.where(last < 0, np.nan, values[last])
+    return None
+
+
+def check_outcome(outcome: Float[Array, " M"], name: str, source: str) -> Float[Array, " M"]:
+    """The `outcome` called `name`; a `DataError` where it is infinite, known for none, or the same for all."""
+    known = outcome[~np.isnan(outcome)]
+    if not np.isfinite(known).all():
+        raise DataError(f"{source}: {name} is infinite for some demonstrations; give numbers, or leave it out.")
+    if not len(known):
+        raise DataError(f"{source}: {name} is known for no demonstration; name another, or leave it out.")
+    if not tells(outcome):
+        raise DataError(
+            f"{source}: {name} is {known[0]:g} for every demonstration that it is known of, which tells none from "
+            "another; name another, or leave it out."
+        )
+    return outcome
+
+
+def tells(outcome: Float[Array, " M"] | None) -> bool:
+    """Whether the `outcome` differs between demonstrations of which it is known."""
+    return outcome is not None and len(np.unique(outcome[~np.isnan(outcome)])) > 1
+
+
+def given_outcome(given: Outcome | None, ids: Sequence[Hashable], source: str) -> Float[Array, " M"] | None:
+    """The outcome that a user gives, by id or for each of M demonstrations; those that are left out are unknown.
+
+    A `DataError` as `check_outcome`, and where an id is unknown, a value no number, or their count another one.
+    """
+    if given is None:
+        return None
+    if isinstance(given, Mapping):
+        by_id = {str(m): value for m, value in given.items()}
+        check_ids(by_id, ids, "the outcome", "outcome=")
+        given = [by_id.get(str(m), np.nan) for m in ids]
+    return check_outcome(_numbers(given, "outcome", ids, source), "the outcome", source)
+
+
+def given_order(
+    given: Sequence[float] | Array | None, ids: Sequence[Hashable], source: str
+) -> Float[Array, " M"] | None:
+    """The positions that a user gives for M demonstrations; a `DataError` where one is missing, or no number."""
+    if given is None:
+        return None
+    order = _numbers(given, "order", ids, source)
+    if not np.isfinite(order).all():
+        m = int(np.argmin(np.isfinite(order)))
+        raise DataError(f"{source}, demonstration {ids[m]!r}: its place in the order is {order[m]}; give a number.")
+    return order
+
+
+def _numbers(given: Sequence[float] | Array, name: str, ids: Sequence[Hashable], source: str) -> Array:
+    try:
+        values = np.asarray(given, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise DataError(f"{source}: {name} holds what is no number; give a number for each demonstration.") from error
+    if values.shape != (len(ids),):
+        raise DataError(
+            f"{source}: {name} has the shape {values.shape}; give one number for each of {len(ids)} demonstrations."
+        )
+    return values
+
+
+def check_sessions(sessions: Sequence[str], name: str, source: str) -> None:
+    """A `DataError` where the `sessions` of M demonstrations, of the column `name` or by "file", divide nothing."""
+    if len(set(sessions)) == len(sessions):
+        what = "come from one file each" if name == FILE_SESSION else f"have a value of {name!r} of their own each"
+        raise DataError(
+            f"{source}: the demonstrations {what}, which makes no sessions to judge within; name a column that several "
+            "share with --session, or leave it out."
+        )
+    if name == FILE_SESSION and len(set(sessions)) == 1:
+        raise DataError(
+            f"{source}: the demonstrations come from one file, which makes no sessions to judge within; name a column "
+            "with --session, or leave it out."
+        )

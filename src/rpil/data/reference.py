@@ -1,0 +1,58 @@
+"""Demonstrations that are known to be good, beside those that are to be judged."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+
+from rpil.data.demonstrations import Demonstrations
+from rpil.data.errors import DataError
+from rpil.data.formats.names import quoted
+
+
+def with_reference(demonstrations: Demonstrations, reference: Demonstrations) -> Demonstrations:
+    """The `demonstrations`, and after them those of the `reference`; all ids are text, and no two are alike.
+
+    A `DataError` where the two have other observations or actions.
+    """
+    one, other = demonstrations, reference
+    missing = [name for name in one.observation_names if name not in other.observation_names]
+    more = [name for name in other.observation_names if name not in one.observation_names]
+    if missing or more:
+        lacks = f"lacks {quoted(missing, 5)}" if missing else f"has {quoted(more, 5)} too"
+        raise DataError(
+            f"{other.source}: its observations are not those of {one.source}: it {lacks}; name the same ones with "
+            "--observations or --exclude."
+        )
+    columns = [other.observation_names.index(name) for name in one.observation_names]
+    kinds = [_kind_of_action(each) for each in (one, other)]
+    if kinds[0] != kinds[1]:
+        raise DataError(
+            f"{other.source}: its actions are {kinds[1]}, and those of {one.source} are {kinds[0]}; give a reference "
+            "with the same actions, or say what they are with --action or --action-kind."
+        )
+    prefix = next(p for p in _prefixes() if not any(str(name).startswith(p) for name in one.ids))
+    return Demonstrations(
+        np.concatenate([one.observations, other.observations[:, columns]]),
+        np.concatenate([one.actions, other.actions]),
+        np.concatenate([one.offsets, one.n_steps + other.offsets[1:]]),
+        (*map(str, one.ids), *(f"{prefix}{name}" for name in other.ids)),
+        one.observation_names,
+        one.source,
+        one.action_kind,
+        one.action_names,
+    )
+
+
+def _prefixes() -> itertools.chain[str]:
+    return itertools.chain(["reference "], (f"reference {k} " for k in itertools.count(2)))
+
+
+def _kind_of_action(demonstrations: Demonstrations) -> str:
+    """What the actions are, in words that are alike where they can be judged together."""
+    if demonstrations.is_discrete:
+        return "discrete text" if demonstrations.actions.dtype.kind == "U" else "discrete numbers"
+    names = demonstrations.action_names
+    parts = f" ({quoted(names, 5)})" if names else ""
+    return f"{demonstrations.n_actions} continuous numbers{parts}"

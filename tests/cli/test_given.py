@@ -1,0 +1,182 @@
+"""What is given of demonstrations beside their steps: outcomes, sessions, and a reference of good ones."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+
+from command_line import call, ok, refused
+from rpil import RPIL
+from rpil.data import formats
+
+N_STEPS, BAD = 40, {3, 5, 8, 9}
+
+
+def write(name, n, bad, seed, **changes):
+    """`n` demonstrations of a controller, but for the `bad` ones, which act at random."""
+    rng = np.random.default_rng(seed)
+    owner = np.repeat(np.arange(n), N_STEPS)
+    x, v = rng.normal(size=(2, n * N_STEPS))
+    is_bad = np.isin(owner, list(bad))
+    action = np.where(is_bad, rng.uniform(-1, 1, len(x)), np.tanh(2 * x - v) + 0.1 * rng.normal(size=len(x)))
+    ends = np.tile(np.arange(N_STEPS) == N_STEPS - 1, n)
+    columns = {"episode_index": owner, "x": x, "v": v, "action": action, "next.success": ends & ~is_bad}
+    columns |= {"day": np.where(owner % 2, "mon", "tue"), "half": np.arange(len(x)) / 2}
+    pq.write_table(pa.table({**columns, **changes}), name)
+    return name
+
+
+@pytest.fixture
+def data():
+    return write("d.parquet", 24, BAD, 1)
+
+
+def audited(*arguments):
+    return json.loads(ok("audit", *arguments, "--json", "--observations", "x,v").stdout)
+
+
+@pytest.fixture
+def given(monkeypatch):
+    """The outcomes and orders that fits are given."""
+    found = []
+    fit = RPIL.fit
+    monkeypatch.setattr(RPIL, "fit", lambda self, *data, **given: (found.append(given), fit(self, *data, **given))[1])
+    return found
+
+
+@pytest.mark.parametrize("command", [["audit"], ["fit", "-o", "policy", "--features", "raw"]])
+def test_a_fit_is_given_the_outcome_that_is_named_and_no_other(data, given, command):
+    ok(command[0], data, *command[1:], "--observations", "x,v")
+    ok(command[0], data, *command[1:], "--observations", "x,v", "--outcome", "-next.success")
+    assert [one["outcome"] is None for one in given] == [True, False]
+    np.testing.assert_array_equal(given[1]["outcome"], [0 if m in BAD else -1 for m in range(24)])
+
+
+def test_a_fit_is_given_the_order_that_the_file_states(given):
+    wall = 1.7e9 + np.repeat(np.arange(24)[::-1] * 100.0, N_STEPS) + np.tile(np.arange(N_STEPS), 24)
+    ok("audit", write("d.parquet", 24, BAD, 1, timestamp=wall), "--observations", "x,v")
+    assert np.argsort(given[0]["order"]).tolist() == list(range(24))[::-1]
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (["--outcome", "half"], "'half' changes within demonstrations.*'next.success', 'length'"),
+        (["--outcome", "nothing"], "no column is called 'nothing'"),
+        (["--outcome", "x"], "'x' is the id, an observation"),
+        (["--outcome", "-length"], "the outcome '-length' is -40 for every demonstration"),
+        (["--session", "episode_index"], "a value of 'episode_index' of their own each"),
+        (["--session", "file"], "come from one file"),
+        (["--session", "nothing"], "no column is called 'nothing'"),
+        (["--session", "half"], "demonstration 0: column 'half' changes within it"),
+        (["--reference", "d.parquet"], "the reference is the data themselves"),
+        (["--reference", "nothing.parquet"], "there is no such file"),
+        (["--reference", "good.parquet", "--stream"], "needs all data in memory: leave out --stream"),
+        (["--reference", "good.parquet", "--scheduler", "localhost:1"], "memory: leave out --scheduler"),
+    ],
+)
+def test_what_cannot_be_used_is_refused(data, options, words):
+    write("good.parquet", 10, {}, 2)
+    refused(words, "audit", data, "-q", "--observations", "x,v", *options)
+
+
+def test_fit_refuses_an_outcome_for_a_method_that_knows_none(data):
+    refused("--outcome has no effect", "fit", data, "-o", "p", "--method", "cloning", "--outcome", "length")
+
+
+def test_demonstrations_are_judged_within_their_sessions(data, given):
+    found = audited(data, "--session", "day", "--outcome", "next.success")
+    assert found["assumptions"][0].startswith("Demonstrations are judged within their sessions: tue (12: ")
+    # Of Monday's demonstrations 3, 5 and 9 fail, of Tuesday's 8.
+    assert [np.nansum(one["outcome"]) for one in given] == [11, 9]
+    assert {row["id"] for row in found["demonstrations"]} == set(range(24))
+    assert found["n_demonstrations"] == 24
+
+
+def test_sessions_divide_tasks(data):
+    task = np.repeat(np.where(np.arange(24) < 12, "lift", "turn"), N_STEPS)
+    found = audited(write("t.parquet", 24, BAD, 1, task=task), "--session", "day", "-q")
+    assert "within their tasks and sessions: lift, tue (6" in found["assumptions"][0]
+    assert "turn, mon (6" in found["assumptions"][0]
+
+
+def test_small_sessions_are_named_with_the_remedy():
+    stderr = call("audit", write("s.parquet", 10, {3}, 1), "--session", "day", "-q", "--observations", "x,v").stderr
+    words = " ".join(stderr.split())
+    assert "the session 'tue' has 5 demonstrations" in words
+    assert "leave out --session" in words
+
+
+def test_files_are_sessions(given):
+    Path("many").mkdir()
+    for k, name in enumerate("ab"):
+        owner = np.repeat(np.arange(10 * k, 10 * k + 10), N_STEPS)
+        write(f"many/{name}.parquet", 10, {3}, k, episode_index=owner)
+    for options in ([], ["--no-stream"]):
+        found = audited("many", "--session", "file", *options)
+        assert "sessions: a.parquet (10: " in found["assumptions"][0]
+    write("many/c.parquet", 1, {}, 3, episode_index=np.full(N_STEPS, 20))
+    for name in "ab":
+        Path(f"many/{name}.parquet").unlink()
+    write("many/d.parquet", 1, {}, 4, episode_index=np.full(N_STEPS, 21))
+    refused("come from one file each", "audit", "many", "--session", "file", "-q", "--observations", "x,v")
+
+
+def test_a_reference_is_labelled_good_and_left_out_of_what_is_written(data, given, monkeypatch):
+    write("good.parquet", 10, {}, 2)
+    labels = []
+    init = RPIL.__init__
+    monkeypatch.setattr(
+        RPIL, "__init__", lambda self, **given: (labels.append(given["labels"]), init(self, **given))[1]
+    )
+    monkeypatch.setattr(RPIL, "get_params", lambda self, deep=True: dict(vars(self)))
+    Path("l.csv").write_text("id,label\n3,bad\n")
+    outputs = ["--verdicts", "v.csv", "--weights", "w.csv", "--report", "r.html", "--keep", "k.json"]
+    options = ["--reference", "good.parquet", "--labels", "l.csv", "--outcome", "next.success"]
+    found = audited(data, *options, *outputs)
+    assert labels == [{"3": "adversary", **{f"reference {m}": "expert" for m in range(10)}}]
+    assert len(given[0]["outcome"]) == 34
+    assert np.sum(given[0]["outcome"]) == 30
+    assert found["n_demonstrations"] == 24
+    assert found["n_steps"] == 24 * N_STEPS
+    assert {row["id"] for row in found["demonstrations"]} == set(range(24))
+    by_id = {row["id"]: row for row in found["demonstrations"]}
+    assert all(by_id[m]["verdict"] == ("adversary" if m in BAD else "expert") for m in range(24))
+    assert len(Path("v.csv").read_text().splitlines()) == 25
+    assert len(Path("w.csv").read_text().splitlines()) == 24 * N_STEPS + 1
+    assert set(json.loads(Path("k.json").read_text())["episodes"]) == set(range(24)) - BAD
+    for name in ("v.csv", "w.csv", "r.html", "k.json"):
+        assert "reference 0" not in Path(name).read_text()
+
+
+def test_a_reference_says_which_of_two_groups_is_good():
+    """Two groups of ten, each with a policy of its own: the one that acts as the reference does is good."""
+    rng = np.random.default_rng(0)
+    owner = np.repeat(np.arange(20), N_STEPS)
+    x, v = rng.normal(size=(2, len(owner)))
+    turned = np.where(owner < 10, -1, 1) * np.tanh(2 * x - v) + 0.1 * rng.normal(size=len(owner))
+    write("two.parquet", 20, {}, 1, x=x, v=v, action=turned)
+    write("good.parquet", 10, {}, 2)
+    write("other.parquet", 10, {}, 2, action=-pq.read_table("good.parquet")["action"].to_numpy())
+    for reference, good in (("good.parquet", range(10, 20)), ("other.parquet", range(10))):
+        rows = audited("two.parquet", "--reference", reference)["demonstrations"]
+        assert {row["id"] for row in rows[:10]} == set(good)
+
+
+def test_keep_judges_beside_a_reference(data):
+    write("good.parquet", 10, {}, 2)
+    ok("keep", data, "-o", "kept.parquet", "--reference", "good.parquet", "--observations", "x,v")
+    assert set(formats.read("kept.parquet").ids) == set(range(24)) - BAD
+
+
+def test_a_reference_with_other_columns_is_refused(data):
+    write("good.parquet", 10, {}, 2)
+    columns = pq.read_table("good.parquet")
+    pq.write_table(columns.append_column("w", columns["x"]), "wider.parquet")
+    refused("wider.parquet: its observations are not those of d.parquet: it has 'w' too", "audit", data, "-q",
+            "--exclude", "half", "--reference", "wider.parquet")  # fmt: skip

@@ -1,0 +1,113 @@
+"""Facts about demonstrations: what a column says of how each ended, and what a user gives."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from problems import make, one_sentence
+from rpil import RPIL
+from rpil.data.errors import DataError
+from rpil.data.facts import Facts, check_outcome, check_sessions, given_order, given_outcome, outcome_of_steps
+from rpil.estimators.task import Task
+
+OFFSETS, NAN = np.array([0, 3, 5, 9]), np.nan
+
+
+def of_steps(values, column):
+    return outcome_of_steps(np.array(values, dtype=float), OFFSETS, column)
+
+
+@pytest.mark.parametrize(
+    ("values", "column", "expected"),
+    [
+        ([1, 2, 3, 4, 5, 6, 7, 8, 9], "reward", [6, 9, 30]),
+        ([1, 2, 3, 4, 5, 6, 7, 8, 9], "next.reward", [6, 9, 30]),
+        ([1, 1, 1, 2, 2, 3, 3, 3, 3], "rewards", [3, 4, 12]),  # constant rewards are added up, too
+        ([1, NAN, 3, 4, 5, 6, 7, 8, 9], "rewards", [NAN, 9, 30]),
+        ([0, 0, 1, 0, 0, 1, 1, 1, 0], "next.success", [1, 0, 0]),
+        ([0, 0, 1, NAN, NAN, 1, 0, 1, NAN], "success", [1, NAN, 1]),
+        ([7, 7, 7, -2, -2, 5, NAN, 5, 5], "episode_return", [7, -2, 5]),
+        ([7, 7, 7, NAN, NAN, 5, 5, 5, 5], "score", [7, NAN, 5]),
+    ],
+)
+def test_outcome_of_steps(values, column, expected):
+    np.testing.assert_array_equal(of_steps(values, column), expected)
+
+
+def test_a_column_that_changes_and_is_neither_reward_nor_flag_is_no_outcome():
+    assert of_steps([0, 1, 2, 0, 1, 0, 1, 2, 3], "score") is None
+
+
+def test_selected_facts_are_those_of_the_same_demonstrations():
+    facts = Facts(np.array([4.0, 2.0, 9.0]), "timestamp", ("a", "b", "a"), np.array([1.0, NAN, 0.0]), "success")
+    part = facts.select([2, 0])
+    np.testing.assert_array_equal(part.order, [9, 4])
+    np.testing.assert_array_equal(part.outcome, [0, 1])
+    assert (part.sessions, part.order_source, part.outcome_name) == (("a", "a"), "timestamp", "success")
+    assert facts.select(np.array([False, True, False])).sessions == ("b",)
+    nothing = Facts().select([0])
+    assert (nothing.order, nothing.sessions, nothing.outcome) == (None, (), None)
+
+
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [
+        ([1.0, 1.0, 1.0], "is 1 for every"),
+        ([1.0, NAN, 1.0], "is 1 for every"),
+        ([NAN, NAN, NAN], "known for no demonstration"),
+        ([1.0, np.inf, 0.0], "infinite"),
+    ],
+)
+def test_an_outcome_that_tells_nothing_is_refused(given, words):
+    with pytest.raises(DataError, match=words) as error:
+        check_outcome(np.array(given), "the outcome 'success'", "a.csv")
+    assert one_sentence(error)
+    assert "a.csv" in str(error.value)
+
+
+def test_outcomes_by_id_leave_others_unknown():
+    np.testing.assert_array_equal(given_outcome({7: 1, "8": 0.5}, [8, 7, 9], "a"), [0.5, 1, NAN])
+    np.testing.assert_array_equal(given_outcome([1, 2, 3], "abc", "a"), [1, 2, 3])
+    assert given_outcome(None, "abc", "a") is None
+
+
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [({"d": 1.0}, "no demonstration is called 'd'"), ([1, 2], r"shape \(2,\)"), (["x", 1, 2], "no number")],
+)
+def test_wrong_outcomes_are_refused(given, words):
+    with pytest.raises(DataError, match=words) as error:
+        given_outcome(given, "abc", "a.csv")
+    assert one_sentence(error)
+
+
+def test_a_place_that_is_missing_is_refused():
+    np.testing.assert_array_equal(given_order([2, 1, 3], "abc", "a"), [2, 1, 3])
+    with pytest.raises(DataError, match=r"demonstration 'b'.*nan") as error:
+        given_order([0, NAN, 1], "abc", "a.csv")
+    assert one_sentence(error)
+
+
+@pytest.mark.parametrize(("sessions", "name"), [("abc", "day"), ("abc", "file"), ("aaa", "file")])
+def test_sessions_that_divide_nothing_are_refused(sessions, name):
+    with pytest.raises(DataError, match="makes no sessions") as error:
+        check_sessions(tuple(sessions), name, "a.csv")
+    assert one_sentence(error)
+
+
+def test_sessions_that_some_share_are_taken():
+    check_sessions(("a", "b", "a"), "day", "a.csv")
+    check_sessions(("a", "a", "a"), "day", "a.csv")
+
+
+def test_a_fit_checks_outcome_and_order_and_its_task_holds_them():
+    data = make("noisy", 1).demonstrations
+    task = Task.of(data, outcome={data.ids[0]: 1.0, data.ids[2]: 0.0}, order=range(len(data)))
+    assert (task.outcome[0], task.outcome[2], np.isnan(task.outcome).sum()) == (1, 0, len(data) - 2)
+    np.testing.assert_array_equal(task.order, np.arange(len(data)))
+    assert (Task.of(data).outcome, Task.of(data).order) == (None, None)
+    for given in ({"outcome": np.ones(len(data))}, {"order": [0.0]}):
+        with pytest.raises(DataError) as error:
+            RPIL().fit(data, **given)
+        assert one_sentence(error)

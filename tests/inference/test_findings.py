@@ -1,0 +1,22 @@
+"""The table of findings."""
+
+from __future__ import annotations
+
+from typing import get_args
+
+import pytest
+
+from rpil.inference.findings import DECIDED, FINDINGS, Finding
+
+
+def test_each_finding_is_explained():
+    assert set(get_args(Finding)) == FINDINGS.keys()
+    assert set(DECIDED) < FINDINGS.keys()
+
+
+@pytest.mark.parametrize("finding", FINDINGS)
+def test_a_finding_is_one_sentence_that_accuses_nobody(finding):
+    sentence = FINDINGS[finding]
+    assert sentence.endswith(".")
+    assert sentence.count(". ") == 0
+    assert "adversar" not in sentence or finding == "mixture"

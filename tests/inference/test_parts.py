@@ -1,0 +1,136 @@
+"""Which parts of an action are judged, and how they are scaled."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from problems import fit_data_of, make_continuous
+from rpil import RPIL
+from rpil.data.fit_data import FitData
+from rpil.data.spaces import Box
+from rpil.inference.held_out import held_out_model, log_reference
+from rpil.inference.parts import ActionScale, judged_parts, not_judged, resting_names, resting_sessions
+from rpil.inference.settings import HeldOutSettings
+
+OFFSETS = np.arange(0, 401, 40)  # ten demonstrations of 40 steps
+
+
+def moving(seed=0, size=10.0):
+    return size * np.random.default_rng(seed).normal(size=400)
+
+
+def parked(values, tremble=0.0, every=4, seed=1):
+    """A value for each demonstration, that trembles in one of so many steps."""
+    rng = np.random.default_rng(seed)
+    return np.repeat(values, 40) + tremble * rng.normal(size=400) * np.repeat(rng.random(100) < 1 / every, 4)
+
+
+def gripper(size):
+    """From end to end once within each demonstration."""
+    return np.tile(np.where(np.arange(40) < 25, 0.0, size), 10)
+
+
+def judged(*columns):
+    return judged_parts(np.column_stack(columns), OFFSETS).tolist()
+
+
+def test_a_part_that_rests_in_most_demonstrations_is_not_judged():
+    sessions = parked([0.0] * 5 + [3.0] * 5)
+    assert judged(moving(), sessions, parked(np.zeros(10))) == [True, False, False]
+    mostly = sessions.copy()
+    mostly[:160] += moving(2)[:160]  # moves in four of ten
+    assert judged(moving(), mostly) == [True, False]
+    mostly[160:240] += moving(2)[160:240]  # in six
+    assert judged(moving(), mostly) == [True, True]
+
+
+def test_a_part_that_trembles_rests_beside_parts_that_move():
+    assert judged(moving(), moving(3), parked(np.arange(10.0), tremble=0.02)) == [True, True, False]
+    assert judged(parked(np.arange(10.0), tremble=0.02)) == [True]  # nothing moves more
+
+
+@pytest.mark.parametrize("size", [0.04, 1.0, 255.0])
+def test_a_gripper_is_judged_in_any_unit(size):
+    assert judged(moving(), moving(3), gripper(size)) == [True, True, True]
+
+
+def test_small_units_are_no_rest():
+    assert judged(moving(), moving(3), moving(4, size=1e-4)) == [True, True, True]
+
+
+def test_all_are_judged_if_all_rest():
+    assert judged(parked(np.zeros(10)), parked(np.arange(10.0))) == [True, True]
+
+
+def test_names_are_folded_where_all_of_a_prefix_rests():
+    names = ["actions.left.1", "actions.left.2", "actions.right.1", "actions.right.2", "actions.right.3"]
+    moves = np.array([False, False, True, False, True])
+    assert resting_names(moves, names) == "actions.left.*, actions.right.2"
+    said = "not judged: 3 of 5 parts of the action, which rest: actions.left.*, actions.right.2"
+    assert not_judged(moves, names) == said
+    assert not_judged(np.array([True, False])) == "not judged: 1 of 2 parts of the action, which rest: 1"
+    assert not_judged(np.array([True])) == ""
+
+
+def test_sessions_are_the_groups_of_resting_values():
+    values = np.array([0.0, 0.0, 5.0, 5.1, 5.0, -3.0, -3.0, 0.1, 0.0, 5.0])
+    actions = np.column_stack([moving(), parked(values), parked(np.zeros(10))])
+    found = resting_sessions(actions, OFFSETS, judged_parts(actions, OFFSETS))
+    assert {part: [group.tolist() for group in groups] for part, groups in found.items()} == {
+        1: [[5, 6], [0, 1, 7, 8], [2, 3, 4, 9]]
+    }
+
+
+@pytest.mark.parametrize("values", [np.arange(10.0), [0.0] * 9 + [5.0]], ids=["evenly", "one alone"])
+def test_no_sessions(values):
+    actions = np.column_stack([moving(), parked(np.asarray(values))])
+    assert resting_sessions(actions, OFFSETS, np.array([True, False])) == {}
+
+
+def data_of(actions, judged=None):
+    space = Box.around(actions)
+    return FitData(np.ones((len(actions), 1)), actions, OFFSETS, space, np.zeros(10, dtype=int), judged=judged)
+
+
+def test_actions_are_scaled_by_their_motion_within_demonstrations():
+    levels = np.repeat(100.0 * np.arange(10), 40) + moving(size=2.0)
+    scale = ActionScale.of(data_of(levels[:, None]))
+    assert scale.spread == pytest.approx(2.0, rel=0.1)
+
+
+def test_one_wild_demonstration_changes_no_scale_and_is_cut_off():
+    actions = np.column_stack([moving(), gripper(1.0), parked([0.0] * 4 + [1.0] * 6)])
+    wild = actions.copy()
+    wild[:40] += 1e4
+    one, other = ActionScale.of(data_of(actions)), ActionScale.of(data_of(wild))
+    np.testing.assert_allclose(other.spread, one.spread, rtol=0.2)
+    assert np.abs(other(wild)[40:] - one(actions)[40:]).max() < 1.0
+    assert np.abs(other(wild)).max() < 130  # of 10,000
+
+
+def test_what_rests_changes_neither_scores_nor_reference():
+    problem = fit_data_of(make_continuous("random", 0, steps=(40, 60)))
+    n, keep = len(problem.actions), np.array([True] * problem.actions.shape[1] + [False])
+    resting = np.random.default_rng(0).normal(size=(n, 1))
+    more = replace(problem, actions=np.hstack([problem.actions, resting]), judged=keep)
+    settings, everyone = HeldOutSettings(), np.ones(problem.n_demonstrations, dtype=bool)
+    gains = []
+    for data in (problem, more):
+        model = held_out_model(problem, 0, settings)
+        model = replace(model, data=data)
+        gains.append(model.evaluate(np.ones(n), 1e-2).log_prob - log_reference(data, everyone, settings))
+    np.testing.assert_allclose(*gains, atol=1e-9)
+
+
+def test_a_parked_arm_accuses_nobody():
+    toy = make_continuous("none", 0, steps=(40, 60))
+    n = len(toy.offsets) - 1
+    session = np.where(np.arange(n) % 3 == 0, 1.0, 0.0)
+    arm = np.repeat(session, np.diff(toy.offsets))[:, None] * np.ones(3)
+    plain = RPIL().fit(toy.observations, toy.actions, toy.groups)
+    beside = RPIL().fit(toy.observations, np.hstack([toy.actions, arm]), toy.groups)
+    np.testing.assert_allclose(beside.log_odds_, plain.log_odds_, atol=1e-6)
+    assert beside.predict(toy.observations).shape[1] == toy.actions.shape[1] + 3  # the policy knows the arm
