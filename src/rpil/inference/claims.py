@@ -1,14 +1,15 @@
 """What the scores support without answers: who is typical, who is unlike the others, and what speaks against it.
 
-A demonstration is `unlike` the others only if all of this holds:
+A demonstration is `unlike` the others only if all of this holds, with two dealings of the folds:
 
-    P(two groups of scores) >= min_p_two,  and P(upper group | m) <= 1 - min_proba,  with two dealings of the folds
-    the policy of the upper group explains that group:  gain > 0
-    the lower demonstrations have no policy of their own (`rpil.inference.rivals`); else there are two groups
-    no `Doubt` is left
+    by groups     P(two groups of scores) >= min_p_two,  and P(upper group | m) <= 1 - min_proba
+    or by chance  (discrete actions) it is explained worse than by the frequencies of the actions, as noise is,
+                  and P(two groups) >= min_p_two_of_noise
 
-The upper group is `typical`; only its better half where the lower group is a tail and not a cluster of its own, because
-a tail seldom holds all that differ. Nothing here says who is good.
+and the policy of the upper group explains that group, the lower demonstrations have no policy of their own
+(`rpil.inference.rivals`; else there are two groups), and no `Doubt` is left. The upper group is `typical`; only its
+better half where the lower group is a tail and not a cluster of its own, because a tail seldom holds all that differ.
+Nothing here says who is good.
 """
 
 from __future__ import annotations
@@ -65,23 +66,71 @@ def claim(scoring: Scoring, scores: Scores, again: Scores | None, order: Float[A
         The order in which the demonstrations were made, where it is stated.
     """
     data, settings = scoring.data, scoring.settings
-    limits, nobody = settings.claims, np.zeros(data.n_demonstrations, dtype=int)
-    unclaimed: Finding = "nobody stands out" if scores.state_predicts_action else "nothing could be learned"
+    nobody = np.zeros(data.n_demonstrations, dtype=int)
+    groups, chance = by_groups(scoring, scores, again), by_chance(scoring, scores, again)
+    split = groups or chance
+    if split is None:
+        return Claims("nobody stands out" if scores.state_predicts_action else "nothing could be learned", nobody)
+    if split.lower.gain_upper <= 0:
+        return Claims("nothing could be learned", nobody, lower=split.lower)
+    if split.lower.is_rival:
+        return Claims("two groups", nobody, lower=split.lower)
+    if groups is not None and chance is not None:
+        split = replace(groups, words=np.where(groups.words == 0, chance.words, groups.words), is_cluster=True)
+    doubts = tuple(doubts_of(scoring, scores, split, order))
+    if again is not None and not split.with_other_folds:
+        doubts = (Doubt("Other folds of the demonstrations give one group of scores.", nobody[:0]), *doubts)
+    if doubts:
+        return Claims("in doubt", nobody, doubts, split.lower)
+    apart = (split.words < 0).any()
+    return Claims("some are unlike" if apart else "nobody stands out", split.words * apart, (), split.lower)
+
+
+@dataclass(frozen=True, eq=False)
+class Split:
+    """A division of M demonstrations into an upper and a lower group."""
+
+    words: Int[Array, " M"]
+    """1 typical, 0 open, -1 unlike, where nothing speaks against it."""
+    lower: Lower
+    with_other_folds: bool
+    """Whether other folds divide the demonstrations as well."""
+    is_cluster: bool
+    """Whether the lower group is a cluster of its own."""
+
+
+def by_groups(scoring: Scoring, scores: Scores, again: Scores | None) -> Split | None:
+    """The split by the groups of scores; None where they are hardly two."""
+    settings, limits = scoring.settings, scoring.settings.claims
     upper = scores.groups.upper(scores.score, scores.variance, settings.groups)
     if scores.groups.p_two < limits.min_p_two or not limits.min_upper <= upper.sum() < len(upper):
-        return Claims(unclaimed, nobody)
-    lower = look_below(data, scoring.model, upper, scoring.ridge, settings)
-    if lower.gain_upper <= 0:
-        return Claims("nothing could be learned", nobody, lower=lower)
-    words = said(scores, settings.claims, upper, scores.log_odds(settings))
+        return None
+    words, agrees = said(scores, limits, upper, scores.log_odds(settings)), True
     if again is not None:
         words *= words == np.sign(again.log_odds(settings)).astype(int)
-    if lower.is_rival:
-        return Claims("two groups", nobody, lower=lower)
-    doubts = tuple(doubts_of(scoring, scores, again, words, order))
-    if doubts:
-        return Claims("in doubt", nobody, doubts, lower)
-    return Claims("some are unlike" if (words < 0).any() else unclaimed, words, (), lower)
+        agrees = again.groups.p_two >= limits.min_p_two
+    lower = look_below(scoring.data, scoring.model, upper, scoring.ridge, settings)
+    return Split(words, lower, agrees, scores.groups.is_cluster)
+
+
+def by_chance(scoring: Scoring, scores: Scores, again: Scores | None) -> Split | None:
+    """The split of discrete actions by chance: the lower group is explained worse than by the frequencies of actions,
+    and a policy of its own explains no more. None where actions are continuous, or the lower group is no noise.
+
+    The scores of an expert are above 0, and those of actions without regard to the state below, by about as much
+    (the Kullback-Leibler divergences of the two, either way): halfway down a demonstration is unlike the others.
+    """
+    limits, upper = scoring.settings.claims, scores.score > 0
+    no_groups = scores.groups.p_two < limits.min_p_two_of_noise
+    if scoring.data.space.kind != "discrete" or no_groups or not limits.min_upper <= upper.sum() < len(upper):
+        return None
+    lower = look_below(scoring.data, scoring.model, upper, scoring.ridge, scoring.settings)
+    if lower.gain_upper <= 0 or lower.gain_all_lower > limits.max_noise_gain * lower.gain_upper:
+        return None
+    dealings = [scores] if again is None else [scores, again]
+    typical = np.all([one.score > 0 for one in dealings], axis=0)
+    unlike = np.all([one.score <= -limits.noise_share * lower.gain_upper for one in dealings], axis=0)
+    return Split(typical.astype(int) - unlike.astype(int), lower, True, True)
 
 
 def extended(claims: Claims, scores: Scores, indices: Int[Array, " S"], settings: JudgeSettings) -> Claims:
@@ -112,15 +161,13 @@ def said(
     return np.asarray(typical.astype(int) - unlike.astype(int))
 
 
-def doubts_of(
-    scoring: Scoring, scores: Scores, again: Scores | None, words: Int[Array, " M"], order: Float[Array, " M"] | None
-) -> list[Doubt]:
+def doubts_of(scoring: Scoring, scores: Scores, split: Split, order: Float[Array, " M"] | None) -> list[Doubt]:
     """Every reason to doubt that the demonstrations with word -1 are unlike the others."""
     data, limits, none = scoring.data, scoring.settings.claims, np.empty(0, dtype=int)
-    log_prob, unlike = scores.fit.held_out.log_prob, words < 0
+    log_prob, unlike = scores.fit.held_out.log_prob, split.words < 0
     doubts = []
-    if again is not None and again.groups.p_two < limits.min_p_two:
-        doubts.append(Doubt("Other folds of the demonstrations give one group of scores.", none))
+    if 2 * unlike.sum() > len(unlike) and not split.is_cluster:
+        doubts.append(Doubt("More than half score lower, at many levels: it is open who is unlike whom.", none))
     agreement = spearmanr(data.mean_steps(log_prob), data.mean_steps(log_prob - scoring.log_q)).statistic
     if data.space.kind != "discrete" and agreement < limits.min_agreement:
         sentence = "The likelihood and its gain over frequent actions rank the demonstrations differently ("

@@ -4,7 +4,8 @@ Noise has none: a policy fitted to it explains little. Let A be the upper group 
 a policy fitted to B explains better than that of A. B is a rival of A if
 
     gain_B >= min_gain gain_A,   gain_A = median over A of  mean_n [log pi_A - log q_A],   gain_B the same of B
-    median over A of  mean_n [log pi_B - log q_A] <= gain_B:  a noisy version of pi_A explains A better than B
+    and not  median over A of  mean_n [log pi_B - log q_A] >= gain_B,  where B is at most half of all demonstrations:
+    the policy of B is then a noisy version of that of A, which explains A better than B
 
 pi_A and pi_B are fitted to one of the groups, and held out; q_A and q_B are the distributions of their actions whatever
 the state. Then two groups are described, and neither is called unlike the other.
@@ -33,6 +34,8 @@ class Lower:
     rival: Int[Array, " B"]
     """The lower demonstrations that their own policy explains better than that of the upper group."""
     upper: Int[Array, " A"]
+    gain_all_lower: float
+    """The gain of a policy of all lower demonstrations on them."""
     is_rival: bool
     """Whether the rival group has a policy of its own."""
 
@@ -45,18 +48,20 @@ def look_below(
     log_pi, members = _log_prob(data, model, upper, ridge), np.flatnonzero(upper)
     gain_upper = gain(data, log_pi, upper, settings.held_out)
     below, score = model.cold_copy(), data.mean_steps(log_pi)
+    gain_all = gain(data, _log_prob(data, below, ~upper, ridge), ~upper, settings.held_out)
     rival = ~upper & (score <= np.median(score[~upper]))
     for _ in range(limits.max_iter):
         log_pi_rival = _log_prob(data, below, rival, ridge)
         closer = ~upper & (data.mean_steps(log_pi_rival) > score)
         if closer.sum() < limits.min_group:
-            return Lower(gain_upper, -np.inf, np.flatnonzero(closer), members, False)
+            return Lower(gain_upper, -np.inf, np.flatnonzero(closer), members, gain_all, False)
         if (closer == rival).all():
             break
         rival = closer
     gain_rival, shared = (gain(data, log_pi_rival, group, settings.held_out) for group in (rival, upper))
-    has_policy = gain_rival >= limits.min_gain * gain_upper and gain_rival > max(shared, 0.0)
-    return Lower(gain_upper, gain_rival, np.flatnonzero(rival), members, bool(has_policy))
+    is_noisy_version = gain_rival <= shared and 2 * rival.sum() <= len(rival)
+    has_policy = gain_rival >= limits.min_gain * gain_upper and gain_rival > 0 and not is_noisy_version
+    return Lower(gain_upper, gain_rival, np.flatnonzero(rival), members, gain_all, bool(has_policy))
 
 
 def gain(data: FitData, log_prob: Float[Array, " N"], group: Bool[Array, " M"], settings: HeldOutSettings) -> float:

@@ -153,6 +153,12 @@ class ClaimSettings:
 
     min_p_two: float = 0.99
     """P(two groups) from which anybody is called unlike the others, with both dealings of the folds."""
+    min_p_two_of_noise: float = 0.2
+    """P(two groups) from which those are called unlike the others that act as noise does."""
+    max_noise_gain: float = 0.1
+    """Gain of a policy of the lower demonstrations, relative to that of the upper group, up to which they are noise."""
+    noise_share: float = 0.5
+    """Gain of the upper group, times this, by which a demonstration is explained worse than by frequent actions."""
     min_proba: float = 0.9
     """P of the upper group from which a demonstration is typical, and 1 - P from which it is unlike."""
     min_upper: int = 2

@@ -99,7 +99,7 @@ def judge(
     everyone = np.ones(data.n_demonstrations, dtype=bool)
     scores = score_by_best_group(scoring, everyone)
     progress("other folds")
-    redealt = scoring.dealt_again(seed + 1) if scores.groups.p_two >= settings.claims.min_p_two else None
+    redealt = scoring.dealt_again(seed + 1) if scores.groups.p_two >= settings.claims.min_p_two_of_noise else None
     again = None if redealt is None else score_by_best_group(redealt, everyone)
     progress("what the scores support")
     claims = claim(scoring, scores, again, order)
@@ -115,7 +115,7 @@ def judge(
 
 def score_by_best_group(scoring: Scoring, start: Bool[Array, " M"]) -> Scores:
     """Scores under policies of the training group; once more under those of the upper group of these scores, where that
-    is smaller and the scores are then two groups.
+    is smaller, without demonstrations that are explained worse than by the frequencies of discrete actions.
 
     A group fits better once all others are left out, as in reweighted least squares (Rousseeuw and Leroy 1987). Whether
     there are two groups is asked once, of the last scores.
@@ -124,10 +124,11 @@ def score_by_best_group(scoring: Scoring, start: Bool[Array, " M"]) -> Scores:
     share, max_iter = settings.trimming.share, settings.trimming.max_iter
     first = scoring.score(fit_trimmed(data, scoring.model, start, scoring.ridge, share, max_iter))
     upper = first.groups.upper(first.score, first.variance, settings.groups)
+    if data.space.kind == "discrete":
+        upper &= first.score > 0
     if not settings.claims.min_upper <= upper.sum() < first.fit.group.sum():
         return first
-    last = scoring.score(scoring.fit_group(upper))
-    return last if last.groups.p_two >= 0.5 else first
+    return scoring.score(scoring.fit_group(upper))
 
 
 @dataclass(frozen=True, eq=False)
