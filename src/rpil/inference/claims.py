@@ -65,17 +65,17 @@ def claim(scoring: Scoring, scores: Scores, again: Scores | None, order: Float[A
     order : (M,) array or None
         The order in which the demonstrations were made, where it is stated.
     """
-    data, settings = scoring.data, scoring.settings
+    data = scoring.data
     nobody = np.zeros(data.n_demonstrations, dtype=int)
     groups, chance = by_groups(scoring, scores, again), by_chance(scoring, scores, again)
-    split = groups or chance
+    split = chance if groups is None or (chance is not None and not groups.with_other_folds) else groups
     if split is None:
         return Claims("nobody stands out" if scores.state_predicts_action else "nothing could be learned", nobody)
     if split.lower.gain_upper <= 0:
         return Claims("nothing could be learned", nobody, lower=split.lower)
     if split.lower.is_rival:
         return Claims("two groups", nobody, lower=split.lower)
-    if groups is not None and chance is not None:
+    if split is groups and chance is not None:
         split = replace(groups, words=np.where(groups.words == 0, chance.words, groups.words), is_cluster=True)
     doubts = tuple(doubts_of(scoring, scores, split, order))
     if again is not None and not split.with_other_folds:

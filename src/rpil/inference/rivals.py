@@ -4,8 +4,6 @@ Noise has none: a policy fitted to it explains little. Let A be the upper group 
 a policy fitted to B explains better than that of A. B is a rival of A if
 
     gain_B >= min_gain gain_A,   gain_A = median over A of  mean_n [log pi_A - log q_A],   gain_B the same of B
-    and not  median over A of  mean_n [log pi_B - log q_A] >= gain_B,  where B is at most half of all demonstrations:
-    the policy of B is then a noisy version of that of A, which explains A better than B
 
 pi_A and pi_B are fitted to one of the groups, and held out; q_A and q_B are the distributions of their actions whatever
 the state. Then two groups are described, and neither is called unlike the other.
@@ -58,9 +56,8 @@ def look_below(
         if (closer == rival).all():
             break
         rival = closer
-    gain_rival, shared = (gain(data, log_pi_rival, group, settings.held_out) for group in (rival, upper))
-    is_noisy_version = gain_rival <= shared and 2 * rival.sum() <= len(rival)
-    has_policy = gain_rival >= limits.min_gain * gain_upper and gain_rival > 0 and not is_noisy_version
+    gain_rival = gain(data, log_pi_rival, rival, settings.held_out)
+    has_policy = gain_rival > 0 and gain_rival >= limits.min_gain * gain_upper
     return Lower(gain_upper, gain_rival, np.flatnonzero(rival), members, gain_all, bool(has_policy))
 
 
