@@ -9,6 +9,7 @@ from functools import reduce
 from typing import TYPE_CHECKING, Any
 
 import click
+from click.core import ParameterSource
 
 from rpil.data.files import StrPath, check_extension
 from rpil.data.memory import limited
@@ -131,7 +132,10 @@ COLUMN_OPTIONS = (
 FIT_OPTIONS = (
     *COLUMN_OPTIONS,
     click.option(
-        "--labels", type=click.Path(), metavar="FILE", help="Labels of some demonstrations: CSV (id,label) or JSON."
+        "--labels",
+        type=click.Path(),
+        metavar="FILE",
+        help="Answers: good, bad, better than ID; CSV (id,label) or JSON.",
     ),
     click.option(
         "--outcome",
@@ -160,11 +164,14 @@ FIT_OPTIONS = (
 )
 
 
-JUDGE_OPTIONS = (
+LABEL_OPTIONS = (
     *FIT_OPTIONS,
     click.option(
         "--session", metavar="COLUMN|file", help="Judge within sessions: a column, or the file of each demonstration."
     ),
+)
+JUDGE_OPTIONS = (
+    *LABEL_OPTIONS,
     click.option(
         "--reference",
         type=click.Path(),
@@ -177,6 +184,11 @@ JUDGE_OPTIONS = (
 def with_judge_options(command: Callable[..., object]) -> Callable[..., object]:
     """Those of a fit, and how to judge without a policy."""
     return reduce(lambda wrapped, option: option(wrapped), reversed(JUDGE_OPTIONS), command)
+
+
+def with_label_options(command: Callable[..., object]) -> Callable[..., object]:
+    """Those of an audit but --reference: what others are known to be good would not count when answers are learned."""
+    return reduce(lambda wrapped, option: option(wrapped), reversed(LABEL_OPTIONS), command)
 
 
 def with_fit_options(command: Callable[..., object]) -> Callable[..., object]:
@@ -201,3 +213,24 @@ def pop_columns(options: dict[str, Any]) -> ColumnOptions:
         session=options.get("session"),
         **{name: options.pop(name) for name in names},
     )
+
+
+def command_words(ctx: click.Context, name: str) -> list[str]:
+    """The words of the command `name` on what the command of `ctx` was given, but for --labels and --resume."""
+    words = ["rpil", name]
+    for param in ctx.command.params:
+        value = ctx.params.get(str(param.name))
+        if isinstance(param, click.Argument):
+            words.append(str(value))
+        elif param.name not in ("labels", "resume") and is_given(ctx, param):
+            if isinstance(value, bool):
+                words += param.opts[:1] if value else param.secondary_opts[:1]
+            else:
+                for one in value if isinstance(value, tuple) else (value,):
+                    words += [param.opts[0], str(one)]
+    return words
+
+
+def is_given(ctx: click.Context, param: click.Parameter) -> bool:
+    """Whether an option stands on the command line."""
+    return ctx.get_parameter_source(str(param.name)) is ParameterSource.COMMANDLINE
