@@ -95,7 +95,7 @@ class Commands(click.Group):
 
 def tell_if_interrupted(kept: str) -> None:
     """Name what an interruption of the command leaves."""
-    click.get_current_context().meta.setdefault(KEPT, []).append(kept)
+    click.get_current_context().meta.setdefault(KEPT, {})[kept] = None
 
 
 def _exit_with_error(sentence: str) -> NoReturn:

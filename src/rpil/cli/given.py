@@ -58,7 +58,7 @@ class Given:
         return replace(
             self,
             labels={m: label for m, label in self.labels.items() if m in ids},
-            pairs=[pair for pair in self.pairs if ids.issuperset(pair)],
+            pairs=[pair for pair in self.pairs if ids >= {*pair}],
             demonstrators={m: name for m, name in self.demonstrators.items() if m in ids},
             facts=self.facts.select(rows),
         )

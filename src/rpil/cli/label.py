@@ -7,13 +7,13 @@ import sys
 from collections.abc import Hashable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
 from rpil.cli import commands, terminal
 from rpil.cli.commands import CommandSettings, audit_by_task, connect_engine, read_recording, tell_if_interrupted
-from rpil.cli.options import FitOptions, command_words, pop_columns, with_label_options
+from rpil.cli.options import FitOptions, Value, command_words, pop_columns, with_label_options
 from rpil.cli.progress import show_stages
 from rpil.data.errors import DataError
 from rpil.data.files import check_outputs
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from rpil.audit.record import Audit
 
 MIN_QUESTIONS, MAX_QUESTIONS = 4, 8
-"""From the first on it ends where no demonstration is open; the second is the most that one run asks."""
+"""From the first on it ends where the answers leave no demonstration open; the second is the most that one run asks."""
 
 N_MOVED = 3
 """Demonstrations of which it is printed how far an answer moved them."""
@@ -59,7 +59,7 @@ class Asking:
 
     def question(self, audit: Audit) -> tuple[Hashable, ...]:
         """The two demonstrations to compare, the one to judge, or nothing that is left to ask."""
-        is_done = self.n_asked >= MIN_QUESTIONS and "open" not in audit.verdicts
+        is_done = self.n_asked >= MIN_QUESTIONS and audit.anchor == "answers" and "open" not in audit.verdicts
         if is_done or self.n_asked >= MAX_QUESTIONS:
             return ()
         if self.start.question is not None and not self.pair_passed:
@@ -96,7 +96,7 @@ def rows_of(question: tuple[Hashable, ...], key: str) -> Rows:
 @click.argument("file", type=click.Path())
 @with_label_options
 @click.pass_context
-def label(ctx: click.Context, /, file: str, **options: Any) -> None:
+def label(ctx: click.Context, /, file: str, **options: Value) -> None:
     """Ask the questions whose answers would say most, four to eight, and write the answers to a file of labels.
 
     It is labels.csv, or that of --labels. Answers that it holds count: a run goes on where the last one ended. Each

@@ -19,6 +19,10 @@ if TYPE_CHECKING:
     from rpil.data.formats.columns import ColumnOptions
 
 
+Value = Any
+"""What an option holds: click has no types for it."""
+
+
 @dataclass(frozen=True)
 class FitOptions:
     """The options of ``rpil audit`` and ``rpil fit`` that say how to fit; see their ``--help``."""
@@ -199,7 +203,7 @@ def with_column_options(command: Callable[..., object]) -> Callable[..., object]
     return reduce(lambda wrapped, option: option(wrapped), reversed(COLUMN_OPTIONS), command)
 
 
-def pop_columns(options: dict[str, Any]) -> ColumnOptions:
+def pop_columns(options: dict[str, Value]) -> ColumnOptions:
     """The options for reading, removed from `options`; operator and session stay, because a fit needs them too."""
     from rpil.data.formats.columns import ColumnOptions
     from rpil.data.formats.id_values import is_id_file
@@ -216,13 +220,13 @@ def pop_columns(options: dict[str, Any]) -> ColumnOptions:
 
 
 def command_words(ctx: click.Context, name: str) -> list[str]:
-    """The words of the command `name` on what the command of `ctx` was given, but for --labels and --resume."""
+    """The command `name` with the arguments of `ctx`, without --labels, --resume and --quiet."""
     words = ["rpil", name]
     for param in ctx.command.params:
         value = ctx.params.get(str(param.name))
         if isinstance(param, click.Argument):
             words.append(str(value))
-        elif param.name not in ("labels", "resume") and is_given(ctx, param):
+        elif param.name not in ("labels", "resume", "quiet") and is_given(ctx, param):
             if isinstance(value, bool):
                 words += param.opts[:1] if value else param.secondary_opts[:1]
             else:
