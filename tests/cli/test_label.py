@@ -161,7 +161,7 @@ def test_bad_answers_are_refused(data, command, text, words):
     [
         (["--labels", "l.txt"], "use one of .csv, .json"),
         (["--labels", "nowhere/l.csv"], "there is no folder nowhere"),
-        (["--adversary", "uniform"], "keeps nothing to learn from answers; leave out --adversary"),
+        (["--adversary", "marginal"], "keeps nothing to learn from answers; leave out --adversary"),
     ],
 )
 def test_what_cannot_be_asked_is_refused_before_a_question(data, options, words):
