@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 
@@ -20,6 +21,8 @@ MIN_DEMONSTRATIONS = 8
 
 ALONE = "Not judged: it is the only demonstration of its task or session."
 _FINDINGS = tuple(FINDINGS)
+
+Value = TypeVar("Value")
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,8 +66,6 @@ def join_audits(
     columns = {name: np.full(n, value) for name, value in (values | {"expert_proba": 0.5, "reliability": 0.5}).items()}
     interval = np.tile([0.0, 1.0], (n, 1))
     steps = {"step_log_ratio": np.zeros(n_steps), "step_weight": np.full(n_steps, 0.5)}
-    verdicts: list[Verdict] = ["open"] * n
-    reasons, deviations = [ALONE] * n, [""] * n
     for task, audit in audits.items():
         rows = np.concatenate([np.arange(offsets[m], offsets[m + 1]) for m in places[task]])
         for name, column in columns.items():
@@ -72,10 +73,9 @@ def join_audits(
         for name, column in steps.items():
             column[rows] = getattr(audit, name)
         interval[places[task]] = audit.reliability_interval
-        for k, m in enumerate(places[task]):
-            verdicts[m], reasons[m] = audit.verdicts[k], audit.reasons[k]
-            deviations[m] = audit.deviations[k] if audit.deviations else ""
     parts = list(audits.values())
+    deviations = _in_place({task: audit.deviations for task, audit in audits.items()}, places, [""] * n)
+    open_: list[Verdict] = ["open"] * n
     anchors = {audit.anchor for audit in parts}
     opposed = next((audit for audit in parts if not audit.identifiable), None)
     assumptions = dict.fromkeys(sentence for audit in parts for sentence in audit.assumptions)
@@ -85,7 +85,7 @@ def join_audits(
         finding=min((audit.finding for audit in parts), key=_FINDINGS.index, default=_FINDINGS[-1]),
         **columns,
         reliability_interval=interval,
-        verdicts=tuple(verdicts),
+        verdicts=_in_place({task: audit.verdicts for task, audit in audits.items()}, places, open_),
         **steps,
         prior=_mean_prior(parts),
         adversary=parts[0].adversary if parts else "",
@@ -101,11 +101,21 @@ def join_audits(
         columns=_joined_columns(audits, places, n),
         # Each verdict keeps the word of its task; where tasks differ, the probability is what it is without an anchor.
         anchor=anchors.pop() if len(anchors) == 1 else "none",
-        deviations=tuple(deviations) if any(deviations) else (),
+        deviations=deviations if any(deviations) else (),
         sessions=(),
         settings=parts[0].settings if parts else AuditSettings(),
-        own_reasons=tuple(reasons),
+        own_reasons=_in_place({task: audit.reasons for task, audit in audits.items()}, places, [ALONE] * n),
     )
+
+
+def _in_place(
+    values: Mapping[str, Sequence[Value]], places: Mapping[str, Sequence[int]], missing: list[Value]
+) -> tuple[Value, ...]:
+    """The values of each task at the places of its demonstrations, and those of `missing` elsewhere."""
+    for task, own in values.items():
+        for m, value in zip(places[task], own, strict=False):  # a task may have none
+            missing[m] = value
+    return tuple(missing)
 
 
 def _joined_answers(audits: Mapping[str, Audit], places: Mapping[str, Sequence[int]], n: int) -> Answers:
