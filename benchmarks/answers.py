@@ -300,6 +300,16 @@ def by_one_side(sets: list[Audited], draws: int, count: int) -> list[Row]:
     ]
 
 
+def suggested(audit: Audited, count: int) -> Array:
+    """The labels that are asked for one after the other, each answered before the next."""
+    unknown, chosen = np.flatnonzero(audit["good"] < 0).tolist(), []
+    labels = np.zeros(len(audit["good"]), dtype=int)
+    for _ in range(count):
+        chosen += most_telling(audit["columns"], Answers.of_labels(labels), SETTINGS, 1, unknown)
+        labels[chosen[-1]] = 2 * audit["good"][chosen[-1]] - 1
+    return np.array(chosen)
+
+
 def by_suggestion(sets: list[Audited], draws: int, count: int) -> list[Row]:
     """Suggested labels against random ones."""
     gains = []
@@ -310,9 +320,7 @@ def by_suggestion(sets: list[Audited], draws: int, count: int) -> list[Row]:
             if chosen is not None:
                 rest = rest_of(audit, chosen)
                 random.append(auroc(audit["good"][rest], labelled(audit, chosen).log_odds[rest]))
-        unknown = np.flatnonzero(audit["good"] < 0).tolist()
-        none = Answers.of_labels(np.zeros(len(audit["good"]), dtype=int))
-        chosen = np.array(most_telling(audit["columns"], none, SETTINGS, count, unknown))
+        chosen = suggested(audit, count)
         rest = rest_of(audit, chosen)
         if random and min((audit["good"][rest] == 1).sum(), (audit["good"][rest] == 0).sum()) >= N_LEFT:
             value = auroc(audit["good"][rest], labelled(audit, chosen).log_odds[rest])
