@@ -70,8 +70,8 @@ def most_telling(
 ) -> list[int]:
     """Up to `k` demonstrations without a label whose labels would settle most, the best first.
 
-    Each has the largest mutual information of its label and the weights (`information`, Houlsby et al. 2011), given that
-    those before it are labelled.
+    Each has the largest mutual information of its label and the weights (`information`, Houlsby et al. 2011), given
+    that those before it are labelled.
     """
     found = posterior(columns, answers, settings)
     design = np.column_stack([np.ones(len(columns)), columns])
