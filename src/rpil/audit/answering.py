@@ -8,8 +8,9 @@ from dataclasses import replace
 import numpy as np
 from scipy.special import expit
 
-from rpil.audit.reasons import MAX_LOG_RATIO, worst_stretch
+from rpil.audit.reasons import MAX_LOG_RATIO, Stretch, worst_stretch
 from rpil.audit.record import Audit, Id
+from rpil.audit.text import printable
 from rpil.audit.words import WORDS, Verdict
 from rpil.data.errors import DataError
 from rpil.data.formats.id_values import match_labels, match_pairs
@@ -94,18 +95,43 @@ def sentence_of(known: Answers) -> str:
     return f"P(good) is learned from {given or 'no answers'}, each of which may be wrong."
 
 
-def question(audit: Audit) -> str:
-    """The question whose answer would say most, and where to look: the worst stretch of either demonstration."""
-    return f"Which is better: {' or '.join(_where_to_look(audit, name) for name in audit.pair)}?"
+def is_asked(audit: Audit) -> bool:
+    """Whether the audit asks which of its pair is better: before any answer."""
+    return bool(audit.pair) and not audit.answers.any
 
 
-def _where_to_look(audit: Audit, name: Hashable) -> str:
-    steps = audit.step_log_ratio[audit.steps(audit.index(name))]
-    stretch = worst_stretch(np.clip(steps, -MAX_LOG_RATIO, MAX_LOG_RATIO)) if len(steps) else None
+def question(audit: Audit, fps: float | None = None) -> str:
+    """The question whose answer would say most, and where to look: the worst stretch of either demonstration.
+
+    Seconds are named where the frames a second, `fps`, are known.
+    """
+    return f"Which is better: {' or '.join(where_to_look(audit, name, fps) for name in audit.pair)}?"
+
+
+def question_to_dict(audit: Audit) -> dict[str, object] | None:
+    """The question as numbers and text: the pair, the first and the last step to look at in each (None where no step
+    stands out), and the question itself; None where nothing is asked."""
+    if not is_asked(audit):
+        return None
+    stretches = [_stretch(audit, name) for name in audit.pair]
+    look_at = [None if stretch is None else [stretch.first, stretch.last] for stretch in stretches]
+    return {"pair": list(audit.pair), "look_at": look_at, "text": question(audit)}
+
+
+def where_to_look(audit: Audit, name: Hashable, fps: float | None = None) -> str:
+    """The demonstration, with its worst stretch in steps and, where the frames a second are known, seconds."""
+    stretch = _stretch(audit, name)
     if stretch is None:
-        return str(name)
+        return printable(name)
     span = f"step {stretch.first}" if stretch.first == stretch.last else f"steps {stretch.first} to {stretch.last}"
-    return f"{name} (look at {span})"
+    seconds = f", {stretch.first / fps:.1f} to {(stretch.last + 1) / fps:.1f} s" if fps else ""
+    return f"{printable(name)} (look at {span}{seconds})"
+
+
+def _stretch(audit: Audit, name: Hashable) -> Stretch | None:
+    """The worst stretch of a demonstration."""
+    steps = audit.step_log_ratio[audit.steps(audit.index(name))]
+    return worst_stretch(np.clip(steps, -MAX_LOG_RATIO, MAX_LOG_RATIO)) if len(steps) else None
 
 
 def suggest(audit: Audit, k: int) -> tuple[Hashable, ...]:

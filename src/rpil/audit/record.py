@@ -10,6 +10,7 @@ from typing import TypeVar
 
 import numpy as np
 
+from rpil.audit.facts import Fact, known_facts
 from rpil.audit.reasons import MAX_LOG_RATIO, Grounds, worst_stretch
 from rpil.audit.settings import AuditSettings
 from rpil.audit.words import SIDES, WORDS, Verdict, Words
@@ -122,6 +123,10 @@ class Audit:
         are not in memory (`rpil.audit.deviations`).
     anchor : {"none", "answers", "named adversary"}
         What says who is good; see `rpil.audit.words`.
+    sessions : tuple of str
+        The session of each demonstration; empty where none are known, as in an audit that was read from a file.
+    order : (M,) array or None
+        The place of each demonstration in the order in which they were made, where that is stated; as `sessions`.
     settings : AuditSettings
         Those by which verdicts and weights were given.
     """
@@ -154,6 +159,8 @@ class Audit:
     columns: Float[Array, "M D"] = field(default_factory=lambda: np.empty((0, 0)))
     deviations: tuple[str, ...] = ()
     anchor: str = "none"
+    sessions: tuple[str, ...] = field(default=(), metadata=NOT_STORED)
+    order: Float[Array, " M"] | None = field(default=None, metadata=NOT_STORED)
     settings: AuditSettings = field(default=AuditSettings(), metadata=NOT_STORED)  # files hold the estimator's
 
     @property
@@ -227,6 +234,19 @@ class Audit:
         """Indices of the demonstrations, the most trusted first."""
         return np.argsort(-self.log_odds, kind="stable")
 
+    @cached_property
+    def facts(self) -> dict[str, tuple[Fact, ...]]:
+        """Facts about each demonstration by name, which change no word; see `rpil.audit.facts.known_facts`."""
+        return known_facts(self.columns, self.sessions, self.order)
+
+    @property
+    def question(self) -> str | None:
+        """The question whose answer would say most, "which is better?", and where to look; None where there is none, as
+        after an answer."""
+        from rpil.audit.answering import is_asked, question
+
+        return question(self) if is_asked(self) else None
+
     def suggest_labels(self, k: int = 3) -> tuple[Hashable, ...]:
         """Ids of up to `k` demonstrations without a label whose labels would say most, the best first; see
         `rpil.audit.answering.suggest`.
@@ -288,6 +308,9 @@ class Audit:
 
     def to_dict(self) -> dict[str, object]:
         """The audit as numbers, text, lists and dicts, as ``rpil audit --json`` prints it; the most trusted first."""
+        from rpil.audit.answering import question_to_dict
+
+        facts = self.facts
         return {
             "n_demonstrations": len(self.ids),
             "n_steps": int(self.offsets[-1]),
@@ -298,6 +321,7 @@ class Audit:
             "identifiable": self.identifiable,
             "groups": [list(group) for group in self.competing],
             "pair": list(self.pair),
+            "question": question_to_dict(self),
             "doubts": list(self.doubts),
             "notes": list(self.notes),
             "contradicting": list(self.contradicting),
@@ -313,6 +337,7 @@ class Audit:
                     "verdict": self.verdicts[m],
                     "reason": self.reasons[m],
                     "worst_steps": self.worst_steps(m),
+                    "facts": {name: values[m] for name, values in facts.items()},
                 }
                 for m in self.ranking().tolist()
             ],

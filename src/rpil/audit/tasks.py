@@ -103,6 +103,7 @@ def join_audits(
         # Each verdict keeps the word of its task; where tasks differ, the probability is what it is without an anchor.
         anchor=anchors.pop() if len(anchors) == 1 else "none",
         deviations=tuple(deviations) if any(deviations) else (),
+        sessions=(),
         settings=parts[0].settings if parts else AuditSettings(),
         own_reasons=tuple(reasons),
     )
