@@ -114,6 +114,8 @@ class Audit:
         Demonstrations whose label contradicts the other answers.
     doubts : tuple of str
         Reasons not to call anybody unlike the others, one sentence each.
+    notes : tuple of str
+        What else a user should know: parts of the action that are not judged, sessions, missing steps.
     columns : (M, D) array
         What answers learn from, see `rpil.inference.answered`; (M, 0) where there is none.
     deviations : tuple of str
@@ -153,6 +155,7 @@ class Audit:
     answers: Answers = field(default_factory=Answers.none)
     contradicting: tuple[Hashable, ...] = ()
     doubts: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
     columns: Float[Array, "M D"] = field(default_factory=lambda: np.empty((0, 0)))
     deviations: tuple[str, ...] = ()
     anchor: str = "none"
@@ -320,6 +323,7 @@ class Audit:
             "pair": list(self.pair),
             "question": question_to_dict(self),
             "doubts": list(self.doubts),
+            "notes": list(self.notes),
             "contradicting": list(self.contradicting),
             "assumptions": list(self.assumptions),
             "demonstrations": [

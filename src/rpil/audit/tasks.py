@@ -98,6 +98,7 @@ def join_audits(
         answers=_joined_answers(audits, places, n),
         contradicting=tuple(name for audit in parts for name in audit.contradicting),
         doubts=tuple(dict.fromkeys(doubt for audit in parts for doubt in audit.doubts)),
+        notes=tuple(dict.fromkeys(note for audit in parts for note in audit.notes)),
         columns=_joined_columns(audits, places, n),
         # Each verdict keeps the word of its task; where tasks differ, the probability is what it is without an anchor.
         anchor=anchors.pop() if len(anchors) == 1 else "none",

@@ -84,6 +84,7 @@ def print_audit(audit: Audit, all_rows: bool = False) -> None:
     if audit.demonstrators:
         _print_demonstrators(audit.demonstrators[::-1][: None if all_rows else MAX_DEMONSTRATORS], audit)
     click.echo(verdict_sentence(audit))
+    print_lines(audit.notes)
 
 
 def worst_and_doubtful(audit: Audit, n_rows: int) -> list[int]:

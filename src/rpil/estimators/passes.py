@@ -99,7 +99,7 @@ class SampledFit:
             options.settings.audit,
         )
         audit = replace(extended.audit, offsets=np.asarray(source.offsets, dtype=np.int64))
-        return replace(extended, audit=audit, parts=decision.parts)
+        return replace(extended, audit=audit, notes=decision.notes)
 
     def fit_policy(self, posed: JudgeInput, decision: TrustDecision) -> tuple[Features, FinalPolicy, TrustDecision]:
         task, options, data, features = self.task, self.options, posed.data, posed.features

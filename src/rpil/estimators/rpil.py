@@ -196,6 +196,9 @@ class RPIL(PolicyEstimator):
     def _explain(self, task: Task, options: Options, fitted: Fitted) -> None:
         """Add the assumptions to the audit; warn if the fit did not converge."""
         judgement = fitted.decision.judgement
+        short = "" if judgement is None else assumptions.missing_steps(self.audit_.finding, judgement.missing_steps)
+        notes = tuple(filter(None, (*fitted.decision.notes, short)))
+        self.audit_ = replace(self.audit_, notes=notes)
         prior, type_name = options.settings.mixture.prior, type(self.policy).__name__
         linear = self.policy is None
         sentences = assumptions.assumption_sentences(
@@ -204,8 +207,6 @@ class RPIL(PolicyEstimator):
             p_two_groups=None if self.judge_ is None else self.judge_.groups.p_two,
             expert_share=prior if isinstance(prior, float) else None,
             demonstrators=task.demonstrators.note,
-            steps=assumptions.missing_steps(self.audit_.finding, 0 if judgement is None else judgement.missing_steps),
-            parts=fitted.decision.parts,
         )
         self.audit_ = replace(self.audit_, assumptions=sentences)
         assumptions.warn_if_not_converged(self.converged_)
