@@ -77,7 +77,6 @@ def join_audits(
     deviations = _in_place({task: audit.deviations for task, audit in audits.items()}, places, [""] * n)
     open_: list[Verdict] = ["open"] * n
     anchors = {audit.anchor for audit in parts}
-    opposed = next((audit for audit in parts if not audit.identifiable), None)
     assumptions = dict.fromkeys(sentence for audit in parts for sentence in audit.assumptions)
     return AuditOfTasks(
         ids=tuple(ids),
@@ -90,8 +89,8 @@ def join_audits(
         prior=_mean_prior(parts),
         adversary=parts[0].adversary if parts else "",
         history=np.empty(0),
-        identifiable=opposed is None,
-        competing=opposed.competing if opposed else (),
+        identifiable=all(audit.identifiable for audit in parts),
+        competing=next((audit.competing for audit in parts if not audit.identifiable), ()),
         pair=next((audit.pair for audit in parts if audit.pair), ()),
         assumptions=(_sentence(audits, places, what), *assumptions),
         demonstrators=tuple(demonstrator for audit in parts for demonstrator in audit.demonstrators),
