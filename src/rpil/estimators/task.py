@@ -26,7 +26,7 @@ from rpil.policies.protocol import CrossFittedPolicy, Policy
 ActionBox = tuple[ArrayLike, ArrayLike]
 Features = FeatureMap | IdentityMap
 FinalPolicy = Policy | CrossFittedPolicy
-Labels = Mapping[Any, str] | Sequence[tuple[Any, str]]
+Labels = Mapping[Any, str] | Sequence[tuple[Hashable, str]]
 Names = Mapping[Any, Hashable] | Sequence[Hashable]
 
 
