@@ -6,10 +6,11 @@ import math
 from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from functools import cached_property
-from typing import TypeVar
 
 import numpy as np
 
+from rpil.audit import answering
+from rpil.audit.answering import Id
 from rpil.audit.facts import Fact, known_facts
 from rpil.audit.reasons import MAX_LOG_RATIO, Grounds, worst_stretch
 from rpil.audit.settings import AuditSettings
@@ -22,8 +23,6 @@ from rpil.numerics.types import Array, Float, Int
 
 MAX_LOG_ODDS = 1e9
 """Nats. Infinite log-odds become this, because JSON has no infinity: of steps that an adversary can never take."""
-
-Id = TypeVar("Id", bound=Hashable)
 
 
 @stored()
@@ -243,9 +242,7 @@ class Audit:
     def question(self) -> str | None:
         """The question whose answer would say most, "which is better?", and where to look; None where there is none, as
         after an answer."""
-        from rpil.audit.answering import is_asked, question
-
-        return question(self) if is_asked(self) else None
+        return answering.question(self) if answering.is_asked(self) else None
 
     def suggest_labels(self, k: int = 3) -> tuple[Hashable, ...]:
         """Ids of up to `k` demonstrations without a label whose labels would say most, the best first; see
@@ -256,9 +253,7 @@ class Audit:
         DataError
             If `k` is not positive.
         """
-        from rpil.audit.answering import suggest
-
-        return suggest(self, k)
+        return answering.suggest(self, k)
 
     def answered(self, labels: Mapping[Id, str] | None = None, pairs: Sequence[tuple[Id, Id]] = ()) -> Audit:
         """The same audit with these answers beside those that it has; no policy is fitted again.
@@ -274,9 +269,7 @@ class Audit:
         DataError
             If an id or a label is unknown, or answers contradict each other.
         """
-        from rpil.audit.answering import with_answers
-
-        return with_answers(self, labels or {}, pairs)
+        return answering.with_answers(self, labels or {}, pairs)
 
     def worst_steps(self, index: int, k: int = 5) -> list[int]:
         """Up to `k` steps of demonstration `index` with the lowest log-ratios below 0, counted from its first step."""
@@ -308,8 +301,6 @@ class Audit:
 
     def to_dict(self) -> dict[str, object]:
         """The audit as numbers, text, lists and dicts, as ``rpil audit --json`` prints it; the most trusted first."""
-        from rpil.audit.answering import question_to_dict
-
         facts = self.facts
         return {
             "n_demonstrations": len(self.ids),
@@ -321,7 +312,7 @@ class Audit:
             "identifiable": self.identifiable,
             "groups": [list(group) for group in self.competing],
             "pair": list(self.pair),
-            "question": question_to_dict(self),
+            "question": answering.question_to_dict(self),
             "doubts": list(self.doubts),
             "notes": list(self.notes),
             "contradicting": list(self.contradicting),

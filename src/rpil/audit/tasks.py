@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TypeVar
 
 import numpy as np
 
@@ -21,8 +20,6 @@ MIN_DEMONSTRATIONS = 8
 
 ALONE = "Not judged: it is the only demonstration of its task or session."
 _FINDINGS = tuple(FINDINGS)
-
-Value = TypeVar("Value")
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,22 +58,17 @@ def join_audits(
     offsets : (M + 1,) int array
         The first steps of the demonstrations.
     """
-    n, n_steps = len(ids), int(offsets[-1])
-    values = {"log_odds": 0.0, "from_actions": 0.0, "from_demonstrator": 0.0, "from_label": 0.0}
-    columns = {name: np.full(n, value) for name, value in (values | {"expert_proba": 0.5, "reliability": 0.5}).items()}
-    interval = np.tile([0.0, 1.0], (n, 1))
-    steps = {"step_log_ratio": np.zeros(n_steps), "step_weight": np.full(n_steps, 0.5)}
+    n = len(ids)
+    columns, steps, interval = _gathered(audits, places, offsets)
+    verdicts: list[Verdict] = ["open"] * n
+    reasons, deviations = [ALONE] * n, [""] * n
     for task, audit in audits.items():
-        rows = np.concatenate([np.arange(offsets[m], offsets[m + 1]) for m in places[task]])
-        for name, column in columns.items():
-            column[places[task]] = getattr(audit, name)
-        for name, column in steps.items():
-            column[rows] = getattr(audit, name)
-        interval[places[task]] = audit.reliability_interval
+        for k, m in enumerate(places[task]):
+            verdicts[m], reasons[m] = audit.verdicts[k], audit.reasons[k]
+            deviations[m] = audit.deviations[k] if audit.deviations else ""
     parts = list(audits.values())
-    deviations = _in_place({task: audit.deviations for task, audit in audits.items()}, places, [""] * n)
-    open_: list[Verdict] = ["open"] * n
     anchors = {audit.anchor for audit in parts}
+    opposed = next((audit for audit in parts if not audit.identifiable), None)
     assumptions = dict.fromkeys(sentence for audit in parts for sentence in audit.assumptions)
     return AuditOfTasks(
         ids=tuple(ids),
@@ -84,13 +76,13 @@ def join_audits(
         finding=min((audit.finding for audit in parts), key=_FINDINGS.index, default=_FINDINGS[-1]),
         **columns,
         reliability_interval=interval,
-        verdicts=_in_place({task: audit.verdicts for task, audit in audits.items()}, places, open_),
+        verdicts=tuple(verdicts),
         **steps,
         prior=_mean_prior(parts),
         adversary=parts[0].adversary if parts else "",
         history=np.empty(0),
-        identifiable=all(audit.identifiable for audit in parts),
-        competing=next((audit.competing for audit in parts if not audit.identifiable), ()),
+        identifiable=opposed is None,
+        competing=opposed.competing if opposed else (),
         pair=next((audit.pair for audit in parts if audit.pair), ()),
         assumptions=(_sentence(audits, places, what), *assumptions),
         demonstrators=tuple(demonstrator for audit in parts for demonstrator in audit.demonstrators),
@@ -101,21 +93,30 @@ def join_audits(
         columns=_joined_columns(audits, places, n),
         # Each verdict keeps the word of its task; where tasks differ, the probability is what it is without an anchor.
         anchor=anchors.pop() if len(anchors) == 1 else "none",
-        deviations=deviations if any(deviations) else (),
+        deviations=tuple(deviations) if any(deviations) else (),
         sessions=(),
         settings=parts[0].settings if parts else AuditSettings(),
-        own_reasons=_in_place({task: audit.reasons for task, audit in audits.items()}, places, [ALONE] * n),
+        own_reasons=tuple(reasons),
     )
 
 
-def _in_place(
-    values: Mapping[str, Sequence[Value]], places: Mapping[str, Sequence[int]], missing: list[Value]
-) -> tuple[Value, ...]:
-    """The values of each task at the places of its demonstrations, and those of `missing` elsewhere."""
-    for task, own in values.items():
-        for m, value in zip(places[task], own, strict=False):  # a task may have none
-            missing[m] = value
-    return tuple(missing)
+def _gathered(
+    audits: Mapping[str, Audit], places: Mapping[str, Sequence[int]], offsets: Array
+) -> tuple[dict[str, Array], dict[str, Array], Array]:
+    """Numbers of demonstrations and of steps by their names, and the intervals of reliability."""
+    n, n_steps = len(offsets) - 1, int(offsets[-1])
+    columns = {name: np.zeros(n) for name in ("log_odds", "from_actions", "from_demonstrator", "from_label")}
+    columns |= {name: np.full(n, 0.5) for name in ("expert_proba", "reliability")}
+    steps = {"step_log_ratio": np.zeros(n_steps), "step_weight": np.full(n_steps, 0.5)}
+    interval = np.tile([0.0, 1.0], (n, 1))
+    for task, audit in audits.items():
+        rows = np.concatenate([np.arange(offsets[m], offsets[m + 1]) for m in places[task]])
+        for name, column in columns.items():
+            column[places[task]] = getattr(audit, name)
+        for name, column in steps.items():
+            column[rows] = getattr(audit, name)
+        interval[places[task]] = audit.reliability_interval
+    return columns, steps, interval
 
 
 def _joined_answers(audits: Mapping[str, Audit], places: Mapping[str, Sequence[int]], n: int) -> Answers:

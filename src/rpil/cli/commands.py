@@ -298,7 +298,7 @@ def _fit(
     model = RPIL(
         features=options.features,
         adversary=options.adversary,
-        labels=given.labels or None,
+        labels=given.answers or None,
         random_state=options.seed,
         progress=progress,
         checkpoint=checkpoint,
@@ -312,7 +312,6 @@ def _fit(
             demonstrators=given.demonstrators or None,
             outcome=outcome,
             order=given.facts.order,
-            pairs=given.pairs,
         )
     except KeyboardInterrupt:
         if checkpoint.exists():

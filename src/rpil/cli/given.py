@@ -28,6 +28,13 @@ class Given:
     reference: Demonstrations | None = None
     reference_outcome: Array | None = None
 
+    @property
+    def answers(self) -> list[tuple[str, str]]:
+        """Labels and pairs as ids and words."""
+        from rpil.data.formats.id_values import better_than
+
+        return [*self.labels.items(), *((better, better_than(worse)) for better, worse in self.pairs)]
+
     @classmethod
     def read(cls, recording: Recording, options: FitOptions, reference: Recording | None = None) -> Given:
         """What the files of the options and the columns of the data say."""

@@ -96,7 +96,7 @@ class SampledFit:
             stepless,
             source.ids,
             task.answers,
-            options.settings.audit,
+            options.audit_settings,
         )
         audit = replace(extended.audit, offsets=np.asarray(source.offsets, dtype=np.int64))
         return replace(extended, audit=audit, notes=decision.notes)

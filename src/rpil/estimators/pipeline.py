@@ -56,6 +56,11 @@ class Options:
     checkpoint: StrPath | None = field(repr=False)
 
     @property
+    def audit_settings(self) -> AuditSettings:
+        """The settings of the audit, which answers like the judge."""
+        return replace(self.settings.audit, answers=self.settings.judge.answers)
+
+    @property
     def judges(self) -> bool:
         """Whether the judge decides, and not the mixture with a named adversary."""
         return isinstance(self.adversary, str) and self.adversary == "auto"
@@ -167,7 +172,7 @@ def decide_trust(posed: JudgeInput, options: Options) -> TrustDecision:
             progress=options.progress,
         )
         fitted = FittedJudge.of(judgement, data, settings.judge, user_policy=own)
-        decision = TrustDecision.of(judgement, fitted, data, ids, posed.answers, settings.audit)
+        decision = TrustDecision.of(judgement, fitted, data, ids, posed.answers, options.audit_settings)
         return replace(decision, notes=_resting(data, posed.demonstrations))
     assert isinstance(posed.features, FeatureMap)
     start = linear_policy(data.space, ridge_of(posed.features, options.C, n_steps, data.space), n_steps)
