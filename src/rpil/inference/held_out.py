@@ -70,6 +70,11 @@ class HeldOutModel(Protocol):
         no parts."""
         return None
 
+    def log_prob_at(self, weight: Float[Array, " N"], other: Float[Array, " N"], ridge: float) -> Float[Array, " N"]:
+        """Held-out log-probabilities of policies fitted with `weight`, whose errors have the scale of steps with the
+        weight `other`, where there is a scale."""
+        return self.evaluate(weight, ridge).log_prob
+
     def dealt_again(self, seed: int) -> HeldOutModel | None:
         """The same model with other folds of demonstrations; None where it deals its own."""
         return None
@@ -169,6 +174,9 @@ class HeldOutRidge(HeldOutModel):
 
     def evaluate(self, weight: Float[Array, " N"], ridge: float) -> HeldOutLogProb:
         return HeldOutLogProb.centred(log_density_of_errors(self._errors(weight, ridge), weight, self.settings), weight)
+
+    def log_prob_at(self, weight: Float[Array, " N"], other: Float[Array, " N"], ridge: float) -> Float[Array, " N"]:
+        return log_density_of_errors(self._errors(weight, ridge), other, self.settings)
 
     def log_prob_of_parts(self, weight: Float[Array, " N"], ridge: float) -> Float[Array, "N A"]:
         errors = self._errors(weight, ridge)

@@ -1,12 +1,15 @@
 """A rival group: whether the demonstrations that score lower have a policy of their own.
 
-Noise has none: a policy fitted to it explains little. Let A be the upper group of the scores, and B the lower ones that
-a policy fitted to B explains better than that of A. B is a rival of A if
+Noise has none: a policy fitted to it explains nothing. Let A be the upper group of the scores, and B the lower ones that
+a policy fitted to B explains better than that of A. B is a rival of A if the gain of its own policy is above 0 by two
+standard errors, and the policy of A does not explain B, not even at the noise of B:
 
-    gain_B >= min_gain gain_A,   gain_A = median over A of  mean_n [log pi_A - log q_A],   gain_B the same of B
+    gain = median over B of  mean_n [log pi_B - log q_B]
+    max over l of  median over B of  mean_n [log((1 - l) pi_A' + l q_B) - log q_B]  <  max_shared_gain * gain
 
-pi_A and pi_B are fitted to one of the groups, and held out; q_A and q_B are the distributions of their actions whatever
-the state. Then two groups are described, and neither is called unlike the other.
+pi_A and pi_B are fitted to one of the groups, and held out; pi_A' has the errors' scale of B; q_B is the distribution of
+the actions of B whatever the state. Then two groups are described, and neither is called unlike the other. Noisy
+versions of the policy of A, and noise, are no rivals.
 """
 
 from __future__ import annotations
@@ -26,17 +29,15 @@ from rpil.numerics.types import Array, Bool, Float, Int
 class Lower:
     """The demonstrations below the upper group, against those in it."""
 
-    gain_upper: float
-    """Nats a step by which the policy of the upper group explains it better than the frequencies of its actions."""
-    gain_rival: float
-    """The same of the rival group; minus infinity without one."""
+    upper: Int[Array, " A"]
     rival: Int[Array, " B"]
     """The lower demonstrations that their own policy explains better than that of the upper group."""
-    upper: Int[Array, " A"]
-    gain_all_lower: float
-    """The gain of a policy of all lower demonstrations on them."""
+    gain_upper: float
+    """Nats a step by which the policy of the upper group explains it better than the frequencies of its actions."""
     is_rival: bool
     """Whether the rival group has a policy of its own."""
+    is_noise: bool
+    """Whether a policy of all lower demonstrations explains nothing."""
 
 
 def look_below(
@@ -46,26 +47,52 @@ def look_below(
     scores."""
     limits, ridge, members = settings.rivals, fit.ridge, np.flatnonzero(upper)
     log_pi = fit.held_out.log_prob if (fit.group == upper).all() else _log_prob(data, model, upper, ridge)
-    gain_upper = gain(data, log_pi, upper, settings.held_out)
+    gain_upper = float(np.median(gains(data, log_pi, upper, settings.held_out)))
     below, score = model.cold_copy(), data.mean_steps(log_pi)
-    gain_all = gain(data, _log_prob(data, below, ~upper, ridge), ~upper, settings.held_out)
+    of_all = gains(data, _log_prob(data, below, ~upper, ridge), ~upper, settings.held_out)
+    is_noise = not is_credible(of_all, limits.standard_errors) and np.median(of_all) <= limits.max_noise * gain_upper
     rival = ~upper & (score <= np.median(score[~upper]))
     for _ in range(limits.max_iter):
         log_pi_rival = _log_prob(data, below, rival, ridge)
         closer = ~upper & (data.mean_steps(log_pi_rival) > score)
         if closer.sum() < limits.min_group:
-            return Lower(gain_upper, -np.inf, np.flatnonzero(closer), members, gain_all, False)
+            return Lower(members, np.flatnonzero(closer), gain_upper, False, bool(is_noise))
         if (closer == rival).all():
             break
         rival = closer
-    gain_rival = gain(data, log_pi_rival, rival, settings.held_out)
-    has_policy = gain_rival > 0 and gain_rival >= limits.min_gain * gain_upper
-    return Lower(gain_upper, gain_rival, np.flatnonzero(rival), members, gain_all, bool(has_policy))
+    own = gains(data, log_pi_rival, rival, settings.held_out)
+    has_policy = is_credible(own, limits.standard_errors)
+    if has_policy:
+        weights = (data.per_step(group.astype(float)) for group in (upper, rival))
+        at_its_noise = model.log_prob_at(*weights, ridge)
+        shared = shared_gain(data, at_its_noise, rival, settings)
+        has_policy = shared < limits.max_shared_gain * float(np.median(own))
+    return Lower(members, np.flatnonzero(rival), gain_upper, has_policy, bool(is_noise))
 
 
-def gain(data: FitData, log_prob: Float[Array, " N"], group: Bool[Array, " M"], settings: HeldOutSettings) -> float:
-    """Median over a `group` of the mean log-ratio against its reference, in nats a step."""
-    return float(np.median(data.mean_steps(log_prob - log_reference(data, group, settings))[group]))
+def gains(
+    data: FitData, log_prob: Float[Array, " N"], group: Bool[Array, " M"], settings: HeldOutSettings
+) -> Float[Array, " G"]:
+    """Mean log-ratios of the members of a `group` against its own reference, in nats a step."""
+    return np.asarray(data.mean_steps(log_prob - log_reference(data, group, settings))[group])
+
+
+def is_credible(gain: Float[Array, " G"], standard_errors: float) -> bool:
+    """Whether the median gain is above 0 by so many robust standard errors."""
+    middle = np.median(gain)
+    error = 1.2533 * 1.4826 * np.median(np.abs(gain - middle)) / np.sqrt(len(gain))
+    return bool(middle > standard_errors * error)
+
+
+def shared_gain(
+    data: FitData, log_prob: Float[Array, " N"], group: Bool[Array, " M"], settings: JudgeSettings
+) -> float:
+    """The largest median gain of a `group` by a mixture of another group's policy and the group's own reference."""
+    reference = log_reference(data, group, settings.held_out)
+    ratio = log_prob - reference
+    lapses = np.linspace(0.0, 0.95, settings.rivals.n_lapses)
+    mixed = (np.logaddexp(np.log1p(-lapse) + ratio, np.log(max(lapse, 1e-12))) for lapse in lapses)
+    return max(float(np.median(data.mean_steps(each)[group])) for each in mixed)
 
 
 def _log_prob(data: FitData, model: HeldOutModel, group: Array, ridge: float) -> Array:

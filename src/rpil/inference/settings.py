@@ -134,16 +134,21 @@ class GroupSettings:
 class RivalSettings:
     """Rival groups (`rpil.inference.rivals`)."""
 
-    min_gain: float = 0.45
-    """Gain of a rival group, relative to that of the upper group: between the gains of noise and of flipped or shifted
-    actions in simulated worlds."""
+    max_shared_gain: float = 0.5
+    """Gain of a rival group by the policy of the upper group, relative to that by its own, up to which it is a rival."""
+    max_noise: float = 0.1
+    """Gain of a policy of the lower demonstrations, relative to that of the upper group, up to which they are noise."""
+    standard_errors: float = 2.0
+    """By which a gain is above 0."""
+    n_lapses: int = 11
+    """Shares of lapses of which the best is taken."""
     min_group: int = 2
     """Demonstrations of a group, at least."""
     max_iter: int = 3
     """Rounds of fitting a policy and assigning demonstrations, at most."""
 
     def __post_init__(self) -> None:
-        check_settings(self, min_gain="[0, 1]")
+        check_settings(self, max_shared_gain="[0, 1]", max_noise="[0, 1]")
 
 
 @stored()
@@ -155,8 +160,6 @@ class ClaimSettings:
     """P(two groups) from which anybody is called unlike the others, with both dealings of the folds."""
     min_p_two_of_noise: float = 0.2
     """P(two groups) from which those are called unlike the others that act as noise does."""
-    max_noise_gain: float = 0.1
-    """Gain of a policy of the lower demonstrations, relative to that of the upper group, up to which they are noise."""
     noise_share: float = 0.5
     """Gain of the upper group, times this, by which a demonstration is explained worse than by frequent actions."""
     min_proba: float = 0.9
