@@ -7,14 +7,14 @@ import json
 from collections import Counter
 from pathlib import Path
 
+import calibration
+import labels
 import numpy as np
 import pytest
 
 import acceptance
-import calibration
 import demonstrators
 import features
-import labels
 import options
 import speed
 from rpil import Demonstrations

@@ -6,12 +6,12 @@ import importlib
 import json
 from types import SimpleNamespace
 
+import calibration
 import numpy as np
 import pytest
 
 import ablations
 import acceptance
-import calibration
 import paper
 import peers
 import results

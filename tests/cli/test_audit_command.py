@@ -12,10 +12,10 @@ import pyarrow as pa
 import pyarrow.csv
 import pyarrow.parquet as pq
 import pytest
+from rpil.audit.label_choice import NEXT_STEPS
 
 from command_line import npz, ok
 from problems import make_continuous
-from rpil.audit.label_choice import NEXT_STEPS
 from rpil.audit.words import WORDS
 from rpil.data import formats
 from rpil.data.demonstrations import Demonstrations

@@ -9,9 +9,9 @@ import sys
 
 import numpy as np
 import pytest
+from rpil.audit.label_choice import NEXT_STEPS
 
 from audits import make_audit
-from rpil.audit.label_choice import NEXT_STEPS
 from rpil.audit.record import Audit, Demonstrator, Interval
 from rpil.cli import terminal
 from rpil.cli.outputs import OUTPUTS

@@ -66,8 +66,7 @@ def test_verdicts_from_a_sample_are_those_from_all_demonstrations(maker, kind, m
 @pytest.mark.parametrize("maker", MAKERS)
 def test_majority_that_acts_alike_is_not_taken_for_the_expert(maker):
     toy, data = demonstrations("flipped", 1, n_good=30, n_bad=90, maker=maker)
-    with pytest.warns(UserWarning, match="label one demonstration"):
-        model, other = both(data)
+    model, other = both(data)
     assert_alike(model, other)
     audit = model.audit_
     assert audit.finding == "two groups"
@@ -76,8 +75,8 @@ def test_majority_that_acts_alike_is_not_taken_for_the_expert(maker):
     groups = [set(group) for group in audit.competing]
     good = {name for name, is_good in zip(toy.ids, toy.is_good, strict=True) if is_good}
     assert len(groups[1] ^ good) <= 1  # the smaller group is the other
-    assert audit.to_label[0] in groups[0]
-    assert audit.to_label[1] in groups[1]
+    assert audit.pair[0] in groups[0]
+    assert audit.pair[1] in groups[1]
 
 
 @pytest.mark.parametrize(("maker", "labels"), [(make, {"d0": "good"}), (make_continuous, {"d100": "bad"})])
@@ -87,17 +86,6 @@ def test_one_label_decides_which_group_is_the_experts(maker, labels):
     assert_alike(model, other)
     assert model.audit_.identifiable
     assert roc_auc_score(toy.is_good, model.log_odds_) > 0.99
-
-
-@pytest.mark.parametrize("maker", MAKERS)
-def test_minority_decides_about_a_rival_group_of_a_sample(maker):
-    toy, data = demonstrations("flipped", 1, n_good=90, n_bad=30, maker=maker)
-    distrusted, other = both(data, minority="distrust")
-    assert_alike(distrusted, other)
-    np.testing.assert_array_equal(np.array(distrusted.audit_.verdicts) == "typical", toy.is_good)
-    trusted, other = both(data, minority="trust")
-    assert trusted.audit_.finding == other.audit_.finding == "some are unlike"
-    assert set(trusted.audit_.verdicts) == set(other.audit_.verdicts) == {"typical"}
 
 
 @pytest.mark.parametrize("maker", MAKERS)

@@ -184,7 +184,6 @@ def frozen_elsewhere(policy, observations, actions, weights):
         ({"n_folds": 0}, "n_folds=0"),
         ({"n_folds": 21}, "n_folds=21"),
         ({"max_rounds": 0}, "max_rounds=0"),
-        ({"minority": "hope"}, "no minority 'hope'; choose ask or trust or distrust"),
         ({"labels": {"d99": "good"}}, "d99"),
     ],
 )

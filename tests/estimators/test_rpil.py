@@ -21,7 +21,7 @@ from sklearn.utils.estimator_checks import parametrize_with_checks
 from problems import Toy, make
 from rpil import Settings
 from rpil.data.demonstrations import Demonstrations
-from rpil.data.errors import AmbiguousWarning, DataError
+from rpil.data.errors import DataError
 from rpil.estimators.cloning import BehavioralCloning
 from rpil.estimators.rment import RMEnt
 from rpil.estimators.rpil import RPIL
@@ -33,7 +33,7 @@ PAPER = {"adversary": "complement", "settings": mixture(m_step="expert_only", pr
 
 
 @parametrize_with_checks([BehavioralCloning(), RMEnt(), RPIL(settings=FAST)])
-@pytest.mark.filterwarnings("ignore:No groups:UserWarning", "ignore::rpil.AmbiguousWarning")
+@pytest.mark.filterwarnings("ignore:No groups:UserWarning")
 def test_estimator_checks_of_scikit_learn(estimator, check):
     """All of them: repeated rows and weights are the same to `BehavioralCloning`, the others take no weights. How well
     `RMEnt` predicts is not among them, see the next test."""
@@ -128,7 +128,6 @@ def test_fitted_attributes_agree_with_the_audit():
     assert all(sentence.endswith(".") for sentence in model.audit_.assumptions)
 
 
-@pytest.mark.filterwarnings("ignore::rpil.AmbiguousWarning")
 def test_paper_settings():
     """Raw complement: right where the bad ones do the opposite, and are few."""
     toy = make("flipped", 0, n_actions=2, n_bad=3, steps=STEPS)
@@ -220,7 +219,6 @@ def test_in_a_pipeline():
     np.testing.assert_array_equal(routed[-1].log_odds_, scaled[-1].log_odds_)
 
 
-@pytest.mark.filterwarnings("ignore::rpil.AmbiguousWarning")
 def test_cross_validate_without_groups_warns():
     toy = make("random", 0)
     model, splits = RPIL(adversary="uniform"), GroupKFold(3)
@@ -238,14 +236,15 @@ def test_cross_validate_without_groups_warns():
 
 def test_labels():
     toy = make("shifted", 1, steps=STEPS)
-    with pytest.warns(AmbiguousWarning, match="two groups of demonstrations") as caught:
-        blind = RPIL().fit(toy.demonstrations)
+    blind = RPIL().fit(toy.demonstrations)
     assert not blind.audit_.identifiable
     assert set(blind.audit_.verdicts) == {"open"}
-    assert all(repr(name) in str(caught[0].message) for name in blind.audit_.to_label)
     for to_label, fit in (
-        ((toy.ids[0], toy.ids[6]), lambda labels: RPIL(labels=labels).fit(toy.demonstrations)),
-        (blind.audit_.to_label, lambda labels: RPIL().fit(toy.demonstrations, labels=labels)),
+        ((*toy.ids[:3], *toy.ids[6:9]), lambda labels: RPIL(labels=labels).fit(toy.demonstrations)),
+        (
+            (*blind.audit_.pair, *toy.ids[1:3], *toy.ids[8:10]),
+            lambda labels: RPIL().fit(toy.demonstrations, labels=labels),
+        ),
     ):
         labels = {name: "good" if toy.is_good[toy.ids.index(name)] else "bad" for name in to_label}
         told = fit(labels)
@@ -254,10 +253,10 @@ def test_labels():
         np.testing.assert_allclose(predicted(told, toy), best_possible(toy), atol=0.15)
 
 
-def test_group_of_a_labelled_expert_is_trusted():
+def test_group_of_the_labelled_good_is_trusted():
     """Even the shifted half: the data are symmetric."""
     toy = make("shifted", 2, steps=STEPS)
-    model = RPIL().fit(toy.demonstrations, labels={"d0": "bad", "d6": "good"})
+    model = RPIL().fit(toy.demonstrations, labels={"d0": "bad", "d1": "bad", "d6": "good", "d7": "good"})
     assert model.audit_.verdicts == ("bad",) * 6 + ("good",) * 6
 
 

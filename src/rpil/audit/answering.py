@@ -9,14 +9,19 @@ import numpy as np
 from scipy.special import expit
 
 from rpil.audit.reasons import MAX_LOG_RATIO, worst_stretch
-from rpil.audit.record import Audit, Id
+from rpil.audit.record import Audit, Id, Interval
 from rpil.audit.words import WORDS, Verdict
 from rpil.data.errors import DataError
 from rpil.data.formats.id_values import match_labels, match_pairs
 from rpil.inference.answered import Answered, answer, most_telling
 from rpil.inference.answers import Answers
+from rpil.inference.findings import FINDINGS
+from rpil.inference.groups import expert_share_interval
 from rpil.inference.settings import AnswerSettings
 from rpil.numerics.types import Array, Int
+
+NOT_USED = "Lengths and rewards were not used."
+"""The assumption without answers."""
 
 NEXT_STEPS = {
     "some are unlike": "Look at the worst steps of a few that are called unlike; they need not be worse.",
@@ -36,9 +41,11 @@ def with_answers(audit: Audit, labels: Mapping[Id, str], pairs: Sequence[tuple[I
     if not audit.columns.size:
         raise DataError("This audit keeps nothing to learn from answers; give the labels to fit().")
     known, settings = merged(audit, labels, pairs), AnswerSettings()
+    if not known.any:
+        return audit
     found = answer(audit.columns, known, settings)
     log_odds = found.log_odds + audit.from_demonstrator
-    proba = expit(log_odds)
+    proba, words = expit(log_odds), found.words * (np.sign(log_odds) == found.words)
     old = np.repeat(audit.expert_proba, audit.lengths)
     relative = np.divide(audit.step_weight, old, out=np.ones(len(old)), where=old > 0)
     return replace(
@@ -48,15 +55,23 @@ def with_answers(audit: Audit, labels: Mapping[Id, str], pairs: Sequence[tuple[I
         log_odds=log_odds,
         from_label=found.log_odds - audit.from_actions,
         expert_proba=proba,
-        verdicts=verdicts_of(found.words, "answers"),
+        verdicts=verdicts_of(words, "answers"),
         step_weight=np.repeat(proba, audit.lengths) * np.minimum(relative, 1.0),
+        prior=Interval(*expert_share_interval(proba, 1.0)),
         identifiable=True,
         competing=(),
         answers=known,
         contradicting=tuple(audit.ids[m] for m in found.contradicting.tolist()),
         doubts=doubts_of_answers(found, known),
-        assumptions=(*audit.assumptions, sentence_of(known)),
+        assumptions=_assumptions(audit, known),
     )
+
+
+def _assumptions(audit: Audit, known: Answers) -> tuple[str, ...]:
+    """The sentences of an audit, without those that answers replace."""
+    old = {*FINDINGS.values(), audit.words.explanation, *audit.doubts, sentence_of(audit.answers), NOT_USED}
+    kept = (sentence for sentence in audit.assumptions if sentence not in old)
+    return (FINDINGS["answered"], WORDS["answers"].explanation, *kept, sentence_of(known))
 
 
 def merged(audit: Audit, labels: Mapping[Id, str], pairs: Sequence[tuple[Id, Id]]) -> Answers:

@@ -59,7 +59,7 @@ class Demonstrator:
     step_log_ratio="N",
     step_weight="N",
     history="iterations",
-    columns="M D",
+    columns="M channels",
 )
 @dataclass(frozen=True, eq=False)
 class Audit:

@@ -105,6 +105,7 @@ def audit_from_mixture(
         adversary=result.state.adversary.name,
         history=result.history,
         answers=Answers.of_labels(data.labels.astype(np.int64)),
+        columns=np.empty((len(ids), 0)),
         settings=settings,
     )
 
