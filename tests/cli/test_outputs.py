@@ -47,7 +47,7 @@ def test_nothing_to_keep_is_said(folder):
     with click.Context(click.Command("audit")), pytest.warns(UserWarning, match=r"k\.json: every .* is unlike, so"):
         outputs.write_outputs(paths, make_audit(("unlike",) * 3), given, 1.0, lambda _: None)
     assert json.loads(Path("k.json").read_text())["episodes"] == []
-    ok("audit", folder / "shifted.parquet", "--keep", "k.json", "--quiet", "--minority", "ask")
+    ok("audit", folder / "shifted.parquet", "--keep", "k.json", "--quiet")
     assert json.loads(Path("k.json").read_text())["episodes"] == [*range(12)]
 
 
