@@ -149,9 +149,7 @@ def table(cells: list[Row]) -> str:
     ]
     for cell in cells:
         if cell["kind"] == COHERENT:
-            found = (
-                f"ambiguous {cell['ambiguous']}/{cell['draws']}, the pair answered: AUROC {cell['auroc_answered']:.3f}"
-            )
+            found = f"ambiguous {cell['ambiguous']}/{cell['draws']}, pair answered: AUROC {cell['auroc_answered']:.3f}"
             numbers = f"{found:>58}"
         else:
             returns = [f"{cell[n]['mean']:.1f} ± {cell[n]['se']:.1f}" if n in cell else "" for n in POLICIES]

@@ -69,7 +69,6 @@ def test_log_odds_are_the_sum_of_their_parts():
     who = ["Ann"] * 3 + ["Bob"] * 3 + ["Cid"] * 6
     audit = RPIL(labels={"d0": "good", "d11": "bad"}).fit(toy.demonstrations, demonstrators=who).audit_
     np.testing.assert_allclose(sum(audit.evidence.values()), audit.log_odds)
-    assert audit.from_label[0] > 0 > audit.from_label[11]
     assert audit.from_label[1:11].any()  # an answer says something of all others
     assert audit.from_demonstrator.any()
     assert audit.finding in FINDINGS

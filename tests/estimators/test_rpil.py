@@ -200,7 +200,7 @@ def test_clone_and_parameters():
     assert clone(model).get_params() == model.get_params()
     assert model.set_params(C=2.0).C == 2.0
     assert {"features", "adversary", "C", "labels", "settings", "random_state"} <= set(RPIL().get_params())
-    assert len(RPIL().get_params()) == 12
+    assert len(RPIL().get_params()) == 11
     toy = make("random", 0)
     assert not hasattr(clone(model.fit(toy.demonstrations)), "audit_")
     np.testing.assert_array_equal(pickle.loads(pickle.dumps(model)).log_odds_, model.log_odds_)  # noqa: S301
@@ -249,15 +249,21 @@ def test_labels():
         labels = {name: "good" if toy.is_good[toy.ids.index(name)] else "bad" for name in to_label}
         told = fit(labels)
         assert told.audit_.identifiable
-        assert right(told, toy)
-        np.testing.assert_allclose(predicted(told, toy), best_possible(toy), atol=0.15)
+        assert roc_auc_score(toy.is_good, told.log_odds_) == 1.0
+        assert {"good"} <= set(told.audit_.verdicts[:6]) <= {"good", "open"}
+        assert {"bad"} <= set(told.audit_.verdicts[6:]) <= {"bad", "open"}
+        naive = predicted(BehavioralCloning().fit(toy.observations, toy.actions), toy)
+        error, of_naive = (np.abs(found - best_possible(toy)).mean() for found in (predicted(told, toy), naive))
+        assert error < 0.3 * of_naive
 
 
 def test_group_of_the_labelled_good_is_trusted():
     """Even the shifted half: the data are symmetric."""
     toy = make("shifted", 2, steps=STEPS)
     model = RPIL().fit(toy.demonstrations, labels={"d0": "bad", "d1": "bad", "d6": "good", "d7": "good"})
-    assert model.audit_.verdicts == ("bad",) * 6 + ("good",) * 6
+    assert {"bad"} <= set(model.audit_.verdicts[:6]) <= {"bad", "open"}
+    assert {"good"} <= set(model.audit_.verdicts[6:]) <= {"good", "open"}
+    assert roc_auc_score(~toy.is_good, model.log_odds_) == 1.0
 
 
 def test_score_demonstrations_of_new_data():
@@ -293,7 +299,8 @@ def test_progress_is_reported():
     said: list[str] = []
     RPIL(progress=said.append).fit(make("random", 0).demonstrations)
     assert said[0] == "features"
-    assert said[1:] == ["ridge", "fitting the training group", "looking for a rival group", "the policy"]
+    stages = ["ridge", "fitting the training group", "other folds", "what the scores support", "the policy"]
+    assert said[1:] == stages
     RPIL(adversary="uniform", progress=said.append).fit(make("random", 0).demonstrations)
     assert "start: pooled" in said
 
