@@ -104,7 +104,7 @@ def acceptance(result: Result) -> str:
         [
             "## Acceptance",
             f"`benchmarks/acceptance.py`, {draws} draws of 10 good and 10 bad demonstrations; mean return ± one "
-            "standard error over draws, wrong verdicts of all draws (“open” is wrong). The better of R-PIL and "
+            "standard error over draws, wrong verdicts of all draws (“open” is no verdict). The better of R-PIL and "
             "trusting all is bold; the oracle learned from the good ones alone.",
             table(["environment", "bad half", "features", "wrong", "R-PIL", "trust all", "clean oracle"], rows, 3),
             bullets([*other_cells(result["cells"]), *(missed or ["Nothing that was promised is missed."])]),
@@ -137,6 +137,7 @@ def figures(cell: Result) -> str:
     """The figures that a missed goal is about."""
     said = {
         "verdicts": lambda: f"{cell['wrong']} wrong verdicts",
+        "words": lambda: f"a word for {cell['given']:.0%}",
         "return": lambda: f"{cell['behind']:.1f} behind the oracle, whose standard error is {cell['oracle']['se']:.1f}",
         "time": lambda: f"{cell['seconds']:.1f} s a fit",
         "auroc": lambda: f"AUROC {cell['auroc']:.3f} in the worst draw",
@@ -267,6 +268,7 @@ def missed_in_grid(result: Result) -> list[str]:
         "return": ("normalised return", "return", "{:.3f}"),
         "AUROC": ("AUROC", "auroc", "{:.3f}"),
         "verdicts": ("wrong verdicts", "wrong", "{:.1%}"),
+        "words": ("a word for most", "given", "{:.0%}"),
         "ambiguous": ("“ambiguous” in every draw", "ambiguous", ""),
     }
 

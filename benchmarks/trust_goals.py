@@ -198,7 +198,7 @@ def grid_goals(simulated: list[Row]) -> list[Row]:
     }
     final = [row.get("labelled", row) for row in asked if "verdicts" in row]
     wrong, given = (sum(row[name] for row in final) for name in ("wrong", "given"))
-    cell = "AUROC .99, a word for 80 %, at most .5 % of them wrong; “two groups” where it cannot, and AUROC .99 with labels"
+    cell = "AUROC .99, a word for 80 %, at most .5 % of them wrong; “two groups” where it cannot, and .99 with labels"
     return [
         cells_goal(f"all {N_CELLS} cells of the simulated grid ({cell})", grids[False], N_CELLS, N_CELLS),
         cells_goal(

@@ -20,7 +20,15 @@ from speed_fits import gradient_norm
 
 
 def acceptance_row(kind: str, seed: int, **changed: object) -> dict:
-    row = {"features": "raw", "env": "MountainCar-v0", "kind": kind, "seed": seed, "seconds": 0.5, "auroc": 1.0}
+    row = {
+        "features": "raw",
+        "env": "MountainCar-v0",
+        "kind": kind,
+        "seed": seed,
+        "seconds": 0.5,
+        "auroc": 1.0,
+        "given": 20,
+    }
     row |= {"wrong": 0, "identifiable": True, "rpil": -100.0, "oracle": -100.0 + seed, "trust_all": -150.0}
     return row | changed
 
@@ -31,6 +39,8 @@ def test_acceptance_goals_of_a_cell():
 
     assert missed("corrupted") == []
     assert missed("corrupted", wrong=1) == ["verdicts"]
+    assert missed("corrupted", given=19) == []
+    assert missed("corrupted", given=18) == ["words"]
     assert missed("random", rpil=-101.0) == ["return"]  # one standard error of the oracle is 0.5
     assert missed("random", seconds=1.1) == ["time"]
     assert missed("noisy", auroc=0.989) == ["auroc"]
