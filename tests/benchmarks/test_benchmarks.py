@@ -20,16 +20,8 @@ from speed_fits import gradient_norm
 
 
 def acceptance_row(kind: str, seed: int, **changed: object) -> dict:
-    row = {
-        "features": "raw",
-        "env": "MountainCar-v0",
-        "kind": kind,
-        "seed": seed,
-        "seconds": 0.5,
-        "auroc": 1.0,
-        "given": 20,
-    }
-    row |= {"wrong": 0, "identifiable": True, "rpil": -100.0, "oracle": -100.0 + seed, "trust_all": -150.0}
+    row = {"features": "raw", "env": "MountainCar-v0", "kind": kind, "seed": seed, "seconds": 0.5, "auroc": 1.0}
+    row |= {"given": 20, "wrong": 0, "identifiable": True, "rpil": -100.0, "oracle": -100.0 + seed, "trust_all": -150.0}
     return row | changed
 
 

