@@ -39,7 +39,8 @@ def test_every_finding_has_a_next_step():
 )
 def test_answers_to_an_audit_are_those_of_a_fit(audit, labels, pairs):
     later = audit.answered(labels, pairs)
-    fitted = RPIL().fit(TOY.demonstrations, labels=labels, pairs=pairs).audit_
+    together = [*labels.items(), *((better, f"better than {worse}") for better, worse in pairs)]
+    fitted = RPIL().fit(TOY.demonstrations, labels=together).audit_
     assert later.verdicts == fitted.verdicts
     assert later.finding == fitted.finding == "answered"
     assert later.anchor == fitted.anchor == "answers"
@@ -80,7 +81,7 @@ def test_no_answer_changes_nothing(audit):
 def test_a_saved_audit_keeps_its_answers(tmp_path):
     outcome = np.where(TOY.is_good, 1.0, np.nan)
     outcome[-2:] = 0.0
-    fitted = RPIL().fit(TOY.demonstrations, labels=LABELS, pairs=[("d3", "d8")], outcome=outcome)
+    fitted = RPIL().fit(TOY.demonstrations, labels=[*LABELS.items(), ("d3", "better than d8")], outcome=outcome)
     save(fitted, tmp_path / "model.rpil")
     kept = load(tmp_path / "model.rpil").audit_
     for name in ("labels", "pairs", "outcome"):

@@ -37,7 +37,7 @@ def test_the_answered_pair_decides_between_competing_groups():
     is_good = dict(zip(toy.ids, toy.is_good, strict=True))
     better, worse = sorted(audit.pair, key=lambda name: not is_good[name])
     assert is_good[better] > is_good[worse]
-    labelled = RPIL().fit(toy.demonstrations, pairs=[(better, worse)]).audit_
+    labelled = RPIL().fit(toy.demonstrations, labels={better: f"better than {worse}"}).audit_
     assert labelled.identifiable
     assert set(labelled.verdicts) == {"open"}  # one answer alone
     assert roc_auc_score(toy.is_good, labelled.log_odds) > 0.95

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import replace
-from typing import Any, Protocol, TypeVar
+from typing import Protocol, TypeVar
 
 import numpy as np
 from scipy.special import expit
@@ -18,7 +18,6 @@ from rpil.data.formats.id_values import match_labels, match_pairs
 from rpil.inference.answered import Answered, answer, most_telling
 from rpil.inference.answers import Answers
 from rpil.inference.findings import FINDINGS
-from rpil.inference.groups import expert_share_interval
 from rpil.numerics.types import Array, Float, Int
 
 Id = TypeVar("Id", bound=Hashable)
@@ -67,8 +66,6 @@ class Judged(Protocol):
     @property
     def words(self) -> Words: ...
     @property
-    def prior(self) -> Any: ...
-    @property
     def doubts(self) -> tuple[str, ...]: ...
     @property
     def assumptions(self) -> tuple[str, ...]: ...
@@ -102,7 +99,6 @@ def with_answers(audit: A, labels: Mapping[Id, str], pairs: Sequence[tuple[Id, I
         expert_proba=proba,
         verdicts=verdicts_of(words, "answers"),
         step_weight=np.repeat(proba, audit.lengths) * np.minimum(relative, 1.0),
-        prior=type(audit.prior)(*expert_share_interval(proba, 1.0)),
         identifiable=True,
         competing=(),
         answers=known,
