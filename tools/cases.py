@@ -206,7 +206,7 @@ for continuous, action in ((False, "discrete"), (True, "continuous")):
     for kind in ("random", "flipped", "noisy", "none"):
         add(f"default {action} {kind}", rpil.RPIL, partial(toy, kind, continuous))
     add(f"two groups {action}", rpil.RPIL, rival)
-    add(f"two groups, pair {action}", rpil.RPIL, rival, pairs=[("d0", "d15")])
+    add(f"two groups, pair {action}", rpil.RPIL, rival, labels={"d0": "better than d15"})
     add(f"labels {action}", rpil.RPIL, rival, labels={"d0": "good", "d15": "bad"})
     add(f"labels as a setting {action}", partial(rpil.RPIL, labels={"d2": "bad"}), noisy)
     add(f"demonstrators {action}", rpil.RPIL, noisy, demonstrators=[f"p{m // 4}" for m in range(20)])

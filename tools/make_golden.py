@@ -48,7 +48,9 @@ def models(continuous: bool) -> dict[str, Any]:
     else:
         unfitted["mixture given confusion"] = rpil.RPIL(adversary=rpil.Confusion.given(GIVEN))
     found = {name: model.fit(rival if "groups" in name else data) for name, model in unfitted.items()}
-    found["judge with answers"] = rpil.RPIL().fit(data, pairs=[("d0", "d11")], outcome={"d1": 1.0, "d10": 0.0})
+    found["judge with answers"] = rpil.RPIL().fit(
+        data, labels={"d0": "better than d11"}, outcome={"d1": 1.0, "d10": 0.0}
+    )
     people = [f"person {m % 3}" for m in range(len(data))]
     found["judge of people"] = rpil.RPIL().fit(data, demonstrators=people)
     groups = np.array([m + 100 for m in range(len(data))])[data.groups]

@@ -24,7 +24,9 @@ def test_to_dict_has_the_documented_keys_and_is_json():
     audit = make_audit(("typical",) * 5, ids=list("abcde"), lengths=[3, 1, 4, 2, 5], log_odds=log_odds)
     content = json.loads(json.dumps(audit.to_dict(), allow_nan=False))
     keys = {"n_demonstrations", "n_steps", "finding", "anchor", "adversary", "prior", "identifiable", "demonstrations"}
-    assert set(content) == keys | {"groups", "pair", "doubts", "contradicting", "assumptions", "demonstrators"}
+    assert set(content) == keys | {
+        *("groups", "pair", "question", "notes", "doubts", "contradicting", "assumptions", "demonstrators")
+    }
     assert set(content["prior"]) == {"mean", "low", "high"}
     keys = {"id", "n_steps", "log_odds", "evidence", "expert_proba", "reliability", "verdict", "reason", "worst_steps"}
     assert all(set(entry) == keys for entry in content["demonstrations"])

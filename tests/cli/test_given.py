@@ -139,7 +139,7 @@ def test_a_reference_is_labelled_good_and_left_out_of_what_is_written(data, give
     outputs = ["--verdicts", "v.csv", "--weights", "w.csv", "--report", "r.html", "--keep", "k.json"]
     options = ["--reference", "good.parquet", "--labels", "l.csv", "--outcome", "next.success"]
     found = audited(data, *options, *outputs)
-    assert labels == [{"3": "bad", **{f"reference {m}": "good" for m in range(10)}}]
+    assert labels == [[("3", "bad"), *((f"reference {m}", "good") for m in range(10))]]
     assert len(given[0]["outcome"]) == 34
     assert np.sum(given[0]["outcome"]) == 30
     assert found["n_demonstrations"] == 24

@@ -85,7 +85,7 @@ def test_majority_that_acts_alike_is_not_taken_for_the_expert(maker):
 @pytest.mark.parametrize("maker", MAKERS)
 def test_answered_pair_ranks_the_group_of_the_expert_first(maker):
     toy, data = demonstrations("flipped", 1, n_good=30, n_bad=90, maker=maker)
-    model, other = both(data, fit={"pairs": [("d0", "d100")]})
+    model, other = both(data, labels={"d0": "better than d100"})
     assert_alike(model, other, least_correlation=0.95)
     assert model.audit_.identifiable
     assert set(model.audit_.verdicts) == {"open"}  # one answer alone
