@@ -11,7 +11,6 @@ import pytest
 
 import ablations
 import acceptance
-import calibration
 import paper
 import peers
 import results
@@ -26,8 +25,6 @@ PAPER = ["--env", "MountainCar-v0", "--draws", "2", "--rollouts", "2", "--seed",
 ARGUMENTS = {
     "acceptance": ["--quick"],
     "features": ["--quick", "--features", "raw", "--features", "auto"],
-    "calibration": ["--quick", "--kinds", "corrupted", "shift"],
-    "labels": ["--quick"],
     "demonstrators": ["--quick"],
     "real": ["--quick", "--features", "raw", "--sets", "mountaincar_noisy"],
     "trust": ["--quick"],
@@ -65,9 +62,10 @@ def test_acceptance(written, monkeypatch):
     corrupted, shift = found["cells"]
     assert len(found["draws"]) == 4
     assert corrupted["auroc"] == pytest.approx(1.0)
-    assert corrupted["wrong"] == shift["wrong_labelled"] == 0
+    assert corrupted["wrong"] == 0
     assert corrupted["rpil"]["mean"] > corrupted["trust_all"]["mean"]
-    assert shift["ambiguous"] == 2
+    assert shift["ambiguous"] == shift["both"] == 2
+    assert shift["auroc_answered"] > 0.9
 
 
 def test_paper(written, monkeypatch):
@@ -103,29 +101,6 @@ def test_features(written):
     assert sum(cells["auto"]["chosen"].values()) == cells["auto"]["draws"] == 2
 
 
-def test_calibration(written, monkeypatch):
-    monkeypatch.setattr(calibration, "ONE_POLICY", {"all random": ("random", 0)})
-    found = written.run("calibration")
-    assert found["ece"] <= 0.05
-    sizes = {row["kind"]: len(row["good"]) for row in found["signal"]}
-    assert sizes == {"corrupted": 20, "shift": 18}  # labelled demonstrations are not scored
-    assert found["n_judged"] == sum(len(row["good"]) for row in found["signal"] if not row["ambiguous"])
-    assert sum(row["n"] for row in found["bins"]) == found["n_judged"]
-    assert set(found["accused"]) == {"all random", "actions shuffled", "steps shuffled"}
-    assert sum(map(sum, found["accused"].values())) <= 3  # of 60
-
-
-def test_labels(written):
-    """More than half of the demonstrations are flipped: one label tells which group is good."""
-    found = written.run("labels")
-    curve = {row["how"]: row for row in found["curve"]}
-    assert set(curve) == {"suggested", "random"}
-    assert curve["suggested"]["all"] == curve["suggested"]["auroc"] == pytest.approx(1.0)
-    assert curve["suggested"]["without"] < 0.5
-    for row in found["rows"]:
-        assert len(set(row["asked"])) == row["k"] == row["questions"]
-
-
 def test_demonstrators(written):
     whole, short = written.run("demonstrators")["rows"]
     assert (whole["steps"], short["steps"], whole["people"]) == (None, 10, 5)
@@ -146,7 +121,7 @@ def test_trust(written, monkeypatch):
     assert {row["method"] for row in found["rows"]} == {"rpil", "trimmed"}
     assert not any(row["failed"] or row["said"] for row in found["sets"])
     rows = {row["set"]: row for row in found["sets"]}
-    assert rows[TRUST_WORLDS[0]]["labelled"]["auroc"] == 1.0
+    assert rows[TRUST_WORLDS[0]]["labelled"]["auroc"] > 0.8
     assert found["provenance"]["seeds"] == "in the names of worlds"
 
 

@@ -12,7 +12,7 @@ from scipy.special import expit
 from rpil.audit.reasons import MAX_LOG_RATIO, Stretch, worst_stretch
 from rpil.audit.settings import AuditSettings
 from rpil.audit.text import printable
-from rpil.audit.words import WORDS, Verdict
+from rpil.audit.words import WORDS, Verdict, Words
 from rpil.data.errors import DataError
 from rpil.data.formats.id_values import match_labels, match_pairs
 from rpil.inference.answered import Answered, answer, most_telling
@@ -21,6 +21,9 @@ from rpil.inference.findings import FINDINGS
 from rpil.numerics.types import Array, Float, Int
 
 Id = TypeVar("Id", bound=Hashable)
+
+NOT_USED = "Lengths and rewards were not used."
+"""The assumption without answers."""
 
 NEXT_STEPS = {
     "some are unlike": "Look at the worst steps of a few that are called unlike; they need not be worse.",
@@ -61,7 +64,11 @@ class Judged(Protocol):
     @property
     def step_weight(self) -> Float[Array, " N"]: ...
     @property
-    def notes(self) -> tuple[str, ...]: ...
+    def words(self) -> Words: ...
+    @property
+    def doubts(self) -> tuple[str, ...]: ...
+    @property
+    def assumptions(self) -> tuple[str, ...]: ...
     @property
     def settings(self) -> AuditSettings: ...
     def steps(self, index: int) -> slice: ...
@@ -76,9 +83,11 @@ def with_answers(audit: A, labels: Mapping[Id, str], pairs: Sequence[tuple[Id, I
     if not audit.columns.size:
         raise DataError("This audit keeps nothing to learn from answers; give the labels to fit().")
     known = merged(audit, labels, pairs)
+    if not known.any:
+        return audit
     found = answer(audit.columns, known, audit.settings.answers)
     log_odds = found.log_odds + audit.from_demonstrator
-    proba = expit(log_odds)
+    proba, words = expit(log_odds), found.words * (np.sign(log_odds) == found.words)
     old = np.repeat(audit.expert_proba, audit.lengths)
     relative = np.divide(audit.step_weight, old, out=np.ones(len(old)), where=old > 0)
     return replace(  # type: ignore[type-var]  # every audit is a dataclass
@@ -88,15 +97,22 @@ def with_answers(audit: A, labels: Mapping[Id, str], pairs: Sequence[tuple[Id, I
         log_odds=log_odds,
         from_label=found.log_odds - audit.from_actions,
         expert_proba=proba,
-        verdicts=verdicts_of(found.words, "answers"),
+        verdicts=verdicts_of(words, "answers"),
         step_weight=np.repeat(proba, audit.lengths) * np.minimum(relative, 1.0),
         identifiable=True,
         competing=(),
         answers=known,
         contradicting=tuple(audit.ids[m] for m in found.contradicting.tolist()),
         doubts=doubts_of_answers(found, known),
-        assumptions=(FINDINGS["answered"], WORDS["answers"].explanation, *audit.notes, sentence_of(known)),
+        assumptions=_assumptions(audit, known),
     )
+
+
+def _assumptions(audit: Judged, known: Answers) -> tuple[str, ...]:
+    """The sentences of an audit, without those that answers replace."""
+    old = {*FINDINGS.values(), audit.words.explanation, *audit.doubts, sentence_of(audit.answers), NOT_USED}
+    kept = (sentence for sentence in audit.assumptions if sentence not in old)
+    return (FINDINGS["answered"], WORDS["answers"].explanation, *kept, sentence_of(known))
 
 
 def merged(audit: Judged, labels: Mapping[Id, str], pairs: Sequence[tuple[Id, Id]]) -> Answers:

@@ -6,7 +6,7 @@ import warnings
 
 from sklearn.exceptions import ConvergenceWarning
 
-from rpil.audit.answering import sentence_of
+from rpil.audit.answering import NOT_USED, sentence_of
 from rpil.audit.record import Audit
 from rpil.data.errors import user_stack_level
 from rpil.inference.findings import FINDINGS
@@ -46,7 +46,7 @@ def assumption_sentences(
         policy,
         *audit.doubts,
         *audit.notes,
-        sentence_of(audit.answers) if audit.anchor == "answers" else "Lengths and rewards were not used.",
+        sentence_of(audit.answers) if audit.anchor == "answers" else NOT_USED,
         "A demonstration is good or bad as a whole." if audit.anchor == "named adversary" else "",
         "" if expert_share is None else f"The share of experts was fixed at {expert_share}.",
         f"{len(audit.labelled)} labels were taken as certain."

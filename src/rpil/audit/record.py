@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Hashable, Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -19,6 +19,7 @@ from rpil.data.archive import NOT_STORED, stored
 from rpil.data.errors import DataError
 from rpil.data.run import run_id
 from rpil.inference.answers import Answers
+from rpil.inference.groups import expert_share_interval
 from rpil.numerics.types import Array, Float, Int
 
 MAX_LOG_ODDS = 1e9
@@ -59,7 +60,7 @@ class Demonstrator:
     step_log_ratio="N",
     step_weight="N",
     history="iterations",
-    columns="M D",
+    columns="M channels",
 )
 @dataclass(frozen=True, eq=False)
 class Audit:
@@ -269,7 +270,9 @@ class Audit:
         DataError
             If an id or a label is unknown, or answers contradict each other.
         """
-        return answering.with_answers(self, labels or {}, pairs)
+        found = answering.with_answers(self, labels or {}, pairs)
+        share = Interval(*expert_share_interval(found.expert_proba, 1.0))
+        return found if found is self else replace(found, prior=share)
 
     def worst_steps(self, index: int, k: int = 5) -> list[int]:
         """Up to `k` steps of demonstration `index` with the lowest log-ratios below 0, counted from its first step."""

@@ -22,10 +22,12 @@ from scipy.optimize import minimize
 from scipy.special import expit, logsumexp
 from scipy.stats import rankdata
 
+from rpil.data.archive import stored
 from rpil.inference.settings import AnswerSettings
 from rpil.numerics.types import Array, Float, Int
 
 
+@stored(labels="M", pairs="compared 2", outcome="M")
 @dataclass(frozen=True, eq=False)
 class Answers:
     """What is known of M demonstrations."""

@@ -31,7 +31,7 @@ CHANNELS = (
 """Names of the channels; of each, more is more of what the name says."""
 
 
-@stored(center="F", spread="F", ends="G F")
+@stored(center="states", spread="states", ends="trusted states")
 @dataclass(frozen=True, eq=False)
 class StateScale:
     """What the channels of states are measured by."""

@@ -55,7 +55,8 @@ class Judgement:
     """Two demonstrations of which an answer would say most."""
     missing_steps: int
     """Independent steps that a demonstration lacks to be told from noise."""
-    training_group: Bool[Array, " M"]
+    training_group: Bool[Array, " S"]
+    """Of those from which the policies learned: all, or a sample."""
     demonstrator_trust: Float[Array, "U 3"]
     """Mean P of the demonstrations of each demonstrator and its 95 % interval."""
 
