@@ -111,8 +111,7 @@ def _where_to_look(audit: Audit, name: Hashable) -> str:
 def suggest(audit: Audit, k: int) -> tuple[Hashable, ...]:
     """Ids of up to `k` demonstrations without a label whose labels would say most, the best first.
 
-    First the pair, which tells on which side the good ones are; then those about which the answers say least
-    (`rpil.inference.answered.most_telling`). Without columns, the middle of the ranking.
+    See `rpil.inference.answered.most_telling`. Without columns, the middle of the ranking.
     """
     if k < 1:
         raise DataError(f"k={k!r} labels cannot be suggested; ask for one at least.")

@@ -6,9 +6,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import expit, logit
+from scipy.special import expit, logit, xlogy
 
-from rpil.inference.answers import Answers, Posterior, posterior
+from rpil.inference.answers import Answers, posterior
 from rpil.inference.channels import normal_scores
 from rpil.inference.settings import AnswerSettings
 from rpil.numerics.types import Array, Float, Int
@@ -68,32 +68,41 @@ def answer(columns: Float[Array, "M D"], answers: Answers, settings: AnswerSetti
 def most_telling(
     columns: Float[Array, "M D"], answers: Answers, settings: AnswerSettings, k: int, excluded: Sequence[int] = ()
 ) -> list[int]:
-    """Up to `k` demonstrations without an answer whose labels would settle most, the best first.
+    """Up to `k` demonstrations without a label whose labels would settle most, the best first.
 
-    Each has the largest expected information about w, P(good) (1 - P(good)) Var(logit), given that those before it are
-    answered (Bayesian D-optimal design, Chaloner and Verdinelli 1995).
+    Each has the largest mutual information of its label and the weights (`information`, Houlsby et al. 2011), given
+    that those before it are labelled.
     """
     found = posterior(columns, answers, settings)
     design = np.column_stack([np.ones(len(columns)), columns])
-    covariance = _covariance(found)
-    proba = found.proba(columns)
-    information = proba * (1 - proba)
-    open_ = answers.labels == 0
-    open_[list(excluded)] = False
+    mean, covariance, weight = design @ found.mean.T, found.covariance, np.exp(found.log_weight)
+    unlabelled = answers.labels == 0
+    unlabelled[list(excluded)] = False
     chosen: list[int] = []
-    for _ in range(min(k, int(open_.sum()))):
-        variance = np.einsum("md,de,me->m", design, covariance, design)
-        best = int(np.argmax(np.where(open_, variance * information, -np.inf)))
+    for _ in range(min(k, int(unlabelled.sum()))):
+        variance = np.einsum("md,kde,me->mk", design, covariance, design)
+        best = int(np.argmax(np.where(unlabelled, information(mean, variance, weight, settings), -np.inf)))
         chosen.append(best)
-        open_[best] = False
+        unlabelled[best] = False
+        proba = expit(mean[best])
+        fisher = proba * (1 - proba)
         moved = covariance @ design[best]
-        covariance = covariance - np.outer(moved, moved) * information[best] / (1 + variance[best] * information[best])
+        shrunk = fisher / (1 + fisher * variance[best])
+        covariance = covariance - shrunk[:, None, None] * moved[:, :, None] * moved[:, None, :]
     return chosen
 
 
-def _covariance(found: Posterior) -> Array:
-    """Covariance of w over all directions and rates of wrong answers."""
-    weight = np.exp(found.log_weight)
-    mean = weight @ found.mean
-    away = found.mean - mean
-    return np.asarray(np.einsum("k,kde->de", weight, found.covariance) + (weight[:, None] * away).T @ away)
+def information(
+    mean: Float[Array, "M K"], variance: Float[Array, "M K"], weight: Float[Array, " K"], settings: AnswerSettings
+) -> Float[Array, " M"]:
+    """H(E p) - E H(p) of the label of each demonstration, in nats: p is the sigmoid of a mixture of K normal logits."""
+    nodes, node_weight = np.polynomial.hermite_e.hermegauss(settings.n_nodes)
+    proba = expit(mean[..., None] + np.sqrt(np.maximum(variance, 0.0))[..., None] * nodes)
+    joint = weight[:, None] * (node_weight / node_weight.sum())
+    expected = (proba * joint).sum(axis=(1, 2))
+    return np.asarray(_entropy(expected) - (_entropy(proba) * joint).sum(axis=(1, 2)))
+
+
+def _entropy(proba: Array) -> Array:
+    """Entropy of a label with this probability, in nats."""
+    return np.asarray(-xlogy(proba, proba) - xlogy(1 - proba, 1 - proba))

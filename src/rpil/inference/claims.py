@@ -128,7 +128,7 @@ def by_chance(scoring: Scoring, scores: Scores, again: Scores | None) -> Split |
     if lower.gain_upper <= 0 or lower.gain_all_lower > limits.max_noise_gain * lower.gain_upper:
         return None
     dealings = [scores] if again is None else [scores, again]
-    typical = np.all([one.score > 0 for one in dealings], axis=0)
+    typical = np.all([one.score > 0 for one in dealings], axis=0) & in_better_part(scores, upper)
     unlike = np.all([one.score <= -limits.noise_share * lower.gain_upper for one in dealings], axis=0)
     return Split(typical.astype(int) - unlike.astype(int), lower, True, True)
 
@@ -155,10 +155,14 @@ def said(
 ) -> Int[Array, " M"]:
     """The words that scores alone give to M demonstrations, whatever speaks against them."""
     typical = log_odds >= limits.log_odds
-    if not scores.groups.is_cluster and upper.any():
-        typical &= scores.score >= np.median(scores.score[upper])
+    typical &= in_better_part(scores, upper)
     unlike: Array = log_odds <= -limits.log_odds
     return np.asarray(typical.astype(int) - unlike.astype(int))
+
+
+def in_better_part(scores: Scores, upper: Bool[Array, " M"]) -> Bool[Array, " M"]:
+    """The `upper` group, or only its better half where the lower group is a tail and not a cluster of its own."""
+    return np.asarray(upper & (scores.groups.is_cluster | (scores.score >= np.median(scores.score[upper]))))
 
 
 def doubts_of(scoring: Scoring, scores: Scores, split: Split, order: Float[Array, " M"] | None) -> list[Doubt]:

@@ -229,6 +229,8 @@ class AnswerSettings:
     """Probability of a label by the other answers below which it contradicts them."""
     min_other_answers: int = 4
     """Other answers, at least, that a label can contradict."""
+    n_nodes: int = 15
+    """Nodes of the quadrature over a logit."""
     max_left_out: int = 64
     """Answers up to which each label is compared with the others."""
 
