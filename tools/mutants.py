@@ -229,7 +229,10 @@ def main() -> None:
             n_equivalent = len(alive) - len(real)
             n = len(sample) - n_equivalent
             killed, total = killed + n - len(real), total + n
-            print(f"{module}: {n - len(real)} of {n} killed; {n_equivalent} more are equivalent; {len(every)} in all")
+            print(
+                f"{module}: {n - len(real)} of {n} killed; {n_equivalent} more are equivalent; {len(every)} in all",
+                flush=True,
+            )
             for line, text in real:
                 print(f"  line {line}: {text}", flush=True)
     print(f"all: {killed} of {total} killed ({killed / max(total, 1):.0%})")

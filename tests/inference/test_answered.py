@@ -9,7 +9,7 @@ import pytest
 from scipy.special import expit, logit
 from scipy.stats import norm
 
-from rpil.inference.answered import answer, columns_of, most_telling
+from rpil.inference.answered import answer, columns_of, information, most_telling
 from rpil.inference.answers import Answers, posterior
 from rpil.inference.settings import AnswerSettings
 
@@ -153,31 +153,49 @@ def test_probabilities_stay_away_from_certainty():
 
 
 # What to ask next.
-def mixture(found):
-    """Mean and covariance of w, summed one by one."""
-    weight = np.exp(found.log_weight)
-    mean = sum(p * mu for p, mu in zip(weight, found.mean, strict=True))
-    parts = zip(weight, found.mean, found.covariance, strict=True)
-    return sum(p * (cov + np.outer(mu - mean, mu - mean)) for p, mu, cov in parts)
+def entropy(proba):
+    return -(proba * np.log(proba) + (1 - proba) * np.log(1 - proba))
+
+
+def information_by_sampling(row, found):
+    """Mutual information of a label and the weights, by very many draws of its logit."""
+    draws = norm.ppf((np.arange(4000) + 0.5) / 4000)
+    expected = entropies = 0.0
+    for p, mean, covariance in zip(np.exp(found.log_weight), found.mean, found.covariance, strict=True):
+        proba = expit(row @ mean + np.sqrt(row @ covariance @ row) * draws)
+        expected, entropies = expected + p * proba.mean(), entropies + p * entropy(proba).mean()
+    return entropy(expected) - entropies
 
 
 def greedy(columns, some, k, excluded=()):
-    """Each time the row that makes the determinant of the information largest."""
-    found = posterior(columns, some, SETTINGS)
-    precision, rows = np.linalg.inv(mixture(found)), np.column_stack([np.ones(len(columns)), columns])
-    proba = found.proba(columns)
+    """Each time the label with most information; a label that is known adds its Fisher information."""
+    found, rows = posterior(columns, some, SETTINGS), np.column_stack([np.ones(len(columns)), columns])
     left, chosen = [m for m in range(len(columns)) if not some.labels[m] and m not in excluded], []
     for _ in range(min(k, len(left))):
-        grown = {m: precision + proba[m] * (1 - proba[m]) * np.outer(rows[m], rows[m]) for m in left}
-        best = max(left, key=lambda m: np.linalg.slogdet(grown[m])[1])
-        precision = grown[best]
+        best = max(left, key=lambda m: information_by_sampling(rows[m], found))
         left.remove(best)
         chosen.append(best)
+        proba = expit(found.mean @ rows[best])
+        added = (proba * (1 - proba))[:, None, None] * np.outer(rows[best], rows[best])
+        found = replace(found, covariance=np.linalg.inv(np.linalg.inv(found.covariance) + added))
     return chosen
 
 
+def test_information_is_that_of_the_label_and_the_weights():
+    columns = np.random.default_rng(0).normal(size=(6, 2))
+    found = posterior(columns, answers_of([1, -1, 0, 0, 0, 0], m=6), SETTINGS)
+    mean, variance = found.logits(columns)
+    rows = np.column_stack([np.ones(6), columns])
+    by_hand = [information_by_sampling(row, found) for row in rows]
+    np.testing.assert_allclose(information(mean, variance, np.exp(found.log_weight), SETTINGS), by_hand, atol=1e-3)
+    certain = information(np.array([[800.0], [0.0]]), np.zeros((2, 1)), np.ones(1), SETTINGS)
+    np.testing.assert_allclose(certain, 0.0, atol=1e-12)  # nothing is unknown but chance
+    two = information(np.array([[800.0, -800.0]]), np.zeros((1, 2)), np.full(2, 0.5), SETTINGS)
+    np.testing.assert_allclose(two, np.log(2))  # everything is
+
+
 @pytest.mark.parametrize("seed", range(4))
-def test_most_telling_is_the_greedy_optimal_design(seed):
+def test_most_telling_are_chosen_one_after_the_other(seed):
     columns = np.random.default_rng(seed).normal(size=(15, 3))
     some = answers_of([1, -1] + [0] * 13, [(3, 4)], m=15)
     chosen = most_telling(columns, some, SETTINGS, 8)

@@ -128,9 +128,23 @@ def test_typical_is_the_better_half_where_the_lower_group_is_a_tail():
     assert claimed(middle)[1] == [1, 1, 1, 0, 0, -1, -1, -1, -1]
 
 
-def test_no_upper_group_has_no_better_half():
-    _, scores = scored(deviation=0.3)
-    assert said(scores, ClaimSettings(), np.zeros(10, dtype=bool), np.full(10, 5.0)).tolist() == [1] * 10
+@pytest.mark.parametrize("deviation", [0.1, 0.3])
+def test_without_an_upper_group_nobody_is_typical(deviation):
+    _, scores = scored(deviation=deviation)
+    assert said(scores, ClaimSettings(), np.zeros(10, dtype=bool), np.full(10, 5.0)).tolist() == NOBODY
+
+
+@pytest.mark.parametrize("deviation", [0.1, 0.3])
+def test_typical_are_members_of_the_upper_group(deviation):
+    _, scores = scored(deviation=deviation)
+    upper = np.arange(10) < 3
+    assert said(scores, ClaimSettings(), upper, np.full(10, 5.0)).tolist() == [1] * 3 + [0] * 7
+
+
+def test_noise_leaves_the_better_half_typical_where_scores_have_a_tail():
+    score = np.array([1.3, 1.2, 1.1, 1.0, 0.9, 0.8, -1.1, -1.0, -0.9, -1.0])
+    found = scored(score, 0.3, discrete=True, deviation=0.26)
+    assert by_chance(*found, None).words.tolist() == [1, 1, 1, 0, 0, 0, -1, -1, -1, -1]
 
 
 def test_nobody_unlike_means_that_nobody_is_called_typical():
