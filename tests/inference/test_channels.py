@@ -152,3 +152,15 @@ def test_normal_scores_are_quantiles_of_ranks():
     np.testing.assert_allclose(found[:, 0], norm.ppf([3.5 / 4, 1 / 4, 2.5 / 4, 1 / 4]))
     np.testing.assert_allclose(found[:, 1], 0.0, atol=1e-12)
     np.testing.assert_allclose(normal_scores(np.exp(values) * 7), found)
+
+
+def test_a_last_state_far_off_is_not_its_own_neighbour():
+    for seed in range(30):
+        rng = np.random.default_rng(seed)
+        states = rng.normal(size=(50, 6))
+        states[0] += 1000 * rng.normal(size=6)
+        data = data_of(states, np.zeros((50, 1)), np.arange(51))
+        scale = StateScale(np.zeros(7), np.ones(7), 0.0, data.features)
+        found = channels(data, np.zeros(50), np.zeros(50), data.actions, scale, SETTINGS)[0, -1]
+        apart = np.sort(np.linalg.norm(states[1:] - states[0], axis=1))
+        assert found == pytest.approx(-apart[:3].mean(), rel=1e-6)

@@ -227,8 +227,8 @@ def test_noise_lies_half_the_gain_below_frequent_actions():
 
 def test_noise_is_noise_with_both_dealings():
     again = NOISE.copy()
-    again[[0, 9]] = -0.1, -0.4
-    assert by_noise(again=(again, 0.3)).words.tolist() == [0, 1, 1, 1, 1, 1, -1, -1, -1, 0]
+    again[[0, 1, 9]] = -0.1, 0.0, -0.4
+    assert by_noise(again=(again, 0.3)).words.tolist() == [0, 0, 1, 1, 1, 1, -1, -1, -1, 0]
 
 
 def test_noise_stands_where_other_folds_give_one_group_of_scores():
