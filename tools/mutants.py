@@ -15,7 +15,7 @@ is killed where ``pytest -x`` fails on ``tests/inference/test_MODULE*.py`` and `
 takes longer than `SECONDS`. These run in a fork of a process that has imported the libraries of others, but nothing of
 rpil: most of the time would be spent on that. The tests must pass on the library as it is.
 
-Some mutants are no faults. `EQUIVALENT` holds them as they are printed, without the line, and says why.
+Some mutants are no faults. `EQUIVALENT` holds them, and says why.
 """
 
 from __future__ import annotations
@@ -72,8 +72,12 @@ OPERATORS = {
 NAMES = {"min": "max", "minimum": "maximum", "all": "any", "argmin": "argmax", "logaddexp": "maximum"}
 NAMES |= {other: name for name, other in NAMES.items() if name != "logaddexp"}
 
-EQUIVALENT: dict[str, str] = {}
-"""Mutants that do what the library does, ``MODULE: LINE OF CODE -> MUTANT``, and why."""
+EQUIVALENT = {
+    "answered: alone = float(logit(posterior(columns, others, settings).proba(columns[m : m + 1])[0])): 1 -> 2": (
+        "The first of the rows is read."
+    ),
+}
+"""Mutants that do what the library does, ``MODULE: LINE OF CODE: OLD -> NEW``, and why."""
 
 
 def changed(node: ast.AST) -> Iterator[ast.AST]:
@@ -125,8 +129,10 @@ def places(tree: ast.AST) -> Iterator[tuple[ast.AST, str, int | None]]:
         if name in ("annotation", "returns", "decorator_list", "slice") and not isinstance(tree, ast.Subscript):
             continue
         for index, child in enumerate(value) if isinstance(value, list) else [(None, value)]:
-            if not isinstance(child, ast.AST) or isinstance(child, ast.AnnAssign | ast.Assert):
+            if not isinstance(child, ast.AST) or isinstance(child, ast.Assert):
                 continue
+            if isinstance(child, ast.AnnAssign) and isinstance(tree, ast.ClassDef):
+                continue  # a field
             if isinstance(child, ast.Expr) and isinstance(child.value, ast.Constant):
                 continue  # a docstring
             yield tree, name, index
@@ -134,7 +140,7 @@ def places(tree: ast.AST) -> Iterator[tuple[ast.AST, str, int | None]]:
 
 
 def mutants(source: str) -> list[tuple[int, str, str, str]]:
-    """Of a module, every mutant: the line, the statement before and after, and the source."""
+    """Of a module, every mutant: the line, the code before and after, and the source."""
     tree, found = ast.parse(source), []
     for parent, name, index in list(places(tree)):
         before = getattr(parent, name) if index is None else getattr(parent, name)[index]
@@ -224,7 +230,9 @@ def main() -> None:
             random.Random(f"{chosen.seed} {module}").shuffle(every)
             sample = every[: chosen.sample or None]
             lives = pool.map(partial(passes, module), [text for *_, text in sample])
-            alive = [(line, f"{old} -> {new}") for (line, old, new, _), yes in zip(sample, lives, strict=True) if yes]
+            code = [text.strip() for text in source.splitlines()]
+            named = [(line, f"{code[line - 1]}: {old} -> {new}") for line, old, new, _ in sample]
+            alive = [mutant for mutant, yes in zip(named, lives, strict=True) if yes]
             real = sorted((line, text) for line, text in alive if f"{module}: {text}" not in EQUIVALENT)
             n_equivalent = len(alive) - len(real)
             n = len(sample) - n_equivalent

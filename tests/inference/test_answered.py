@@ -26,7 +26,7 @@ def answers_of(labels=None, pairs=(), outcome=None, m=12) -> Answers:
 
 
 def log_odds_by(answers, m, settings=SETTINGS):
-    return float(logit(posterior(COLUMNS, answers, settings).proba(COLUMNS)[m]))
+    return float(logit(posterior(COLUMNS, answers, settings).proba(COLUMNS[m : m + 1])[0]))
 
 
 def test_columns_are_normal_scores_and_bounded_log_odds():
@@ -107,7 +107,7 @@ def test_a_label_contradicts_several_others_at_least(min_other_answers, named):
 def test_a_label_contradicts_below_the_limit_of_its_probability():
     some = answers_of(WRONG)
     proba = float(expit(-log_odds_by(some.without(11), 11)))
-    for limit, named in ((proba * 1.001, [11]), (proba * 0.999, [])):
+    for limit, named in ((proba * 1.001, [11]), (proba, []), (proba * 0.999, [])):
         assert answer(COLUMNS, some, replace(SETTINGS, max_contradicted_proba=limit)).contradicting.tolist() == named
 
 

@@ -140,7 +140,7 @@ PAIRS = [(0, 1), (2, 3), (1, 3), (5, 4), (0, 4)]
 
 def integrated(rows, targets, direction, error):
     """Log-evidence of answers about pairs, where one weight is all there is."""
-    grid = np.linspace(-12, 12, 20_001)
+    grid = np.linspace(-12, 12, 2_001)
     joint = [
         log_joint(np.array([0.0, w]), rows, targets, np.array([0.0, direction * 2.0]), np.array([0.25, 1.0]), error)
         for w in grid
