@@ -51,7 +51,7 @@ def test_the_limit_itself_is_enough():
     assert looked(policies(of_upper, LOWER), min_gain=limit)[0].is_rival
 
 
-@pytest.mark.parametrize(("of_upper", "own"), [(2.0, -1e-6), (-2.0, -0.5)])
+@pytest.mark.parametrize(("of_upper", "own"), [(2.0, 0.0), (2.0, -1e-6), (-2.0, -0.5)])
 def test_a_policy_that_explains_nothing_is_no_rival(of_upper, own):
     found, _ = looked(policies([of_upper] * 4 + [-3.0] * 4, LOWER * own), min_gain=0.0)
     assert found.rival.tolist() == [4, 5, 6, 7]
