@@ -4,19 +4,23 @@ from __future__ import annotations
 
 from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import replace
+from typing import Protocol, TypeVar
 
 import numpy as np
 from scipy.special import expit
 
-from rpil.audit.reasons import MAX_LOG_RATIO, worst_stretch
-from rpil.audit.record import Audit, Id
+from rpil.audit.reasons import MAX_LOG_RATIO, Stretch, worst_stretch
+from rpil.audit.settings import AuditSettings
+from rpil.audit.text import printable
 from rpil.audit.words import WORDS, Verdict
 from rpil.data.errors import DataError
 from rpil.data.formats.id_values import match_labels, match_pairs
 from rpil.inference.answered import Answered, answer, most_telling
 from rpil.inference.answers import Answers
-from rpil.inference.settings import AnswerSettings
-from rpil.numerics.types import Array, Int
+from rpil.inference.findings import FINDINGS
+from rpil.numerics.types import Array, Float, Int
+
+Id = TypeVar("Id", bound=Hashable)
 
 NEXT_STEPS = {
     "some are unlike": "Look at the worst steps of a few that are called unlike; they need not be worse.",
@@ -31,17 +35,53 @@ NEXT_STEPS = {
 """What to do next, by finding."""
 
 
-def with_answers(audit: Audit, labels: Mapping[Id, str], pairs: Sequence[tuple[Id, Id]]) -> Audit:
+class Judged(Protocol):
+    """What this module reads of an audit (`rpil.audit.record.Audit`)."""
+
+    @property
+    def ids(self) -> tuple[Hashable, ...]: ...
+    @property
+    def pair(self) -> tuple[Hashable, ...]: ...
+    @property
+    def answers(self) -> Answers: ...
+    @property
+    def columns(self) -> Float[Array, "M D"]: ...
+    @property
+    def log_odds(self) -> Float[Array, " M"]: ...
+    @property
+    def from_actions(self) -> Float[Array, " M"]: ...
+    @property
+    def from_demonstrator(self) -> Float[Array, " M"]: ...
+    @property
+    def expert_proba(self) -> Float[Array, " M"]: ...
+    @property
+    def lengths(self) -> Int[Array, " M"]: ...
+    @property
+    def step_log_ratio(self) -> Float[Array, " N"]: ...
+    @property
+    def step_weight(self) -> Float[Array, " N"]: ...
+    @property
+    def notes(self) -> tuple[str, ...]: ...
+    @property
+    def settings(self) -> AuditSettings: ...
+    def steps(self, index: int) -> slice: ...
+    def index(self, demonstration: Hashable) -> int: ...
+
+
+A = TypeVar("A", bound=Judged)
+
+
+def with_answers(audit: A, labels: Mapping[Id, str], pairs: Sequence[tuple[Id, Id]]) -> A:
     """The audit with answers beside those that it has; see `Audit.answered`."""
     if not audit.columns.size:
         raise DataError("This audit keeps nothing to learn from answers; give the labels to fit().")
-    known, settings = merged(audit, labels, pairs), AnswerSettings()
-    found = answer(audit.columns, known, settings)
+    known = merged(audit, labels, pairs)
+    found = answer(audit.columns, known, audit.settings.answers)
     log_odds = found.log_odds + audit.from_demonstrator
     proba = expit(log_odds)
     old = np.repeat(audit.expert_proba, audit.lengths)
     relative = np.divide(audit.step_weight, old, out=np.ones(len(old)), where=old > 0)
-    return replace(
+    return replace(  # type: ignore[type-var]  # every audit is a dataclass
         audit,
         finding="answered",
         anchor="answers",
@@ -55,11 +95,11 @@ def with_answers(audit: Audit, labels: Mapping[Id, str], pairs: Sequence[tuple[I
         answers=known,
         contradicting=tuple(audit.ids[m] for m in found.contradicting.tolist()),
         doubts=doubts_of_answers(found, known),
-        assumptions=(*audit.assumptions, sentence_of(known)),
+        assumptions=(FINDINGS["answered"], WORDS["answers"].explanation, *audit.notes, sentence_of(known)),
     )
 
 
-def merged(audit: Audit, labels: Mapping[Id, str], pairs: Sequence[tuple[Id, Id]]) -> Answers:
+def merged(audit: Judged, labels: Mapping[Id, str], pairs: Sequence[tuple[Id, Id]]) -> Answers:
     """The answers of an audit and these; a new label replaces an old one."""
     known, unknown = audit.answers, np.full(len(audit.ids), np.nan)
     signs = known.labels.copy() if len(known.labels) else np.zeros(len(audit.ids), dtype=np.int64)
@@ -94,21 +134,46 @@ def sentence_of(known: Answers) -> str:
     return f"P(good) is learned from {given or 'no answers'}, each of which may be wrong."
 
 
-def question(audit: Audit) -> str:
-    """The question whose answer would say most, and where to look: the worst stretch of either demonstration."""
-    return f"Which is better: {' or '.join(_where_to_look(audit, name) for name in audit.pair)}?"
+def is_asked(audit: Judged) -> bool:
+    """Whether the audit asks which of its pair is better: before any answer."""
+    return bool(audit.pair) and not audit.answers.any
 
 
-def _where_to_look(audit: Audit, name: Hashable) -> str:
-    steps = audit.step_log_ratio[audit.steps(audit.index(name))]
-    stretch = worst_stretch(np.clip(steps, -MAX_LOG_RATIO, MAX_LOG_RATIO)) if len(steps) else None
+def question(audit: Judged, fps: float | None = None) -> str:
+    """The question whose answer would say most, and where to look: the worst stretch of either demonstration.
+
+    Seconds are named where the frames a second, `fps`, are known.
+    """
+    return f"Which is better: {' or '.join(where_to_look(audit, name, fps) for name in audit.pair)}?"
+
+
+def question_to_dict(audit: Judged) -> dict[str, object] | None:
+    """The question as numbers and text: the pair, the first and the last step to look at in each (None where no step
+    stands out), and the question itself; None where nothing is asked."""
+    if not is_asked(audit):
+        return None
+    stretches = [_stretch(audit, name) for name in audit.pair]
+    look_at = [None if stretch is None else [stretch.first, stretch.last] for stretch in stretches]
+    return {"pair": list(audit.pair), "look_at": look_at, "text": question(audit)}
+
+
+def where_to_look(audit: Judged, name: Hashable, fps: float | None = None) -> str:
+    """The demonstration, with its worst stretch in steps and, where the frames a second are known, seconds."""
+    stretch = _stretch(audit, name)
     if stretch is None:
-        return str(name)
+        return printable(name)
     span = f"step {stretch.first}" if stretch.first == stretch.last else f"steps {stretch.first} to {stretch.last}"
-    return f"{name} (look at {span})"
+    seconds = f", {stretch.first / fps:.1f} to {(stretch.last + 1) / fps:.1f} s" if fps else ""
+    return f"{printable(name)} (look at {span}{seconds})"
 
 
-def suggest(audit: Audit, k: int) -> tuple[Hashable, ...]:
+def _stretch(audit: Judged, name: Hashable) -> Stretch | None:
+    """The worst stretch of a demonstration."""
+    steps = audit.step_log_ratio[audit.steps(audit.index(name))]
+    return worst_stretch(np.clip(steps, -MAX_LOG_RATIO, MAX_LOG_RATIO)) if len(steps) else None
+
+
+def suggest(audit: Judged, k: int) -> tuple[Hashable, ...]:
     """Ids of up to `k` demonstrations without a label whose labels would say most, the best first.
 
     See `rpil.inference.answered.most_telling`. Without columns, the middle of the ranking.
@@ -120,5 +185,5 @@ def suggest(audit: Audit, k: int) -> tuple[Hashable, ...]:
         order = np.argsort(np.abs(2 * np.argsort(np.argsort(audit.log_odds)) - (len(audit.ids) - 1)), kind="stable")
         return tuple(audit.ids[m] for m in order.tolist() if not labels[m])[:k]
     known = merged(audit, {}, ())
-    chosen = most_telling(audit.columns, known, AnswerSettings(), k)
+    chosen = most_telling(audit.columns, known, audit.settings.answers, k)
     return tuple(audit.ids[m] for m in chosen)

@@ -33,14 +33,11 @@ def assumption_sentences(
     p_two_groups: float | None = None,
     expert_share: float | None = None,
     demonstrators: str = "",
-    steps: str = "",
-    parts: str = "",
 ) -> tuple[str, ...]:
     """The finding, the meaning of the probability, and all that an audit assumed, as sentences for `Audit.assumptions`.
 
-    `policy`, `demonstrators`, `steps` and `parts` (of the action) are sentences about these. `p_two_groups` is the
-    judge's probability that there are two groups of scores; `expert_share` is the prior probability of an expert, where
-    the user fixed it.
+    `policy` and `demonstrators` are sentences about these. `p_two_groups` is the judge's probability that there are two
+    groups of scores; `expert_share` is the prior probability of an expert, where the user fixed it.
     """
     sentences = (
         FINDINGS[audit.finding],
@@ -48,8 +45,7 @@ def assumption_sentences(
         "" if p_two_groups is None else f"P(two groups of scores) is {p_two_groups:.2f}.",
         policy,
         *audit.doubts,
-        steps,
-        parts,
+        *audit.notes,
         sentence_of(audit.answers) if audit.anchor == "answers" else "Lengths and rewards were not used.",
         "A demonstration is good or bad as a whole." if audit.anchor == "named adversary" else "",
         "" if expert_share is None else f"The share of experts was fixed at {expert_share}.",

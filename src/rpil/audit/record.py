@@ -6,10 +6,12 @@ import math
 from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from functools import cached_property
-from typing import TypeVar
 
 import numpy as np
 
+from rpil.audit import answering
+from rpil.audit.answering import Id
+from rpil.audit.facts import Fact, known_facts
 from rpil.audit.reasons import MAX_LOG_RATIO, Grounds, worst_stretch
 from rpil.audit.settings import AuditSettings
 from rpil.audit.words import SIDES, WORDS, Verdict, Words
@@ -21,8 +23,6 @@ from rpil.numerics.types import Array, Float, Int
 
 MAX_LOG_ODDS = 1e9
 """Nats. Infinite log-odds become this, because JSON has no infinity: of steps that an adversary can never take."""
-
-Id = TypeVar("Id", bound=Hashable)
 
 
 @stored()
@@ -113,6 +113,8 @@ class Audit:
         Demonstrations whose label contradicts the other answers.
     doubts : tuple of str
         Reasons not to call anybody unlike the others, one sentence each.
+    notes : tuple of str
+        What else a user should know: parts of the action that are not judged, sessions, missing steps.
     columns : (M, D) array
         What answers learn from, see `rpil.inference.answered`; (M, 0) where there is none.
     deviations : tuple of str
@@ -120,6 +122,10 @@ class Audit:
         are not in memory (`rpil.audit.deviations`).
     anchor : {"none", "answers", "named adversary"}
         What says who is good; see `rpil.audit.words`.
+    sessions : tuple of str
+        The session of each demonstration; empty where none are known, as in an audit that was read from a file.
+    order : (M,) array or None
+        The place of each demonstration in the order in which they were made, where that is stated; as `sessions`.
     settings : AuditSettings
         Those by which verdicts and weights were given.
     """
@@ -148,9 +154,12 @@ class Audit:
     answers: Answers = field(default_factory=Answers.none)
     contradicting: tuple[Hashable, ...] = ()
     doubts: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
     columns: Float[Array, "M D"] = field(default_factory=lambda: np.empty((0, 0)))
     deviations: tuple[str, ...] = ()
     anchor: str = "none"
+    sessions: tuple[str, ...] = field(default=(), metadata=NOT_STORED)
+    order: Float[Array, " M"] | None = field(default=None, metadata=NOT_STORED)
     settings: AuditSettings = field(default=AuditSettings(), metadata=NOT_STORED)  # files hold the estimator's
 
     @property
@@ -224,6 +233,17 @@ class Audit:
         """Indices of the demonstrations, the most trusted first."""
         return np.argsort(-self.log_odds, kind="stable")
 
+    @cached_property
+    def facts(self) -> dict[str, tuple[Fact, ...]]:
+        """Facts about each demonstration by name, which change no word; see `rpil.audit.facts.known_facts`."""
+        return known_facts(self.columns, self.sessions, self.order)
+
+    @property
+    def question(self) -> str | None:
+        """The question whose answer would say most, "which is better?", and where to look; None where there is none, as
+        after an answer."""
+        return answering.question(self) if answering.is_asked(self) else None
+
     def suggest_labels(self, k: int = 3) -> tuple[Hashable, ...]:
         """Ids of up to `k` demonstrations without a label whose labels would say most, the best first; see
         `rpil.audit.answering.suggest`.
@@ -233,9 +253,7 @@ class Audit:
         DataError
             If `k` is not positive.
         """
-        from rpil.audit.answering import suggest
-
-        return suggest(self, k)
+        return answering.suggest(self, k)
 
     def answered(self, labels: Mapping[Id, str] | None = None, pairs: Sequence[tuple[Id, Id]] = ()) -> Audit:
         """The same audit with these answers beside those that it has; no policy is fitted again.
@@ -251,9 +269,7 @@ class Audit:
         DataError
             If an id or a label is unknown, or answers contradict each other.
         """
-        from rpil.audit.answering import with_answers
-
-        return with_answers(self, labels or {}, pairs)
+        return answering.with_answers(self, labels or {}, pairs)
 
     def worst_steps(self, index: int, k: int = 5) -> list[int]:
         """Up to `k` steps of demonstration `index` with the lowest log-ratios below 0, counted from its first step."""
@@ -285,6 +301,7 @@ class Audit:
 
     def to_dict(self) -> dict[str, object]:
         """The audit as numbers, text, lists and dicts, as ``rpil audit --json`` prints it; the most trusted first."""
+        facts = self.facts
         return {
             "n_demonstrations": len(self.ids),
             "n_steps": int(self.offsets[-1]),
@@ -295,7 +312,9 @@ class Audit:
             "identifiable": self.identifiable,
             "groups": [list(group) for group in self.competing],
             "pair": list(self.pair),
+            "question": answering.question_to_dict(self),
             "doubts": list(self.doubts),
+            "notes": list(self.notes),
             "contradicting": list(self.contradicting),
             "assumptions": list(self.assumptions),
             "demonstrations": [
@@ -309,6 +328,7 @@ class Audit:
                     "verdict": self.verdicts[m],
                     "reason": self.reasons[m],
                     "worst_steps": self.worst_steps(m),
+                    "facts": {name: values[m] for name, values in facts.items()},
                 }
                 for m in self.ranking().tolist()
             ],

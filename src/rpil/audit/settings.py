@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from rpil.data.archive import stored
+from rpil.inference.settings import AnswerSettings
 
 
 @stored()
@@ -21,3 +22,5 @@ class AuditSettings:
     """Reliability, divided by that of a typical trusted one, from which every step has the full weight: a few unlikely
     steps are a misfit of the policy, and without them it would be biased to where it fits. Chosen by hand, not
     tuned."""
+    answers: AnswerSettings = AnswerSettings()
+    """Of answers to an audit; a fit puts those of the judge here."""

@@ -55,5 +55,7 @@ def select(audit: Audit, indices: Sequence[int], ids: Sequence[Hashable] | None 
         pair=named(audit.pair),
         answers=audit.answers.select(chosen),
         contradicting=named(audit.contradicting),
+        sessions=tuple(audit.sessions[m] for m in chosen) if audit.sessions else (),
+        order=None if audit.order is None else audit.order[chosen],
         deviations=tuple(audit.deviations[m] for m in chosen) if audit.deviations else (),
     )

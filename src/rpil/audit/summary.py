@@ -19,7 +19,7 @@ from rpil.inference.trust import Judgement
 from rpil.mixture.em import Result
 from rpil.numerics.types import Array, Float, Int
 
-MAX_NAMES = 20
+MAX_NAMED = 20
 """Demonstrations that a sentence names, at most."""
 
 
@@ -69,7 +69,7 @@ def audit_from_judgement(
 def doubt_sentence(doubt: Doubt, ids: Sequence[Hashable]) -> str:
     """The sentence of a doubt, with the names of its demonstrations."""
     names = [str(ids[m]) for m in doubt.members.tolist()]
-    shown = names if len(names) <= MAX_NAMES else [*names[:MAX_NAMES], "..."]
+    shown = names if len(names) <= MAX_NAMED else [*names[:MAX_NAMED], "..."]
     return doubt.sentence.replace("{members}", ", ".join(shown))
 
 
@@ -105,6 +105,7 @@ def audit_from_mixture(
         adversary=result.state.adversary.name,
         history=result.history,
         answers=Answers.of_labels(data.labels.astype(np.int64)),
+        columns=np.empty((len(ids), 0)),
         settings=settings,
     )
 

@@ -8,7 +8,7 @@ import sys
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
@@ -95,7 +95,7 @@ class Commands(click.Group):
 
 def tell_if_interrupted(kept: str) -> None:
     """Name what an interruption of the command leaves."""
-    click.get_current_context().meta.setdefault(KEPT, []).append(kept)
+    click.get_current_context().meta.setdefault(KEPT, {})[kept] = None
 
 
 def _exit_with_error(sentence: str) -> NoReturn:
@@ -218,17 +218,34 @@ def audit_by_task(
     places = split_by_task(demonstrations.ids, recording.tasks, given.facts.sessions)
     fit_options = options, progress, engine
     if len(places) == 1:
-        return _audit(file, demonstrations, given, *fit_options), given.demonstrators
-    audits: dict[str, Audit] = {}
-    for group, rows in places.items():
-        _warn_of_few(file, group, len(rows), recording, options)
-        if len(rows) > 1 or reference is not None:
-            part = demonstrations.select(rows)
-            own = given.select(rows, {*map(str, part.ids)})
-            audits[group] = _audit(file, part, own, options, progress, None)
+        audit = _audit(file, demonstrations, given, *fit_options)
+        return _with_facts(audit, given), given.demonstrators
     what = "sessions" if options.session else "tasks"
     what = f"tasks and {what}" if options.session and len({*recording.tasks.values()}) > 1 else what
-    return join_audits(audits, places, demonstrations.ids, demonstrations.offsets, what), given.demonstrators
+    audits: dict[str, Audit] = {}
+    n_pairs = 0
+    for group, rows in places.items():
+        _warn_of_few(file, group, len(rows), recording, options)
+        own = given.select(rows, {str(demonstrations.ids[m]) for m in rows})
+        n_pairs += len(own.pairs)
+        if len(rows) > 1 or reference is not None:
+            audits[group] = _audit(file, demonstrations.select(rows), own, options, progress, None)
+    _warn_of_pairs(options, len(given.pairs) - n_pairs, what)
+    joined = join_audits(audits, places, demonstrations.ids, demonstrations.offsets, what)
+    return _with_facts(joined, given), given.demonstrators
+
+
+def _with_facts(audit: Audit, given: Given) -> Audit:
+    """The audit with the sessions and the order of its demonstrations."""
+    return replace(audit, sessions=given.facts.sessions, order=given.facts.order)
+
+
+def _warn_of_pairs(options: FitOptions, n: int, what: str) -> None:
+    """Warn where `n` pairs compare demonstrations that are not judged together."""
+    if n:
+        pairs = f"{n} pairs compare" if n > 1 else "1 pair compares"
+        text = f"{options.labels}: {pairs} demonstrations of different {what}, and {'are' if n > 1 else 'is'} left out."
+        warnings.warn(text, stacklevel=1)
 
 
 def _warn_of_few(file: str, group: str, n: int, recording: Recording, options: FitOptions) -> None:
@@ -281,7 +298,7 @@ def _fit(
     model = RPIL(
         features=options.features,
         adversary=options.adversary,
-        labels=given.labels or None,
+        labels=given.answers or None,
         random_state=options.seed,
         progress=progress,
         checkpoint=checkpoint,
@@ -291,7 +308,10 @@ def _fit(
     outcome = given.facts.outcome if tells(given.facts.outcome) else None  # of a session it may be the same for all
     try:
         return model.fit(
-            demonstrations, demonstrators=given.demonstrators or None, outcome=outcome, order=given.facts.order
+            demonstrations,
+            demonstrators=given.demonstrators or None,
+            outcome=outcome,
+            order=given.facts.order,
         )
     except KeyboardInterrupt:
         if checkpoint.exists():

@@ -17,11 +17,13 @@ from rpil.cli.commands import Commands, CommandSettings, audit_by_task, connect_
 from rpil.cli.completion import install_completion
 from rpil.cli.give_back import convert, keep
 from rpil.cli.info import info
+from rpil.cli.label import LABELS_FILE, label
 from rpil.cli.options import (
     ERROR_CHOICE,
     FitOptions,
     OutputFile,
     WordLimit,
+    command_words,
     json_option,
     pop_columns,
     quiet_option,
@@ -68,7 +70,7 @@ def main(ctx: click.Context, /) -> None:
         click.echo(ctx.get_help())
 
 
-for command in (check, info, keep, convert):
+for command in (check, info, label, keep, convert):
     main.add_command(command)
 
 
@@ -322,16 +324,5 @@ def _print_next_steps(ctx: click.Context, audit: Audit, quiet: bool, n_labels: i
     """Print what to do next, with the command to run then; nothing if `quiet`."""
     if quiet:
         return
-    words = ["rpil", str(ctx.info_name)]
-    for param in ctx.command.params:
-        name, value = str(param.name), ctx.params[str(param.name)]
-        if isinstance(param, click.Argument):
-            words.append(value)
-        elif name not in ("labels", "resume") and ctx.get_parameter_source(name) is ParameterSource.COMMANDLINE:
-            if isinstance(value, bool):
-                words += param.opts[:1] if value else param.secondary_opts[:1]
-            else:
-                for one in value if isinstance(value, tuple) else (value,):
-                    words += [param.opts[0], str(one)]
-    labels = ctx.params["labels"] or "labels.csv"
-    click.echo(terminal.next_steps(audit, labels, shlex.join(words), n_labels))
+    labels = ctx.params["labels"] or LABELS_FILE
+    click.echo(terminal.next_steps(audit, labels, shlex.join(command_words(ctx, str(ctx.info_name))), n_labels))

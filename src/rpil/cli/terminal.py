@@ -84,6 +84,7 @@ def print_audit(audit: Audit, all_rows: bool = False) -> None:
     if audit.demonstrators:
         _print_demonstrators(audit.demonstrators[::-1][: None if all_rows else MAX_DEMONSTRATORS], audit)
     click.echo(verdict_sentence(audit))
+    print_lines(audit.notes)
 
 
 def worst_and_doubtful(audit: Audit, n_rows: int) -> list[int]:
@@ -183,7 +184,7 @@ def verdict_sentence(audit: Audit) -> str:
 def next_steps(audit: Audit, labels_file: str, command: str, n_labels: int = 3) -> str:
     """What to do next: the question that decides most, or the demonstrations to label, what to write to `labels_file`,
     and what to run then. `command` is the command without ``--labels``."""
-    from rpil.audit.answering import NEXT_STEPS, question
+    from rpil.audit.answering import NEXT_STEPS
 
     lines = [f"Group {letter}, {len(ids)} demonstrations: {join_ids(ids)}" for letter, ids in _groups(audit).items()]
     lines += [
@@ -192,9 +193,9 @@ def next_steps(audit: Audit, labels_file: str, command: str, n_labels: int = 3) 
     lines += [*audit.doubts, f"Next: {NEXT_STEPS[audit.finding]}"]
     if audit.finding == "nothing could be learned" and not audit.answers.any:
         return "\n".join(lines)
-    if audit.pair and not audit.answers.any:
+    if audit.question:
         first, second = map(printable, audit.pair)
-        lines += [question(audit), *_answer_lines(audit.pair[0], f"better than {second}", first, labels_file, False)]
+        lines += [audit.question, *_answer_lines(audit.pair[0], f"better than {second}", first, labels_file, False)]
     else:
         to_label = audit.suggest_labels(n_labels)
         if not to_label:

@@ -96,10 +96,10 @@ class SampledFit:
             stepless,
             source.ids,
             task.answers,
-            options.settings.audit,
+            options.audit_settings,
         )
         audit = replace(extended.audit, offsets=np.asarray(source.offsets, dtype=np.int64))
-        return replace(extended, audit=audit, parts=decision.parts)
+        return replace(extended, audit=audit, notes=decision.notes)
 
     def fit_policy(self, posed: JudgeInput, decision: TrustDecision) -> tuple[Features, FinalPolicy, TrustDecision]:
         task, options, data, features = self.task, self.options, posed.data, posed.features

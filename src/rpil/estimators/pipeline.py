@@ -26,7 +26,7 @@ from rpil.estimators.task import Features, FinalPolicy, Task
 from rpil.inference.answers import Answers
 from rpil.inference.fitted_judge import FittedJudge
 from rpil.inference.held_out import HeldOutModel, HeldOutPolicy, held_out_model
-from rpil.inference.parts import judged_parts, not_judged
+from rpil.inference.parts import judged_parts, not_judged, resting_sessions, session_sentence
 from rpil.inference.search import SearchSettings, fit_mixture
 from rpil.inference.trust import Judgement, judge
 from rpil.mixture.adversaries.protocol import Adversary
@@ -54,6 +54,11 @@ class Options:
     progress: Progress = field(repr=False)
     engine: Engine | None = field(repr=False)
     checkpoint: StrPath | None = field(repr=False)
+
+    @property
+    def audit_settings(self) -> AuditSettings:
+        """The settings of the audit, which answers like the judge."""
+        return replace(self.settings.audit, answers=self.settings.judge.answers)
 
     @property
     def judges(self) -> bool:
@@ -127,8 +132,8 @@ class TrustDecision:
     """Objective of the mixture, or mean held-out log-likelihood of a step of the training group, in nats."""
     converged: bool = True
     judgement: Judgement | None = None
-    parts: str = ""
-    """A sentence that names the parts of the action that are not judged, or nothing."""
+    notes: tuple[str, ...] = ()
+    """Sentences about the parts of the action that are not judged."""
 
     @classmethod
     def of(
@@ -167,8 +172,8 @@ def decide_trust(posed: JudgeInput, options: Options) -> TrustDecision:
             progress=options.progress,
         )
         fitted = FittedJudge.of(judgement, data, settings.judge, user_policy=own)
-        decision = TrustDecision.of(judgement, fitted, data, ids, posed.answers, settings.audit)
-        return replace(decision, parts=_resting(data, posed.demonstrations.action_names))
+        decision = TrustDecision.of(judgement, fitted, data, ids, posed.answers, options.audit_settings)
+        return replace(decision, notes=_resting(data, posed.demonstrations))
     assert isinstance(posed.features, FeatureMap)
     start = linear_policy(data.space, ridge_of(posed.features, options.C, n_steps, data.space), n_steps)
     search = SearchSettings(start, settings.mixture, settings.judge, options.seed)
@@ -179,10 +184,17 @@ def decide_trust(posed: JudgeInput, options: Options) -> TrustDecision:
     return TrustDecision(audit, audit.step_weight, None, result.state, n_iter, result.objective, bool(result.converged))
 
 
-def _resting(data: FitData, names: Sequence[str]) -> str:
-    """A sentence that names the parts of the action that are not judged, or nothing."""
-    sentence = "" if data.judged is None else not_judged(data.judged, names)
-    return f"{sentence[:1].upper()}{sentence[1:]}." if sentence else ""
+def _resting(data: FitData, demonstrations: Demonstrations) -> tuple[str, ...]:
+    """Sentences that name the parts of the action that are not judged, and sessions by where these rest."""
+    if data.judged is None or data.judged.all():
+        return ()
+    names = demonstrations.action_names or tuple(map(str, range(len(data.judged))))
+    sentence = not_judged(data.judged, names)
+    sessions = resting_sessions(data.actions, data.offsets, data.judged)
+    return f"{sentence[:1].upper()}{sentence[1:]}.", *(
+        session_sentence(names[part], [[demonstrations.ids[m] for m in group] for group in groups])
+        for part, groups in sessions.items()
+    )
 
 
 @dataclass(frozen=True, eq=False)

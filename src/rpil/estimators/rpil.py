@@ -22,7 +22,7 @@ from rpil.estimators.cloning import PolicyEstimator
 from rpil.estimators.passes import SampledFit, is_sampled
 from rpil.estimators.pipeline import Fitted, FullFit, Options, fit
 from rpil.estimators.settings import Settings
-from rpil.estimators.task import ActionBox, Features, Labels, Names, Pairs, Task
+from rpil.estimators.task import ActionBox, Features, Labels, Names, Task
 from rpil.estimators.validation import Given, as_demonstrations
 from rpil.inference.fitted_judge import FittedJudge
 from rpil.inference.settings import JudgeSettings
@@ -150,7 +150,6 @@ class RPIL(PolicyEstimator):
         demonstrators: Names | None = None,
         outcome: Outcome | None = None,
         order: Sequence[float] | Array | None = None,
-        pairs: Pairs = (),
     ) -> RPIL:
         """Decide which demonstrations to trust, and fit the final policy (`rpil.estimators.pipeline`).
 
@@ -162,8 +161,8 @@ class RPIL(PolicyEstimator):
             Actions.
         groups : (N,) array
             The demonstration of each step.
-        labels : mapping of id to {"good", "bad"}, optional
-            Known demonstrations, in the place of the constructor's.
+        labels : mapping of id to {"good", "bad", "better than ID"}, or sequence of such pairs, optional
+            Answers about demonstrations, in the place of the constructor's.
         demonstrators : mapping of id to name, or sequence of M names, optional
             The demonstrator of each demonstration. Demonstrations of one demonstrator then change each other's
             log-odds, see `rpil.mixture.demonstrator_prior`. A demonstration without a name has a demonstrator of its
@@ -172,8 +171,6 @@ class RPIL(PolicyEstimator):
             How each demonstration ended, as its return or its success; more is better, and NaN is not known.
         order : sequence of M numbers, optional
             The place of each demonstration in the order in which they were made.
-        pairs : sequence of (id, id)
-            Answers to "which is better?": the better and the worse of two demonstrations.
 
         Raises
         ------
@@ -185,7 +182,7 @@ class RPIL(PolicyEstimator):
         options = self._options()
         source = X if isinstance(X, Dataset) else as_demonstrations(self, X, y, groups)
         labels = labels if labels is not None else self.labels
-        task = Task.of(source, self.action_box, labels, demonstrators, outcome, order, pairs)
+        task = Task.of(source, self.action_box, labels, demonstrators, outcome, order)
         options.check(task)
         with threadpool_limits(1, "blas"):  # thin products gain nothing from threads, and can lose a lot
             fitted = fit(SampledFit(task, options) if is_sampled(task, options) else FullFit(task, options), options)
@@ -196,6 +193,9 @@ class RPIL(PolicyEstimator):
     def _explain(self, task: Task, options: Options, fitted: Fitted) -> None:
         """Add the assumptions to the audit; warn if the fit did not converge."""
         judgement = fitted.decision.judgement
+        short = "" if judgement is None else assumptions.missing_steps(self.audit_.finding, judgement.missing_steps)
+        notes = tuple(filter(None, (*fitted.decision.notes, short)))
+        self.audit_ = replace(self.audit_, notes=notes)
         prior, type_name = options.settings.mixture.prior, type(self.policy).__name__
         linear = self.policy is None
         sentences = assumptions.assumption_sentences(
@@ -204,8 +204,6 @@ class RPIL(PolicyEstimator):
             p_two_groups=None if self.judge_ is None else self.judge_.groups.p_two,
             expert_share=prior if isinstance(prior, float) else None,
             demonstrators=task.demonstrators.note,
-            steps=assumptions.missing_steps(self.audit_.finding, 0 if judgement is None else judgement.missing_steps),
-            parts=fitted.decision.parts,
         )
         self.audit_ = replace(self.audit_, assumptions=sentences)
         assumptions.warn_if_not_converged(self.converged_)

@@ -16,7 +16,7 @@ from rpil.data.errors import DataError
 from rpil.data.facts import Outcome, given_order, given_outcome
 from rpil.data.fit_data import FitData
 from rpil.data.formats.dataset import Dataset
-from rpil.data.formats.id_values import match_pairs
+from rpil.data.formats.id_values import match_pairs, parse_answers
 from rpil.data.spaces import Space
 from rpil.inference.answers import Answers
 from rpil.numerics.types import Array, Float, Int
@@ -26,10 +26,8 @@ from rpil.policies.protocol import CrossFittedPolicy, Policy
 ActionBox = tuple[ArrayLike, ArrayLike]
 Features = FeatureMap | IdentityMap
 FinalPolicy = Policy | CrossFittedPolicy
-Labels = Mapping[Any, str]
+Labels = Mapping[Any, str] | Sequence[tuple[Hashable, str]]
 Names = Mapping[Any, Hashable] | Sequence[Hashable]
-Pairs = Sequence[tuple[Hashable, Hashable]]
-"""The better and the worse demonstration, by their ids."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,7 +63,6 @@ class Task:
         demonstrators: Names | None = None,
         outcome: Outcome | None = None,
         order: Sequence[float] | Array | None = None,
-        pairs: Pairs = (),
     ) -> Task:
         """Find the space of the actions; match what is given of the demonstrations with them."""
         space, classes = action_space(source, action_box)
@@ -75,8 +72,10 @@ class Task:
             )
         groups = group_by_demonstrator(demonstrators, source)
         known = given_outcome(outcome, source.ids, source.source), given_order(order, source.ids, source.source)
+        rows = labels.items() if isinstance(labels, Mapping) else labels or ()
+        by_id, pairs = parse_answers(((str(m), word) for m, word in rows), "the labels") if rows else ({}, [])
         compared = match_pairs(pairs, source.ids)
-        return cls(source, space, classes, label_codes(labels, source), groups, *known, compared)
+        return cls(source, space, classes, label_codes(by_id, source), groups, *known, compared)
 
     def codes(self, demonstrations: Demonstrations) -> Array:
         """Codes (N,) of discrete actions, or continuous actions (N, A)."""

@@ -12,7 +12,7 @@ import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
-from rpil.audit.answering import NEXT_STEPS, question
+from rpil.audit.answering import NEXT_STEPS
 from rpil.audit.html.number_format import format_count, format_number, format_percent
 from rpil.audit.html.pictures import Timelines, inline_svg
 from rpil.audit.plots import HistoryDisplay, LengthDisplay
@@ -97,7 +97,7 @@ def _template_values(audit: Audit, prefix: str) -> dict[str, object]:
         "audit": audit,
         "finding_sentence": FINDINGS[audit.finding],
         "next_step": NEXT_STEPS[audit.finding],
-        "question": question(audit) if audit.pair and not audit.answers.any else "",
+        "question": audit.question or "",
         "words": audit.words,
         "decided": audit.finding in DECIDED,
         "sides": SIDES,
