@@ -76,6 +76,9 @@ EQUIVALENT = {
     "answered: alone = float(logit(posterior(columns, others, settings).proba(columns[m : m + 1])[0])): 1 -> 2": (
         "The first of the rows is read."
     ),
+    "trust: p_two = 1.0 if answered is not None else scores.groups.p_two: 1.0 -> 2.0": (
+        "From one half on, two groups are likely."
+    ),
 }
 """Mutants that do what the library does, ``MODULE: LINE OF CODE: OLD -> NEW``, and why."""
 

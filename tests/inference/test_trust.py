@@ -12,6 +12,7 @@ from sklearn.metrics import roc_auc_score
 from hand_made import Written, groups_of, same_actions, scores_of, scoring_of
 from problems import fit_data_of, make
 from rpil.data.demonstrators import Demonstrators
+from rpil.inference import trust
 from rpil.inference.answered import answer, columns_of
 from rpil.inference.answers import Answers
 from rpil.inference.channels import StateScale
@@ -31,16 +32,14 @@ WORDS = np.array([1] * 6 + [-1] * 4)
 TOLD = [1, 0, 0, 1, 0, 0, -1, -1, 0, 0]
 
 
-def concluded(labels=None, p_two=0.999, data=None, finding="some are unlike", outcome=None):
+def concluded(labels=None, p_two=0.999, data=None, score=SCORE):
     """The judgement of `SCORE`, of which agreement and length are known, and its evidence."""
     data = data or same_actions(10)
-    scores = scores_of(scoring_of(same_actions(10), lambda group: 0.0, SETTINGS), SCORE, p_two)
-    described = np.column_stack([SCORE, np.cos(np.arange(10.0))])
+    scores = scores_of(scoring_of(same_actions(10), lambda group: 0.0, SETTINGS), score, p_two)
+    described = np.column_stack([score, np.cos(np.arange(10.0))])
     states = StateScale(np.zeros(2), np.ones(2), 0.0, np.zeros((1, 2)))
-    evidence = Evidence(scores, described, states, Claims(finding, WORDS), 17)
+    evidence = Evidence(scores, described, states, Claims("some are unlike", WORDS), 17)
     answers = Answers.of_labels(np.array(labels if labels is not None else [0] * 10, dtype=np.int64))
-    if outcome is not None:
-        answers = replace(answers, outcome=outcome)
     steps = StepTrust(np.zeros(10), np.zeros((10, 2)), np.zeros(0))
     return conclude(data, evidence, answers, steps, np.zeros(0), SETTINGS), evidence, answers
 
@@ -95,6 +94,15 @@ def test_operators_withdraw_words_and_give_none():
     np.testing.assert_allclose(found.demonstrator_trust, posterior.intervals())
     np.testing.assert_allclose(found.log_odds, found.from_actions + posterior.log_odds)
     np.testing.assert_array_equal(found.words, np.where(np.sign(found.log_odds) == WORDS, WORDS, 0))
+
+
+def test_an_operator_withdraws_what_is_hardly_said():
+    score = SCORE.copy()
+    score[[6, 7]] = 0.495, 0.4  # nearly as high as those of the operator, and not
+    found, _, _ = concluded(data=operated(["a"] * 8 + ["b"] * 2), score=score)
+    assert found.from_actions[6] < 0 < found.log_odds[6]
+    assert found.words.tolist() == [1] * 6 + [0, -1, -1, -1]
+    assert found.expert_share == pytest.approx(expert_share_interval(expit(found.log_odds), 0.999))
 
 
 def test_answers_count_before_operators():
@@ -214,21 +222,48 @@ def test_those_who_follow_one_another_are_in_doubt():
     assert judgement.claims.doubts[0].members.tolist() == list(range(10, 16))
 
 
+class Twice(Written):
+    """That would deal other folds."""
+
+    def dealt_again(self, seed):
+        self.fitted.append(f"dealt by {seed}")
+
+
+def dealt(gains, min_p_two_of_noise=0.2, **given):
+    """The judgement of demonstrations with these gains, and how other folds were dealt."""
+    data = same_actions(10)
+    claims = replace(ClaimSettings(), min_p_two_of_noise=min_p_two_of_noise)
+    settings = JudgeSettings(groups=replace(SETTINGS.groups, min_steps=1), claims=claims)
+    model = Twice(data, lambda group: gains, settings)
+    judgement = judge(data, model, settings, **given)
+    return judgement, [one for one in model.fitted if isinstance(one, str)]
+
+
 def test_other_folds_are_dealt_where_groups_are_likely():
-    said = []
+    judgement, said = dealt(100 * SCORE, seed=5)
+    assert said == ["dealt by 6"]
+    assert dealt(100 * SCORE)[1] == ["dealt by 1"]
+    assert dealt(np.ones(10))[1] == []
+    p_two = judgement.groups.p_two
+    assert 0.2 < p_two < 1.0
+    assert len(dealt(100 * SCORE, p_two)[1]) == 1
+    assert dealt(100 * SCORE, np.nextafter(p_two, 1.0))[1] == []
 
-    class Twice(Written):
-        """That deals other folds, once."""
 
-        def dealt_again(self, seed):
-            said.append(seed)
+def test_a_step_counts_as_many_independent_steps_as_it_is_worth_and_one_at_most(monkeypatch):
+    found, score, steps = [], trust.score_by_best_group, trust.step_trust
 
-    for gains, dealt in ((100 * SCORE, [6]), (np.ones(10), [])):
-        said.clear()
-        data = same_actions(10)
-        settings = JudgeSettings(groups=replace(SETTINGS.groups, min_steps=1))
-        judge(data, Twice(data, lambda group, gains=gains: gains, settings), settings, seed=5)
-        assert said == dealt
+    def correlated(scoring, start):
+        return replace(score(scoring, start), effective_steps=np.tile([2.5, 15.0], 5))
+
+    def recorded(data, log_ratio, temperature, settings):
+        found.append(temperature)
+        return steps(data, log_ratio, temperature, settings)
+
+    monkeypatch.setattr(trust, "score_by_best_group", correlated)
+    monkeypatch.setattr(trust, "step_trust", recorded)
+    dealt(SCORE)
+    assert found[0].tolist() == [0.5, 1.0] * 5
 
 
 @pytest.mark.parametrize("seed", range(2))
