@@ -109,7 +109,7 @@ def by_groups(scoring: Scoring, scores: Scores, again: Scores | None) -> Split |
     if again is not None:
         words *= words == np.sign(again.log_odds(settings)).astype(int)
         agrees = again.groups.p_two >= limits.min_p_two
-    lower = look_below(scoring.data, scoring.model, upper, scoring.ridge, settings)
+    lower = look_below(scoring.data, scoring.model, upper, scores.fit, settings)
     return Split(words, lower, agrees, scores.groups.is_cluster)
 
 
@@ -124,7 +124,7 @@ def by_chance(scoring: Scoring, scores: Scores, again: Scores | None) -> Split |
     no_groups = scores.groups.p_two < limits.min_p_two_of_noise
     if scoring.data.space.kind != "discrete" or no_groups or not limits.min_upper <= upper.sum() < len(upper):
         return None
-    lower = look_below(scoring.data, scoring.model, upper, scoring.ridge, scoring.settings)
+    lower = look_below(scoring.data, scoring.model, upper, scores.fit, scoring.settings)
     if lower.gain_upper <= 0 or lower.gain_all_lower > limits.max_noise_gain * lower.gain_upper:
         return None
     dealings = [scores] if again is None else [scores, again]

@@ -18,6 +18,7 @@ import numpy as np
 from rpil.data.fit_data import FitData
 from rpil.inference.held_out import HeldOutModel, log_reference
 from rpil.inference.settings import HeldOutSettings, JudgeSettings
+from rpil.inference.trimming import TrimmedFit
 from rpil.numerics.types import Array, Bool, Float, Int
 
 
@@ -39,11 +40,12 @@ class Lower:
 
 
 def look_below(
-    data: FitData, model: HeldOutModel, upper: Bool[Array, " M"], ridge: float, settings: JudgeSettings
+    data: FitData, model: HeldOutModel, upper: Bool[Array, " M"], fit: TrimmedFit, settings: JudgeSettings
 ) -> Lower:
-    """Look for a policy of their own among the demonstrations that are not in the `upper` group."""
-    limits = settings.rivals
-    log_pi, members = _log_prob(data, model, upper, ridge), np.flatnonzero(upper)
+    """Look for a policy of their own among the demonstrations that are not in the `upper` group; `fit` is that of the
+    scores."""
+    limits, ridge, members = settings.rivals, fit.ridge, np.flatnonzero(upper)
+    log_pi = fit.held_out.log_prob if (fit.group == upper).all() else _log_prob(data, model, upper, ridge)
     gain_upper = gain(data, log_pi, upper, settings.held_out)
     below, score = model.cold_copy(), data.mean_steps(log_pi)
     gain_all = gain(data, _log_prob(data, below, ~upper, ridge), ~upper, settings.held_out)

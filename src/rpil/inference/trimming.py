@@ -40,14 +40,21 @@ def choose_ridge(data: FitData, model: HeldOutModel, group: Bool[Array, " M"]) -
     """The ridge, a step, with the largest median over the demonstrations of `group` of the mean held-out
     log-likelihood, under policies fitted to that group; 0 where `model` has no ridges.
 
-    The median, because the demonstration that is explained worst would decide a mean.
+    The median, because the demonstration that is explained worst would decide a mean. The search ends at the first
+    ridge, from the strongest on, that explains no more.
     """
     weight = data.per_step(group.astype(float))
 
     def explained(ridge: float) -> float:
         return float(np.median(data.mean_steps(model.evaluate(weight, ridge).log_prob)[group]))
 
-    return max(model.ridges, key=explained, default=0.0)
+    best, largest = 0.0, -np.inf
+    for ridge in model.ridges:
+        value = explained(ridge)
+        if value <= largest:
+            break
+        best, largest = ridge, value
+    return best
 
 
 def fit_group(data: FitData, model: HeldOutModel, group: Bool[Array, " M"], ridge: float) -> TrimmedFit:

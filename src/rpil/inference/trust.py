@@ -100,7 +100,7 @@ def judge(
     scores = score_by_best_group(scoring, everyone)
     progress("other folds")
     redealt = scoring.dealt_again(seed + 1) if scores.groups.p_two >= settings.claims.min_p_two_of_noise else None
-    again = None if redealt is None else score_by_best_group(redealt, everyone)
+    again = None if redealt is None else score_by_best_group(redealt, scores.fit.group)
     progress("what the scores support")
     claims = claim(scoring, scores, again, order)
     log_ratio = scores.fit.held_out.log_prob - scoring.log_q
