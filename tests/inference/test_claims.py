@@ -31,7 +31,9 @@ def scored(score=SCORE, p_two=0.999, gains=None, discrete=False, limits=(), **ot
     score = np.asarray(score, dtype=float)
     data = same_actions(len(score), discrete)
     scoring = scoring_of(data, gains or policies(), settings_with(**dict(limits)))
-    return scoring, scores_of(scoring, score, p_two, **other)
+    scores = scores_of(scoring, score, p_two, **other)
+    explained = scoring.model.evaluate(data.per_step((score > 0.5).astype(float)), scoring.ridge)
+    return scoring, replace(scores, fit=replace(scores.fit, held_out=explained))
 
 
 def claimed(scored_, again=None, order=None):
@@ -284,12 +286,14 @@ def test_missing_steps_are_those_of_two_means_that_are_told_apart(gain, variance
     # 2 z s / g = 2 x 2.326 x 2 / .5 = 18.61, and its square is 346.3
     score = np.where(SCORE > 0, gain, 0.0)
     score[:2] += 0.01, -0.01
-    data = scored(score, step_variance=variance, effective_steps=np.array([effective] * 9 + [1e6]))
+    data = scored(
+        score, gains=lambda group: score, step_variance=variance, effective_steps=np.array([effective] * 9 + [1e6])
+    )
     scores = replace(data[1], fit=replace(data[1].fit, group=SCORE > 0))
     assert missing_steps(data[0], scores) == missing
 
 
 @pytest.mark.parametrize("gain", [0.0, -0.5])
 def test_no_steps_are_missing_where_nothing_is_gained(gain):
-    scoring, scores = scored(np.full(10, gain), step_variance=4.0)
+    scoring, scores = scored(np.full(10, gain), gains=lambda group: np.full(10, gain), step_variance=4.0)
     assert missing_steps(scoring, replace(scores, fit=replace(scores.fit, group=SCORE > 0))) == 0

@@ -7,11 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hand_made import Written, same_actions
+from hand_made import Written, reference, same_actions
 from problems import fit_data_of, make
-from rpil.inference.held_out import held_out_model, log_reference
+from rpil.inference.held_out import HeldOutLogProb, held_out_model, log_reference
 from rpil.inference.rivals import gain, look_below
 from rpil.inference.settings import HeldOutSettings, JudgeSettings, RivalSettings
+from rpil.inference.trimming import TrimmedFit, fit_group
 
 UPPER = np.arange(8) < 4
 LOWER = np.where(UPPER, -9.0, 1.0)  # times the gain of a policy of lower demonstrations on them
@@ -20,7 +21,13 @@ LOWER = np.where(UPPER, -9.0, 1.0)  # times the gain of a policy of lower demons
 def looked(gains, upper=UPPER, **limits):
     settings = JudgeSettings(rivals=replace(RivalSettings(), **limits))
     model = Written(same_actions(len(upper)), gains, settings)
-    return look_below(model.data, model, upper, 1e-2, settings), model
+    return look_below(model.data, model, upper, fit_of(model, np.ones(len(upper), dtype=bool), 0.0), settings), model
+
+
+def fit_of(model, group, gain) -> TrimmedFit:
+    """A fit to a group that explains everybody with one gain."""
+    log_prob = reference(model.data, model.settings) + gain
+    return TrimmedFit(HeldOutLogProb(log_prob, log_prob), group, 1e-2, np.zeros(1))
 
 
 def policies(of_upper, of_lower):
@@ -94,6 +101,16 @@ def test_fewer_than_the_smallest_group_are_no_rival(min_group, gain_rival):
     assert found.gain_all_lower == pytest.approx(1.0)
 
 
+def test_policies_of_the_upper_group_are_not_fitted_twice():
+    model = Written(same_actions(8), policies([2.0] * 4 + [-1.0] * 4, LOWER), JudgeSettings())
+    found = look_below(model.data, model, UPPER, fit_of(model, UPPER, 0.7), JudgeSettings())
+    assert found.gain_upper == pytest.approx(0.7)
+    assert model.fitted == []
+    found = look_below(model.data, model, UPPER, fit_of(model, np.arange(8) < 5, 0.7), JudgeSettings())
+    assert found.gain_upper == pytest.approx(2.0)
+    assert [group.tolist() for group in model.fitted] == [UPPER.tolist()]
+
+
 def test_gain_is_measured_against_the_actions_of_the_group_alone():
     data = fit_data_of(make("random", 0))
     group, settings = np.arange(12) < 3, HeldOutSettings()
@@ -111,6 +128,7 @@ def test_gain_is_measured_against_the_actions_of_the_group_alone():
 def test_noise_has_no_policy_and_other_actions_have(kind, is_rival):
     toy = make(kind, 1, n_good=10, n_bad=10, steps=(40, 60))
     data = fit_data_of(toy)
-    found = look_below(data, held_out_model(data, 0, HeldOutSettings()), toy.is_good, 1e-2, JudgeSettings())
+    model = held_out_model(data, 0, HeldOutSettings())
+    found = look_below(data, model, toy.is_good, fit_group(data, model, toy.is_good, 1e-2), JudgeSettings())
     assert found.is_rival is is_rival
     assert found.gain_upper > 0.3

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import ClassVar
 
 import numpy as np
 import pytest
@@ -76,23 +77,34 @@ def test_a_group_is_fitted_as_it_is():
 
 
 class Ridges(Written):
-    """Of which a ridge of .1 explains most but one demonstration best."""
+    """Ridges, the strongest first, with the gain of each demonstration."""
+
+    explained: ClassVar = {1.0: [0, 0, 0, 0, 0, 9], 0.1: [1, 1, 1, -9, -9, -9], 0.01: [-1, -1, -1, 9, 9, 9]}
 
     @property
     def ridges(self):
-        return (1.0, 0.1, 0.01)
+        return tuple(self.explained)
 
     def evaluate(self, weight, ridge):
-        explained = {1.0: [0, 0, 0, 0, 0, 9], 0.1: [1, 1, 1, -9, -9, -9], 0.01: [-1, -1, -1, 9, 9, 9]}[ridge]
-        log_prob = self.data.per_step(np.array(explained, dtype=float))
+        self.fitted.append(ridge)
+        log_prob = self.data.per_step(np.array(self.explained[ridge], dtype=float))
         return HeldOutLogProb(log_prob, log_prob)
 
 
-def test_ridge_is_that_of_the_median_demonstration_of_the_group():
+def ridge_of(group):
     model = Ridges(same_actions(6), lambda group: 0.0, JudgeSettings())
-    assert choose_ridge(model.data, model, np.arange(6) < 3) == 0.1
-    assert choose_ridge(model.data, model, np.arange(6) >= 3) == 0.01
-    assert choose_ridge(model.data, model, np.arange(6) < 5) == 0.1
+    return choose_ridge(model.data, model, group), model.fitted
+
+
+def test_ridge_is_that_of_the_median_demonstration_of_the_group(monkeypatch):
+    assert ridge_of(np.arange(6) < 3) == (0.1, [1.0, 0.1, 0.01])
+    assert ridge_of(np.arange(6) < 5) == (0.1, [1.0, 0.1, 0.01])
+    # the search ends where a weaker ridge explains no more
+    assert ridge_of(np.arange(6) >= 3) == (1.0, [1.0, 0.1])
+    monkeypatch.setattr(Ridges, "explained", {1.0: [0] * 6, 0.1: [0] * 6, 0.01: [1] * 6})
+    assert ridge_of(EVERYONE) == (1.0, [1.0, 0.1])
+    monkeypatch.setattr(Ridges, "explained", {1.0: [0] * 6, 0.1: [1] * 6, 0.01: [2] * 6})
+    assert ridge_of(EVERYONE) == (0.01, [1.0, 0.1, 0.01])
     assert choose_ridge(*written(lambda group: 0.0), EVERYONE) == 0.0
 
 
