@@ -117,9 +117,10 @@ def _moves(scaled: Array, data: FitData) -> Array:
 
 def _distance_to_ends(last: Array, ends: Array, n_neighbours: int) -> Array:
     """Mean distance of each last state to the nearest last states of the training group, itself left out."""
-    squares = (last**2).sum(axis=1)[:, None] + (ends**2).sum(axis=1) - 2 * last @ ends.T
+    lengths = (last**2).sum(axis=1)[:, None] + (ends**2).sum(axis=1)
+    squares = lengths - 2 * last @ ends.T
     distance = np.sqrt(np.maximum(squares, 0.0))
-    distance[distance < 1e-6] = np.inf  # itself, or a copy
+    distance[squares < 1e-12 * (1 + lengths)] = np.inf  # itself, or a copy, but for rounding
     nearest = np.sort(distance, axis=1)[:, : max(min(n_neighbours, len(ends) - 1), 1)]
     largest = float(nearest[np.isfinite(nearest)].max(initial=0.0))
     return np.asarray(np.where(np.isfinite(nearest), nearest, largest).mean(axis=1))

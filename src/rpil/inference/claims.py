@@ -162,6 +162,8 @@ def said(
 
 def in_better_part(scores: Scores, upper: Bool[Array, " M"]) -> Bool[Array, " M"]:
     """The `upper` group, or only its better half where the lower group is a tail and not a cluster of its own."""
+    if not upper.any():
+        return upper
     return np.asarray(upper & (scores.groups.is_cluster | (scores.score >= np.median(scores.score[upper]))))
 
 
