@@ -1,14 +1,14 @@
 """A rival group: whether the demonstrations that score lower have a policy of their own.
 
-Noise has none: a policy fitted to it explains nothing. Let A be the upper group of the scores, and B the lower ones that
-a policy fitted to B explains better than that of A. B is a rival of A if the gain of its own policy is above 0 by two
-standard errors, and the policy of A does not explain B, not even at the noise of B:
+Noise has none: a policy fitted to it explains nothing. Let A be the upper group of the scores, and B the lower ones
+that a policy fitted to B explains better than that of A. B is a rival of A if the gain of its own policy is above 0 by
+two standard errors, and the policy of A does not explain B, not even at the noise of B:
 
     gain = median over B of  mean_n [log pi_B - log q_B]
     max over l of  median over B of  mean_n [log((1 - l) pi_A' + l q_B) - log q_B]  <  max_shared_gain * gain
 
-pi_A and pi_B are fitted to one of the groups, and held out; pi_A' has the errors' scale of B; q_B is the distribution of
-the actions of B whatever the state. Then two groups are described, and neither is called unlike the other. Noisy
+pi_A and pi_B are fitted to one of the groups, and held out; pi_A' has the errors' scale of B; q_B is the distribution
+of the actions of B whatever the state. Then two groups are described, and neither is called unlike the other. Noisy
 versions of the policy of A, and noise, are no rivals.
 """
 
@@ -63,9 +63,8 @@ def look_below(
     own = gains(data, log_pi_rival, rival, settings.held_out)
     has_policy = is_credible(own, limits.standard_errors)
     if has_policy:
-        weights = (data.per_step(group.astype(float)) for group in (upper, rival))
-        at_its_noise = model.log_prob_at(*weights, ridge)
-        shared = shared_gain(data, at_its_noise, rival, settings)
+        of_upper, of_rival = (data.per_step(group.astype(float)) for group in (upper, rival))
+        shared = shared_gain(data, model.log_prob_at(of_upper, of_rival, ridge), rival, settings)
         has_policy = shared < limits.max_shared_gain * float(np.median(own))
     return Lower(members, np.flatnonzero(rival), gain_upper, has_policy, bool(is_noise))
 

@@ -135,7 +135,7 @@ class RivalSettings:
     """Rival groups (`rpil.inference.rivals`)."""
 
     max_shared_gain: float = 0.5
-    """Gain of a rival group by the policy of the upper group, relative to that by its own, up to which it is a rival."""
+    """Gain of a rival group by the policy of the upper group, relative to that by its own, at most."""
     max_noise: float = 0.1
     """Gain of a policy of the lower demonstrations, relative to that of the upper group, up to which they are noise."""
     standard_errors: float = 2.0
