@@ -138,7 +138,7 @@ def test_policies_begin_with_the_worst_half_and_win_over_others():
             return of_upper
         return LOWER * (1.0 if group[6:].all() and not group[5] else -1.0 if not group[4] else 0.0)
 
-    found, model = looked(of_policies)
+    _, model = looked(of_policies)
     assert [np.flatnonzero(group).tolist() for group in model.fitted] == [[0, 1, 2, 3]]
     cold = [np.flatnonzero(group).tolist() for group in model.copies[0].fitted]
     # all of them, the lower half, and those that its policy explains better until they stay the same
