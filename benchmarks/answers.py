@@ -70,11 +70,22 @@ def main(arguments: list[str] | None = None) -> int:
         parts += [partial(by_suggestion, sets, draws, count) for count in (4, 8)]
         parts += [partial(by_outcome, sets, draws), partial(by_nonsense, audits, draws)]
         rows = [row for found in pool.imap(called, parts) for row in found]
-    print("\n".join(["| what | figure |", "|---|---|", *(f"| {row['what']} | {row['figure']} |" for row in rows)]))
+    print(table(rows))
     print(f"\n{line(provenance(draws))}")
     if options.json:
         options.json.write_text(json.dumps({"provenance": provenance(draws), "rows": rows}))
     return 0
+
+
+def markdown(result: Row) -> str:
+    """The section of docs/results.md."""
+    return (
+        f"## Answers\n\nLabels, a pair, outcomes and wrong answers (benchmarks/answers.py).\n\n{table(result['rows'])}"
+    )
+
+
+def table(rows: list[Row]) -> str:
+    return "\n".join(["| what | figure |", "|---|---|", *(f"| {row['what']} | {row['figure']} |" for row in rows)])
 
 
 def called(part: Callable[[], list[Row]]) -> list[Row]:

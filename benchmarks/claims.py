@@ -198,6 +198,12 @@ def auroc(good: Array, score: Array) -> float:
 # ---- the report ------------------------------------------------------------------------------------------------------
 
 
+def markdown(result: Row) -> str:
+    """The section of docs/results.md."""
+    explained = "Words without answers, by the truth that no audit reads: `unlike` counts as bad, `typical` as good."
+    return "\n".join(["## Claims without answers", "", explained, "", *report(result["rows"])])
+
+
 def report(rows: list[Row]) -> list[str]:
     """Tables in Markdown."""
     lines = [

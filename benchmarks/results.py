@@ -334,6 +334,8 @@ def section_of(script: str) -> Callable[[Result], str]:
 
 
 SECTIONS: dict[str, Callable[[Result], str]] = {
+    "claims": section_of("claims"),
+    "answers": section_of("answers"),
     "trust": section_of("trust_report"),
     "ablations": section_of("ablations"),
     "acceptance": acceptance,

@@ -29,6 +29,8 @@ ARGUMENTS = {
     "real": ["--quick", "--features", "raw", "--sets", "mountaincar_noisy"],
     "trust": ["--quick"],
     "ablations": ["--quick"],
+    "claims": ["--quick", "--processes", "1"],
+    "answers": ["--quick", "--processes", "1"],
     "paper": PAPER,
     "speed": ["--quick", "--rows", "A,B,D,F,H,I,J,K,O,P"],  # not those that start a cluster or other interpreters
 }
@@ -52,6 +54,21 @@ def written(tmp_path_factory):
         return kept[script]
 
     return SimpleNamespace(run=run, folder=folder, kept=kept)
+
+
+def test_claims(written):
+    rows = {row["name"]: row for row in written.run("claims")["rows"]}
+    assert set(rows) == {"walks 0", "MountainCar-v0 corrupted 0", "MountainCar-v0 random 0"}
+    assert not any(rows["walks 0"]["words"])
+    cell = rows["MountainCar-v0 random 0"]
+    assert cell["words"] == [1 if good else -1 for good in cell["good"]]
+
+
+def test_answers(written):
+    figures = {row["what"]: row["figure"] for row in written.run("answers")["rows"]}
+    assert figures["8 random labels: AUROC of the rest"].startswith("1.000")
+    assert figures["quick: the pair holds one good and one bad"] == "2 of 2"
+    assert figures["one wrong answer alone: words"] == "0"
 
 
 def test_acceptance(written, monkeypatch):
