@@ -52,24 +52,36 @@ class Written(HeldOutModel):
     settings: JudgeSettings
     parts: Array | None = None
     """(M, A): log-density of each part of the actions, for every group."""
+    gains_at: Gains | None = None
+    """The same as `gains` where the errors have the scale of another group; None where the scale changes nothing."""
     fitted: list[Array] = field(default_factory=list)
     """The groups to which policies were fitted."""
+    scaled: list[tuple[Array, Array]] = field(default_factory=list)
+    """The groups to which policies were fitted, and those whose scale of errors they got."""
     copies: list[Written] = field(default_factory=list)
 
     def evaluate(self, weight: Array, ridge: float) -> HeldOutLogProb:
         group = self.data.mean_steps(weight) > 0
         self.fitted.append(group)
-        gains = np.broadcast_to(np.asarray(self.gains(group), dtype=float), group.shape)
-        log_prob = self.data.per_step(gains) + reference(self.data, self.settings)
+        log_prob = self._log_prob(self.gains(group))
         return HeldOutLogProb(log_prob, log_prob - log_prob.mean())
+
+    def log_prob_at(self, weight: Array, other: Array, ridge: float) -> Array:
+        group, scale_of = (self.data.mean_steps(each) > 0 for each in (weight, other))
+        self.scaled.append((group, scale_of))
+        return self._log_prob((self.gains_at or self.gains)(group))
 
     def log_prob_of_parts(self, weight: Array, ridge: float) -> Array | None:
         self.fitted.append(self.data.mean_steps(weight) > 0)
         return None if self.parts is None else self.data.per_step(self.parts)
 
     def cold_copy(self) -> Written:
-        self.copies.append(Written(self.data, self.gains, self.settings, self.parts))
+        self.copies.append(Written(self.data, self.gains, self.settings, self.parts, self.gains_at))
         return self.copies[-1]
+
+    def _log_prob(self, gains: Any) -> Array:
+        of_each = np.broadcast_to(np.asarray(gains, dtype=float), self.data.n_demonstrations)
+        return self.data.per_step(of_each) + reference(self.data, self.settings)
 
 
 def scoring_of(data: FitData, gains: Gains, settings: JudgeSettings, parts: Array | None = None) -> Scoring:

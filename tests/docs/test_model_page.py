@@ -46,6 +46,21 @@ def test_constants_of_scores_are_those_of_the_judge():
     assert "at most four times" in FLAT
 
 
+def test_constants_of_rivals_are_those_of_the_judge():
+    rivals = settings.RivalSettings()
+    rows = dict(re.findall(r"^\| ([a-z ]+) \|(.*)", TEXT, re.MULTILINE))
+    credible = f"less than {rivals.standard_errors:.0f} standard errors above 0"
+    assert (
+        f"gain of all lower ones {credible} and at most {rivals.max_noise} of".replace("0.", ".") in rows["by chance"]
+    )
+    share = f"at least {rivals.max_shared_gain} of it shared".replace("0.", ".")
+    assert f"gain on $B$ {credible}, or {share}" in rows["no rival"]
+    assert rivals.max_iter == 3
+    assert "found in at most three rounds" in FLAT
+    assert rivals.max_shared_gain == 0.5
+    assert r"< \tfrac12 \operatorname*{median}" in FLAT
+
+
 def test_modules_on_the_page_exist():
     modules = set(re.findall(r"`(rpil(?:\.\w+)+)`", TEXT))
     assert len(modules) > 8

@@ -22,9 +22,17 @@ def settings_with(**limits):
     return JudgeSettings(claims=replace(ClaimSettings(), **limits))
 
 
-def policies(upper=1.0, lower=0.0, elsewhere=-1.0):
-    """Gains of the policy of the upper group, to which demonstration 0 belongs, and of those of lower ones."""
-    return lambda group: np.where(group, upper if group[0] else lower, elsewhere if group[0] else -9.0)
+def policies(upper=1.0, lower=0.0, elsewhere=-1.0, spread=0.0):
+    """Gains of the policy of the upper group, to which demonstration 0 belongs, and of those of lower ones: with a
+    large `spread` around `lower` they are not credible."""
+
+    def gains(group):
+        own = upper if group[0] else lower + spread * np.linspace(-1, 1, group.sum())
+        found = np.full(len(group), elsewhere if group[0] else -9.0)
+        found[group] = own
+        return found
+
+    return gains
 
 
 def scored(score=SCORE, p_two=0.999, gains=None, discrete=False, limits=(), **other):
@@ -46,7 +54,8 @@ def sentences(found: Claims) -> list[str]:
 
 
 def lower_of(upper, rival, is_rival=True) -> Lower:
-    return Lower(1.0, 1.0, np.array(rival, dtype=int), np.array(upper, dtype=int), 1.0, is_rival)
+    upper, rival = (np.array(members, dtype=int) for members in (upper, rival))
+    return Lower(upper, rival, gain_upper=1.0, is_rival=is_rival, is_noise=False)
 
 
 @pytest.mark.parametrize(("p_two", "finding"), [(0.991, "some are unlike"), (0.989, "nobody stands out")])
@@ -78,7 +87,7 @@ def test_a_small_gain_of_the_upper_group_is_a_gain():
     assert claimed(scored(gains=policies(upper=1e-6, lower=-1.0)))[0] == "some are unlike"
 
 
-@pytest.mark.parametrize(("own", "finding"), [(0.46, "two groups"), (0.44, "some are unlike")])
+@pytest.mark.parametrize(("own", "finding"), [(0.01, "two groups"), (0.0, "some are unlike")])
 def test_a_policy_of_their_own_makes_two_groups_of_which_neither_is_unlike(own, finding):
     found = claim(*scored(gains=policies(lower=own)), None, None)
     assert found.finding == finding
@@ -175,7 +184,7 @@ NOISE = np.array([1.0] * 6 + [-1.0] * 4)
 
 
 def by_noise(score=NOISE, p_two=0.3, lower=0.0, limits=(), discrete=True, again=None, upper=1.0):
-    scoring, scores = scored(score, p_two, policies(upper, lower), discrete, limits)
+    scoring, scores = scored(score, p_two, policies(upper, lower, spread=0.4), discrete, limits)
     return by_chance(scoring, scores, None if again is None else scores_of(scoring, *again))
 
 
@@ -205,9 +214,9 @@ def test_no_gain_of_the_upper_group_no_noise():
     assert by_noise(upper=1e-3, lower=-1.0) is not None
 
 
-def test_at_the_limit_of_its_gain_it_is_noise():
-    lower = by_noise(lower=0.1).lower
-    assert by_noise(lower=0.1, limits={"max_noise_gain": lower.gain_all_lower / lower.gain_upper}) is not None
+def test_a_credible_policy_is_no_noise_however_small_its_gain():
+    found = scored(NOISE, 0.3, policies(lower=0.01), discrete=True)
+    assert by_chance(*found, None) is None
 
 
 @pytest.mark.parametrize(("n_upper", "is_split"), [(0, False), (1, False), (2, True), (9, True), (10, False)])
@@ -253,7 +262,7 @@ def test_noise_beside_groups_is_a_cluster_of_its_own():
     score = np.array([1.0] * 3 + [-1.0] * 7)
     tail = {"score": score, "deviation": 0.3, "discrete": True}
     assert claimed(scored(**tail))[0] == "some are unlike"
-    assert claimed(scored(**tail, gains=policies(lower=0.2)))[0] == "in doubt"
+    assert claimed(scored(**tail, gains=policies(lower=0.2, spread=0.5)))[0] == "in doubt"
 
 
 # A sample stands for all.

@@ -57,8 +57,8 @@ def disagreeing(correlation, min_agreement=0.2, discrete=False):
     scoring, scores = scored(np.arange(5) / 4, discrete=discrete, min_agreement=min_agreement)
     order = {-1.0: [4, 3, 2, 1, 0], 0.1: [1, 4, 0, 3, 2], 0.3: [1, 3, 0, 4, 2]}[correlation]
     log_q = scores.fit.held_out.log_prob - scoring.data.per_step(np.array(order, dtype=float))
-    split = Lower(1.0, 0.0, np.arange(0), np.arange(5), 0.0, False)
-    return replace(scoring, log_q=log_q), scores, split
+    lower = Lower(np.arange(5), np.arange(0), gain_upper=1.0, is_rival=False, is_noise=False)
+    return replace(scoring, log_q=log_q), scores, lower
 
 
 def doubts_about(scoring, scores, lower, words=(-1, 0, 0, 0, 1), is_cluster=True, order=None):
@@ -189,6 +189,6 @@ def test_no_pair_without_any_difference():
 
 
 def test_the_pair_of_two_groups_are_their_middle_members():
-    lower = Lower(1.0, 1.0, np.array([4, 5, 6]), np.array([0, 1, 2, 3]), 1.0, True)
+    lower = Lower(np.arange(4), np.array([4, 5, 6]), gain_upper=1.0, is_rival=True, is_noise=False)
     two = Claims("two groups", np.zeros(7, dtype=int), (), lower)
     assert telling_pair(two, np.array([4.0, 3.0, 9.0, 1.0, -1.0, -5.0, -2.0])) == (0, 6)

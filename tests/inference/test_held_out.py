@@ -94,6 +94,22 @@ def test_parts_of_the_action_sum_to_the_whole():
     assert HeldOutSoftmax(softmax, deal(softmax, 3, 0), HeldOutSettings()).log_prob_of_parts(weight, 1e-2) is None
 
 
+def test_errors_may_have_the_scale_of_other_steps():
+    problem = fit_data_of(make_continuous("random", 0, steps=STEPS))
+    good = problem.per_step((np.arange(12) < 6).astype(float))
+    found = HeldOutRidge(problem, deal(problem, 3, 0), HeldOutSettings())
+    own, at_bad = found.evaluate(good, 1e-2).log_prob, found.log_prob_at(good, 1.0 - good, 1e-2)
+    np.testing.assert_array_equal(found.log_prob_at(good, good, 1e-2), own)
+    assert own[good > 0].mean() > at_bad[good > 0].mean() + 0.5
+    assert own[good == 0].mean() < at_bad[good == 0].mean() - 0.5
+    assert found.evaluate(1.0 - good, 1e-2).log_prob[good > 0].mean() != at_bad[good > 0].mean()  # another policy
+    softmax = fit_data_of(make("random", 0, steps=STEPS))
+    good = softmax.per_step((np.arange(12) < 6).astype(float))
+    model = HeldOutSoftmax(softmax, deal(softmax, 3, 0), HeldOutSettings())
+    expected = model.cold_copy().evaluate(good, 1e-2).log_prob
+    np.testing.assert_array_equal(model.log_prob_at(good, 1.0 - good, 1e-2), expected)  # no scale
+
+
 @pytest.mark.parametrize("toy", [make("noisy", 0, steps=STEPS), make_continuous("noisy", 0, steps=STEPS)])
 def test_other_folds_and_a_cold_copy(toy):
     problem = fit_data_of(toy)
