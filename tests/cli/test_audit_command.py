@@ -106,7 +106,8 @@ def test_audit_prints_json(folder):
     # The issue's, and what is needed where the data do not settle it.
     assert list(audit) == [
         "run", "input", "n_demonstrations", "n_steps", "finding", "anchor", "adversary", "prior", "identifiable",
-        "groups", "pair", "doubts", "contradicting", "assumptions", "demonstrations", "demonstrators", "faults",
+        "groups", "pair", "question", "doubts", "notes", "contradicting", "assumptions", "demonstrations",
+        "demonstrators", "faults",
     ]  # fmt: skip
     assert audit["faults"]["findings"] == []
     assert audit["n_demonstrations"] == 12
@@ -119,7 +120,7 @@ def test_audit_prints_json(folder):
     for entry in audit["demonstrations"]:
         kinds = {
             "id": int, "n_steps": int, "log_odds": float, "evidence": dict, "expert_proba": float, "reliability": float,
-            "verdict": str, "reason": str, "worst_steps": list,
+            "verdict": str, "reason": str, "worst_steps": list, "facts": dict,
         }  # fmt: skip
         assert {key: type(value) for key, value in entry.items()} == kinds
         assert entry["verdict"] == ("typical" if entry["id"] < 6 else "unlike")

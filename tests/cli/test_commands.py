@@ -120,7 +120,6 @@ BAD_LABELS = {
     "missing.csv": (None, "missing.csv: there is no such file or folder; check the path"),
     "empty.csv": ("", "empty.csv: the file is empty; write it again"),
     "none.csv": ("id,label\n", "none.csv: it labels no demonstration; give"),
-    "bad.csv": ("id,label\n" + "".join(f"{m},bad\n" for m in range(6)), "all demonstrations are labelled .*; leave"),
     "who.csv": ("id,label\n77,bad\n", "who.csv: no demonstration is called '77'; the ids are '0', .*; correct"),
     "word.csv": ("id,label\n1,perhaps\n", "word.csv, demonstration '1': unknown label 'perhaps'; write"),
     "twice.csv": ("id,label\n1,bad\n1,good\n", "twice.csv, demonstration '1': it is labelled twice; keep"),

@@ -95,7 +95,11 @@ CONTINUOUS = Demonstrations.from_arrays(TOY.observations, TOY.observations, TOY.
         (RPIL(), TOY.demonstrations.select([0]), "n_samples=1. cannot be compared; give at least two"),
         (RPIL(labels={"d99": "good"}), TOY.demonstrations, "d99"),
         (RPIL(labels={"d0": "great"}), TOY.demonstrations, "'d0': unknown label 'great'"),
-        (RPIL(labels=dict.fromkeys(TOY.ids, "bad")), TOY.demonstrations, "all demonstrations are labelled bad"),
+        (
+            RPIL(adversary="uniform", labels=dict.fromkeys(TOY.ids, "bad")),
+            TOY.demonstrations,
+            "all demonstrations are labelled bad",
+        ),
     ],
 )
 def test_errors_are_one_sentence(model, data, words):

@@ -11,6 +11,7 @@ from scipy.special import expit
 
 from rpil.audit.reasons import MAX_LOG_RATIO, Stretch, worst_stretch
 from rpil.audit.settings import AuditSettings
+from rpil.audit.step_weights import step_proba, step_weight
 from rpil.audit.text import printable
 from rpil.audit.words import WORDS, Verdict, Words
 from rpil.data.errors import DataError
@@ -43,6 +44,12 @@ class Judged(Protocol):
 
     @property
     def ids(self) -> tuple[Hashable, ...]: ...
+    @property
+    def anchor(self) -> str: ...
+    @property
+    def finding(self) -> str: ...
+    @property
+    def reliability(self) -> Float[Array, " M"]: ...
     @property
     def pair(self) -> tuple[Hashable, ...]: ...
     @property
@@ -88,8 +95,7 @@ def with_answers(audit: A, labels: Mapping[Id, str], pairs: Sequence[tuple[Id, I
     found = answer(audit.columns, known, audit.settings.answers)
     log_odds = found.log_odds + audit.from_demonstrator
     proba, words = expit(log_odds), found.words * (np.sign(log_odds) == found.words)
-    old = np.repeat(audit.expert_proba, audit.lengths)
-    relative = np.divide(audit.step_weight, old, out=np.ones(len(old)), where=old > 0)
+    step = step_proba(np.repeat(audit.reliability, audit.lengths), audit.step_log_ratio)
     return replace(  # type: ignore[type-var]  # every audit is a dataclass
         audit,
         finding="answered",
@@ -98,7 +104,7 @@ def with_answers(audit: A, labels: Mapping[Id, str], pairs: Sequence[tuple[Id, I
         from_label=found.log_odds - audit.from_actions,
         expert_proba=proba,
         verdicts=verdicts_of(words, "answers"),
-        step_weight=np.repeat(proba, audit.lengths) * np.minimum(relative, 1.0),
+        step_weight=step_weight(audit.lengths, proba, audit.reliability, step, audit.settings),
         identifiable=True,
         competing=(),
         answers=known,
@@ -151,8 +157,8 @@ def sentence_of(known: Answers) -> str:
 
 
 def is_asked(audit: Judged) -> bool:
-    """Whether the audit asks which of its pair is better: before any answer."""
-    return bool(audit.pair) and not audit.answers.any
+    """Whether the audit asks which of its pair is better: before any answer, where something could be learned."""
+    return audit.anchor == "none" and len(audit.pair) == 2 and audit.finding != "nothing could be learned"
 
 
 def question(audit: Judged, fps: float | None = None) -> str:

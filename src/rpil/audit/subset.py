@@ -20,7 +20,7 @@ class AuditOfPart(Audit):
     @cached_property
     def reasons(self) -> tuple[str, ...]:
         """The reason for the verdict on each demonstration, one sentence each."""
-        return self.own_reasons
+        return self.own_reasons or super().reasons
 
 
 _OF_DEMONSTRATIONS = (
@@ -52,7 +52,7 @@ def select(audit: Audit, indices: Sequence[int], ids: Sequence[Hashable] | None 
         **{name: getattr(audit, name)[steps] for name in _OF_STEPS},
         verdicts=tuple(audit.verdicts[m] for m in chosen),
         competing=tuple(map(named, audit.competing)),
-        pair=named(audit.pair),
+        pair=pair if len(pair := named(audit.pair)) == 2 else (),
         answers=audit.answers.select(chosen),
         contradicting=named(audit.contradicting),
         sessions=tuple(audit.sessions[m] for m in chosen) if audit.sessions else (),

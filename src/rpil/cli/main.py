@@ -126,10 +126,10 @@ def audit(
     reference = options.pop("reference")
     check_outputs((file, options["labels"], options["operator"], reference), *outputs.values())
     stream = commands.resolve_stream(stream, scheduler, reference)
-    columns = pop_columns(options)
     if options["features"] == "auto":
         options["features"] = "folded"  # the judge's features; no final policy is kept, so none need be chosen
     with _show_stages(quiet) as progress:
+        columns = pop_columns(options)
         with connect_engine(scheduler, progress) as engine:
             read = read_recording(file, columns, progress, stream)
             good = commands.read_reference(reference, file, columns, progress)

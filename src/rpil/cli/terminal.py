@@ -6,6 +6,7 @@ import csv
 import io
 import json
 import math
+import os
 import shlex
 import sys
 import warnings
@@ -186,23 +187,27 @@ def next_steps(audit: Audit, labels_file: str, command: str, n_labels: int = 3) 
     and what to run then. `command` is the command without ``--labels``."""
     from rpil.audit.answering import NEXT_STEPS
 
+    exists = os.path.exists(labels_file)
     lines = [f"Group {letter}, {len(ids)} demonstrations: {join_ids(ids)}" for letter, ids in _groups(audit).items()]
     lines += [
         f"{printable(name)}: its label contradicts the other answers; look again." for name in audit.contradicting
     ]
     lines += [*audit.doubts, f"Next: {NEXT_STEPS[audit.finding]}"]
-    if audit.finding == "nothing could be learned" and not audit.answers.any:
+    if audit.finding == "nothing could be learned":
         return "\n".join(lines)
     if audit.question:
         first, second = map(printable, audit.pair)
-        lines += [audit.question, *_answer_lines(audit.pair[0], f"better than {second}", first, labels_file, False)]
+        lines += [
+            audit.question,
+            *_answer_lines(audit.pair[0], f"better than {second}", first, labels_file, exists),
+        ]
     else:
         to_label = audit.suggest_labels(n_labels)
         if not to_label:
             return "\n".join([*lines, "Every demonstration has a label already."])
         name = printable(to_label[0])
         lines += [f"The labels that say most about the others, the best first: {join_ids(to_label)}."]
-        lines += _answer_lines(to_label[0], "good", name, labels_file, audit.answers.any)
+        lines += _answer_lines(to_label[0], "good", name, labels_file, exists)
     return "\n".join([*lines, f"Then run: {command} --labels {shlex.quote(labels_file)}"])
 
 

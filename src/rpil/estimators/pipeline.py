@@ -14,7 +14,8 @@ from typing import Protocol
 from rpil.audit.deviations import deviations
 from rpil.audit.record import Audit, Interval
 from rpil.audit.settings import AuditSettings
-from rpil.audit.summary import audit_from_judgement, audit_from_mixture, is_anyone_trusted
+from rpil.audit.step_weights import is_anyone_trusted
+from rpil.audit.summary import audit_from_judgement, audit_from_mixture
 from rpil.data.demonstrations import Block, Demonstrations
 from rpil.data.errors import DataError
 from rpil.data.files import StrPath
@@ -83,6 +84,10 @@ class Options:
             self.cross_fitted(task.space, int(task.source.offsets[-1]))  # refuses an unsuitable estimator
         if not self.judges and (task.demonstrators.informative or self.policy is not None):
             raise DataError("A named adversary knows neither demonstrators= nor policy=; leave out one.")
+        if not self.judges and (len(task.pairs) or task.outcome is not None):
+            raise DataError("A named adversary learns from labels alone; leave out pairs and the outcome.")
+        if not self.judges and (task.labels < 0).all():
+            raise DataError(f"{task.source.source}: all demonstrations are labelled bad; leave one that may be good.")
 
     def judge_features(self, demonstrations: Demonstrations) -> Features:
         """The feature map while trust is decided."""

@@ -40,7 +40,8 @@ def answer(columns: Float[Array, "M D"], answers: Answers, settings: AnswerSetti
     """P(good) of every demonstration, by its `columns_of`.
 
     A label is itself an answer that may be wrong: its demonstration is judged by the other answers and by it. A known
-    outcome says P(good): the share of outcomes that are lower. One answer alone gives no word.
+    outcome says P(good): the share of outcomes that are lower. One answer alone gives no word, and a labelled
+    demonstration has one only where the other answers are on its side.
     """
     found = posterior(columns, answers, settings)
     proba = np.clip(found.proba(columns), settings.min_proba_bound, 1 - settings.min_proba_bound)
@@ -48,7 +49,7 @@ def answer(columns: Float[Array, "M D"], answers: Answers, settings: AnswerSetti
     graded = np.isfinite(ranks) & (answers.labels == 0)
     proba[graded] = np.clip(ranks[graded], settings.error_rates[0], 1 - settings.error_rates[0])
     result, labels = logit(proba), answers.labels
-    contradicting = []
+    contradicting, agreed = [], np.ones(len(labels), dtype=bool)
     sure = logit(1 - settings.error_rates[0])
     for m in np.flatnonzero(labels).tolist():
         others = answers.without(m)
@@ -59,7 +60,9 @@ def answer(columns: Float[Array, "M D"], answers: Answers, settings: AnswerSetti
             if disagrees and others.count >= settings.min_other_answers:
                 contradicting.append(m)
         result[m] = alone + labels[m] * (0.0 if m in contradicting else max(sure, abs(alone)))
+        agreed[m] = alone * labels[m] > 0
     words = (result >= settings.log_odds).astype(int) - (result <= -settings.log_odds).astype(int)
+    words[~agreed] = 0
     if answers.count < 2:
         words[:] = 0
     return Answered(result, words, np.array(contradicting, dtype=int), found.error_rate)

@@ -76,8 +76,8 @@ class Answers:
         """The share of the known outcomes that are lower, ties half, in [0, 1]; NaN where the outcome is unknown."""
         ranks, known = np.full(len(self.outcome), np.nan), np.isfinite(self.outcome)
         values = self.outcome[known]
-        if len(np.unique(values)) == 2:  # a flag
-            ranks[known] = values == values.max()
+        if {*values.tolist()} <= {0.0, 1.0}:  # a flag
+            ranks[known] = values
         elif known.any():
             ranks[known] = (rankdata(values) - 0.5) / len(values)
         return ranks

@@ -59,8 +59,8 @@ class StateScale:
         return cls(center, spread, rest, ends[: settings.max_ends])
 
     def scaled(self, features: Float[Array, "N F"]) -> Float[Array, "N F"]:
-        """Features in standard deviations."""
-        return np.asarray((features - self.center) / self.spread)
+        """Features in standard deviations, in their own precision."""
+        return np.asarray((features - self.center.astype(features.dtype)) / self.spread.astype(features.dtype))
 
 
 def channels(
@@ -111,7 +111,8 @@ def _inside(data: FitData) -> Bool[Array, " N"]:
 
 def _moves(scaled: Array, data: FitData) -> Array:
     """Distance of each step to the next in the same demonstration; 0 for the last."""
-    squares = np.einsum("nf,nf->n", np.diff(scaled, axis=0), np.diff(scaled, axis=0))
+    steps = np.diff(scaled, axis=0)
+    squares = np.einsum("nf,nf->n", steps, steps)
     return np.asarray(np.append(np.sqrt(squares), 0.0) * _inside(data))
 
 

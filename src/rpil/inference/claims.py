@@ -125,7 +125,7 @@ def by_chance(scoring: Scoring, scores: Scores, again: Scores | None) -> Split |
     if scoring.data.space.kind != "discrete" or no_groups or not limits.min_upper <= upper.sum() < len(upper):
         return None
     lower = look_below(scoring.data, scoring.model, upper, scores.fit, scoring.settings)
-    if lower.gain_upper <= 0 or not lower.is_noise:
+    if lower.gain_upper <= 0 or not lower.is_noise or missing_steps(scoring, scores) > limits.max_missing_steps:
         return None
     dealings = [scores] if again is None else [scores, again]
     typical = np.all([one.score > 0 for one in dealings], axis=0) & in_better_part(scores, upper)

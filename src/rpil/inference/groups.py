@@ -147,7 +147,8 @@ def one_group(score: Float[Array, " M"], variance: Float[Array, " M"]) -> float:
         return float(0.5 * (z @ z) + np.log(total).sum()), np.append(-(z / side).sum(), slopes.sum(axis=1))
 
     low = 0.5 * np.log(least)
-    bounds = np.array([[y.min(), y.max()], [low, _MAX_LOG_SPREAD], [low, _MAX_LOG_SPREAD]])
+    high = max(_MAX_LOG_SPREAD, low + 1.0)  # scores may differ by less than their noise
+    bounds = np.array([[y.min(), y.max()], [low, high], [low, high]])
     starts = [np.clip([np.quantile(y, q), *spreads], *bounds.T) for q, *spreads in _STARTS]
     fits = (minimize(loss, start, jac=True, method="L-BFGS-B", bounds=bounds) for start in starts)
     constant = np.log(2 / np.sqrt(2 * np.pi)) - np.log(deviation)

@@ -2,7 +2,8 @@
 
 Noise has none: a policy fitted to it explains nothing. Let A be the upper group of the scores, and B the lower ones
 that a policy fitted to B explains better than that of A. B is a rival of A if the gain of its own policy is above 0 by
-two standard errors, and the policy of A does not explain B, not even at the noise of B:
+two standard errors, and above `max_noise` times that of A, and the policy of A does not explain B, not even at the
+noise of B:
 
     gain = median over B of  mean_n [log pi_B - log q_B]
     max over l of  median over B of  mean_n [log((1 - l) pi_A' + l q_B) - log q_B]  <  max_shared_gain * gain
@@ -61,7 +62,7 @@ def look_below(
             break
         rival = closer
     own = gains(data, log_pi_rival, rival, settings.held_out)
-    has_policy = is_credible(own, limits.standard_errors)
+    has_policy = is_credible(own, limits.standard_errors) and np.median(own) > limits.max_noise * gain_upper
     if has_policy:
         of_upper, of_rival = (data.per_step(group.astype(float)) for group in (upper, rival))
         shared = shared_gain(data, model.log_prob_at(of_upper, of_rival, ridge), rival, settings)

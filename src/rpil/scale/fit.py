@@ -16,7 +16,7 @@ import numpy as np
 
 from rpil.audit.record import Audit
 from rpil.audit.settings import AuditSettings
-from rpil.audit.summary import is_anyone_trusted, step_weight, typical_reliability
+from rpil.audit.step_weights import is_anyone_trusted, step_weight, typical_reliability
 from rpil.data.coding import encode_actions
 from rpil.data.demonstrations import Block
 from rpil.data.fit_data import FitData
