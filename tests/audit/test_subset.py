@@ -33,7 +33,8 @@ def test_names_of_demonstrations_that_are_left_out_are_left_out():
     changes = {"answers": known, "pair": audit.ids[1:3], "contradicting": audit.ids[:3]}
     part = select(replace(audit, columns=np.arange(20.0).reshape(10, 2), **changes), [2, 3])
     assert part.ids == audit.ids[2:4]
-    assert part.labelled == part.pair == part.contradicting == (audit.ids[2],)
+    assert part.labelled == part.contradicting == (audit.ids[2],)
+    assert part.pair == ()  # one of a pair is no question
     np.testing.assert_array_equal(part.answers.labels, [-1, 0])
     np.testing.assert_array_equal(part.answers.pairs, [[0, 1]])
     np.testing.assert_array_equal(part.answers.outcome, [2.0, 3.0])

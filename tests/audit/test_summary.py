@@ -10,12 +10,10 @@ from audits import make_audit
 from problems import make, pooled_state
 from rpil.audit.record import Audit, Interval
 from rpil.audit.settings import AuditSettings
+from rpil.audit.step_weights import is_anyone_trusted, step_weight, typical_reliability
 from rpil.audit.summary import (
     audit_from_mixture,
-    is_anyone_trusted,
     rank_demonstrators,
-    step_weight,
-    typical_reliability,
 )
 from rpil.data.demonstrators import Demonstrators
 from rpil.data.fit_data import FitData

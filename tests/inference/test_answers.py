@@ -58,10 +58,10 @@ def test_ranks_of_an_outcome_are_shares_that_are_lower_ties_half():
     assert answers_of(m=2, outcome=[4.0, NAN]).ranks()[0] == 0.5
 
 
-@pytest.mark.parametrize("flag", [(0.0, 1.0), (-3.0, 8.0)])
-def test_an_outcome_of_two_values_is_a_flag(flag):
-    outcome = [flag[0], flag[1], NAN, flag[1], flag[1]]
-    np.testing.assert_array_equal(answers_of(m=5, outcome=outcome).ranks(), [0, 1, NAN, 1, 1])
+def test_an_outcome_of_0_and_1_is_a_flag_and_other_values_are_ranks():
+    np.testing.assert_array_equal(answers_of(m=5, outcome=[0, 1, NAN, 1, 1]).ranks(), [0, 1, NAN, 1, 1])
+    ranks = answers_of(m=5, outcome=[-3, 8, NAN, 8, 8]).ranks()
+    np.testing.assert_array_equal(ranks, [1 / 8, 5 / 8, NAN, 5 / 8, 5 / 8])
 
 
 def test_unknown_outcomes_have_no_rank():

@@ -87,7 +87,9 @@ def test_a_small_gain_of_the_upper_group_is_a_gain():
     assert claimed(scored(gains=policies(upper=1e-6, lower=-1.0)))[0] == "some are unlike"
 
 
-@pytest.mark.parametrize(("own", "finding"), [(0.01, "two groups"), (0.0, "some are unlike")])
+@pytest.mark.parametrize(
+    ("own", "finding"), [(0.21, "two groups"), (0.19, "some are unlike"), (0.0, "some are unlike")]
+)
 def test_a_policy_of_their_own_makes_two_groups_of_which_neither_is_unlike(own, finding):
     found = claim(*scored(gains=policies(lower=own)), None, None)
     assert found.finding == finding
@@ -211,7 +213,11 @@ def test_a_policy_of_noise_explains_less_than_a_tenth(own, is_noise):
 
 def test_no_gain_of_the_upper_group_no_noise():
     assert by_noise(upper=0.0, lower=-1.0) is None
-    assert by_noise(upper=1e-3, lower=-1.0) is not None
+    assert by_noise(upper=0.5, lower=-1.0) is not None
+
+
+def test_a_weak_policy_from_which_too_many_steps_are_missing_calls_nobody_noise():
+    assert by_noise(upper=1e-3, lower=-1.0) is None
 
 
 def test_a_credible_policy_is_no_noise_however_small_its_gain():

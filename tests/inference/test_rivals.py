@@ -196,11 +196,12 @@ def test_gain_is_measured_against_the_actions_of_the_group_alone():
     assert np.abs(of_everyone[:3] - by_hand).max() > 1e-3
 
 
-def below(toy):
+def below(toy, **limits):
     """Those below the good ones."""
     data = fit_data_of(toy)
     model = held_out_model(data, 0, HeldOutSettings())
-    return look_below(data, model, toy.is_good, fit_group(data, model, toy.is_good, 1e-2), JudgeSettings())
+    settings = JudgeSettings(rivals=RivalSettings(**limits))
+    return look_below(data, model, toy.is_good, fit_group(data, model, toy.is_good, 1e-2), settings)
 
 
 @pytest.mark.parametrize(
@@ -226,7 +227,8 @@ def test_a_noisy_version_of_the_upper_policy_is_no_rival_at_its_own_scale(seed, 
     assert not found.is_rival
     assert not found.is_noise
     monkeypatch.setattr(HeldOutRidge, "log_prob_at", HeldOutModel.log_prob_at)  # the upper group's own scale
-    assert below(noisier(seed)).is_rival
+    found = below(noisier(seed), max_noise=0.0)
+    assert found.is_rival
 
 
 def test_another_linear_policy_is_a_rival():

@@ -158,7 +158,8 @@ def sentence_of(known: Answers) -> str:
 
 def is_asked(audit: Judged) -> bool:
     """Whether the audit asks which of its pair is better: before any answer, where something could be learned."""
-    return audit.anchor == "none" and len(audit.pair) == 2 and audit.finding != "nothing could be learned"
+    unanswered = audit.anchor == "none" and not audit.answers.any
+    return unanswered and len(audit.pair) == 2 and audit.finding != "nothing could be learned"
 
 
 def question(audit: Judged, fps: float | None = None) -> str:

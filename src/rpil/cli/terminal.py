@@ -187,7 +187,7 @@ def next_steps(audit: Audit, labels_file: str, command: str, n_labels: int = 3) 
     and what to run then. `command` is the command without ``--labels``."""
     from rpil.audit.answering import NEXT_STEPS
 
-    exists = os.path.exists(labels_file)
+    exists = os.path.exists(labels_file) or bool(audit.labelled)
     lines = [f"Group {letter}, {len(ids)} demonstrations: {join_ids(ids)}" for letter, ids in _groups(audit).items()]
     lines += [
         f"{printable(name)}: its label contradicts the other answers; look again." for name in audit.contradicting

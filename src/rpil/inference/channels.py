@@ -30,6 +30,9 @@ CHANNELS = (
 )
 """Names of the channels; of each, more is more of what the name says."""
 
+BLOCK_ROWS = 4_096
+"""Steps whose moves are computed together."""
+
 
 @stored(center="states", spread="states", ends="trusted states")
 @dataclass(frozen=True, eq=False)
@@ -51,16 +54,15 @@ class StateScale:
         spread = features.std(axis=0)
         changes = spread > 0
         center, spread = features.mean(axis=0), np.where(changes, spread, 1.0)
-        scaled = (features - center) / spread
-        moves = _moves(scaled, data)
+        moves = _moves(features, spread, data)
         inside = _inside(data)
         rest = settings.idle_share * float(np.median(moves[inside])) if inside.any() else 0.0
-        ends = scaled[data.offsets[1:] - 1][group]
+        ends = ((features[data.offsets[1:] - 1] - center) / spread)[group]
         return cls(center, spread, rest, ends[: settings.max_ends])
 
     def scaled(self, features: Float[Array, "N F"]) -> Float[Array, "N F"]:
-        """Features in standard deviations, in their own precision."""
-        return np.asarray((features - self.center.astype(features.dtype)) / self.spread.astype(features.dtype))
+        """Features in standard deviations."""
+        return np.asarray((features - self.center) / self.spread)
 
 
 def channels(
@@ -79,8 +81,8 @@ def channels(
     discrete = isinstance(data.space, Discrete)
     own = _own_log_prob(data, actions, settings)
     likelihood, gain = data.mean_steps(log_prob), data.mean_steps(log_ratio)
-    scaled, inside, moves_of = states.scaled(data.features), _inside(data), np.maximum(data.lengths - 1, 1)
-    moves = _moves(scaled, data)
+    inside, moves_of = _inside(data), np.maximum(data.lengths - 1, 1)
+    moves, last = _moves(data.features, states.spread, data), states.scaled(data.features[data.offsets[1:] - 1])
     changes = np.append(np.abs(np.diff(actions, axis=0)).sum(axis=1), 0.0) * inside
     idle = data.sum_steps((moves <= states.rest) & inside) / moves_of
     columns = [
@@ -91,7 +93,7 @@ def channels(
         -data.sum_steps(changes) / moves_of,
         -idle,
         -data.sum_steps(moves),
-        -_distance_to_ends(scaled[data.offsets[1:] - 1], states.ends, settings.n_neighbours),
+        -_distance_to_ends(last, states.ends, settings.n_neighbours),
     ]
     return np.stack(columns, axis=1)
 
@@ -109,11 +111,13 @@ def _inside(data: FitData) -> Bool[Array, " N"]:
     return inside
 
 
-def _moves(scaled: Array, data: FitData) -> Array:
-    """Distance of each step to the next in the same demonstration; 0 for the last."""
-    steps = np.diff(scaled, axis=0)
-    squares = np.einsum("nf,nf->n", steps, steps)
-    return np.asarray(np.append(np.sqrt(squares), 0.0) * _inside(data))
+def _moves(features: Array, spread: Array, data: FitData) -> Array:
+    """Distance of each step to the next in the same demonstration, in standard deviations; 0 for the last."""
+    moves = np.zeros(len(features))
+    for begin in range(0, len(features) - 1, BLOCK_ROWS):  # because a design matrix may be large
+        steps = np.diff(features[begin : begin + BLOCK_ROWS + 1], axis=0) / spread
+        moves[begin : begin + len(steps)] = np.sqrt(np.einsum("nf,nf->n", steps, steps))
+    return np.asarray(moves * _inside(data))
 
 
 def _distance_to_ends(last: Array, ends: Array, n_neighbours: int) -> Array:

@@ -62,7 +62,7 @@ def look_below(
             break
         rival = closer
     own = gains(data, log_pi_rival, rival, settings.held_out)
-    has_policy = is_credible(own, limits.standard_errors) and np.median(own) > limits.max_noise * gain_upper
+    has_policy = is_credible(own, limits.standard_errors) and bool(np.median(own) > limits.max_noise * gain_upper)
     if has_policy:
         of_upper, of_rival = (data.per_step(group.astype(float)) for group in (upper, rival))
         shared = shared_gain(data, model.log_prob_at(of_upper, of_rival, ridge), rival, settings)
