@@ -6,7 +6,7 @@ import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, cast
+from typing import TYPE_CHECKING
 
 import click
 
@@ -16,7 +16,6 @@ from rpil.cli.progress import StageProgress
 if TYPE_CHECKING:
     from rpil.audit.faults.record import FaultReport
     from rpil.audit.record import Audit
-    from rpil.audit.words import Verdict
     from rpil.data.formats.recording import Recording
 
 OUTPUTS = ("weights", "verdicts", "keep", "report")
@@ -85,12 +84,16 @@ def lines_after_output(title: str, path: str, source: str, audit: Audit) -> list
 
 def tell_if_too_many(audit: Audit, limit: str | None) -> int:
     """The exit code under a `WordLimit`: 1, with a line on stderr, if more are unlike or bad than it allows, else 0."""
+    from rpil.audit.words import n_lower
+
     word, _, most = (limit or "").partition(":")
-    count, allowed = audit.verdicts.count(cast("Verdict", word)), int(most or 0)
+    # Those called unlike without an answer are not bad; those called bad are unlike the good ones.
+    verdicts = audit.verdicts if word == "unlike" else [verdict for verdict in audit.verdicts if verdict != "unlike"]
+    count, allowed = n_lower(verdicts), int(most or 0)
     if limit is None or count <= allowed:
         return 0
     click.echo(
-        f"rpil: {count:,} of {len(audit.ids):,} demonstrations are {word}, and --fail-on {limit} allows {allowed:,}.",
+        f"rpil: {count:,} of {len(audit.ids):,} demonstrations are {audit.words.lower}, and --fail-on {limit} allows {allowed:,}.",
         err=True,
     )
     return 1
