@@ -93,7 +93,8 @@ def tell_if_too_many(audit: Audit, limit: str | None) -> int:
     if limit is None or count <= allowed:
         return 0
     click.echo(
-        f"rpil: {count:,} of {len(audit.ids):,} demonstrations are {audit.words.lower}, and --fail-on {limit} allows {allowed:,}.",
+        f"rpil: {count:,} of {len(audit.ids):,} demonstrations are {audit.words.lower}, and --fail-on {limit} allows "
+        f"{allowed:,}.",
         err=True,
     )
     return 1
