@@ -18,7 +18,7 @@ import os
 import sys
 import warnings
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -31,7 +31,7 @@ from provenance import provenance
 from rpil import Settings
 from rpil.data.files import replacing
 from rpil.estimators.rpil import RPIL
-from rpil.inference import groups, scores, trimming, trust
+from rpil.inference import claims, groups, rivals, scores, trimming
 from rpil.inference.settings import GroupSettings, HeldOutSettings, JudgeSettings, TrimmingSettings
 from rpil.numerics.parallel import in_processes
 from scoring import auroc, plain_words
@@ -60,6 +60,11 @@ def _first_fit(scoring: scores.Scoring, _: Array) -> trimming.TrimmedFit:
     return trimming.fit_trimmed(
         scoring.data, scoring.model, everybody, scoring.ridge, settings.share, settings.max_iter
     )
+
+
+def _no_rival(*given: Any) -> rivals.Lower:
+    """The lower group, which counts as none with a policy of its own."""
+    return replace(rivals.look_below(*given), is_rival=False)
 
 
 def _trimming(**changed: Any) -> Settings:
@@ -91,7 +96,6 @@ VARIANTS: dict[str, Variant] = {
     "all demonstrations teach": Variant(_trimming(share=1.0)),
     "30 % teach": Variant(_trimming(share=0.3)),
     "80 % teach": Variant(_trimming(share=0.8)),
-    "the share is not halved": Variant(_trimming(halvings=0)),
     "the upper group does not teach again": Variant(function=(scores.Scoring, "fit_group", _first_fit)),
     "one ridge, 1e-4": Variant(_held_out(ridges=(1e-4,))),
     "raw features": Variant(Settings(judge_features="raw")),
@@ -103,8 +107,8 @@ VARIANTS: dict[str, Variant] = {
     "no prior on the spread of a group": Variant(_groups(prior_spread=1e-6)),
     "two groups may have one centre": Variant(_groups(min_distance=0.0)),
     "no odd experts": Variant(_groups(tail=1e-12)),
-    "no rivals": Variant(function=(trust, "find_rival", lambda *_: None)),
-    "no styles": Variant(function=(trust, "find_style", lambda *_: None)),
+    "no rivals": Variant(function=(claims, "look_below", _no_rival)),
+    "one dealing of the folds": Variant(function=(scores.Scoring, "dealt_again", lambda *_: None)),
     "ranks are worth nothing": Variant(_groups(rank_correlation=0.0)),
     "ten folds": Variant(_folds(10)),
     "five folds": Variant(_folds(5)),

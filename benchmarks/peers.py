@@ -8,8 +8,6 @@ demonstrations are good) and RM-ENT (how many).
 
 from __future__ import annotations
 
-import warnings
-
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 from threadpoolctl import threadpool_limits
@@ -31,7 +29,6 @@ from peers_common import (
 from peers_ileed import ileed
 from rpil.data.coding import class_codes
 from rpil.data.demonstrations import Demonstrations
-from rpil.data.errors import AmbiguousWarning
 from rpil.estimators.rment import RMEnt
 from rpil.estimators.rpil import RPIL
 from rpil.numerics.blocks import log_softmax
@@ -45,9 +42,7 @@ MOM_STEPS = 1000
 
 def rpil(data: Demonstrations, task: Task) -> Answer:
     """Ours, at its defaults."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", AmbiguousWarning)
-        model = RPIL(features=task.features, random_state=task.seed).fit(data)
+    model = RPIL(features=task.features, random_state=task.seed).fit(data)
     return Answer(model.log_odds_, model)
 
 

@@ -48,7 +48,7 @@ from rpil.simulation.corruptions import KINDS
 from rpil.simulation.experts import expert
 from rpil.simulation.rollouts import RandomPolicy, rollout
 from rpil.simulation.simulate import simulate
-from scoring import plain_words, truth_words
+from scoring import count_words
 from study.experiments import EXPERIMENTS
 
 CHOSEN = "auto"
@@ -223,12 +223,13 @@ def fitted(demonstrations: Demonstrations, good: np.ndarray, labels: dict[int, s
     seconds = time.perf_counter() - begun
     audit = model.audit_
     asked = np.setdiff1d(np.arange(len(good)), list(labels))
-    right = np.array(plain_words(audit.verdicts)) == truth_words(good)
+    given, wrong = count_words(np.array(audit.verdicts)[asked], good[asked])
     return model, {
         "seconds": seconds,
         "identifiable": audit.identifiable,
         "auroc": float(roc_auc_score(good[asked], audit.log_odds[asked])),
-        "wrong": float((~right[asked]).mean()),
+        "wrong": wrong / len(asked),
+        "given": given / len(asked),
         "prior": audit.prior.mean,
         "adversary": audit.adversary,
         "features": model.features_.kind,

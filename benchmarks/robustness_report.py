@@ -11,11 +11,12 @@ from grid import unknowable
 from rpil.simulation.corruptions import KINDS
 from rpil.simulation.rollouts import Returns
 
-RETURN, AUROC, WRONG = 0.95, 0.99, 0.01
+RETURN, AUROC, WRONG, GIVEN = 0.95, 0.99, 0.005, 0.8
 GOALS = {
     "return": f"normalised return of {RETURN} at least",
     "AUROC": f"AUROC of {AUROC} at least",
     "verdicts": f"wrong verdicts of {100 * WRONG:g} % at most",
+    "words": f"a word for {100 * GIVEN:g} % at least, where it can be known",
     "ambiguous": "“two groups” without labels in every draw of such cells",
 }
 OURS, LABELLED, REFERENCE = "rpil", "rpil, two labels", "reference"
@@ -35,10 +36,7 @@ def summary(rows: list[Row], n_wanted: int) -> Row:
     rows = [row | normalised(row, references) for row in rows if row["method"] != REFERENCE]
     places = list(dict.fromkeys(map(place, rows)))
     cells = [cell([row for row in rows if place(row) == at]) for at in places]
-    goals = {
-        goal: [name_of(cell) for cell in cells if goal in cell["missed"]]
-        for goal in ("return", "AUROC", "verdicts", "ambiguous")
-    }
+    goals = {goal: [name_of(cell) for cell in cells if goal in cell["missed"]] for goal in GOALS}
     missing = n_wanted - len(rows) - len(references)
     reached = missing == 0 and not any(goals.values())
     return {"reached": reached, "missing": missing, "missed": goals, "cells": cells, "methods": methods(rows)}
@@ -73,13 +71,16 @@ def cell(rows: list[Row]) -> Row:
         "return": mean_of(scored, "normalised"),
         "auroc": mean_of(scored, "auroc"),
         "wrong": mean_of(scored, "wrong"),
+        "given": mean_of(scored, "given"),
         "prior": mean_of(scored, "prior"),
         "brier": float(np.mean([brier(row) for row in scored])) if scored else None,
         "seconds": float(np.median([row["seconds"] for row in scored])) if scored else None,
         "adversaries": counts(scored, "adversary"),
         "features": counts(scored, "features"),
     }
-    means = {name: seen["mean"] for name in ("return", "auroc", "wrong") if (seen := found[name]) is not None}
+    means = {name: seen["mean"] for name in ("return", "auroc", "wrong", "given") if (seen := found[name]) is not None}
+    if hopeless:
+        means.pop("given", None)
     guessed = [row["seed"] for row in alone if hopeless and row["identifiable"]]
     found["missed"] = goals_missed(means) + ["ambiguous"] * (len(guessed) > 0)
     behind = [row["seed"] for row in scored if goals_missed(row | {"return": row.get("normalised", -np.inf)})]
@@ -88,13 +89,15 @@ def cell(rows: list[Row]) -> Row:
 
 
 def goals_missed(scores: Row) -> list[str]:
-    """Of a normalised return, an AUROC and a share of wrong verdicts; up to rounding, and none is none reached."""
+    """Of a normalised return, an AUROC and a share of wrong verdicts, which must be there, and of a share with a word;
+    up to rounding."""
     return [
         goal
         for goal, missed in (
             ("return", scores.get("return", -np.inf) < RETURN - 1e-9),
             ("AUROC", scores.get("auroc", -np.inf) < AUROC - 1e-9),
             ("verdicts", scores.get("wrong", np.inf) > WRONG + 1e-9),
+            ("words", scores.get("given", 1.0) < GIVEN - 1e-9),
         )
         if missed
     ]

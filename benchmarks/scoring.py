@@ -26,6 +26,13 @@ def truth_words(good: Array) -> Array:
     return np.where(good, "typical", "unlike")
 
 
+def count_words(verdicts: Iterable[str], good: Array) -> tuple[int, int]:
+    """The number of demonstrations with a word, and of those with a wrong one."""
+    words = np.array(plain_words(verdicts))
+    given = words != "open"
+    return int(given.sum()), int((given & (words != truth_words(good))).sum())
+
+
 def pair_wins(good: Array, bad: Array) -> Array:
     """Pairs (G, B): 1 where a good demonstration (G,) scores above a bad one (B,), 1/2 where the scores are equal."""
     return (good[:, None] > bad) + 0.5 * (good[:, None] == bad)

@@ -179,8 +179,8 @@ def labels_for(world: World, audit: Audit) -> dict[int, str]:
         return {good: "good", bad: "bad"}
     if "style" in world.extra and world.extra["log_ratio"].mean() > ASK_ABOVE:
         style = world.extra["style"]
-        asked = int(audit.to_label[0]) if len(audit.to_label) else int(np.flatnonzero(style == 1)[0])
-        return {asked: "bad" if style[asked] == 1 else "good"}
+        asked = (*audit.pair, int(np.flatnonzero(style == 0)[0]), int(np.flatnonzero(style == 1)[0]))
+        return {int(m): "bad" if style[m] == 1 else "good" for m in asked}
     return {}
 
 

@@ -198,7 +198,7 @@ def grid_goals(simulated: list[Row]) -> list[Row]:
     }
     final = [row.get("labelled", row) for row in asked if "verdicts" in row]
     wrong, given = (sum(row[name] for row in final) for name in ("wrong", "given"))
-    cell = "AUROC .99, at most 1 % without the right verdict; “two groups” where it cannot, and all that with labels"
+    cell = "AUROC .99, a word for 80 %, at most .5 % of them wrong; “two groups” where it cannot, and .99 with labels"
     return [
         cells_goal(f"all {N_CELLS} cells of the simulated grid ({cell})", grids[False], N_CELLS, N_CELLS),
         cells_goal(
@@ -226,23 +226,28 @@ def place_of(row: Row) -> str:
 
 
 def cell_met(draws: list[Row]) -> bool:
-    """Whether ranking and verdicts are right over the draws of a cell, with labels where they are needed."""
+    """Whether ranking and words are right over the draws of a cell; the ranking with labels, where they are needed."""
     if any("verdicts" not in row for row in draws):
         return False
-    if draws[0]["extra"]["unknowable"]:
+    asked = draws[0]["extra"]["unknowable"]
+    if asked:
         if any(row["finding"] != "two groups" for row in draws):
             return False
         draws = [row["labelled"] for row in draws]
     aurocs = [row["auroc"] if "auroc" in row else auroc(row, OURS) for row in draws]
-    return bool(
-        np.mean(aurocs) >= 0.99 - 1e-9 and np.mean([not_right(row["verdicts"]) for row in draws]) <= 0.01 + 1e-9
-    )
+    ranked = np.mean(aurocs) >= 0.99 - 1e-9
+    if asked:
+        return bool(ranked)
+    given, wrong, of = np.sum([words_of(row["verdicts"]) for row in draws], axis=0)
+    return bool(ranked and given >= 0.8 * of and wrong <= 0.005 * given)
 
 
-def not_right(verdicts: Row) -> float:
-    """The share of the good and bad that have no verdict, or the wrong one."""
-    right = verdicts["good"]["typical"] + verdicts["bad"]["unlike"]
-    return 1 - right / (sum(verdicts["good"].values()) + sum(verdicts["bad"].values()))
+def words_of(verdicts: Row) -> tuple[int, int, int]:
+    """The number of demonstrations with a word, those with a wrong one, and all."""
+    good, bad = verdicts["good"], verdicts["bad"]
+    of = sum(good.values()) + sum(bad.values())
+    given = of - good.get("open", 0) - bad.get("open", 0)
+    return given, good.get("unlike", 0) + bad.get("typical", 0), of
 
 
 # ---- worlds in which the model holds ---------------------------------------------------------------------------------

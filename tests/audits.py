@@ -9,6 +9,7 @@ import numpy as np
 
 from rpil.audit.record import Audit, Interval
 from rpil.audit.words import SIDES, Verdict
+from rpil.inference.answers import Answers
 
 
 def make_audit(
@@ -17,9 +18,13 @@ def make_audit(
     ids: Sequence[Any] | None = None,
     lengths: Sequence[int] | None = None,
     seed: int = 0,
+    labels: dict[Any, int] | None = None,
     **changes: Any,
 ) -> Audit:
-    """An audit with one demonstration for each verdict; those below go wrong in the middle half of their steps."""
+    """An audit with one demonstration for each verdict; those below go wrong in the middle half of their steps.
+
+    `labels` of ids are 1 good or -1 bad.
+    """
     rng = np.random.default_rng(seed)
     size = len(verdicts)
     lengths = rng.integers(30, 200, size) if lengths is None else np.asarray(lengths)
@@ -49,11 +54,15 @@ def make_audit(
         "prior": Interval(0.55, 0.31, 0.77),
         "identifiable": True,
         "competing": (),
-        "to_label": (),
+        "pair": (),
+        "answers": Answers.of_labels(np.zeros(size, dtype=np.int64)),
+        "columns": np.empty((size, 0)),
         "adversary": "uniform",
         "history": -2 + 0.9 * (1 - np.exp(-np.arange(5.0))),
         "assumptions": ("Those who agree follow one policy.", "Nobody acts at random."),
     }
     fields |= changes
+    for name, label in (labels or {}).items():
+        fields["answers"].labels[fields["ids"].index(name)] = label
     nothing = np.zeros(size)
     return Audit(**({"from_actions": fields["log_odds"], "from_demonstrator": nothing, "from_label": nothing} | fields))

@@ -30,8 +30,6 @@ SLOW_FILES = {
     "estimators/test_reweight.py",
     "estimators/test_rment.py",
     "estimators/test_rpil.py",
-    "inference/test_labels.py",
-    "inference/test_trust.py",
     "policies/test_torch.py",
     "scale/test_checkpoint.py",
     "scale/test_dask.py",

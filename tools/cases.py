@@ -108,9 +108,9 @@ def reweighted(kind: str, folder: Path, **given: Any) -> dict[str, Array]:
     return audited(found.audit) | {"policy": found.policy, "n_rounds": np.array([found.n_rounds, found.converged])}
 
 
-def calibrated(folder: Path) -> dict[str, Array]:
+def answered(folder: Path) -> dict[str, Array]:
     found = rpil.RPIL().fit(toy("noisy")).audit_
-    return audited(found.calibrated({"d0": "good", "d1": "good", "d2": "bad", "d13": "bad", "d15": "bad"}))
+    return audited(found.answered({"d0": "good", "d1": "good", "d2": "bad", "d13": "bad", "d15": "bad"}))
 
 
 def files(folder: Path) -> dict[str, Array]:
@@ -142,7 +142,6 @@ def refused(folder: Path) -> dict[str, Array]:
         "adversary": lambda: rpil.RPIL(adversary="evil").fit(data),
         "adversary of the other kind": lambda: rpil.RPIL(adversary="complement").fit(continuous),
         "m_step": lambda: rpil.RPIL(settings=mixture(m_step="both")).fit(data),
-        "minority": lambda: rpil.RPIL(minority="hope").fit(data),
         "features": lambda: rpil.RPIL(features="deep").fit(data),
         "one": lambda: rpil.RPIL().fit(data.select([0])),
         "demonstrators": lambda: rpil.RPIL().fit(data, demonstrators=["a"]),
@@ -190,7 +189,7 @@ def commanded(words: str, kind: str, folder: Path) -> dict[str, Array]:
     return found
 
 
-CASES: dict[str, Callable[[Path], dict[str, Array]]] = {"files": files, "mistakes": refused, "calibrated": calibrated}
+CASES: dict[str, Callable[[Path], dict[str, Array]]] = {"files": files, "mistakes": refused, "answered": answered}
 
 
 def add(name: str, make: Callable[[], Any], data: Callable[[], Any], **given: Any) -> None:
@@ -206,8 +205,8 @@ for continuous, action in ((False, "discrete"), (True, "continuous")):
     noisy, rival = partial(toy, "noisy", continuous), partial(toy, "flipped", continuous, 12, 9)
     for kind in ("random", "flipped", "noisy", "none"):
         add(f"default {action} {kind}", rpil.RPIL, partial(toy, kind, continuous))
-    for minority in ("ask", "trust", "distrust"):
-        add(f"minority {minority} {action}", partial(rpil.RPIL, minority=minority), rival)
+    add(f"two groups {action}", rpil.RPIL, rival)
+    add(f"two groups, pair {action}", rpil.RPIL, rival, labels={"d0": "better than d15"})
     add(f"labels {action}", rpil.RPIL, rival, labels={"d0": "good", "d15": "bad"})
     add(f"labels as a setting {action}", partial(rpil.RPIL, labels={"d2": "bad"}), noisy)
     add(f"demonstrators {action}", rpil.RPIL, noisy, demonstrators=[f"p{m // 4}" for m in range(20)])
@@ -258,7 +257,7 @@ CASES["large demonstrators"] = partial(fit, rpil.RPIL, many, demonstrators=[f"p{
 CASES["large dask"] = on_dask
 CASES["reweight"] = partial(reweighted, "random")
 CASES["reweight one fold"] = partial(reweighted, "noisy", n_folds=1, max_rounds=5)
-CASES["reweight labels"] = partial(reweighted, "flipped", labels={"d0": "good"}, minority="distrust")
+CASES["reweight labels"] = partial(reweighted, "flipped", labels={"d0": "good"})
 report = "audit data.npz --suggest 2 --report report.html --weights weights.csv"
 CASES["command audit"] = partial(commanded, report, "corrupted")
 CASES["command audit json"] = partial(commanded, "audit data.npz --json --features raw", "noisy")

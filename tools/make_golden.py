@@ -33,7 +33,7 @@ def models(continuous: bool) -> dict[str, Any]:
         "cloning": rpil.BehavioralCloning(C=3.0),
         "rment": rpil.RMEnt(n_trusted=7, n_starts=3),
         "judge": rpil.RPIL(),
-        "judge of styles": rpil.RPIL(minority="trust", random_state=5),
+        "judge of two groups": rpil.RPIL(random_state=5),
         "judge with labels": rpil.RPIL(labels=LABELS, features="spline", settings=rpil.Settings(judge_features="poly")),
         "mixture expert_only": rpil.RPIL(
             adversary="uniform",
@@ -47,7 +47,10 @@ def models(continuous: bool) -> dict[str, Any]:
         unfitted["judge in a box"] = rpil.RPIL(action_box=(-9.0, [9.0, 10.0]))
     else:
         unfitted["mixture given confusion"] = rpil.RPIL(adversary=rpil.Confusion.given(GIVEN))
-    found = {name: model.fit(rival if "styles" in name else data) for name, model in unfitted.items()}
+    found = {name: model.fit(rival if "groups" in name else data) for name, model in unfitted.items()}
+    found["judge with answers"] = rpil.RPIL().fit(
+        data, labels={"d0": "better than d11"}, outcome={"d1": 1.0, "d10": 0.0}
+    )
     people = [f"person {m % 3}" for m in range(len(data))]
     found["judge of people"] = rpil.RPIL().fit(data, demonstrators=people)
     groups = np.array([m + 100 for m in range(len(data))])[data.groups]

@@ -15,7 +15,7 @@ from threadpoolctl import threadpool_limits
 from options import make_folder
 from provenance import provenance
 from rpil.data.demonstrations import Demonstrations
-from rpil.data.errors import AmbiguousWarning, DataError
+from rpil.data.errors import DataError
 from rpil.data.files import replacing
 from rpil.numerics.parallel import in_processes
 from rpil.simulation.experts import expert
@@ -153,7 +153,6 @@ def one_draw(env_id: str, seed: int, rollouts: int, methods: Mapping[str, Method
     rows: list[Row] = []
     common: dict[str, Row] = {}
     with warnings.catch_warnings(), threadpool_limits(1, "blas"):
-        warnings.simplefilter("ignore", AmbiguousWarning)
         warnings.simplefilter("ignore", ConvergenceWarning)
         for experiment in (experiment for experiment in EXPERIMENTS if experiment.env_id == env_id):
             made = simulate(env_id, experiment.kind, n_good=N_GOOD, n_bad=N_BAD, seed=seed)

@@ -7,7 +7,6 @@ from importlib import import_module
 TYPE_CHECKING = False  # for type checkers it is true; typing itself takes longer to import than all else here
 
 _HOME = {
-    "AmbiguousWarning": "rpil.data.errors",
     "Audit": "rpil.audit.record",
     "BehavioralCloning": "rpil.estimators.cloning",
     "Confusion": "rpil.mixture.adversaries.discrete",
@@ -35,7 +34,6 @@ _HOME = {
 
 __all__ = [
     "RPIL",
-    "AmbiguousWarning",
     "Audit",
     "BehavioralCloning",
     "Confusion",
@@ -66,7 +64,7 @@ if TYPE_CHECKING:
 
     from rpil.audit.record import Audit
     from rpil.data.demonstrations import Demonstrations
-    from rpil.data.errors import AmbiguousWarning, DataError
+    from rpil.data.errors import DataError
     from rpil.data.formats import read, write
     from rpil.data.formats.dataset import Dataset, open_dataset
     from rpil.estimators.cloning import BehavioralCloning

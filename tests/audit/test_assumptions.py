@@ -9,8 +9,8 @@ from sklearn.exceptions import ConvergenceWarning
 
 from audits import make_audit
 from rpil.audit import assumptions
+from rpil.audit.answering import NOT_USED
 from rpil.audit.words import WORDS
-from rpil.data.errors import AmbiguousWarning
 from rpil.inference.findings import FINDINGS
 
 
@@ -40,7 +40,7 @@ def test_each_fact_adds_one_sentence(given, words):
 
 
 def test_labels_and_whole_demonstrations_are_assumptions_too():
-    audit = make_audit(anchor="named adversary", labelled=(0, 1, 2))
+    audit = make_audit(anchor="named adversary", labels={0: 1, 1: 1, 2: -1})
     sentences = assumptions.assumption_sentences(audit)
     assert "A demonstration is good or bad as a whole." in sentences
     assert "3 labels were taken as certain." in sentences
@@ -50,14 +50,21 @@ def test_good_fit_gives_no_warning():
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         assumptions.warn_if_not_converged(True)
-        assumptions.warn_if_ambiguous(make_audit(), "data.csv")
     assert caught == []
 
 
 def test_warnings_name_the_remedy_and_point_at_the_caller():
-    audit = make_audit(identifiable=False, to_label=("d0", "d9"))
     with pytest.warns(ConvergenceWarning, match="raise max_iter or tol") as caught:
         assumptions.warn_if_not_converged(False)
-    with pytest.warns(AmbiguousWarning, match=r"^data\.csv: .* say 'd0' or 'd9'\.$") as also_caught:
-        assumptions.warn_if_ambiguous(audit, "data.csv")
-    assert {record.filename for record in [*caught, *also_caught]} == {__file__}
+    assert {record.filename for record in caught} == {__file__}
+
+
+def test_answers_and_doubts_are_told_in_the_place_of_what_was_not_used():
+    audit = make_audit(
+        anchor="answers", labels={0: 1, 1: -1}, doubts=("One part says most.",), notes=("Part 3 rests.",)
+    )
+    sentences = assumptions.assumption_sentences(audit)
+    assert {"One part says most.", "Part 3 rests."} <= set(sentences)
+    assert "P(good) is learned from 2 labels, each of which may be wrong." in sentences
+    assert NOT_USED not in sentences
+    assert NOT_USED in assumptions.assumption_sentences(make_audit())

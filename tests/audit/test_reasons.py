@@ -50,10 +50,22 @@ def test_demonstrator_is_the_reason_where_its_part_is_the_larger() -> None:
     assert audit.reasons[1].startswith("Judged by its demonstrator's other demonstrations (-4.0 nats; +0.5 nats from")
 
 
-def test_label_is_the_reason_and_its_contradiction_with_the_actions_is_told() -> None:
-    parts = {"from_actions": np.array([3.0, 8.0]), "from_label": np.array([17.0, -28.0])}
-    audit = make_audit(("typical", "unlike"), log_odds=np.array([20.0, -20.0]), labelled=(0, 1), **parts, **NO_STRETCH)
-    assert audit.reasons == ("Labelled good.", "Labelled bad, against its actions (+8.0 nats).")
+def test_label_is_the_reason_and_its_contradiction_with_the_other_answers_is_told() -> None:
+    known = {"anchor": "answers", "finding": "answered", "labels": {0: 1, 1: -1}, "contradicting": (1,)}
+    audit = make_audit(("good", "open"), log_odds=np.array([20.0, 1.0]), **known, **NO_STRETCH)
+    assert audit.reasons == ("Labelled good.", "Labelled bad, which contradicts the other answers: look again.")
+
+
+def test_answers_about_others_are_the_reason_for_a_demonstration_without_one() -> None:
+    known = {"anchor": "answers", "finding": "answered"}
+    audit = make_audit(("good", "open"), log_odds=np.array([4.0, 1.0]), **known, **NO_STRETCH)
+    assert audit.reasons[0].startswith("Judged by what the answers say of demonstrations like it (+4.0 nats)")
+    assert audit.reasons[1] == "Its log-odds of +1.0 nats are too close to 0 to call it good or bad."
+
+
+def test_doubt_leaves_no_word() -> None:
+    audit = make_audit(("open",) * 2, finding="in doubt", **NO_STRETCH)
+    assert audit.reasons == ("There is a reason to doubt the scores, so that it gets no word.",) * 2
 
 
 @pytest.mark.parametrize("finding", ["nobody stands out", "nothing could be learned"])
@@ -66,13 +78,13 @@ def test_without_two_groups_nothing_tells_a_demonstration_from_the_others(findin
 
 
 def test_competing_groups_wait_for_a_label() -> None:
-    groups = {"competing": ((0,), (1,)), "to_label": (0, 1), "identifiable": False, "finding": "two groups"}
+    groups = {"competing": ((0,), (1,)), "pair": (0, 1), "identifiable": False, "finding": "two groups"}
     audit = make_audit(("open",) * 3, lengths=[20, 20, 20], step_log_ratio=np.ones(60), **groups)
     assert [reason.partition(" does")[0] for reason in audit.reasons[:2]] == [
         "It acts as group A",
         "It acts as group B",
     ]
-    assert audit.reasons[2] == "Only a label can tell which group is good."
+    assert audit.reasons[2] == "Only an answer can tell which group is good."
 
 
 def test_no_verdict_is_explained_by_log_odds_near_zero() -> None:
@@ -82,7 +94,7 @@ def test_no_verdict_is_explained_by_log_odds_near_zero() -> None:
 
 def test_nothing_is_said_of_the_trusted_where_there_are_none_or_they_score_lower() -> None:
     grounds = Grounds(
-        "some are unlike", WORDS["none"], "unlike", -5.0, -5.0, 0.0, False, "", -0.5, float("nan"), None, ""
+        "some are unlike", WORDS["none"], "unlike", -5.0, -5.0, 0.0, 0, False, "", -0.5, float("nan"), None, ""
     )
     for trusted in (float("nan"), -0.6):
         assert "that of" not in replace(grounds, trusted_score=trusted).sentence()

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from audits import make_audit
 from rpil.audit.subset import select
+from rpil.inference.answers import Answers
 
 
 def test_each_demonstration_keeps_what_was_found_among_all():
@@ -26,7 +29,13 @@ def test_each_demonstration_keeps_what_was_found_among_all():
 
 def test_names_of_demonstrations_that_are_left_out_are_left_out():
     audit = make_audit()
-    audit = type(audit)(**{**vars(audit), "labelled": audit.ids[:3], "to_label": audit.ids[1:3]})
-    part = select(audit, [2, 3])
+    known = Answers(np.array([1, 1, -1] + [0] * 7), np.array([[2, 3], [0, 2]]), np.arange(10.0))
+    changes = {"answers": known, "pair": audit.ids[1:3], "contradicting": audit.ids[:3]}
+    part = select(replace(audit, columns=np.arange(20.0).reshape(10, 2), **changes), [2, 3])
     assert part.ids == audit.ids[2:4]
-    assert part.labelled == part.to_label == (audit.ids[2],)
+    assert part.labelled == part.contradicting == (audit.ids[2],)
+    assert part.pair == ()  # one of a pair is no question
+    np.testing.assert_array_equal(part.answers.labels, [-1, 0])
+    np.testing.assert_array_equal(part.answers.pairs, [[0, 1]])
+    np.testing.assert_array_equal(part.answers.outcome, [2.0, 3.0])
+    np.testing.assert_array_equal(part.columns, [[4.0, 5.0], [6.0, 7.0]])

@@ -10,13 +10,10 @@ from audits import make_audit
 from problems import make, pooled_state
 from rpil.audit.record import Audit, Interval
 from rpil.audit.settings import AuditSettings
+from rpil.audit.step_weights import is_anyone_trusted, step_weight, typical_reliability
 from rpil.audit.summary import (
     audit_from_mixture,
-    is_anyone_trusted,
-    longest_unlabelled,
     rank_demonstrators,
-    step_weight,
-    typical_reliability,
 )
 from rpil.data.demonstrators import Demonstrators
 from rpil.data.fit_data import FitData
@@ -130,18 +127,6 @@ def test_someone_is_trusted_from_one_expected_step(proba, trusted):
     expert_proba = np.full(5, proba)  # times 15 steps
     assert is_anyone_trusted(expert_proba, LENGTHS) is trusted
     assert typical_reliability(np.full(5, 0.7), expert_proba, LENGTHS) == (0.7 if trusted else 1.0)
-
-
-def test_longest_unlabelled_demonstration_of_each_group():
-    data = make("random", 0).problem()
-    groups = (np.arange(6), np.arange(6, 12))
-    chosen = longest_unlabelled(data, groups)
-    assert [data.lengths[m] for m in chosen] == [data.lengths[group].max() for group in groups]
-    labels = np.zeros(12, dtype=int)
-    labels[chosen[0]] = 1
-    again = longest_unlabelled(FitData(data.features, data.actions, data.offsets, data.space, labels), groups)
-    assert again[1] == chosen[1]
-    assert again[0] != chosen[0]
 
 
 def test_demonstrators_are_ranked_by_trust_and_counted_by_verdict():

@@ -43,8 +43,8 @@ def test_counts_have_the_words_of_the_audit_and_those_that_occur():
     ("options", "anchor", "finding"),
     [
         ({}, "none", "some are unlike"),
-        ({"labels": {"d0": "good"}}, "answers", "answered"),
-        ({"labels": {"d0": "expert"}}, "answers", "answered"),
+        ({"labels": {"d0": "good", "d11": "bad"}}, "answers", "answered"),
+        ({"labels": {"d0": "expert", "d11": "adversary"}}, "answers", "answered"),
         ({"adversary": "uniform"}, "named adversary", "mixture"),
         ({"adversary": "uniform", "labels": {"d0": "good"}}, "named adversary", "mixture"),
     ],

@@ -11,10 +11,8 @@ import numpy as np
 import pytest
 
 import acceptance
-import calibration
 import demonstrators
 import features
-import labels
 import options
 import speed
 from rpil import Demonstrations
@@ -23,7 +21,7 @@ from speed_fits import gradient_norm
 
 def acceptance_row(kind: str, seed: int, **changed: object) -> dict:
     row = {"features": "raw", "env": "MountainCar-v0", "kind": kind, "seed": seed, "seconds": 0.5, "auroc": 1.0}
-    row |= {"wrong": 0, "identifiable": True, "rpil": -100.0, "oracle": -100.0 + seed, "trust_all": -150.0}
+    row |= {"given": 20, "wrong": 0, "identifiable": True, "rpil": -100.0, "oracle": -100.0 + seed, "trust_all": -150.0}
     return row | changed
 
 
@@ -33,16 +31,25 @@ def test_acceptance_goals_of_a_cell():
 
     assert missed("corrupted") == []
     assert missed("corrupted", wrong=1) == ["verdicts"]
+    assert missed("corrupted", given=19) == []
+    assert missed("corrupted", given=18) == ["words"]
     assert missed("random", rpil=-101.0) == ["return"]  # one standard error of the oracle is 0.5
     assert missed("random", seconds=1.1) == ["time"]
     assert missed("noisy", auroc=0.989) == ["auroc"]
-    assert missed("shift", wrong_labelled=0) == ["ambiguous"]
-    assert missed("shift", wrong_labelled=1, identifiable=False) == ["labelled"]
+    right = {"both": True, "auroc_answered": 1.0, "identifiable": False}
+    assert missed("shift", **right) == []
+    assert missed("shift", **right | {"identifiable": True}) == ["ambiguous"]
+    assert missed("shift", **right | {"both": False}) == ["pair"]
+    assert missed("shift", **right | {"auroc_answered": 0.98}) == ["answered"]
 
 
 def test_acceptance_table_has_a_line_for_each_cell():
     cells = [acceptance.summary([acceptance_row("random", seed, wrong=1) for seed in (0, 1)])]
-    cells += [acceptance.summary([acceptance_row("shift", s, wrong_labelled=3, identifiable=False) for s in (0, 1)])]
+    cells += [
+        acceptance.summary(
+            [acceptance_row("shift", s, both=True, auroc_answered=1.0, identifiable=False) for s in (0, 1)]
+        )
+    ]
     _, played, coherent = acceptance.table(cells).splitlines()
     assert played.split()[:3] == ["raw", "MountainCar-v0", "random"]
     assert played.endswith("verdicts")
@@ -71,40 +78,6 @@ def test_speed_table_says_what_is_reached_missed_and_skipped():
     assert lines[2].endswith("missed")  # at least .6
     assert lines[3].endswith("skipped: no data")
     assert "above" in lines[-1]
-
-
-def test_labels_asks_until_enough_questions_are_answered():
-    known = labels.Truth(np.array([True, False, False, True]), np.array([False, False, True, False]), np.zeros(4))
-    assert labels.questions([1, 2, 0, 3], known, 2) == [1, 2, 0]  # demonstration 1 is neither good nor bad
-    assert labels.questions([3, 1, 0, 2], known, 9) == [3, 1, 0, 2]
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(("env", "seed"), [("Acrobot-v1", 800), ("LunarLander-v3", 803)])
-def test_random_demonstrations_are_not_accused(env, seed):
-    """In these draws a few random demonstrations predict each other well by chance."""
-    assert calibration.without_signal(env, "all random", seed)["accused"] == 0
-
-
-def test_expected_calibration_error():
-    """Right on average in every bin is calibrated; sure and wrong is not."""
-    of = calibration.expected_calibration_error
-    assert of(np.full(10, 0.75), np.arange(10) < 8) == pytest.approx(0.05)
-    assert of(np.array([0.95, 0.05]), np.array([False, True])) == pytest.approx(0.95)
-    assert of(np.array([1.0, 0.0]), np.array([True, False])) == 0.0
-
-
-def test_shuffled_keeps_all_states_actions_and_lengths():
-    """All states and actions stay, lengths too; what belongs together is lost."""
-    state = np.arange(60.0)
-    made = Demonstrations(state[:, None], state.astype(int) % 3, np.array([0, 10, 30, 60]))
-    for name in ("actions shuffled", "steps shuffled"):
-        found = calibration.shuffled(made, name, np.random.default_rng(0))
-        np.testing.assert_array_equal(found.lengths, made.lengths)
-        np.testing.assert_array_equal(np.sort(found.observations[:, 0]), state)
-        np.testing.assert_array_equal(np.sort(found.actions), np.sort(made.actions))
-        kept = (found.observations[:, 0] % 3 == found.actions).all()
-        assert kept == (name == "steps shuffled")
 
 
 def test_gradient_norm_is_zero_at_the_optimum_and_agrees_with_finite_differences():
@@ -155,8 +128,6 @@ def test_cut_keeps_consecutive_steps_of_each_demonstration():
         ("paper", ["--draws", "1"], "--draws: 1 is less than 2"),
         ("features", ["--draws", "1"], "--draws: 1 is less than 2"),
         ("features", ["--draws", "few"], "--draws: 'few' is no whole number"),
-        ("labels", ["--labels", "0"], "--labels: 0 is less than 1"),
-        ("calibration", ["--shares", "100"], "--shares: 100 is more than 99"),
         ("robustness", ["--shares", "100", "--output", "x"], "--shares: 100 is more than 99"),
         ("demonstrators", [], "say where the NPZ files are: --data DIR"),
         ("real", ["--json", "no/real.json"], "--json: no/real.json: there is no folder no; make it first"),

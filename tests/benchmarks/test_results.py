@@ -205,14 +205,21 @@ def test_page_names_the_missed_goals_of_acceptance():
         return found | {"auroc": 1.0, "behind": behind, "missed": missed} | returns
 
     partly = {"env": "LunarLander-v3", "kind": "noisy", "features": "raw", "draws": 10, "wrong": 0, "auroc": 0.991}
-    shift = partly | {"kind": "shift", "auroc": 0.2, "ambiguous": 9, "wrong_labelled": 1, "missed": ["ambiguous"]}
+    shift = partly | {
+        "kind": "shift",
+        "auroc": 0.2,
+        "ambiguous": 9,
+        "both": 10,
+        "auroc_answered": 0.98,
+        "missed": ["ambiguous"],
+    }
     cells = [played("corrupted", 0.0, []), played("random", 3.5, ["return"]), partly | {"missed": []}, shift]
     page = results({"acceptance": {"cells": cells}})
     assert "random, raw: missed return (3.5 behind the oracle, whose standard error is 2.0)." in page
     assert "shift, raw: missed ambiguous (ambiguous in 9 of 10 draws)." in page
     assert "corrupted, raw: missed" not in page
     assert "1 cells: AUROC 0.991 in the worst draw." in page
-    assert "ambiguous in 9 of 10 draws; with one label of each sort 1 wrong verdicts." in page
+    assert "holds one of either half in 10; with its answer, AUROC 0.980 in the worst draw." in page
     assert "| LunarLander-v3 | random | raw | 0 | **137.6 ± 2.0** | -196.2 ± 20.6 | 141.1 ± 2.0 |" in page
 
 

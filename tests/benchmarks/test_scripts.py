@@ -11,7 +11,6 @@ import pytest
 
 import ablations
 import acceptance
-import calibration
 import paper
 import peers
 import results
@@ -26,12 +25,12 @@ PAPER = ["--env", "MountainCar-v0", "--draws", "2", "--rollouts", "2", "--seed",
 ARGUMENTS = {
     "acceptance": ["--quick"],
     "features": ["--quick", "--features", "raw", "--features", "auto"],
-    "calibration": ["--quick", "--kinds", "corrupted", "shift"],
-    "labels": ["--quick"],
     "demonstrators": ["--quick"],
     "real": ["--quick", "--features", "raw", "--sets", "mountaincar_noisy"],
     "trust": ["--quick"],
     "ablations": ["--quick"],
+    "claims": ["--quick", "--processes", "1"],
+    "answers": ["--quick", "--processes", "1"],
     "paper": PAPER,
     "speed": ["--quick", "--rows", "A,B,D,F,H,I,J,K,O,P"],  # not those that start a cluster or other interpreters
 }
@@ -57,6 +56,21 @@ def written(tmp_path_factory):
     return SimpleNamespace(run=run, folder=folder, kept=kept)
 
 
+def test_claims(written):
+    rows = {row["name"]: row for row in written.run("claims")["rows"]}
+    assert set(rows) == {"walks 0", "MountainCar-v0 corrupted 0", "MountainCar-v0 random 0"}
+    assert not any(rows["walks 0"]["words"])
+    cell = rows["MountainCar-v0 random 0"]
+    assert cell["words"] == [1 if good else -1 for good in cell["good"]]
+
+
+def test_answers(written):
+    figures = {row["what"]: row["figure"] for row in written.run("answers")["rows"]}
+    assert figures["8 random labels: AUROC of the rest"].startswith("1.000")
+    assert figures["quick: the pair holds one good and one bad"] == "2 of 2"
+    assert figures["one wrong answer alone: words"] == "0"
+
+
 def test_acceptance(written, monkeypatch):
     monkeypatch.setattr(acceptance, "PAPER", ("corrupted",))
     monkeypatch.setattr(acceptance, "PARTLY", ())
@@ -65,9 +79,10 @@ def test_acceptance(written, monkeypatch):
     corrupted, shift = found["cells"]
     assert len(found["draws"]) == 4
     assert corrupted["auroc"] == pytest.approx(1.0)
-    assert corrupted["wrong"] == shift["wrong_labelled"] == 0
+    assert corrupted["wrong"] == 0
     assert corrupted["rpil"]["mean"] > corrupted["trust_all"]["mean"]
-    assert shift["ambiguous"] == 2
+    assert shift["ambiguous"] == shift["both"] == 2
+    assert shift["auroc_answered"] > 0.9
 
 
 def test_paper(written, monkeypatch):
@@ -103,29 +118,6 @@ def test_features(written):
     assert sum(cells["auto"]["chosen"].values()) == cells["auto"]["draws"] == 2
 
 
-def test_calibration(written, monkeypatch):
-    monkeypatch.setattr(calibration, "ONE_POLICY", {"all random": ("random", 0)})
-    found = written.run("calibration")
-    assert found["ece"] <= 0.05
-    sizes = {row["kind"]: len(row["good"]) for row in found["signal"]}
-    assert sizes == {"corrupted": 20, "shift": 18}  # labelled demonstrations are not scored
-    assert found["n_judged"] == sum(len(row["good"]) for row in found["signal"] if not row["ambiguous"])
-    assert sum(row["n"] for row in found["bins"]) == found["n_judged"]
-    assert set(found["accused"]) == {"all random", "actions shuffled", "steps shuffled"}
-    assert sum(map(sum, found["accused"].values())) <= 3  # of 60
-
-
-def test_labels(written):
-    """More than half of the demonstrations are flipped: one label tells which group is good."""
-    found = written.run("labels")
-    curve = {row["how"]: row for row in found["curve"]}
-    assert set(curve) == {"suggested", "random"}
-    assert curve["suggested"]["all"] == curve["suggested"]["auroc"] == pytest.approx(1.0)
-    assert curve["suggested"]["without"] < 0.5
-    for row in found["rows"]:
-        assert len(set(row["asked"])) == row["k"] == row["questions"]
-
-
 def test_demonstrators(written):
     whole, short = written.run("demonstrators")["rows"]
     assert (whole["steps"], short["steps"], whole["people"]) == (None, 10, 5)
@@ -146,7 +138,7 @@ def test_trust(written, monkeypatch):
     assert {row["method"] for row in found["rows"]} == {"rpil", "trimmed"}
     assert not any(row["failed"] or row["said"] for row in found["sets"])
     rows = {row["set"]: row for row in found["sets"]}
-    assert rows[TRUST_WORLDS[0]]["labelled"]["auroc"] == 1.0
+    assert rows[TRUST_WORLDS[0]]["labelled"]["auroc"] > 0.8
     assert found["provenance"]["seeds"] == "in the names of worlds"
 
 

@@ -58,7 +58,10 @@ def test_goals_of_the_grid():
     assert not cell_met([simulated_row("noisy", 0, 10), simulated_row("noisy", 1, 9)])  # 2.5 % are wrong
     assert not cell_met([simulated_row("flip", 0, 10)])  # it claims to know
     assert cell_met([simulated_row("flip", 0, 10, "two groups")])
-    assert not cell_met([simulated_row("flip", 0, 9, "two groups")])
+    unsure = simulated_row("flip", 0, 10, "two groups")
+    assert not cell_met([unsure | {"labelled": unsure["labelled"] | {"auroc": 0.98}}])
+    few = simulated_row("noisy", 0, 10)
+    assert not cell_met([few | {"verdicts": few["verdicts"] | {"bad": {"unlike": 5, "open": 5}}}])  # a word for 75 %
     counts = [cells_goal("", {str(n): n < right for n in range(of)}, 45, 43)["met"]
               for right, of in ((43, 45), (42, 45), (40, 42), (40, 43), (43, 43))]  # fmt: skip
     assert counts == [True, False, None, False, True]

@@ -255,13 +255,14 @@ def test_labels_are_the_truth_about_who_is_asked():
     from trust_worlds import simulated, styles
 
     world = simulated("MountainCar-v0", "flip", 50, 1000)
-    labels = trust.labels_for(world, SimpleNamespace(to_label=()))
+    labels = trust.labels_for(world, SimpleNamespace(pair=()))
     assert {world.is_good[m]: label for m, label in labels.items()} == {1: "good", 0: "bad"}
     assert trust.labels_for(simulated("MountainCar-v0", "noisy", 50, 1000), None) == {}
     world = styles(30, 50, 200, 6, False, 0)
-    first, second = (int(np.flatnonzero(world.extra["style"] == k)[-1]) for k in (0, 1))
-    assert trust.labels_for(world, SimpleNamespace(to_label=(first,))) == {first: "good"}
-    assert trust.labels_for(world, SimpleNamespace(to_label=(second,))) == {second: "bad"}
-    asked = trust.labels_for(world, SimpleNamespace(to_label=()))
-    assert [(world.extra["style"][m], label) for m, label in asked.items()] == [(1, "bad")]
-    assert trust.labels_for(styles(5, 50, 40, 6, False, 0), SimpleNamespace(to_label=(0,))) == {}
+    style = world.extra["style"]
+    first, second = (int(np.flatnonzero(style == k)[-1]) for k in (0, 1))
+    for pair in ((first, second), (second, first), ()):
+        labels = trust.labels_for(world, SimpleNamespace(pair=pair))
+        assert {*pair} <= labels.keys()
+        assert {(style[m], label) for m, label in labels.items()} == {(0, "good"), (1, "bad")}
+    assert trust.labels_for(styles(5, 50, 40, 6, False, 0), SimpleNamespace(pair=(0,))) == {}

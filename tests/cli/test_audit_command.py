@@ -15,7 +15,7 @@ import pytest
 
 from command_line import npz, ok
 from problems import make_continuous
-from rpil.audit.label_choice import NEXT_STEPS
+from rpil.audit.answering import NEXT_STEPS
 from rpil.audit.words import WORDS
 from rpil.data import formats
 from rpil.data.demonstrations import Demonstrations
@@ -67,13 +67,12 @@ def test_audit_prints_finding_ranking_and_next_step(folder):
 
 
 def test_parts_of_the_log_odds_add_up(folder):
-    Path("labels.csv").write_text("id,label\n3,good\n")
+    Path("labels.csv").write_text("id,label\n3,good\n9,bad\n")
     titles, rows = printed_ranking(ok("audit", folder / "good.parquet", "--labels", "labels.csv"))
     assert titles[2:6] == ["log-odds", "= actions", "+ label", "P(good)"]
     for row in rows:
         total, actions, label = map(float, row[2:5])
         assert total == pytest.approx(actions + label, abs=0.011)
-        assert (label != 0) == (row[0] == "3")
     who = "".join(f"{m},{'abcd'[m // 3]}\n" for m in range(12))
     Path("who.csv").write_text(f"id,demonstrator\n{who}")
     result = ok("audit", folder / "good.parquet", "--demonstrators", "who.csv")
@@ -107,7 +106,8 @@ def test_audit_prints_json(folder):
     # The issue's, and what is needed where the data do not settle it.
     assert list(audit) == [
         "run", "input", "n_demonstrations", "n_steps", "finding", "anchor", "adversary", "prior", "identifiable",
-        "groups", "to_label", "assumptions", "demonstrations", "demonstrators", "faults",
+        "groups", "pair", "question", "doubts", "notes", "contradicting", "assumptions", "demonstrations",
+        "demonstrators", "faults",
     ]  # fmt: skip
     assert audit["faults"]["findings"] == []
     assert audit["n_demonstrations"] == 12
@@ -120,7 +120,7 @@ def test_audit_prints_json(folder):
     for entry in audit["demonstrations"]:
         kinds = {
             "id": int, "n_steps": int, "log_odds": float, "evidence": dict, "expert_proba": float, "reliability": float,
-            "verdict": str, "reason": str, "worst_steps": list,
+            "verdict": str, "reason": str, "worst_steps": list, "facts": dict,
         }  # fmt: skip
         assert {key: type(value) for key, value in entry.items()} == kinds
         assert entry["verdict"] == ("typical" if entry["id"] < 6 else "unlike")
@@ -165,47 +165,40 @@ def proposed_labels_file(result):
     return [line[4:] for line in result.stdout.splitlines() if line.startswith("    ")]
 
 
-def test_one_label_decides_between_competing_groups(folder):
+def test_answered_question_decides_between_two_groups(folder):
     file = folder / "shifted.parquet"
     result = ok("audit", file, "--seed", 2)
     assert f"\nTwo groups: {FINDINGS['two groups']}\n" in result.stdout
     groups = re.findall(r"Group [AB], 6 demonstrations: ([\d, ]+)", result.stdout)
     assert sorted(sorted(map(int, group.split(", "))) for group in groups) == [[*range(6)], [*range(6, 12)]]
-    assert re.search(
-        r"labels that say most about the others, the best first: \d+, \d+, \d+\.\nWrite .* to labels.csv", result.stdout
+    first, second = map(
+        int, re.search(r"^Which is better: (\d+) .*or (\d+).*\?$", result.stdout, re.MULTILINE).groups()
     )
-    assert "--minority" in result.stdout
+    assert (first < 6) != (second < 6)
     assert "are ranked; all are open." in result.stdout
     assert result.stderr == ""
     again = result.stdout.splitlines()[-1].removeprefix("Then run: ")
     assert shlex.split(again) == ["rpil", "audit", str(file), "--seed", "2", "--labels", "labels.csv"]
-    # What is proposed works as it stands.
-    header, label = proposed_labels_file(result)
-    Path("labels.csv").write_text(f"{header}\n{label}\n")
+    assert proposed_labels_file(result) == ["id,label", f"{first},better than {second}"]
+    better, worse = sorted((first, second))
+    Path("labels.csv").write_text(f"id,label\n{better},good\n{worse},bad\n")
     result = ok(*shlex.split(again)[1:], "--json")
     audit = json.loads(result.stdout)
     assert audit["identifiable"] is True
-    assert audit["finding"] == "answered"
+    assert (audit["finding"], audit["anchor"]) == ("answered", "answers")
     assert result.stderr == ""
-    trusted = int(label.split(",")[0]) < 6
     for entry in audit["demonstrations"]:
-        assert entry["verdict"] == ("good" if (entry["id"] < 6) == trusted else "bad")
+        assert entry["verdict"] in (("good" if entry["id"] < 6 else "bad"), "open")
+    ranking = [entry["id"] for entry in audit["demonstrations"]]
+    assert sorted(ranking[:6]) == [*range(6)]
 
 
-def test_competing_groups_in_json_and_minority_options(folder):
+def test_two_groups_in_json(folder):
     result = ok("audit", folder / "shifted.parquet", "--json")
     audit = json.loads(result.stdout)
     assert audit["identifiable"] is False
     assert audit["finding"] == "two groups"
     assert sorted(map(sorted, audit["groups"])) == [[*range(6)], [*range(6, 12)]]
-    assert len(audit["to_label"]) == 2
-    assert re.fullmatch(r"note: shifted\.parquet: two groups .* label one demonstration, say .*\n", result.stderr)
-    trusted = set(audit["groups"][0])
-    for minority in ("trust", "distrust"):
-        told = json.loads(ok("audit", folder / "shifted.parquet", "--json", "--minority", minority).stdout)
-        assert told["identifiable"] is True
-        rival = [entry["log_odds"] for entry in told["demonstrations"] if entry["id"] not in trusted]
-        least = min(entry["log_odds"] for entry in told["demonstrations"] if entry["id"] in trusted)
-        assert (min(rival) >= least) == (minority == "trust")
-    ok("fit", folder / "shifted.parquet", "-o", "p", "--minority", "trust", "--features", "raw")
-    assert load("p").minority == "trust"
+    assert [name in group for name, group in zip(audit["pair"], audit["groups"], strict=True)] == [True, True]
+    assert audit["doubts"] == audit["contradicting"] == []
+    assert result.stderr == ""

@@ -46,7 +46,6 @@ def test_the_shell_in_use_is_the_default(home, monkeypatch):
     [
         ("rpil au", ["plain,audit"]),
         ("rpil audit --verd", ["plain,--verdicts"]),
-        ("rpil audit --minority ", ["plain,ask", "plain,trust", "plain,distrust"]),
         ("rpil fit --adversary no", ["plain,normalised-complement"]),
         ("rpil simulate --kind n", ["plain,noisy"]),
         ("rpil audit dat", ["file,dat"]),

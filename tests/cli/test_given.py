@@ -139,14 +139,14 @@ def test_a_reference_is_labelled_good_and_left_out_of_what_is_written(data, give
     outputs = ["--verdicts", "v.csv", "--weights", "w.csv", "--report", "r.html", "--keep", "k.json"]
     options = ["--reference", "good.parquet", "--labels", "l.csv", "--outcome", "next.success"]
     found = audited(data, *options, *outputs)
-    assert labels == [{"3": "adversary", **{f"reference {m}": "expert" for m in range(10)}}]
+    assert labels == [[("3", "bad"), *((f"reference {m}", "good") for m in range(10))]]
     assert len(given[0]["outcome"]) == 34
     assert np.sum(given[0]["outcome"]) == 30
     assert found["n_demonstrations"] == 24
     assert found["n_steps"] == 24 * N_STEPS
     assert {row["id"] for row in found["demonstrations"]} == set(range(24))
     by_id = {row["id"]: row for row in found["demonstrations"]}
-    assert all(by_id[m]["verdict"] == ("adversary" if m in BAD else "expert") for m in range(24))
+    assert all(by_id[m]["verdict"] == ("bad" if m in BAD else "good") for m in range(24))
     assert len(Path("v.csv").read_text().splitlines()) == 25
     assert len(Path("w.csv").read_text().splitlines()) == 24 * N_STEPS + 1
     assert set(json.loads(Path("k.json").read_text())["episodes"]) == set(range(24)) - BAD
@@ -170,8 +170,17 @@ def test_a_reference_says_which_of_two_groups_is_good():
 
 def test_keep_judges_beside_a_reference(data):
     write("good.parquet", 10, {}, 2)
-    ok("keep", data, "-o", "kept.parquet", "--reference", "good.parquet", "--observations", "x,v")
+    options = ["--reference", "good.parquet", "--outcome", "next.success"]
+    ok("keep", data, "-o", "kept.parquet", *options, "--observations", "x,v")
     assert set(formats.read("kept.parquet").ids) == set(range(24)) - BAD
+
+
+def test_a_reference_alone_ranks_the_bad_last_and_calls_nobody_good_who_is_not(data):
+    write("good.parquet", 10, {}, 2)
+    rows = audited(data, "--reference", "good.parquet")["demonstrations"]
+    assert {row["id"] for row in rows[-4:]} == BAD
+    for row in rows:
+        assert row["verdict"] in (("bad" if row["id"] in BAD else "good"), "open")
 
 
 def test_a_reference_with_other_columns_is_refused(data):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import subprocess
 import sys
 import types
@@ -84,17 +85,20 @@ def test_simulate_is_reproducible():
     assert a == b != c
 
 
-def test_fit_reports_a_policy_of_both_groups(folder):
+def test_fit_reports_two_groups_until_an_answer(folder):
     raw = "--features", "raw"  # none are chosen, which takes time
     result = ok("fit", folder / "shifted.parquet", "-o", "p", "--quiet", *raw)
-    assert "the policy in p learns from both groups" in " ".join(result.stdout.split())
+    assert "Two groups" in result.stdout
     assert result.stdout.splitlines()[-1] == "Policy: p"
     assert result.stderr == ""
-    Path("l.json").write_text('{"0": "good"}')
+    Path("l.json").write_text('{"0": "good", "1": "good", "10": "bad", "11": "bad"}')
     result = ok("fit", folder / "shifted.parquet", "-o", "p", "--labels", "l.json", *raw)
     assert result.stdout.startswith("Answered: ")
-    assert "6 good, 0 open, 6 bad." in result.stdout
-    assert "both groups" not in result.stdout
+    good, unsure, bad = map(int, re.search(r"(\d+) good, (\d+) open, (\d+) bad\.", result.stdout).groups())
+    assert min(good, bad) >= 2
+    assert max(good, bad) <= 6
+    assert good + unsure + bad == 12
+    assert "Two groups" not in result.stdout
 
 
 def test_fit_and_evaluate(folder):

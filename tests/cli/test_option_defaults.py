@@ -26,9 +26,7 @@ def test_the_short_option_o_is_the_output_of_every_command():
 
 
 @pytest.mark.parametrize("command", ["audit", "fit"])
-@pytest.mark.parametrize(
-    ("name", "argument"), [("adversary", "adversary"), ("minority", "minority"), ("seed", "random_state")]
-)
+@pytest.mark.parametrize(("name", "argument"), [("adversary", "adversary"), ("seed", "random_state")])
 def test_defaults_are_those_of_python(command, name, argument):
     assert option(command, name).default == inspect.signature(RPIL).parameters[argument].default
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from rpil.cli import main as cli
-from rpil.inference.settings import MINORITY
 from rpil.mixture.adversaries.named import ADVERSARIES
 from rpil.policies.features import FEATURES
 from rpil.simulation.corruptions import KINDS
@@ -12,7 +11,6 @@ from rpil.simulation.corruptions import KINDS
 def test_choices_are_those_of_the_library():
     for command, option, expected in (
         ("audit", "features", FEATURES),
-        ("audit", "minority", MINORITY),
         ("audit", "adversary", ["auto", *ADVERSARIES["discrete"], *ADVERSARIES["continuous"]]),
         ("simulate", "kind", KINDS),
     ):

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from audits import make_audit
-from rpil.audit.label_choice import NEXT_STEPS
+from rpil.audit.answering import NEXT_STEPS, question
 from rpil.audit.record import Audit, Demonstrator, Interval
 from rpil.cli import terminal
 from rpil.cli.outputs import OUTPUTS
@@ -22,11 +22,11 @@ from rpil.inference.findings import FINDINGS
 @pytest.mark.parametrize("finding", ["nobody stands out", "nothing could be learned"])
 def test_every_finding_has_a_sentence_and_a_next_step(finding, capsys):
     verdicts = ("open",) * 9 + ("typical",)
-    terminal.print_audit(make_audit(verdicts, finding=finding, labelled=(9,), lengths=[10] * 10))
+    terminal.print_audit(make_audit(verdicts, finding=finding, labels={9: 1}, lengths=[10] * 10))
     lines = capsys.readouterr().out.splitlines()
     assert lines[0] == f"{finding.capitalize()}: {FINDINGS[finding]}"
     assert lines[-1].startswith("10 demonstrations (100 steps) are ranked")
-    assert lines[-1].endswith("all are open but the labelled ones.")
+    assert lines[-1].endswith("all are open.")
     following = terminal.next_steps(make_audit(finding=finding), "labels.csv", "rpil audit x").splitlines()
     assert following[0] == f"Next: {NEXT_STEPS[finding]}"
     assert (len(following) == 1) == (finding == "nothing could be learned")
@@ -93,25 +93,50 @@ def test_terminal_gets_lines_and_colours(monkeypatch):
 
 
 @pytest.mark.parametrize(
-    ("labels_file", "labelled", "lines"),
+    ("labels_file", "labels", "lines"),
     [
-        ("labels.csv", (), ["id,label", '"a,""b""",good']),
-        ("labels.csv", ("good", "bad"), ['"a,""b""",good']),
-        ("labels.json", (), ['{"a,\\"b\\"": "good"}']),
-        ("labels.json", ("good", "bad"), ['"a,\\"b\\"": "good"']),
+        ("labels.csv", {}, ["id,label", '"a,""b""",good']),
+        ("labels.csv", {"good": 1, "bad": -1}, ['"a,""b""",good']),
+        ("labels.json", {}, ['{"a,\\"b\\"": "good"}']),
+        ("labels.json", {"good": 1, "bad": -1}, ['"a,\\"b\\"": "good"']),
     ],
 )
-def test_labels_to_paste_are_read_as_labels_of_the_demonstration(labels_file, labelled, lines, tmp_path):
-    audit = make_audit(("typical", "open", "unlike"), ids=("good", 'a,"b"', "bad"), labelled=labelled)
+def test_labels_to_paste_are_read_as_labels_of_the_demonstration(labels_file, labels, lines, tmp_path):
+    audit = make_audit(("typical", "open", "unlike"), ids=("good", 'a,"b"', "bad"), labels=labels)
     text = terminal.next_steps(audit, labels_file, "rpil audit x", n_labels=1)
     assert [line[4:] for line in text.splitlines() if line.startswith("    ")] == lines
     assert text.splitlines()[-1] == f"Then run: rpil audit x --labels {labels_file}"
-    if not labelled:
+    if not labels:
         path = tmp_path / labels_file
         path.write_text("\n".join(lines))
         assert read_labels(path) == {'a,"b"': "good"}
 
 
 def test_labels_for_all_leave_nothing_to_label():
-    audit = make_audit(("typical", "unlike"), labelled=(0, 1))
+    audit = make_audit(("typical", "unlike"), labels={0: 1, 1: -1})
     assert terminal.next_steps(audit, "l.csv", "rpil audit x").endswith("Every demonstration has a label already.")
+
+
+@pytest.mark.parametrize(
+    ("labels_file", "lines"), [("l.csv", ["id,label", "0,better than 9"]), ("l.json", ['{"0": "better than 9"}'])]
+)
+def test_question_that_decides_most_is_asked_until_something_is_answered(labels_file, lines):
+    audit = make_audit(pair=(0, 9))
+    text = terminal.next_steps(audit, labels_file, "rpil audit x")
+    assert question(audit) in text.splitlines()
+    assert [line[4:] for line in text.splitlines() if line.startswith("    ")] == lines
+    assert text.splitlines()[-1] == f"Then run: rpil audit x --labels {labels_file}"
+    answered = terminal.next_steps(make_audit(pair=(0, 9), labels={0: 1}), labels_file, "rpil audit x")
+    assert "Which is better" not in answered
+    assert "the best first" in answered
+
+
+def test_doubts_groups_and_contradicting_labels_are_printed():
+    changes = {"doubts": ("One part says most.",), "contradicting": (3,), "competing": ((0, 1), (2, 3))}
+    lines = terminal.next_steps(make_audit(**changes), "l.csv", "rpil audit x").splitlines()
+    assert lines[:4] == [
+        "Group A, 2 demonstrations: 0, 1",
+        "Group B, 2 demonstrations: 2, 3",
+        "3: its label contradicts the other answers; look again.",
+        "One part says most.",
+    ]

@@ -161,7 +161,7 @@ def set_in(tree, path, value):
         (("fitted", "audit_", "fields", "finding"), "all is well"),
         (("fitted", "audit_", "fields", "deviations"), ["it takes action 1"]),
         (("fitted", "audit_", "fields", "deviations"), 3),
-        (("fitted", "audit_", "fields", "labelled"), ...),
+        (("fitted", "audit_", "fields", "answers"), ...),
         (("fitted", "judge_"), None),
         (("fitted", "judge_", "fields", "groups"), None),
         (("fitted", "judge_", "fields", "ratio"), None),

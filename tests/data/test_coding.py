@@ -52,5 +52,4 @@ def test_labels_are_signs():
     assert label_codes({"b": "expert"}, WORDS).tolist() == [0, 1]
     assert label_codes({"a": "adversary"}, WORDS).tolist() == [-1, 0]
     assert label_codes(None, WORDS).tolist() == [0, 0]
-    with pytest.raises(DataError, match="all demonstrations are labelled bad"):
-        label_codes({"a": "adversary", "b": "adversary"}, WORDS)
+    assert label_codes({"a": "adversary", "b": "adversary"}, WORDS).tolist() == [-1, -1]

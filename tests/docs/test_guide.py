@@ -36,8 +36,11 @@ def test_snippets_run(pictures):
     names = {"RPIL": rpil.RPIL, "demonstrations": demonstrations}
     for code in plain():
         exec(compile(code, "docs/policies.md", "exec"), names)
-    assert len(plain()) == 3
+    assert len(plain()) == 2
     assert names["audit"].verdicts == tuple("typical" if expert else "unlike" for expert in good)
+    proba = names["answered"].expert_proba
+    assert proba[good].min() > proba[~good].max()
+    assert {word for word, expert in zip(names["answered"].verdicts, good, strict=True) if expert} <= {"good", "open"}
 
 
 @pytest.mark.filterwarnings("ignore::sklearn.exceptions.ConvergenceWarning")  # trees change by leaps

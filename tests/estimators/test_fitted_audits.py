@@ -2,25 +2,21 @@
 
 from __future__ import annotations
 
-import numpy as np
-import pytest
+from sklearn.metrics import roc_auc_score
 
 from problems import make
-from rpil import RPIL, AmbiguousWarning, load, save
+from rpil import RPIL, load, save
 
 
-def test_competing_groups_are_open_and_the_longest_of_each_is_asked_about():
+def test_competing_groups_are_open_and_one_of_each_is_asked_about():
     toy = make("shifted", 1, steps=(40, 60))
-    with pytest.warns(AmbiguousWarning, match="two groups of demonstrations") as caught:
-        audit = RPIL().fit(toy.demonstrations).audit_
-    assert caught[0].filename == __file__
+    audit = RPIL().fit(toy.demonstrations).audit_
+    assert audit.finding == "two groups"
     assert set(audit.verdicts) == {"open"}
     assert (audit.expert_proba == 0.5).all()
     assert not audit.identifiable
     assert {frozenset(group) for group in audit.competing} == {frozenset(toy.ids[:6]), frozenset(toy.ids[6:])}
-    lengths = dict(zip(toy.ids, np.diff(toy.offsets).tolist(), strict=True))
-    longest = [max(lengths[name] for name in group) for group in audit.competing]
-    assert [lengths[name] for name in audit.to_label] == longest
+    assert [name in group for name, group in zip(audit.pair, audit.competing, strict=True)] == [True, True]
 
 
 def test_suggestions_leave_out_labels_and_survive_a_file(tmp_path):
@@ -34,13 +30,20 @@ def test_suggestions_leave_out_labels_and_survive_a_file(tmp_path):
     assert load(tmp_path / "model").audit_.suggest_labels(4) == audit.suggest_labels(4)
 
 
-def test_first_suggested_label_decides_between_competing_groups():
+def test_the_answered_pair_decides_between_competing_groups():
     toy = make("flipped", 3, n_actions=4, n_good=6, n_bad=6, steps=(60, 60))
-    with pytest.warns(AmbiguousWarning):
-        audit = RPIL().fit(toy.demonstrations).audit_
-    (name,) = audit.suggest_labels(1)
-    assert name == audit.to_label[0]
+    audit = RPIL().fit(toy.demonstrations).audit_
+    assert audit.finding == "two groups"
     is_good = dict(zip(toy.ids, toy.is_good, strict=True))
-    labelled = RPIL().fit(toy.demonstrations, labels={name: "good" if is_good[name] else "bad"}).audit_
+    better, worse = sorted(audit.pair, key=lambda name: not is_good[name])
+    assert is_good[better] > is_good[worse]
+    labelled = RPIL().fit(toy.demonstrations, labels={better: f"better than {worse}"}).audit_
     assert labelled.identifiable
-    assert [verdict == "good" for verdict in labelled.verdicts] == toy.is_good.tolist()
+    assert set(labelled.verdicts) == {"open"}  # one answer alone
+    assert roc_auc_score(toy.is_good, labelled.log_odds) > 0.95
+    both = labelled.answered(
+        {labelled.suggest_labels(1)[0]: "good" if is_good[labelled.suggest_labels(1)[0]] else "bad"}
+    )
+    words = dict(zip(both.ids, both.verdicts, strict=True))
+    assert set(words.values()) > {"open"}
+    assert all(is_good[name] == (word == "good") for name, word in words.items() if word != "open")

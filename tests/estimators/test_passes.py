@@ -38,22 +38,25 @@ def both(data, fit=None, **options):
     return model, other
 
 
-def assert_alike(model, other, most_verdicts=0):
-    """The same finding, and the same demonstrations trusted; scores near a boundary may fall on either side of it."""
+def assert_alike(model, other, most_open=0.0, least_correlation=0.99):
+    """The same finding, and no word against the other; a share of words may be open in one of the two, because a sample
+    supports fewer words, or more by chance."""
     one, two = model.audit_, other.audit_
     assert one.finding == two.finding
-    assert np.corrcoef(one.log_odds, two.log_odds)[0, 1] > 0.99
-    assert sum(a != b for a, b in zip(one.verdicts, two.verdicts, strict=True)) <= most_verdicts
+    assert np.corrcoef(one.log_odds, two.log_odds)[0, 1] > least_correlation
+    differ = [pair for pair in zip(one.verdicts, two.verdicts, strict=True) if pair[0] != pair[1]]
+    assert len(differ) <= most_open * len(one.ids)
+    assert all("open" in pair for pair in differ)
 
 
 @pytest.mark.parametrize("maker", MAKERS)
-@pytest.mark.parametrize(("kind", "most_verdicts"), [("random", 0), ("noisy", 2), ("flipped", 0)])
-def test_verdicts_from_a_sample_are_those_from_all_demonstrations(maker, kind, most_verdicts):
+@pytest.mark.parametrize(("kind", "most_open"), [("random", 0), ("noisy", 0.2), ("flipped", 0)])
+def test_verdicts_from_a_sample_are_those_from_all_demonstrations(maker, kind, most_open):
     toy, data = demonstrations(kind, maker=maker)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         model, other = both(data)
-    assert_alike(model, other, most_verdicts)
+    assert_alike(model, other, most_open)
     assert roc_auc_score(toy.is_good, model.log_odds_) > 0.99
     assert len(model.audit_.reasons) == len(data)
     assert model.audit_.deviations == ()  # actions are compared in memory only
@@ -66,8 +69,7 @@ def test_verdicts_from_a_sample_are_those_from_all_demonstrations(maker, kind, m
 @pytest.mark.parametrize("maker", MAKERS)
 def test_majority_that_acts_alike_is_not_taken_for_the_expert(maker):
     toy, data = demonstrations("flipped", 1, n_good=30, n_bad=90, maker=maker)
-    with pytest.warns(UserWarning, match="label one demonstration"):
-        model, other = both(data)
+    model, other = both(data)
     assert_alike(model, other)
     audit = model.audit_
     assert audit.finding == "two groups"
@@ -76,42 +78,33 @@ def test_majority_that_acts_alike_is_not_taken_for_the_expert(maker):
     groups = [set(group) for group in audit.competing]
     good = {name for name, is_good in zip(toy.ids, toy.is_good, strict=True) if is_good}
     assert len(groups[1] ^ good) <= 1  # the smaller group is the other
-    assert audit.to_label[0] in groups[0]
-    assert audit.to_label[1] in groups[1]
-
-
-@pytest.mark.parametrize(("maker", "labels"), [(make, {"d0": "good"}), (make_continuous, {"d100": "bad"})])
-def test_one_label_decides_which_group_is_the_experts(maker, labels):
-    toy, data = demonstrations("flipped", 1, n_good=30, n_bad=90, maker=maker)
-    model, other = both(data, labels=labels)
-    assert_alike(model, other)
-    assert model.audit_.identifiable
-    assert roc_auc_score(toy.is_good, model.log_odds_) > 0.99
+    assert audit.pair[0] in groups[0]
+    assert audit.pair[1] in groups[1]
 
 
 @pytest.mark.parametrize("maker", MAKERS)
-def test_minority_decides_about_a_rival_group_of_a_sample(maker):
-    toy, data = demonstrations("flipped", 1, n_good=90, n_bad=30, maker=maker)
-    distrusted, other = both(data, minority="distrust")
-    assert_alike(distrusted, other)
-    np.testing.assert_array_equal(np.array(distrusted.audit_.verdicts) == "typical", toy.is_good)
-    trusted, other = both(data, minority="trust")
-    assert trusted.audit_.finding == other.audit_.finding == "some are unlike"
-    assert set(trusted.audit_.verdicts) == set(other.audit_.verdicts) == {"typical"}
+def test_answered_pair_ranks_the_group_of_the_expert_first(maker):
+    toy, data = demonstrations("flipped", 1, n_good=30, n_bad=90, maker=maker)
+    model, other = both(data, labels={"d0": "better than d100"})
+    assert_alike(model, other, least_correlation=0.95)
+    assert model.audit_.identifiable
+    assert set(model.audit_.verdicts) == {"open"}  # one answer alone
+    assert roc_auc_score(toy.is_good, model.log_odds_) > 0.99
 
 
 @pytest.mark.parametrize("maker", MAKERS)
 def test_labels_outside_the_sample_are_used(maker):
     _, data = demonstrations(maker=maker)
-    labels = {"d0": "good", "d3": "bad", "d100": "bad"}  # the second is wrong, and obeyed
+    labels = {"d0": "good", "d3": "bad", "d100": "bad"}  # the second is wrong
     model, other = both(data, labels=labels)
     assert model.audit_.finding == other.audit_.finding == "answered"
-    assert model.audit_.verdicts == other.audit_.verdicts
+    assert_alike(model, other, 0.2, 0.95)
     assert model.audit_.labelled == ("d0", "d3", "d100")
-    verdicts = dict(zip(model.audit_.ids, model.audit_.verdicts, strict=True))
-    assert [verdicts[name] for name in labels] == list(labels.values())
+    own = dict(zip(model.audit_.ids, model.log_odds_, strict=True))
+    without = dict(zip(model.audit_.ids, both(data)[0].log_odds_, strict=True))
+    assert without["d3"] > 0 > own["d3"]
     weight = model.audit_.step_weight
-    assert weight[data.offsets[3] : data.offsets[4]].max() < 0.01  # nor is the policy taught by it
+    assert weight[data.offsets[3] : data.offsets[4]].max() < 0.5  # the policy is hardly taught by it
 
 
 @pytest.mark.parametrize("maker", MAKERS)
@@ -119,7 +112,7 @@ def test_demonstrators_change_log_odds_of_large_data(maker):
     toy, data = demonstrations("noisy", maker=maker)
     names = [f"{'good' if is_good else 'bad'} {m % 4}" for m, is_good in enumerate(toy.is_good)]
     model, other = both(data, fit={"demonstrators": names})
-    assert_alike(model, other, 2)
+    assert_alike(model, other, 0.2)
     lent = model.audit_.from_demonstrator
     assert lent[toy.is_good].min() > 0 > lent[~toy.is_good].max()
     found = {who.name: who.trust.mean for who in model.audit_.demonstrators}
@@ -168,7 +161,10 @@ def test_sample_with_labels_of_one_kind_holds_unlabelled_demonstrations(recwarn)
     toy, data = demonstrations("random", 1, n_good=100, n_bad=100)
     labels = dict.fromkeys(toy.ids[100:160], "bad")
     model = small_rpil(labels=labels, settings=settings).fit(data)
-    np.testing.assert_array_equal(np.array(model.audit_.verdicts) == "good", toy.is_good)
+    assert roc_auc_score(toy.is_good, model.log_odds_) > 0.99
+    words = np.array(model.audit_.verdicts)
+    assert not (words[toy.is_good] == "bad").any()
+    assert not (words[~toy.is_good] == "good").any()
     assert not [w for w in recwarn if w.category is RuntimeWarning]
 
 

@@ -35,7 +35,7 @@ def mixture(data):
 @pytest.mark.parametrize(
     "estimator",
     [
-        RPIL(labels={"é0": "good", "é7": "bad"}, minority="trust", random_state=5),
+        RPIL(labels={"é0": "good", "é7": "bad"}, random_state=5),
         RPIL(features="spline", settings=Settings(judge_features="poly")),
         RPIL(adversary="uniform", settings=mixture_settings(prior=(3, 2))),
         RPIL(features="spline", adversary="own policy"),
@@ -84,7 +84,7 @@ def test_loaded_rpil_has_the_same_audit_and_scores(kind, data, tmp_path, request
     save(fitted, tmp_path / "p")
     loaded = load(tmp_path / "p")
     assert loaded.audit_.to_dict() == fitted.audit_.to_dict()
-    for name in ("ids", "finding", "verdicts", "competing", "to_label", "assumptions", "prior"):
+    for name in ("ids", "finding", "verdicts", "competing", "pair", "doubts", "contradicting", "assumptions", "prior"):
         assert getattr(loaded.audit_, name) == getattr(fitted.audit_, name)
     for name in ("offsets", "step_log_ratio", "step_weight", "reliability_interval", "history", "from_actions"):
         np.testing.assert_array_equal(getattr(loaded.audit_, name), getattr(fitted.audit_, name))
@@ -186,7 +186,6 @@ def test_action_box_of_arrays_is_saved(tmp_path):
     ],
     ids=lambda e: f"{type(e).__name__} {getattr(e, 'adversary', '')}",
 )
-@pytest.mark.filterwarnings("ignore::rpil.AmbiguousWarning")
 def test_continuous_models_come_back_bit_for_bit(estimator, tmp_path):
     toy = make_continuous("noisy", 0)
     model = clone(estimator).fit(toy.demonstrations)

@@ -94,8 +94,12 @@ CONTINUOUS = Demonstrations.from_arrays(TOY.observations, TOY.observations, TOY.
         (RPIL(action_box=(-1, 1)), CONTINUOUS, "outside the declared box from -1 to 1; widen action_box"),
         (RPIL(), TOY.demonstrations.select([0]), "n_samples=1. cannot be compared; give at least two"),
         (RPIL(labels={"d99": "good"}), TOY.demonstrations, "d99"),
-        (RPIL(labels={"d0": "great"}), TOY.demonstrations, "'d0': the label 'great' is unknown"),
-        (RPIL(labels=dict.fromkeys(TOY.ids, "bad")), TOY.demonstrations, "all demonstrations are labelled bad"),
+        (RPIL(labels={"d0": "great"}), TOY.demonstrations, "'d0': unknown label 'great'"),
+        (
+            RPIL(adversary="uniform", labels=dict.fromkeys(TOY.ids, "bad")),
+            TOY.demonstrations,
+            "all demonstrations are labelled bad",
+        ),
     ],
 )
 def test_errors_are_one_sentence(model, data, words):

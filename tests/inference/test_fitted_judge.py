@@ -2,26 +2,66 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from hand_made import groups_of
 from problems import fit_data_of, make, make_continuous
+from rpil.inference.channels import StateScale, channels
 from rpil.inference.fitted_judge import FittedJudge
 from rpil.inference.held_out import held_out_model
+from rpil.inference.scores import mean_variance
 from rpil.inference.settings import HeldOutSettings, JudgeSettings
 from rpil.inference.trust import judge
 
 STEPS = (40, 60)
+SETTINGS = JudgeSettings()
 
 
-@pytest.mark.slow
-def test_fitted_judge_gives_the_signs_of_the_judgement():
-    for toy in (make("random", 0, n_good=10, n_bad=10, steps=STEPS), make_continuous("random", 0, steps=STEPS)):
-        problem = fit_data_of(toy)
-        judgement = judge(problem, held_out_model(problem, 0, HeldOutSettings()), JudgeSettings())
-        kept = FittedJudge.of(judgement, problem, JudgeSettings())
-        measure, _ = kept.step_ratios(problem.features, problem.actions, JudgeSettings())
-        score = problem.sum_steps(measure) / problem.lengths
-        np.testing.assert_allclose(score, judgement.scores.score, atol=0.3 * np.ptp(judgement.scores.score))
-        again = kept.log_odds(measure, problem.offsets, JudgeSettings())
-        np.testing.assert_array_equal(again > 0, judgement.log_odds > 0)
+@pytest.fixture(scope="module", params=["discrete", "continuous"])
+def judged(request):
+    """Data, their judgement, the fitted judge and its log pi and log pi - log q."""
+    discrete = request.param == "discrete"
+    toy = make("random", 0, n_good=10, n_bad=10, steps=STEPS) if discrete else make_continuous("random", 0, steps=STEPS)
+    data = fit_data_of(toy)
+    judgement = judge(data, held_out_model(data, 0, HeldOutSettings()), SETTINGS)
+    kept = FittedJudge.of(judgement, data, SETTINGS)
+    return data, judgement, kept, kept.step_ratios(data.features, data.actions, SETTINGS)
+
+
+def test_fitted_judge_gives_the_signs_of_the_judgement(judged):
+    data, judgement, kept, (log_prob, log_ratio) = judged
+    measure = log_ratio if data.space.kind == "discrete" else log_prob
+    score = data.mean_steps(measure)
+    np.testing.assert_allclose(score, judgement.scores.score, atol=0.3 * np.ptp(judgement.scores.score))
+    again = kept.log_odds(measure, data.offsets, SETTINGS)
+    np.testing.assert_array_equal(again > 0, judgement.log_odds > 0)
+    np.testing.assert_allclose(data.mean_steps(log_ratio), data.mean_steps(judgement.log_ratio), atol=0.5)
+
+
+def test_channels_are_those_of_the_judged_steps(judged):
+    data, judgement, kept, (log_prob, log_ratio) = judged
+    found = kept.channels(data, log_prob, log_ratio, SETTINGS)
+    actions = kept.ratio.indicators(data.actions)
+    by_hand = channels(data, log_prob, log_ratio, actions, judgement.states, SETTINGS.channels)
+    np.testing.assert_array_equal(found, by_hand)
+    assert found.shape == (data.n_demonstrations, 8)
+
+
+def test_a_user_policy_replaces_the_ratio(judged):
+    data, judgement, _, _ = judged
+    kept = FittedJudge.of(judgement, data, SETTINGS, user_policy=True)
+    assert kept.ratio is None
+    assert kept.reference.shape == (3,) if data.space.kind == "discrete" else data.actions.shape[1:]
+
+
+def test_log_odds_by_hand():
+    log_ratio, offsets = np.array([1.0, 0.0, 2.0, 0.2, -0.2]), np.array([0, 3, 5])
+    kept = FittedJudge(None, groups_of(0.9), 2.0, 0.5, StateScale(np.zeros(1), np.ones(1), 0.0, np.zeros((1, 1))))
+    variance = mean_variance(np.array([2.0, 0.08]), np.array([3, 2]), 2.0, np.array([1.5, 1.0]), 20.0)
+    by_hand = kept.groups.log_odds(np.array([1.0, 0.0]), variance, SETTINGS.groups)
+    np.testing.assert_allclose(kept.log_odds(log_ratio, offsets, SETTINGS), by_hand)
+    other = replace(kept, effective_per_step=0.1).log_odds(log_ratio, offsets, SETTINGS)
+    assert (np.abs(other) < np.abs(by_hand)).all()

@@ -9,7 +9,7 @@ import pytest
 from sklearn.linear_model import LogisticRegression, Ridge
 
 from problems import fit_data_of, make, make_continuous
-from rpil.inference.held_out import HeldOutRidge, HeldOutSoftmax, frequencies, log_reference
+from rpil.inference.held_out import HeldOutRidge, HeldOutSoftmax, frequencies, held_out_model, log_reference
 from rpil.inference.parts import ActionScale
 from rpil.inference.settings import HeldOutSettings
 from rpil.numerics.regression import ErrorSettings, error_scale, student_log_density
@@ -81,3 +81,44 @@ def test_reference_does_not_depend_on_the_state():
     for action in range(problem.space.n):
         share = (problem.actions == action).mean()
         assert np.exp(log_q[problem.actions == action]).mean() == pytest.approx(share, abs=0.01)
+
+
+def test_parts_of_the_action_sum_to_the_whole():
+    problem = fit_data_of(make_continuous("noisy", 0, steps=STEPS, n_parts=3))
+    weight = np.random.default_rng(0).random(len(problem.actions))
+    found = HeldOutRidge(problem, deal(problem, 3, 0), HeldOutSettings())
+    parts = found.log_prob_of_parts(weight, 1e-2)
+    assert parts.shape == (len(problem.actions), 3)
+    np.testing.assert_allclose(parts.sum(axis=1), found.evaluate(weight, 1e-2).log_prob)
+    softmax = fit_data_of(make("noisy", 0, steps=STEPS))
+    assert HeldOutSoftmax(softmax, deal(softmax, 3, 0), HeldOutSettings()).log_prob_of_parts(weight, 1e-2) is None
+
+
+def test_errors_may_have_the_scale_of_other_steps():
+    problem = fit_data_of(make_continuous("random", 0, steps=STEPS))
+    good = problem.per_step((np.arange(12) < 6).astype(float))
+    found = HeldOutRidge(problem, deal(problem, 3, 0), HeldOutSettings())
+    own, at_bad = found.evaluate(good, 1e-2).log_prob, found.log_prob_at(good, 1.0 - good, 1e-2)
+    np.testing.assert_array_equal(found.log_prob_at(good, good, 1e-2), own)
+    assert own[good > 0].mean() > at_bad[good > 0].mean() + 0.5
+    assert own[good == 0].mean() < at_bad[good == 0].mean() - 0.5
+    assert found.evaluate(1.0 - good, 1e-2).log_prob[good > 0].mean() != at_bad[good > 0].mean()  # another policy
+    softmax = fit_data_of(make("random", 0, steps=STEPS))
+    good = softmax.per_step((np.arange(12) < 6).astype(float))
+    model = HeldOutSoftmax(softmax, deal(softmax, 3, 0), HeldOutSettings())
+    expected = model.cold_copy().evaluate(good, 1e-2).log_prob
+    np.testing.assert_array_equal(model.log_prob_at(good, 1.0 - good, 1e-2), expected)  # no scale
+
+
+@pytest.mark.parametrize("toy", [make("noisy", 0, steps=STEPS), make_continuous("noisy", 0, steps=STEPS)])
+def test_other_folds_and_a_cold_copy(toy):
+    problem = fit_data_of(toy)
+    found = held_out_model(problem, 0, HeldOutSettings(max_folds_continuous=3))
+    again = found.dealt_again(1)
+    assert (again.fold != found.fold).any()
+    np.testing.assert_array_equal(again.fold, held_out_model(problem, 1, found.settings).fold)
+    weight = np.ones(len(problem.actions))
+    first = found.evaluate(weight, 1e-2).log_prob
+    found.evaluate(weight * (problem.per_step(np.arange(12)) < 3), 1e-1)
+    np.testing.assert_array_equal(found.cold_copy().evaluate(weight, 1e-2).log_prob, first)
+    np.testing.assert_array_equal(found.cold_copy().fold, found.fold)

@@ -1,11 +1,24 @@
-"""Variances of scores."""
+"""Scores, their variances, and whether the state predicts the action."""
 
 from __future__ import annotations
+
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from rpil.inference.scores import mean_variance
+from hand_made import Written, reference, same_actions
+from problems import fit_data_of, make, make_continuous
+from rpil.data.fit_data import FitData
+from rpil.data.spaces import Box, Discrete
+from rpil.inference.effective_steps import autocovariances, effective_steps
+from rpil.inference.held_out import HeldOutLogProb, held_out_model
+from rpil.inference.parts import ActionScale
+from rpil.inference.scores import Scoring, mean_variance
+from rpil.inference.settings import HeldOutSettings, JudgeSettings
+from rpil.inference.trimming import TrimmedFit
+
+SETTINGS = JudgeSettings()
 
 
 def test_mean_variance_is_that_of_simulated_means():
@@ -14,3 +27,85 @@ def test_mean_variance_is_that_of_simulated_means():
     squares = ((values - values.mean(axis=1, keepdims=True)) ** 2).sum(axis=1)
     variance = mean_variance(squares, np.full(4000, 25), 1.0, np.full(4000, 25.0), 20.0)
     assert variance.mean() == pytest.approx(values.mean(axis=1).var(), rel=0.1)
+
+
+def test_mean_variance_by_hand():
+    found = mean_variance(np.array([12.0, 0.0]), np.array([4, 6]), 2.0, np.array([3.0, 2.0]), 6.0)
+    np.testing.assert_allclose(found, [(12 + 12) / 10 / 3, 12 / 12 / 2])
+
+
+@pytest.mark.parametrize("discrete", [False, True])
+def test_scores_by_hand(discrete):
+    offsets, n = np.array([0, 40, 70, 120]), 120
+    rng = np.random.default_rng(0)
+    actions = rng.integers(2, size=n) if discrete else rng.normal(size=(n, 1))
+    space = Discrete(2) if discrete else Box.around(actions)
+    data = FitData(np.ones((n, 1)), actions, offsets, space, np.zeros(3, dtype=int))
+    log_q = rng.normal(size=n)
+    scoring = Scoring(data, Written(data, lambda group: 0.0, SETTINGS), SETTINGS, 0.1, log_q, False)
+    group, log_prob = np.array([True, False, True]), rng.normal(size=n)
+    residual = rng.normal(size=n) + np.repeat([1.0, 50.0, 1.0], [40, 30, 50])
+    found = scoring.score(TrimmedFit(HeldOutLogProb(log_prob, residual), group, 0.1, np.zeros(1)))
+    log_ratio = log_prob - log_q if discrete else log_prob
+    of_each = np.split(log_ratio, offsets[1:-1])
+    np.testing.assert_allclose(found.score, [one.mean() for one in of_each])
+    squares = np.array([((one - one.mean()) ** 2).sum() for one in of_each])
+    assert found.step_variance == pytest.approx(squares.sum() / 117)
+    of_group = np.concatenate([residual[:40], residual[70:]])
+    covariances = autocovariances(of_group - of_group.mean(), np.array([0, 40, 90]), SETTINGS.effective_steps)
+    np.testing.assert_allclose(found.effective_steps, effective_steps(covariances, data.lengths))
+    np.testing.assert_allclose(
+        found.variance, (squares + 20 * found.step_variance) / (data.lengths + 20) / found.effective_steps
+    )
+    assert found.state_predicts_action is False
+    np.testing.assert_array_equal(
+        found.log_odds(SETTINGS), found.groups.log_odds(found.score, found.variance, SETTINGS.groups)
+    )
+
+
+def test_one_step_each_has_no_variance_of_steps():
+    data = FitData(np.ones((3, 1)), np.array([0, 1, 0]), np.arange(4), Discrete(2), np.zeros(3, dtype=int))
+    scoring = Scoring(data, Written(data, lambda group: 0.0, SETTINGS), SETTINGS, 0.1, np.zeros(3), True)
+    fit = TrimmedFit(HeldOutLogProb(np.arange(3.0), np.arange(3.0)), np.ones(3, dtype=bool), 0.1, np.zeros(1))
+    assert scoring.score(fit).step_variance == 0.0
+
+
+GAINS = np.array([1.0, 3.0, 1.0, 3.0])  # a mean of 2, with a standard error of 1/2
+
+
+@pytest.mark.parametrize(("limit", "predicts"), [(3.9, True), (4.1, False)])
+def test_the_state_predicts_the_action_by_standard_errors(limit, predicts):
+    data = same_actions(4)
+    settings = replace(SETTINGS, min_standard_errors=limit)
+    scoring = Scoring.of(data, Written(data, lambda group: GAINS, settings), settings)
+    assert scoring.state_predicts_action is predicts
+    assert scoring.ridge == 0.0
+    np.testing.assert_allclose(scoring.log_q, reference(data, settings))
+    assert [group.all() for group in scoring.model.fitted] == [True]
+
+
+def test_no_gain_is_no_prediction():
+    data = same_actions(4)
+    assert not Scoring.of(data, Written(data, lambda group: -GAINS, SETTINGS), SETTINGS).state_predicts_action
+
+
+def test_other_folds_are_dealt_by_policies_that_have_some():
+    data = same_actions(4)
+    assert Scoring.of(data, Written(data, lambda group: GAINS, SETTINGS), SETTINGS).dealt_again(1) is None
+    problem = fit_data_of(make("random", 0))
+    scoring = Scoring.of(problem, held_out_model(problem, 0, HeldOutSettings()), SETTINGS)
+    again = scoring.dealt_again(1)
+    assert again.ridge == scoring.ridge
+    assert (again.model.fold != scoring.model.fold).any()
+
+
+def test_indicators_are_the_actions_as_the_policy_sees_them():
+    problem = fit_data_of(make("random", 0))
+    scoring = Scoring(problem, held_out_model(problem, 0, HeldOutSettings()), SETTINGS, 0.1, np.zeros(1), True)
+    found = scoring.indicators()
+    np.testing.assert_array_equal(found.argmax(axis=1), problem.actions)
+    assert found.shape == (len(problem.actions), 3)
+    assert set(found.ravel()) == {0.0, 1.0}
+    continuous = fit_data_of(make_continuous("random", 0))
+    scaled = replace(scoring, data=continuous).indicators()
+    np.testing.assert_array_equal(scaled, ActionScale.of(continuous)(continuous.actions))

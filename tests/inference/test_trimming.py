@@ -3,18 +3,27 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import ClassVar
 
 import numpy as np
+import pytest
 from sklearn.metrics import roc_auc_score
 
+from hand_made import Written, same_actions
 from problems import fit_data_of, make
 from rpil.data.fit_data import FitData
 from rpil.data.spaces import Discrete
-from rpil.inference.held_out import held_out_model
-from rpil.inference.settings import HeldOutSettings, TrimmingSettings
-from rpil.inference.trimming import best_explained, choose_ridge, fit_trimmed, group_shares
+from rpil.inference.held_out import HeldOutLogProb, held_out_model
+from rpil.inference.settings import HeldOutSettings, JudgeSettings
+from rpil.inference.trimming import best_explained, choose_ridge, fit_group, fit_trimmed
 
 STEPS = (40, 60)
+EVERYONE = np.ones(6, dtype=bool)
+
+
+def written(gains):
+    data = same_actions(6)
+    return data, Written(data, gains, JudgeSettings())
 
 
 def test_training_group_is_the_best_explained():
@@ -28,12 +37,75 @@ def test_training_group_is_the_best_explained():
     assert taught.history[-1] > taught.history[0]
 
 
-def test_training_group_has_labelled_experts_and_no_labelled_adversaries():
-    problem = fit_data_of(make("random", 0), labels=[1, -1, *[0] * 10])
-    chosen = best_explained(problem, np.array([-9.0, 9.0, *range(10)]), 4)
-    assert chosen[0]
-    assert not chosen[1]
-    assert chosen.sum() == 4
+def test_best_explained_are_the_first_of_equals():
+    assert np.flatnonzero(best_explained(np.array([1.0, 3, 2, 2, 0]), 2)).tolist() == [1, 2]
+    assert not best_explained(np.arange(3.0), 0).any()
+
+
+def test_concentration_steps_end_where_the_group_stays():
+    ends = [[0, 1, 2], [1, 2, 3], [2, 3, 4], [2, 3, 4]]
+
+    def gains(group):
+        step = 0 if group.all() else 1 + ends.index(np.flatnonzero(group).tolist())
+        return np.isin(np.arange(6), ends[min(step, 3)]) * (1.0 + step)
+
+    data, model = written(gains)
+    fit = fit_trimmed(data, model, EVERYONE, 1e-2, 0.5, 9)
+    assert [np.flatnonzero(group).tolist() for group in model.fitted] == [list(range(6)), *ends[:3]]
+    assert np.flatnonzero(fit.group).tolist() == [2, 3, 4]
+    base = data.mean_steps(fit.held_out.log_prob).min()
+    np.testing.assert_allclose(fit.history - base, [0.5, 4 / 3, 2.0, 4.0])
+    assert fit.ridge == 1e-2
+    short = fit_trimmed(*written(gains), EVERYONE, 1e-2, 0.5, 1)
+    assert np.flatnonzero(short.group).tolist() == [0, 1, 2]
+    assert len(short.history) == 2
+
+
+@pytest.mark.parametrize(("share", "count"), [(0.6, 4), (0.5, 3), (0.01, 2)])
+def test_a_training_group_has_its_share_and_two_at_least(share, count):
+    assert fit_trimmed(*written(lambda group: np.arange(6.0)), EVERYONE, 1e-2, share, 4).group.sum() == count
+
+
+def test_a_group_is_fitted_as_it_is():
+    data, model = written(lambda group: np.where(group, 2.0, -1.0))
+    group = EVERYONE.copy()
+    group[0] = False
+    fit = fit_group(data, model, group, 0.1)
+    assert fit.group.tolist() == group.tolist()
+    assert [one.tolist() for one in model.fitted] == [group.tolist()]
+    assert fit.history.tolist() == pytest.approx([data.mean_steps(fit.held_out.log_prob)[1]])
+
+
+class Ridges(Written):
+    """Ridges, the strongest first, with the gain of each demonstration."""
+
+    explained: ClassVar = {1.0: [0, 0, 0, 0, 0, 9], 0.1: [1, 1, 1, -9, -9, -9], 0.01: [-1, -1, -1, 9, 9, 9]}
+
+    @property
+    def ridges(self):
+        return tuple(self.explained)
+
+    def evaluate(self, weight, ridge):
+        self.fitted.append(ridge)
+        log_prob = self.data.per_step(np.array(self.explained[ridge], dtype=float))
+        return HeldOutLogProb(log_prob, log_prob)
+
+
+def ridge_of(group):
+    model = Ridges(same_actions(6), lambda group: 0.0, JudgeSettings())
+    return choose_ridge(model.data, model, group), model.fitted
+
+
+def test_ridge_is_that_of_the_median_demonstration_of_the_group(monkeypatch):
+    assert ridge_of(np.arange(6) < 3) == (0.1, [1.0, 0.1, 0.01])
+    assert ridge_of(np.arange(6) < 5) == (0.1, [1.0, 0.1, 0.01])
+    # the search ends where a weaker ridge explains no more
+    assert ridge_of(np.arange(6) >= 3) == (1.0, [1.0, 0.1])
+    monkeypatch.setattr(Ridges, "explained", {1.0: [0] * 6, 0.1: [0] * 6, 0.01: [1] * 6})
+    assert ridge_of(EVERYONE) == (1.0, [1.0, 0.1])
+    monkeypatch.setattr(Ridges, "explained", {1.0: [0] * 6, 0.1: [1] * 6, 0.01: [2] * 6})
+    assert ridge_of(EVERYONE) == (0.01, [1.0, 0.1, 0.01])
+    assert choose_ridge(*written(lambda group: 0.0), EVERYONE) == 0.0
 
 
 def test_choose_ridge_takes_a_strong_one_for_noise():
@@ -43,9 +115,3 @@ def test_choose_ridge_takes_a_strong_one_for_noise():
     assert choose_ridge(noise, held_out_model(noise, 0, HeldOutSettings()), np.ones(20, dtype=bool)) == 1e-1
     clear = replace(noise, actions=(features[:, 0] > 0).astype(int))
     assert choose_ridge(clear, held_out_model(clear, 0, HeldOutSettings()), np.ones(20, dtype=bool)) < 1e-1
-
-
-def test_shares_are_halved_down_to_the_smallest_group():
-    assert group_shares(100, TrimmingSettings()) == [0.6, 0.3, 0.15, 0.075]
-    assert group_shares(20, TrimmingSettings()) == [0.6, 0.3]
-    assert group_shares(4, TrimmingSettings()) == [0.6]

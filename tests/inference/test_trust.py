@@ -1,4 +1,4 @@
-"""The judge (`rpil.inference.trust`)."""
+"""The judge: its stages in order, and how answers and demonstrators change what is said."""
 
 from __future__ import annotations
 
@@ -6,39 +6,267 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.special import expit
+from sklearn.metrics import roc_auc_score
 
+from hand_made import Written, groups_of, same_actions, scores_of, scoring_of
 from problems import fit_data_of, make
+from rpil.data.demonstrators import Demonstrators
+from rpil.inference import trust
+from rpil.inference.answered import answer, columns_of
+from rpil.inference.answers import Answers
+from rpil.inference.channels import StateScale
+from rpil.inference.claims import Claims, telling_pair
+from rpil.inference.groups import expert_share_interval
 from rpil.inference.held_out import held_out_model
-from rpil.inference.settings import GroupSettings, HeldOutSettings, JudgeSettings, TrimmingSettings
-from rpil.inference.trust import judge
+from rpil.inference.scores import Scoring
+from rpil.inference.settings import ClaimSettings, HeldOutSettings, JudgeSettings
+from rpil.inference.step_trust import StepTrust
+from rpil.inference.trust import Evidence, conclude, judge, score_by_best_group
+from rpil.mixture.demonstrator_prior import demonstrator_posterior
 
 STEPS = (40, 60)
+SETTINGS = JudgeSettings()
+SCORE = np.array([1.0, 0.9, 1.1, 1.0, 1.05, 0.95, 0.0, 0.1, -0.1, 0.0])
+WORDS = np.array([1] * 6 + [-1] * 4)
+TOLD = [1, 0, 0, 1, 0, 0, -1, -1, 0, 0]
 
 
-@pytest.mark.parametrize("n_bad", [4, 6, 18])
-def test_group_with_its_own_policy_in_the_same_states_is_a_rival(n_bad):
-    toy = make("shifted", 1, n_bad=n_bad, steps=STEPS)
-    judgement = judge(fit_data_of(toy), held_out_model(fit_data_of(toy), 0, HeldOutSettings()), JudgeSettings())
-    assert judgement.finding == "two groups"
-    assert judgement.rival is not None
-    groups = {frozenset(judgement.rival.trusted.tolist()), frozenset(judgement.rival.rival.tolist())}
-    assert groups == {frozenset(range(6)), frozenset(range(6, 6 + n_bad))}
+def concluded(labels=None, p_two=0.999, data=None, score=SCORE):
+    """The judgement of `SCORE`, of which agreement and length are known, and its evidence."""
+    data = data or same_actions(10)
+    scores = scores_of(scoring_of(same_actions(10), lambda group: 0.0, SETTINGS), score, p_two)
+    described = np.column_stack([score, np.cos(np.arange(10.0))])
+    states = StateScale(np.zeros(2), np.ones(2), 0.0, np.zeros((1, 2)))
+    evidence = Evidence(scores, described, states, Claims("some are unlike", WORDS), 17)
+    answers = Answers.of_labels(np.array(labels if labels is not None else [0] * 10, dtype=np.int64))
+    steps = StepTrust(np.zeros(10), np.zeros((10, 2)), np.zeros(0))
+    return conclude(data, evidence, answers, steps, np.zeros(0), SETTINGS), evidence, answers
 
 
-@pytest.mark.parametrize(("kind", "seed", "n_good", "n_bad"), [("noisy", 2, 8, 40), ("window", 1, 8, 56)])
-def test_rare_experts_need_a_halved_training_group(kind, seed, n_good, n_bad):
+def test_without_answers_the_claims_are_said():
+    found, evidence, _ = concluded()
+    assert found.finding == "some are unlike"
+    np.testing.assert_array_equal(found.words, WORDS)
+    assert found.answered is None
+    np.testing.assert_array_equal(found.from_actions, evidence.scores.log_odds(SETTINGS))
+    assert not found.from_answers.any()
+    assert not found.from_demonstrator.any()
+    np.testing.assert_array_equal(found.log_odds, found.from_actions)
+    assert found.demonstrator_trust.shape == (0, 3)
+    assert found.missing_steps == 17
+    assert found.pair == telling_pair(evidence.claims, SCORE)
+    assert found.groups is evidence.scores.groups
+    np.testing.assert_array_equal(found.training_group, SCORE > 0.5)
+    np.testing.assert_allclose(
+        found.columns, columns_of(evidence.channels, evidence.scores.log_odds(SETTINGS), SETTINGS.answers)
+    )
+
+
+def test_answers_replace_the_claims():
+    found, evidence, answers = concluded(TOLD)
+    by_hand = answer(found.columns, answers, SETTINGS.answers)
+    assert found.finding == "answered"
+    np.testing.assert_allclose(found.log_odds, by_hand.log_odds)
+    np.testing.assert_array_equal(found.words, by_hand.words)
+    np.testing.assert_array_equal(found.from_actions, evidence.scores.log_odds(SETTINGS))
+    np.testing.assert_array_equal(found.claims.words, WORDS)
+
+
+def test_the_share_of_experts_is_known_where_groups_or_answers_are():
+    for labels, p_two, assumed in ((None, 0.999, 1.0), (None, 0.3, 0.3), (TOLD, 0.3, 1.0)):
+        found, _, _ = concluded(labels, p_two)
+        assert found.expert_share == pytest.approx(expert_share_interval(expit(found.log_odds), assumed))
+
+
+def operated(names):
+    """Data of two operators."""
+    return replace(same_actions(10), demonstrators=Demonstrators.from_names(names))
+
+
+def test_operators_withdraw_words_and_give_none():
+    data = operated(["a"] * 5 + ["b"] * 5)
+    found, _, _ = concluded(data=data)
+    posterior = demonstrator_posterior(
+        data.demonstrators, found.from_actions, np.zeros(10, dtype=int), SETTINGS.demonstrators
+    )
+    np.testing.assert_allclose(found.from_demonstrator, posterior.log_odds)
+    np.testing.assert_allclose(found.demonstrator_trust, posterior.intervals())
+    np.testing.assert_allclose(found.log_odds, found.from_actions + posterior.log_odds)
+    np.testing.assert_array_equal(found.words, np.where(np.sign(found.log_odds) == WORDS, WORDS, 0))
+
+
+def test_an_operator_withdraws_what_is_hardly_said():
+    score = SCORE.copy()
+    score[[6, 7]] = 0.495, 0.4  # nearly as high as those of the operator, and not
+    found, _, _ = concluded(data=operated(["a"] * 8 + ["b"] * 2), score=score)
+    assert found.from_actions[6] < 0 < found.log_odds[6]
+    assert found.words.tolist() == [1] * 6 + [0, -1, -1, -1]
+    assert found.expert_share == pytest.approx(expert_share_interval(expit(found.log_odds), 0.999))
+
+
+def test_answers_count_before_operators():
+    data = operated(["a"] * 5 + ["b"] * 5)
+    found, _, answers = concluded(TOLD, data=data)
+    by_hand = answer(found.columns, answers, SETTINGS.answers)
+    np.testing.assert_allclose(found.from_actions + found.from_answers, by_hand.log_odds)
+    posterior = demonstrator_posterior(data.demonstrators, by_hand.log_odds, answers.labels, SETTINGS.demonstrators)
+    np.testing.assert_allclose(found.log_odds, by_hand.log_odds + posterior.log_odds)
+
+
+# The training group.
+class Fixed(Scoring):
+    """A scoring that always gives the scores that its policies explain."""
+
+    groups = groups_of(0.5)
+
+    def score(self, fit):
+        gains = self.model.gains(fit.group)
+        return replace(scores_of(self, gains, 0.5), fit=fit, groups=self.groups)
+
+
+class Low(Fixed):
+    """Whose upper group begins below zero."""
+
+    groups = replace(groups_of(0.5), mean=np.array([-1.5, -0.5]))
+
+
+def fitted_to(score, kind=Fixed, discrete=False):
+    """The groups to which policies are fitted."""
+    data, score = same_actions(10, discrete), np.asarray(score, dtype=float)
+    model = Written(data, lambda group: score, SETTINGS)
+    everyone = np.ones(10, dtype=bool)
+    scores = score_by_best_group(kind(data, model, SETTINGS, 0.1, np.zeros(len(data.actions)), True), everyone)
+    assert model.fitted[0].all()
+    np.testing.assert_array_equal(scores.fit.group, model.fitted[-1])
+    return [np.flatnonzero(group).tolist() for group in model.fitted[1:]]
+
+
+def test_policies_are_fitted_once_more_to_a_smaller_upper_group():
+    assert fitted_to([1.0] * 4 + [0.0] * 6) == [[0, 1, 2, 3, 4, 5], [0, 1, 2, 3]]
+    assert fitted_to([1.0] * 5 + [0.0] * 5) == [[0, 1, 2, 3, 4, 5], [0, 1, 2, 3, 4]]
+
+
+@pytest.mark.parametrize("n_upper", [0, 1, 6, 8])
+def test_a_larger_upper_group_or_none_changes_nothing(n_upper):
+    assert len(fitted_to(np.where(np.arange(10) < n_upper, 1.0, 0.0))) == 1
+
+
+def test_an_upper_group_of_two_is_enough():
+    assert fitted_to([1.0] * 2 + [0.0] * 8)[-1] == [0, 1]
+
+
+def test_discrete_actions_that_chance_explains_better_are_left_out():
+    score = [1.0] * 4 + [-0.2] + [-2.0] * 5
+    assert fitted_to(score, Low, discrete=True)[-1] == [0, 1, 2, 3]
+    assert fitted_to(score, Low)[-1] == [0, 1, 2, 3, 4]
+    score[3] = 0.0  # as well as by chance is no better
+    assert fitted_to(score, Low, discrete=True)[-1] == [0, 1, 2]
+
+
+# From steps to words.
+def judged(kind, seed, n_good, n_bad, settings=SETTINGS, **given):
     toy = make(kind, seed, n_good=n_good, n_bad=n_bad, steps=STEPS)
-    data = toy.problem("folded")
-    judgement = judge(data, held_out_model(data, 0, HeldOutSettings()), JudgeSettings())
-    certain = GroupSettings().verdict_log_odds
+    data = fit_data_of(toy)
+    return toy, judge(data, held_out_model(data, 0, HeldOutSettings()), settings, **given)
+
+
+def test_random_actions_are_unlike():
+    said = []
+    toy, judgement = judged("random", 0, 10, 6, progress=said.append)
     assert judgement.finding == "some are unlike"
-    assert (judgement.log_odds[toy.is_good] > certain).all()
-    assert (judgement.log_odds[~toy.is_good] < -certain).mean() > 0.95
-    settings = JudgeSettings(trimming=TrimmingSettings(halvings=0))
-    assert judge(data, held_out_model(data, 0, HeldOutSettings()), settings).finding == "nobody stands out"
+    np.testing.assert_array_equal(judgement.words, np.where(toy.is_good, 1, -1))
+    assert said == ["ridge", "fitting the training group", "other folds", "what the scores support"]
+    assert toy.is_good[judgement.pair[0]]
+    assert not toy.is_good[judgement.pair[1]]
+    steps = np.concatenate([[0], np.cumsum(np.diff(toy.offsets))])
+    assert judgement.log_ratio.shape == judgement.step_trust.step.shape == (steps[-1],)
+    reliability = judgement.step_trust.reliability
+    assert reliability[toy.is_good].min() > reliability[~toy.is_good].max()
 
 
-@pytest.mark.parametrize("seed", range(3))
+def test_a_policy_of_their_own_makes_two_groups():
+    toy, judgement = judged("shifted", 1, 6, 4)
+    assert judgement.finding == "two groups"
+    assert not judgement.words.any()
+    groups = {frozenset(group.tolist()) for group in judgement.claims.groups}
+    assert groups == {frozenset(np.flatnonzero(toy.is_good)), frozenset(np.flatnonzero(~toy.is_good))}
+    first, second = judgement.pair
+    assert toy.is_good[first] != toy.is_good[second]
+
+
+def test_two_labels_tell_which_of_two_groups_is_good():
+    labels = np.zeros(12, dtype=np.int64)
+    labels[[7, 8, 1]] = 1, 1, -1  # against the ranking, which takes both for one
+    toy, judgement = judged("shifted", 1, 6, 6, answers=Answers.of_labels(labels))
+    assert judgement.finding == "answered"
+    assert roc_auc_score(~toy.is_good, judgement.log_odds) > 0.75 > roc_auc_score(~toy.is_good, judgement.from_actions)
+
+
+def test_labels_of_the_data_are_the_answers():
+    toy = make("random", 0, n_good=8, n_bad=4, steps=STEPS)
+    data = fit_data_of(toy, labels=[1, 1] + [0] * 9 + [-1])
+    judgement = judge(data, held_out_model(data, 0, HeldOutSettings()), SETTINGS)
+    assert judgement.finding == "answered"
+    nothing = judge(
+        data, held_out_model(data, 0, HeldOutSettings()), SETTINGS, answers=Answers.of_labels(data.labels * 0)
+    )
+    assert nothing.finding == "some are unlike"
+    np.testing.assert_array_equal(nothing.from_actions, judgement.from_actions)
+
+
+def test_those_who_follow_one_another_are_in_doubt():
+    strict = JudgeSettings(claims=replace(ClaimSettings(), max_runs_p=0.05))
+    _, judgement = judged("random", 0, 10, 6, settings=strict, order=np.arange(16.0))
+    assert judgement.finding == "in doubt"
+    assert judgement.claims.doubts[0].members.tolist() == list(range(10, 16))
+
+
+class Twice(Written):
+    """That would deal other folds."""
+
+    def dealt_again(self, seed):
+        self.fitted.append(f"dealt by {seed}")
+
+
+def dealt(gains, min_p_two_of_noise=0.2, **given):
+    """The judgement of demonstrations with these gains, and how other folds were dealt."""
+    data = same_actions(10)
+    claims = replace(ClaimSettings(), min_p_two_of_noise=min_p_two_of_noise)
+    settings = JudgeSettings(groups=replace(SETTINGS.groups, min_steps=1), claims=claims)
+    model = Twice(data, lambda group: gains, settings)
+    judgement = judge(data, model, settings, **given)
+    return judgement, [one for one in model.fitted if isinstance(one, str)]
+
+
+def test_other_folds_are_dealt_where_groups_are_likely():
+    judgement, said = dealt(100 * SCORE, seed=5)
+    assert said == ["dealt by 6"]
+    assert dealt(100 * SCORE)[1] == ["dealt by 1"]
+    assert dealt(np.ones(10))[1] == []
+    p_two = judgement.groups.p_two
+    assert 0.2 < p_two < 1.0
+    assert len(dealt(100 * SCORE, p_two)[1]) == 1
+    assert dealt(100 * SCORE, np.nextafter(p_two, 1.0))[1] == []
+
+
+def test_a_step_counts_as_many_independent_steps_as_it_is_worth_and_one_at_most(monkeypatch):
+    found, score, steps = [], trust.score_by_best_group, trust.step_trust
+
+    def correlated(scoring, start):
+        return replace(score(scoring, start), effective_steps=np.tile([2.5, 15.0], 5))
+
+    def recorded(data, log_ratio, temperature, settings):
+        found.append(temperature)
+        return steps(data, log_ratio, temperature, settings)
+
+    monkeypatch.setattr(trust, "score_by_best_group", correlated)
+    monkeypatch.setattr(trust, "step_trust", recorded)
+    dealt(SCORE)
+    assert found[0].tolist() == [0.5, 1.0] * 5
+
+
+@pytest.mark.parametrize("seed", range(2))
 def test_nothing_could_be_learned_from_random_observations(seed):
     toy = make("noisy", seed, n_good=10, n_bad=10, steps=STEPS)
     data = toy.problem()
@@ -47,4 +275,4 @@ def test_nothing_could_be_learned_from_random_observations(seed):
     data = replace(data, features=noise)
     judgement = judge(data, held_out_model(data, 0, HeldOutSettings()), JudgeSettings())
     assert judgement.finding == "nothing could be learned"
-    assert (np.abs(judgement.log_odds) <= GroupSettings().verdict_log_odds).all()
+    assert not judgement.words.any()

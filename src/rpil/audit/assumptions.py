@@ -6,8 +6,9 @@ import warnings
 
 from sklearn.exceptions import ConvergenceWarning
 
+from rpil.audit.answering import NOT_USED, sentence_of
 from rpil.audit.record import Audit
-from rpil.data.errors import AmbiguousWarning, user_stack_level
+from rpil.data.errors import user_stack_level
 from rpil.inference.findings import FINDINGS
 
 IN_SAMPLE_POLICY = (
@@ -43,13 +44,25 @@ def assumption_sentences(
         audit.words.explanation,
         "" if p_two_groups is None else f"P(two groups of scores) is {p_two_groups:.2f}.",
         policy,
-        "The order of demonstrations, their lengths and any reward were not used.",
+        *audit.doubts,
+        *audit.notes,
+        sentence_of(audit.answers) if audit.anchor == "answers" else NOT_USED,
         "A demonstration is good or bad as a whole." if audit.anchor == "named adversary" else "",
         "" if expert_share is None else f"The share of experts was fixed at {expert_share}.",
-        f"{len(audit.labelled)} labels were taken as certain." if audit.labelled else "",
+        f"{len(audit.labelled)} labels were taken as certain."
+        if audit.labelled and audit.anchor == "named adversary"
+        else "",
         demonstrators,
     )
     return tuple(filter(None, sentences))
+
+
+def missing_steps(finding: str, n: int) -> str:
+    """That `n` independent steps are missing to tell demonstrations from noise; empty where nobody stands out for other
+    reasons, or some do."""
+    if not n or finding not in ("nobody stands out", "nothing could be learned"):
+        return ""
+    return f"Demonstrations are short: it takes about {n:,} more independent steps each to tell one from noise."
 
 
 def warn_if_not_converged(converged: bool) -> None:
@@ -57,15 +70,3 @@ def warn_if_not_converged(converged: bool) -> None:
     if not converged:
         message = "EM stopped at max_iter before it converged; raise max_iter or tol."
         warnings.warn(message, ConvergenceWarning, stacklevel=user_stack_level())
-
-
-def warn_if_ambiguous(audit: Audit, source: str) -> None:
-    """Warn that nothing in the data, called `source`, says which of two groups of demonstrations is good."""
-    if audit.identifiable:
-        return
-    choices = " or ".join(repr(name) for name in audit.to_label)
-    message = (
-        f"{source}: two groups of demonstrations act in two different ways in the same states, and nothing in the data "
-        f"says which of them is good; label one demonstration, say {choices}."
-    )
-    warnings.warn(message, AmbiguousWarning, stacklevel=user_stack_level())

@@ -56,7 +56,10 @@ class Grounds:
     log_odds: float
     from_actions: float
     from_demonstrator: float
-    is_labelled: bool
+    label: int
+    """1 labelled good, -1 bad, 0 not labelled."""
+    contradicts: bool
+    """Whether the label contradicts the other answers."""
     group: str
     """The letter of its group, where two groups compete, or nothing."""
     score: float
@@ -79,15 +82,18 @@ class Grounds:
         """What decided."""
         sign = {"upper": 1, "open": 0, "lower": -1}[SIDES[self.verdict]]
         own, others = f"{self.from_actions:+.1f} nats", f"{self.from_demonstrator:+.1f} nats"
-        if self.is_labelled:
-            return f"Labelled {'good' if sign > 0 else 'bad'}" + (
-                f", against its actions ({own})" if sign * self.from_actions < 0 else ""
-            )
+        if self.label:
+            labelled = f"Labelled {'good' if self.label > 0 else 'bad'}"
+            return f"{labelled}, which contradicts the other answers: look again" if self.contradicts else labelled
         if self.finding == "two groups":
             group = f"It acts as group {self.group} does, and only" if self.group else "Only"
-            return f"{group} a label can tell which group is good"
+            return f"{group} an answer can tell which group is good"
         if self.finding == "nothing could be learned":
             return "Nothing tells it from the others: the state does not help to predict anyone's actions"
+        if self.finding == "in doubt":
+            return "There is a reason to doubt the scores, so that it gets no word"
+        if self.finding == "answered" and sign:
+            return f"Judged by what the answers say of demonstrations like it ({self.log_odds:+.1f} nats)"
         if self.finding == "nobody stands out":
             return "Nothing tells it from the others: all scores are one group"
         if sign == 0:

@@ -6,26 +6,24 @@ import math
 from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
-from typing import TypeVar
 
 import numpy as np
-from scipy.special import expit
 
-from rpil.audit.calibration import PlattCalibration
-from rpil.audit.label_choice import choose_labels
+from rpil.audit import answering
+from rpil.audit.answering import Id
+from rpil.audit.facts import Fact, known_facts
 from rpil.audit.reasons import MAX_LOG_RATIO, Grounds, worst_stretch
 from rpil.audit.settings import AuditSettings
 from rpil.audit.words import SIDES, WORDS, Verdict, Words
 from rpil.data.archive import NOT_STORED, stored
 from rpil.data.errors import DataError
-from rpil.data.formats.id_values import match_labels
 from rpil.data.run import run_id
+from rpil.inference.answers import Answers
+from rpil.inference.groups import expert_share_interval
 from rpil.numerics.types import Array, Float, Int
 
 MAX_LOG_ODDS = 1e9
 """Nats. Infinite log-odds become this, because JSON has no infinity: of steps that an adversary can never take."""
-
-Id = TypeVar("Id", bound=Hashable)
 
 
 @stored()
@@ -62,6 +60,7 @@ class Demonstrator:
     step_log_ratio="N",
     step_weight="N",
     history="iterations",
+    columns="M channels",
 )
 @dataclass(frozen=True, eq=False)
 class Audit:
@@ -82,7 +81,7 @@ class Audit:
         its demonstrator, and from its label.
     expert_proba : (M,) array
         The probability that `words` names and explains: ``sigmoid(log_odds)``, or 0.5 where the finding is "two
-        groups" or "nothing could be learned".
+        groups" or "nothing could be learned" and nothing was answered.
     reliability : (M,) array
         Share of the steps of the demonstration that are like those of the trusted: posterior mean.
     reliability_interval : (M, 2) array
@@ -96,12 +95,11 @@ class Audit:
     prior : Interval
         Share of the demonstrations that the upper one of `words` describes.
     identifiable : bool
-        False where two groups of demonstrations each agree among themselves and nothing says which one is good. Then
-        `competing` holds the groups, and `to_label` the ids of demonstrations whose labels would decide.
+        False where two groups of demonstrations each have a policy of their own and nothing says which one is good.
     competing : tuple of tuple of ids
-        Two such groups; where `identifiable` is true, two styles, which differ in some states only.
-    to_label : tuple of ids
-        One demonstration of each group.
+        These two groups.
+    pair : tuple of ids
+        Two demonstrations of which the answer to "which is better?" would say most; empty where there are none.
     adversary : str
         Name of the adversary of the mixture, or of the reference of the judge.
     history : (T,) array
@@ -110,13 +108,25 @@ class Audit:
         The assumptions of the audit, one sentence each.
     demonstrators : tuple of Demonstrator
         The most trusted first; empty where demonstrators were not given.
-    labelled : tuple of ids
-        Demonstrations whose label was given.
+    answers : Answers
+        The labels, pairs and outcomes that were given.
+    contradicting : tuple of ids
+        Demonstrations whose label contradicts the other answers.
+    doubts : tuple of str
+        Reasons not to call anybody unlike the others, one sentence each.
+    notes : tuple of str
+        What else a user should know: parts of the action that are not judged, sessions, missing steps.
+    columns : (M, D) array
+        What answers learn from, see `rpil.inference.answered`; (M, 0) where there is none.
     deviations : tuple of str
         What each demonstration does in its worst steps, against what the trusted do there, or ""; empty where the data
         are not in memory (`rpil.audit.deviations`).
     anchor : {"none", "answers", "named adversary"}
         What says who is good; see `rpil.audit.words`.
+    sessions : tuple of str
+        The session of each demonstration; empty where none are known, as in an audit that was read from a file.
+    order : (M,) array or None
+        The place of each demonstration in the order in which they were made, where that is stated; as `sessions`.
     settings : AuditSettings
         Those by which verdicts and weights were given.
     """
@@ -139,12 +149,18 @@ class Audit:
     history: Float[Array, " T"]
     identifiable: bool = True
     competing: tuple[tuple[Hashable, ...], ...] = ()
-    to_label: tuple[Hashable, ...] = ()
+    pair: tuple[Hashable, ...] = ()
     assumptions: tuple[str, ...] = ()
     demonstrators: tuple[Demonstrator, ...] = ()
-    labelled: tuple[Hashable, ...] = ()
+    answers: Answers = field(default_factory=Answers.none)
+    contradicting: tuple[Hashable, ...] = ()
+    doubts: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
+    columns: Float[Array, "M D"] = field(default_factory=lambda: np.empty((0, 0)))
     deviations: tuple[str, ...] = ()
     anchor: str = "none"
+    sessions: tuple[str, ...] = field(default=(), metadata=NOT_STORED)
+    order: Float[Array, " M"] | None = field(default=None, metadata=NOT_STORED)
     settings: AuditSettings = field(default=AuditSettings(), metadata=NOT_STORED)  # files hold the estimator's
 
     @property
@@ -164,7 +180,8 @@ class Audit:
         score = np.add.reduceat(log_ratio, self.offsets[:-1]) / self.lengths
         trusted = score[[SIDES[verdict] == "upper" for verdict in self.verdicts]]
         letters = {name: letter for letter, group in self.groups.items() for name in group}
-        labelled = set(self.labelled)
+        label_of = dict(zip(self.ids, self.answers.labels.tolist(), strict=False))
+        contradicting = set(self.contradicting)
         grounds = (
             Grounds(
                 finding=self.finding,
@@ -173,7 +190,8 @@ class Audit:
                 log_odds=float(self.log_odds[m]),
                 from_actions=float(self.from_actions[m]),
                 from_demonstrator=float(self.from_demonstrator[m]),
-                is_labelled=name in labelled,
+                label=label_of.get(name, 0),
+                contradicts=name in contradicting,
                 group=letters.get(name, ""),
                 score=float(score[m]),
                 trusted_score=float(np.median(trusted)) if len(trusted) else math.nan,
@@ -183,6 +201,11 @@ class Audit:
             for m, name in enumerate(self.ids)
         )
         return tuple(each.sentence() for each in grounds)
+
+    @property
+    def labelled(self) -> tuple[Hashable, ...]:
+        """Ids of the demonstrations whose label was given."""
+        return tuple(self.ids[m] for m in np.flatnonzero(self.answers.labels).tolist())
 
     @property
     def groups(self) -> dict[str, tuple[Hashable, ...]]:
@@ -211,74 +234,45 @@ class Audit:
         """Indices of the demonstrations, the most trusted first."""
         return np.argsort(-self.log_odds, kind="stable")
 
-    def suggest_labels(self, k: int = 3) -> tuple[Hashable, ...]:
-        """Ids of up to `k` unlabelled demonstrations whose labels would say most about the others, the best first.
+    @cached_property
+    def facts(self) -> dict[str, tuple[Fact, ...]]:
+        """Facts about each demonstration by name, which change no word; see `rpil.audit.facts.known_facts`."""
+        return known_facts(self.columns, self.sessions, self.order)
 
-        First one of each group in `to_label`, then the demonstrations in the middle of the ranking; see
-        `rpil.audit.label_choice`.
+    @property
+    def question(self) -> str | None:
+        """The question whose answer would say most, "which is better?", and where to look; None where there is none, as
+        after an answer."""
+        return answering.question(self) if answering.is_asked(self) else None
+
+    def suggest_labels(self, k: int = 3) -> tuple[Hashable, ...]:
+        """Ids of up to `k` demonstrations without a label whose labels would say most, the best first; see
+        `rpil.audit.answering.suggest`.
 
         Raises
         ------
         DataError
             If `k` is not positive.
         """
-        if k < 1:
-            raise DataError(f"k={k!r} labels cannot be suggested; ask for one at least.")
-        index = {name: m for m, name in enumerate(self.ids)}
-        first, labelled = ([index[name] for name in names] for names in (self.to_label, self.labelled))
-        return tuple(self.ids[m] for m in choose_labels(self.log_odds, first, labelled, k))
+        return answering.suggest(self, k)
 
-    def calibrated(self, labels: Mapping[Id, str], settings: AuditSettings | None = None) -> Audit:
-        """The same audit with P(good), calibrated by labels that `fit` did not see.
-
-        A slope and an offset of the log-odds are fitted to the labels, see `rpil.audit.calibration`; verdicts and step
-        weights follow. The order of the demonstrations without a label stays the same.
+    def answered(self, labels: Mapping[Id, str] | None = None, pairs: Sequence[tuple[Id, Id]] = ()) -> Audit:
+        """The same audit with these answers beside those that it has; no policy is fitted again.
 
         Parameters
         ----------
         labels : mapping of id to {"good", "bad"}
-        settings : AuditSettings, optional
-            By default those of the audit.
+        pairs : sequence of (id, id)
+            The better and the worse of two demonstrations.
 
         Raises
         ------
         DataError
-            If two groups compete, an id or a label is unknown, or fewer labels are new than the calibration needs.
+            If an id or a label is unknown, or answers contradict each other.
         """
-        if not self.identifiable:
-            raise DataError("Two groups compete for being the good one; fit with one label before calibrating.")
-        settings, is_good = settings or self.settings, match_labels(labels, self.ids)
-        index = np.array([m for m in is_good if self.ids[m] not in self.labelled], dtype=int)
-        if len(index) < settings.calibration.min_labels:
-            raise DataError(
-                f"{len(index)} labels that the fit did not see are too few to calibrate with; give at least "
-                f"{settings.calibration.min_labels}, to calibrated() alone and not to fit()."
-            )
-        signs = np.zeros(len(self.ids), dtype=np.int64)
-        signs[index] = [1 if is_good[m] else -1 for m in index.tolist()]
-        calibration = PlattCalibration.fit(self.log_odds[index], signs[index] > 0, settings.calibration)
-        in_fit = np.array([name in self.labelled for name in self.ids])
-        corrected = np.where(in_fit, self.log_odds, calibration.log_odds(self.log_odds))
-        log_odds = apply_labels(corrected, signs, settings)
-        proba, old_proba = expit(log_odds), np.repeat(self.expert_proba, self.lengths)
-        relative_weight = np.divide(self.step_weight, old_proba, out=np.ones(len(old_proba)), where=old_proba > 0)
-        sentence = (
-            f"Calibrated on {len(index)} labels: log-odds times {calibration.slope:.2f}, {calibration.offset:+.2f}."
-        )
-        return replace(
-            self,
-            log_odds=log_odds,
-            finding="answered",
-            anchor="answers",
-            from_actions=self.from_actions + corrected - self.log_odds,
-            from_label=self.from_label + log_odds - corrected,
-            expert_proba=proba,
-            verdicts=tuple(WORDS["answers"].verdict(p, settings.min_verdict_proba) for p in proba),
-            step_weight=np.repeat(proba, self.lengths) * np.minimum(relative_weight, 1.0),
-            labelled=(*self.labelled, *(self.ids[m] for m in index.tolist())),
-            assumptions=(*self.assumptions, sentence),
-            settings=settings,
-        )
+        found = answering.with_answers(self, labels or {}, pairs)
+        share = Interval(*expert_share_interval(found.expert_proba, 1.0))
+        return found if found is self else replace(found, prior=share)
 
     def worst_steps(self, index: int, k: int = 5) -> list[int]:
         """Up to `k` steps of demonstration `index` with the lowest log-ratios below 0, counted from its first step."""
@@ -310,6 +304,7 @@ class Audit:
 
     def to_dict(self) -> dict[str, object]:
         """The audit as numbers, text, lists and dicts, as ``rpil audit --json`` prints it; the most trusted first."""
+        facts = self.facts
         return {
             "n_demonstrations": len(self.ids),
             "n_steps": int(self.offsets[-1]),
@@ -319,7 +314,11 @@ class Audit:
             "prior": asdict(self.prior),
             "identifiable": self.identifiable,
             "groups": [list(group) for group in self.competing],
-            "to_label": list(self.to_label),
+            "pair": list(self.pair),
+            "question": answering.question_to_dict(self),
+            "doubts": list(self.doubts),
+            "notes": list(self.notes),
+            "contradicting": list(self.contradicting),
             "assumptions": list(self.assumptions),
             "demonstrations": [
                 {
@@ -332,6 +331,7 @@ class Audit:
                     "verdict": self.verdicts[m],
                     "reason": self.reasons[m],
                     "worst_steps": self.worst_steps(m),
+                    "facts": {name: values[m] for name, values in facts.items()},
                 }
                 for m in self.ranking().tolist()
             ],
@@ -341,10 +341,3 @@ class Audit:
                 for who in self.demonstrators
             ],
         }
-
-
-def apply_labels(log_odds: Float[Array, " M"], labels: Int[Array, " M"], settings: AuditSettings) -> Float[Array, " M"]:
-    """Log-odds in which labels (1 good, -1 bad, 0 unknown) are as good as certain; all become finite."""
-    log_odds = np.clip(log_odds, -MAX_LOG_ODDS, MAX_LOG_ODDS)
-    labelled: Array = labels * np.maximum(np.abs(log_odds), settings.min_label_log_odds)
-    return np.where(labels == 0, log_odds, labelled)

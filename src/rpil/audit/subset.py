@@ -20,12 +20,12 @@ class AuditOfPart(Audit):
     @cached_property
     def reasons(self) -> tuple[str, ...]:
         """The reason for the verdict on each demonstration, one sentence each."""
-        return self.own_reasons
+        return self.own_reasons or super().reasons
 
 
 _OF_DEMONSTRATIONS = (
     *("log_odds", "from_actions", "from_demonstrator", "from_label"),
-    *("expert_proba", "reliability", "reliability_interval"),
+    *("expert_proba", "reliability", "reliability_interval", "columns"),
 )
 _OF_STEPS = "step_log_ratio", "step_weight"
 
@@ -52,7 +52,10 @@ def select(audit: Audit, indices: Sequence[int], ids: Sequence[Hashable] | None 
         **{name: getattr(audit, name)[steps] for name in _OF_STEPS},
         verdicts=tuple(audit.verdicts[m] for m in chosen),
         competing=tuple(map(named, audit.competing)),
-        to_label=named(audit.to_label),
-        labelled=named(audit.labelled),
+        pair=pair if len(pair := named(audit.pair)) == 2 else (),
+        answers=audit.answers.select(chosen),
+        contradicting=named(audit.contradicting),
+        sessions=tuple(audit.sessions[m] for m in chosen) if audit.sessions else (),
+        order=None if audit.order is None else audit.order[chosen],
         deviations=tuple(audit.deviations[m] for m in chosen) if audit.deviations else (),
     )

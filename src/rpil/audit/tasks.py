@@ -11,6 +11,7 @@ from rpil.audit.record import Audit, Interval
 from rpil.audit.settings import AuditSettings
 from rpil.audit.subset import AuditOfPart
 from rpil.audit.words import Verdict
+from rpil.inference.answers import Answers
 from rpil.inference.findings import FINDINGS
 from rpil.numerics.types import Array
 
@@ -57,20 +58,11 @@ def join_audits(
     offsets : (M + 1,) int array
         The first steps of the demonstrations.
     """
-    n, n_steps = len(ids), int(offsets[-1])
-    values = {"log_odds": 0.0, "from_actions": 0.0, "from_demonstrator": 0.0, "from_label": 0.0}
-    columns = {name: np.full(n, value) for name, value in (values | {"expert_proba": 0.5, "reliability": 0.5}).items()}
-    interval = np.tile([0.0, 1.0], (n, 1))
-    steps = {"step_log_ratio": np.zeros(n_steps), "step_weight": np.full(n_steps, 0.5)}
+    n = len(ids)
+    columns, steps, interval = _gathered(audits, places, offsets)
     verdicts: list[Verdict] = ["open"] * n
     reasons, deviations = [ALONE] * n, [""] * n
     for task, audit in audits.items():
-        rows = np.concatenate([np.arange(offsets[m], offsets[m + 1]) for m in places[task]])
-        for name, column in columns.items():
-            column[places[task]] = getattr(audit, name)
-        for name, column in steps.items():
-            column[rows] = getattr(audit, name)
-        interval[places[task]] = audit.reliability_interval
         for k, m in enumerate(places[task]):
             verdicts[m], reasons[m] = audit.verdicts[k], audit.reasons[k]
             deviations[m] = audit.deviations[k] if audit.deviations else ""
@@ -91,16 +83,59 @@ def join_audits(
         history=np.empty(0),
         identifiable=opposed is None,
         competing=opposed.competing if opposed else (),
-        to_label=opposed.to_label if opposed else (),
+        pair=next((audit.pair for audit in parts if audit.pair), ()),
         assumptions=(_sentence(audits, places, what), *assumptions),
         demonstrators=tuple(demonstrator for audit in parts for demonstrator in audit.demonstrators),
-        labelled=tuple(name for audit in parts for name in audit.labelled),
+        answers=_joined_answers(audits, places, n),
+        contradicting=tuple(name for audit in parts for name in audit.contradicting),
+        doubts=tuple(dict.fromkeys(doubt for audit in parts for doubt in audit.doubts)),
+        notes=tuple(dict.fromkeys(note for audit in parts for note in audit.notes)),
+        columns=_joined_columns(audits, places, n),
         # Each verdict keeps the word of its task; where tasks differ, the probability is what it is without an anchor.
         anchor=anchors.pop() if len(anchors) == 1 else "none",
         deviations=tuple(deviations) if any(deviations) else (),
+        sessions=(),
         settings=parts[0].settings if parts else AuditSettings(),
         own_reasons=tuple(reasons),
     )
+
+
+def _gathered(
+    audits: Mapping[str, Audit], places: Mapping[str, Sequence[int]], offsets: Array
+) -> tuple[dict[str, Array], dict[str, Array], Array]:
+    """Numbers of demonstrations and of steps by their names, and the intervals of reliability."""
+    n, n_steps = len(offsets) - 1, int(offsets[-1])
+    columns = {name: np.zeros(n) for name in ("log_odds", "from_actions", "from_demonstrator", "from_label")}
+    columns |= {name: np.full(n, 0.5) for name in ("expert_proba", "reliability")}
+    steps = {"step_log_ratio": np.zeros(n_steps), "step_weight": np.full(n_steps, 0.5)}
+    interval = np.tile([0.0, 1.0], (n, 1))
+    for task, audit in audits.items():
+        rows = np.concatenate([np.arange(offsets[m], offsets[m + 1]) for m in places[task]])
+        for name, column in columns.items():
+            column[places[task]] = getattr(audit, name)
+        for name, column in steps.items():
+            column[rows] = getattr(audit, name)
+        interval[places[task]] = audit.reliability_interval
+    return columns, steps, interval
+
+
+def _joined_answers(audits: Mapping[str, Audit], places: Mapping[str, Sequence[int]], n: int) -> Answers:
+    """The answers of all tasks, by the numbers of the demonstrations among all `n`."""
+    joined = Answers(np.zeros(n, dtype=np.int64), np.empty((0, 2), dtype=np.int64), np.full(n, np.nan))
+    pairs = [joined.pairs]
+    for task, audit in audits.items():
+        own, rows = audit.answers, np.asarray(places[task])
+        joined.labels[rows], joined.outcome[rows] = own.labels, own.outcome
+        pairs.append(rows[own.pairs])
+    return Answers(joined.labels, np.concatenate(pairs), joined.outcome)
+
+
+def _joined_columns(audits: Mapping[str, Audit], places: Mapping[str, Sequence[int]], n: int) -> Array:
+    """The columns of all tasks, which are ranks within each; 0 for a demonstration without a task."""
+    columns = np.zeros((n, max((audit.columns.shape[1] for audit in audits.values()), default=0)))
+    for task, audit in audits.items():
+        columns[places[task]] = audit.columns
+    return columns
 
 
 def _mean_prior(audits: Sequence[Audit]) -> Interval:

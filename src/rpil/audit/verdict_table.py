@@ -36,6 +36,7 @@ def verdict_columns(
         "demonstrator": [demonstrators.get(str(name), "") for name in audit.ids],
         "task": [tasks.get(str(name), "") for name in audit.ids],
         "n_steps": audit.lengths.tolist(),
+        **{f"fact_{name.replace(' ', '_')}": values for name, values in audit.facts.items()},
         "faults": [", ".join(faults.get(str(name), ())) for name in audit.ids],
         "reason": list(audit.reasons),
         "run": [audit.run_id] * len(audit.ids),
@@ -52,7 +53,8 @@ def write_verdicts(
     """Write one row for each demonstration to a .csv, .parquet or .json file, in the order of the data.
 
     The columns are id, verdict, expert_proba, log_odds and its parts from_actions, from_demonstrator and from_label in
-    nats, reliability, demonstrator, task, n_steps, faults, reason, and the run id. JSON holds a list of objects.
+    nats, reliability, demonstrator, task, n_steps, `Audit.facts` as fact_length and so on where they are
+    known, faults, reason, and the run id. JSON holds a list of objects.
 
     Parameters
     ----------

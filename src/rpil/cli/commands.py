@@ -8,7 +8,7 @@ import sys
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
@@ -95,7 +95,7 @@ class Commands(click.Group):
 
 def tell_if_interrupted(kept: str) -> None:
     """Name what an interruption of the command leaves."""
-    click.get_current_context().meta.setdefault(KEPT, []).append(kept)
+    click.get_current_context().meta.setdefault(KEPT, {})[kept] = None
 
 
 def _exit_with_error(sentence: str) -> NoReturn:
@@ -186,7 +186,6 @@ def fit_rpil(
     options: FitOptions,
     progress: StageProgress,
     engine: Engine | None = None,
-    warn_if_ambiguous: bool = True,
 ) -> tuple[RPIL, Mapping[str, str]]:
     """`RPIL`, fitted to the demonstrations in `file` with the options of the command line, and the demonstrators by the
     ids of their demonstrations as text."""
@@ -195,7 +194,7 @@ def fit_rpil(
         message = f"{file}: its {n_tasks} tasks are judged and learned as one; rpil audit judges each by itself."
         warnings.warn(message, stacklevel=1)
     given = Given.read(recording, options)
-    model = _fit(file, recording.demonstrations, given, options, progress, engine, warn_if_ambiguous)
+    model = _fit(file, recording.demonstrations, given, options, progress, engine)
     return model, given.demonstrators
 
 
@@ -205,7 +204,6 @@ def audit_by_task(
     options: FitOptions,
     progress: StageProgress,
     engine: Engine | None = None,
-    warn_if_ambiguous: bool = True,
     reference: Recording | None = None,
 ) -> tuple[Audit, Mapping[str, str]]:
     """The audit of the demonstrations in `file`, each judged within its task and session, beside those of a
@@ -218,19 +216,36 @@ def audit_by_task(
 
         check_sessions(given.facts.sessions, options.session, recording.description.source)
     places = split_by_task(demonstrations.ids, recording.tasks, given.facts.sessions)
-    fit_options = options, progress, engine, warn_if_ambiguous
+    fit_options = options, progress, engine
     if len(places) == 1:
-        return _audit(file, demonstrations, given, *fit_options), given.demonstrators
-    audits: dict[str, Audit] = {}
-    for group, rows in places.items():
-        _warn_of_few(file, group, len(rows), recording, options)
-        if len(rows) > 1 or reference is not None:
-            part = demonstrations.select(rows)
-            own = given.select(rows, {*map(str, part.ids)})
-            audits[group] = _audit(file, part, own, options, progress, None, warn_if_ambiguous)
+        audit = _audit(file, demonstrations, given, *fit_options)
+        return _with_facts(audit, given), given.demonstrators
     what = "sessions" if options.session else "tasks"
     what = f"tasks and {what}" if options.session and len({*recording.tasks.values()}) > 1 else what
-    return join_audits(audits, places, demonstrations.ids, demonstrations.offsets, what), given.demonstrators
+    audits: dict[str, Audit] = {}
+    n_pairs = 0
+    for group, rows in places.items():
+        _warn_of_few(file, group, len(rows), recording, options)
+        own = given.select(rows, {str(demonstrations.ids[m]) for m in rows})
+        n_pairs += len(own.pairs)
+        if len(rows) > 1 or reference is not None:
+            audits[group] = _audit(file, demonstrations.select(rows), own, options, progress, None)
+    _warn_of_pairs(options, len(given.pairs) - n_pairs, what)
+    joined = join_audits(audits, places, demonstrations.ids, demonstrations.offsets, what)
+    return _with_facts(joined, given), given.demonstrators
+
+
+def _with_facts(audit: Audit, given: Given) -> Audit:
+    """The audit with the sessions and the order of its demonstrations."""
+    return replace(audit, sessions=given.facts.sessions, order=given.facts.order)
+
+
+def _warn_of_pairs(options: FitOptions, n: int, what: str) -> None:
+    """Warn where `n` pairs compare demonstrations that are not judged together."""
+    if n:
+        pairs = f"{n} pairs compare" if n > 1 else "1 pair compares"
+        text = f"{options.labels}: {pairs} demonstrations of different {what}, and {'are' if n > 1 else 'is'} left out."
+        warnings.warn(text, stacklevel=1)
 
 
 def _warn_of_few(file: str, group: str, n: int, recording: Recording, options: FitOptions) -> None:
@@ -254,18 +269,17 @@ def _audit(
     options: FitOptions,
     progress: StageProgress,
     engine: Engine | None,
-    warn_if_ambiguous: bool,
 ) -> Audit:
     """The audit of the demonstrations, which are judged together with those of the reference if there is one."""
     if given.reference is None:
-        return _fit(file, demonstrations, given, options, progress, engine, warn_if_ambiguous).audit_
+        return _fit(file, demonstrations, given, options, progress, engine).audit_
     from rpil.audit.subset import select
     from rpil.data.reference import with_reference
 
     n, own = len(demonstrations), load_into_memory(demonstrations)
     both = with_reference(own, given.reference)
     given = given.with_good([str(name) for name in both.ids[n:]])
-    return select(_fit(file, both, given, options, progress, engine, warn_if_ambiguous).audit_, range(n), own.ids)
+    return select(_fit(file, both, given, options, progress, engine).audit_, range(n), own.ids)
 
 
 def _fit(
@@ -275,10 +289,8 @@ def _fit(
     options: FitOptions,
     progress: StageProgress,
     engine: Engine | None,
-    warn_if_ambiguous: bool,
 ) -> RPIL:
     progress("starting")
-    from rpil.data.errors import AmbiguousWarning
     from rpil.data.facts import tells
     from rpil.estimators.rpil import RPIL
 
@@ -286,20 +298,20 @@ def _fit(
     model = RPIL(
         features=options.features,
         adversary=options.adversary,
-        minority=options.minority,
-        labels=given.labels or None,
+        labels=given.answers or None,
         random_state=options.seed,
         progress=progress,
         checkpoint=checkpoint,
         engine=engine,
         settings=CommandSettings.current().fit,
     )
-    if not warn_if_ambiguous:
-        warnings.simplefilter("ignore", AmbiguousWarning)
     outcome = given.facts.outcome if tells(given.facts.outcome) else None  # of a session it may be the same for all
     try:
         return model.fit(
-            demonstrations, demonstrators=given.demonstrators or None, outcome=outcome, order=given.facts.order
+            demonstrations,
+            demonstrators=given.demonstrators or None,
+            outcome=outcome,
+            order=given.facts.order,
         )
     except KeyboardInterrupt:
         if checkpoint.exists():

@@ -17,11 +17,13 @@ from rpil.cli.commands import Commands, CommandSettings, audit_by_task, connect_
 from rpil.cli.completion import install_completion
 from rpil.cli.give_back import convert, keep
 from rpil.cli.info import info
+from rpil.cli.label import LABELS_FILE, label
 from rpil.cli.options import (
     ERROR_CHOICE,
     FitOptions,
     OutputFile,
     WordLimit,
+    command_words,
     json_option,
     pop_columns,
     quiet_option,
@@ -68,7 +70,7 @@ def main(ctx: click.Context, /) -> None:
         click.echo(ctx.get_help())
 
 
-for command in (check, info, keep, convert):
+for command in (check, info, label, keep, convert):
     main.add_command(command)
 
 
@@ -124,14 +126,14 @@ def audit(
     reference = options.pop("reference")
     check_outputs((file, options["labels"], options["operator"], reference), *outputs.values())
     stream = commands.resolve_stream(stream, scheduler, reference)
-    columns = pop_columns(options)
     if options["features"] == "auto":
         options["features"] = "folded"  # the judge's features; no final policy is kept, so none need be chosen
     with _show_stages(quiet) as progress:
+        columns = pop_columns(options)
         with connect_engine(scheduler, progress) as engine:
             read = read_recording(file, columns, progress, stream)
             good = commands.read_reference(reference, file, columns, progress)
-            result, who = audit_by_task(file, read, FitOptions(**options), progress, engine, json_wanted, good)
+            result, who = audit_by_task(file, read, FitOptions(**options), progress, engine, good)
         progress("looking for recording faults")
         faults = check_recording(read)
         write_outputs(outputs, result, Audited(file, read, faults, who), time.perf_counter() - start, progress)
@@ -193,7 +195,7 @@ def fit(ctx: click.Context, /, file: str, output: str, method: str, trusted: int
 
         model: BehavioralCloning | RMEnt | RPIL
         if method == "rpil":
-            model, _ = fit_rpil(file, recording, FitOptions(**options), progress, engine, warn_if_ambiguous=False)
+            model, _ = fit_rpil(file, recording, FitOptions(**options), progress, engine)
         else:
             progress("learning")
             if trusted is None:
@@ -205,7 +207,7 @@ def fit(ctx: click.Context, /, file: str, output: str, method: str, trusted: int
     size = f"{len(demonstrations):,} demonstrations ({demonstrations.n_steps:,} steps)"
     if isinstance(model, RPIL):
         click.echo(f"{terminal.finding_sentence(model.audit_)}\n{terminal.verdict_sentence(model.audit_)}")
-        _print_next_steps(ctx, model.audit_, quiet, f"Without a label, the policy in {output} learns from both groups.")
+        _print_next_steps(ctx, model.audit_, quiet)
     elif trusted is None:
         click.echo(f"All of {size} were trusted alike.")
     else:
@@ -217,7 +219,7 @@ def fit(ctx: click.Context, /, file: str, output: str, method: str, trusted: int
 def _refuse_rpil_options(ctx: click.Context, method: str) -> None:
     """Refuse options that only --method rpil has."""
     given = [name for name in ("labels", "operator", "outcome", "resume") if ctx.params[name]]
-    chosen = ("adversary", "minority")
+    chosen = ("adversary",)
     given += [name for name in chosen if ctx.get_parameter_source(name) is ParameterSource.COMMANDLINE]
     if given:
         message = f"--{min(given)} has no effect with --method {method}: leave it out, or use --method rpil"
@@ -318,22 +320,9 @@ def demo(episodes: int, output: str, json_wanted: bool, seed: int, quiet: bool) 
     click.echo(f"Report: {output}", err=json_wanted)
 
 
-def _print_next_steps(
-    ctx: click.Context, audit: Audit, quiet: bool, consequence: str = "", n_labels: int = N_LABELS
-) -> None:
-    """Print what to do next, with the command to run then; if `quiet`, only where two groups compete."""
-    if quiet and audit.identifiable:
+def _print_next_steps(ctx: click.Context, audit: Audit, quiet: bool, n_labels: int = N_LABELS) -> None:
+    """Print what to do next, with the command to run then; nothing if `quiet`."""
+    if quiet:
         return
-    words = ["rpil", str(ctx.info_name)]
-    for param in ctx.command.params:
-        name, value = str(param.name), ctx.params[str(param.name)]
-        if isinstance(param, click.Argument):
-            words.append(value)
-        elif name not in ("labels", "resume") and ctx.get_parameter_source(name) is ParameterSource.COMMANDLINE:
-            if isinstance(value, bool):
-                words += param.opts[:1] if value else param.secondary_opts[:1]
-            else:
-                for one in value if isinstance(value, tuple) else (value,):
-                    words += [param.opts[0], str(one)]
-    labels = ctx.params["labels"] or "labels.csv"
-    click.echo(terminal.next_steps(audit, labels, shlex.join(words), n_labels, consequence))
+    labels = ctx.params["labels"] or LABELS_FILE
+    click.echo(terminal.next_steps(audit, labels, shlex.join(command_words(ctx, str(ctx.info_name))), n_labels))

@@ -9,6 +9,7 @@ from functools import reduce
 from typing import TYPE_CHECKING, Any
 
 import click
+from click.core import ParameterSource
 
 from rpil.data.files import StrPath, check_extension
 from rpil.data.memory import limited
@@ -16,7 +17,10 @@ from rpil.data.missing import fill_chunks
 
 if TYPE_CHECKING:
     from rpil.data.formats.columns import ColumnOptions
-    from rpil.inference.settings import Minority
+
+
+Value = Any
+"""What an option holds: click has no types for it."""
 
 
 @dataclass(frozen=True)
@@ -27,7 +31,6 @@ class FitOptions:
     operator: str | None
     features: str
     adversary: str
-    minority: Minority
     seed: int
     resume: bool
     session: str | None = None
@@ -51,7 +54,6 @@ FEATURE_CHOICE = NameChoice("auto", "raw", "folded", "spline", "poly", "nystroem
 ADVERSARY_CHOICE = NameChoice(
     *("auto", "constant", "uniform", "marginal", "complement", "normalised complement", "confusion", "own policy")
 )
-MINORITY_CHOICE = NameChoice("ask", "trust", "distrust")
 ERROR_CHOICE = NameChoice("corrupted", "random", "flip", "shift", "noisy", "window", "sensor")
 
 
@@ -134,7 +136,10 @@ COLUMN_OPTIONS = (
 FIT_OPTIONS = (
     *COLUMN_OPTIONS,
     click.option(
-        "--labels", type=click.Path(), metavar="FILE", help="Labels of some demonstrations: CSV (id,label) or JSON."
+        "--labels",
+        type=click.Path(),
+        metavar="FILE",
+        help="Answers: good, bad, better than ID; CSV (id,label) or JSON.",
     ),
     click.option(
         "--outcome",
@@ -155,14 +160,6 @@ FIT_OPTIONS = (
         show_default=True,
         help="Model of the actions of bad demonstrators; auto needs none.",
     ),
-    click.option(
-        "--minority",
-        type=MINORITY_CHOICE,
-        default="ask",
-        show_default=True,
-        help="What to do about a second group that acts differently from the first: ask for a label, trust it too, or "
-        "distrust the smaller one.",
-    ),
     click.option("--resume", is_flag=True, help="Go on with a long run that was interrupted."),
     stream_option,
     click.option("--scheduler", metavar="ADDRESS", help="Address of a Dask cluster that does the work; Parquet only."),
@@ -171,11 +168,14 @@ FIT_OPTIONS = (
 )
 
 
-JUDGE_OPTIONS = (
+LABEL_OPTIONS = (
     *FIT_OPTIONS,
     click.option(
         "--session", metavar="COLUMN|file", help="Judge within sessions: a column, or the file of each demonstration."
     ),
+)
+JUDGE_OPTIONS = (
+    *LABEL_OPTIONS,
     click.option(
         "--reference",
         type=click.Path(),
@@ -190,6 +190,11 @@ def with_judge_options(command: Callable[..., object]) -> Callable[..., object]:
     return reduce(lambda wrapped, option: option(wrapped), reversed(JUDGE_OPTIONS), command)
 
 
+def with_label_options(command: Callable[..., object]) -> Callable[..., object]:
+    """Those of an audit but --reference: what others are known to be good would not count when answers are learned."""
+    return reduce(lambda wrapped, option: option(wrapped), reversed(LABEL_OPTIONS), command)
+
+
 def with_fit_options(command: Callable[..., object]) -> Callable[..., object]:
     return reduce(lambda wrapped, option: option(wrapped), reversed(FIT_OPTIONS), command)
 
@@ -198,7 +203,7 @@ def with_column_options(command: Callable[..., object]) -> Callable[..., object]
     return reduce(lambda wrapped, option: option(wrapped), reversed(COLUMN_OPTIONS), command)
 
 
-def pop_columns(options: dict[str, Any]) -> ColumnOptions:
+def pop_columns(options: dict[str, Value]) -> ColumnOptions:
     """The options for reading, removed from `options`; operator and session stay, because a fit needs them too."""
     from rpil.data.formats.columns import ColumnOptions
     from rpil.data.formats.id_values import is_id_file
@@ -212,3 +217,24 @@ def pop_columns(options: dict[str, Any]) -> ColumnOptions:
         session=options.get("session"),
         **{name: options.pop(name) for name in names},
     )
+
+
+def command_words(ctx: click.Context, name: str) -> list[str]:
+    """The command `name` with the arguments of `ctx`, without --labels, --resume and --quiet."""
+    words = ["rpil", name]
+    for param in ctx.command.params:
+        value = ctx.params.get(str(param.name))
+        if isinstance(param, click.Argument):
+            words.append(str(value))
+        elif param.name not in ("labels", "resume", "quiet") and is_given(ctx, param):
+            if isinstance(value, bool):
+                words += param.opts[:1] if value else param.secondary_opts[:1]
+            else:
+                for one in value if isinstance(value, tuple) else (value,):
+                    words += [param.opts[0], str(one)]
+    return words
+
+
+def is_given(ctx: click.Context, param: click.Parameter) -> bool:
+    """Whether an option stands on the command line."""
+    return ctx.get_parameter_source(str(param.name)) is ParameterSource.COMMANDLINE

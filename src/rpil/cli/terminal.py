@@ -6,6 +6,7 @@ import csv
 import io
 import json
 import math
+import os
 import shlex
 import sys
 import warnings
@@ -27,16 +28,6 @@ MAX_DEMONSTRATORS = 4
 MAX_IDS = 20  # in one line
 N_WORST = 3  # demonstrations whose reasons are printed, and that the next step names
 PIPE_WIDTH = 10_000  # of a table where there is no terminal: no line is wrapped
-
-TWO_GROUPS = (
-    "Two groups of demonstrations act in two different ways in the same states. Nothing in the data says which of them "
-    "is good, so all verdicts are open."
-)
-MINORITY_OPTIONS = "If both groups are good, use --minority trust. If only group A is good, use --minority distrust."
-TWO_STYLES = (
-    "There are two styles: two groups of demonstrations act differently in some states. Both may be good; if one is "
-    "bad, label one demonstration of each."
-)
 
 
 @contextmanager
@@ -94,6 +85,7 @@ def print_audit(audit: Audit, all_rows: bool = False) -> None:
     if audit.demonstrators:
         _print_demonstrators(audit.demonstrators[::-1][: None if all_rows else MAX_DEMONSTRATORS], audit)
     click.echo(verdict_sentence(audit))
+    print_lines(audit.notes)
 
 
 def worst_and_doubtful(audit: Audit, n_rows: int) -> list[int]:
@@ -185,61 +177,55 @@ def verdict_sentence(audit: Audit) -> str:
 
     size = f"{len(audit.ids):,} demonstrations ({audit.offsets[-1]:,} steps)"
     if audit.finding not in DECIDED:
-        return f"{size} are ranked; all are open{' but the labelled ones' if audit.labelled else ''}."
+        return f"{size} are ranked; all are open."
     counts = ", ".join(f"{count:,} {word}" for word, count in audit.verdict_counts().items())
     return f"{size}: {counts}."
 
 
-def next_steps(audit: Audit, labels_file: str, command: str, n_labels: int = 3, consequence: str = "") -> str:
-    """What to do next: which demonstrations to look at and to label, what to write to `labels_file`, what to run then.
+def next_steps(audit: Audit, labels_file: str, command: str, n_labels: int = 3) -> str:
+    """What to do next: the question that decides most, or the demonstrations to label, what to write to `labels_file`,
+    and what to run then. `command` is the command without ``--labels``."""
+    from rpil.audit.answering import NEXT_STEPS
 
-    `command` is the command without ``--labels``. `consequence` is a sentence about having no label where two groups
-    compete.
-    """
-    from rpil.audit.label_choice import NEXT_STEPS
-    from rpil.inference.findings import DECIDED
-
-    lines = _group_lines(audit)
-    if consequence and not audit.identifiable:
-        lines.append(consequence)
-    lines.append(f"Next: {NEXT_STEPS[audit.finding]}")
-    if audit.finding in (*DECIDED, "in doubt", "nobody stands out"):
-        worst = [audit.ids[m] for m in audit.ranking()[::-1][:N_WORST].tolist()]
-        lines.append(f"The least trusted, the worst first: {join_ids(worst)}.")
-    if audit.finding != "nothing could be learned":
-        lines += _label_lines(audit, labels_file, command, n_labels)
-    return "\n".join(lines)
-
-
-def _group_lines(audit: Audit) -> list[str]:
-    """The two groups that compete, or two styles, and what they mean."""
+    exists = os.path.exists(labels_file) or bool(audit.labelled)
     lines = [f"Group {letter}, {len(ids)} demonstrations: {join_ids(ids)}" for letter, ids in _groups(audit).items()]
-    if not audit.identifiable:
-        return [TWO_GROUPS, *lines, MINORITY_OPTIONS]
-    return [TWO_STYLES, *lines] if lines else []
+    lines += [
+        f"{printable(name)}: its label contradicts the other answers; look again." for name in audit.contradicting
+    ]
+    lines += [*audit.doubts, f"Next: {NEXT_STEPS[audit.finding]}"]
+    if audit.finding == "nothing could be learned":
+        return "\n".join(lines)
+    if audit.question:
+        first, second = map(printable, audit.pair)
+        lines += [
+            audit.question,
+            *_answer_lines(audit.pair[0], f"better than {second}", first, labels_file, exists),
+        ]
+    else:
+        to_label = audit.suggest_labels(n_labels)
+        if not to_label:
+            return "\n".join([*lines, "Every demonstration has a label already."])
+        name = printable(to_label[0])
+        lines += [f"The labels that say most about the others, the best first: {join_ids(to_label)}."]
+        lines += _answer_lines(to_label[0], "good", name, labels_file, exists)
+    return "\n".join([*lines, f"Then run: {command} --labels {shlex.quote(labels_file)}"])
 
 
-def _label_lines(audit: Audit, labels_file: str, command: str, n_labels: int) -> list[str]:
-    """Which demonstrations to label, and the text that calls the first of them good."""
+def _answer_lines(id_: Hashable, label: str, name: str, labels_file: str, add: bool) -> list[str]:
+    """How to write a label of the demonstration `id_`, which is printed as `name`."""
     from rpil.data.formats.cells import to_cell
 
-    to_label = audit.suggest_labels(n_labels)
-    if not to_label:
-        return ["Every demonstration has a label already."]
-    name, add = printable(to_label[0]), bool(audit.labelled)
     if labels_file.lower().endswith(".json"):
-        pair = json.dumps({name: "good"}, ensure_ascii=False)
+        pair = json.dumps({name: label}, ensure_ascii=False)
         content = [pair[1:-1] if add else pair]
     else:
         row = io.StringIO()
-        csv.writer(row, lineterminator="").writerow([to_cell(name), "good"])
+        csv.writer(row, lineterminator="").writerow([to_cell(id_), label])
         content = [row.getvalue()] if add else ["id,label", row.getvalue()]
     verb = "Add" if add else "Write"
     return [
-        f"The labels that say most about the others, the best first: {join_ids(to_label)}.",
-        f"{verb} good or bad for those you can judge to {labels_file}; if {name} is good:",
+        f"{verb} good, bad or better than ... for those you can judge to {labels_file}; if {name} is {label}:",
         *(f"    {line}" for line in content),
-        f"Then run: {command} --labels {shlex.quote(labels_file)}",
     ]
 
 

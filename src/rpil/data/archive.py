@@ -30,8 +30,11 @@ VERSION = 7
 
 _HEADER = "header.json"
 _STEP_TYPES = (np.float64, np.float32)  # single precision where there are very many steps
-_TYPES = {"offsets": (np.int64,), "step_log_ratio": _STEP_TYPES, "step_weight": _STEP_TYPES}
+_INTEGERS = dict.fromkeys(("offsets", "labels", "pairs"), (np.int64,))
+_TYPES = {**_INTEGERS, "step_log_ratio": _STEP_TYPES, "step_weight": _STEP_TYPES}
 """Types of array fields by their names; all others are float64."""
+_MAY_BE_MISSING = ("outcome",)
+"""Array fields in which NaN stands for a value that is not known; no other array holds NaN."""
 
 Json = None | bool | int | float | str | list["Json"] | dict[str, "Json"]
 Header = dict[str, Any]
@@ -129,10 +132,11 @@ class Decoder:
         self.arrays = dict(arrays)
         self.sizes: dict[str, int] = {}
 
-    def array(self, node: Any, axes: str, *dtypes: type) -> Array:
+    def array(self, node: Any, axes: str, *dtypes: type, missing: bool = False) -> Array:
         """The array that `node` names; axes as in `stored`.
 
-        A `ValueError` or `KeyError` where it is missing, holds NaN, or has another shape or type.
+        A `ValueError` or `KeyError` where it is missing, has another shape or type, or, unless values may be `missing`,
+        holds NaN.
         """
         array = self.arrays.pop(node["array"])
         letters = axes.split()
@@ -143,7 +147,7 @@ class Decoder:
             expected = int(letter) if letter.isdigit() else self.sizes.setdefault(letter, size - int(more or 0))
             if size != expected + int(more or 0):
                 raise ValueError(node)
-        if array.dtype.kind == "f" and np.isnan(array).any():
+        if not missing and array.dtype.kind == "f" and np.isnan(array).any():
             raise ValueError(node)
         return array
 
@@ -162,7 +166,8 @@ class Decoder:
         values = {}
         for name, part in content.items():
             axes, types = entry.axes.get(name), _TYPES.get(name, (np.float64,))
-            values[name] = self.value(part) if axes is None else self.array(part, axes, *types)
+            missing = name in _MAY_BE_MISSING
+            values[name] = self.value(part) if axes is None else self.array(part, axes, *types, missing=missing)
         return entry.kind(**values)
 
 

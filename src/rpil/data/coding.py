@@ -117,11 +117,9 @@ def encode_demonstrations(classes: Array, n_parts: int, demonstrations: Demonstr
 def label_codes(labels: Mapping[Key, str] | None, demonstrations: Demonstrations | Dataset) -> Array:
     """1 for demonstrations labelled "good", -1 for "bad", 0 for the rest, (M,).
 
-    A `DataError` on an unknown label or id, or where all demonstrations are labelled bad.
+    A `DataError` on an unknown label or id.
     """
-    source, codes = demonstrations.source, np.zeros(len(demonstrations), dtype=int)
+    codes = np.zeros(len(demonstrations), dtype=int)
     for m, good in match_labels(labels or {}, demonstrations.ids).items():
         codes[m] = 1 if good else -1
-    if (codes < 0).all():
-        raise DataError(f"{source}: all demonstrations are labelled bad; leave one that may be good.")
     return codes

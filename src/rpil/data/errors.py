@@ -20,10 +20,6 @@ class MissingExtraError(ImportError):
         return type(self), self._arguments  # by default the two arguments would be lost on the way from another process
 
 
-class AmbiguousWarning(UserWarning):
-    """The data hold two groups that may each be the good one; `RPIL.audit_` names demonstrations to label."""
-
-
 def user_stack_level() -> int:
     """The `stacklevel` for `warnings.warn` in the calling function with which a warning points at the user's code."""
     level, frame = 1, sys._getframe(1)

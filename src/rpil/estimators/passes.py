@@ -8,12 +8,11 @@ from functools import partial
 import numpy as np
 
 from rpil.audit.record import Audit
-from rpil.audit.summary import longest_unlabelled
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.fit_data import FitData
 from rpil.estimators.pipeline import JudgeInput, Options, TrustDecision
 from rpil.estimators.task import Features, FinalPolicy, Task
-from rpil.inference.settings import Minority
+from rpil.inference.answers import Answers
 from rpil.numerics.newton import Preconditioner
 from rpil.numerics.types import Array
 from rpil.policies.features import FeatureMap, ridge_of
@@ -67,14 +66,15 @@ class SampledFit:
         demonstrations = task.source.select(indices)
         features = options.judge_features(demonstrations)
         assert isinstance(features, FeatureMap)
-        data = replace(task.data(demonstrations, features, single=True), labels=task.labels[indices])
-        # A rival group to trust is reported by the sample, and trusted among all demonstrations.
-        minority: Minority = "ask" if options.minority == "trust" else options.minority
+        data = task.data(demonstrations, features, single=True)
+        order = None if task.order is None else task.order[indices]
         engine = self.engine
         blocks = engine.place(task.source.shards(engine.n_shards, settings.block_steps)).then(
             DesignMap(features, task.space, task.classes)
         )
-        return JudgeInput(demonstrations, options.judged(data), features, minority, indices, blocks)
+        return JudgeInput(
+            demonstrations, options.judged(data), features, Answers.of_labels(data.labels), order, indices, blocks
+        )
 
     def extend(self, posed: JudgeInput, decision: TrustDecision) -> TrustDecision:
         task, source, options = self.task, self.task.source, self.options
@@ -87,19 +87,19 @@ class SampledFit:
         none = np.empty(0)
         everyone = FitData(none, none, source.offsets, task.space, task.labels, task.demonstrators)
         scores = posed.blocks.map(partial(score_block, judge=sample.judge, settings=options.settings.judge))
-        judgement = judge_everyone(sample, everyone, scores, options.minority, options.settings.judge)
+        judgement = judge_everyone(sample, everyone, scores, task.answers, options.settings.judge)
         # The steps are weighted in the next pass; until then the audit is of demonstrations without steps.
         stepless = replace(everyone, offsets=np.zeros_like(source.offsets))
         extended = TrustDecision.of(
-            judgement, replace(sample.judge, groups=judgement.groups), stepless, source.ids, options.settings.audit
+            judgement,
+            replace(sample.judge, groups=judgement.groups),
+            stepless,
+            source.ids,
+            task.answers,
+            options.audit_settings,
         )
         audit = replace(extended.audit, offsets=np.asarray(source.offsets, dtype=np.int64))
-        rival = sample.judgement.rival
-        if judgement.rival is not None and rival is not None:
-            # Only the demonstrations of the sample were compared: all others may be in either group.
-            to_label = longest_unlabelled(sample.data, (rival.trusted, rival.rival))
-            audit = replace(audit, to_label=tuple(posed.demonstrations.ids[m] for m in to_label))
-        return replace(extended, audit=audit)
+        return replace(extended, audit=audit, notes=decision.notes)
 
     def fit_policy(self, posed: JudgeInput, decision: TrustDecision) -> tuple[Features, FinalPolicy, TrustDecision]:
         task, options, data, features = self.task, self.options, posed.data, posed.features

@@ -152,7 +152,9 @@ def _restore(header: dict[str, Any], decoder: Decoder) -> Estimator:
         setattr(estimator, name, decoder.array(node, axes, np.float64) if axes else decoder.value(node))
     if isinstance(estimator, RPIL):
         estimator.state_ = decoder.value(header["state"])
-        estimator.audit_ = replace(estimator.audit_, settings=(params.get("settings") or Settings()).audit)
+        settings = params.get("settings") or Settings()
+        of_audit = replace(settings.audit, answers=settings.judge.answers)
+        estimator.audit_ = replace(estimator.audit_, settings=of_audit)
     estimator.n_features_in_ = decoder.sizes["D"]
     for name, texts in header["names"].items():
         if name not in _NAMES or len(texts) != estimator.n_features_in_:

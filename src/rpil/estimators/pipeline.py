@@ -14,7 +14,8 @@ from typing import Protocol
 from rpil.audit.deviations import deviations
 from rpil.audit.record import Audit, Interval
 from rpil.audit.settings import AuditSettings
-from rpil.audit.summary import audit_from_judgement, audit_from_mixture, is_anyone_trusted
+from rpil.audit.step_weights import is_anyone_trusted
+from rpil.audit.summary import audit_from_judgement, audit_from_mixture
 from rpil.data.demonstrations import Block, Demonstrations
 from rpil.data.errors import DataError
 from rpil.data.files import StrPath
@@ -23,12 +24,11 @@ from rpil.data.spaces import Space
 from rpil.estimators.final_policy import LinearPolicySpec
 from rpil.estimators.settings import Settings
 from rpil.estimators.task import Features, FinalPolicy, Task
-from rpil.estimators.validation import check_minority
+from rpil.inference.answers import Answers
 from rpil.inference.fitted_judge import FittedJudge
 from rpil.inference.held_out import HeldOutModel, HeldOutPolicy, held_out_model
-from rpil.inference.parts import judged_parts
+from rpil.inference.parts import judged_parts, not_judged, resting_sessions, session_sentence
 from rpil.inference.search import SearchSettings, fit_mixture
-from rpil.inference.settings import Minority
 from rpil.inference.trust import Judgement, judge
 from rpil.mixture.adversaries.protocol import Adversary
 from rpil.mixture.em import State
@@ -50,12 +50,16 @@ class Options:
     policy: object
     adversary: str | Adversary
     C: float | None
-    minority: Minority
     seed: int
     settings: Settings
     progress: Progress = field(repr=False)
     engine: Engine | None = field(repr=False)
     checkpoint: StrPath | None = field(repr=False)
+
+    @property
+    def audit_settings(self) -> AuditSettings:
+        """The settings of the audit, which answers like the judge."""
+        return replace(self.settings.audit, answers=self.settings.judge.answers)
 
     @property
     def judges(self) -> bool:
@@ -76,11 +80,14 @@ class Options:
 
     def check(self, task: Task) -> None:
         """Refuse options that are unknown, or that do not fit the demonstrations, before any work."""
-        check_minority(self.minority)
         if self.policy is not None:
             self.cross_fitted(task.space, int(task.source.offsets[-1]))  # refuses an unsuitable estimator
         if not self.judges and (task.demonstrators.informative or self.policy is not None):
             raise DataError("A named adversary knows neither demonstrators= nor policy=; leave out one.")
+        if not self.judges and (len(task.pairs) or task.outcome is not None):
+            raise DataError("A named adversary learns from labels alone; leave out pairs and the outcome.")
+        if not self.judges and (task.labels < 0).all():
+            raise DataError(f"{task.source.source}: all demonstrations are labelled bad; leave one that may be good.")
 
     def judge_features(self, demonstrations: Demonstrations) -> Features:
         """The feature map while trust is decided."""
@@ -106,7 +113,9 @@ class JudgeInput:
     demonstrations: Demonstrations
     data: FitData
     features: Features
-    minority: Minority
+    answers: Answers
+    order: Array | None = None
+    """The order in which the demonstrations were made, where it is stated."""
     indices: Array | None = None
     """The demonstrations of a sample among all."""
     blocks: Shards[tuple[Block, FitData]] | None = None
@@ -128,13 +137,21 @@ class TrustDecision:
     """Objective of the mixture, or mean held-out log-likelihood of a step of the training group, in nats."""
     converged: bool = True
     judgement: Judgement | None = None
+    notes: tuple[str, ...] = ()
+    """Sentences about the parts of the action that are not judged."""
 
     @classmethod
     def of(
-        cls, judgement: Judgement, judge: FittedJudge, data: FitData, ids: Sequence[Hashable], settings: AuditSettings
+        cls,
+        judgement: Judgement,
+        judge: FittedJudge,
+        data: FitData,
+        ids: Sequence[Hashable],
+        answers: Answers,
+        settings: AuditSettings,
     ) -> TrustDecision:
         """The decision of the judge about the demonstrations `data`."""
-        audit, history = audit_from_judgement(judgement, data, ids, settings), judgement.scores.fit.history
+        audit, history = audit_from_judgement(judgement, data, ids, answers, settings), judgement.scores.fit.history
         step = judgement.step_trust.step
         return cls(audit, step, judge, None, len(history), float(history[-1]), judgement=judgement)
 
@@ -150,10 +167,18 @@ def decide_trust(posed: JudgeInput, options: Options) -> TrustDecision:
             model = HeldOutPolicy(data, policy, settings.judge.held_out)
         else:
             model = held_out_model(data, options.seed, settings.judge.held_out)
-        seed, minority = options.seed, posed.minority
-        judgement = judge(data, model, settings.judge, seed=seed, minority=minority, progress=options.progress)
+        judgement = judge(
+            data,
+            model,
+            settings.judge,
+            seed=options.seed,
+            answers=posed.answers,
+            order=posed.order,
+            progress=options.progress,
+        )
         fitted = FittedJudge.of(judgement, data, settings.judge, user_policy=own)
-        return TrustDecision.of(judgement, fitted, data, ids, settings.audit)
+        decision = TrustDecision.of(judgement, fitted, data, ids, posed.answers, options.audit_settings)
+        return replace(decision, notes=_resting(data, posed.demonstrations))
     assert isinstance(posed.features, FeatureMap)
     start = linear_policy(data.space, ridge_of(posed.features, options.C, n_steps, data.space), n_steps)
     search = SearchSettings(start, settings.mixture, settings.judge, options.seed)
@@ -162,6 +187,19 @@ def decide_trust(posed: JudgeInput, options: Options) -> TrustDecision:
     audit = audit_from_mixture(data, result, share, ids, settings.audit)
     n_iter = max(1, len(result.history) - 1)
     return TrustDecision(audit, audit.step_weight, None, result.state, n_iter, result.objective, bool(result.converged))
+
+
+def _resting(data: FitData, demonstrations: Demonstrations) -> tuple[str, ...]:
+    """Sentences that name the parts of the action that are not judged, and sessions by where these rest."""
+    if data.judged is None or data.judged.all():
+        return ()
+    names = demonstrations.action_names or tuple(map(str, range(len(data.judged))))
+    sentence = not_judged(data.judged, names)
+    sessions = resting_sessions(data.actions, data.offsets, data.judged)
+    return f"{sentence[:1].upper()}{sentence[1:]}.", *(
+        session_sentence(names[part], [[demonstrations.ids[m] for m in group] for group in groups])
+        for part, groups in sessions.items()
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -216,7 +254,7 @@ class FullFit:
         data = replace(
             task.data(demonstrations, features, single), labels=task.labels, demonstrators=task.demonstrators
         )
-        return JudgeInput(demonstrations, options.judged(data), features, options.minority)
+        return JudgeInput(demonstrations, options.judged(data), features, task.answers, task.order)
 
     def extend(self, posed: JudgeInput, decision: TrustDecision) -> TrustDecision:
         return decision

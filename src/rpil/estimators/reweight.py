@@ -18,10 +18,9 @@ from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
 from rpil.data.fit_data import FitData
 from rpil.estimators.task import ActionBox, Labels, Task
-from rpil.estimators.validation import check_minority
-from rpil.inference.held_out import HeldOutLogProb, log_reference
+from rpil.inference.held_out import HeldOutLogProb, HeldOutModel, log_reference
 from rpil.inference.parts import ActionScale
-from rpil.inference.settings import JudgeSettings, Minority
+from rpil.inference.settings import JudgeSettings
 from rpil.inference.trust import judge
 from rpil.numerics.types import Array
 from rpil.policies.features import FeatureMap, FeatureSettings
@@ -46,13 +45,11 @@ class ReweightOptions:
     audit: AuditSettings = AuditSettings()
     n_folds: int = 3
     max_rounds: int = 50
-    minority: Minority = "ask"
     action_box: ActionBox | None = None
     random_state: int = 0
 
     def __post_init__(self) -> None:
         check_settings(self, min_gain="[0, inf)", min_weight="[0, inf)", random_state="[0, inf)")
-        check_minority(self.minority)
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,7 +72,7 @@ class Reweighted:
 
 
 @dataclass(frozen=True, eq=False)
-class TrainedPolicy:
+class TrainedPolicy(HeldOutModel):
     """A policy that the user's functions train and evaluate: a held-out model for the judge.
 
     Each copy of the policy is trained on all folds but one and evaluated on that one.
@@ -216,7 +213,7 @@ def reweight(
         evaluated on its training data: a policy that memorises explains bad actions as well as good ones.
     max_rounds : int, default=50
         Calls of `train` for a policy, at most; training stops when it gains nothing more on held-out steps.
-    minority, action_box, random_state
+    action_box, random_state
         As for `RPIL`; other options are those of `ReweightOptions`.
 
     Raises
@@ -245,8 +242,8 @@ def reweight(
     data = replace(task.data(demonstrations, features), labels=task.labels)
     seed, fold = chosen.random_state, data.per_step(deal(data, chosen.n_folds, chosen.random_state))
     model = TrainedPolicy(policy, data, demonstrations, log_prob, train, fold, chosen, progress)
-    judgement = judge(data, model, chosen.judge, seed=seed, minority=chosen.minority, progress=progress)
-    audit = audit_from_judgement(judgement, data, demonstrations.ids, chosen.audit)
+    judgement = judge(data, model, chosen.judge, seed=seed, progress=progress)
+    audit = audit_from_judgement(judgement, data, demonstrations.ids, task.answers, chosen.audit)
     n_rounds = model.cache[data.per_step(judgement.training_group.astype(float)).tobytes()][1]
     for n in range(n_rounds):
         progress(f"training the policy: {n + 1} of {n_rounds}")

@@ -25,7 +25,7 @@ from rpil.estimators.settings import Settings
 from rpil.estimators.task import ActionBox, Features, Labels, Names, Task
 from rpil.estimators.validation import Given, as_demonstrations
 from rpil.inference.fitted_judge import FittedJudge
-from rpil.inference.settings import JudgeSettings, Minority
+from rpil.inference.settings import JudgeSettings
 from rpil.mixture.adversaries.protocol import Adversary
 from rpil.mixture.em import State, e_step
 from rpil.numerics.types import Array
@@ -64,9 +64,6 @@ class RPIL(PolicyEstimator):
         Inverse ridge strength of the final policy, as in `BehavioralCloning`.
     labels : mapping of id to {"good", "bad"}, optional
         Known demonstrations; `fit` takes labels too.
-    minority : {"ask", "trust", "distrust"}
-        The decision about a rival group where no label decides: answer "two groups" and ask for a label; trust
-        both groups; or trust the larger group.
     random_state : int
         Seed; the same seed gives the same bits.
     action_box : (low, high), optional
@@ -125,7 +122,6 @@ class RPIL(PolicyEstimator):
         adversary: str | Adversary = "auto",
         C: float | None = None,
         labels: Labels | None = None,
-        minority: Minority = "ask",
         random_state: int = 0,
         action_box: ActionBox | None = None,
         settings: Settings | None = None,
@@ -138,7 +134,6 @@ class RPIL(PolicyEstimator):
         self.adversary = adversary
         self.C = C
         self.labels = labels
-        self.minority = minority
         self.random_state = random_state
         self.action_box = action_box
         self.settings = settings
@@ -166,8 +161,8 @@ class RPIL(PolicyEstimator):
             Actions.
         groups : (N,) array
             The demonstration of each step.
-        labels : mapping of id to {"good", "bad"}, optional
-            Known demonstrations, in the place of the constructor's.
+        labels : mapping of id to {"good", "bad", "better than ID"}, or sequence of such pairs, optional
+            Answers about demonstrations, in the place of the constructor's.
         demonstrators : mapping of id to name, or sequence of M names, optional
             The demonstrator of each demonstration. Demonstrations of one demonstrator then change each other's
             log-odds, see `rpil.mixture.demonstrator_prior`. A demonstration without a name has a demonstrator of its
@@ -192,12 +187,15 @@ class RPIL(PolicyEstimator):
         with threadpool_limits(1, "blas"):  # thin products gain nothing from threads, and can lose a lot
             fitted = fit(SampledFit(task, options) if is_sampled(task, options) else FullFit(task, options), options)
         self._keep(task, fitted)
-        self._explain(task, options)
+        self._explain(task, options, fitted)
         return self
 
-    def _explain(self, task: Task, options: Options) -> None:
-        """Add the assumptions to the audit; warn if the fit did not converge or nothing says which group is
-        good."""
+    def _explain(self, task: Task, options: Options, fitted: Fitted) -> None:
+        """Add the assumptions to the audit; warn if the fit did not converge."""
+        judgement = fitted.decision.judgement
+        short = "" if judgement is None else assumptions.missing_steps(self.audit_.finding, judgement.missing_steps)
+        notes = tuple(filter(None, (*fitted.decision.notes, short)))
+        self.audit_ = replace(self.audit_, notes=notes)
         prior, type_name = options.settings.mixture.prior, type(self.policy).__name__
         linear = self.policy is None
         sentences = assumptions.assumption_sentences(
@@ -209,7 +207,6 @@ class RPIL(PolicyEstimator):
         )
         self.audit_ = replace(self.audit_, assumptions=sentences)
         assumptions.warn_if_not_converged(self.converged_)
-        assumptions.warn_if_ambiguous(self.audit_, task.source.source)
 
     def _options(self) -> Options:
         """The constructor parameters, with the default settings and a silent progress in the place of None."""
@@ -244,7 +241,7 @@ class RPIL(PolicyEstimator):
     ) -> Array:
         """Log-odds, as in `Audit.log_odds`, for demonstrations that were not fitted, (M,).
 
-        Decisions about a rival group, by labels or by ``minority="trust"``, concern the fitted demonstrations alone.
+        Answers, as labels and outcomes, concern the fitted demonstrations alone.
 
         Raises
         ------
@@ -270,7 +267,8 @@ class RPIL(PolicyEstimator):
         """The log-ratio of each step under the fitted policy, (N,)."""
         assert self.judge_ is not None
         if self.judge_.ratio is not None:
-            return self.judge_.step_ratios(design, codes, settings)[0]
+            log_prob, log_ratio = self.judge_.step_ratios(design, codes, settings)
+            return log_ratio if self.space_.kind == "discrete" else log_prob
         assert isinstance(self.policy_, CrossFittedPolicy)
         outputs = self.policy_.outputs(self.features_.design(demonstrations.observations))
         return self.judge_.step_ratios_of(self.policy_, outputs, codes, settings)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Hashable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -16,15 +16,17 @@ from rpil.data.errors import DataError
 from rpil.data.facts import Outcome, given_order, given_outcome
 from rpil.data.fit_data import FitData
 from rpil.data.formats.dataset import Dataset
+from rpil.data.formats.id_values import match_pairs, parse_answers
 from rpil.data.spaces import Space
-from rpil.numerics.types import Array, Float
+from rpil.inference.answers import Answers
+from rpil.numerics.types import Array, Float, Int
 from rpil.policies.features import FeatureMap, IdentityMap
 from rpil.policies.protocol import CrossFittedPolicy, Policy
 
 ActionBox = tuple[ArrayLike, ArrayLike]
 Features = FeatureMap | IdentityMap
 FinalPolicy = Policy | CrossFittedPolicy
-Labels = Mapping[Any, str]
+Labels = Mapping[Any, str] | Sequence[tuple[Hashable, str]]
 Names = Mapping[Any, Hashable] | Sequence[Hashable]
 
 
@@ -43,6 +45,14 @@ class Task:
     """How each demonstration ended, more is better; NaN where it is not known, None where nothing is."""
     order: Float[Array, " M"] | None = None
     """The place of each demonstration in the order in which they were made, where that is stated."""
+    pairs: Int[Array, "P 2"] = field(default_factory=lambda: np.empty((0, 2), dtype=int))
+    """The better and the worse demonstration of each pair that was compared."""
+
+    @property
+    def answers(self) -> Answers:
+        """All that is known of the demonstrations."""
+        unknown = np.full(len(self.labels), np.nan)
+        return Answers(self.labels, self.pairs, unknown if self.outcome is None else self.outcome)
 
     @classmethod
     def of(
@@ -62,7 +72,10 @@ class Task:
             )
         groups = group_by_demonstrator(demonstrators, source)
         known = given_outcome(outcome, source.ids, source.source), given_order(order, source.ids, source.source)
-        return cls(source, space, classes, label_codes(labels, source), groups, *known)
+        rows = labels.items() if isinstance(labels, Mapping) else labels or ()
+        by_id, pairs = parse_answers(((str(m), word) for m, word in rows), "the labels") if rows else ({}, [])
+        compared = match_pairs(pairs, source.ids)
+        return cls(source, space, classes, label_codes(by_id, source), groups, *known, compared)
 
     def codes(self, demonstrations: Demonstrations) -> Array:
         """Codes (N,) of discrete actions, or continuous actions (N, A)."""

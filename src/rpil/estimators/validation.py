@@ -17,17 +17,10 @@ from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
 from rpil.data.formats import read
 from rpil.data.formats.arrow import Frame
-from rpil.inference.settings import MINORITY
 from rpil.numerics.types import Array
 
 Given = Demonstrations | Frame | list[object] | Iterator[object]
 """Demonstrations, or what they are read from: a data frame, or trajectories."""
-
-
-def check_minority(minority: str) -> None:
-    """Refuse an unknown value of the parameter `minority`."""
-    if minority not in MINORITY:
-        raise DataError(f"There is no minority {minority!r}; choose {' or '.join(MINORITY)}.")
 
 
 def source_of(X: object) -> str:

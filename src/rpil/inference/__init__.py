@@ -1,12 +1,17 @@
-"""Inference: which demonstrations to trust.
+"""Inference: which demonstrations are unlike the others, and, by answers, which are good.
 
     held_out         log pi(a|s) of every step under policies fitted to the other demonstrations
     trimming         the training group: the demonstrations that are explained best
     effective_steps  how many independent steps the steps of a demonstration are worth
     groups           one group of scores, or two
     scores           scores of demonstrations, their variances and their groups
+    parts            the parts of a continuous action that are judged, and their scales
     rivals           a second group of demonstrations with a policy of its own
-    labels           which of two groups is the expert's
+    claims           what the scores support without answers: words, doubts, the pair of the question
+    channels         numbers that describe a demonstration, from which answers learn
+    answers          what labels, pairs and outcomes say: a Bayesian logistic regression
+    answered         P(good), words and contradicting labels by answers, and what to ask next
+    findings         the answer of an audit as a whole, each in a sentence
     step_trust       which steps of a demonstration are an expert's
     trust            the judge: all of the above in order
     fitted_judge     judges demonstrations that were not fitted

@@ -18,8 +18,8 @@ FINDINGS: dict[str, str] = {
     "some are unlike": "Some demonstrations are unlike those that agree best.",
     "answered": "The answers given decide which demonstrations are good.",
     "mixture": "The demonstrations fall into those of an expert and those of the adversary that was named.",
-    "two groups": "Two groups of demonstrations each act alike, but differently from each other, in the same states: "
-    "without an answer it cannot be known which of them is good.",
+    "two groups": "Two groups of demonstrations each have a policy of their own: without an answer it cannot be known "
+    "which of them is good.",
     "in doubt": "Some score lower than the others, but there is a reason to doubt it; nobody is called unlike.",
     "nobody stands out": "The scores are one group: demonstrations are ranked, and nobody is called unlike.",
     "nothing could be learned": "The state does not help to predict the actions of other demonstrations.",

@@ -8,6 +8,7 @@ import numpy as np
 
 from rpil.data.archive import stored
 from rpil.data.fit_data import FitData
+from rpil.inference.channels import StateScale, channels
 from rpil.inference.groups import Groups
 from rpil.inference.held_out import fit_weighted, frequencies, with_lapses
 from rpil.inference.parts import ActionScale
@@ -25,7 +26,7 @@ from rpil.numerics.types import Array, Float, Int, Shaped
 from rpil.policies.protocol import CrossFittedPolicy
 
 StepRatios = tuple[Float[Array, " N"], Float[Array, " N"]]
-"""Of each step, nats: the log-ratio of which the score is the mean, and log pi - log q."""
+"""Of each step, nats: log pi, and log pi - log q."""
 
 
 @stored(name="SoftmaxScale", weights="F+1 K", frequency="K")
@@ -49,8 +50,11 @@ class SoftmaxRatio:
         """Log-ratios of the actions taken."""
         log_proba = log_softmax(linear(features, self.weights))
         log_prob = with_lapses(log_proba, self.frequency, actions, settings.lapse).log_prob
-        log_ratio = log_prob - np.log(self.frequency)[actions]
-        return log_ratio, log_ratio
+        return log_prob, log_prob - np.log(self.frequency)[actions]
+
+    def indicators(self, actions: Int[Array, " N"]) -> Float[Array, "N K"]:
+        """Indicators of the actions."""
+        return np.eye(len(self.frequency))[actions]
 
 
 @stored(name="StudentScale", weights="F+1 A", scale="A", center="A", width="A")
@@ -83,10 +87,14 @@ class StudentRatio:
     def step_ratios(
         self, features: Float[Array, "N D"], actions: Float[Array, "N A"], settings: HeldOutSettings
     ) -> StepRatios:
-        """Log-ratios of the actions taken; the reference of the score is a constant, which is left out."""
+        """Log-ratios of the actions taken."""
         scaled = self.scaling(actions)
         log_prob = student_log_density(scaled - linear(features, self.weights), self.scale, settings.errors)
         return log_prob, log_prob - student_log_density(scaled - self.center, self.width, settings.errors)
+
+    def indicators(self, actions: Float[Array, "N A"]) -> Float[Array, "N J"]:
+        """The actions, scaled."""
+        return self.scaling(actions)
 
 
 @stored()
@@ -101,6 +109,7 @@ class FittedJudge:
     """Of the log-ratio of a step within a demonstration."""
     effective_per_step: float
     """Effective steps of one step, on average."""
+    states: StateScale
     reference: Shaped[Array, " K"] | None = None
     """Without a `ratio`: the frequencies of the actions, (K,), or the spreads of their parts, (A,)."""
 
@@ -111,11 +120,11 @@ class FittedJudge:
         per_step = float(scores.effective_steps.sum() / data.lengths.sum())
         if user_policy:
             reference = frequencies(data) if discrete else ActionScale.of(data).spread
-            return cls(None, scores.groups, scores.step_variance, per_step, reference)
+            return cls(None, scores.groups, scores.step_variance, per_step, judgement.states, reference)
         kind: type[SoftmaxRatio | StudentRatio] = SoftmaxRatio if discrete else StudentRatio
         weight = data.per_step(judgement.training_group.astype(float))
         ratio = kind.fit(data, weight, scores.fit.ridge, settings.held_out)
-        return cls(ratio, scores.groups, scores.step_variance, per_step)
+        return cls(ratio, scores.groups, scores.step_variance, per_step, judgement.states)
 
     def step_ratios(
         self, features: Float[Array, "N D"], actions: Shaped[Array, "N ..."], settings: JudgeSettings
@@ -123,6 +132,14 @@ class FittedJudge:
         """Log-ratios of the actions taken."""
         assert self.ratio is not None
         return self.ratio.step_ratios(features, actions, settings.held_out)
+
+    def channels(
+        self, data: FitData, log_prob: Float[Array, " N"], log_ratio: Float[Array, " N"], settings: JudgeSettings
+    ) -> Float[Array, "M C"]:
+        """The channels of demonstrations whose steps have these log-ratios."""
+        assert self.ratio is not None
+        actions = self.ratio.indicators(data.actions)
+        return channels(data, log_prob, log_ratio, actions, self.states, settings.channels)
 
     def step_ratios_of(
         self,
@@ -141,13 +158,13 @@ class FittedJudge:
     def log_odds(
         self, log_ratio: Float[Array, " N"], offsets: Int[Array, " M1"], settings: JudgeSettings
     ) -> Float[Array, " M"]:
-        """Log-odds of expert against adversary, of demonstrations whose scores are the means of `log_ratio` and that
-        have the steps ``offsets[m]:offsets[m + 1]``."""
+        """Log-odds of the upper group against the lower, of demonstrations whose scores are the means of `log_ratio`
+        and that have the steps ``offsets[m]:offsets[m + 1]``."""
         lengths = np.diff(offsets)
         score = np.add.reduceat(log_ratio, offsets[:-1]) / lengths
         squares = np.add.reduceat((log_ratio - np.repeat(score, lengths)) ** 2, offsets[:-1])
         variance = self.score_variance(squares, lengths, settings)
-        return self.groups.bounded(self.groups.log_odds(score, variance, settings.groups), settings.groups)
+        return self.groups.log_odds(score, variance, settings.groups)
 
     def score_variance(
         self, squares: Float[Array, " M"], lengths: Int[Array, " M"], settings: JudgeSettings

@@ -65,6 +65,20 @@ class HeldOutModel(Protocol):
     def evaluate(self, weight: Float[Array, " N"], ridge: float) -> HeldOutLogProb:
         """Held-out log-probabilities of all steps, by policies fitted to the steps with such weights."""
 
+    def log_prob_of_parts(self, weight: Float[Array, " N"], ridge: float) -> Float[Array, "N A"] | None:
+        """Held-out log-densities of each part of continuous actions, as `evaluate` sums them; None where the model has
+        no parts."""
+        return None
+
+    def log_prob_at(self, weight: Float[Array, " N"], other: Float[Array, " N"], ridge: float) -> Float[Array, " N"]:
+        """Held-out log-probabilities of policies fitted with `weight`, whose errors have the scale of steps with the
+        weight `other`, where there is a scale."""
+        return self.evaluate(weight, ridge).log_prob
+
+    def dealt_again(self, seed: int) -> HeldOutModel | None:
+        """The same model with other folds of demonstrations; None where it deals its own."""
+        return None
+
     def cold_copy(self) -> HeldOutModel:
         """The same model without warm starts: its first fits do not start where earlier ones ended."""
         return self
@@ -82,6 +96,9 @@ class HeldOutSoftmax(HeldOutModel):
     @property
     def ridges(self) -> tuple[float, ...]:
         return self.settings.ridges
+
+    def dealt_again(self, seed: int) -> HeldOutModel:
+        return held_out_model(self.data, seed, self.settings)
 
     def cold_copy(self) -> HeldOutSoftmax:
         return HeldOutSoftmax(self.data, self.fold, self.settings)
@@ -152,7 +169,22 @@ class HeldOutRidge(HeldOutModel):
     def ridges(self) -> tuple[float, ...]:
         return self.settings.ridges
 
+    def dealt_again(self, seed: int) -> HeldOutModel:
+        return held_out_model(self.data, seed, self.settings)
+
     def evaluate(self, weight: Float[Array, " N"], ridge: float) -> HeldOutLogProb:
+        return HeldOutLogProb.centred(log_density_of_errors(self._errors(weight, ridge), weight, self.settings), weight)
+
+    def log_prob_at(self, weight: Float[Array, " N"], other: Float[Array, " N"], ridge: float) -> Float[Array, " N"]:
+        return log_density_of_errors(self._errors(weight, ridge), other, self.settings)
+
+    def log_prob_of_parts(self, weight: Float[Array, " N"], ridge: float) -> Float[Array, "N A"]:
+        errors = self._errors(weight, ridge)
+        parts = (log_density_of_errors(part[:, None], weight, self.settings) for part in errors.T)
+        return np.stack(list(parts), axis=1)
+
+    def _errors(self, weight: Array, ridge: float) -> Array:
+        """Held-out errors of the actions, (N, A)."""
         features, actions, fold = self.data.features, self.actions, self.data.per_step(self.fold)
         tests = (fold == k for k in range(int(fold.max()) + 1))
         sums = [normal_equations(features[test], actions[test], weight[test]) for test in tests]
@@ -162,8 +194,7 @@ class HeldOutRidge(HeldOutModel):
             gram, product, total = (every - own for every, own in zip(of_all, sums[k], strict=True))
             return np.asarray(actions[test] - features[test] @ solve_ridge(gram, product, total, ridge))
 
-        errors = out_of_fold(fold, errors_of)
-        return HeldOutLogProb.centred(log_density_of_errors(errors, weight, self.settings), weight)
+        return out_of_fold(fold, errors_of)
 
 
 @dataclass(eq=False)

@@ -125,3 +125,10 @@ class ActionScale:
     def __call__(self, actions: Num[Array, "N A"]) -> Float[Array, "N A"]:
         """Actions less their location, in spreads: 0 where a part is not judged."""
         return np.asarray(np.clip(actions - self.location, -self.reach, self.reach) / self.spread)
+
+
+def session_sentence(name: str, groups: Sequence[Sequence[object]]) -> str:
+    """A sentence about the sessions in which the part of this `name` rests elsewhere; the largest is "the others"."""
+    smaller = sorted(groups, key=len)[:-1]
+    named = "; ".join(", ".join(map(str, group)) for group in smaller)
+    return f"{name} rests elsewhere in {named} than in the others: a session or a set-up."

@@ -7,9 +7,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from rpil.data.fit_data import FitData
+from rpil.data.spaces import Discrete
 from rpil.inference.effective_steps import autocovariances, effective_steps
 from rpil.inference.groups import Groups, fit_groups
 from rpil.inference.held_out import HeldOutModel, log_reference
+from rpil.inference.parts import ActionScale
 from rpil.inference.settings import JudgeSettings
 from rpil.inference.trimming import TrimmedFit, choose_ridge, fit_group
 from rpil.numerics.types import Array, Bool, Float, Int
@@ -36,11 +38,6 @@ class Scores:
         """Log-odds of expert against adversary, nats, by the scores alone."""
         return self.groups.log_odds(self.score, self.variance, settings.groups)
 
-    def with_two_groups(self, settings: JudgeSettings) -> Scores:
-        """The same scores where a label or the user says that there are two groups."""
-        factor = max(self.groups.log_bayes_factor, settings.known_log_bayes_factor)
-        return replace(self, groups=replace(self.groups, log_bayes_factor=factor))
-
 
 @dataclass(frozen=True, eq=False)
 class Scoring:
@@ -57,14 +54,24 @@ class Scoring:
 
     @classmethod
     def of(cls, data: FitData, model: HeldOutModel, settings: JudgeSettings) -> Scoring:
-        """Choose the ridge, and test whether the state predicts the action, by policies of all demonstrations that are
-        not labelled adversaries."""
-        group = data.labels >= 0
-        log_q = log_reference(data, np.ones(data.n_demonstrations, dtype=bool), settings.held_out)
+        """Choose the ridge, and test whether the state predicts the action, by policies of all demonstrations."""
+        group = np.ones(data.n_demonstrations, dtype=bool)
+        log_q = log_reference(data, group, settings.held_out)
         ridge = choose_ridge(data, model, group)
         gain = data.mean_steps(model.evaluate(data.per_step(group.astype(float)), ridge).log_prob - log_q)
         error = gain.std() / np.sqrt(len(gain))
         return cls(data, model, settings, ridge, log_q, bool(gain.mean() > settings.min_standard_errors * error))
+
+    def dealt_again(self, seed: int) -> Scoring | None:
+        """The same with other folds; None where the policy deals its own."""
+        model = self.model.dealt_again(seed)
+        return None if model is None else replace(self, model=model)
+
+    def indicators(self) -> Float[Array, "N A"]:
+        """The actions as the policy sees them: scaled, or indicators of discrete actions."""
+        if isinstance(self.data.space, Discrete):
+            return np.eye(self.data.space.n)[self.data.actions]
+        return ActionScale.of(self.data)(self.data.actions)
 
     def fit_group(self, group: Bool[Array, " M"]) -> TrimmedFit:
         """Policies fitted to `group`."""
@@ -75,11 +82,8 @@ class Scoring:
 
         The reference of a density is uniform over the box of the actions: a constant, which is left out.
         """
-        return self.score_ratios(fit, fit.held_out.log_prob - (self.log_q if self.data.space.kind == "discrete" else 0))
-
-    def score_ratios(self, fit: TrimmedFit, log_ratio: Float[Array, " N"]) -> Scores:
-        """Scores that are the means of `log_ratio` over the steps of each demonstration, in place of the reference."""
         data, settings = self.data, self.settings
+        log_ratio = fit.held_out.log_prob - (self.log_q if data.space.kind == "discrete" else 0)
         score = data.mean_steps(log_ratio)
         squares = data.sum_steps((log_ratio - data.per_step(score)) ** 2)
         step_variance = float(squares.sum()) / max(len(log_ratio) - data.n_demonstrations, 1)
@@ -88,7 +92,7 @@ class Scoring:
         covariances = autocovariances(residual - residual.mean(), offsets, settings.effective_steps)
         effective = effective_steps(covariances, data.lengths)
         variance = mean_variance(squares, data.lengths, step_variance, effective, settings.variance_steps)
-        groups = fit_groups(score, variance, data.labels, effective, data.lengths, settings.groups)
+        groups = fit_groups(score, variance, effective, data.lengths, settings.groups)
         return Scores(score, variance, effective, groups, step_variance, self.state_predicts_action, fit)
 
 

@@ -8,19 +8,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from math import log
-from typing import Literal, get_args
 
 from rpil.data.archive import stored
 from rpil.data.checks import check_settings
 from rpil.data.errors import DataError
 from rpil.mixture.settings import DemonstratorSettings
 from rpil.numerics.regression import ErrorSettings
-
-Minority = Literal["ask", "trust", "distrust"]
-"""What to do about a rival group where no label decides: report that the answer cannot be known and ask for a label;
-trust the rival group as well; or trust the larger group."""
-
-MINORITY: tuple[str, ...] = get_args(Minority)
 
 
 @stored()
@@ -56,17 +49,12 @@ class TrimmingSettings:
     """The training group (`rpil.inference.trimming`)."""
 
     share: float = 0.6
-    """Share of the demonstrations in the first training group. benchmarks/ablations.py (1, .8, .3)."""
-    halvings: int = 3
-    """Times that the share may be halved: experts may be as few as one demonstration in ten. benchmarks/ablations.py
-    ("the share is not halved")."""
-    min_group: int = 5
-    """Demonstrations of a training group with a halved share, at least: a fold of it is left out of each fit."""
+    """Share of the demonstrations in the training group. benchmarks/ablations.py (1, .8, .3)."""
     max_iter: int = 4
     """Concentration steps at most."""
 
     def __post_init__(self) -> None:
-        check_settings(self, share="(0, 1]", halvings="[0, inf)", max_iter="[0, inf)")
+        check_settings(self, share="(0, 1]", max_iter="[0, inf)")
 
 
 @stored()
@@ -93,8 +81,6 @@ class EffectiveStepsSettings:
 class GroupSettings:
     """One group of scores or two (`rpil.inference.groups`)."""
 
-    min_p_two: float = 0.9
-    """P(two groups) from which they are told apart; below it no demonstration gets a verdict."""
     noise_shares: tuple[float, ...] = (1.0, 0.3, 0.1, 0.03, 0.01)
     """Shares c of the variance of a score to choose from, by the likelihood. benchmarks/ablations.py ("error bars as
     they are")."""
@@ -130,7 +116,6 @@ class GroupSettings:
     def __post_init__(self) -> None:
         check_settings(
             self,
-            min_p_two="[0.5, 1)",
             noise_shares="(0, 1]",
             min_noise="[0, 1]",
             start_quantiles="(0, 1)",
@@ -143,46 +128,132 @@ class GroupSettings:
         if max(self.noise_shares) < self.min_noise:
             raise DataError(f"GroupSettings: one of noise_shares={self.noise_shares} must be {self.min_noise} or more.")
 
-    @property
-    def verdict_log_odds(self) -> float:
-        """logit of `min_p_two`: the bound of the log-odds of demonstrations that were not told apart, in nats."""
-        return log(self.min_p_two / (1 - self.min_p_two))
-
 
 @stored()
 @dataclass(frozen=True)
 class RivalSettings:
-    """Rival groups and styles (`rpil.inference.rivals`)."""
+    """Rival groups (`rpil.inference.rivals`)."""
 
-    min_gain: float = 0.45
-    """Gain of a rival group, relative to that of the trusted group: between the gains of noise and of flipped or
-    shifted actions in simulated worlds (benchmarks/robustness.py)."""
     max_shared_gain: float = 0.5
-    """Gain of the policy of one style on the demonstrations of the other, relative to the other's own, up to which two
-    styles are opposed."""
-    min_overlap: float = 0.6
-    """Overlap of the states of a rival group with those of the trusted group: between flipped actions, recorded in the
-    same states, and robot arms that fail."""
-    min_log_ratio: float = 5.0
-    """Nats, for the median demonstration of either group, by which its own policy explains it better than the other's:
-    two groups of demonstrations of one policy reach one or two by chance."""
-    shared_weight: float = 0.25
-    """Weight of a step of the other group in the fit of a style: two styles act alike in most states."""
-    gradient_ridge: float = 1e-3
-    """Ridge, a step, of the regression whose gradients divide demonstrations into two styles, where the judge chose
-    none."""
+    """Gain of a rival group by the policy of the upper group, relative to that by its own, at most."""
+    max_noise: float = 0.1
+    """Gain of a policy of the lower demonstrations, relative to that of the upper group, up to which they are noise."""
+    standard_errors: float = 2.0
+    """By which a gain is above 0."""
+    n_lapses: int = 11
+    """Shares of lapses of which the best is taken."""
     min_group: int = 2
     """Demonstrations of a group, at least."""
     max_iter: int = 3
-    """Rounds of fitting policies and assigning demonstrations, at most."""
-    overlap_folds: int = 5
-    """Folds of demonstrations of the classifier that estimates the overlap."""
-    overlap_ridge: float = 1e-3
-    """Its ridge, a step."""
+    """Rounds of fitting a policy and assigning demonstrations, at most."""
 
     def __post_init__(self) -> None:
-        shares = dict.fromkeys(("min_gain", "max_shared_gain", "min_overlap", "shared_weight"), "[0, 1]")
-        check_settings(self, min_log_ratio="[0, inf)", overlap_folds="[2, inf)", **shares)
+        check_settings(self, max_shared_gain="[0, 1]", max_noise="[0, 1]")
+
+
+@stored()
+@dataclass(frozen=True)
+class ClaimSettings:
+    """What the scores support (`rpil.inference.claims`)."""
+
+    min_p_two: float = 0.99
+    """P(two groups) from which anybody is called unlike the others, with both dealings of the folds."""
+    min_p_two_of_noise: float = 0.2
+    """P(two groups) from which those are called unlike the others that act as noise does."""
+    max_missing_steps: int = 200
+    """Independent steps that a demonstration may lack to be told from noise, where noise is called unlike the others:
+    between the lander of the paper (0 to 78) and actions that nothing explains (730 and more)."""
+    noise_share: float = 0.5
+    """Gain of the upper group, times this, by which a demonstration is explained worse than by frequent actions."""
+    min_proba: float = 0.9
+    """P of the upper group from which a demonstration is typical, and 1 - P from which it is unlike."""
+    min_upper: int = 2
+    """Demonstrations of the upper group, at least."""
+    min_agreement: float = 0.2
+    """Rank correlation of the likelihood and of its gain over frequent actions, at least."""
+    max_runs_p: float = 0.01
+    """Probability of so few runs in the order of recording, below which the unlike follow one another."""
+    max_part_share: float = 0.8
+    """Share of the evidence in one part of the action, at most."""
+    max_error: float = 0.01
+    """Error at which the steps that are missing are counted."""
+
+    def __post_init__(self) -> None:
+        check_settings(
+            self, min_p_two="[0.5, 1)", min_proba="(0.5, 1)", min_agreement="[-1, 1]", max_part_share="(0, 1]"
+        )
+
+    @property
+    def log_odds(self) -> float:
+        """logit of `min_proba`, in nats."""
+        return log(self.min_proba / (1 - self.min_proba))
+
+
+@stored()
+@dataclass(frozen=True)
+class ChannelSettings:
+    """Channels (`rpil.inference.channels`)."""
+
+    idle_share: float = 0.1
+    """A step is idle that moves by less than this share of the median move."""
+    n_neighbours: int = 3
+    """Last states of the training group to which a last state is compared."""
+    max_ends: int = 1_000
+    """Last states of the training group that are kept, at most."""
+    errors: ErrorSettings = ErrorSettings()
+    """Of the actions of a demonstration around their median."""
+
+    def __post_init__(self) -> None:
+        check_settings(self, idle_share="[0, 1]")
+
+
+@stored()
+@dataclass(frozen=True)
+class AnswerSettings:
+    """Bayesian logistic regression on answers (`rpil.inference.answers`). The values were chosen on recorded data, with
+    families left out (benchmarks/answers.py)."""
+
+    p_agreement: float = 0.85
+    """Prior probability that those who agree are the good ones."""
+    precision: float = 1.0
+    """Prior precision of the weight of a channel."""
+    offset_precision: float = 0.25
+    """Of the offset."""
+    error_rates: tuple[float, ...] = (0.02, 0.1)
+    """Rates of wrong answers, equally likely beforehand; the smallest first."""
+    group_weight: float = 2.0
+    """Prior weight of the group of scores; that of agreement is 1."""
+    sharpness: float = 1.6
+    """Factor of the logit of P(good)."""
+    max_group_log_odds: float = 3.0
+    """Nats by which the log-odds of the upper group are bounded as a channel."""
+    min_proba: float = 0.9
+    """P(good) from which a demonstration is good, and 1 - P from which it is bad."""
+    min_proba_bound: float = 1e-6
+    """P(good) stays so far from 0 and 1."""
+    max_contradicted_proba: float = 0.2
+    """Probability of a label by the other answers below which it contradicts them."""
+    min_other_answers: int = 4
+    """Other answers, at least, that a label can contradict."""
+    n_nodes: int = 15
+    """Nodes of the quadrature over a logit."""
+    max_left_out: int = 64
+    """Answers up to which each label is compared with the others."""
+
+    def __post_init__(self) -> None:
+        check_settings(
+            self,
+            p_agreement="(0, 1)",
+            min_proba="(0.5, 1)",
+            error_rates="(0, 0.5)",
+            max_contradicted_proba="(0, 1)",
+            max_left_out="[0, inf)",
+        )
+
+    @property
+    def log_odds(self) -> float:
+        """logit of `min_proba`, in nats."""
+        return log(self.min_proba / (1 - self.min_proba))
 
 
 @stored()
@@ -190,7 +261,7 @@ class RivalSettings:
 class JudgeSettings:
     """Everything that the judge (`rpil.inference.trust`) assumes: the settings of its stages, and its own.
 
-    The seed and `minority` are no fields: they are arguments of `judge`.
+    The seed is no field: it is an argument of `judge`.
     """
 
     held_out: HeldOutSettings = HeldOutSettings()
@@ -198,17 +269,15 @@ class JudgeSettings:
     effective_steps: EffectiveStepsSettings = EffectiveStepsSettings()
     groups: GroupSettings = GroupSettings()
     rivals: RivalSettings = RivalSettings()
+    claims: ClaimSettings = ClaimSettings()
+    channels: ChannelSettings = ChannelSettings()
+    answers: AnswerSettings = AnswerSettings()
     demonstrators: DemonstratorSettings = DemonstratorSettings()
     variance_steps: float = 20.0
     """Steps that the variance pooled over demonstrations is worth in the variance of one demonstration's steps."""
     min_standard_errors: float = 2.0
     """Standard errors by which the state must predict held-out actions better than their frequencies do; else nothing
     could be learned."""
-    known_log_bayes_factor: float = 20.0
-    """Log Bayes factor of two groups, in nats, where a label says that there are two."""
-    max_size_ratio: float = 3.0
-    """Size of a trusted group relative to its rival group up to which a labelled adversary alone may decide against it:
-    among many trusted demonstrations one adversary may have been overlooked."""
     reliability_nodes: int = 21
     """Values of the reliability on the grid over which it is summed."""
     max_log_ratio: float = 50.0

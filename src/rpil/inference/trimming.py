@@ -6,8 +6,8 @@ log-likelihood of a step, the best share h of them is the next training group T,
     T <- the share h of the demonstrations with the largest  (1 / N_m) sum_n log pi_T(a_n | s_n)
 
 This is trimmed likelihood with concentration steps (Rousseeuw and Van Driessen 1999), and the paper's robust maximum
-entropy (eq. 2) with held-out likelihoods. The share of experts is unknown, so h starts at `TrimmingSettings.share` and
-is halved (`group_shares`) until the scores show two groups.
+entropy (eq. 2) with held-out likelihoods. h is `TrimmingSettings.share`. Labels are not read: they are evidence about
+demonstrations (`rpil.inference.answers`), and not about what most of them do.
 """
 
 from __future__ import annotations
@@ -18,7 +18,6 @@ import numpy as np
 
 from rpil.data.fit_data import FitData
 from rpil.inference.held_out import HeldOutLogProb, HeldOutModel
-from rpil.inference.settings import TrimmingSettings
 from rpil.numerics.types import Array, Bool, Float
 
 
@@ -41,20 +40,21 @@ def choose_ridge(data: FitData, model: HeldOutModel, group: Bool[Array, " M"]) -
     """The ridge, a step, with the largest median over the demonstrations of `group` of the mean held-out
     log-likelihood, under policies fitted to that group; 0 where `model` has no ridges.
 
-    The median, because the demonstration that is explained worst would decide a mean.
+    The median, because the demonstration that is explained worst would decide a mean. The search ends at the first
+    ridge, from the strongest on, that explains no more.
     """
     weight = data.per_step(group.astype(float))
 
     def explained(ridge: float) -> float:
         return float(np.median(data.mean_steps(model.evaluate(weight, ridge).log_prob)[group]))
 
-    return max(model.ridges, key=explained, default=0.0)
-
-
-def group_shares(n_demonstrations: int, settings: TrimmingSettings) -> list[float]:
-    """Shares of the demonstrations in the training group, from the largest to the smallest."""
-    halved = [settings.share / 2**k for k in range(1, settings.halvings + 1)]
-    return [settings.share] + [share for share in halved if round(share * n_demonstrations) >= settings.min_group]
+    best, largest = 0.0, -np.inf
+    for ridge in model.ridges:
+        value = explained(ridge)
+        if value <= largest:
+            break
+        best, largest = ridge, value
+    return best
 
 
 def fit_group(data: FitData, model: HeldOutModel, group: Bool[Array, " M"], ridge: float) -> TrimmedFit:
@@ -71,7 +71,7 @@ def fit_trimmed(
     fit = fit_group(data, model, group, ridge)
     history = [fit.history]
     for _ in range(max_iter):
-        best = best_explained(data, data.mean_steps(fit.held_out.log_prob), count)
+        best = best_explained(data.mean_steps(fit.held_out.log_prob), count)
         if (best == fit.group).all():
             break
         fit = fit_group(data, model, best, ridge)
@@ -79,9 +79,8 @@ def fit_trimmed(
     return TrimmedFit(fit.held_out, fit.group, ridge, np.concatenate(history))
 
 
-def best_explained(data: FitData, score: Float[Array, " M"], count: int) -> Bool[Array, " M"]:
-    """The `count` demonstrations with the largest `score`; labelled experts always, labelled adversaries never."""
-    ranked = np.where(data.labels > 0, np.inf, np.where(data.labels < 0, -np.inf, score))
+def best_explained(score: Float[Array, " M"], count: int) -> Bool[Array, " M"]:
+    """The `count` demonstrations with the largest `score`."""
     chosen = np.zeros(len(score), dtype=bool)
-    chosen[np.argsort(-ranked, kind="stable")[:count]] = True
-    return (chosen & (data.labels >= 0)) | (data.labels > 0)
+    chosen[np.argsort(-score, kind="stable")[:count]] = True
+    return chosen

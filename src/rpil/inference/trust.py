@@ -1,4 +1,7 @@
-"""The judge decides which demonstrations to trust. It runs the stages of `rpil.inference` in order."""
+"""The judge decides which demonstrations are typical, and, where answers are given, which are good.
+
+It runs the stages of `rpil.inference` in order.
+"""
 
 from __future__ import annotations
 
@@ -9,17 +12,19 @@ import numpy as np
 from scipy.special import expit
 
 from rpil.data.fit_data import FitData
+from rpil.inference.answered import Answered, answer, columns_of
+from rpil.inference.answers import Answers
+from rpil.inference.channels import StateScale, channels
+from rpil.inference.claims import Claims, claim, missing_steps, telling_pair
 from rpil.inference.findings import Finding
 from rpil.inference.groups import Groups, expert_share_interval
 from rpil.inference.held_out import HeldOutModel
-from rpil.inference.labels import Decision, decide
-from rpil.inference.rivals import Rival, find_rival, find_style
 from rpil.inference.scores import Scores, Scoring
-from rpil.inference.settings import JudgeSettings, Minority
+from rpil.inference.settings import JudgeSettings
 from rpil.inference.step_trust import StepTrust, step_trust
-from rpil.inference.trimming import fit_trimmed, group_shares
+from rpil.inference.trimming import fit_trimmed
 from rpil.mixture.demonstrator_prior import demonstrator_posterior
-from rpil.numerics.types import Array, Bool, Float
+from rpil.numerics.types import Array, Bool, Float, Int
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,27 +32,38 @@ class Judgement:
     """The result of the judge for M demonstrations of N steps by U demonstrators."""
 
     finding: Finding
-    """One of `rpil.inference.findings.FINDINGS`."""
+    words: Int[Array, " M"]
+    """1 typical (or good, where answers are given), 0 open, -1 unlike (or bad)."""
     from_actions: Float[Array, " M"]
     from_demonstrator: Float[Array, " M"]
-    """Log-odds of expert against adversary, nats: by the actions of the demonstration itself, and by the other
-    demonstrations of its demonstrator."""
+    from_answers: Float[Array, " M"]
+    """Log-odds, nats: by the actions of the demonstration itself, by the other demonstrations of its demonstrator, and
+    by the answers."""
     scores: Scores
+    columns: Float[Array, "M D"]
+    """From which answers learn, see `rpil.inference.answered.columns_of`."""
+    states: StateScale
+    claims: Claims
+    answered: Answered | None
+    """What the answers say, if there are any."""
     log_ratio: Float[Array, " N"]
     """Held-out log pi - log q of every step; empty where steps are not kept."""
     step_trust: StepTrust
     expert_share: tuple[float, float, float]
-    """Share of experts among the demonstrations, and its 95 % interval."""
-    rival: Rival | None
-    """The rival group, where neither labels nor `minority` decide about it."""
-    training_group: Bool[Array, " M"]
+    """Share of the upper group among the demonstrations, and its 95 % interval."""
+    pair: tuple[int, int] | None
+    """Two demonstrations of which an answer would say most."""
+    missing_steps: int
+    """Independent steps that a demonstration lacks to be told from noise."""
+    training_group: Bool[Array, " S"]
+    """Of those from which the policies learned: all, or a sample."""
     demonstrator_trust: Float[Array, "U 3"]
-    """P(expert) of the demonstrations of each demonstrator: mean and 95 % interval."""
+    """Mean P of the demonstrations of each demonstrator and its 95 % interval."""
 
     @property
     def log_odds(self) -> Float[Array, " M"]:
-        """Log-odds of expert against adversary, nats; labels are not counted."""
-        return self.from_actions + self.from_demonstrator
+        """Log-odds of typical against unlike, or of good against bad where answers are given, nats."""
+        return self.from_actions + self.from_demonstrator + self.from_answers
 
     @property
     def groups(self) -> Groups:
@@ -61,7 +77,8 @@ def judge(
     settings: JudgeSettings,
     *,
     seed: int = 0,
-    minority: Minority = "ask",
+    answers: Answers | None = None,
+    order: Float[Array, " M"] | None = None,
     progress: Callable[[str], None] = lambda _: None,
 ) -> Judgement:
     """Judge the demonstrations of `data` by the held-out log-probabilities of `model`.
@@ -69,93 +86,108 @@ def judge(
     Parameters
     ----------
     seed : int
-        Of the folds that the search for rival groups deals.
-    minority : {"ask", "trust", "distrust"}
-        What to do about a rival group where no label decides, see `rpil.inference.settings.Minority`.
+        Of the folds of `model`; other folds are dealt once.
+    answers : Answers, optional
+        By default the labels of `data`.
+    order : (M,) array, optional
+        The order in which the demonstrations were made, where it is stated.
     progress : callable
         Called with the name of every stage.
     """
     progress("ridge")
     scoring = Scoring.of(data, model, settings)
     progress("fitting the training group")
-    scores = score_by_best_group(scoring)
-    progress("looking for a rival group")
-    if scores.groups.told_apart(settings.groups):
-        upper = (scores.log_odds(settings) > 0) & (data.labels >= 0)
-        rival = find_rival(data, model, upper, scoring.ridge, settings, seed)
-    else:
-        rival = find_style(data, model, scoring.ridge, settings, seed)
-    decision = decide(scoring, scores, rival, minority)
-    fit = decision.scores.fit
-    log_ratio = fit.held_out.log_prob - scoring.log_q
-    temperature = np.minimum(decision.scores.effective_steps / data.lengths, 1.0)
+    everyone = np.ones(data.n_demonstrations, dtype=bool)
+    scores = score_by_best_group(scoring, everyone)
+    progress("other folds")
+    redealt = scoring.dealt_again(seed + 1) if scores.groups.p_two >= settings.claims.min_p_two_of_noise else None
+    again = None if redealt is None else score_by_best_group(redealt, scores.fit.group)
+    progress("what the scores support")
+    claims = claim(scoring, scores, again, order)
+    log_ratio = scores.fit.held_out.log_prob - scoring.log_q
+    states = StateScale.of(data, scores.fit.group, settings.channels)
+    described = channels(data, scores.fit.held_out.log_prob, log_ratio, scoring.indicators(), states, settings.channels)
+    temperature = np.minimum(scores.effective_steps / data.lengths, 1.0)
     steps = step_trust(data, log_ratio, temperature, settings)
-    return conclude(data, decision, steps, log_ratio, fit.group, settings)
+    answers = Answers.of_labels(data.labels) if answers is None else answers
+    missing = missing_steps(scoring, scores)
+    return conclude(data, Evidence(scores, described, states, claims, missing), answers, steps, log_ratio, settings)
 
 
-def score_by_best_group(scoring: Scoring) -> Scores:
-    """Scores under policies of ever smaller training groups until they are two groups; if they never are, the scores
-    under policies of the first.
+def score_by_best_group(scoring: Scoring, start: Bool[Array, " M"]) -> Scores:
+    """Scores under policies of the training group; once more under those of the upper group of these scores, where that
+    is smaller, without demonstrations that are explained worse than by the frequencies of discrete actions.
 
-    A smaller training group helps only where there were adversaries in the larger one. So an upper group that is larger
-    than the previous training group is not the experts' alone, and the search goes on. An upper group that is smaller
-    than the training group replaces it once, as in reweighted least squares (Rousseeuw and Leroy 1987).
+    A group fits better once all others are left out, as in reweighted least squares (Rousseeuw and Leroy 1987). Whether
+    there are two groups is asked once, of the last scores.
     """
     data, settings = scoring.data, scoring.settings
-    possible = previous = data.labels >= 0
-    first: Scores | None = None
-    for share in group_shares(data.n_demonstrations, settings.trimming):
-        fit = fit_trimmed(data, scoring.model, previous, scoring.ridge, share, settings.trimming.max_iter)
-        scores = scoring.score(fit)
-        upper = ((scores.log_odds(settings) > 0) & possible) | (data.labels > 0)
-        if scores.groups.told_apart(settings.groups) and upper.sum() <= previous.sum():
-            if 2 <= upper.sum() < fit.group.sum():
-                refitted = scoring.score(scoring.fit_group(upper))
-                return refitted if refitted.groups.told_apart(settings.groups) else scores
-            return scores
-        first, previous = first or scores, fit.group
-    assert first is not None
-    return first
+    share, max_iter = settings.trimming.share, settings.trimming.max_iter
+    first = scoring.score(fit_trimmed(data, scoring.model, start, scoring.ridge, share, max_iter))
+    upper = first.groups.upper(first.score, first.variance, settings.groups)
+    if data.space.kind == "discrete":
+        upper &= first.score > 0
+    if not settings.claims.min_upper <= upper.sum() < first.fit.group.sum():
+        return first
+    return scoring.score(scoring.fit_group(upper))
+
+
+@dataclass(frozen=True, eq=False)
+class Evidence:
+    """What is known of M demonstrations before anything is asked."""
+
+    scores: Scores
+    channels: Float[Array, "M C"]
+    states: StateScale
+    claims: Claims
+    missing_steps: int
 
 
 def conclude(
     data: FitData,
-    decision: Decision,
+    evidence: Evidence,
+    answers: Answers,
     steps: StepTrust,
     log_ratio: Float[Array, " N"],
-    training_group: Bool[Array, " M"],
     settings: JudgeSettings,
 ) -> Judgement:
-    """The finding and the log-odds that follow from a decision, and the judgement that holds them.
+    """The judgement that follows from the evidence and the answers.
 
     `data` needs no steps, and `log_ratio` and the steps of `steps` may be empty.
     """
-    scores, rival, groups = decision.scores, decision.rival, decision.scores.groups
-    log_odds = scores.log_odds(settings)
-    if rival is not None and decision.minority == "trust":
-        log_odds[rival.rival] = np.maximum(log_odds[rival.rival], np.median(log_odds[rival.trusted]))
-    log_odds = groups.bounded(log_odds, settings.groups) if decision.log_odds is None else decision.log_odds
-    limit = settings.groups.verdict_log_odds
-    apart = groups.told_apart(settings.groups) or bool((np.abs(log_odds) >= limit).any())
-    from_demonstrator, demonstrator_trust = np.zeros(len(log_odds)), np.empty((0, 3))
+    scores, claims, words = evidence.scores, evidence.claims, evidence.claims.words
+    from_actions = scores.log_odds(settings)
+    from_demonstrator, from_answers, trust = np.zeros(len(words)), np.zeros(len(words)), np.empty((0, 3))
+    columns = columns_of(evidence.channels, from_actions, settings.answers)
+    answered = None
+    if answers.any:
+        answered = answer(columns, answers, settings.answers)
+        from_answers = answered.log_odds - from_actions
+        words = answered.words
     if data.demonstrators.informative:
-        posterior = demonstrator_posterior(data.demonstrators, log_odds, data.labels, settings.demonstrators)
-        from_demonstrator, demonstrator_trust = posterior.log_odds, posterior.intervals()
-    total = log_odds + from_demonstrator
-    finding: Finding = "nobody stands out" if scores.state_predicts_action else "nothing could be learned"
-    if rival is not None and rival.opposed and decision.minority == "ask":
-        finding = "two groups"
-    elif apart or (np.abs(total) >= limit).any():  # the latter where demonstrators decide
-        finding = "some are unlike"
+        posterior = demonstrator_posterior(
+            data.demonstrators, from_actions + from_answers, answers.labels, settings.demonstrators
+        )
+        from_demonstrator, trust = posterior.log_odds, posterior.intervals()
+    total = from_actions + from_demonstrator + from_answers
+    words = words * (np.sign(total) == words)  # a demonstrator withdraws words, and gives none
+    p_two = 1.0 if answered is not None else scores.groups.p_two
     return Judgement(
-        finding=finding,
-        from_actions=log_odds,
+        finding=claims.finding if answered is None else "answered",
+        words=words,
+        from_actions=from_actions,
         from_demonstrator=from_demonstrator,
+        from_answers=from_answers,
         scores=scores,
+        columns=columns,
+        states=evidence.states,
+        claims=claims,
+        answered=answered,
         log_ratio=log_ratio,
         step_trust=steps,
-        expert_share=expert_share_interval(expit(total), 1.0 if apart else groups.p_two),
-        rival=rival if finding != "some are unlike" and decision.minority == "ask" else None,
-        training_group=training_group,
-        demonstrator_trust=demonstrator_trust,
+        expert_share=expert_share_interval(expit(total), p_two),
+        pair=telling_pair(claims, scores.score),
+        missing_steps=evidence.missing_steps,
+        training_group=scores.fit.group,
+        demonstrator_trust=trust,
     )

@@ -16,17 +16,18 @@ import numpy as np
 
 from rpil.audit.record import Audit
 from rpil.audit.settings import AuditSettings
-from rpil.audit.summary import is_anyone_trusted, step_weight, typical_reliability
+from rpil.audit.step_weights import is_anyone_trusted, step_weight, typical_reliability
 from rpil.data.coding import encode_actions
 from rpil.data.demonstrations import Block
 from rpil.data.fit_data import FitData
 from rpil.data.spaces import Space
+from rpil.inference.answers import Answers
+from rpil.inference.claims import extended
 from rpil.inference.fitted_judge import FittedJudge
 from rpil.inference.groups import fit_groups
-from rpil.inference.labels import Decision
-from rpil.inference.settings import JudgeSettings, Minority
+from rpil.inference.settings import JudgeSettings
 from rpil.inference.step_trust import StepTrust, step_trust
-from rpil.inference.trust import Judgement, conclude
+from rpil.inference.trust import Evidence, Judgement, conclude
 from rpil.numerics.types import Array
 from rpil.policies.features import FeatureMap
 
@@ -58,22 +59,25 @@ class BlockScores(NamedTuple):
     reliability: Array
     interval: Array
     """The 95 % interval of the reliability."""
+    channels: Array
 
 
 def score_block(prepared: tuple[Block, FitData], judge: FittedJudge, settings: JudgeSettings) -> BlockScores:
     """Score the demonstrations of a block by the policy of the sample."""
     data = prepared[1]
-    scored, _, trust = _step_ratios(data, judge, settings)
+    log_prob, log_ratio, trust = _step_ratios(data, judge, settings)
+    scored = log_ratio if data.space.kind == "discrete" else log_prob
     score = data.mean_steps(scored)
     squares = data.sum_steps((scored - data.per_step(score)) ** 2)
-    return BlockScores(score, squares, trust.reliability, trust.interval)
+    described = judge.channels(data, log_prob, log_ratio, settings)
+    return BlockScores(score, squares, trust.reliability, trust.interval, described)
 
 
 def _step_ratios(data: FitData, judge: FittedJudge, settings: JudgeSettings) -> tuple[Array, Array, StepTrust]:
-    """Of each step: the log-ratio of which the score is the mean, log pi - log q, (N,) each, and the trust in it."""
-    scored, log_ratio = judge.step_ratios(data.features, data.actions, settings)
+    """Of each step: log pi and log pi - log q, (N,) each, and the trust in it."""
+    log_prob, log_ratio = judge.step_ratios(data.features, data.actions, settings)
     temperature = np.full(data.n_demonstrations, min(judge.effective_per_step, 1.0))
-    return scored, log_ratio, step_trust(data, log_ratio, temperature, settings)
+    return log_prob, log_ratio, step_trust(data, log_ratio, temperature, settings)
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,28 +92,23 @@ class Sample:
 
 
 def judge_everyone(
-    sample: Sample, data: FitData, blocks: Iterable[BlockScores], minority: Minority, settings: JudgeSettings
+    sample: Sample, data: FitData, blocks: Iterable[BlockScores], answers: Answers, settings: JudgeSettings
 ) -> Judgement:
-    """The judgement of all demonstrations, without their steps in `data`, by the scores of the blocks in order."""
-    score, squares, reliability, interval = map(np.concatenate, zip(*blocks, strict=True))
-    judge, lengths = sample.judge, data.lengths
-    score[sample.indices] = sample.judgement.scores.score  # held out, as the scores of all others are
+    """The judgement of all demonstrations, without their steps in `data`, by the scores of the blocks in order.
+
+    The finding is that of the sample; outside it, groups and words are by the scores alone.
+    """
+    score, squares, reliability, interval, described = map(np.concatenate, zip(*blocks, strict=True))
+    judge, lengths, judged = sample.judge, data.lengths, sample.judgement
+    score[sample.indices] = judged.scores.score  # held out, as the scores of all others are
     effective = judge.effective_per_step * lengths
     variance = judge.score_variance(squares, lengths, settings)
-    groups = fit_groups(score, variance, data.labels, effective, lengths, settings.groups)
-    rival = sample.judgement.rival
-    if rival is not None:
-        trusted, other = sample.indices[rival.trusted], sample.indices[rival.rival]
-        if sample.judgement.groups.told_apart(settings.groups):  # outside the sample, by the scores alone
-            upper = groups.log_odds(score, variance, settings.groups) > 0
-            upper[trusted], upper[other] = True, False
-            trusted, other = np.flatnonzero(upper), np.flatnonzero(~upper)
-        rival = replace(rival, trusted=trusted, rival=other)
+    groups = fit_groups(score, variance, effective, lengths, settings.groups)
+    scores = replace(judged.scores, score=score, variance=variance, groups=groups, effective_steps=effective)
+    claims = extended(judged.claims, scores, sample.indices, settings)
     none = np.empty(0)
-    scores = replace(sample.judgement.scores, score=score, variance=variance, groups=groups, effective_steps=effective)
-    training_group = np.zeros(len(score), dtype=bool)
-    decision = Decision(scores, rival, minority)
-    return conclude(data, decision, StepTrust(reliability, interval, none), none, training_group, settings)
+    evidence = Evidence(scores, described, judged.states, claims, judged.missing_steps)
+    return conclude(data, evidence, answers, StepTrust(reliability, interval, none), none, settings)
 
 
 class WeightedBlock(NamedTuple):

@@ -19,10 +19,10 @@ from matplotlib.image import imread
 
 from audits import make_audit
 from html_page import Page
+from rpil.audit.answering import NEXT_STEPS
 from rpil.audit.html.number_format import format_number
 from rpil.audit.html.page import Article, render_page, write_page
 from rpil.audit.html.pictures import returns_figure
-from rpil.audit.label_choice import NEXT_STEPS
 from rpil.audit.record import Audit
 from rpil.audit.settings import AuditSettings
 from rpil.audit.words import WORDS
@@ -58,7 +58,7 @@ def unknown() -> Audit:
         finding="two groups",
         identifiable=False,
         competing=(tuple(ids[:4]), tuple(ids[4:])),
-        to_label=("d0", "d9"),
+        pair=("d0", "d9"),
     )
 
 
@@ -80,8 +80,6 @@ def test_page_without_groups_gives_no_verdicts(finding: str) -> None:
     assert "gives no words. Next:" in text
     assert NEXT_STEPS[finding] in text
     assert "0 unlike" not in text
-    labelled = Page(render(make_audit(("open",) * 9 + ("typical",), finding=finding, labelled=(9,)))).text
-    assert "the ranking gives no words beyond the labels." in labelled
 
 
 def test_parts_of_the_log_odds_are_columns_that_add_up(page: Page) -> None:
@@ -155,23 +153,34 @@ def test_worst_steps_are_named_marked_and_linked(page: Page, audit: Audit) -> No
     assert len(page.all("a", href=f"#demonstration-{index}")) == 3
 
 
-def test_competing_groups_are_listed_with_what_to_label(unknown: Audit, page: Page) -> None:
+def test_two_groups_are_listed_with_the_question(unknown: Audit, page: Page) -> None:
     text = Page(render(unknown)).text
     assert f"Two groups. {FINDINGS['two groups']} 30 demonstrations, ranked below" in text
     assert "It cannot be known which of two groups is good" in text
     assert "Group A 4 demonstrations: d0, d1, d2, d3 Group B 26 demonstrations: d4," in text
     assert "and 6 more" in text
-    assert "Look at demonstration d0 or d9 and label it" in text
-    assert "rpil audit FILE --labels labels.csv" in text
-    assert "Next:" not in text
+    assert f"Next: {NEXT_STEPS['two groups']} Which is better: d0 (look at steps " in text
+    assert "d0,better than d9 , or good or bad for either" in text
+    assert "--labels labels.csv" in text
     assert "It cannot be known which of two groups is good" not in page.text
     assert "Group" not in page.text
+
+
+def test_doubts_and_contradicting_labels_are_told_and_an_answered_question_is_not_asked_again() -> None:
+    changes = {"doubts": ("One part says most.",), "contradicting": ("d3",), "pair": ("d0", "d9")}
+    ids = [f"d{k}" for k in range(10)]
+    text = Page(render(make_audit(ids=ids, **changes))).text
+    assert "One part says most." in text
+    assert "d3: its label contradicts the other answers; look again." in text
+    assert "Which is better: d0" in text
+    assert "Which is better" not in Page(render(make_audit(ids=ids, labels={"d3": 1}, **changes))).text
+    assert "Which is better" not in Page(render(make_audit())).text
 
 
 def test_text_from_the_data_is_escaped() -> None:
     evil = "<script>alert(1)</script>"
     ids = (evil, '"><img src=x>')
-    changes = {"assumptions": (evil,), "adversary": evil, "competing": ((ids[0],), (ids[1],)), "to_label": ids}
+    changes = {"assumptions": (evil,), "adversary": evil, "competing": ((ids[0],), (ids[1],)), "pair": ids}
     audit = make_audit(("typical", "unlike"), ids=ids, identifiable=False, **changes)
     text = render(audit, title=evil, source=evil, sections=[(evil, evil)])
     assert evil not in text
@@ -196,7 +205,7 @@ def test_only_the_script_and_the_style_of_the_page_are_allowed() -> None:
 
 def test_characters_that_cannot_be_seen_are_shown_as_escapes() -> None:
     ids = ("bell\x07", "half \ud800", "reversed \u202e", "noncharacter \ufffe", "a\u00a0b", "naïve 漢字")
-    audit = make_audit(("typical",) * 6, ids=ids, competing=(ids[:3], ids[3:]), to_label=ids[2:4])
+    audit = make_audit(("typical",) * 6, ids=ids, competing=(ids[:3], ids[3:]), pair=ids[2:4])
     text = render(audit, title="null \x00", source="demo\x1b[31m.csv", sections=[("\x7f", "two\nlines")])
     text.encode("utf-8")
     assert {c for c in text if unicodedata.category(c) in ("Cc", "Cs", "Cf", "Cn")} == {"\n"}

@@ -1,4 +1,4 @@
-"""Files of ids and values: labels and demonstrators."""
+"""Files of ids and values: labels, pairs and demonstrators."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ import pytest
 
 from rpil.data import formats
 from rpil.data.errors import DataError
+from rpil.data.formats.id_values import better_than, match_pairs, write_answers
 
 
 def refused(match, call, path, *arguments):
@@ -53,7 +54,11 @@ def test_labels_in_a_mapping_are_read_in_old_words_and_in_any_case():
 @pytest.mark.parametrize(
     ("name", "text", "match"),
     [
-        ("l.csv", "id,label\n7,great\n", "demonstration '7': unknown label 'great'; write 'good' or 'bad'"),
+        (
+            "l.csv",
+            "id,label\n7,great\n",
+            "demonstration '7': unknown label 'great'; write 'good', 'bad' or 'better than ID'",
+        ),
         ("l.csv", "id,label\n7,\n", "unknown label ''"),
         ("l.csv", "id,label\n7\n", "demonstration '7': unknown label ''"),
         ("l.csv", "id,label\n7,good\n7,bad\n", "demonstration '7': it is labelled twice"),
@@ -75,6 +80,84 @@ def test_bad_labels(tmp_path, name, text, match):
     path = tmp_path / name
     path.write_text(text)
     refused(match, formats.read_labels, path)
+
+
+def test_a_file_of_answers_holds_labels_and_pairs(tmp_path):
+    path = tmp_path / "answers.csv"
+    path.write_text('id,label\n7,good\n7,better than 3\n7,"BETTER  Than a,b"\n3, Better than a b \n7,better than 3\n')
+    assert formats.read_answers(path) == ({"7": "good"}, [("7", "3"), ("7", "a,b"), ("3", "a b")])
+    assert formats.read_labels(path) == {"7": "good"}
+    path = tmp_path / "answers.json"
+    path.write_text(json.dumps({"12": "better than 7", "7": ["bad", "better than 3", "better than 4"]}))
+    assert formats.read_answers(path) == ({"7": "bad"}, [("12", "7"), ("7", "3"), ("7", "4")])
+    path.write_text('{"12": "better than 7"}')
+    assert formats.read_answers(path) == ({}, [("12", "7")])
+    refused("labels no demonstration", formats.read_labels, path)
+
+
+@pytest.mark.parametrize(
+    ("text", "match"),
+    [
+        ("7,better than 7\n", "demonstration '7': it is compared with itself; name two"),
+        ("7,better than 3\n3,BETTER than 7\n", "'3' and '7': each is better than the other; keep one answer"),
+        ("7,better than\n", "demonstration '7': unknown label 'better than'; write 'good', 'bad' or 'better than ID'"),
+        ("7,worse than 3\n", "unknown label 'worse than 3'"),
+        ("7,good\n7,better than 3\n7,good\n", "demonstration '7': it is labelled twice"),
+    ],
+)
+def test_bad_pairs(tmp_path, text, match):
+    path = tmp_path / "answers.csv"
+    path.write_text(f"id,label\n{text}")
+    refused(match, formats.read_answers, path)
+
+
+@pytest.mark.parametrize("content", ['{"7": []}', '{"7": {"a": "good"}}', '{"7": [["good"]]}', '{"7": [null]}'])
+def test_bad_lists_of_answers(tmp_path, content):
+    path = tmp_path / "answers.json"
+    path.write_text(content)
+    refused("demonstration '7': unknown label", formats.read_answers, path)
+
+
+def test_pairs_are_numbers_of_demonstrations():
+    assert match_pairs([(7, "a"), ("b", 7), ("7", "a")], ["a", 7, "b"]).tolist() == [[1, 0], [2, 1]]
+    assert match_pairs([], ["a"]).shape == (0, 2)
+    for pairs, match in (
+        ([("a", "c")], "no demonstration is called 'c'"),
+        ([("a", "a")], "demonstration 'a': it is compared with itself"),
+        ([("a", 7), (7, "a")], "'7' and 'a': each is better than the other"),
+    ):
+        with pytest.raises(DataError, match=match):
+            match_pairs(pairs, ["a", 7])
+
+
+@pytest.mark.parametrize(
+    ("before", "after"),
+    [
+        (None, b'id,label\n7,good\n"a,b",better than 7\n\'=1,bad\n'),
+        (b"id,label\n3,bad", b'id,label\n3,bad\n7,good\n"a,b",better than 7\n\'=1,bad\n'),
+        (
+            b"\xef\xbb\xbfnote, label,episode_index\r\nlate,EXPERT,3\r\n",
+            b"\xef\xbb\xbfnote, label,episode_index\r\nlate,EXPERT,3\r\n"
+            b',good,7\r\n,better than 7,"a,b"\r\n,bad,\'=1\r\n',
+        ),
+    ],
+)
+def test_answers_are_added_to_a_file_that_stays_as_it_was(tmp_path, before, after):
+    path = tmp_path / "labels.csv"
+    write_answers(path, before, [("7", "good"), ("a,b", better_than("7")), ("=1", "bad")])
+    assert path.read_bytes() == after
+    labels, pairs = formats.read_answers(path)
+    assert labels == {"7": "good", "=1": "bad"} | ({"3": "good" if b"EXPERT" in after else "bad"} if before else {})
+    assert pairs == [("a,b", "7")]
+
+
+def test_answers_are_added_to_json(tmp_path):
+    path = tmp_path / "labels.json"
+    write_answers(path, b'{"3": "bad", "7": ["better than 3"]}', [("7", "good"), ("7", better_than("\u00e9"))])
+    assert json.loads(path.read_text("utf-8")) == {"3": "bad", "7": ["better than 3", "good", "better than \u00e9"]}
+    assert formats.read_answers(path) == ({"3": "bad", "7": "good"}, [("7", "3"), ("7", "\u00e9")])
+    write_answers(path, None, [("7", "good")])
+    assert json.loads(path.read_text()) == {"7": "good"}
 
 
 def test_labels_that_are_not_text(tmp_path):

@@ -12,9 +12,9 @@ import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
+from rpil.audit.answering import NEXT_STEPS
 from rpil.audit.html.number_format import format_count, format_number, format_percent
 from rpil.audit.html.pictures import Timelines, inline_svg
-from rpil.audit.label_choice import NEXT_STEPS
 from rpil.audit.plots import HistoryDisplay, LengthDisplay
 from rpil.audit.record import Audit
 from rpil.audit.text import printable
@@ -97,6 +97,7 @@ def _template_values(audit: Audit, prefix: str) -> dict[str, object]:
         "audit": audit,
         "finding_sentence": FINDINGS[audit.finding],
         "next_step": NEXT_STEPS[audit.finding],
+        "question": audit.question or "",
         "words": audit.words,
         "decided": audit.finding in DECIDED,
         "sides": SIDES,

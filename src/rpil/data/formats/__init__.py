@@ -21,7 +21,16 @@ from rpil.data.formats.columns import ColumnOptions, Names
 from rpil.data.formats.dataset import open_dataset
 from rpil.data.formats.description import Description
 from rpil.data.formats.dialect import TEXT_SUFFIXES
-from rpil.data.formats.id_values import Label, is_id_file, match_demonstrators, match_labels, read_id_pairs, read_labels
+from rpil.data.formats.id_values import (
+    Label,
+    check_labels_file,
+    is_id_file,
+    match_demonstrators,
+    match_labels,
+    read_answers,
+    read_id_pairs,
+    read_labels,
+)
 from rpil.data.formats.names import is_data
 from rpil.data.formats.on_disk import from_dataset
 from rpil.data.formats.recording import Recording
@@ -33,7 +42,17 @@ from rpil.data.guard import guard, guarded
 from rpil.data.memory import Size, limited
 from rpil.data.missing import fill_chunks
 
-__all__ = ["ColumnOptions", "Description", "Label", "Recording", "match_labels", "read_labels", "write_weights"]
+__all__ = [
+    "ColumnOptions",
+    "Description",
+    "Label",
+    "Recording",
+    "check_labels_file",
+    "match_labels",
+    "read_answers",
+    "read_labels",
+    "write_weights",
+]
 
 FORMATS: dict[str, ModuleType] = {".parquet": parquet, ".csv": csv, ".npz": npz}
 """Extension -> module with `read(path, options)`, for a `Recording`, and `write(path, demonstrations, truth)`."""

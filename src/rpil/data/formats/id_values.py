@@ -1,51 +1,143 @@
-"""One value for each of some demonstrations, by id: labels and demonstrators, in files or columns of their own."""
+"""Values of some demonstrations, by id: labels, pairs of which one is better, and demonstrators."""
 
 from __future__ import annotations
 
 import csv
+import io
+import json
+import re
 from collections.abc import Hashable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Literal, TypeVar, cast
 
+import numpy as np
+
 from rpil.data.arrays import check_text
 from rpil.data.errors import DataError
-from rpil.data.files import StrPath, check_extension, check_readable
-from rpil.data.formats.cells import from_cell
+from rpil.data.files import StrPath, check_extension, check_readable, replacing
+from rpil.data.formats.cells import from_cell, to_cell
 from rpil.data.formats.names import EPISODE, quoted
 from rpil.data.formats.table import check_ids
 from rpil.data.guard import guarded
 from rpil.data.json_files import LARGEST_TABLE, parse, read_text
+from rpil.numerics.types import Array, Int
 
 Label = Literal["good", "bad"]
+Pair = tuple[str, str]
+"""Ids, as text, of a better and of a worse demonstration."""
 Key = TypeVar("Key", bound=Hashable)
 
 _LABELS: dict[str, Label] = {"good": "good", "bad": "bad", "expert": "good", "adversary": "bad"}
 """Each word of a label, in any case; "expert" and "adversary" are what rpil 0.1 wrote."""
 
+_BETTER = re.compile(r"better\s+than\s+(.+)", re.IGNORECASE | re.DOTALL)
+
 _EXTENSIONS = (".csv", ".json")
 
 
 def read_labels(path: StrPath) -> dict[str, Label]:
-    """Read labels from a CSV file with the columns ``id`` and ``label``, or from a JSON object of id to label.
+    """The labels alone of a file that `read_answers` reads; a `DataError` as there, and where it has none."""
+    labels, _ = read_answers(path)
+    if not labels:
+        raise DataError(f"{Path(path).name}: it labels no demonstration; give at least one id and label.")
+    return labels
 
-    Labels are ``good`` or ``bad``; ``expert`` and ``adversary`` are read as these. Ids come back as text, see
-    `match_labels`. A `DataError` names the file and the demonstration: unknown words, an id labelled twice, no labels.
+
+def read_answers(path: StrPath) -> tuple[dict[str, Label], list[Pair]]:
+    """Read labels and pairs from a CSV file with the columns ``id`` and ``label``, or a JSON object of id to label.
+
+    Labels are ``good`` or ``bad``, in any case; ``expert`` and ``adversary`` are read as these. ``better than ID``
+    makes a pair: a demonstration has one label at most, and any number of pairs, in JSON a list of both. Ids come back
+    as text, see `match_labels`. A `DataError` names the file and the demonstration: unknown words, an id labelled
+    twice, a demonstration that is compared with itself, two pairs that contradict each other, no answers.
     """
-    path = check_extension(path, _EXTENSIONS, "labels")
+    path = check_labels_file(path)
+    rows: list[tuple[str, object]] = []
+    for m, given in read_id_pairs(path, "label", "good"):
+        rows += [(m, word) for word in (given if isinstance(given, list) and given else [given])]
+    return parse_answers(rows, path.name)
+
+
+def check_labels_file(path: StrPath) -> Path:
+    """`path`, or a `DataError` where it is neither CSV nor JSON."""
+    return check_extension(path, _EXTENSIONS, "labels")
+
+
+def parse_answers(rows: Iterable[tuple[str, object]], source: str) -> tuple[dict[str, Label], list[Pair]]:
+    """Labels and pairs from ids and words; a `DataError` as `read_answers`."""
     labels: dict[str, Label] = {}
-    for m, word in read_id_pairs(path, "label", "good"):
-        label = _label(word)
+    pairs: dict[Pair, None] = {}
+    for m, word in rows:
+        label, other = _label(word), _worse(word)
+        if other is not None:
+            _add_pair(pairs, (m, other), source)
+            continue
         if label is None:
             raise DataError(
-                f"{path.name}, demonstration {m!r}: unknown label {word!r}; write 'good' or 'bad', "
-                "and leave out the demonstrations you cannot judge."
+                f"{source}, demonstration {m!r}: unknown label {word!r}; write 'good', 'bad' or 'better than ID', and "
+                "leave out the demonstrations you cannot judge."
             )
         if m in labels:
-            raise DataError(f"{path.name}, demonstration {m!r}: it is labelled twice; keep one of the labels.")
+            raise DataError(f"{source}, demonstration {m!r}: it is labelled twice; keep one of the labels.")
         labels[m] = label
-    if not labels:
-        raise DataError(f"{path.name}: it labels no demonstration; give at least one id and label.")
-    return labels
+    if not labels and not pairs:
+        raise DataError(f"{source}: it labels no demonstration; give at least one id and label.")
+    return labels, list(pairs)
+
+
+def write_answers(path: StrPath, before: bytes | None, answers: Sequence[tuple[str, str]]) -> None:
+    """Write a file that `read_answers` reads: what it held `before`, and these answers as ids and words.
+
+    All rows and columns of a CSV file stay as they were. A `DataError` where it cannot be written; a file that was
+    there is then as it was.
+    """
+    is_csv = Path(path).suffix.lower() == ".csv"
+    old = (before or (b"id,label\n" if is_csv else b"{}")).decode()
+    text = _csv_with(old, answers) if is_csv else _json_with(old, answers)
+    with replacing(path) as temporary:
+        temporary.write_bytes(text.encode())
+
+
+def _csv_with(before: str, answers: Sequence[tuple[str, str]]) -> str:
+    header = csv.DictReader(before.splitlines(), skipinitialspace=True).fieldnames or ()
+    id_column = _id_column(header)
+    end = "\r\n" if "\r\n" in before else "\n"
+    added = io.StringIO()
+    writer = csv.writer(added, lineterminator=end)
+    for m, word in answers:
+        row = {id_column: to_cell(m), "label": word}
+        writer.writerow([row.get(name.removeprefix("\ufeff"), "") for name in header])
+    return before + end * (not before.endswith("\n")) + added.getvalue()
+
+
+def _json_with(before: str, answers: Sequence[tuple[str, str]]) -> str:
+    before = before.removeprefix("\ufeff")
+    words: dict[str, list[str]] = {}
+    for m, given in [*parse(before, "", LARGEST_TABLE, list), *answers]:
+        words.setdefault(m, []).extend(given if isinstance(given, list) else [given])
+    content = {m: given[0] if len(given) == 1 else given for m, given in words.items()}
+    return json.dumps(content, ensure_ascii=False, indent=1) + "\n"
+
+
+def better_than(worse: str) -> str:
+    """The word that makes a pair with the demonstration `worse`."""
+    return f"better than {worse}"
+
+
+def _worse(word: object) -> str | None:
+    """The other demonstration of a pair; None where the word makes none."""
+    found = _BETTER.fullmatch(word.strip()) if isinstance(word, str) else None
+    return found[1] if found else None
+
+
+def _add_pair(pairs: dict[Pair, None], pair: Pair, source: str) -> None:
+    """Add a pair of ids as text, of which `source` says that the first is the better one, unless it is there."""
+    better, worse = pair
+    if better == worse:
+        raise DataError(f"{source}, demonstration {better!r}: it is compared with itself; name two.")
+    if (worse, better) in pairs:
+        raise DataError(f"{source}, {better!r} and {worse!r}: each is better than the other; keep one answer.")
+    pairs[pair] = None
 
 
 def _label(word: object) -> Label | None:
@@ -63,6 +155,19 @@ def match_labels(labels: Mapping[Key, str], ids: Sequence[object], source: str =
     check_ids(labels, ids, source, "the labels")
     number = {str(name): m for m, name in enumerate(ids)}
     return {number[str(name)]: _label(label) == "good" for name, label in labels.items()}
+
+
+def match_pairs(pairs: Sequence[tuple[Hashable, Hashable]], ids: Sequence[object]) -> Int[Array, "P 2"]:
+    """Numbers of the better and the worse demonstration of each pair; ids are compared as text.
+
+    A `DataError` where an id is not among `ids`, a demonstration is compared with itself, or two pairs contradict.
+    """
+    number = {str(name): m for m, name in enumerate(ids)}
+    found: dict[Pair, None] = {}
+    for better, worse in pairs:
+        check_ids([better, worse], ids, "the pairs", "the pairs")
+        _add_pair(found, (str(better), str(worse)), "The pairs")
+    return np.array([(number[better], number[worse]) for better, worse in found], dtype=int).reshape(-1, 2)
 
 
 def is_id_file(where: str) -> bool:
@@ -103,10 +208,15 @@ def read_id_pairs(path: StrPath, column: str, example: str) -> list[tuple[str, o
     return pairs
 
 
+def _id_column(header: Sequence[str]) -> str | None:
+    plain = [name.removeprefix("\ufeff") for name in header]
+    return next((name for name in ("id", *EPISODE) if name in plain), None)
+
+
 def _csv_pairs(text: str, column: str, source: str) -> list[tuple[str, object]]:
     rows = csv.DictReader(text.splitlines(), skipinitialspace=True, strict=True)
     header = rows.fieldnames or ()
-    id_column = next((name for name in ("id", *EPISODE) if name in header), None)
+    id_column = _id_column(header)
     if id_column is None or column not in header:
         raise DataError(f"{source}: the columns must be id and {column} (found {quoted(header)}).")
     pairs: list[tuple[str, object]] = []

@@ -1,0 +1,387 @@
+"""What answers teach: labels, one pair, outcomes and wrong answers, on recorded sets with a known truth.
+
+    python benchmarks/answers.py --data ../shared/data --json answers.json
+    python benchmarks/answers.py --quick
+
+Every set is audited once, without answers. Then draws of labels (at most half of a set, and at least 3 of each sort
+left to score) are answered, and the rest is scored. AUROC is that of the rest. Means have standard errors over sets.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+import warnings
+from collections.abc import Callable, Iterable
+from dataclasses import replace
+from functools import partial
+from itertools import product
+from multiprocessing import Pool
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.special import logit
+from sklearn.linear_model import LogisticRegression
+from sklearn.model_selection import cross_val_predict
+
+from claims import Array, Row, auroc, of_paper
+from npz_sets import read_set
+from provenance import line, provenance
+from rpil import RPIL
+from rpil.data.demonstrations import Demonstrations
+from rpil.inference.answered import Answered, answer, most_telling
+from rpil.inference.answers import Answers
+from rpil.inference.settings import AnswerSettings
+from rpil.simulation.simulate import simulate
+from trust_data import data_cells
+from trust_worlds import cells
+
+SETTINGS = AnswerSettings()
+FAST = replace(SETTINGS, max_left_out=0)
+"""Without a comparison of each label with the others, which changes nothing for the rest."""
+LOW = 0.4
+"""AUROC without answers below which a set is reversed."""
+N_LEFT = 3
+Audited = dict[str, Any]
+
+
+def main(arguments: list[str] | None = None) -> int:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--data", type=Path, metavar="DIR", help="folder of NPZ files")
+    parser.add_argument("--draws", type=int, default=10)
+    parser.add_argument("--processes", type=int, default=2)
+    parser.add_argument("--json", type=Path, metavar="OUT", help="also write every figure")
+    parser.add_argument("--quick", action="store_true", help="two small worlds: checks the script")
+    options = parser.parse_args(arguments)
+    if not (options.data or options.quick):
+        parser.error("say where the NPZ files are: --data DIR.")
+    draws = 1 if options.quick else options.draws
+    jobs = [("quick", partial(with_quality, partial(of_paper, "MountainCar-v0", "random", seed))) for seed in range(2)]
+    if not options.quick:
+        jobs = list(recorded_jobs(options.data)) + list(simulated_jobs())
+    with Pool(options.processes, maxtasksperchild=20) as pool:
+        audits = pool.starmap(audited, jobs)
+        sets = [audit for audit in audits if audit["kind"] in ("recorded", "quick")]
+        parts = [partial(by_labels, sets, draws, count) for count in (2, 4, 8, 16)]
+        parts += [partial(never_lower, sets, draws), partial(by_pair, audits), partial(by_one_wrong, sets, draws)]
+        parts += [partial(by_one_side, sets, draws, count) for count in (4, 8)]
+        parts += [partial(by_suggestion, sets, draws, count) for count in (4, 8)]
+        parts += [partial(by_outcome, sets, draws), partial(by_nonsense, audits, draws)]
+        rows = [row for found in pool.imap(called, parts) for row in found]
+    print(table(rows))
+    print(f"\n{line(provenance(draws))}")
+    if options.json:
+        options.json.write_text(json.dumps({"provenance": provenance(draws), "rows": rows}))
+    return 0
+
+
+def markdown(result: Row) -> str:
+    """The section of docs/results.md."""
+    return (
+        f"## Answers\n\nLabels, a pair, outcomes and wrong answers (benchmarks/answers.py).\n\n{table(result['rows'])}"
+    )
+
+
+def table(rows: list[Row]) -> str:
+    return "\n".join(["| what | figure |", "|---|---|", *(f"| {row['what']} | {row['figure']} |" for row in rows)])
+
+
+def called(part: Callable[[], list[Row]]) -> list[Row]:
+    return part()
+
+
+# ---- audits without answers ------------------------------------------------------------------------------------------
+
+
+def recorded_jobs(folder: Path) -> Iterable[tuple[str, Callable[[], Any]]]:
+    """The recorded sets and the good half of each."""
+    for name in data_cells(folder)[0]:
+        yield "recorded", partial(recorded, folder / f"{name}.npz")
+        yield "half", partial(half, folder / f"{name}.npz")
+
+
+def simulated_jobs() -> Iterable[tuple[str, Callable[[], Any]]]:
+    """Flipped and shifted actions, and half random and half shifted ones."""
+    for name, cell in cells(["simulated"]).items():
+        if cell.arguments[-1] == 1000 and (" flip " in name or " shift " in name):
+            yield "two policies", partial(with_quality, partial(world_of, cell))
+    for env, seed in product(("MountainCar-v0", "Acrobot-v1", "LunarLander-v3"), range(3)):
+        yield "random and shifted", partial(with_quality, partial(random_and_shifted, env, seed))
+
+
+def recorded(path: Path) -> tuple[str, Demonstrations, Array, Array]:
+    demonstrations, truth = read_set(path)
+    return path.stem, demonstrations, np.where(truth.good, 1, np.where(truth.bad, 0, -1)), truth.quality
+
+
+def half(path: Path) -> tuple[str, Demonstrations, Array, Array]:
+    name, demonstrations, good, quality = recorded(path)
+    kept = np.flatnonzero(good == 1)
+    return name, demonstrations.select(kept), good[kept], quality[kept]
+
+
+def world_of(cell: Any) -> tuple[Demonstrations, Array]:
+    world = cell.make()
+    return world.demonstrations, world.is_good
+
+
+def random_and_shifted(env: str, seed: int) -> tuple[Demonstrations, Array]:
+    """Ten good demonstrations, ten with random and ten with shifted actions."""
+    random = simulate(env, "random", n_good=10, n_bad=10, seed=seed)
+    shifted = simulate(env, "shift", n_good=0, n_bad=10, seed=seed)
+    good = np.append(random.is_good, np.zeros(10, dtype=int)).astype(int)
+    order = np.random.default_rng(seed).permutation(len(good))
+    episodes = [*random.episodes, *shifted.episodes]
+    return Demonstrations.from_episodes([episodes[m] for m in order]), good[order]
+
+
+def with_quality(make: Callable[[], tuple[Demonstrations, Array]]) -> tuple[str, Demonstrations, Array, Array]:
+    demonstrations, good = make()
+    return "", demonstrations, good, good.astype(float)
+
+
+def audited(kind: str, make: Callable[[], tuple[str, Demonstrations, Array, Array]]) -> Audited:
+    name, demonstrations, good, quality = make()
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        audit = RPIL().fit(demonstrations).audit_
+    pair = [audit.index(other) for other in audit.pair]
+    of_all = {"columns": audit.columns, "log_odds": audit.log_odds, "pair": pair}
+    return {"kind": kind, "name": name, "good": good, "quality": quality} | of_all
+
+
+# ---- answers ---------------------------------------------------------------------------------------------------------
+
+
+def drawn(good: Array, count: int, rng: np.random.Generator) -> Array | None:
+    """`count` demonstrations to label, both sorts among them, or None where too few would be left."""
+    known = np.flatnonzero(good >= 0)
+    if count > len(known) / 2 or min((good == 1).sum(), (good == 0).sum()) < N_LEFT + 1:
+        return None
+    while True:
+        chosen = rng.choice(known, count, replace=False)
+        rest = good[np.setdiff1d(known, chosen)]
+        if 0 < good[chosen].sum() < count and min((rest == 1).sum(), (rest == 0).sum()) >= N_LEFT:
+            return np.asarray(chosen)
+
+
+def labelled(audit: Audited, chosen: Array, signs: Array | None = None, settings: AnswerSettings = FAST) -> Answered:
+    """The audit with labels of the `chosen`, by default the truth."""
+    labels = np.zeros(len(audit["good"]), dtype=int)
+    labels[chosen] = 2 * audit["good"][chosen] - 1 if signs is None else signs
+    return answer(audit["columns"], Answers.of_labels(labels), settings)
+
+
+def compared(audit: Audited) -> Answered | None:
+    """The audit with its pair answered by the truth; None where the two are alike."""
+    quality = audit["quality"][audit["pair"]] if len(audit["pair"]) == 2 else np.zeros(2)
+    if quality[0] == quality[1]:
+        return None
+    better, worse = audit["pair"] if quality[0] > quality[1] else audit["pair"][::-1]
+    none = np.zeros(len(audit["good"]), dtype=int)
+    answers = replace(Answers.of_labels(none), pairs=np.array([[better, worse]]))
+    return answer(audit["columns"], answers, FAST)
+
+
+def rest_of(audit: Audited, chosen: Array) -> Array:
+    return np.setdiff1d(np.flatnonzero(audit["good"] >= 0), chosen)
+
+
+def mean(values: Iterable[float]) -> str:
+    """A mean with its standard error."""
+    found = np.array(list(values), dtype=float)
+    found = found[np.isfinite(found)]
+    if len(found) < 2:
+        return f"{found.mean():.3f}" if len(found) else "none"
+    return f"{found.mean():.3f} (standard error {found.std(ddof=1) / np.sqrt(len(found)):.3f}, {len(found)} sets)"
+
+
+def is_low(audit: Audited) -> bool:
+    return auroc(audit["good"], audit["log_odds"]) < LOW
+
+
+def by_labels(sets: list[Audited], draws: int, count: int) -> list[Row]:
+    """Random labels."""
+    values, low, wrong, given, total = [], [], 0, 0, 0
+    for audit in sets:
+        own = []
+        for draw in range(draws):
+            chosen = drawn(audit["good"], count, np.random.default_rng(draw))
+            if chosen is None:
+                continue
+            found, rest = labelled(audit, chosen), rest_of(audit, chosen)
+            good, words = audit["good"][rest], found.words[rest]
+            own.append(auroc(good, found.log_odds[rest]))
+            wrong += int(((words > 0) & (good == 0)).sum() + ((words < 0) & (good == 1)).sum())
+            given, total = given + int((words != 0).sum()), total + len(rest)
+        if own:
+            values.append(np.mean(own))
+            low += [np.mean(own)] if is_low(audit) else []
+    words = f"{wrong} of {given} wrong ({wrong / max(given, 1):.1%}), {given / max(total, 1):.0%} have one"
+    return [
+        {"what": f"{count} random labels: AUROC of the rest", "figure": mean(values)},
+        {"what": f"{count} random labels: sets below {LOW} without", "figure": mean(low)},
+        {"what": f"{count} random labels: words", "figure": words},
+    ]
+
+
+def never_lower(sets: list[Audited], draws: int) -> list[Row]:
+    """Sets that eight labels make worse than none."""
+    lower = []
+    for audit in sets:
+        lost = []
+        for draw in range(draws):
+            chosen = drawn(audit["good"], 8, np.random.default_rng(draw))
+            if chosen is not None:
+                rest = rest_of(audit, chosen)
+                before, after = audit["log_odds"][rest], labelled(audit, chosen).log_odds[rest]
+                lost.append(auroc(audit["good"][rest], before) - auroc(audit["good"][rest], after))
+        if len(lost) > 1 and np.mean(lost) > 0.02 + 2 * np.std(lost, ddof=1) / np.sqrt(len(lost)):
+            lower.append(f"{audit['name']} by {np.mean(lost):.2f}")
+    what = "8 labels: sets lower by more than .02 and two standard errors"
+    return [{"what": what, "figure": f"{len(lower)} of {len(sets)}" + (f": {', '.join(lower)}" if lower else "")}]
+
+
+def by_pair(audits: list[Audited]) -> list[Row]:
+    """The pair that is asked, answered by the truth."""
+    rows = []
+    for kind in dict.fromkeys(audit["kind"] for audit in audits):
+        own = [audit for audit in audits if audit["kind"] == kind]
+        answered = [(audit, compared(audit)) for audit in own]
+        if kind == "half":
+            bad = sum(int((found.words < 0).sum()) for _, found in answered if found)
+            rows.append({"what": "good halves, the pair answered by quality: words", "figure": f"{bad} bad"})
+            continue
+        one_each = sum({0, 1} == set(audit["good"][audit["pair"]].tolist()) for audit in own if audit["pair"])
+        values = [auroc(audit["good"], found.log_odds) for audit, found in answered if found]
+        high, low = sum(value >= 0.99 for value in values), sum(value < 0.5 for value in values)
+        text = f"{mean(values)}; {high} at .99 or more, {low} below .5"
+        rows.append({"what": f"{kind}: the pair holds one good and one bad", "figure": f"{one_each} of {len(own)}"})
+        rows.append({"what": f"{kind}: AUROC with the pair answered", "figure": text})
+        words = sum(int((found.words != 0).sum()) for _, found in answered if found)
+        rows.append({"what": f"{kind}: words after this one answer", "figure": f"{words}"})
+    return rows
+
+
+def by_one_wrong(sets: list[Audited], draws: int) -> list[Row]:
+    """One wrong label of five."""
+    lost, named, right, n_right, n = [], 0, 0, 0, 0
+    for audit, draw in product(sets, range(draws)):
+        rng = np.random.default_rng(100 + draw)
+        chosen = drawn(audit["good"], 5, rng)
+        if chosen is None:
+            continue
+        signs, rest = 2 * audit["good"][chosen] - 1, rest_of(audit, chosen)
+        true = labelled(audit, chosen, signs).log_odds[rest]
+        wrong = int(rng.integers(5))
+        signs[wrong] *= -1
+        found = labelled(audit, chosen, signs, SETTINGS)
+        lost.append(auroc(audit["good"][rest], true) - auroc(audit["good"][rest], found.log_odds[rest]))
+        others = set(found.contradicting.tolist()) - {int(chosen[wrong])}
+        named, n = named + (int(chosen[wrong]) in found.contradicting), n + 1
+        right, n_right = right + len(others), n_right + 4
+    return [
+        {"what": "one wrong label of five: AUROC lost", "figure": mean(lost)},
+        {"what": "one wrong label of five: it is named", "figure": f"{named} of {n} draws"},
+        {"what": "one wrong label of five: right ones that are named", "figure": f"{right} of {n_right}"},
+    ]
+
+
+def by_one_side(sets: list[Audited], draws: int, count: int) -> list[Row]:
+    """Labels of good ones only."""
+    lower, bad, n_good = [], 0, 0
+    for audit in sets:
+        good, lost = np.flatnonzero(audit["good"] == 1), []
+        for draw in range(draws):
+            if count > len(good) / 2:
+                continue
+            chosen = np.random.default_rng(draw).choice(good, count, replace=False)
+            rest, found = rest_of(audit, chosen), labelled(audit, chosen)
+            before, after = (auroc(audit["good"][rest], score[rest]) for score in (audit["log_odds"], found.log_odds))
+            lost.append(before - after)
+            bad += int((found.words[rest][audit["good"][rest] == 1] < 0).sum())
+            n_good += int((audit["good"][rest] == 1).sum())
+        if lost and np.mean(lost) > 0.02:
+            lower.append(f"{audit['name']} by {np.mean(lost):.2f}")
+    return [
+        {"what": f"{count} good ones only: sets lower by more than .02", "figure": ", ".join(lower) or "none"},
+        {"what": f"{count} good ones only: good ones called bad", "figure": f"{bad} of {n_good}"},
+    ]
+
+
+def suggested(audit: Audited, count: int) -> Array:
+    """The labels that are asked for one after the other, each answered before the next."""
+    unknown, chosen = np.flatnonzero(audit["good"] < 0).tolist(), []
+    labels = np.zeros(len(audit["good"]), dtype=int)
+    for _ in range(count):
+        chosen += most_telling(audit["columns"], Answers.of_labels(labels), SETTINGS, 1, unknown)
+        labels[chosen[-1]] = 2 * audit["good"][chosen[-1]] - 1
+    return np.array(chosen)
+
+
+def by_suggestion(sets: list[Audited], draws: int, count: int) -> list[Row]:
+    """Suggested labels against random ones."""
+    gains = []
+    for audit in sets:
+        random = []
+        for draw in range(draws):
+            chosen = drawn(audit["good"], count, np.random.default_rng(draw))
+            if chosen is not None:
+                rest = rest_of(audit, chosen)
+                random.append(auroc(audit["good"][rest], labelled(audit, chosen).log_odds[rest]))
+        chosen = suggested(audit, count)
+        rest = rest_of(audit, chosen)
+        if random and min((audit["good"][rest] == 1).sum(), (audit["good"][rest] == 0).sum()) >= N_LEFT:
+            value = auroc(audit["good"][rest], labelled(audit, chosen).log_odds[rest])
+            gains.append(value - np.mean(random))
+    return [{"what": f"{count} suggested labels over random ones: AUROC", "figure": mean(gains)}]
+
+
+def by_outcome(sets: list[Audited], draws: int) -> list[Row]:
+    """The quality of a random half as outcome, against a logistic regression on all labels in five folds."""
+    values, regression = [], []
+    for audit in sets:
+        good, known = audit["good"], np.flatnonzero(audit["good"] >= 0)
+        if min((good == 1).sum(), (good == 0).sum()) < 5:
+            continue
+        own = []
+        for draw in range(draws):
+            shown = np.random.default_rng(draw).random(len(good)) < 0.5
+            none = np.zeros(len(good), dtype=int)
+            answers = replace(Answers.of_labels(none), outcome=np.where(shown, audit["quality"], np.nan))
+            rest = known[~shown[known]]
+            own.append(auroc(good[rest], answer(audit["columns"], answers, FAST).log_odds[rest]))
+        values.append(np.nanmean(own))
+        model = LogisticRegression(C=1.0, max_iter=1000)
+        proba = cross_val_predict(model, audit["columns"][known], good[known], cv=5, method="predict_proba")[:, 1]
+        regression.append(auroc(good[known], logit(np.clip(proba, 1e-9, 1 - 1e-9))))
+    return [
+        {"what": "quality of a half as outcome: AUROC of the other half", "figure": mean(values)},
+        {"what": "logistic regression on all labels, five folds", "figure": mean(regression)},
+    ]
+
+
+def by_nonsense(audits: list[Audited], draws: int) -> list[Row]:
+    """Random answers about good demonstrations: one wrong answer alone, and eight labels that mean nothing."""
+    alone, bad, n = 0, 0, 0
+    for audit in audits:
+        m = int(np.argmin(audit["log_odds"]))
+        alone += int((labelled(audit, np.array([m]), np.array([1 - 2 * audit["good"][m]])).words != 0).sum())
+        if audit["kind"] != "half" or len(audit["good"]) < 16:
+            continue
+        for draw in range(draws):
+            rng = np.random.default_rng(draw)
+            chosen = rng.choice(len(audit["good"]), 8, replace=False)
+            rest = np.setdiff1d(np.arange(len(audit["good"])), chosen)
+            words = labelled(audit, chosen, rng.permutation([1, -1] * 4)).words[rest]
+            bad, n = bad + int((words < 0).sum()), n + len(rest)
+    return [
+        {"what": "one wrong answer alone: words", "figure": f"{alone}"},
+        {"what": "good halves, eight labels drawn at random: called bad", "figure": f"{bad} of {n}"},
+    ]
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,159 @@
+"""What answers say of demonstrations: Bayesian logistic regression of "good" on channels.
+
+    P(answer r is "yes") = (1 - 2 e) sigma(A_r w) + e,         w ~ sum_d pi_d N(d w_0, Lambda^-1)
+
+A row A_r is (1, x_m) for a label of demonstration m, whose columns x_m are ranks of its channels
+(`rpil.inference.channels`), and (0, x_i - x_j) for "i is better than j". An outcome is an answer t in [0, 1], the share
+of the known outcomes that are lower. w_0 is 1 on agreement, the first column, `group_weight` on the group of scores,
+the last one, and 0 on the others: without answers the ranking is the one by agreement. The direction d is 1, or -1
+where those who agree are the bad ones. e is the rate of wrong answers, on a grid. For each d and e the posterior of w
+is Laplace's approximation, and its evidence weighs it; P(good) integrates over w (MacKay 1992). Channels are
+correlated, and this posterior is wider than it should be: so the logit is multiplied by `sharpness`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+from scipy.optimize import minimize
+from scipy.special import expit, logsumexp
+from scipy.stats import rankdata
+
+from rpil.data.archive import stored
+from rpil.inference.settings import AnswerSettings
+from rpil.numerics.types import Array, Float, Int
+
+
+@stored(labels="M", pairs="compared 2", outcome="M")
+@dataclass(frozen=True, eq=False)
+class Answers:
+    """What is known of M demonstrations."""
+
+    labels: Int[Array, " M"]
+    """1 good, -1 bad, 0 unknown."""
+    pairs: Int[Array, "P 2"]
+    """The better and the worse demonstration of each pair that was compared."""
+    outcome: Float[Array, " M"]
+    """Higher is better; NaN where it is unknown."""
+
+    @classmethod
+    def none(cls) -> Answers:
+        """Of no demonstrations."""
+        return cls.of_labels(np.empty(0, dtype=np.int64))
+
+    @classmethod
+    def of_labels(cls, labels: Int[Array, " M"]) -> Answers:
+        """Labels alone."""
+        return cls(labels, np.empty((0, 2), dtype=np.int64), np.full(len(labels), np.nan))
+
+    @property
+    def any(self) -> bool:
+        """Whether anything is known."""
+        return self.count > 0
+
+    @property
+    def count(self) -> int:
+        """The number of labels, pairs and known outcomes."""
+        return int(np.count_nonzero(self.labels)) + len(self.pairs) + int(np.isfinite(self.outcome).sum())
+
+    def select(self, indices: Sequence[int]) -> Answers:
+        """The answers about some of the demonstrations, and about pairs of them."""
+        place = {m: k for k, m in enumerate(indices)}
+        pairs = [(place[a], place[b]) for a, b in self.pairs.tolist() if a in place and b in place]
+        chosen = list(indices)
+        return Answers(self.labels[chosen], np.array(pairs, dtype=np.int64).reshape(-1, 2), self.outcome[chosen])
+
+    def without(self, m: int) -> Answers:
+        """The same without the label of demonstration m."""
+        labels = self.labels.copy()
+        labels[m] = 0
+        return Answers(labels, self.pairs, self.outcome)
+
+    def ranks(self) -> Float[Array, " M"]:
+        """The share of the known outcomes that are lower, ties half, in [0, 1]; NaN where the outcome is unknown."""
+        ranks, known = np.full(len(self.outcome), np.nan), np.isfinite(self.outcome)
+        values = self.outcome[known]
+        if {*values.tolist()} <= {0.0, 1.0}:  # a flag
+            ranks[known] = values
+        elif known.any():
+            ranks[known] = (rankdata(values) - 0.5) / len(values)
+        return ranks
+
+    def rows(self, channels: Float[Array, "M C"]) -> tuple[Float[Array, "R D"], Float[Array, " R"]]:
+        """The matrix A and the answers t."""
+        columns = np.column_stack([np.ones(len(channels)), channels])
+        labelled, ranks = np.flatnonzero(self.labels), self.ranks()
+        known = np.flatnonzero(np.isfinite(ranks) & (self.labels == 0))
+        compared = columns[self.pairs[:, 0]] - columns[self.pairs[:, 1]]
+        targets = [(self.labels[labelled] > 0).astype(float), ranks[known], np.ones(len(compared))]
+        return np.concatenate([columns[labelled], columns[known], compared]), np.concatenate(targets)
+
+
+@dataclass(frozen=True, eq=False)
+class Posterior:
+    """K normal distributions of w, one for each direction and rate of wrong answers."""
+
+    mean: Float[Array, "K D"]
+    covariance: Float[Array, "K D D"]
+    log_weight: Float[Array, " K"]
+    error: Float[Array, " K"]
+    sharpness: float
+    """See `AnswerSettings`."""
+
+    def logits(self, channels: Float[Array, "M C"]) -> tuple[Float[Array, "M K"], Float[Array, "M K"]]:
+        """Means and variances of A_m w for a label of each demonstration."""
+        columns = np.column_stack([np.ones(len(channels)), channels])
+        variance = np.einsum("md,kde,me->mk", columns, self.covariance, columns)
+        return columns @ self.mean.T, variance
+
+    def proba(self, channels: Float[Array, "M C"]) -> Float[Array, " M"]:
+        """P(good) of each demonstration."""
+        mean, variance = self.logits(channels)
+        return np.asarray(expit(self.sharpness * mean / np.sqrt(1 + np.pi * variance / 8)) @ np.exp(self.log_weight))
+
+    @property
+    def error_rate(self) -> float:
+        """Posterior mean of the rate of wrong answers."""
+        return float(np.exp(self.log_weight) @ self.error)
+
+
+def posterior(channels: Float[Array, "M C"], answers: Answers, settings: AnswerSettings) -> Posterior:
+    """The posterior of w."""
+    rows, targets = answers.rows(channels)
+    n_columns = channels.shape[1] + 1
+    precision = np.append(settings.offset_precision, np.full(n_columns - 1, settings.precision))
+    anchor = np.zeros(n_columns)
+    anchor[1], anchor[-1] = 1.0, settings.group_weight
+    log_prior = np.log([settings.p_agreement, 1 - settings.p_agreement])
+    errors = settings.error_rates
+    fits = [_laplace(rows, targets, d * anchor, precision, e) for d, e in product((1.0, -1.0), errors)]
+    mean, covariance, evidence = (np.stack(part) for part in zip(*fits, strict=True))
+    log_weight = evidence + np.repeat(log_prior, len(errors))
+    return Posterior(mean, covariance, log_weight - logsumexp(log_weight), np.tile(errors, 2), settings.sharpness)
+
+
+def _laplace(rows: Array, targets: Array, anchor: Array, precision: Array, error: float) -> tuple[Array, Array, Array]:
+    """Mean and covariance of w, and the log-evidence."""
+
+    def parts(w: Array) -> tuple[Array, Array, Array]:
+        proba = expit(rows @ w)
+        yes, no = error + (1 - 2 * error) * proba, error + (1 - 2 * error) * (1 - proba)
+        slope = (1 - 2 * error) * proba * (1 - proba) * (targets / yes - (1 - targets) / no)
+        return slope, targets * np.log(yes) + (1 - targets) * np.log(no), proba
+
+    def loss(w: Array) -> tuple[float, Array]:
+        slope, log_prob, _ = parts(w)
+        away = w - anchor
+        return float(0.5 * precision @ away**2 - log_prob.sum()), precision * away - rows.T @ slope
+
+    found = minimize(loss, anchor, jac=True, method="L-BFGS-B", options={"gtol": 1e-6})
+    _, _, proba = parts(found.x)
+    # Fisher's information, which is never negative, in the place of the curvature.
+    yes = error + (1 - 2 * error) * proba
+    information = ((1 - 2 * error) * proba * (1 - proba)) ** 2 / (yes * (1 - yes))
+    hessian = (rows * information[:, None]).T @ rows + np.diag(precision)
+    evidence = -found.fun - 0.5 * np.linalg.slogdet(hessian)[1] + 0.5 * np.log(precision).sum()
+    return found.x, np.linalg.inv(hessian), np.asarray(evidence)

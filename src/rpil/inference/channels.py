@@ -1,0 +1,145 @@
+"""Channels: numbers that describe a demonstration, from which answers learn (`rpil.inference.answers`).
+
+The first is agreement, the mean held-out log-likelihood, by which demonstrations are ranked without answers. The others
+are facts: they say nothing about quality until an answer does.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.stats import norm, rankdata
+
+from rpil.data.archive import stored
+from rpil.data.fit_data import FitData
+from rpil.data.spaces import Discrete
+from rpil.inference.settings import ChannelSettings
+from rpil.numerics.regression import student_log_density
+from rpil.numerics.types import Array, Bool, Float
+
+CHANNELS = (
+    "agreement",
+    "gain over own actions",
+    "gain over all actions",
+    "length",
+    "smoothness",
+    "motion",
+    "short path",
+    "common end",
+)
+"""Names of the channels; of each, more is more of what the name says."""
+
+BLOCK_ROWS = 4_096
+"""Steps whose moves are computed together."""
+
+
+@stored(center="states", spread="states", ends="trusted states")
+@dataclass(frozen=True, eq=False)
+class StateScale:
+    """What the channels of states are measured by."""
+
+    center: Float[Array, " F"]
+    spread: Float[Array, " F"]
+    """Mean and standard deviation of the features, without the constant."""
+    rest: float
+    """Length of a move, in standard deviations, below which a step is idle."""
+    ends: Float[Array, "G F"]
+    """Last states of the training group, scaled."""
+
+    @classmethod
+    def of(cls, data: FitData, group: Bool[Array, " M"], settings: ChannelSettings) -> StateScale:
+        """Measure the states of `data`; `group` is the training group."""
+        features = np.asarray(data.features, dtype=float)
+        spread = features.std(axis=0)
+        changes = spread > 0
+        center, spread = features.mean(axis=0), np.where(changes, spread, 1.0)
+        moves = _moves(features, spread, data)
+        inside = _inside(data)
+        rest = settings.idle_share * float(np.median(moves[inside])) if inside.any() else 0.0
+        ends = ((features[data.offsets[1:] - 1] - center) / spread)[group]
+        return cls(center, spread, rest, ends[: settings.max_ends])
+
+    def scaled(self, features: Float[Array, "N F"]) -> Float[Array, "N F"]:
+        """Features in standard deviations."""
+        return np.asarray((features - self.center) / self.spread)
+
+
+def channels(
+    data: FitData,
+    log_prob: Float[Array, " N"],
+    log_ratio: Float[Array, " N"],
+    actions: Float[Array, "N A"],
+    states: StateScale,
+    settings: ChannelSettings,
+) -> Float[Array, "M C"]:
+    """The channels of M demonstrations, in the order of `CHANNELS`.
+
+    `log_prob` is log pi of each step and `log_ratio` is log pi - log q; `actions` are scaled, or indicators of discrete
+    actions.
+    """
+    discrete = isinstance(data.space, Discrete)
+    own = _own_log_prob(data, actions, settings)
+    likelihood, gain = data.mean_steps(log_prob), data.mean_steps(log_ratio)
+    inside, moves_of = _inside(data), np.maximum(data.lengths - 1, 1)
+    moves, last = _moves(data.features, states.spread, data), states.scaled(data.features[data.offsets[1:] - 1])
+    changes = np.append(np.abs(np.diff(actions, axis=0)).sum(axis=1), 0.0) * inside
+    idle = data.sum_steps((moves <= states.rest) & inside) / moves_of
+    columns = [
+        gain if discrete else likelihood,
+        likelihood - own,
+        gain,
+        np.log(data.lengths),
+        -data.sum_steps(changes) / moves_of,
+        -idle,
+        -data.sum_steps(moves),
+        -_distance_to_ends(last, states.ends, settings.n_neighbours),
+    ]
+    return np.stack(columns, axis=1)
+
+
+def normal_scores(values: Float[Array, "M C"]) -> Float[Array, "M C"]:
+    """Of each column, the normal quantiles of the ranks; ties have the same, and a constant column is 0."""
+    ranks = np.stack([rankdata(column) for column in values.T], axis=1)
+    return np.asarray(norm.ppf((ranks - 0.5) / len(values)))
+
+
+def _inside(data: FitData) -> Bool[Array, " N"]:
+    """Steps that another step of the same demonstration follows."""
+    inside = np.ones(len(data.actions), dtype=bool)
+    inside[data.offsets[1:] - 1] = False
+    return inside
+
+
+def _moves(features: Array, spread: Array, data: FitData) -> Array:
+    """Distance of each step to the next in the same demonstration, in standard deviations; 0 for the last."""
+    moves = np.zeros(len(features))
+    for begin in range(0, len(features) - 1, BLOCK_ROWS):  # because a design matrix may be large
+        steps = np.diff(features[begin : begin + BLOCK_ROWS + 1], axis=0) / spread
+        moves[begin : begin + len(steps)] = np.sqrt(np.einsum("nf,nf->n", steps, steps))
+    return np.asarray(moves * _inside(data))
+
+
+def _distance_to_ends(last: Array, ends: Array, n_neighbours: int) -> Array:
+    """Mean distance of each last state to the nearest last states of the training group, itself left out."""
+    lengths = (last**2).sum(axis=1)[:, None] + (ends**2).sum(axis=1)
+    squares = lengths - 2 * last @ ends.T
+    distance = np.sqrt(np.maximum(squares, 0.0))
+    distance[squares < 1e-12 * (1 + lengths)] = np.inf  # itself, or a copy, but for rounding
+    nearest = np.sort(distance, axis=1)[:, : max(min(n_neighbours, len(ends) - 1), 1)]
+    largest = float(nearest[np.isfinite(nearest)].max(initial=0.0))
+    return np.asarray(np.where(np.isfinite(nearest), nearest, largest).mean(axis=1))
+
+
+def _own_log_prob(data: FitData, actions: Array, settings: ChannelSettings) -> Array:
+    """Mean log-probability of the actions of each demonstration under its own distribution, whatever the state."""
+    if isinstance(data.space, Discrete):
+        counts = data.sum_steps(actions)
+        shares = (counts + 1.0) / (counts + 1.0).sum(axis=1, keepdims=True)
+        return np.asarray((counts * np.log(shares)).sum(axis=1) / data.lengths)
+    own = np.empty(data.n_demonstrations)
+    for m, (begin, end) in enumerate(zip(data.offsets[:-1], data.offsets[1:], strict=True)):
+        errors = actions[begin:end] - np.median(actions[begin:end], axis=0)
+        scale = 1.35 * np.median(np.abs(errors), axis=0) + settings.errors.min_scale
+        own[m] = student_log_density(errors, scale, settings.errors).mean()
+    return own

@@ -1,0 +1,235 @@
+"""What the scores support without answers: who is typical, who is unlike the others, and what speaks against it.
+
+A demonstration is `unlike` the others only if all of this holds, with two dealings of the folds:
+
+    by groups     P(two groups of scores) >= min_p_two,  and P(upper group | m) <= 1 - min_proba
+    or by chance  (discrete actions) it is explained worse than by the frequencies of the actions, as noise is,
+                  and P(two groups) >= min_p_two_of_noise
+
+and the policy of the upper group explains that group, the lower demonstrations have no policy of their own
+(`rpil.inference.rivals`; else there are two groups), and no `Doubt` is left. The upper group is `typical`; only its
+better half where the lower group is a tail and not a cluster of its own, because a tail seldom holds all that differ.
+Nothing here says who is good.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.stats import norm, spearmanr
+
+from rpil.inference.findings import Finding
+from rpil.inference.rivals import Lower, look_below
+from rpil.inference.scores import Scores, Scoring
+from rpil.inference.settings import ClaimSettings, JudgeSettings
+from rpil.numerics.types import Array, Bool, Float, Int
+
+
+@dataclass(frozen=True, eq=False)
+class Doubt:
+    """A reason not to call demonstrations unlike the others."""
+
+    sentence: str
+    """In it, {members} stands for the names of the demonstrations."""
+    members: Int[Array, " K"]
+    """The demonstrations of which it speaks; may be none."""
+
+
+@dataclass(frozen=True, eq=False)
+class Claims:
+    """What the scores of M demonstrations support."""
+
+    finding: Finding
+    words: Int[Array, " M"]
+    """1 typical, 0 open, -1 unlike."""
+    doubts: tuple[Doubt, ...] = ()
+    lower: Lower | None = None
+    """The demonstrations below the upper group, where the scores are two groups."""
+
+    @property
+    def groups(self) -> tuple[Int[Array, " A"], Int[Array, " B"]] | None:
+        """The members of two groups that each have a policy of their own."""
+        if self.finding != "two groups" or self.lower is None:
+            return None
+        return self.lower.upper, self.lower.rival
+
+
+def claim(scoring: Scoring, scores: Scores, again: Scores | None, order: Float[Array, " M"] | None) -> Claims:
+    """The claims that `scores` support.
+
+    Parameters
+    ----------
+    again : Scores or None
+        With other folds.
+    order : (M,) array or None
+        The order in which the demonstrations were made, where it is stated.
+    """
+    data = scoring.data
+    nobody = np.zeros(data.n_demonstrations, dtype=int)
+    groups, chance = by_groups(scoring, scores, again), by_chance(scoring, scores, again)
+    split = chance if groups is None or (chance is not None and not groups.with_other_folds) else groups
+    if split is None:
+        return Claims("nobody stands out" if scores.state_predicts_action else "nothing could be learned", nobody)
+    if split.lower.gain_upper <= 0:
+        return Claims("nothing could be learned", nobody, lower=split.lower)
+    if split.lower.is_rival:
+        return Claims("two groups", nobody, lower=split.lower)
+    if split is groups and chance is not None:
+        split = replace(groups, words=np.where(groups.words == 0, chance.words, groups.words), is_cluster=True)
+    doubts = tuple(doubts_of(scoring, scores, split, order))
+    if again is not None and not split.with_other_folds:
+        doubts = (Doubt("Other folds of the demonstrations give one group of scores.", nobody[:0]), *doubts)
+    if doubts:
+        return Claims("in doubt", nobody, doubts, split.lower)
+    apart = (split.words < 0).any()
+    return Claims("some are unlike" if apart else "nobody stands out", split.words * apart, (), split.lower)
+
+
+@dataclass(frozen=True, eq=False)
+class Split:
+    """A division of M demonstrations into an upper and a lower group."""
+
+    words: Int[Array, " M"]
+    """1 typical, 0 open, -1 unlike, where nothing speaks against it."""
+    lower: Lower
+    with_other_folds: bool
+    """Whether other folds divide the demonstrations as well."""
+    is_cluster: bool
+    """Whether the lower group is a cluster of its own."""
+
+
+def by_groups(scoring: Scoring, scores: Scores, again: Scores | None) -> Split | None:
+    """The split by the groups of scores; None where they are hardly two."""
+    settings, limits = scoring.settings, scoring.settings.claims
+    upper = scores.groups.upper(scores.score, scores.variance, settings.groups)
+    if scores.groups.p_two < limits.min_p_two or not limits.min_upper <= upper.sum() < len(upper):
+        return None
+    words, agrees = said(scores, limits, upper, scores.log_odds(settings)), True
+    if again is not None:
+        words *= words == np.sign(again.log_odds(settings)).astype(int)
+        agrees = again.groups.p_two >= limits.min_p_two
+    lower = look_below(scoring.data, scoring.model, upper, scores.fit, settings)
+    return Split(words, lower, agrees, scores.groups.is_cluster)
+
+
+def by_chance(scoring: Scoring, scores: Scores, again: Scores | None) -> Split | None:
+    """The split of discrete actions by chance: the lower group is explained worse than by the frequencies of actions,
+    and a policy of its own explains no more. None where actions are continuous, or the lower group is no noise.
+
+    The scores of an expert are above 0, and those of actions without regard to the state below, by about as much
+    (the Kullback-Leibler divergences of the two, either way): halfway down a demonstration is unlike the others.
+    """
+    limits, upper = scoring.settings.claims, scores.score > 0
+    no_groups = scores.groups.p_two < limits.min_p_two_of_noise
+    if scoring.data.space.kind != "discrete" or no_groups or not limits.min_upper <= upper.sum() < len(upper):
+        return None
+    lower = look_below(scoring.data, scoring.model, upper, scores.fit, scoring.settings)
+    if lower.gain_upper <= 0 or not lower.is_noise or missing_steps(scoring, scores) > limits.max_missing_steps:
+        return None
+    dealings = [scores] if again is None else [scores, again]
+    typical = np.all([one.score > 0 for one in dealings], axis=0) & in_better_part(scores, upper)
+    unlike = np.all([one.score <= -limits.noise_share * lower.gain_upper for one in dealings], axis=0)
+    return Split(typical.astype(int) - unlike.astype(int), lower, True, True)
+
+
+def extended(claims: Claims, scores: Scores, indices: Int[Array, " S"], settings: JudgeSettings) -> Claims:
+    """The claims about a sample, at these `indices`, as claims about all demonstrations with `scores`."""
+    words = np.zeros(len(scores.score), dtype=int)
+    upper = scores.groups.upper(scores.score, scores.variance, settings.groups)
+    if claims.words.any():
+        words = said(scores, settings.claims, upper, scores.log_odds(settings))
+        words[indices] = claims.words
+    doubts = tuple(replace(doubt, members=indices[doubt.members]) for doubt in claims.doubts)
+    lower = claims.lower
+    if lower is not None:
+        in_upper = upper.copy()
+        in_upper[indices[lower.upper]], in_upper[indices[lower.rival]] = True, False
+        rival = indices[lower.rival] if claims.finding != "two groups" else np.flatnonzero(~in_upper)
+        lower = replace(lower, upper=np.flatnonzero(in_upper), rival=rival)
+    return Claims(claims.finding, words, doubts, lower)
+
+
+def said(
+    scores: Scores, limits: ClaimSettings, upper: Bool[Array, " M"], log_odds: Float[Array, " M"]
+) -> Int[Array, " M"]:
+    """The words that scores alone give to M demonstrations, whatever speaks against them."""
+    typical = log_odds >= limits.log_odds
+    typical &= in_better_part(scores, upper)
+    unlike: Array = log_odds <= -limits.log_odds
+    return np.asarray(typical.astype(int) - unlike.astype(int))
+
+
+def in_better_part(scores: Scores, upper: Bool[Array, " M"]) -> Bool[Array, " M"]:
+    """The `upper` group, or only its better half where the lower group is a tail and not a cluster of its own."""
+    if not upper.any():
+        return upper
+    return np.asarray(upper & (scores.groups.is_cluster | (scores.score >= np.median(scores.score[upper]))))
+
+
+def doubts_of(scoring: Scoring, scores: Scores, split: Split, order: Float[Array, " M"] | None) -> list[Doubt]:
+    """Every reason to doubt that the demonstrations with word -1 are unlike the others."""
+    data, limits, none = scoring.data, scoring.settings.claims, np.empty(0, dtype=int)
+    log_prob, unlike = scores.fit.held_out.log_prob, split.words < 0
+    doubts = []
+    if 2 * unlike.sum() > len(unlike) and not split.is_cluster:
+        doubts.append(Doubt("More than half score lower, at many levels: it is open who is unlike whom.", none))
+    agreement = spearmanr(data.mean_steps(log_prob), data.mean_steps(log_prob - scoring.log_q)).statistic
+    if data.space.kind != "discrete" and agreement < limits.min_agreement:
+        sentence = "The likelihood and its gain over frequent actions rank the demonstrations differently ("
+        doubts.append(Doubt(f"{sentence}correlation {agreement:.2f}).", none))
+    if order is not None and unlike.any() and runs_p(unlike[np.argsort(order, kind="stable")]) < limits.max_runs_p:
+        sentence = "{members} follow one another: a session, a set-up or a calibration, not necessarily worse."
+        doubts.append(Doubt(sentence, np.flatnonzero(unlike)[np.argsort(order[unlike], kind="stable")]))
+    share, part = share_of_part(scoring, scores, unlike)
+    if share > limits.max_part_share:
+        doubts.append(Doubt(f"{share:.0%} of the evidence is in part {part} of the action alone.", none))
+    return doubts
+
+
+def runs_p(member: Bool[Array, " M"]) -> float:
+    """Probability of so few runs of members and others in a random order (Wald and Wolfowitz 1940)."""
+    a, b = int(member.sum()), int((~member).sum())
+    if min(a, b) == 0:
+        return 1.0
+    n, runs = a + b, 1 + int((member[1:] != member[:-1]).sum())
+    mean = 1 + 2 * a * b / n
+    variance = max((mean - 1) * (mean - 2) / (n - 1), 1e-12)
+    return float(norm.cdf((runs + 0.5 - mean) / np.sqrt(variance)))
+
+
+def share_of_part(scoring: Scoring, scores: Scores, unlike: Bool[Array, " M"]) -> tuple[float, int]:
+    """The largest share of the evidence against the `unlike` that is in one part of the action, and that part; 0 for
+    actions of fewer than three parts."""
+    data = scoring.data
+    weight = data.per_step(scores.fit.group.astype(float))
+    by_part = scoring.model.log_prob_of_parts(weight, scoring.ridge) if unlike.any() else None
+    if by_part is None or by_part.shape[1] < 3:
+        return 0.0, 0
+    means = data.sum_steps(by_part) / data.lengths[:, None]
+    lack = np.maximum(np.median(means[scores.fit.group], axis=0) - means[unlike].mean(axis=0), 0.0)
+    return float(lack.max() / max(lack.sum(), 1e-12)), int(lack.argmax())
+
+
+def telling_pair(claims: Claims, score: Float[Array, " M"]) -> tuple[int, int] | None:
+    """Two demonstrations, of which an answer says most which is better: the 90 % and the 10 % points of the ranking, or
+    the middle members of two groups. Extremes are often odd in other ways. None where all scores are the same."""
+    if claims.groups is not None:
+        first, second = (int(group[np.argsort(score[group])[len(group) // 2]]) for group in claims.groups)
+        return first, second
+    order, last = np.argsort(score, kind="stable"), len(score) - 1
+    if not np.ptp(score) > 0:
+        return None
+    return int(order[round(0.9 * last)]), int(order[round(0.1 * last)])
+
+
+def missing_steps(scoring: Scoring, scores: Scores) -> int:
+    """How many independent steps a demonstration lacks to be told from one that does not look at the state, at an error
+    of `max_error` either way: n = (2 z s / g)^2, for log-ratios of a step with mean g and standard deviation s."""
+    data, z = scoring.data, norm.isf(scoring.settings.claims.max_error)
+    typical = data.mean_steps(scores.fit.held_out.log_prob - scoring.log_q)[scores.fit.group]
+    gain = float(np.median(typical))
+    if gain <= 0:
+        return 0
+    needed = (2 * z * np.sqrt(scores.step_variance) / gain) ** 2
+    return max(0, int(np.ceil(needed - np.median(scores.effective_steps))))

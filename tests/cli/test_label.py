@@ -1,0 +1,256 @@
+"""The questions of ``rpil label``: what is asked, written, undone and named."""
+
+from __future__ import annotations
+
+import io
+import json
+import re
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+from click.testing import CliRunner
+
+from command_line import ok, refused
+from rpil import RPIL, read
+from rpil.cli.commands import CommandSettings
+from rpil.cli.label import MAX_QUESTIONS, Asking, change_lines, contradiction_lines, question_lines, rows_of
+from rpil.cli.main import main
+from rpil.cli.progress import ProgressTiming
+from small import FAST
+
+N_STEPS, BAD = 40, {3, 5, 8, 9}
+
+
+def write(name, n=24, **columns):
+    """Demonstrations of a controller at 10 steps a second, but for the `BAD` ones, which act at random."""
+    rng = np.random.default_rng(1)
+    owner = np.repeat(np.arange(n), N_STEPS)
+    x, v = rng.normal(size=(2, len(owner)))
+    action = np.where(np.isin(owner, list(BAD)), rng.uniform(-1, 1, len(x)), np.tanh(2 * x - v))
+    columns = {"timestamp": np.tile(np.arange(N_STEPS) * 0.1, n), **columns}
+    table = {"episode_index": owner, "x": x, "v": v, "action": action + 0.1 * rng.normal(size=len(x)), **columns}
+    pq.write_table(pa.table(table), name)
+    return str(name)
+
+
+@pytest.fixture(scope="module")
+def data(tmp_path_factory):
+    return write(tmp_path_factory.mktemp("label") / "d.parquet")
+
+
+@pytest.fixture(scope="module")
+def audit(data):
+    return RPIL(settings=FAST).fit(read(data, observations=["x", "v"])).audit_
+
+
+def label(keys, *arguments):
+    """A run that is given the lines `keys`."""
+    settings = CommandSettings(ProgressTiming(first=1e3), FAST)
+    lines = "".join(f"{key}\n" for key in keys)
+    result = CliRunner().invoke(main, ["label", *arguments, "--observations", "x,v"], input=lines, obj=settings)
+    assert result.exit_code == 0, result.output
+    return result.stdout
+
+
+def rows():
+    return Path("labels.csv").read_text().splitlines()
+
+
+def test_a_run_asks_the_pair_first_and_writes_every_answer(data):
+    out = label("x1gq", data)
+    pair = re.search(r"Question 1 of 8 at most. Which is better: (\d+) .*or (\d+) .*\?", out)
+    assert len(BAD & {int(name) for name in pair.groups()}) == 1
+    assert re.search(r"steps \d+ to \d+, \d\.\d to \d\.\d s", out)
+    assert "Give one of 1, 2, 3, 4, u, s, z, q." in out
+    single = re.search(r"Question 2 of 8 at most. Is it good or bad: (\d+)", out)[1]
+    assert rows() == ["id,label", f"{pair[1]},better than {pair[2]}", f"{single},good"]
+    assert "Now: 0 good, 24 open, 0 bad.\nOther words than before, open: 0, 1, " in out
+    assert "One answer alone gives no word" in out
+    assert re.search(r"P\(good\) moved most: \d+ [01]\.\d\d to [01]\.\d\d, ", out)
+    assert out.splitlines()[-2:] == [
+        "2 answers of this run in labels.csv.",
+        f"Then run: rpil audit {data} --observations x,v --labels labels.csv",
+    ]
+    found = json.loads(ok("audit", data, "--observations", "x,v", "--labels", "labels.csv", "--json").stdout)
+    assert (found["finding"], found["question"]) == ("answered", None)
+
+
+def test_a_run_goes_on_where_the_last_one_ended(data):
+    Path("labels.csv").write_text("note,id,label\nseen,3,BAD\n,0,better than 3\n,1,good\n")
+    out = label("gb", data)  # the end of the input ends it too
+    assert out.startswith("Answered: ")
+    assert "Which is better" not in out
+    asked = re.findall(r"Is it good or bad: (\d+)", out)
+    assert rows() == ["note,id,label", "seen,3,BAD", ",0,better than 3", ",1,good",
+                      f",{asked[0]},good", f",{asked[1]},bad"]  # fmt: skip
+    assert not {"1", "3"} & set(asked)
+
+
+def test_undo_takes_back_the_last_answer_and_asks_again(data):
+    out = label("z1zq", data)
+    assert "There is nothing to undo." in out
+    assert out.count("Question 1 of 8") == 3
+    assert "Other words than before, typical: " in out
+    assert out.endswith("No answer was given, and nothing was written.\n")
+    assert not Path("labels.csv").exists()
+    out = label("4gzbz", data)
+    pair = re.search(r"better: (\d+) .*or (\d+) ", out).groups()
+    assert rows() == ["id,label", *(f"{name},bad" for name in pair)]
+
+
+def test_what_cannot_be_told_or_is_skipped_is_not_written_and_not_asked_again(data):
+    out = label(["s", *"us" * 4, "g", "q"], data)
+    asked = re.findall(r"Is it good or bad: (\d+)", out)
+    assert len(set(asked)) == len(asked) == 10
+    assert rows() == ["id,label", f"{asked[8]},good"]
+    assert re.findall(r"Question (\d) of", out) == ["1", "1", "2", "2", "3", "3", "4", "4", "5", "5", "6"]
+    out = label("u" * 9, data, "--labels", "other.json")
+    assert out.count("Question") == MAX_QUESTIONS
+    assert "Nothing more is asked in this run." in out
+    assert not Path("other.json").exists()
+
+
+def test_json_is_written_where_it_is_named(data):
+    out = label("3", data, "--labels", "l.json")
+    pair = re.search(r"better: (\d+) .*or (\d+) ", out).groups()
+    assert json.loads(Path("l.json").read_text()) == dict.fromkeys(pair, "good")
+    assert out.endswith("--labels l.json\n")
+
+
+def test_an_interruption_leaves_the_answers(data, monkeypatch):
+    class Lines(io.StringIO):
+        def readline(self, *_):
+            return super().readline() or self.stop()
+
+        def stop(self):
+            raise KeyboardInterrupt
+
+    invoked = CliRunner()
+    lines = Lines("1\ng\n")
+    monkeypatch.setattr("rpil.cli.label.sys", type("Sys", (), {"stdin": lines, "stdout": sys.stdout}))
+    settings = CommandSettings(ProgressTiming(first=1e3), FAST)
+    result = invoked.invoke(main, ["label", data, "--observations", "x,v"], obj=settings)
+    assert result.exit_code == 130
+    assert result.stderr.endswith("rpil: interrupted; the answers so far are in labels.csv.\n")
+    assert len(rows()) == 3
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("3,great\n", "labels.csv, demonstration '3': unknown label 'great'"),
+        ("3,better than 77\n", "no demonstration is called '77'"),
+        ("77,good\n", "no demonstration is called '77'"),
+        ("3,better than 3\n", "labels.csv, demonstration '3': it is compared with itself"),
+        ("3,better than 4\n4,better than 3\n", "labels.csv, '4' and '3': each is better"),
+    ],
+)
+@pytest.mark.parametrize("command", ["label", "audit"])
+def test_bad_answers_are_refused(data, command, text, words):
+    Path("labels.csv").write_text(f"id,label\n{text}")
+    refused(words, command, data, "--labels", "labels.csv", "-q", "--observations", "x,v")
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (["--labels", "l.txt"], "use one of .csv, .json"),
+        (["--labels", "nowhere/l.csv"], "there is no folder nowhere"),
+        (["--adversary", "marginal"], "keeps nothing to learn from answers; leave out --adversary"),
+    ],
+)
+def test_what_cannot_be_asked_is_refused_before_a_question(data, options, words):
+    refused(words, "label", data, "-q", "--observations", "x,v", *options)
+
+
+def test_pairs_reach_the_fit(data, monkeypatch):
+    found = []
+    fit = RPIL.fit
+    monkeypatch.setattr(RPIL, "fit", lambda self, *a, **given: (found.append(self.labels), fit(self, *a, **given))[1])
+    Path("l.csv").write_text("id,label\n0,better than 3\n3,bad\n1,better than 5\n")
+    out = ok("audit", data, "--labels", "l.csv", "-q", "--observations", "x,v", "--json").stdout
+    assert found == [[("3", "bad"), ("0", "better than 3"), ("1", "better than 5")]]
+    assert "1 label, 2 pairs" in " ".join(json.loads(out)["assumptions"])
+
+
+def test_tasks_are_asked_about_together_and_pairs_between_them_are_left_out():
+    name = write("t.parquet", task=np.repeat(np.where(np.arange(24) < 12, "lift", "turn"), N_STEPS))
+    Path("labels.csv").write_text("id,label\n0,better than 3\n3,better than 20\n")
+    settings = CommandSettings(ProgressTiming(first=1e3), FAST)
+    result = CliRunner().invoke(main, ["label", name, "--observations", "x,v"], input="g\nb\n", obj=settings)
+    assert result.exit_code == 0, result.output
+    assert "labels.csv: 1 pair compares demonstrations of different tasks, and is left out." in result.stderr
+    assert len(rows()) == 5
+
+
+def test_a_question_names_facts_and_never_what_the_audit_thinks(audit):
+    text = "\n".join(question_lines(audit, (0, 3), 1, 10.0))
+    assert re.search(r"  0: 40 steps; ranks: length 0\.50, pauses 0\.\d\d, smoothness ", text)
+    assert not re.search(r"P\(|typical|unlike", text)
+
+
+@pytest.mark.parametrize(
+    ("key", "answer"),
+    [
+        ("1", (("a", "better than 7"),)),
+        ("2", (("7", "better than a"),)),
+        ("3", (("a", "good"), ("7", "good"))),
+        ("4", (("a", "bad"), ("7", "bad"))),
+        ("u", ()),
+    ],
+)
+def test_keys_as_answers(key, answer):
+    assert rows_of(("a", 7), key) == answer
+    assert rows_of((7,), "g") + rows_of((7,), "b") == (("7", "good"), ("7", "bad"))
+
+
+def test_it_ends_after_four_questions_where_no_demonstration_is_open(audit):
+    assert "open" not in audit.verdicts
+    assert Asking(audit, n_asked=3).question(audit) == audit.pair
+    assert Asking(audit, n_asked=4).question(audit) == audit.pair  # nothing was answered
+    sure = replace(audit, anchor="answers")
+    assert Asking(audit, n_asked=3).question(sure) == audit.pair
+    assert Asking(audit, n_asked=4).question(sure) == ()
+    doubtful = audit.answered({0: "good"})
+    assert len(Asking(audit, n_asked=4, pair_passed=True).question(doubtful)) == 1
+
+
+def test_an_answer_that_looks_wrong_is_named_once(audit):
+    right = {name: "bad" if name in BAD else "good" for name in (0, 1, 2, 3, 5, 8)}
+    before, after = audit.answered(right), audit.answered({**right, 9: "good"})
+    assert list(contradiction_lines((), before)) == []
+    assert list(contradiction_lines((), after)) == ["9 contradicts 6 others; look again."]
+    assert list(contradiction_lines((9,), after)) == []
+    assert list(change_lines(before, after))[-1] == "9 contradicts 6 others; look again."
+    assert "No word changed." in list(change_lines(after, after))
+
+
+def test_the_question_of_an_audit(audit):
+    found = audit.to_dict()["question"]
+    assert found["pair"] == list(audit.pair)
+    assert found["text"] == audit.question
+    for name, stretch in zip(audit.pair, found["look_at"], strict=True):
+        where = str(name) if stretch is None else f"{name} (look at steps {stretch[0]} to {stretch[1]})"
+        assert where in audit.question
+    answered = audit.answered({0: "good", 3: "bad"})
+    assert answered.question is None
+    assert answered.to_dict()["question"] is None
+
+
+def test_facts_are_in_every_output_and_change_no_word(data):
+    table = pq.read_table(data).append_column("day", pa.array(np.repeat(np.where(np.arange(24) % 2, "a", "b"), 40)))
+    pq.write_table(table, "s.parquet")
+    plain = json.loads(ok("audit", data, "--observations", "x,v", "--json").stdout)["demonstrations"]
+    options = ["--session", "day", "--observations", "x,v", "--verdicts", "v.csv", "--json"]
+    rows = json.loads(ok("audit", "s.parquet", *options).stdout)["demonstrations"]
+    assert {row["facts"]["session"] for row in rows if row["id"] % 2} == {"a"}
+    assert set(plain[0]["facts"]) >= {"length", "pauses", "smoothness", "path", "unusual end"}
+    header = Path("v.csv").read_text().splitlines()[0].replace('"', "").split(",")
+    assert [name for name in header if name.startswith("fact_")] == [
+        *("fact_length", "fact_pauses", "fact_smoothness", "fact_path", "fact_unusual_end", "fact_session")
+    ]

@@ -1,0 +1,68 @@
+"""docs/model.md: its table has the settings of the judge, its other constants are theirs, and its modules exist."""
+
+from __future__ import annotations
+
+import importlib
+import re
+from pathlib import Path
+
+from rpil.inference import settings
+from rpil.inference.channels import CHANNELS
+from rpil.inference.groups import CLUSTER_DISTANCE
+
+TEXT = (Path(__file__).parents[2] / "docs" / "model.md").read_text(encoding="utf-8")
+FLAT = " ".join(TEXT.split())
+ROWS = re.findall(r"^\| ([a-z ]+) \|(?! ---)(?! a word needs)", TEXT, re.MULTILINE)
+
+
+def test_settings_in_the_table_are_those_of_the_judge():
+    named = re.findall(r"`(\w+)\.(\w+) = ([\d.]+)`", TEXT)
+    assert len(named) > 15
+    for record, name, value in named:
+        assert getattr(getattr(settings, record)(), name) == float(value), f"{record}.{name}"
+
+
+def test_rows_have_names_of_their_own():
+    assert len(ROWS) == len(set(ROWS)) > 15
+
+
+def test_constants_of_answers_are_those_of_the_judge():
+    answers = settings.AnswerSettings()
+    first, second = answers.error_rates
+    assert f"with probability {1 - answers.p_agreement:.2f} beforehand".replace("0.", ".") in FLAT
+    assert f"The **error rate** $e$ is {first} or {second}".replace("0.", ".") in FLAT
+    assert f"the **sharpness** {answers.sharpness}" in FLAT
+    assert f"$w_0$ is 1 on agreement, {answers.group_weight:.0f} on the group" in FLAT
+    assert f"within {answers.max_group_log_odds:.0f} nats" in FLAT
+    assert f"({', '.join(CHANNELS)})" in FLAT
+
+
+def test_constants_of_scores_are_those_of_the_judge():
+    judge = settings.JudgeSettings()
+    assert f"the {judge.trimming.share:.0%}".replace("%", " %") in FLAT
+    assert f"at an error of {judge.claims.max_error} either way".replace("0.", ".") in FLAT
+    assert rf"$\mu_1 - \mu_0 > {CLUSTER_DISTANCE:.0f} \sqrt{{t_0}}$" in FLAT
+    assert judge.trimming.max_iter == 4
+    assert "at most four times" in FLAT
+
+
+def test_constants_of_rivals_are_those_of_the_judge():
+    rivals = settings.RivalSettings()
+    rows = dict(re.findall(r"^\| ([a-z ]+) \|(.*)", TEXT, re.MULTILINE))
+    credible = f"less than {rivals.standard_errors:.0f} standard errors above 0"
+    assert (
+        f"gain of all lower ones {credible} and at most {rivals.max_noise} of".replace("0.", ".") in rows["by chance"]
+    )
+    share = f"at least {rivals.max_shared_gain} of it shared".replace("0.", ".")
+    assert f"gain on $B$ {credible}, or {share}" in rows["no rival"]
+    assert rivals.max_iter == 3
+    assert "found in at most three rounds" in FLAT
+    assert rivals.max_shared_gain == 0.5
+    assert r"< \tfrac12 \operatorname*{median}" in FLAT
+
+
+def test_modules_on_the_page_exist():
+    modules = set(re.findall(r"`(rpil(?:\.\w+)+)`", TEXT))
+    assert len(modules) > 8
+    for name in modules:
+        importlib.import_module(name)

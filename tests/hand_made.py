@@ -1,0 +1,106 @@
+"""Scores and policies made by hand, so that a decision of the judge can be tested alone.
+
+All demonstrations take the same actions, so that every group of them has the same frequencies of actions. What a policy
+explains beyond these is written down: a gain for each demonstration.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rpil.data.fit_data import FitData
+from rpil.data.spaces import Box, Discrete
+from rpil.inference.groups import Groups
+from rpil.inference.held_out import HeldOutLogProb, HeldOutModel, log_reference
+from rpil.inference.scores import Scores, Scoring
+from rpil.inference.settings import JudgeSettings
+from rpil.inference.trimming import TrimmedFit
+
+Array = NDArray[Any]
+Gains = Callable[[Array], Any]
+"""Of the policy fitted to a group (M,) bool: its gain over frequent actions on each demonstration, (M,) or a number."""
+
+
+def same_actions(n_demonstrations: int, discrete: bool = False, n_parts: int = 2) -> FitData:
+    """Demonstrations that all take the same actions: an odd number of them, whose median is that of any group."""
+    steps = 4 if discrete else 5
+    n = n_demonstrations * steps
+    features = np.column_stack([np.tile(np.arange(float(steps)), n_demonstrations), np.ones(n)])
+    offsets, labels = np.arange(0, n + 1, steps), np.zeros(n_demonstrations, dtype=int)
+    if discrete:
+        return FitData(features, np.tile(np.arange(steps) % 2, n_demonstrations), offsets, Discrete(2), labels)
+    actions = np.tile(np.random.default_rng(0).normal(size=(steps, n_parts)), (n_demonstrations, 1))
+    return FitData(features, actions, offsets, Box.around(actions), labels)
+
+
+def reference(data: FitData, settings: JudgeSettings) -> Array:
+    """log q of every step, for each group of demonstrations."""
+    return log_reference(data, np.ones(data.n_demonstrations, dtype=bool), settings.held_out)
+
+
+@dataclass(eq=False)
+class Written(HeldOutModel):
+    """Policies whose gains are written down."""
+
+    data: FitData
+    gains: Gains
+    settings: JudgeSettings
+    parts: Array | None = None
+    """(M, A): log-density of each part of the actions, for every group."""
+    gains_at: Gains | None = None
+    """The same as `gains` where the errors have the scale of another group; None where the scale changes nothing."""
+    fitted: list[Array] = field(default_factory=list)
+    """The groups to which policies were fitted."""
+    scaled: list[tuple[Array, Array]] = field(default_factory=list)
+    """The groups to which policies were fitted, and those whose scale of errors they got."""
+    copies: list[Written] = field(default_factory=list)
+
+    def evaluate(self, weight: Array, ridge: float) -> HeldOutLogProb:
+        group = self.data.mean_steps(weight) > 0
+        self.fitted.append(group)
+        log_prob = self._log_prob(self.gains(group))
+        return HeldOutLogProb(log_prob, log_prob - log_prob.mean())
+
+    def log_prob_at(self, weight: Array, other: Array, ridge: float) -> Array:
+        group, scale_of = (self.data.mean_steps(each) > 0 for each in (weight, other))
+        self.scaled.append((group, scale_of))
+        return self._log_prob((self.gains_at or self.gains)(group))
+
+    def log_prob_of_parts(self, weight: Array, ridge: float) -> Array | None:
+        self.fitted.append(self.data.mean_steps(weight) > 0)
+        return None if self.parts is None else self.data.per_step(self.parts)
+
+    def cold_copy(self) -> Written:
+        self.copies.append(Written(self.data, self.gains, self.settings, self.parts, self.gains_at))
+        return self.copies[-1]
+
+    def _log_prob(self, gains: Any) -> Array:
+        of_each = np.broadcast_to(np.asarray(gains, dtype=float), self.data.n_demonstrations)
+        return self.data.per_step(of_each) + reference(self.data, self.settings)
+
+
+def scoring_of(data: FitData, gains: Gains, settings: JudgeSettings, parts: Array | None = None) -> Scoring:
+    """How demonstrations are scored by policies with these gains."""
+    model = Written(data, gains, settings, parts)
+    return Scoring(data, model, settings, 1e-2, reference(data, settings), True)
+
+
+def groups_of(p_two: float, share: float = 0.5, deviation: float = 0.1) -> Groups:
+    """Two groups of scores, around 0 and 1, with a standard deviation."""
+    spread = np.full(2, deviation**2)
+    return Groups(float(np.log(p_two / (1 - p_two))), np.array([0.0, 1.0]), spread, share, 0.1, 0.9, np.array([0.0, 1]))
+
+
+def scores_of(scoring: Scoring, score: Any, p_two: float, deviation: float = 0.1, **other: Any) -> Scores:
+    """Scores around 0 and 1, where the training group has those above one half."""
+    score = np.asarray(score, dtype=float)
+    log_prob = scoring.data.per_step(score) + scoring.log_q
+    fit = TrimmedFit(HeldOutLogProb(log_prob, log_prob * 0), score > 0.5, scoring.ridge, np.zeros(1))
+    fields = {"effective_steps": np.full(len(score), 4.0), "step_variance": 1.0, "state_predicts_action": True}
+    groups = groups_of(p_two, deviation=deviation)
+    return Scores(score, np.full(len(score), 1e-4), groups=groups, fit=fit, **(fields | other))

@@ -1,0 +1,229 @@
+"""Bayesian logistic regression on answers, against numerical integration and hand-made answers."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.optimize import approx_fprime
+from scipy.special import expit, logit
+from scipy.stats import rankdata
+
+from rpil.inference import answers as module
+from rpil.inference.answers import Answers, posterior
+from rpil.inference.settings import AnswerSettings
+
+NAN, SETTINGS = np.nan, AnswerSettings()
+
+
+def answers_of(labels=(), pairs=(), outcome=None, m=None) -> Answers:
+    labels = np.asarray(labels if len(labels) else np.zeros(m or 0), dtype=np.int64)
+    outcome = np.full(len(labels), NAN) if outcome is None else np.asarray(outcome, dtype=float)
+    return Answers(labels, np.array(pairs, dtype=np.int64).reshape(-1, 2), outcome)
+
+
+def test_what_is_known_is_counted():
+    assert not Answers.none().any
+    assert not answers_of([0, 0]).any
+    some = answers_of([1, 0, -1, 0], [(0, 1)], [NAN, 2.0, 3.0, NAN])
+    assert some.any
+    assert some.count == 5
+    labelled = Answers.of_labels(np.array([1, 0, -1]))
+    assert labelled.count == 2
+    assert labelled.pairs.shape == (0, 2)
+
+
+def test_answers_about_some_of_the_demonstrations():
+    some = answers_of([1, 0, -1, 0], [(0, 1), (3, 2), (2, 0)], [NAN, 2.0, 3.0, 4.0]).select([2, 0, 3])
+    assert some.labels.tolist() == [-1, 1, 0]
+    assert some.pairs.tolist() == [[2, 0], [0, 1]]
+    np.testing.assert_array_equal(some.outcome, [3.0, NAN, 4.0])
+    assert answers_of([1, 0], [(0, 1)]).select([1]).pairs.shape == (0, 2)
+
+
+def test_answers_without_one_label():
+    some = answers_of([1, -1, 1], [(0, 1)], [1.0, NAN, NAN])
+    less = some.without(1)
+    assert less.labels.tolist() == [1, 0, 1]
+    assert some.labels.tolist() == [1, -1, 1]
+    assert less.count == some.count - 1
+
+
+def test_ranks_of_an_outcome_are_shares_that_are_lower_ties_half():
+    outcome = np.array([5.0, NAN, 1.0, 5.0, 3.0, 9.0])
+    known = outcome[np.isfinite(outcome)]
+    by_hand = [np.mean(known < value) + 0.5 * np.mean(known == value) for value in outcome]
+    np.testing.assert_allclose(answers_of(m=6, outcome=outcome).ranks(), np.where(np.isfinite(outcome), by_hand, NAN))
+    assert answers_of(m=2, outcome=[4.0, NAN]).ranks()[0] == 0.5
+
+
+def test_an_outcome_of_0_and_1_is_a_flag_and_other_values_are_ranks():
+    np.testing.assert_array_equal(answers_of(m=5, outcome=[0, 1, NAN, 1, 1]).ranks(), [0, 1, NAN, 1, 1])
+    ranks = answers_of(m=5, outcome=[-3, 8, NAN, 8, 8]).ranks()
+    np.testing.assert_array_equal(ranks, [1 / 8, 5 / 8, NAN, 5 / 8, 5 / 8])
+
+
+def test_unknown_outcomes_have_no_rank():
+    assert np.isnan(answers_of(m=3).ranks()).all()
+
+
+def test_rows_are_labels_then_outcomes_then_differences_of_pairs():
+    channels = np.array([[1.0, 2.0], [3.0, 5.0], [7.0, 11.0], [13.0, 17.0]])
+    some = answers_of([0, -1, 0, 1], [(0, 2), (3, 1)], [4.0, 5.0, 6.0, NAN])
+    rows, targets = some.rows(channels)
+    assert rows.tolist() == [
+        [1, 3, 5],
+        [1, 13, 17],
+        [1, 1, 2],
+        [1, 7, 11],
+        [0, -6, -9],
+        [0, 10, 12],
+    ]
+    # 1 is labelled: its outcome is known, and counts in the ranks of the others alone
+    np.testing.assert_allclose(targets, [0, 1, 1 / 6, 5 / 6, 1, 1])
+
+
+def made(seed=0, m=14, columns=3):
+    """Channels, and answers of all sorts."""
+    rng = np.random.default_rng(seed)
+    channels = rng.normal(size=(m, columns))
+    labels = np.where(rng.random(m) < 0.4, np.sign(channels[:, 1] + 0.3 * rng.normal(size=m)), 0).astype(np.int64)
+    outcome = np.where(rng.random(m) < 0.4, channels[:, 0] + rng.normal(size=m), NAN)
+    return channels, answers_of(labels, [(0, 1), (2, 3), (5, 4)], outcome)
+
+
+def prior(columns, direction):
+    """Mean and precision of w."""
+    mean = np.zeros(columns + 1)
+    mean[1], mean[-1] = 1.0, SETTINGS.group_weight
+    return direction * mean, np.append(SETTINGS.offset_precision, np.full(columns, SETTINGS.precision))
+
+
+def log_joint(w, rows, targets, mean, precision, error):
+    """Of w and the answers, up to the constant of the prior: written again from the formula."""
+    yes = (1 - 2 * error) * expit(rows @ w) + error
+    return targets @ np.log(yes) + (1 - targets) @ np.log(1 - yes) - 0.5 * precision @ (w - mean) ** 2
+
+
+def components():
+    """Direction and error rate of each normal distribution."""
+    return [(direction, error) for direction in (1.0, -1.0) for error in SETTINGS.error_rates]
+
+
+def test_means_have_no_slope_by_finite_differences():
+    channels, some = made()
+    found, (rows, targets) = posterior(channels, some, SETTINGS), some.rows(channels)
+    for mean, (direction, error) in zip(found.mean, components(), strict=True):
+        start, precision = prior(3, direction)
+        slope = approx_fprime(mean, log_joint, 1e-6, rows, targets, start, precision, error)
+        np.testing.assert_allclose(slope, 0.0, atol=1e-3)
+        assert np.abs(mean - start).max() > 0.05
+
+
+def test_covariances_are_inverse_expected_information():
+    channels, some = made()
+    found, (rows, _) = posterior(channels, some, SETTINGS), some.rows(channels)
+    for k, (direction, error) in enumerate(components()):
+        information = np.diag(prior(3, direction)[1])
+        for row in rows:
+            yes = (1 - 2 * error) * expit(row @ found.mean[k]) + error
+            slope = approx_fprime(found.mean[k], lambda w, a=row, e=error: (1 - 2 * e) * expit(a @ w) + e, 1e-7)
+            information = information + np.outer(slope, slope) / (yes * (1 - yes))
+        np.testing.assert_allclose(found.covariance[k], np.linalg.inv(information), atol=1e-5)
+    np.testing.assert_allclose(found.error, [error for _, error in components()])
+
+
+PAIR_CHANNEL = np.array([0.9, -0.4, 0.3, -1.2, 0.5, 0.1])
+PAIRS = [(0, 1), (2, 3), (1, 3), (5, 4), (0, 4)]
+
+
+def integrated(rows, targets, direction, error):
+    """Log-evidence of answers about pairs, where one weight is all there is."""
+    grid = np.linspace(-12, 12, 2_001)
+    joint = [
+        log_joint(np.array([0.0, w]), rows, targets, np.array([0.0, direction * 2.0]), np.array([0.25, 1.0]), error)
+        for w in grid
+    ]
+    return np.log(np.exp(joint).sum() * (grid[1] - grid[0]) / np.sqrt(2 * np.pi))
+
+
+def test_evidence_is_that_of_numerical_integration():
+    rows, targets = answers_of(m=6, pairs=PAIRS).rows(PAIR_CHANNEL[:, None])
+    for direction, error in components():
+        anchor, precision = np.array([0.0, direction * 2.0]), np.array([0.25, 1.0])
+        _, _, evidence = module._laplace(rows, targets, anchor, precision, error)
+        assert float(evidence) == pytest.approx(integrated(rows, targets, direction, error), abs=0.2)
+    _, _, nothing = module._laplace(rows[:0], targets[:0], anchor, precision, 0.1)
+    assert float(nothing) == pytest.approx(0.0, abs=1e-9)
+
+
+def test_posterior_of_directions_and_error_rates():
+    some = answers_of(m=6, pairs=PAIRS)
+    rows, targets = some.rows(PAIR_CHANNEL[:, None])
+    found = posterior(PAIR_CHANNEL[:, None], some, SETTINGS)
+    log_weight = np.array([integrated(rows, targets, *component) for component in components()])
+    log_weight += np.log([0.85, 0.85, 0.15, 0.15])
+    weight = np.exp(log_weight) / np.exp(log_weight).sum()
+    np.testing.assert_allclose(np.exp(found.log_weight), weight, atol=0.01)
+    assert np.exp(found.log_weight).sum() == pytest.approx(1.0)
+    assert found.error_rate == pytest.approx(weight @ [0.02, 0.1, 0.02, 0.1], abs=1e-3)
+
+
+def test_without_answers_the_ranking_is_by_agreement():
+    rng = np.random.default_rng(0)
+    channels = np.column_stack([rng.normal(size=(9, 3)), np.zeros(9)])
+    found = posterior(channels, answers_of(m=9), SETTINGS)
+    # equally sure: the higher in agreement, the more likely good
+    channels[:, 1:3] = 0.0
+    np.testing.assert_array_equal(rankdata(found.proba(channels)), rankdata(channels[:, 0]))
+    np.testing.assert_allclose(np.exp(found.log_weight), [0.425, 0.425, 0.075, 0.075])
+    np.testing.assert_allclose(found.mean[0], [0, 1, 0, 0, SETTINGS.group_weight], atol=1e-6)
+    np.testing.assert_allclose(found.mean[2], [0, -1, 0, 0, -SETTINGS.group_weight], atol=1e-6)
+    np.testing.assert_allclose(found.covariance[0], np.diag([4.0, 1, 1, 1, 1]), atol=1e-9)
+
+
+def test_proba_by_hand():
+    channels, some = made()
+    found = posterior(channels, some, SETTINGS)
+    mean, variance = found.logits(channels)
+    by_hand = np.zeros(len(channels))
+    for k, weight in enumerate(np.exp(found.log_weight)):
+        for m, row in enumerate(np.column_stack([np.ones(len(channels)), channels])):
+            assert mean[m, k] == pytest.approx(row @ found.mean[k])
+            assert variance[m, k] == pytest.approx(row @ found.covariance[k] @ row)
+            moderated = (row @ found.mean[k]) / np.sqrt(1 + np.pi / 8 * (row @ found.covariance[k] @ row))
+            by_hand[m] += weight * expit(1.6 * moderated)
+    np.testing.assert_allclose(found.proba(channels), by_hand)
+    soft = posterior(channels, some, replace(SETTINGS, sharpness=0.5))
+    assert np.abs(logit(soft.proba(channels))).max() < np.abs(logit(by_hand)).max()
+
+
+def test_labels_against_agreement_turn_the_direction():
+    channels = np.column_stack([np.linspace(-2, 2, 12), np.linspace(-1, 1, 12)])
+    against = answers_of([1, 1, 0, 0, 1, 0, 0, -1, 0, 0, -1, -1])
+    found = posterior(channels, against, SETTINGS)
+    assert np.exp(found.log_weight)[2:].sum() > 0.9
+    assert found.proba(channels)[0] > 0.9 > 0.1 > found.proba(channels)[-1]
+    agreed = posterior(channels, answers_of((-against.labels).tolist()), SETTINGS)
+    assert np.exp(agreed.log_weight)[:2].sum() > 0.95
+
+
+def test_a_pair_turned_round_turns_the_answer_round():
+    channels = np.random.default_rng(1).normal(size=(6, 2))
+    even = replace(SETTINGS, p_agreement=0.5)
+    one, two = (
+        posterior(channels, answers_of(m=6, pairs=pairs), even) for pairs in ([(0, 1), (2, 3)], [(1, 0), (3, 2)])
+    )
+    np.testing.assert_allclose(one.proba(channels), 1 - two.proba(channels), atol=1e-5)
+    assert np.ptp(one.proba(channels)) > 0.05
+
+
+def test_wrong_answers_make_errors_likely():
+    channels = np.column_stack([np.linspace(-3, 3, 20), np.repeat([-1.0, 1.0], 10)])
+    right = np.repeat([-1, 1], 10)
+    wrong = right.copy()
+    wrong[[0, 19]] *= -1
+    rates = [posterior(channels, answers_of(labels.tolist()), SETTINGS).error_rate for labels in (right, wrong)]
+    assert rates[0] < 0.06 < rates[1]
+    assert 0.02 < rates[0] < rates[1] < 0.1

@@ -1,0 +1,312 @@
+"""What the scores support without answers: every condition on scores made by hand, from both sides."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from hand_made import same_actions, scores_of, scoring_of
+from rpil.inference.claims import Claims, Doubt, by_chance, by_groups, claim, extended, missing_steps, said
+from rpil.inference.rivals import Lower
+from rpil.inference.settings import ClaimSettings, JudgeSettings
+
+SCORE = np.array([1.0] * 6 + [0.0] * 4)
+TYPICAL_AND_UNLIKE = [1] * 6 + [-1] * 4
+NOBODY = [0] * 10
+ONE_GROUP = "Other folds of the demonstrations give one group of scores."
+
+
+def settings_with(**limits):
+    return JudgeSettings(claims=replace(ClaimSettings(), **limits))
+
+
+def policies(upper=1.0, lower=0.0, elsewhere=-1.0, spread=0.0):
+    """Gains of the policy of the upper group, to which demonstration 0 belongs, and of those of lower ones: with a
+    large `spread` around `lower` they are not credible."""
+
+    def gains(group):
+        own = upper if group[0] else lower + spread * np.linspace(-1, 1, group.sum())
+        found = np.full(len(group), elsewhere if group[0] else -9.0)
+        found[group] = own
+        return found
+
+    return gains
+
+
+def scored(score=SCORE, p_two=0.999, gains=None, discrete=False, limits=(), **other):
+    score = np.asarray(score, dtype=float)
+    data = same_actions(len(score), discrete)
+    scoring = scoring_of(data, gains or policies(), settings_with(**dict(limits)))
+    scores = scores_of(scoring, score, p_two, **other)
+    explained = scoring.model.evaluate(data.per_step((score > 0.5).astype(float)), scoring.ridge)
+    return scoring, replace(scores, fit=replace(scores.fit, held_out=explained))
+
+
+def claimed(scored_, again=None, order=None):
+    found = claim(*scored_, again, order)
+    return found.finding, found.words.tolist()
+
+
+def sentences(found: Claims) -> list[str]:
+    return [doubt.sentence for doubt in found.doubts]
+
+
+def lower_of(upper, rival, is_rival=True) -> Lower:
+    upper, rival = (np.array(members, dtype=int) for members in (upper, rival))
+    return Lower(upper, rival, gain_upper=1.0, is_rival=is_rival, is_noise=False)
+
+
+@pytest.mark.parametrize(("p_two", "finding"), [(0.991, "some are unlike"), (0.989, "nobody stands out")])
+def test_two_groups_of_scores_must_be_nearly_certain(p_two, finding):
+    words = TYPICAL_AND_UNLIKE if finding == "some are unlike" else NOBODY
+    assert claimed(scored(p_two=p_two)) == (finding, words)
+
+
+def test_the_least_probability_of_two_groups_is_enough():
+    p_two = scored()[1].groups.p_two
+    assert claimed(scored(limits={"min_p_two": p_two}))[0] == "some are unlike"
+    found = scored(limits={"min_p_two": p_two})
+    assert claimed(found, found[1])[0] == "some are unlike"
+
+
+def test_nothing_could_be_learned_where_the_state_says_nothing_and_scores_are_one_group():
+    assert claimed(scored(p_two=0.5, state_predicts_action=False)) == ("nothing could be learned", NOBODY)
+    assert claimed(scored(state_predicts_action=False))[0] == "some are unlike"
+
+
+@pytest.mark.parametrize("gain", [0.0, -1.0])
+def test_a_policy_that_does_not_explain_its_own_actions_convicts_nobody(gain):
+    found = claim(*scored(gains=lambda group: np.full(10, gain)), None, None)
+    assert (found.finding, found.words.tolist()) == ("nothing could be learned", NOBODY)
+    assert found.lower is not None
+
+
+def test_a_small_gain_of_the_upper_group_is_a_gain():
+    assert claimed(scored(gains=policies(upper=1e-6, lower=-1.0)))[0] == "some are unlike"
+
+
+@pytest.mark.parametrize(("own", "finding"), [(0.3, "two groups"), (0.05, "some are unlike"), (0.0, "some are unlike")])
+def test_a_policy_of_their_own_makes_two_groups_of_which_neither_is_unlike(own, finding):
+    found = claim(*scored(gains=policies(lower=own)), None, None)
+    assert found.finding == finding
+    if finding == "some are unlike":
+        assert found.groups is None
+    else:
+        assert found.words.tolist() == NOBODY
+        assert [group.tolist() for group in found.groups] == [[0, 1, 2, 3, 4, 5], [6, 7, 8, 9]]
+
+
+def test_no_groups_without_lower_ones():
+    assert Claims("two groups", np.zeros(3, dtype=int)).groups is None
+
+
+@pytest.mark.parametrize(("n_upper", "finding"), [(1, "nobody stands out"), (2, "some are unlike")])
+def test_the_upper_group_has_two_members_at_least(n_upper, finding):
+    score = np.where(np.arange(10) < n_upper, 1.0, 0.0)
+    assert claimed(scored(score))[0] == finding
+
+
+def test_all_in_the_upper_group_are_no_split():
+    assert by_groups(*scored(np.ones(10)), None) is None
+    assert by_chance(*scored(np.ones(10), discrete=True), None) is None
+
+
+def test_uncertain_demonstrations_are_open():
+    score = SCORE.copy()
+    score[[5, 6]] = 0.51, 0.49  # log-odds of 1 and -1
+    assert claimed(scored(score))[1] == [1, 1, 1, 1, 1, 0, 0, -1, -1, -1]
+
+
+def test_words_begin_at_the_log_odds_of_the_limit_itself():
+    limits, log_odds = ClaimSettings(), ClaimSettings().log_odds
+    assert log_odds == pytest.approx(np.log(9))
+    _, scores = scored()
+    given = np.array([log_odds, -log_odds, log_odds - 1e-9, 1e-9 - log_odds, *np.zeros(6)])
+    assert said(scores, limits, np.ones(10, dtype=bool), given).tolist() == [1, -1] + [0] * 8
+
+
+def test_typical_is_the_better_half_where_the_lower_group_is_a_tail():
+    score = np.array([1.3, 1.2, 1.1, 1.0, 0.9, 0.8, -0.1, 0.0, 0.1, 0.0])
+    tail = scored(score, deviation=0.26)
+    assert not tail[1].groups.is_cluster
+    assert claimed(tail)[1] == [1, 1, 1, 0, 0, 0, -1, -1, -1, -1]
+    cluster = scored(score, deviation=0.2)
+    assert cluster[1].groups.is_cluster
+    assert claimed(cluster)[1] == TYPICAL_AND_UNLIKE
+    middle = scored(score[1:], deviation=0.26)  # the middle one of five is in the better half
+    assert claimed(middle)[1] == [1, 1, 1, 0, 0, -1, -1, -1, -1]
+
+
+@pytest.mark.parametrize("deviation", [0.1, 0.3])
+def test_without_an_upper_group_nobody_is_typical(deviation):
+    _, scores = scored(deviation=deviation)
+    assert said(scores, ClaimSettings(), np.zeros(10, dtype=bool), np.full(10, 5.0)).tolist() == NOBODY
+
+
+@pytest.mark.parametrize("deviation", [0.1, 0.3])
+def test_typical_are_members_of_the_upper_group(deviation):
+    _, scores = scored(deviation=deviation)
+    upper = np.arange(10) < 3
+    assert said(scores, ClaimSettings(), upper, np.full(10, 5.0)).tolist() == [1] * 3 + [0] * 7
+
+
+def test_noise_leaves_the_better_half_typical_where_scores_have_a_tail():
+    score = np.array([1.3, 1.2, 1.1, 1.0, 0.9, 0.8, -1.1, -1.0, -0.9, -1.0])
+    found = scored(score, 0.3, discrete=True, deviation=0.26)
+    assert by_chance(*found, None).words.tolist() == [1, 1, 1, 0, 0, 0, -1, -1, -1, -1]
+
+
+def test_nobody_unlike_means_that_nobody_is_called_typical():
+    score = np.array([1.0] * 6 + [0.49] * 4)
+    assert claimed(scored(score)) == ("nobody stands out", NOBODY)
+
+
+def test_words_need_both_dealings_of_the_folds():
+    scoring, scores = scored()
+    again = scores_of(scoring, [1, 1, 1, 1, 1, 0.4, 0.6, 0, 0, 0.49], 0.999)
+    assert claimed((scoring, scores), again) == ("some are unlike", [1, 1, 1, 1, 1, 0, 0, -1, -1, -1])
+
+
+@pytest.mark.parametrize(("p_two", "doubts"), [(0.991, []), (0.98, [ONE_GROUP])])
+def test_other_folds_must_give_two_groups(p_two, doubts):
+    scoring, scores = scored()
+    found = claim(scoring, scores, scores_of(scoring, SCORE, p_two), None)
+    assert sentences(found) == doubts
+    assert found.finding == ("in doubt" if doubts else "some are unlike")
+    assert found.words.tolist() == (NOBODY if doubts else TYPICAL_AND_UNLIKE)
+    assert all(len(doubt.members) == 0 for doubt in found.doubts)
+
+
+# By chance: the lower group takes discrete actions as noise does.
+NOISE = np.array([1.0] * 6 + [-1.0] * 4)
+
+
+def by_noise(score=NOISE, p_two=0.3, lower=0.0, limits=(), discrete=True, again=None, upper=1.0):
+    scoring, scores = scored(score, p_two, policies(upper, lower, spread=0.4), discrete, limits)
+    return by_chance(scoring, scores, None if again is None else scores_of(scoring, *again))
+
+
+@pytest.mark.parametrize(("p_two", "finding"), [(0.21, "some are unlike"), (0.19, "nobody stands out")])
+def test_noise_needs_some_evidence_of_two_groups(p_two, finding):
+    found = scored(NOISE, p_two, discrete=True)
+    assert claimed(found, found[1]) == (finding, TYPICAL_AND_UNLIKE if finding == "some are unlike" else NOBODY)
+
+
+def test_the_least_evidence_of_noise_is_enough():
+    p_two = scored(NOISE, 0.3)[1].groups.p_two
+    assert by_noise(limits={"min_p_two_of_noise": p_two}) is not None
+
+
+def test_continuous_actions_are_never_noise_by_chance():
+    assert by_noise(discrete=False) is None
+    assert claimed(scored(NOISE, 0.3))[0] == "nobody stands out"
+
+
+@pytest.mark.parametrize(("own", "is_noise"), [(0.19, True), (0.21, False)])
+def test_a_policy_of_noise_explains_less_than_a_tenth(own, is_noise):
+    assert (by_noise(lower=own, upper=2.0) is not None) is is_noise
+
+
+def test_no_gain_of_the_upper_group_no_noise():
+    assert by_noise(upper=0.0, lower=-1.0) is None
+    assert by_noise(upper=0.5, lower=-1.0) is not None
+
+
+def test_a_weak_policy_from_which_too_many_steps_are_missing_calls_nobody_noise():
+    assert by_noise(upper=1e-3, lower=-1.0) is None
+
+
+def test_a_credible_policy_is_no_noise_however_small_its_gain():
+    found = scored(NOISE, 0.3, policies(lower=0.01), discrete=True)
+    assert by_chance(*found, None) is None
+
+
+@pytest.mark.parametrize(("n_upper", "is_split"), [(0, False), (1, False), (2, True), (9, True), (10, False)])
+def test_noise_is_below_two_demonstrations_at_least(n_upper, is_split):
+    score = np.where(np.arange(10) < n_upper, 1.0, -1.0)
+    assert (by_noise(score) is not None) is is_split
+
+
+def test_noise_lies_half_the_gain_below_frequent_actions():
+    score = NOISE * 2
+    score[4:8] = 0.01, 0.0, -0.99, -1.01
+    found = by_noise(score, upper=2.0)
+    assert found.words.tolist() == [1, 1, 1, 1, 1, 0, 0, -1, -1, -1]
+    assert found.with_other_folds
+    assert found.is_cluster
+    score[6] = -0.5 * found.lower.gain_upper
+    assert by_noise(score, upper=2.0).words[6] == -1
+
+
+def test_noise_is_noise_with_both_dealings():
+    again = NOISE.copy()
+    again[[0, 1, 9]] = -0.1, 0.0, -0.4
+    assert by_noise(again=(again, 0.3)).words.tolist() == [0, 0, 1, 1, 1, 1, -1, -1, -1, 0]
+
+
+def test_noise_stands_where_other_folds_give_one_group_of_scores():
+    found = scored(NOISE, discrete=True)
+    assert claimed(found, scores_of(found[0], NOISE, 0.5)) == ("some are unlike", TYPICAL_AND_UNLIKE)
+
+
+def test_groups_come_first_and_noise_adds_words_to_them():
+    score = np.array([1.0, 1.0, 1.0, 1.0, 0.51, 0.49, -0.6, -1.0, -1.0, -1.0])
+    found = scored(score, discrete=True, deviation=0.1)
+    groups, chance = by_groups(*found, None), by_chance(*found, None)
+    assert groups.words.tolist() == [1, 1, 1, 1, 0, 0, -1, -1, -1, -1]
+    assert chance.words.tolist() == [1, 1, 1, 1, 1, 1, -1, -1, -1, -1]
+    both = claim(*found, None, None)
+    assert both.words.tolist() == [1, 1, 1, 1, 1, 1, -1, -1, -1, -1]
+    assert both.lower.upper.tolist() == [0, 1, 2, 3, 4]  # by groups
+
+
+def test_noise_beside_groups_is_a_cluster_of_its_own():
+    score = np.array([1.0] * 3 + [-1.0] * 7)
+    tail = {"score": score, "deviation": 0.3, "discrete": True}
+    assert claimed(scored(**tail))[0] == "some are unlike"
+    assert claimed(scored(**tail, gains=policies(lower=0.2, spread=0.5)))[0] == "in doubt"
+
+
+# A sample stands for all.
+def test_claims_about_a_sample_extend_to_all():
+    scoring, scores = scored([1.0, 0.0, 1.0, 0.0, 1.0, 1.0])
+    of_sample = Claims("some are unlike", np.array([1, 0]), (), lower_of([0], [1], False))
+    found = extended(of_sample, scores, np.array([4, 3]), scoring.settings)
+    assert found.words.tolist() == [1, -1, 1, 0, 1, 1]  # as said of the sample, and by the scores of the others
+    assert found.lower.upper.tolist() == [0, 2, 4, 5]
+    assert found.lower.rival.tolist() == [3]
+    assert found.finding == "some are unlike"
+
+
+def test_sampled_groups_and_doubts_extend_to_all():
+    scoring, scores = scored([1.0, 0.0, 1.0, 0.0, 1.0, 0.0])
+    doubt = Doubt("{members} follow one another.", np.array([0, 2]))
+    two = Claims("two groups", np.zeros(3, dtype=int), (doubt,), lower_of([0, 2], [1]))
+    found = extended(two, scores, np.array([1, 2, 5]), scoring.settings)
+    assert found.words.tolist() == [0] * 6
+    assert [group.tolist() for group in found.groups] == [[0, 1, 4, 5], [2, 3]]
+    assert found.doubts[0].members.tolist() == [1, 5]
+    assert (
+        extended(Claims("nobody stands out", np.zeros(2, dtype=int)), scores, np.arange(2), scoring.settings).lower
+        is None
+    )
+
+
+@pytest.mark.parametrize(("gain", "variance", "effective", "missing"), [(0.5, 4.0, 10.0, 337), (0.5, 4.0, 400.0, 0)])
+def test_missing_steps_are_those_of_two_means_that_are_told_apart(gain, variance, effective, missing):
+    # 2 z s / g = 2 x 2.326 x 2 / .5 = 18.61, and its square is 346.3
+    score = np.where(SCORE > 0, gain, 0.0)
+    score[:2] += 0.01, -0.01
+    data = scored(
+        score, gains=lambda group: score, step_variance=variance, effective_steps=np.array([effective] * 9 + [1e6])
+    )
+    scores = replace(data[1], fit=replace(data[1].fit, group=SCORE > 0))
+    assert missing_steps(data[0], scores) == missing
+
+
+@pytest.mark.parametrize("gain", [0.0, -0.5])
+def test_no_steps_are_missing_where_nothing_is_gained(gain):
+    scoring, scores = scored(np.full(10, gain), gains=lambda group: np.full(10, gain), step_variance=4.0)
+    assert missing_steps(scoring, replace(scores, fit=replace(scores.fit, group=SCORE > 0))) == 0

@@ -1,0 +1,59 @@
+"""The mutants of `tools/mutants.py`."""
+
+from __future__ import annotations
+
+import ast
+import runpy
+from pathlib import Path
+
+import pytest
+
+TOOL = runpy.run_path(str(Path(__file__).parents[1] / "tools" / "mutants.py"))
+
+
+def changes(source):
+    return {(old, new) for _, old, new, _ in TOOL["mutants"](source)}
+
+
+@pytest.mark.parametrize(
+    ("source", "expected"),
+    [
+        ("x = a < b", {("a < b", "a <= b"), ("a < b", "a >= b")}),
+        ("x = a <= b < c", {("a <= b < c", f"a {one} b {two} c") for one, two in ("<<", "><")} | {
+            ("a <= b < c", "a <= b <= c"), ("a <= b < c", "a <= b >= c")}),
+        ("x = a + b", {("a + b", "a - b")}),
+        ("x *= y", {("x *= y", "x /= y")}),
+        ("x = not a", {("not a", "a")}),
+        ("x = a and b", {("a and b", "a or b")}),
+        ("x = 5", {("5", "6"), ("5", "10")}),
+        ("x = 0", {("0", "1")}),
+        ("x = True", {("True", "False")}),
+        ("x = np.min(a)", {("np.min", "np.max")}),
+        ("x = max(a)", {("max", "min")}),
+        ("def f():\n    'text'\n    return a", {("return a", "return None")}),
+        ("def f(x: A[2]) -> B[3]:\n    return x == y", {
+            ("return x == y", "return None"), ("return x == y", "return not x == y"), ("x == y", "x != y")}),
+    ],
+)  # fmt: skip
+def test_mutants_of(source, expected):
+    assert changes(source) == expected
+
+
+def test_each_mutant_is_another_program_and_the_source_stays():
+    source = "def f(a):\n    if a > 1:\n        return -a\n    return [k for k in a if k][0]\n"
+    found = TOOL["mutants"](source)
+    texts = [text for *_, text in found]
+    assert len(set(texts)) == len(texts) >= 8
+    for line, _, _, text in found:
+        assert ast.dump(ast.parse(text)) != ast.dump(ast.parse(source))
+        assert 2 <= line <= 4
+
+
+def test_equivalent_mutants_exist_and_are_explained():
+    for name, why in TOOL["EQUIVALENT"].items():
+        module = name.partition(": ")[0]
+        source = (TOOL["ROOT"] / "src" / "rpil" / "inference" / f"{module}.py").read_text()
+        code = source.splitlines()
+        every = {f"{module}: {code[line - 1].strip()}: {old} -> {new}" for line, old, new, _ in TOOL["mutants"](source)}
+        assert name in every
+        assert why.endswith(".")

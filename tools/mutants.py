@@ -1,0 +1,258 @@
+"""Changes the judge in small ways, and counts the changes that the tests see.
+
+Usage
+-----
+``python tools/mutants.py`` makes 40 random mutants of each module of `MODULES`, runs the tests of the module and of the
+judge on each, and prints the survivors, by line, and the share that was killed. ``--modules claims,answers``,
+``--sample N`` (0 for all), ``--seed S``, ``--jobs J``. The exit code is 1 where fewer than `GOAL` are killed.
+
+Notes
+-----
+A mutant has one change: a comparison, an operator of arithmetic or logic, `min` for `max` or `any` for `all`, a number
+one larger or twice as large, a negation left out, or a result that is replaced by None or turned round. Docstrings,
+annotations, and defaults of settings are left as they are. Each mutant is a copy of the library in an empty folder, and
+is killed where ``pytest -x`` fails on ``tests/inference/test_MODULE*.py`` and ``tests/inference/test_trust.py`` or
+takes longer than `SECONDS`. These run in a fork of a process that has imported the libraries of others, but nothing of
+rpil: most of the time would be spent on that. The tests must pass on the library as it is.
+
+Some mutants are no faults. `EQUIVALENT` holds them, and says why.
+"""
+
+from __future__ import annotations
+
+import argparse
+import ast
+import contextlib
+import copy
+import os
+import random
+import shutil
+import signal
+import sys
+import time
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from functools import partial
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+ROOT = Path(__file__).parents[1]
+MODULES = ("claims", "answers", "answered", "rivals", "trust", "groups")
+GOAL = 0.9
+SECONDS = 120
+
+LIBRARIES = ("pytest", "numpy", "scipy.stats", "scipy.optimize", "sklearn.metrics", "sklearn.linear_model")
+LIBRARIES += ("pyarrow.parquet", "beartype", "jaxtyping")
+
+COMPARISONS = {
+    ast.Lt: (ast.LtE, ast.GtE),
+    ast.LtE: (ast.Lt, ast.Gt),
+    ast.Gt: (ast.GtE, ast.LtE),
+    ast.GtE: (ast.Gt, ast.Lt),
+    ast.Eq: (ast.NotEq,),
+    ast.NotEq: (ast.Eq,),
+    ast.Is: (ast.IsNot,),
+    ast.IsNot: (ast.Is,),
+    ast.In: (ast.NotIn,),
+    ast.NotIn: (ast.In,),
+}
+OPERATORS = {
+    ast.Add: ast.Sub,
+    ast.Sub: ast.Add,
+    ast.Mult: ast.Div,
+    ast.Div: ast.Mult,
+    ast.Pow: ast.Mult,
+    ast.FloorDiv: ast.Mult,
+    ast.MatMult: ast.Add,
+    ast.BitAnd: ast.BitOr,
+    ast.BitOr: ast.BitAnd,
+    ast.And: ast.Or,
+    ast.Or: ast.And,
+}
+NAMES = {"min": "max", "minimum": "maximum", "all": "any", "argmin": "argmax", "logaddexp": "maximum"}
+NAMES |= {other: name for name, other in NAMES.items() if name != "logaddexp"}
+
+EQUIVALENT = {
+    "answered: alone = float(logit(posterior(columns, others, settings).proba(columns[m : m + 1])[0])): 1 -> 2": (
+        "The first of the rows is read."
+    ),
+    "trust: p_two = 1.0 if answered is not None else scores.groups.p_two: 1.0 -> 2.0": (
+        "From one half on, two groups are likely."
+    ),
+    "groups: return log_likelihood, Groups(0.0, mean, spread, share, noise, 0.0, np.zeros(1)): 1 -> 2": (
+        "The quantiles are filled in later."
+    ),
+    "groups: _MIN_VARIANCE = 1e-6: 1e-06 -> 2e-06": "Keeps logarithms finite; how small it is does not matter.",
+}
+"""Mutants that do what the library does, ``MODULE: LINE OF CODE: OLD -> NEW``, and why."""
+
+
+def changed(node: ast.AST) -> Iterator[ast.AST]:
+    """Other nodes in the place of a node."""
+    match node:
+        case ast.Compare(left, [operator], right):
+            for other in COMPARISONS[type(operator)]:
+                yield ast.Compare(left, [other()], right)
+        case ast.Compare(left, [first, *rest], right):  # a < x < b
+            for other in COMPARISONS[type(first)]:
+                yield ast.Compare(left, [other(), *rest], right)
+            for other in COMPARISONS[type(rest[0])]:
+                yield ast.Compare(left, [first, other(), *rest[1:]], right)
+        case ast.BinOp(left, operator, right) if type(operator) in OPERATORS:
+            yield ast.BinOp(left, OPERATORS[type(operator)](), right)
+        case ast.AugAssign(target, operator, value) if type(operator) in OPERATORS:
+            yield ast.AugAssign(target, OPERATORS[type(operator)](), value)
+        case ast.BoolOp(operator, values):
+            yield ast.BoolOp(OPERATORS[type(operator)](), values)
+        case ast.UnaryOp(ast.Not() | ast.Invert() | ast.USub(), operand):
+            yield operand
+        case ast.Constant(bool() as value):
+            yield ast.Constant(not value)
+        case ast.Constant(int() | float() as value):
+            yield ast.Constant(value + 1)
+            if value not in (0, 1):
+                yield ast.Constant(2 * value)
+        case ast.Name(name) if name in NAMES:
+            yield ast.Name(NAMES[name], node.ctx)
+        case ast.Attribute(value, name) if name in NAMES:
+            yield ast.Attribute(value, NAMES[name], node.ctx)
+        case ast.IfExp(test, body, orelse):
+            yield ast.IfExp(test, orelse, body)
+        case ast.Return(value) if value is not None and not isinstance(value, ast.Constant):
+            if isinstance(value, ast.Compare | ast.BoolOp):
+                yield ast.Return(ast.UnaryOp(ast.Not(), value))
+            yield ast.Return(ast.Constant(None))
+        case ast.If(test, body, orelse):
+            yield ast.If(ast.UnaryOp(ast.Not(), test), body, orelse)
+        case ast.Break():
+            yield ast.Pass()
+        case ast.Continue():
+            yield ast.Pass()
+
+
+def places(tree: ast.AST) -> Iterator[tuple[ast.AST, str, int | None]]:
+    """Each node of code that may be changed, by its parent, the field and the index there."""
+    for name, value in ast.iter_fields(tree):
+        if name in ("annotation", "returns", "decorator_list", "slice") and not isinstance(tree, ast.Subscript):
+            continue
+        for index, child in enumerate(value) if isinstance(value, list) else [(None, value)]:
+            if not isinstance(child, ast.AST) or isinstance(child, ast.Assert):
+                continue
+            if isinstance(child, ast.AnnAssign) and isinstance(tree, ast.ClassDef):
+                continue  # a field
+            if isinstance(child, ast.Expr) and isinstance(child.value, ast.Constant):
+                continue  # a docstring
+            yield tree, name, index
+            yield from places(child)
+
+
+def mutants(source: str) -> list[tuple[int, str, str, str]]:
+    """Of a module, every mutant: the line, the code before and after, and the source."""
+    tree, found = ast.parse(source), []
+    for parent, name, index in list(places(tree)):
+        before = getattr(parent, name) if index is None else getattr(parent, name)[index]
+        for other in changed(before):
+            put(parent, name, index, ast.copy_location(other, before))
+            text = ast.unparse(ast.fix_missing_locations(copy.deepcopy(tree)))
+            put(parent, name, index, before)
+            found.append((before.lineno, short(before), short(other), text))
+    return found
+
+
+def put(parent: ast.AST, name: str, index: int | None, node: ast.AST) -> None:
+    """Put a node in its place."""
+    if index is None:
+        setattr(parent, name, node)
+    else:
+        getattr(parent, name)[index] = node
+
+
+def short(node: ast.AST) -> str:
+    """The first line of code."""
+    return ast.unparse(ast.fix_missing_locations(copy.deepcopy(node))).splitlines()[0]
+
+
+def passes(module: str, source: str | None) -> bool:
+    """Whether the tests pass on the library, with another source of the module."""
+    tests = sorted((ROOT / "tests" / "inference").glob(f"test_{module}*.py"))
+    tests += [ROOT / "tests" / "inference" / "test_trust.py"] * (module != "trust")
+    with TemporaryDirectory() as folder:
+        shutil.copytree(ROOT / "src" / "rpil", Path(folder) / "rpil", ignore=shutil.ignore_patterns("__pycache__"))
+        if source is not None:
+            (Path(folder) / "rpil" / "inference" / f"{module}.py").write_text(source)
+        child = os.fork()
+        if child == 0:
+            run(folder, [str(path) for path in tests])
+        return waited(child) == 0
+
+
+def run(folder: str, tests: list[str]) -> None:
+    """Run the tests in this process, and end it."""
+    import pytest
+
+    code = 1
+    try:
+        os.setsid()
+        nothing = os.open(os.devnull, os.O_WRONLY)
+        os.dup2(nothing, 1)
+        os.dup2(nothing, 2)
+        os.chdir(ROOT)
+        sys.path.insert(0, folder)
+        sys.dont_write_bytecode = True
+        code = int(pytest.main(["-x", "-q", "-p", "no:cacheprovider", "--tb=no", "--assert=plain", *tests]))
+    finally:
+        os._exit(code)
+
+
+def waited(child: int) -> int:
+    """The exit status of a process, which is ended where it takes too long."""
+    end = time.monotonic() + SECONDS
+    while time.monotonic() < end:
+        done, status = os.waitpid(child, os.WNOHANG)
+        if done:
+            return status
+        time.sleep(0.02)
+    with contextlib.suppress(ProcessLookupError):
+        os.kill(child, signal.SIGKILL)
+    return os.waitpid(child, 0)[1] or 1
+
+
+def main() -> None:
+    """Print the survivors of each module and the share that was killed."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--modules", default=",".join(MODULES))
+    parser.add_argument("--sample", type=int, default=40)
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--jobs", type=int, default=1)
+    chosen = parser.parse_args()
+    for name in LIBRARIES:
+        __import__(name)
+    killed = total = 0
+    with ThreadPoolExecutor(chosen.jobs) as pool:
+        for module in chosen.modules.split(","):
+            source = (ROOT / "src" / "rpil" / "inference" / f"{module}.py").read_text()
+            if not passes(module, None):
+                sys.exit(f"The tests of {module} fail on the library as it is.")
+            every = mutants(source)
+            random.Random(f"{chosen.seed} {module}").shuffle(every)
+            sample = every[: chosen.sample or None]
+            lives = pool.map(partial(passes, module), [text for *_, text in sample])
+            code = [text.strip() for text in source.splitlines()]
+            named = [(line, f"{code[line - 1]}: {old} -> {new}") for line, old, new, _ in sample]
+            alive = [mutant for mutant, yes in zip(named, lives, strict=True) if yes]
+            real = sorted((line, text) for line, text in alive if f"{module}: {text}" not in EQUIVALENT)
+            n_equivalent = len(alive) - len(real)
+            n = len(sample) - n_equivalent
+            killed, total = killed + n - len(real), total + n
+            print(
+                f"{module}: {n - len(real)} of {n} killed; {n_equivalent} more are equivalent; {len(every)} in all",
+                flush=True,
+            )
+            for line, text in real:
+                print(f"  line {line}: {text}", flush=True)
+    print(f"all: {killed} of {total} killed ({killed / max(total, 1):.0%})")
+    sys.exit(killed < GOAL * total)
+
+
+if __name__ == "__main__":
+    main()
