@@ -68,7 +68,10 @@ class OutputFile(click.Path):
         return str(check_extension(value, self.extensions, param.opts[-1] if param else ""))
 
 
-class WordLimit(click.ParamType[str]):
+_Text = click.ParamType[str] if TYPE_CHECKING else click.ParamType  # click 8.2 takes no type there
+
+
+class WordLimit(_Text):
     """``unlike`` or ``bad``, with a number that is allowed, as ``unlike:2``."""
 
     name = "word"
