@@ -68,10 +68,13 @@ class OutputFile(click.Path):
         return str(check_extension(value, self.extensions, param.opts[-1] if param else ""))
 
 
-_Text = click.ParamType[str] if TYPE_CHECKING else click.ParamType  # click 8.2 takes no type there
+if TYPE_CHECKING:
+    TextType = click.ParamType[str]
+else:
+    TextType = click.ParamType  # click 8.2 takes no type there
 
 
-class WordLimit(_Text):
+class WordLimit(TextType):
     """``unlike`` or ``bad``, with a number that is allowed, as ``unlike:2``."""
 
     name = "word"
