@@ -8,4 +8,4 @@ INTERRUPTED = 130
 
 def tell_of_interruption(kept: str = "") -> None:
     """Say on stderr that the command was interrupted, and what it leaves."""
-    print(f"rpil: interrupted; {kept or 'nothing was written'}.", file=sys.stderr)
+    print(f"rpil: interrupted; {kept or 'nothing was written'}.", file=sys.stderr, flush=True)
