@@ -205,7 +205,7 @@ def reweight(
         type. Whatever it changes, such as an optimiser, must belong to the policy, so that copies of the policy have
         their own.
     labels : mapping of id to {"good", "bad"}, optional
-        Policies are not trained on demonstrations that are known to be bad.
+        Answers about some demonstrations; those that they call bad get little weight in the last training.
     progress : callable, optional
         Called with a few words at every round.
     n_folds : int, default=3
