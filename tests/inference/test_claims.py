@@ -229,6 +229,13 @@ def test_noise_is_below_two_demonstrations_at_least(n_upper, is_split):
     assert (by_noise(score) is not None) is is_split
 
 
+@pytest.mark.parametrize(("enough", "is_split"), [(4, True), (5, False)])
+def test_so_few_that_no_policy_could_be_learned_are_no_noise(enough, is_split):
+    few, of_policies = np.full(10, -1.0), policies(1.0, 0.0, spread=0.4)
+    found = scored(NOISE, 0.3, lambda group: few if group[0] and group.sum() < enough else of_policies(group), True)
+    assert (by_chance(*found, None) is not None) is is_split
+
+
 def test_noise_lies_half_the_gain_below_frequent_actions():
     score = NOISE * 2
     score[4:8] = 0.01, 0.0, -0.99, -1.01

@@ -20,7 +20,7 @@ import numpy as np
 from scipy.stats import norm, spearmanr
 
 from rpil.inference.findings import Finding
-from rpil.inference.rivals import Lower, look_below
+from rpil.inference.rivals import Lower, is_learnable, look_below
 from rpil.inference.scores import Scores, Scoring
 from rpil.inference.settings import ClaimSettings, JudgeSettings
 from rpil.numerics.types import Array, Bool, Float, Int
@@ -126,6 +126,8 @@ def by_chance(scoring: Scoring, scores: Scores, again: Scores | None) -> Split |
         return None
     lower = look_below(scoring.data, scoring.model, upper, scores.fit, scoring.settings)
     if lower.gain_upper <= 0 or not lower.is_noise or missing_steps(scoring, scores) > limits.max_missing_steps:
+        return None
+    if not is_learnable(scoring.data, scoring.model, upper, int((~upper).sum()), scores.fit.ridge, scoring.settings):
         return None
     dealings = [scores] if again is None else [scores, again]
     typical = np.all([one.score > 0 for one in dealings], axis=0) & in_better_part(scores, upper)

@@ -70,6 +70,20 @@ def look_below(
     return Lower(members, np.flatnonzero(rival), gain_upper, has_policy, bool(is_noise))
 
 
+def is_learnable(
+    data: FitData, model: HeldOutModel, group: Bool[Array, " M"], size: int, ridge: float, settings: JudgeSettings
+) -> bool:
+    """Whether `size` demonstrations of a `group`, spaced evenly, suffice for a policy that explains them.
+
+    Where they do not, as many others without a policy are not noise, but too few.
+    """
+    members = np.flatnonzero(group)
+    few = np.zeros_like(group)
+    few[members[np.linspace(0, len(members) - 1, min(size, len(members))).astype(int)]] = True
+    log_prob = _log_prob(data, model.cold_copy(), few, ridge)
+    return is_credible(gains(data, log_prob, few, settings.held_out), settings.rivals.standard_errors)
+
+
 def gains(
     data: FitData, log_prob: Float[Array, " N"], group: Bool[Array, " M"], settings: HeldOutSettings
 ) -> Float[Array, " G"]:
