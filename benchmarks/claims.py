@@ -6,7 +6,7 @@
 
 Kinds of data: `recorded` sets with good and bad demonstrations; the good `half` of each alone; `walks`, made with one
 law that is not linear; the paper's cells (`paper`) and the `grid` of simulated kinds; `changes` of recorded sets that
-are not behaviour. The truth `is_good` scores and is never read by the audit.
+are not behaviour, and a random half of the demonstrations. The truth `is_good` scores and is never read by the audit.
 """
 
 from __future__ import annotations
@@ -123,12 +123,12 @@ def of_paper(env: str, kind: str, seed: int) -> tuple[Demonstrations, Array]:
 
 
 def changed(cell: Any, change: str) -> tuple[Demonstrations, Array]:
-    """A recorded set after a change that is not behaviour; its first demonstrations are those of the set, in order."""
+    """A recorded set after a change that is not behaviour; the demonstrations of the set keep their numbers as ids."""
     world = cell.make()
     rng = np.random.default_rng(0)
     states, actions, ids = CHANGES[change](world.observations.astype(float), world.actions, world.episode_ids, rng)
     made = Demonstrations.from_groups(states, actions, ids)
-    return made, np.resize(world.is_good, len(made))
+    return made, world.is_good[np.array(made.ids) % len(world.is_good)]
 
 
 def noise_columns(states: Array, actions: Array, ids: Array, rng: np.random.Generator) -> tuple[Array, Array, Array]:
@@ -153,6 +153,13 @@ def copied(states: Array, actions: Array, ids: Array, rng: np.random.Generator) 
     return np.concatenate([states, states[more]]), np.concatenate([actions, actions[more]]), np.append(ids, new)
 
 
+def halved(states: Array, actions: Array, ids: Array, rng: np.random.Generator) -> tuple[Array, Array, Array]:
+    """A random half of the demonstrations."""
+    kept = rng.permutation(ids.max() + 1)[: ids.max() // 2 + 1]
+    rows = np.isin(ids, kept)
+    return states[rows], actions[rows], ids[rows]
+
+
 def rotated(states: Array, actions: Array, ids: Array, rng: np.random.Generator) -> tuple[Array, Array, Array]:
     scaled = (states - states.mean(axis=0)) / (states.std(axis=0) + 1e-9)
     return scaled @ np.linalg.qr(rng.normal(size=(states.shape[1],) * 2))[0], actions, ids
@@ -170,6 +177,7 @@ CHANGES: dict[str, Callable[..., tuple[Array, Array, Array]]] = {
     "all twice": twice,
     "one copied ten times": copied,
     "states rotated": rotated,
+    "a random half": halved,
 }
 
 
@@ -186,6 +194,7 @@ def audited(job: Job) -> Row:
     words = [{"typical": 1, "open": 0, "unlike": -1}[verdict] for verdict in audit.verdicts]
     pair = [int(good[audit.index(name)]) for name in audit.pair]
     values = {"good": good.tolist(), "words": words, "log_odds": audit.log_odds.tolist(), "pair": pair}
+    values["ids"] = list(audit.ids) if job.kind == "changes" else []
     return {"kind": job.kind, "name": job.name, "finding": audit.finding, "doubts": list(audit.doubts), **values}
 
 
@@ -271,17 +280,23 @@ def is_right(row: Row) -> bool:
 
 
 def changes(rows: list[Row]) -> list[str]:
-    """How many words change where nothing that matters does."""
+    """How many words change where nothing that matters does; of a random half, those that its demonstrations had."""
     own = {row["name"]: row for row in rows if row["kind"] == "changes"}
-    bases = {name.split(":")[0]: np.array(row["words"]) for name, row in own.items() if name.endswith("as it is")}
+    bases = {name.split(":")[0]: row["words"] for name, row in own.items() if name.endswith("as it is")}
     if not bases:
         return []
     lines = ["", "| change | words given | turned over | withdrawn |", "|---|---|---|---|"]
     for change in CHANGES:
-        pairs = [(words, own[f"{name}: {change}"]["words"][: len(words)]) for name, words in bases.items()]
-        given = sum(int((old != 0).sum()) for old, _ in pairs)
-        turned = sum(int((old * np.array(new) < 0).sum()) for old, new in pairs)
-        gone = sum(int(((old != 0) & (np.array(new) == 0)).sum()) for old, new in pairs)
+        rows_of = ((words, own[f"{name}: {change}"]) for name, words in bases.items())
+        pairs = [
+            (words[m], word)
+            for words, row in rows_of
+            for m, word in zip(row["ids"], row["words"], strict=False)
+            if m < len(words)
+        ]
+        given = sum(old != 0 for old, _ in pairs)
+        turned = sum(old * new < 0 for old, new in pairs)
+        gone = sum(old != 0 and new == 0 for old, new in pairs)
         lines.append(f"| {change} | {given} | {turned} | {gone} |")
     return lines
 

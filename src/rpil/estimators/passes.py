@@ -8,6 +8,7 @@ from functools import partial
 import numpy as np
 
 from rpil.audit.record import Audit
+from rpil.data.copies import copies_among
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.fit_data import FitData
 from rpil.estimators.pipeline import JudgeInput, Options, TrustDecision
@@ -64,6 +65,9 @@ class SampledFit:
         rng, settings = np.random.default_rng(options.seed), options.settings.sample
         indices = draw_sample(np.diff(task.source.offsets), task.labels, budget(task, options), rng, settings)
         demonstrations = task.source.select(indices)
+        copies = copies_among(demonstrations)
+        if copies.any:
+            indices, demonstrations = indices[copies.first], demonstrations.select(copies.first)
         features = options.judge_features(demonstrations)
         assert isinstance(features, FeatureMap)
         data = task.data(demonstrations, features, single=True)

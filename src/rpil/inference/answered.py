@@ -41,7 +41,8 @@ def answer(columns: Float[Array, "M D"], answers: Answers, settings: AnswerSetti
 
     A label is itself an answer that may be wrong: its demonstration is judged by the other answers and by it. A known
     outcome says P(good): the share of outcomes that are lower. One answer alone gives no word, and a labelled
-    demonstration has one only where the other answers are on its side.
+    demonstration has one only where the other answers are on its side. Its label holds for copies of it, which have the
+    same columns and no label of their own.
     """
     found = posterior(columns, answers, settings)
     proba = np.clip(found.proba(columns), settings.min_proba_bound, 1 - settings.min_proba_bound)
@@ -61,6 +62,8 @@ def answer(columns: Float[Array, "M D"], answers: Answers, settings: AnswerSetti
                 contradicting.append(m)
         result[m] = alone + labels[m] * (0.0 if m in contradicting else max(sure, abs(alone)))
         agreed[m] = alone * labels[m] > 0
+        copies = (labels == 0) & (columns == columns[m]).all(axis=1) & columns[m].any()  # 0 is a task of its own
+        result[copies], agreed[copies] = result[m], agreed[m]
     words = (result >= settings.log_odds).astype(int) - (result <= -settings.log_odds).astype(int)
     words[~agreed] = 0
     if answers.count < 2:

@@ -19,6 +19,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.stats import norm, spearmanr
 
+from rpil.data.copies import Copies
 from rpil.inference.findings import Finding
 from rpil.inference.rivals import Lower, is_learnable, look_below
 from rpil.inference.scores import Scores, Scoring
@@ -53,6 +54,15 @@ class Claims:
         if self.finding != "two groups" or self.lower is None:
             return None
         return self.lower.upper, self.lower.rival
+
+    def repeated(self, copies: Copies) -> Claims:
+        """The same about demonstrations of which these are the different ones; a doubt names one of each copies."""
+        doubts = tuple(replace(doubt, members=copies.first[doubt.members]) for doubt in self.doubts)
+        lower = self.lower
+        if lower is not None:
+            upper, rival = (np.flatnonzero(np.isin(copies.place, group)) for group in (lower.upper, lower.rival))
+            lower = replace(lower, upper=upper, rival=rival)
+        return Claims(self.finding, self.words[copies.place], doubts, lower)
 
 
 def claim(scoring: Scoring, scores: Scores, again: Scores | None, order: Float[Array, " M"] | None) -> Claims:
