@@ -264,8 +264,8 @@ def good_by_proba(rows: list[Row]) -> list[str]:
         lines.append(f"| {low:g} to {high:g} | {counts} |")
     most, least = good[proba >= 0.9], good[proba <= 0.1]
     if len(most) and len(least):
-        text = f"{most.mean():.0%} of the demonstrations with P(typical) of .9 or more were good, {least.mean():.0%} of "
-        text += f"those with .1 or less, and {good.mean():.0%} of all"
+        text = f"{most.mean():.0%} of the demonstrations with P(typical) of .9 or more were good, "
+        text += f"{least.mean():.0%} of those with .1 or less, and {good.mean():.0%} of all"
         lines += ["", f"In {len(recorded)} recorded sets {text}."]
     return lines
 

@@ -176,6 +176,7 @@ def test_answered_question_decides_between_two_groups(folder):
     )
     assert (first < 6) != (second < 6)
     assert "are ranked; all are open." in result.stdout
+    assert "\nThe two groups: A has 6 demonstrations and B 6; " in result.stdout
     assert result.stderr == ""
     again = result.stdout.splitlines()[-1].removeprefix("Then run: ")
     assert shlex.split(again) == ["rpil", "audit", str(file), "--seed", "2", "--labels", "labels.csv"]
@@ -201,4 +202,6 @@ def test_two_groups_in_json(folder):
     assert sorted(map(sorted, audit["groups"])) == [[*range(6)], [*range(6, 12)]]
     assert [name in group for name, group in zip(audit["pair"], audit["groups"], strict=True)] == [True, True]
     assert audit["doubts"] == audit["contradicting"] == []
+    assert all(note.startswith("The two groups: ") for note in audit["notes"])
+    assert len(audit["notes"]) == 2
     assert result.stderr == ""

@@ -6,7 +6,7 @@ It runs the stages of `rpil.inference` in order.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from scipy.special import expit
@@ -16,6 +16,7 @@ from rpil.inference.answered import Answered, answer, columns_of
 from rpil.inference.answers import Answers
 from rpil.inference.channels import StateScale, channels
 from rpil.inference.claims import Claims, claim, missing_steps, telling_pair
+from rpil.inference.facts import facts_beside
 from rpil.inference.findings import Finding
 from rpil.inference.groups import Groups, expert_share_interval
 from rpil.inference.held_out import HeldOutModel
@@ -59,6 +60,8 @@ class Judgement:
     """Of those from which the policies learned: all, or a sample."""
     demonstrator_trust: Float[Array, "U 3"]
     """Mean P of the demonstrations of each demonstrator and its 95 % interval."""
+    beside: dict[str, Float[Array, " M"]] = field(default_factory=dict)
+    """Facts from which no answer learns, see `rpil.inference.facts`."""
 
     @property
     def log_odds(self) -> Float[Array, " M"]:
@@ -106,12 +109,15 @@ def judge(
     claims = claim(scoring, scores, again, order)
     log_ratio = scores.fit.held_out.log_prob - scoring.log_q
     states = StateScale.of(data, scores.fit.group, settings.channels)
-    described = channels(data, scores.fit.held_out.log_prob, log_ratio, scoring.indicators(), states, settings.channels)
+    actions = scoring.indicators()
+    described = channels(data, scores.fit.held_out.log_prob, log_ratio, actions, states, settings.channels)
+    beside = facts_beside(data, actions, states, settings.channels)
     temperature = np.minimum(scores.effective_steps / data.lengths, 1.0)
     steps = step_trust(data, log_ratio, temperature, settings)
     answers = Answers.of_labels(data.labels) if answers is None else answers
     missing = missing_steps(scoring, scores)
-    return conclude(data, Evidence(scores, described, states, claims, missing), answers, steps, log_ratio, settings)
+    evidence = Evidence(scores, described, states, claims, missing, beside)
+    return conclude(data, evidence, answers, steps, log_ratio, settings)
 
 
 def score_by_best_group(scoring: Scoring, start: Bool[Array, " M"]) -> Scores:
@@ -141,6 +147,8 @@ class Evidence:
     states: StateScale
     claims: Claims
     missing_steps: int
+    beside: dict[str, Float[Array, " M"]] = field(default_factory=dict)
+    """Facts from which no answer learns, see `rpil.inference.facts`."""
 
 
 def conclude(
@@ -190,4 +198,5 @@ def conclude(
         missing_steps=evidence.missing_steps,
         training_group=scores.fit.group,
         demonstrator_trust=trust,
+        beside=evidence.beside,
     )
