@@ -33,10 +33,13 @@ def test_each_demonstration_keeps_what_its_own_task_says():
 
 
 def test_facts_stay_with_their_tasks():
-    one = make_audit(("open",) * 2, beside={"dynamics": np.array([0.75, 0.25]), "time limit": np.array([0.0, 1.0])})
-    other = make_audit(("open",) * 2, ids="ab", beside={"dynamics": np.array([0.25, 0.75])})
+    steps = {"lengths": [1, 1]}
+    one = make_audit(
+        ("open",) * 2, **steps, beside={"dynamics": np.array([0.75, 0.25]), "time limit": np.array([0.0, 1.0])}
+    )
+    other = make_audit(("open",) * 2, **steps, ids="ab", beside={"dynamics": np.array([0.25, 0.75])})
     places = {"one": [0, 2], "other": [1, 3], "alone": [4]}
-    audit = join_audits({"one": one, "other": other}, places, [0, "a", 1, "b", "c"], np.arange(6) * 0)
+    audit = join_audits({"one": one, "other": other}, places, [0, "a", 1, "b", "c"], np.arange(6))
     assert audit.facts == {"dynamics": (0.75, 0.25, 0.25, 0.75, 0.5), "time limit": (0, 0, 1, 0, 0)}
 
 

@@ -22,11 +22,11 @@ MAX_P = 0.01
 """Probability of so different facts by chance (Mann and Whitney 1947), up to which a difference is named."""
 MIN_SEPARATION = 0.8
 """Share of the pairs of a demonstration of each group that differ in this direction, from which it is named."""
-MIN_SHARE = 0.2
+MIN_PART_SHARE = 0.2
 """Share of the evidence from which a part of the action is named; the largest always is."""
 MAX_PARTS = 3
 
-DIRECTIONS = {
+SAID_OF_B = {
     "length": ("takes longer", "is shorter"),
     "pauses": ("pauses more", "pauses less"),
     "smoothness": ("is smoother", "is less smooth"),
@@ -67,7 +67,7 @@ def _facts(groups: tuple[Array, Array], columns: Array, contrast: Contrast) -> I
         values = sign * columns[:, CHANNELS.index(channel)]
         test = mannwhitneyu(values[second], values[first])
         above = test.statistic / (len(first) * len(second))
-        said = DIRECTIONS[name][int(above < 0.5)]
+        said = SAID_OF_B[name][int(above < 0.5)]
         if said and test.pvalue <= MAX_P and max(above, 1 - above) >= MIN_SEPARATION:
             steps = f" (median {contrast.length[1]:,.0f} against {contrast.length[0]:,.0f} steps)"
             yield said + steps * (name == "length")
@@ -78,7 +78,7 @@ def _parts(contrast: Contrast, data: FitData) -> Iterator[str]:
     order = np.argsort(-contrast.share, kind="stable")[:MAX_PARTS].tolist()
     for j in order:
         share, (first, second) = contrast.share[j], contrast.use[:, j].tolist()
-        if share <= 0 or (share < MIN_SHARE and j != order[0]):
+        if share <= 0 or (share < MIN_PART_SHARE and j != order[0]):
             return
         name = printable(data.action_name(j))
         if isinstance(data.space, Discrete):
