@@ -140,7 +140,10 @@ def test_audit_does_not_choose_features(folder, monkeypatch):
     chosen = load(folder / "policy").audit_.to_dict()
     monkeypatch.setattr("rpil.estimators.final_policy.choose_features", never)
     assert ok("audit", folder / "good.parquet", "--json").stdout == folded
-    assert json.loads(folded)["demonstrations"] == chosen["demonstrations"]
+    printed = json.loads(folded)["demonstrations"]
+    for row in printed:  # which files do not hold
+        del row["facts"]["dynamics"], row["facts"]["time limit"]
+    assert printed == chosen["demonstrations"]
 
 
 def test_audit_writes_a_report_and_weights(folder):
