@@ -57,7 +57,7 @@ def test_audit_prints_finding_ranking_and_next_step(folder):
     assert [row[5] for row in rows] == ["unlike"] * 6 + ["typical"] * 6
     odds = [float(row[2]) for row in rows]
     assert odds == sorted(odds)
-    assert result.stdout.count(WORDS["none"].explanation) == 1
+    assert result.stdout.count(f"{WORDS['none'].explanation} {WORDS['none'].experience}\n") == 1
     headline, faults, following = result.stdout.split("\n\n")[-1].splitlines()[:3]
     assert headline == "12 demonstrations (1,160 steps): 6 typical, 0 open, 6 unlike."
     assert faults == "No recording faults found."
