@@ -18,7 +18,7 @@ import warnings
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import partial
-from itertools import product
+from itertools import pairwise, product
 from multiprocessing import Pool
 from pathlib import Path
 from typing import Any
@@ -37,6 +37,8 @@ Array = NDArray[Any]
 Row = dict[str, Any]
 KINDS = ("recorded", "half", "walks", "paper", "grid", "changes")
 PAPER = tuple(product(("MountainCar-v0", "LunarLander-v3", "Acrobot-v1"), ("corrupted", "random")))
+P_BINS = (0.0, 0.01, 0.1, 0.3, 0.5, 0.7, 0.9, 0.99, 1.0)
+"""Edges of the bins of P(typical) in which good demonstrations are counted."""
 CHANGED_SETS = ("metaworld_window_open", "metaworld_push", "rilco_hopper_mix", "vild_walker2d", "human_mountaincar")
 
 
@@ -195,6 +197,7 @@ def audited(job: Job) -> Row:
     pair = [int(good[audit.index(name)]) for name in audit.pair]
     values = {"good": good.tolist(), "words": words, "log_odds": audit.log_odds.tolist(), "pair": pair}
     values["ids"] = list(audit.ids) if job.kind == "changes" else []
+    values["proba"] = audit.expert_proba.tolist()
     return {"kind": job.kind, "name": job.name, "finding": audit.finding, "doubts": list(audit.doubts), **values}
 
 
@@ -247,7 +250,33 @@ def report(rows: list[Row]) -> list[str]:
             f"The pair asked holds one good and one bad in {one_each} of {len(recorded)} recorded sets; one of ",
         ]
         lines[-1] += f"middling quality in {middle}."
-    return lines + changes(rows) + ["", *described(rows)]
+    return lines + good_by_proba(rows) + changes(rows) + ["", *described(rows)]
+
+
+def good_by_proba(rows: list[Row]) -> list[str]:
+    """How many demonstrations of recorded sets with such a P(typical) are good; those of middling quality are left out.
+
+    `rpil.audit.words` quotes the last line.
+    """
+    recorded = [row for row in rows if row["kind"] == "recorded"]
+    if not recorded:
+        return []
+    good, proba = (np.concatenate([row[name] for row in recorded]) for name in ("good", "proba"))
+    source = np.repeat(np.arange(len(recorded)), [len(row["good"]) for row in recorded])[good >= 0]
+    good, proba = good[good >= 0], proba[good >= 0]
+    which = np.clip(np.searchsorted(P_BINS, proba, side="right") - 1, 0, len(P_BINS) - 2)
+    lines = ["", "| P(typical) | demonstrations | good | share good | sets |", "|---|---|---|---|---|"]
+    for k, (low, high) in enumerate(pairwise(P_BINS)):
+        own = which == k
+        share = f"{good[own].mean():.0%}" if own.any() else ""
+        counts = f"{own.sum()} | {good[own].sum()} | {share} | {len(set(source[own]))}"
+        lines.append(f"| {low:g} to {high:g} | {counts} |")
+    most, least = good[proba >= 0.9], good[proba <= 0.1]
+    if len(most) and len(least):
+        text = f"{most.mean():.0%} of the demonstrations with P(typical) of .9 or more were good, "
+        text += f"{least.mean():.0%} of those with .1 or less, and {good.mean():.0%} of all"
+        lines += ["", f"In {len(recorded)} recorded sets {text}."]
+    return lines
 
 
 def counted(title: str, rows: list[Row]) -> list[str]:

@@ -90,6 +90,7 @@ class SampledFit:
         options.progress("a pass over everything: scores")
         none = np.empty(0)
         everyone = FitData(none, none, source.offsets, task.space, task.labels, task.demonstrators)
+        everyone = replace(everyone, action_names=posed.data.action_names)
         scores = posed.blocks.map(partial(score_block, judge=sample.judge, settings=options.settings.judge))
         judgement = judge_everyone(sample, everyone, scores, task.answers, options.settings.judge)
         # The steps are weighted in the next pass; until then the audit is of demonstrations without steps.

@@ -6,7 +6,7 @@ It runs the stages of `rpil.inference` in order.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.special import expit
@@ -17,6 +17,7 @@ from rpil.inference.answered import Answered, answer, columns_of
 from rpil.inference.answers import Answers
 from rpil.inference.channels import StateScale, channels
 from rpil.inference.claims import Claims, claim, missing_steps, telling_pair
+from rpil.inference.facts import facts_beside
 from rpil.inference.findings import Finding
 from rpil.inference.groups import Groups, expert_share_interval
 from rpil.inference.held_out import HeldOutModel
@@ -60,6 +61,8 @@ class Judgement:
     """Of those from which the policies learned: all, or a sample."""
     demonstrator_trust: Float[Array, "U 3"]
     """Mean P of the demonstrations of each demonstrator and its 95 % interval."""
+    beside: dict[str, Float[Array, " M"]] = field(default_factory=dict)
+    """Facts from which no answer learns, see `rpil.inference.facts`."""
 
     @property
     def log_odds(self) -> Float[Array, " M"]:
@@ -107,13 +110,15 @@ def judge(
     claims = claim(scoring, scores, again, order)
     log_ratio = scores.fit.held_out.log_prob - scoring.log_q
     states = StateScale.of(data, scores.fit.group, settings.channels)
-    described = channels(data, scores.fit.held_out.log_prob, log_ratio, scoring.indicators(), states, settings.channels)
+    actions = scoring.indicators()
+    described = channels(data, scores.fit.held_out.log_prob, log_ratio, actions, states, settings.channels)
+    beside = facts_beside(data, actions, states, settings.channels)
     temperature = np.minimum(scores.effective_steps / data.lengths, 1.0)
     steps = step_trust(data, log_ratio, temperature, settings)
     answers = Answers.of_labels(data.labels) if answers is None else answers
     columns = columns_of(described, scores.log_odds(settings), settings.answers)
     pair, missing = telling_pair(claims, scores.score), missing_steps(scoring, scores)
-    evidence = Evidence(scores, columns, states, claims, pair, missing)
+    evidence = Evidence(scores, columns, states, claims, pair, missing, beside)
     return conclude(data, evidence, answers, steps, log_ratio, settings)
 
 
@@ -145,6 +150,8 @@ class Evidence:
     claims: Claims
     pair: tuple[int, int] | None
     missing_steps: int
+    beside: dict[str, Float[Array, " M"]] = field(default_factory=dict)
+    """Facts from which no answer learns, see `rpil.inference.facts`."""
 
 
 def conclude(
@@ -193,6 +200,7 @@ def conclude(
         missing_steps=evidence.missing_steps,
         training_group=scores.fit.group,
         demonstrator_trust=trust,
+        beside=evidence.beside,
     )
 
 
@@ -208,6 +216,7 @@ def repeated(judged: Judgement, copies: Copies, data: FitData, answers: Answers,
     )
     pair = None if judged.pair is None else (int(copies.first[judged.pair[0]]), int(copies.first[judged.pair[1]]))
     claims, columns = judged.claims.repeated(copies), judged.columns[place]
-    evidence = Evidence(scores, columns, judged.states, claims, pair, judged.missing_steps)
+    beside = {name: values[place] for name, values in judged.beside.items()}
+    evidence = Evidence(scores, columns, judged.states, claims, pair, judged.missing_steps, beside)
     steps = StepTrust(steps.reliability[place], steps.interval[place], steps.step[rows])
     return conclude(data, evidence, answers, steps, judged.log_ratio[rows], settings)

@@ -24,6 +24,7 @@ from rpil.data.spaces import Space
 from rpil.inference.answered import columns_of
 from rpil.inference.answers import Answers
 from rpil.inference.claims import extended, telling_pair
+from rpil.inference.facts import TIME_LIMIT, at_time_limit
 from rpil.inference.fitted_judge import FittedJudge
 from rpil.inference.groups import fit_groups
 from rpil.inference.settings import JudgeSettings
@@ -109,7 +110,9 @@ def judge_everyone(
     claims = extended(judged.claims, scores, sample.indices, settings)
     none = np.empty(0)
     columns, pair = columns_of(described, scores.log_odds(settings), settings.answers), telling_pair(claims, score)
-    evidence = Evidence(scores, columns, judged.states, claims, pair, judged.missing_steps)
+    limit = at_time_limit(lengths)
+    beside = {} if limit is None else {TIME_LIMIT: limit}
+    evidence = Evidence(scores, columns, judged.states, claims, pair, judged.missing_steps, beside)
     return conclude(data, evidence, answers, StepTrust(reliability, interval, none), none, settings)
 
 
