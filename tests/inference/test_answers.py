@@ -209,6 +209,24 @@ def test_labels_against_agreement_turn_the_direction():
     assert np.exp(agreed.log_weight)[:2].sum() > 0.95
 
 
+def test_labels_of_one_sort_do_not_move_the_share():
+    """Known good demonstrations were chosen for being good: the ones far below them may still be bad."""
+    channels = np.column_stack([np.linspace(-2, 2, 21), np.repeat([-1.0, 0.0, 1.0], 7)])
+    for sort in (1, -1):
+        labels = sort * (sort * channels[:, 0] > 0.5).astype(int)
+        one_sort = answers_of(labels.tolist(), [(20, 0)])
+        rows, _ = one_sort.rows(channels)
+        np.testing.assert_array_equal(rows[:, 0], 0.0)
+        np.testing.assert_array_equal(rows[:-1, 1:], channels[labels != 0])
+        found = posterior(channels, one_sort, SETTINGS)
+        np.testing.assert_allclose(found.mean[:, 0], 0.0, atol=1e-6)
+        assert found.proba(channels)[0] < 0.1 < 0.9 < found.proba(channels)[-1]
+    labels[-1] = 1
+    assert answers_of(labels.tolist()).rows(channels)[0][:, 0].all()  # both sorts
+    with_outcome = answers_of([1, 1, 0], outcome=[NAN, NAN, 1.0])
+    assert with_outcome.rows(channels[:3])[0][:, 0].all()  # an outcome was not chosen for its sort
+
+
 def test_a_pair_turned_round_turns_the_answer_round():
     channels = np.random.default_rng(1).normal(size=(6, 2))
     even = replace(SETTINGS, p_agreement=0.5)

@@ -3,12 +3,14 @@
     P(answer r is "yes") = (1 - 2 e) sigma(A_r w) + e,         w ~ sum_d pi_d N(d w_0, Lambda^-1)
 
 A row A_r is (1, x_m) for a label of demonstration m, whose columns x_m are ranks of its channels
-(`rpil.inference.channels`), and (0, x_i - x_j) for "i is better than j". An outcome is an answer t in [0, 1], the share
-of the known outcomes that are lower. w_0 is 1 on agreement, the first column, `group_weight` on the group of scores,
-the last one, and 0 on the others: without answers the ranking is the one by agreement. The direction d is 1, or -1
-where those who agree are the bad ones. e is the rate of wrong answers, on a grid. For each d and e the posterior of w
-is Laplace's approximation, and its evidence weighs it; P(good) integrates over w (MacKay 1992). Channels are
-correlated, and this posterior is wider than it should be: so the logit is multiplied by `sharpness`.
+(`rpil.inference.channels`), and (0, x_i - x_j) for "i is better than j". Labels of one sort alone, as of a reference,
+were chosen for their sort and say nothing of the share of good ones: their rows are (0, x_m). An outcome is an answer t
+in [0, 1], the share of the known outcomes that are lower. w_0 is 1 on agreement, the first column, `group_weight` on
+the group of scores, the last one, and 0 on the others: without answers the ranking is the one by agreement. The
+direction d is 1, or -1 where those who agree are the bad ones. e is the rate of wrong answers, on a grid. For each d
+and e the posterior of w is Laplace's approximation, and its evidence weighs it; P(good) integrates over w (MacKay
+1992). Channels are correlated, and this posterior is wider than it should be: so the logit is multiplied by
+`sharpness`.
 """
 
 from __future__ import annotations
@@ -88,6 +90,8 @@ class Answers:
         labelled, ranks = np.flatnonzero(self.labels), self.ranks()
         known = np.flatnonzero(np.isfinite(ranks) & (self.labels == 0))
         compared = columns[self.pairs[:, 0]] - columns[self.pairs[:, 1]]
+        if not len(known) and len({*self.labels[labelled].tolist()}) == 1:
+            columns[:, 0] = 0.0  # they were chosen for their sort, and do not move the offset
         targets = [(self.labels[labelled] > 0).astype(float), ranks[known], np.ones(len(compared))]
         return np.concatenate([columns[labelled], columns[known], compared]), np.concatenate(targets)
 
