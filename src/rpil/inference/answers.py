@@ -103,7 +103,6 @@ class Posterior:
     mean: Float[Array, "K D"]
     covariance: Float[Array, "K D D"]
     log_weight: Float[Array, " K"]
-    error: Float[Array, " K"]
     sharpness: float
     """See `AnswerSettings`."""
 
@@ -118,11 +117,6 @@ class Posterior:
         mean, variance = self.logits(channels)
         return np.asarray(expit(self.sharpness * mean / np.sqrt(1 + np.pi * variance / 8)) @ np.exp(self.log_weight))
 
-    @property
-    def error_rate(self) -> float:
-        """Posterior mean of the rate of wrong answers."""
-        return float(np.exp(self.log_weight) @ self.error)
-
 
 def posterior(channels: Float[Array, "M C"], answers: Answers, settings: AnswerSettings) -> Posterior:
     """The posterior of w."""
@@ -136,7 +130,7 @@ def posterior(channels: Float[Array, "M C"], answers: Answers, settings: AnswerS
     fits = [_laplace(rows, targets, d * anchor, precision, e) for d, e in product((1.0, -1.0), errors)]
     mean, covariance, evidence = (np.stack(part) for part in zip(*fits, strict=True))
     log_weight = evidence + np.repeat(log_prior, len(errors))
-    return Posterior(mean, covariance, log_weight - logsumexp(log_weight), np.tile(errors, 2), settings.sharpness)
+    return Posterior(mean, covariance, log_weight - logsumexp(log_weight), settings.sharpness)
 
 
 def _laplace(rows: Array, targets: Array, anchor: Array, precision: Array, error: float) -> tuple[Array, Array, Array]:
