@@ -31,7 +31,7 @@ from npz_sets import read_set
 from provenance import line, provenance
 from rpil import RPIL
 from rpil.data.demonstrations import Demonstrations
-from rpil.inference.answered import Answered, answer, most_telling
+from rpil.inference.answered import Answered, answer_about_different, most_telling
 from rpil.inference.answers import Answers
 from rpil.inference.settings import AnswerSettings
 from rpil.simulation.simulate import simulate
@@ -171,7 +171,7 @@ def labelled(audit: Audited, chosen: Array, signs: Array | None = None, settings
     """The audit with labels of the `chosen`, by default the truth."""
     labels = np.zeros(len(audit["good"]), dtype=int)
     labels[chosen] = 2 * audit["good"][chosen] - 1 if signs is None else signs
-    return answer(audit["columns"], Answers.of_labels(labels), settings)
+    return answer_about_different(audit["columns"], Answers.of_labels(labels), settings)
 
 
 def compared(audit: Audited) -> Answered | None:
@@ -182,7 +182,7 @@ def compared(audit: Audited) -> Answered | None:
     better, worse = audit["pair"] if quality[0] > quality[1] else audit["pair"][::-1]
     none = np.zeros(len(audit["good"]), dtype=int)
     answers = replace(Answers.of_labels(none), pairs=np.array([[better, worse]]))
-    return answer(audit["columns"], answers, FAST)
+    return answer_about_different(audit["columns"], answers, FAST)
 
 
 def rest_of(audit: Audited, chosen: Array) -> Array:
@@ -355,7 +355,7 @@ def by_outcome(sets: list[Audited], draws: int) -> list[Row]:
             none = np.zeros(len(good), dtype=int)
             answers = replace(Answers.of_labels(none), outcome=np.where(shown, audit["quality"], np.nan))
             rest = known[~shown[known]]
-            own.append(auroc(good[rest], answer(audit["columns"], answers, FAST).log_odds[rest]))
+            own.append(auroc(good[rest], answer_about_different(audit["columns"], answers, FAST).log_odds[rest]))
         values.append(np.nanmean(own))
         model = LogisticRegression(C=1.0, max_iter=1000)
         proba = cross_val_predict(model, audit["columns"][known], good[known], cv=5, method="predict_proba")[:, 1]

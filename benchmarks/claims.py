@@ -151,7 +151,7 @@ def copied(states: Array, actions: Array, ids: Array, rng: np.random.Generator) 
     """The shortest demonstration ten times more."""
     rows = np.flatnonzero(ids == np.bincount(ids).argmin())
     more = np.tile(rows, 10)
-    new = np.repeat(ids.max() + 1 + np.arange(10), len(rows))
+    new = np.repeat(ids[rows[0]] + (ids.max() + 1) * np.arange(1, 11), len(rows))  # `changed` knows whose copies they are
     return np.concatenate([states, states[more]]), np.concatenate([actions, actions[more]]), np.append(ids, new)
 
 

@@ -28,8 +28,8 @@ def columns(**channels):
     return normal_scores(values)
 
 
-def contrast(share=(0.1, 0.7, 0.2), use=((0.0, 1.5, 0.25), (0.0, -2.0, 0.5))):
-    return Contrast(np.array(share), np.array(use), np.array([140.0, 1210.0]))
+def contrast(share=(0.1, 0.7, 0.2), use=((0.0, 1.5, 0.25), (0.0, -2.0, 0.5)), spread=0.0):
+    return Contrast(np.array(share), np.array(use), np.full(3, spread), np.array([140.0, 1210.0]))
 
 
 UP = np.arange(14.0)
@@ -44,6 +44,14 @@ def test_two_groups_in_two_sentences():
         "The two groups: their policies differ most in parts lift\\x1b (70% of the evidence; median 1.5 in A, -2 in B) "
         "and grip (20% of the evidence; median 0.25 in A, 0.5 in B) of the action.",
     )
+
+
+@pytest.mark.parametrize(("spread", "named"), [(6.9, True), (7.1, False)])
+def test_medians_are_named_only_where_they_are_apart(spread, named):
+    """They are 3.5 apart in the first part that is named."""
+    found = groups_differ(GROUPS, columns(), contrast(spread=spread), data(names=NAMES))[1]
+    assert ("median 1.5 in A, -2 in B" in found) == named
+    assert "grip (20% of the evidence; in how it follows the state)" in found
 
 
 def test_discrete_actions_and_names_that_are_not_given():

@@ -9,7 +9,7 @@ import pytest
 from scipy.special import expit, logit
 from scipy.stats import norm
 
-from rpil.inference.answered import answer, columns_of, information, most_telling
+from rpil.inference.answered import answer_about_different as answer, columns_of, information, most_telling
 from rpil.inference.answers import Answers, posterior
 from rpil.inference.settings import AnswerSettings
 

@@ -54,6 +54,8 @@ def test_the_median_of_each_part_in_each_group():
     found = contrast(made, lower(), 0.01)
     np.testing.assert_allclose(found.use[1], 6.0)
     np.testing.assert_allclose(found.use[0], np.median(actions[steps < 3], axis=0))
+    near = np.abs(actions[steps < 3] - found.use[0]), np.abs(actions[(steps == 3) | (steps == 4)] - 6.0)
+    np.testing.assert_allclose(found.spread, np.median(np.concatenate(near), axis=0))
     assert found.share.tolist() == [0.0, 0.0, 0.0]  # the policy has no parts
 
 

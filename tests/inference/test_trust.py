@@ -32,7 +32,7 @@ WORDS = np.array([1] * 6 + [-1] * 4)
 TOLD = [1, 0, 0, 1, 0, 0, -1, -1, 0, 0]
 
 
-def concluded(labels=None, p_two=0.999, data=None, score=SCORE):
+def concluded(labels=None, p_two=0.999, data=None, score=SCORE, copy_of=None):
     """The judgement of `SCORE`, of which agreement and length are known, and its evidence."""
     data = data or same_actions(10)
     scores = scores_of(scoring_of(same_actions(10), lambda group: 0.0, SETTINGS), score, p_two)
@@ -42,7 +42,7 @@ def concluded(labels=None, p_two=0.999, data=None, score=SCORE):
         columns_of(described, scores.log_odds(SETTINGS), SETTINGS.answers),
         Claims("some are unlike", WORDS),
     )
-    evidence = Evidence(scores, columns, states, claims, (4, 8), 17)
+    evidence = Evidence(scores, columns, states, claims, (4, 8), 17, {}, np.arange(10) if copy_of is None else copy_of)
     answers = Answers.of_labels(np.array(labels if labels is not None else [0] * 10, dtype=np.int64))
     steps = StepTrust(np.zeros(10), np.zeros((10, 2)), np.zeros(0))
     return conclude(data, evidence, answers, steps, np.zeros(0), SETTINGS), evidence, answers
@@ -67,7 +67,7 @@ def test_without_answers_the_claims_are_said():
 
 def test_answers_replace_the_claims():
     found, evidence, answers = concluded(TOLD)
-    by_hand = answer(found.columns, answers, SETTINGS.answers)
+    by_hand = answer(found.columns, answers, SETTINGS.answers, np.arange(10))
     assert found.finding == "answered"
     np.testing.assert_allclose(found.log_odds, by_hand.log_odds)
     np.testing.assert_array_equal(found.words, by_hand.words)
@@ -110,7 +110,7 @@ def test_an_operator_withdraws_what_is_hardly_said():
 def test_answers_count_before_operators():
     data = operated(["a"] * 5 + ["b"] * 5)
     found, _, answers = concluded(TOLD, data=data)
-    by_hand = answer(found.columns, answers, SETTINGS.answers)
+    by_hand = answer(found.columns, answers, SETTINGS.answers, np.arange(10))
     np.testing.assert_allclose(found.from_actions + found.from_answers, by_hand.log_odds)
     posterior = demonstrator_posterior(data.demonstrators, by_hand.log_odds, answers.labels, SETTINGS.demonstrators)
     np.testing.assert_allclose(found.log_odds, by_hand.log_odds + posterior.log_odds)

@@ -18,7 +18,7 @@ from rpil.audit.words import WORDS, Verdict, Words
 from rpil.data.errors import DataError
 from rpil.data.formats.id_values import match_labels, match_pairs
 from rpil.inference.answered import Answered, answer, most_telling
-from rpil.inference.answers import Answers
+from rpil.inference.answers import Answers, check_copied_labels
 from rpil.inference.findings import FINDINGS
 from rpil.numerics.types import Array, Float, Int
 
@@ -58,6 +58,8 @@ class Judged(Protocol):
     @property
     def columns(self) -> Float[Array, "M D"]: ...
     @property
+    def copy_of(self) -> Int[Array, " M"]: ...
+    @property
     def log_odds(self) -> Float[Array, " M"]: ...
     @property
     def from_actions(self) -> Float[Array, " M"]: ...
@@ -95,7 +97,8 @@ def with_answers(audit: A, labels: Mapping[Id, str], pairs: Sequence[tuple[Id, I
     known = merged(audit, labels, pairs)
     if not known.any:
         return audit
-    found = answer(audit.columns, known, audit.settings.answers)
+    check_copied_labels(known, audit.copy_of, audit.ids)
+    found = answer(audit.columns, known, audit.settings.answers, audit.copy_of)
     log_odds = found.log_odds + audit.from_demonstrator
     proba, words = expit(log_odds), found.words * (np.sign(log_odds) == found.words)
     step = step_proba(np.repeat(audit.reliability, audit.lengths), audit.step_log_ratio)
@@ -112,8 +115,8 @@ def with_answers(audit: A, labels: Mapping[Id, str], pairs: Sequence[tuple[Id, I
         competing=(),
         answers=known,
         contradicting=tuple(audit.ids[m] for m in found.contradicting.tolist()),
-        doubts=doubts_of_answers(found, known),
-        notes=tuple(note for note in audit.notes if not note.startswith(TWO_GROUPS)),
+        doubts=doubts_of_answers(found),
+        notes=tuple(note for note in audit.notes if TWO_GROUPS not in note),
         assumptions=_assumptions(audit, known),
     )
 
@@ -121,7 +124,7 @@ def with_answers(audit: A, labels: Mapping[Id, str], pairs: Sequence[tuple[Id, I
 def _assumptions(audit: Judged, known: Answers) -> tuple[str, ...]:
     """The sentences of an audit, without those that answers replace."""
     old = {*FINDINGS.values(), audit.words.explanation, *audit.doubts, sentence_of(audit.answers), NOT_USED}
-    kept = (one for one in audit.assumptions if one not in old and not one.startswith(TWO_GROUPS))
+    kept = (one for one in audit.assumptions if one not in old and TWO_GROUPS not in one)
     return (FINDINGS["answered"], WORDS["answers"].explanation, *kept, sentence_of(known))
 
 
@@ -142,9 +145,9 @@ def verdicts_of(words: Int[Array, " M"], anchor: str) -> tuple[Verdict, ...]:
     return tuple({1: vocabulary.upper, 0: "open", -1: vocabulary.lower}[word] for word in words.tolist())
 
 
-def doubts_of_answers(found: Answered, known: Answers) -> tuple[str, ...]:
+def doubts_of_answers(found: Answered) -> tuple[str, ...]:
     """What speaks against words by these answers."""
-    if known.count == 1:
+    if found.count == 1:
         return ("One answer alone gives no word: give a second one that agrees.",)
     return ()
 
@@ -201,7 +204,8 @@ def _stretch(audit: Judged, name: Hashable) -> Stretch | None:
 
 
 def suggest(audit: Judged, k: int) -> tuple[Hashable, ...]:
-    """Ids of up to `k` demonstrations without a label whose labels would say most, the best first.
+    """Ids of up to `k` demonstrations whose labels would say most, the best first; none is labelled, a copy of one that
+    is, or of another one among them.
 
     See `rpil.inference.answered.most_telling`. Without columns, the middle of the ranking.
     """
@@ -211,6 +215,6 @@ def suggest(audit: Judged, k: int) -> tuple[Hashable, ...]:
     if not audit.columns.size:
         order = np.argsort(np.abs(2 * np.argsort(np.argsort(audit.log_odds)) - (len(audit.ids) - 1)), kind="stable")
         return tuple(audit.ids[m] for m in order.tolist() if not labels[m])[:k]
-    known = merged(audit, {}, ())
-    chosen = most_telling(audit.columns, known, audit.settings.answers, k)
-    return tuple(audit.ids[m] for m in chosen)
+    first, known = np.unique(audit.copy_of, return_index=True)[1], merged(audit, {}, ()).once(audit.copy_of)
+    chosen = first[most_telling(audit.columns[first], known, audit.settings.answers, k)]
+    return tuple(audit.ids[m] for m in chosen.tolist())

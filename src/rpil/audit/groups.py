@@ -25,6 +25,8 @@ MIN_SEPARATION = 0.8
 MIN_PART_SHARE = 0.2
 """Share of the evidence from which a part of the action is named; the largest always is."""
 MAX_PARTS = 3
+MIN_APART = 0.5
+"""Difference of the medians of a part, in its spread within the groups, from which they are named."""
 
 SAID_OF_B = {
     "length": ("takes longer", "is shorter"),
@@ -84,4 +86,6 @@ def _parts(contrast: Contrast, data: FitData) -> Iterator[str]:
         if isinstance(data.space, Discrete):
             yield f"{name} ({share:.0%} of the evidence; {first:.0%} of the steps of A, {second:.0%} of B)"
         else:
-            yield f"{name} ({share:.0%} of the evidence; median {first:.3g} in A, {second:.3g} in B)"
+            apart = abs(second - first) > MIN_APART * contrast.spread[j]
+            how = f"median {first:.3g} in A, {second:.3g} in B" if apart else "in how it follows the state"
+            yield f"{name} ({share:.0%} of the evidence; {how})"

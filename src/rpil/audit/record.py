@@ -61,6 +61,7 @@ class Demonstrator:
     step_weight="N",
     history="iterations",
     columns="M channels",
+    copy_of="M",
 )
 @dataclass(frozen=True, eq=False)
 class Audit:
@@ -119,6 +120,8 @@ class Audit:
         steps.
     columns : (M, D) array
         What answers learn from, see `rpil.inference.answered`; (M, 0) where there is none.
+    copy_of : (M,) int array
+        Index of the first of the copies of each demonstration, which may be itself.
     deviations : tuple of str
         What each demonstration does in its worst steps, against what the trusted do there, or ""; empty where the data
         are not in memory (`rpil.audit.deviations`).
@@ -160,6 +163,7 @@ class Audit:
     doubts: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
     columns: Float[Array, "M D"] = field(default_factory=lambda: np.empty((0, 0)))
+    copy_of: Int[Array, " M"] = field(default_factory=lambda: np.empty(0, dtype=np.int64))
     deviations: tuple[str, ...] = ()
     anchor: str = "none"
     sessions: tuple[str, ...] = field(default=(), metadata=NOT_STORED)
@@ -184,8 +188,9 @@ class Audit:
         score = np.add.reduceat(log_ratio, self.offsets[:-1]) / self.lengths
         trusted = score[[SIDES[verdict] == "upper" for verdict in self.verdicts]]
         letters = {name: letter for letter, group in self.groups.items() for name in group}
-        label_of = dict(zip(self.ids, self.answers.labels.tolist(), strict=False))
-        outcome_of = dict(zip(self.ids, self.answers.ranks().tolist(), strict=False))
+        known = self.answers.shared(self.copy_of) if len(self.answers.labels) else self.answers
+        label_of = dict(zip(self.ids, known.labels.tolist(), strict=False))
+        outcome_of = dict(zip(self.ids, known.ranks().tolist(), strict=False))
         contradicting = set(self.contradicting)
         grounds = (
             Grounds(
@@ -222,6 +227,11 @@ class Audit:
     def words(self) -> Words:
         """The words of the verdicts, and the name and the meaning of `expert_proba`."""
         return WORDS[self.anchor]
+
+    @property
+    def experience(self) -> str:
+        """How often demonstrations with such a probability were good, one sentence; empty where all have .5."""
+        return self.words.experience if (self.expert_proba != 0.5).any() else ""
 
     def verdict_counts(self, ids: Sequence[Hashable] | None = None) -> dict[str, int]:
         """The number of demonstrations with each word: of all, or of those called `ids`."""

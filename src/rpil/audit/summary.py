@@ -65,9 +65,10 @@ def audit_from_judgement(
         anchor=anchor,
         answers=answers,
         contradicting=() if known is None else tuple(ids[m] for m in known.contradicting.tolist()),
-        doubts=doubts if known is None else doubts_of_answers(known, answers),
+        doubts=doubts if known is None else doubts_of_answers(known),
         notes=differ,
         columns=judgement.columns,
+        copy_of=judgement.copy_of,
         beside=ranks_beside(judgement.beside),
         settings=settings,
     )
@@ -114,6 +115,7 @@ def audit_from_mixture(
         history=result.history,
         answers=Answers.of_labels(data.labels.astype(np.int64)),
         columns=np.empty((len(ids), 0)),
+        copy_of=np.arange(len(ids)),
         settings=settings,
     )
 

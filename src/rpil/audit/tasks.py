@@ -90,8 +90,9 @@ def join_audits(
         answers=_joined_answers(audits, places, n),
         contradicting=tuple(name for audit in parts for name in audit.contradicting),
         doubts=tuple(dict.fromkeys(doubt for audit in parts for doubt in audit.doubts)),
-        notes=tuple(dict.fromkeys(note for audit in parts for note in audit.notes)),
+        notes=_joined_notes(audits),
         columns=_joined_columns(audits, places, n),
+        copy_of=_joined_copies(audits, places, n),
         beside=_joined_beside(audits, places, n),
         # Each verdict keeps the word of its task; where tasks differ, the probability is what it is without an anchor.
         anchor=anchors.pop() if len(anchors) == 1 else "none",
@@ -138,6 +139,23 @@ def _joined_columns(audits: Mapping[str, Audit], places: Mapping[str, Sequence[i
     for task, audit in audits.items():
         columns[places[task]] = audit.columns
     return columns
+
+
+def _joined_copies(audits: Mapping[str, Audit], places: Mapping[str, Sequence[int]], n: int) -> Array:
+    """The first of the copies of each demonstration within its task."""
+    copy_of = np.arange(n)
+    for task, audit in audits.items():
+        copy_of[places[task]] = np.asarray(places[task])[audit.copy_of]
+    return copy_of
+
+
+def _joined_notes(audits: Mapping[str, Audit]) -> tuple[str, ...]:
+    """Each note once, after the tasks in which it holds."""
+    tasks: dict[str, list[str]] = {}
+    for task, audit in audits.items():
+        for note in audit.notes:
+            tasks.setdefault(note, []).append(task or "no task")
+    return tuple(f"{', '.join(names)}: {note}" for note, names in tasks.items())
 
 
 def _joined_beside(audits: Mapping[str, Audit], places: Mapping[str, Sequence[int]], n: int) -> dict[str, Array]:

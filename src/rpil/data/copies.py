@@ -11,9 +11,11 @@ from itertools import pairwise
 
 import numpy as np
 
-from rpil.data.arrays import are_whole
 from rpil.data.demonstrations import Demonstrations
 from rpil.numerics.types import Array, Int, Num, Shaped
+
+MAX_NEW = 0.5
+"""Different observations for each step of different demonstrations, up to which equal ones may be independent."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,11 +29,8 @@ class Copies:
 
     @classmethod
     def of(cls, contents: Shaped[Array, " M"]) -> Copies:
-        """The copies among demonstrations with these `digests`; none where all are the same, because nothing would be
-        left to compare."""
+        """The copies among demonstrations with these `digests`."""
         _, first, group = np.unique(contents, return_index=True, return_inverse=True)
-        if len(first) == 1:
-            first = group = np.arange(len(contents))
         order = np.argsort(first)
         place = np.empty_like(order)
         place[order] = np.arange(len(order))
@@ -42,10 +41,25 @@ class Copies:
         """Whether there are copies."""
         return len(self.first) < len(self.place)
 
+    @property
+    def all_same(self) -> bool:
+        """Whether all are copies of one, and nothing can be compared."""
+        return self.any and len(self.first) == 1
+
+    @property
+    def judged(self) -> Int[Array, " K"]:
+        """The demonstrations that are judged: the different ones, or all where all are copies of one."""
+        return np.arange(len(self.place)) if self.all_same else self.first
+
+    @property
+    def copy_of(self) -> Int[Array, " M"]:
+        """The first of the copies of each demonstration, which may be itself."""
+        return self.first[self.place]
+
     def rows(self, offsets: Int[Array, " M1"]) -> Int[Array, " N"]:
         """Of each step of all demonstrations, whose bounds are `offsets`, its row among those of the first ones."""
         lengths = np.diff(offsets)
-        begins = np.cumsum(np.append(0, lengths[self.first]))[:-1]
+        begins = np.cumsum(np.append(0, lengths[self.judged]))[:-1]
         return np.asarray(np.arange(offsets[-1]) + np.repeat(begins[self.place] - offsets[:-1], lengths))
 
     @property
@@ -53,18 +67,22 @@ class Copies:
         """How many copies there are; empty where there are none."""
         if not self.any:
             return ""
+        if self.all_same:
+            return f"All {len(self.place):,} demonstrations are copies of one: there is nothing to compare."
         n_copies, n_copied = len(self.place) - len(self.first), int((np.bincount(self.place) > 1).sum())
         copies = f"{n_copies:,} demonstrations are copies" if n_copies > 1 else "One demonstration is a copy"
         return f"{copies} of {n_copied:,} other{'s' * (n_copied > 1)}: each is judged once."
 
 
 def copies_among(demonstrations: Demonstrations) -> Copies:
-    """The copies among demonstrations in memory. Where all is counted and nothing measured, as on a board or a grid,
-    there are none: independent demonstrations may be equal there, and agree."""
-    observations, offsets = demonstrations.observations, demonstrations.offsets
-    if demonstrations.is_discrete and are_whole(observations):
-        return Copies.of(np.arange(len(demonstrations)))
-    return Copies.of(digests(observations, demonstrations.actions, offsets))
+    """The copies among demonstrations in memory. Where a few observations come again and again, as on a grid, and actions
+    are discrete, there are none: independent demonstrations may be equal there, and agree."""
+    found = Copies.of(digests(demonstrations.observations, demonstrations.actions, demonstrations.offsets))
+    if found.any and demonstrations.is_discrete:
+        different = np.ascontiguousarray(demonstrations.select(found.first).observations)
+        if len({row.tobytes() for row in different}) <= MAX_NEW * len(different):
+            return Copies.of(np.arange(len(demonstrations)))
+    return found
 
 
 def digests(

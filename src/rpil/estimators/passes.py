@@ -67,7 +67,7 @@ class SampledFit:
         demonstrations = task.source.select(indices)
         copies = copies_among(demonstrations)
         if copies.any:
-            indices, demonstrations = indices[copies.first], demonstrations.select(copies.first)
+            indices, demonstrations = indices[copies.judged], demonstrations.select(copies.judged)
         features = options.judge_features(demonstrations)
         assert isinstance(features, FeatureMap)
         data = task.data(demonstrations, features, single=True)

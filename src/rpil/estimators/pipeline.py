@@ -26,7 +26,7 @@ from rpil.data.spaces import Space
 from rpil.estimators.final_policy import LinearPolicySpec
 from rpil.estimators.settings import Settings
 from rpil.estimators.task import Features, FinalPolicy, Task
-from rpil.inference.answers import Answers
+from rpil.inference.answers import Answers, check_copied_labels
 from rpil.inference.fitted_judge import FittedJudge
 from rpil.inference.held_out import HeldOutModel, HeldOutPolicy, held_out_model
 from rpil.inference.parts import judged_parts, not_judged, resting_sessions, session_sentence
@@ -256,10 +256,11 @@ class FullFit:
             features = options.judge_features(demonstrations)
             data = options.judged(self._data(demonstrations, features))
             return JudgeInput(demonstrations, data, features, task.answers, task.order)
-        different = demonstrations.select(copies.first)
+        check_copied_labels(task.answers, copies.copy_of, task.source.ids, task.source.source)
+        different = demonstrations.select(copies.judged)
         features = options.judge_features(different)
         data = options.judged(task.data(different, features, self._single(demonstrations)))
-        order = None if task.order is None else task.order[copies.first]
+        order = None if task.order is None else task.order[copies.judged]
         return JudgeInput(different, data, features, Answers.of_labels(data.labels), order, copies=copies)
 
     def extend(self, posed: JudgeInput, decision: TrustDecision) -> TrustDecision:

@@ -19,6 +19,7 @@ from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
 from rpil.data.fit_data import FitData
 from rpil.estimators.task import ActionBox, Labels, Task
+from rpil.inference.answers import check_copied_labels
 from rpil.inference.held_out import HeldOutLogProb, HeldOutModel, log_reference
 from rpil.inference.parts import ActionScale
 from rpil.inference.settings import JudgeSettings
@@ -235,22 +236,24 @@ def reweight(
         raise TypeError(f"reweight() got an unexpected keyword argument {min(unknown)!r}")
     progress, chosen = progress or (lambda _: None), ReweightOptions(**options)
     task = Task.of(demonstrations, chosen.action_box, labels)
-    if chosen.n_folds > len(demonstrations):
-        raise DataError(
-            f"n_folds={chosen.n_folds}, but there are {len(demonstrations)} demonstrations; give fewer folds."
-        )
     copies = copies_among(demonstrations)
-    different = demonstrations.select(copies.first) if copies.any else demonstrations
-    features = FeatureMap.fit("folded", different.observations, settings=FeatureSettings())
-    once = task.data(different, features)
-    seed, fold = chosen.random_state, once.per_step(deal(once, chosen.n_folds, chosen.random_state))
-    model = TrainedPolicy(policy, once, different, log_prob, train, fold, chosen, progress)
-    judgement = judge(once, model, chosen.judge, seed=seed, progress=progress)
-    n_rounds = model.cache[once.per_step(judgement.training_group.astype(float)).tobytes()][1]
-    data = replace(once if different is demonstrations else task.data(demonstrations, features), labels=task.labels)
+    check_copied_labels(task.answers, copies.copy_of, demonstrations.ids, demonstrations.source)
+    if chosen.n_folds > len(copies.judged):
+        different = "different " * copies.any
+        raise DataError(
+            f"n_folds={chosen.n_folds}, but there are {len(copies.judged)} {different}demonstrations; give fewer folds."
+        )
+    once = demonstrations.select(copies.judged) if copies.any else demonstrations
+    features = FeatureMap.fit("folded", once.observations, settings=FeatureSettings())
+    data = task.data(once, features)
+    seed, fold = chosen.random_state, data.per_step(deal(data, chosen.n_folds, chosen.random_state))
+    model = TrainedPolicy(policy, data, once, log_prob, train, fold, chosen, progress)
+    judgement = judge(data, model, chosen.judge, seed=seed, progress=progress)
+    n_rounds = model.cache[data.per_step(judgement.training_group.astype(float)).tobytes()][1]
+    data = replace(data if once is demonstrations else task.data(demonstrations, features), labels=task.labels)
     judgement = repeated(judgement, copies, data, task.answers, chosen.judge)
     audit = audit_from_judgement(judgement, data, demonstrations.ids, task.answers, chosen.audit)
-    audit = replace(audit, notes=tuple(filter(None, [copies.sentence])))
+    audit = replace(audit, notes=tuple(filter(None, [*audit.notes, copies.sentence])))
     model = replace(model, data=demonstrations)  # the policy learns from copies as well
     for n in range(n_rounds):
         progress(f"training the policy: {n + 1} of {n_rounds}")

@@ -24,6 +24,8 @@ class Answered:
     """1 good, 0 open, -1 bad."""
     contradicting: Int[Array, " K"]
     """Demonstrations whose label contradicts the other answers."""
+    count: int
+    """The number of answers about different demonstrations."""
 
 
 def columns_of(
@@ -34,13 +36,25 @@ def columns_of(
     return np.column_stack([normal_scores(channels), np.clip(log_odds, -bound, bound) / bound])
 
 
-def answer(columns: Float[Array, "M D"], answers: Answers, settings: AnswerSettings) -> Answered:
-    """P(good) of every demonstration, by its `columns_of`.
+def answer(
+    columns: Float[Array, "M D"], answers: Answers, settings: AnswerSettings, copy_of: Int[Array, " M"]
+) -> Answered:
+    """P(good) of every demonstration, by its `columns_of`; `copy_of` is the first of the copies of each.
+
+    A copy confirms nothing: copies are judged as one demonstration, by what is known of any of them.
+    """
+    _, first, place = np.unique(copy_of, return_index=True, return_inverse=True)
+    found = answer_about_different(columns[first], answers.once(copy_of), settings)
+    named = np.flatnonzero(np.isin(place, found.contradicting) & (answers.labels != 0))
+    return Answered(found.log_odds[place], found.words[place], named, found.count)
+
+
+def answer_about_different(columns: Float[Array, "M D"], answers: Answers, settings: AnswerSettings) -> Answered:
+    """P(good) of every demonstration where none is a copy of another.
 
     A label is itself an answer that may be wrong: its demonstration is judged by the other answers and by it. A known
     outcome says P(good): the share of outcomes that are lower. One answer alone gives no word, and a labelled
-    demonstration has one only where the other answers are on its side. Its label holds for copies of it, which have the
-    same columns and no label of their own.
+    demonstration has one only where the other answers are on its side.
     """
     found = posterior(columns, answers, settings)
     proba = np.clip(found.proba(columns), settings.min_proba_bound, 1 - settings.min_proba_bound)
@@ -59,14 +73,11 @@ def answer(columns: Float[Array, "M D"], answers: Answers, settings: AnswerSetti
     counts[named] = 0.0
     result[labelled] = (alone + counts)[labelled]
     agreed[labelled] = (alone * labels > 0)[labelled]
-    for m in labelled.tolist():
-        copies = (labels == 0) & (columns == columns[m]).all(axis=1) & columns[m].any()  # 0 is a task of its own
-        result[copies], agreed[copies] = result[m], agreed[m]
     words = (result >= settings.log_odds).astype(int) - (result <= -settings.log_odds).astype(int)
     words[~agreed] = 0
     if answers.count < 2:
         words[:] = 0
-    return Answered(result, words, named)
+    return Answered(result, words, named, answers.count)
 
 
 def contradicting(alone: Float[Array, " M"], answers: Answers, settings: AnswerSettings) -> Int[Array, " K"]:

@@ -15,7 +15,7 @@ and e the posterior of w is Laplace's approximation, and its evidence weighs it;
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Hashable, Sequence
 from dataclasses import dataclass
 from itertools import product
 
@@ -25,6 +25,7 @@ from scipy.special import expit, logsumexp
 from scipy.stats import rankdata
 
 from rpil.data.archive import stored
+from rpil.data.errors import DataError
 from rpil.inference.settings import AnswerSettings
 from rpil.numerics.types import Array, Float, Int
 
@@ -74,6 +75,23 @@ class Answers:
         labels[m] = 0
         return Answers(labels, self.pairs, self.outcome)
 
+    def once(self, copy_of: Int[Array, " M"]) -> Answers:
+        """The answers about the K different demonstrations, where `copy_of` is the first of the copies of each: one label,
+        the mean outcome, and pairs of different ones, each once."""
+        first, place = np.unique(copy_of, return_inverse=True)
+        labels = np.sign(np.bincount(place, self.labels, len(first))).astype(np.int64)
+        known = np.isfinite(self.outcome)
+        total = np.bincount(place[known], self.outcome[known], len(first))
+        count = np.bincount(place[known], minlength=len(first))
+        outcome = np.divide(total, count, out=np.full(len(first), np.nan), where=count > 0)
+        pairs = place[self.pairs]
+        return Answers(labels, np.unique(pairs[pairs[:, 0] != pairs[:, 1]], axis=0), outcome)
+
+    def shared(self, copy_of: Int[Array, " M"]) -> Answers:
+        """The same, where a label or an outcome is that of all copies."""
+        once, place = self.once(copy_of), np.unique(copy_of, return_inverse=True)[1]
+        return Answers(once.labels[place], self.pairs, once.outcome[place])
+
     def ranks(self) -> Float[Array, " M"]:
         """The share of the known outcomes that are lower, ties half, in [0, 1]; NaN where the outcome is unknown."""
         ranks, known = np.full(len(self.outcome), np.nan), np.isfinite(self.outcome)
@@ -94,6 +112,18 @@ class Answers:
             columns[:, 0] = 0.0  # they were chosen for their sort, and do not move the offset
         targets = [(self.labels[labelled] > 0).astype(float), ranks[known], np.ones(len(compared))]
         return np.concatenate([columns[labelled], columns[known], compared]), np.concatenate(targets)
+
+
+def check_copied_labels(
+    answers: Answers, copy_of: Int[Array, " M"], ids: Sequence[Hashable], source: str = "the labels"
+) -> None:
+    """A `DataError` where one copy of a demonstration is labelled good and another one bad."""
+    good, bad = (np.flatnonzero(answers.labels == label) for label in (1, -1))
+    for m in good[np.isin(copy_of[good], copy_of[bad])].tolist():
+        other = bad[copy_of[bad] == copy_of[m]][0]
+        raise DataError(
+            f"{source}: {ids[m]!r} is labelled good and {ids[other]!r}, a copy of it, bad; leave out one of the labels."
+        )
 
 
 @dataclass(frozen=True, eq=False)

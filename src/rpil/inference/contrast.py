@@ -28,6 +28,8 @@ class Contrast:
     """Share of the evidence; all 0 where the policy has no parts."""
     use: Float[Array, "2 J"]
     """The median of each part in the steps of A and of B, or how often each action is taken there."""
+    spread: Float[Array, " J"]
+    """The median distance of each part from the median of its group; 0 for discrete actions."""
     length: Float[Array, " 2"]
     """Steps of the median demonstration of A and of B."""
 
@@ -41,18 +43,19 @@ def contrast(scoring: Scoring, lower: Lower, ridge: float) -> Contrast:
     inside = [np.repeat(np.isin(np.arange(data.n_demonstrations), group), data.lengths) for group in groups]
     if isinstance(data.space, Discrete):
         use = [np.bincount(data.actions[own], minlength=data.space.n) / own.sum() for own in inside]
-    else:
-        use = [np.median(data.actions[own], axis=0).astype(float) for own in inside]
-    return Contrast(share, np.stack(use), length)
+        return Contrast(share, np.stack(use), np.zeros(data.space.n), length)
+    use = [np.median(data.actions[own], axis=0).astype(float) for own in inside]
+    away = [np.abs(data.actions[own] - middle) for own, middle in zip(inside, use, strict=True)]
+    return Contrast(share, np.stack(use), np.median(np.concatenate(away), axis=0), length)
 
 
 def _evidence(scoring: Scoring, lower: Lower, ridge: float) -> Float[Array, " J"]:
     """e_j, nats a step; 0 where the policy has no parts."""
     data = scoring.data
     if isinstance(data.space, Discrete):
-        ratio = np.zeros(len(data.actions)) if lower.log_ratio is None else lower.log_ratio
+        assert lower.log_ratio is not None  # a rival has it
         cell = data.per_step(np.arange(data.n_demonstrations)) * data.space.n + data.actions
-        sums = np.bincount(cell, ratio, data.n_demonstrations * data.space.n).reshape(-1, data.space.n)
+        sums = np.bincount(cell, lower.log_ratio, data.n_demonstrations * data.space.n).reshape(-1, data.space.n)
     else:
         of_both = [_log_prob_of_parts(scoring, group, ridge) for group in (lower.upper, lower.rival)]
         of_upper, of_rival = of_both

@@ -12,6 +12,7 @@ import numpy as np
 from scipy.special import expit
 
 from rpil.data.copies import Copies
+from rpil.data.demonstrators import Demonstrators
 from rpil.data.fit_data import FitData
 from rpil.inference.answered import Answered, answer, columns_of
 from rpil.inference.answers import Answers
@@ -61,6 +62,8 @@ class Judgement:
     """Of those from which the policies learned: all, or a sample."""
     demonstrator_trust: Float[Array, "U 3"]
     """Mean P of the demonstrations of each demonstrator and its 95 % interval."""
+    copy_of: Int[Array, " M"]
+    """The first of the copies of each demonstration, which may be itself."""
     beside: dict[str, Float[Array, " M"]] = field(default_factory=dict)
     """Facts from which no answer learns, see `rpil.inference.facts`."""
 
@@ -118,7 +121,7 @@ def judge(
     answers = Answers.of_labels(data.labels) if answers is None else answers
     columns = columns_of(described, scores.log_odds(settings), settings.answers)
     pair, missing = telling_pair(claims, scores.score), missing_steps(scoring, scores)
-    evidence = Evidence(scores, columns, states, claims, pair, missing, beside)
+    evidence = Evidence(scores, columns, states, claims, pair, missing, beside, np.arange(data.n_demonstrations))
     return conclude(data, evidence, answers, steps, log_ratio, settings)
 
 
@@ -150,8 +153,10 @@ class Evidence:
     claims: Claims
     pair: tuple[int, int] | None
     missing_steps: int
-    beside: dict[str, Float[Array, " M"]] = field(default_factory=dict)
+    beside: dict[str, Float[Array, " M"]]
     """Facts from which no answer learns, see `rpil.inference.facts`."""
+    copy_of: Int[Array, " M"]
+    """The first of the copies of each demonstration, which may be itself."""
 
 
 def conclude(
@@ -171,14 +176,21 @@ def conclude(
     from_demonstrator, from_answers, trust = np.zeros(len(words)), np.zeros(len(words)), np.empty((0, 3))
     answered = None
     if answers.any:
-        answered = answer(evidence.columns, answers, settings.answers)
+        answered = answer(evidence.columns, answers, settings.answers, evidence.copy_of)
         from_answers = answered.log_odds - from_actions
         words = answered.words
     if data.demonstrators.informative:
+        index, labels = data.demonstrators.index, answers.shared(evidence.copy_of).labels
+        # Copies are one demonstration of each demonstrator who gave them.
+        key = evidence.copy_of * (1 + index.max()) + index
+        _, once, place = np.unique(key, return_index=True, return_inverse=True)
         posterior = demonstrator_posterior(
-            data.demonstrators, from_actions + from_answers, answers.labels, settings.demonstrators
+            Demonstrators(index[once], data.demonstrators.names),
+            (from_actions + from_answers)[once],
+            labels[once],
+            settings.demonstrators,
         )
-        from_demonstrator, trust = posterior.log_odds, posterior.intervals()
+        from_demonstrator, trust = posterior.log_odds[place], posterior.intervals()
     total = from_actions + from_demonstrator + from_answers
     words = words * (np.sign(total) == words)  # a demonstrator withdraws words, and gives none
     p_two = 1.0 if answered is not None else scores.groups.p_two
@@ -200,6 +212,7 @@ def conclude(
         missing_steps=evidence.missing_steps,
         training_group=scores.fit.group,
         demonstrator_trust=trust,
+        copy_of=evidence.copy_of,
         beside=evidence.beside,
     )
 
@@ -214,9 +227,12 @@ def repeated(judged: Judgement, copies: Copies, data: FitData, answers: Answers,
         variance=scores.variance[place],
         effective_steps=scores.effective_steps[place],
     )
-    pair = None if judged.pair is None else (int(copies.first[judged.pair[0]]), int(copies.first[judged.pair[1]]))
+    pair = None
+    if judged.pair is not None and not copies.all_same:
+        pair = int(copies.first[judged.pair[0]]), int(copies.first[judged.pair[1]])
     claims, columns = judged.claims.repeated(copies), judged.columns[place]
     beside = {name: values[place] for name, values in judged.beside.items()}
-    evidence = Evidence(scores, columns, judged.states, claims, pair, judged.missing_steps, beside)
+    missing = judged.missing_steps
+    evidence = Evidence(scores, columns, judged.states, claims, pair, missing, beside, copies.copy_of)
     steps = StepTrust(steps.reliability[place], steps.interval[place], steps.step[rows])
     return conclude(data, evidence, answers, steps, judged.log_ratio[rows], settings)

@@ -112,7 +112,8 @@ def judge_everyone(
     columns, pair = columns_of(described, scores.log_odds(settings), settings.answers), telling_pair(claims, score)
     limit = at_time_limit(lengths)
     beside = {} if limit is None else {TIME_LIMIT: limit}
-    evidence = Evidence(scores, columns, judged.states, claims, pair, judged.missing_steps, beside)
+    missing, own = judged.missing_steps, np.arange(len(score))
+    evidence = Evidence(scores, columns, judged.states, claims, pair, missing, beside, own)
     return conclude(data, evidence, answers, StepTrust(reliability, interval, none), none, settings)
 
 
