@@ -148,10 +148,10 @@ def twice(states: Array, actions: Array, ids: Array, rng: np.random.Generator) -
 
 
 def copied(states: Array, actions: Array, ids: Array, rng: np.random.Generator) -> tuple[Array, Array, Array]:
-    """The shortest demonstration ten times more."""
+    """The shortest demonstration ten times more, under ids that leave its number by the number of demonstrations."""
     rows = np.flatnonzero(ids == np.bincount(ids).argmin())
     more = np.tile(rows, 10)
-    new = np.repeat(ids[rows[0]] + (ids.max() + 1) * np.arange(1, 11), len(rows))  # `changed` knows whose copies they are
+    new = np.repeat(ids[rows[0]] + (ids.max() + 1) * np.arange(1, 11), len(rows))  # see `changed`
     return np.concatenate([states, states[more]]), np.concatenate([actions, actions[more]]), np.append(ids, new)
 
 

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from audits import make_audit
+from rpil.audit.words import WORDS
 from rpil.data.errors import DataError
 
 
@@ -41,3 +43,15 @@ def test_index_of_an_id():
     assert audit.index("c") == 2
     with pytest.raises(DataError, match="No demonstration is called 'z'"):
         audit.index("z")
+
+
+def test_experience_is_said_where_probabilities_are_graded():
+    assert make_audit().experience == WORDS["none"].experience
+    assert make_audit(expert_proba=np.full(10, 0.5), finding="two groups").experience == ""
+
+
+def test_a_copy_of_what_is_labelled_has_its_reason():
+    made = make_audit(("good",) * 4 + ("bad",) * 4, anchor="answers", finding="answered", labels={0: 1})
+    copied = replace(made, copy_of=np.array([0, 0, *range(2, 8)]))
+    assert copied.reasons[1].startswith("Labelled good")
+    assert not made.reasons[1].startswith("Labelled good")

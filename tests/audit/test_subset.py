@@ -41,3 +41,8 @@ def test_names_of_demonstrations_that_are_left_out_are_left_out():
     np.testing.assert_array_equal(part.answers.pairs, [[0, 1]])
     np.testing.assert_array_equal(part.answers.outcome, [2.0, 3.0])
     np.testing.assert_array_equal(part.columns, [[4.0, 5.0], [6.0, 7.0]])
+
+
+def test_copies_stay_copies_where_the_first_is_left_out():
+    audit = make_audit(copy_of=np.array([0, 1, 2, 0, 4, 0, 6, 7, 8, 2]))
+    assert select(audit, [9, 3, 5, 1]).copy_of.tolist() == [0, 1, 1, 3]

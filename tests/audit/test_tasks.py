@@ -48,3 +48,13 @@ def test_without_any_audit_nothing_is_known():
     assert audit.finding == "nothing could be learned"
     assert audit.verdicts == ("open", "open")
     assert audit.to_dict()["n_steps"] == 5
+
+
+def test_copies_and_notes_keep_their_tasks():
+    steps, same = {"lengths": [1, 1]}, "One demonstration is a copy of 1 other: each is judged once."
+    one = make_audit(("open",) * 2, **steps, notes=(same, "Part 3 rests."), copy_of=np.array([0, 0]))
+    other = make_audit(("open",) * 2, **steps, ids="ab", notes=(same,), copy_of=np.array([0, 0]))
+    places = {"one": [0, 2], "other": [1, 3], "alone": [4]}
+    audit = join_audits({"one": one, "other": other}, places, [0, "a", 1, "b", "c"], np.arange(6))
+    assert audit.copy_of.tolist() == [0, 1, 0, 1, 4]
+    assert audit.notes == (f"one, other: {same}", "one: Part 3 rests.")

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from claims import PAPER, Job, audited, good_by_proba, of_paper
+from claims import PAPER, Job, audited, changed, good_by_proba, of_paper
 from rpil.audit.words import WORDS
 
 RESULTS = Path(__file__).parents[2] / "docs" / "results.md"
@@ -77,3 +78,14 @@ def test_what_an_audit_says_of_p_is_in_the_results():
     assert sentence.startswith("In 29 recorded sets")
     assert [words.experience for anchor, words in WORDS.items() if anchor != "none"] == ["", ""]
     assert sentence in RESULTS.read_text(encoding="utf-8")
+
+
+def test_copies_of_the_shortest_are_as_good_as_it_is():
+    lengths, good = [5, 2, 4], np.array([1, 0, 1])
+    ids = np.repeat(np.arange(3), lengths)
+    world = SimpleNamespace(
+        observations=np.random.default_rng(0).normal(size=(11, 2)), actions=np.zeros(11), episode_ids=ids, is_good=good
+    )
+    made, truth = changed(SimpleNamespace(make=lambda: world), "one copied ten times")
+    assert truth.tolist() == [1, 0, 1] + [0] * 10
+    assert made.lengths[3:].tolist() == [2] * 10

@@ -46,23 +46,42 @@ def test_one_other_step_or_bit_is_no_copy():
     assert not Copies.of(digests(every.observations, actions, every.offsets)).any
 
 
-@pytest.mark.parametrize("letters", ["abc", "aaa"])
-def test_without_copies_or_without_others_all_are_their_own(letters):
-    copies = copies_among(named(letters))
+def test_without_copies_all_are_their_own():
+    copies = copies_among(named("abc"))
     assert not copies.any
+    assert not copies.all_same
     assert copies.sentence == ""
     np.testing.assert_array_equal(copies.first, [0, 1, 2])
     np.testing.assert_array_equal(copies.place, [0, 1, 2])
 
 
-def test_what_is_counted_and_not_measured_may_be_equal_by_chance():
-    assert not copies_among(named("aab", whole=True)).any
+def test_where_all_are_copies_of_one_all_are_judged_and_have_what_the_first_has():
+    copies = copies_among(named("aaa"))
+    assert copies.any
+    assert copies.all_same
+    np.testing.assert_array_equal(copies.judged, [0, 1, 2])
+    np.testing.assert_array_equal(copies.copy_of, [0, 0, 0])
+    np.testing.assert_array_equal(copies.rows(named("aaa").offsets), [0, 1, 2] * 3)
+
+
+@pytest.mark.parametrize(("unit", "shift"), [(1.0, 0.0), (0.5, 0.0), (1.0, 0.5)])
+def test_where_observations_come_again_demonstrations_may_be_equal_by_chance(unit, shift):
+    walks = [[0, 1, 0, 1], [0, 1, 0, 1], [1, 0, 1, 1]]
+    episodes = [(unit * np.array(walk, dtype=float)[:, None] + shift, np.arange(4)) for walk in walks]
+    assert not copies_among(Demonstrations.from_episodes(episodes)).any
+    measured = [(states, actions[:, None] / 3) for states, actions in episodes]
+    assert copies_among(Demonstrations.from_episodes(measured)).any
+
+
+def test_whole_numbers_are_no_reason_to_be_equal_by_chance():
+    assert copies_among(named("aab", whole=True)).any
 
 
 @pytest.mark.parametrize(
     ("letters", "sentence"),
     [
         ("aab", "One demonstration is a copy of 1 other: each is judged once."),
+        ("aaa", "All 3 demonstrations are copies of one: there is nothing to compare."),
         ("bacabb", "3 demonstrations are copies of 2 others: each is judged once."),
     ],
 )

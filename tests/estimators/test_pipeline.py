@@ -10,7 +10,7 @@ from sklearn.linear_model import LogisticRegression, Ridge
 from sklearn.metrics import roc_auc_score
 
 from problems import make, make_continuous, two_styles
-from rpil import RPIL, DataError
+from rpil import RPIL, DataError, load, save
 from rpil.data.demonstrations import Demonstrations
 from rpil.inference.findings import FINDINGS
 
@@ -148,3 +148,44 @@ def test_a_label_holds_for_copies():
     np.testing.assert_array_equal(audit.log_odds[[0, 17]], audit.log_odds[[18, 19]])
     again = RPIL(C=1.0).fit(data).audit_.answered(labels)
     np.testing.assert_allclose(audit.log_odds, again.log_odds, rtol=1e-9)
+
+
+def test_labels_of_copies_that_contradict_each_other_are_refused():
+    toy = make("random", 3, n_good=12, n_bad=6)
+    data = with_copies(toy.demonstrations, [*range(18), 0])
+    match = "'d0' is labelled good and 'copy 0', a copy of it, bad; leave out one of the labels"
+    with pytest.raises(DataError, match=match):
+        RPIL(C=1.0).fit(data, labels={"d0": "good", "copy 0": "bad"})
+    with pytest.raises(DataError, match=match):
+        RPIL(C=1.0).fit(data).audit_.answered({"d0": "good", "copy 0": "bad"})
+
+
+def test_no_copy_of_a_suggested_or_labelled_demonstration_is_suggested():
+    toy = make("random", 3, n_good=12, n_bad=6)
+    audit = RPIL(C=1.0).fit(with_copies(toy.demonstrations, [*range(18), *range(18)])).audit_
+    suggested = audit.suggest_labels(36)
+    assert len({audit.copy_of[audit.index(name)] for name in suggested}) == len(suggested) == 18
+    left = audit.answered({"copy 5": "good", "d17": "bad"}).suggest_labels(36)
+    assert len(left) == 16
+    assert not {"d5", "copy 5", "d17", "copy 17"} & {*left}
+
+
+@pytest.mark.parametrize("policy", [None, "own"])
+def test_nothing_is_learned_from_copies_of_one_demonstration(policy):
+    toy = make_continuous("random", 3, n_good=1, n_bad=1)
+    own = Ridge() if policy else None
+    audit = RPIL(policy=own).fit(Demonstrations.from_episodes([toy.demonstrations.episode(0)] * 6)).audit_
+    assert (audit.finding, audit.pair, audit.question) == ("nothing could be learned", (), None)
+    assert set(audit.verdicts) == {"open"}
+    assert np.ptp(audit.log_odds) == 0
+    assert "All 6 demonstrations are copies of one: there is nothing to compare." in audit.notes
+
+
+def test_a_saved_audit_knows_its_copies(tmp_path):
+    toy = make("random", 3, n_good=12, n_bad=6)
+    model = RPIL(C=1.0).fit(with_copies(toy.demonstrations, [*range(18), 0, 17]))
+    save(model, tmp_path / "model")
+    kept = load(tmp_path / "model").audit_
+    assert kept.copy_of.tolist() == [*range(18), 0, 17]
+    answers = {"copy 0": "good", "d17": "bad", "d1": "good"}
+    np.testing.assert_array_equal(kept.answered(answers).log_odds, model.audit_.answered(answers).log_odds)

@@ -275,3 +275,52 @@ def test_reweight_judges_copies_once():
     assert more.step_weight.shape == data.actions.shape
     assert more.audit.notes == ("5 demonstrations are copies of 1 other: each is judged once.",)
     assert (more.policy.weights != once.policy.weights).any()  # it learns from copies as well
+
+
+@dataclass
+class Line:
+    """Least squares with normal errors."""
+
+    weights: np.ndarray = field(default_factory=lambda: np.zeros((4, 2)))
+
+
+def log_density(policy, observations, actions):
+    away = (actions - np.c_[observations, np.ones(len(actions))] @ policy.weights) / 0.2
+    return -0.5 * (away**2).sum(axis=1) - 2 * np.log(0.2 * np.sqrt(2 * np.pi))
+
+
+def least_squares(policy, observations, actions, weights):
+    x = np.c_[observations, np.ones(len(actions))]
+    policy.weights = np.linalg.solve(
+        (x * weights[:, None]).T @ x + 1e-3 * np.eye(4), (x * weights[:, None]).T @ actions
+    )
+
+
+def styles(n=9, m=7):
+    """Demonstrations of two policies."""
+    rng, episodes = np.random.default_rng(0), []
+    for k in range(n + m):
+        states = rng.normal(size=(80, 3))
+        own = states @ ([1.0, -0.7, 0.3] if k < n else [-1.0, 0.5, 0.9])
+        episodes.append((states, np.column_stack([own, states[:, 0]]) + 0.1 * rng.normal(size=(80, 2))))
+    return episodes
+
+
+def test_reweight_keeps_the_sentences_about_two_groups():
+    episodes = styles()
+    data = Demonstrations.from_episodes([*episodes, episodes[0]])
+    audit = reweight(Line(), data, log_prob=log_density, train=least_squares).audit
+    assert audit.finding == "two groups"
+    assert audit.notes[0].startswith("The two groups: A has ")
+    assert audit.notes[-1] == "One demonstration is a copy of 1 other: each is judged once."
+
+
+def test_reweight_of_copies_of_one_or_two_demonstrations():
+    first, *_, last = styles()
+    alone = Demonstrations.from_episodes([first] * 5)
+    audit = reweight(Line(), alone, log_prob=log_density, train=least_squares).audit
+    assert (audit.finding, audit.pair) == ("nothing could be learned", ())
+    assert audit.notes == ("All 5 demonstrations are copies of one: there is nothing to compare.",)
+    two = Demonstrations.from_episodes([first, last] * 3)
+    with pytest.raises(DataError, match="n_folds=3, but there are 2 different demonstrations; give fewer folds"):
+        reweight(Line(), two, log_prob=log_density, train=least_squares)

@@ -9,7 +9,7 @@ import pytest
 from scipy.special import expit, logit
 from scipy.stats import norm
 
-from rpil.inference.answered import answer_about_different as answer, columns_of, information, most_telling
+from rpil.inference.answered import answer, answer_about_different, columns_of, information, most_telling
 from rpil.inference.answers import Answers, posterior
 from rpil.inference.settings import AnswerSettings
 
@@ -40,31 +40,31 @@ def test_columns_are_normal_scores_and_bounded_log_odds():
     "one", [answers_of([0] * 11 + [1]), answers_of(pairs=[(11, 0)]), answers_of(outcome=[NAN] * 11 + [1.0])]
 )
 def test_one_answer_gives_no_word(one):
-    assert not answer(COLUMNS, one, SETTINGS).words.any()
+    assert not answer_about_different(COLUMNS, one, SETTINGS).words.any()
 
 
 def test_two_answers_give_words():
-    found = answer(COLUMNS, answers_of([-1] + [0] * 10 + [1]), SETTINGS)
+    found = answer_about_different(COLUMNS, answers_of([-1] + [0] * 10 + [1]), SETTINGS)
     assert (found.words[0], found.words[11]) == (-1, 1)
-    two_pairs = answer(COLUMNS, answers_of(pairs=[(11, 0), (10, 1)]), replace(SETTINGS, min_proba=0.6))
+    two_pairs = answer_about_different(COLUMNS, answers_of(pairs=[(11, 0), (10, 1)]), replace(SETTINGS, min_proba=0.6))
     assert (two_pairs.words[0], two_pairs.words[11]) == (-1, 1)
 
 
 def test_words_begin_at_the_log_odds_of_the_limit():
     some = answers_of(AGREED)
-    log_odds = answer(COLUMNS, some, SETTINGS).log_odds
+    log_odds = answer_about_different(COLUMNS, some, SETTINGS).log_odds
     for m in (7, 4):  # one that is rather good, and one that is rather bad
         assert 0 < abs(log_odds[m]) < 6
         at = float(expit(abs(log_odds[m])))
         for min_proba, word in ((at - 1e-9, np.sign(log_odds[m])), (at + 1e-9, 0)):
-            assert answer(COLUMNS, some, replace(SETTINGS, min_proba=min_proba)).words[m] == word
-    words = answer(COLUMNS, some, SETTINGS).words
+            assert answer_about_different(COLUMNS, some, replace(SETTINGS, min_proba=min_proba)).words[m] == word
+    words = answer_about_different(COLUMNS, some, SETTINGS).words
     np.testing.assert_array_equal(words, (log_odds >= SETTINGS.log_odds) * 1 - (log_odds <= -SETTINGS.log_odds) * 1)
 
 
 def test_a_label_counts_beside_the_others():
     some = answers_of(AGREED)
-    found = answer(COLUMNS, some, SETTINGS)
+    found = answer_about_different(COLUMNS, some, SETTINGS)
     for m in np.flatnonzero(some.labels).tolist():
         others = log_odds_by(some.without(m), m)
         assert found.log_odds[m] == pytest.approx(others + some.labels[m] * max(SURE, abs(others)))
@@ -79,7 +79,7 @@ def test_a_label_outweighs_others_that_doubt_it():
     labels = [-1, 0, -1, 1, 0, 0, 0, 0, 0, 0, 0, 0]
     some = answers_of(labels)
     others = log_odds_by(some.without(3), 3)
-    found = answer(COLUMNS, some, SETTINGS)
+    found = answer_about_different(COLUMNS, some, SETTINGS)
     assert others < 0
     assert found.log_odds[3] == pytest.approx(others + max(SURE, -others))
     assert found.contradicting.tolist() == []  # two other answers are too few
@@ -90,7 +90,7 @@ WRONG = [-1, -1, -1, 0, 0, 0, 0, 0, 1, 1, 1, -1]
 
 def test_a_label_that_contradicts_the_others_is_named_and_does_not_count():
     some = answers_of(WRONG)
-    found = answer(COLUMNS, some, SETTINGS)
+    found = answer_about_different(COLUMNS, some, SETTINGS)
     assert found.contradicting.tolist() == [11]
     assert found.log_odds[11] == pytest.approx(log_odds_by(some.without(11), 11))
     assert found.words[11] == 0  # to be looked at again
@@ -103,13 +103,13 @@ def test_only_the_most_improbable_labels_are_named(min_other_answers, named):
     log_odds = {m: log_odds_by(some.without(m), m) for m in np.flatnonzero(some.labels).tolist()}
     improbable = sorted(m for m, value in log_odds.items() if expit(some.labels[m] * value) < 0.2)
     assert improbable == [0, 11]
-    found = answer(COLUMNS, some, replace(SETTINGS, min_other_answers=min_other_answers))
+    found = answer_about_different(COLUMNS, some, replace(SETTINGS, min_other_answers=min_other_answers))
     assert found.contradicting.tolist() == named
 
 
 @pytest.mark.parametrize(("min_other_answers", "named"), [(6, [11]), (7, [])])
 def test_a_label_contradicts_several_others_at_least(min_other_answers, named):
-    found = answer(COLUMNS, answers_of(WRONG), replace(SETTINGS, min_other_answers=min_other_answers))
+    found = answer_about_different(COLUMNS, answers_of(WRONG), replace(SETTINGS, min_other_answers=min_other_answers))
     assert found.contradicting.tolist() == named
 
 
@@ -117,13 +117,18 @@ def test_a_label_contradicts_below_the_limit_of_its_probability():
     some = answers_of(WRONG)
     proba = float(expit(-log_odds_by(some.without(11), 11)))
     for limit, named in ((proba * 1.001, [11]), (proba, []), (proba * 0.999, [])):
-        assert answer(COLUMNS, some, replace(SETTINGS, max_contradicted_proba=limit)).contradicting.tolist() == named
+        assert (
+            answer_about_different(
+                COLUMNS, some, replace(SETTINGS, max_contradicted_proba=limit)
+            ).contradicting.tolist()
+            == named
+        )
 
 
 @pytest.mark.parametrize(("max_left_out", "named"), [(7, [11]), (6, [])])
 def test_labels_of_many_are_not_left_out_one_by_one(max_left_out, named):
     settings = replace(SETTINGS, max_left_out=max_left_out)
-    found = answer(COLUMNS, answers_of(WRONG), settings)
+    found = answer_about_different(COLUMNS, answers_of(WRONG), settings)
     assert found.contradicting.tolist() == named
     if not named:
         by_all = log_odds_by(answers_of(WRONG), 11)
@@ -133,13 +138,13 @@ def test_labels_of_many_are_not_left_out_one_by_one(max_left_out, named):
 def test_a_label_alone_is_judged_by_itself():
     some = answers_of([0] * 11 + [1])
     alone = log_odds_by(some, 11)
-    assert answer(COLUMNS, some, SETTINGS).log_odds[11] == pytest.approx(alone + max(SURE, abs(alone)))
+    assert answer_about_different(COLUMNS, some, SETTINGS).log_odds[11] == pytest.approx(alone + max(SURE, abs(alone)))
 
 
 def test_an_outcome_decides_where_it_is_known():
     outcome = np.array([9.0, NAN, 7.0, NAN, 5.0, NAN, NAN, 3.0, NAN, 2.0, 1.0, NAN])
     some = answers_of([0] * 11 + [-1], outcome=outcome)
-    found = answer(COLUMNS, some, SETTINGS)
+    found = answer_about_different(COLUMNS, some, SETTINGS)
     known = np.isfinite(outcome)
     np.testing.assert_allclose(expit(found.log_odds[known]), (2 * np.array([6, 5, 4, 3, 2, 1]) - 1) / 12)
     assert found.log_odds[1] == pytest.approx(log_odds_by(some, 1))
@@ -148,7 +153,7 @@ def test_an_outcome_decides_where_it_is_known():
 def test_an_outcome_is_never_quite_certain_and_a_label_goes_first():
     outcome = np.array([1.0, 0.0, NAN, 1.0, 0.0] + [NAN] * 6 + [0.0])
     some = answers_of([0] * 11 + [1], outcome=outcome)
-    found = answer(COLUMNS, some, SETTINGS)
+    found = answer_about_different(COLUMNS, some, SETTINGS)
     np.testing.assert_allclose(expit(found.log_odds[[0, 1, 3, 4]]), [0.98, 0.02, 0.98, 0.02])
     others = log_odds_by(some.without(11), 11)
     assert found.log_odds[11] == pytest.approx(others + max(SURE, abs(others)))
@@ -156,7 +161,7 @@ def test_an_outcome_is_never_quite_certain_and_a_label_goes_first():
 
 def test_probabilities_stay_away_from_certainty():
     settings = replace(SETTINGS, min_proba_bound=0.06)
-    found = answer(COLUMNS, answers_of(pairs=[(11, 0)] * 30), settings)
+    found = answer_about_different(COLUMNS, answers_of(pairs=[(11, 0)] * 30), settings)
     assert found.log_odds.max() == pytest.approx(logit(0.94))
     assert found.log_odds.min() == pytest.approx(-logit(0.94))
 
@@ -221,3 +226,48 @@ def test_nothing_is_asked_twice():
     assert sorted(most_telling(COLUMNS, some, SETTINGS, 20, [3, 0])) == [2, 4, 5, 6, 7, 8, 9]
     assert most_telling(COLUMNS, answers_of([1] * 12), SETTINGS, 3) == []
     assert most_telling(COLUMNS, some, SETTINGS, 0) == []
+
+
+# Copies.
+EVERY = np.append(np.arange(12), [11, 11, 0])  # two copies of the best, one of the worst
+COPY_OF = EVERY.copy()
+
+
+def about_copies(labels=None, pairs=(), outcome=None):
+    return answer(COLUMNS[EVERY], answers_of(labels, pairs, outcome, m=15), SETTINGS, COPY_OF)
+
+
+def test_a_copy_confirms_nothing():
+    labels = [0] * 11 + [1, 1, 1, 0]
+    found, once = about_copies(labels), answer_about_different(COLUMNS, answers_of([0] * 11 + [1]), SETTINGS)
+    np.testing.assert_array_equal(found.log_odds, once.log_odds[EVERY])
+    assert found.count == 1
+    assert not found.words.any()
+    pairs = about_copies(pairs=[(11, 0), (12, 0), (13, 14), (11, 12)])
+    np.testing.assert_array_equal(
+        pairs.log_odds, answer_about_different(COLUMNS, answers_of(pairs=[(11, 0)]), SETTINGS).log_odds[EVERY]
+    )
+    assert pairs.count == 1
+
+
+def test_different_demonstrations_with_the_same_columns_are_no_copies():
+    columns = COLUMNS.copy()
+    columns[10] = columns[11]
+    found = answer(columns, answers_of(AGREED), SETTINGS, np.arange(12))
+    assert found.log_odds[10] < found.log_odds[11]
+
+
+def test_copies_that_are_labelled_are_named_and_others_are_not():
+    found = about_copies([-1, -1, -1, 0, 0, 0, 0, 0, 1, 1, 1, 0, -1, -1, 0])
+    assert found.contradicting.tolist() == [12, 13]
+    assert found.words[[11, 12, 13]].tolist() == [0, 0, 0]
+
+
+def test_the_outcome_of_copies_is_their_mean_and_a_label_of_one_goes_first():
+    outcome = [0.0, NAN, 2.0, NAN, NAN, 5.0, NAN, NAN, 7.0, NAN, NAN, 6.0, 8.0, NAN, 2.0]
+    once = [1.0, *outcome[1:11], 7.0]
+    expected = answer_about_different(COLUMNS, answers_of(outcome=once), SETTINGS)
+    np.testing.assert_array_equal(about_copies(outcome=outcome).log_odds, expected.log_odds[EVERY])
+    labels = [0] * 14 + [1]
+    expected = answer_about_different(COLUMNS, answers_of([1] + [0] * 11, outcome=once), SETTINGS)
+    np.testing.assert_array_equal(about_copies(labels, outcome=outcome).log_odds, expected.log_odds[EVERY])

@@ -10,8 +10,9 @@ from scipy.optimize import approx_fprime
 from scipy.special import expit, logit
 from scipy.stats import rankdata
 
+from rpil.data.errors import DataError
 from rpil.inference import answers as module
-from rpil.inference.answers import Answers, posterior
+from rpil.inference.answers import Answers, check_copied_labels, posterior
 from rpil.inference.settings import AnswerSettings
 
 NAN, SETTINGS = np.nan, AnswerSettings()
@@ -245,3 +246,18 @@ def test_wrong_answers_make_errors_likely():
     ]
     often = [weight[1::2].sum() for weight in weights]  # the rate .1, in both directions
     assert 0 < often[0] < 0.5 < often[1] < 1
+
+
+def test_copies_with_labels_that_contradict_each_other_are_refused_in_one_sentence():
+    copy_of, ids = np.array([0, 1, 0, 1]), ["a", "b", "c", "d"]
+    check_copied_labels(Answers.of_labels(np.array([1, -1, 1, 0])), copy_of, ids)
+    with pytest.raises(DataError) as error:
+        check_copied_labels(Answers.of_labels(np.array([1, -1, 0, 1])), copy_of, ids, "f.csv")
+    assert str(error.value) == "f.csv: 'd' is labelled good and 'b', a copy of it, bad; leave out one of the labels."
+
+
+def test_copies_share_a_label_and_an_outcome():
+    known = Answers(np.array([0, 0, 1, 0]), np.empty((0, 2), dtype=int), np.array([np.nan, 1.0, np.nan, 2.0]))
+    shared = known.shared(np.array([0, 1, 0, 1]))
+    assert shared.labels.tolist() == [1, 0, 1, 0]
+    np.testing.assert_array_equal(shared.outcome, [np.nan, 1.5, np.nan, 1.5])

@@ -116,6 +116,22 @@ def test_answers_count_before_operators():
     np.testing.assert_allclose(found.log_odds, by_hand.log_odds + posterior.log_odds)
 
 
+def test_copies_count_once_for_their_operator():
+    """The last two are copies of the first two, one by its operator and one by another."""
+    copy_of = np.array([*range(8), 0, 1])
+    found, _, _ = concluded(data=operated(["a"] * 5 + ["b"] * 3 + ["a", "b"]), copy_of=copy_of)
+    kept = [*range(8), 9]
+    posterior = demonstrator_posterior(
+        Demonstrators.from_names(["a"] * 5 + ["b"] * 4),
+        found.from_actions[kept],
+        np.zeros(9, dtype=int),
+        SETTINGS.demonstrators,
+    )
+    np.testing.assert_allclose(found.from_demonstrator[kept], posterior.log_odds)
+    assert found.from_demonstrator[8] == found.from_demonstrator[0]
+    np.testing.assert_allclose(found.demonstrator_trust, posterior.intervals())
+
+
 # The training group.
 class Fixed(Scoring):
     """A scoring that always gives the scores that its policies explain."""

@@ -14,7 +14,7 @@ import numpy as np
 from rpil.data.demonstrations import Demonstrations
 from rpil.numerics.types import Array, Int, Num, Shaped
 
-MAX_NEW = 0.5
+MAX_NEW = 0.8
 """Different observations for each step of different demonstrations, up to which equal ones may be independent."""
 
 
@@ -75,8 +75,8 @@ class Copies:
 
 
 def copies_among(demonstrations: Demonstrations) -> Copies:
-    """The copies among demonstrations in memory. Where a few observations come again and again, as on a grid, and actions
-    are discrete, there are none: independent demonstrations may be equal there, and agree."""
+    """The copies among demonstrations in memory. Where actions are discrete and the same observations come again and
+    again, as on a grid, there are none: independent demonstrations may be equal there, and agree."""
     found = Copies.of(digests(demonstrations.observations, demonstrations.actions, demonstrations.offsets))
     if found.any and demonstrations.is_discrete:
         different = np.ascontiguousarray(demonstrations.select(found.first).observations)

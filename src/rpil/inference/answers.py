@@ -76,8 +76,8 @@ class Answers:
         return Answers(labels, self.pairs, self.outcome)
 
     def once(self, copy_of: Int[Array, " M"]) -> Answers:
-        """The answers about the K different demonstrations, where `copy_of` is the first of the copies of each: one label,
-        the mean outcome, and pairs of different ones, each once."""
+        """The answers about the K different demonstrations, where `copy_of` is the first of the copies of each: one
+        label, the mean outcome, and pairs of different ones, each once."""
         first, place = np.unique(copy_of, return_inverse=True)
         labels = np.sign(np.bincount(place, self.labels, len(first))).astype(np.int64)
         known = np.isfinite(self.outcome)

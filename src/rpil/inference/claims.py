@@ -61,8 +61,8 @@ class Claims:
         return self.lower.upper, self.lower.rival
 
     def repeated(self, copies: Copies) -> Claims:
-        """The same about demonstrations of which these are the different ones; a doubt names one of each copies. Nothing
-        where all are copies of one."""
+        """The same about demonstrations of which these are the different ones; a doubt names one of each copies.
+        Nothing where all are copies of one."""
         if copies.all_same:
             return Claims("nothing could be learned", np.zeros(len(copies.place), dtype=int))
         doubts = tuple(replace(doubt, members=copies.first[doubt.members]) for doubt in self.doubts)
