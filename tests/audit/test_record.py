@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from audits import make_audit
-from rpil.audit.words import WORDS
 from rpil.data.errors import DataError
 
 
@@ -43,11 +42,6 @@ def test_index_of_an_id():
     assert audit.index("c") == 2
     with pytest.raises(DataError, match="No demonstration is called 'z'"):
         audit.index("z")
-
-
-def test_experience_is_said_where_probabilities_are_graded():
-    assert make_audit().experience == WORDS["none"].experience
-    assert make_audit(expert_proba=np.full(10, 0.5), finding="two groups").experience == ""
 
 
 def test_a_copy_of_what_is_labelled_has_its_reason():

@@ -56,3 +56,9 @@ def test_a_fit_uses_the_words_of_its_anchor(options, anchor, finding):
     assert set(audit.verdicts) <= {audit.words.upper, "open", audit.words.lower}
     assert audit.words.lower in audit.verdicts
     assert audit.assumptions[1] == WORDS[anchor].explanation
+
+
+def test_experience_is_said_where_probabilities_are_graded():
+    for words in WORDS.values():
+        assert words.meaning([0.5, 0.6]) == " ".join(filter(None, (words.explanation, words.experience)))
+        assert words.meaning([0.5, 0.5]) == words.explanation

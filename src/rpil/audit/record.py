@@ -116,8 +116,7 @@ class Audit:
     doubts : tuple of str
         Reasons not to call anybody unlike the others, one sentence each.
     notes : tuple of str
-        What else a user should know: parts of the action that are not judged, sessions, how two groups differ, missing
-        steps.
+        What else a user should know: parts that are not judged, sessions, copies, how two groups differ, missing steps.
     columns : (M, D) array
         What answers learn from, see `rpil.inference.answered`; (M, 0) where there is none.
     copy_of : (M,) int array
@@ -189,9 +188,7 @@ class Audit:
         trusted = score[[SIDES[verdict] == "upper" for verdict in self.verdicts]]
         letters = {name: letter for letter, group in self.groups.items() for name in group}
         known = self.answers.shared(self.copy_of) if len(self.answers.labels) else self.answers
-        label_of = dict(zip(self.ids, known.labels.tolist(), strict=False))
-        outcome_of = dict(zip(self.ids, known.ranks().tolist(), strict=False))
-        contradicting = set(self.contradicting)
+        known_of = dict(zip(self.ids, zip(known.labels.tolist(), known.outcome.tolist(), strict=True), strict=False))
         grounds = (
             Grounds(
                 finding=self.finding,
@@ -200,9 +197,9 @@ class Audit:
                 log_odds=float(self.log_odds[m]),
                 from_actions=float(self.from_actions[m]),
                 from_demonstrator=float(self.from_demonstrator[m]),
-                label=label_of.get(name, 0),
-                has_outcome=bool(np.isfinite(outcome_of.get(name, np.nan))),
-                contradicts=name in contradicting,
+                label=known_of.get(name, (0, np.nan))[0],
+                has_outcome=math.isfinite(known_of.get(name, (0, np.nan))[1]),
+                contradicts=name in self.contradicting,
                 group=letters.get(name, ""),
                 score=float(score[m]),
                 trusted_score=float(np.median(trusted)) if len(trusted) else math.nan,
@@ -228,11 +225,6 @@ class Audit:
         """The words of the verdicts, and the name and the meaning of `expert_proba`."""
         return WORDS[self.anchor]
 
-    @property
-    def experience(self) -> str:
-        """How often demonstrations with such a probability were good, one sentence; empty where all have .5."""
-        return self.words.experience if (self.expert_proba != 0.5).any() else ""
-
     def verdict_counts(self, ids: Sequence[Hashable] | None = None) -> dict[str, int]:
         """The number of demonstrations with each word: of all, or of those called `ids`."""
         verdict_of: dict[Hashable, str] = dict(zip(self.ids, self.verdicts, strict=True))
@@ -257,8 +249,7 @@ class Audit:
 
     @property
     def question(self) -> str | None:
-        """The question whose answer would say most, "which is better?", and where to look; None where there is none, as
-        after an answer."""
+        """The question whose answer would say most, "which is better?", and where to look; None after an answer."""
         return answering.question(self) if answering.is_asked(self) else None
 
     def suggest_labels(self, k: int = 3) -> tuple[Hashable, ...]:

@@ -30,6 +30,11 @@ class Words:
     """How often demonstrations with such a probability were good, one sentence, or nothing. A test compares its numbers
     with docs/results.md."""
 
+    def meaning(self, proba: Iterable[float]) -> str:
+        """What these probabilities mean, and, unless all are .5, how often demonstrations with such ones were good."""
+        graded = any(p != 0.5 for p in proba)
+        return f"{self.explanation} {self.experience}".rstrip() if graded else self.explanation
+
     def verdict(self, proba: float, min_proba: float) -> Verdict:
         """The word for a demonstration with this probability; either side needs `min_proba`."""
         if proba >= min_proba:
