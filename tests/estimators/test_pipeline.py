@@ -165,6 +165,7 @@ def test_no_copy_of_a_suggested_or_labelled_demonstration_is_suggested():
     audit = RPIL(C=1.0).fit(with_copies(toy.demonstrations, [*range(18), *range(18)])).audit_
     suggested = audit.suggest_labels(36)
     assert len({audit.copy_of[audit.index(name)] for name in suggested}) == len(suggested) == 18
+    assert audit.answered(pairs=[("d0", "copy 0")]) is audit
     left = audit.answered({"copy 5": "good", "d17": "bad"}).suggest_labels(36)
     assert len(left) == 16
     assert not {"d5", "copy 5", "d17", "copy 17"} & {*left}

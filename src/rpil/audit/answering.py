@@ -95,7 +95,7 @@ def with_answers(audit: A, labels: Mapping[Id, str], pairs: Sequence[tuple[Id, I
     if not audit.columns.size:
         raise DataError("This audit keeps nothing to learn from answers; give the labels to fit().")
     known = merged(audit, labels, pairs)
-    if not known.any:
+    if not known.once(audit.copy_of).any:
         return audit
     check_copied_labels(known, audit.copy_of, audit.ids)
     found = answer(audit.columns, known, audit.settings.answers, audit.copy_of)

@@ -175,7 +175,7 @@ def conclude(
     from_actions = scores.log_odds(settings)
     from_demonstrator, from_answers, trust = np.zeros(len(words)), np.zeros(len(words)), np.empty((0, 3))
     answered = None
-    if answers.any:
+    if answers.once(evidence.copy_of).any:
         answered = answer(evidence.columns, answers, settings.answers, evidence.copy_of)
         from_answers = answered.log_odds - from_actions
         words = answered.words
