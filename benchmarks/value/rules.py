@@ -1,0 +1,220 @@
+"""Rules that choose demonstrations: each gives a weight to every step from what it may know.
+
+A rule that needs no outcome, answer or truth is given none (`told`).
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable, Hashable
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rpil import RPIL, Audit
+from rpil.audit.answering import with_answers
+from rpil.audit.choice import kept_ids
+from rpil.audit.verdict_table import verdict_columns
+from rpil.audit.words import SIDES
+from rpil.data.demonstrations import Demonstrations
+from rpil.inference.answers import Answers
+from value.information import information
+from value.worlds import World
+
+Array = NDArray[Any]
+SHORT = 0.6
+"""Share of the demonstrations that count as short."""
+KNOWN_OUTCOMES = 10
+
+
+class Judged:
+    """Demonstrations and their audit without answers, which is made once."""
+
+    def __init__(self, demonstrations: Demonstrations) -> None:
+        self.demonstrations = demonstrations
+
+    @cached_property
+    def audit(self) -> Audit:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            return RPIL().fit(self.demonstrations).audit_
+
+    @cached_property
+    def information(self) -> Array:
+        return information(self.demonstrations, 0)
+
+
+@dataclass(frozen=True, eq=False)
+class Known:
+    """What a rule may read."""
+
+    judged: Judged
+    seed: int
+    success: Array | None = None
+    """(M,) bool: how each ended."""
+    is_good: Array | None = None
+    """(M,) bool: the truth, for rules that ask a person."""
+
+    @property
+    def demonstrations(self) -> Demonstrations:
+        return self.judged.demonstrations
+
+    @property
+    def audit(self) -> Audit:
+        return self.judged.audit
+
+    def per_step(self, value: Array) -> Array:
+        """A number for each demonstration as one for each of its steps."""
+        return np.repeat(np.asarray(value, dtype=float), self.demonstrations.lengths)
+
+    def of_ids(self, kept: list[Hashable]) -> Array:
+        """Weight 1 for the steps of the demonstrations called `kept`."""
+        return self.per_step(np.isin(np.arange(len(self.demonstrations)), [self.audit.index(name) for name in kept]))
+
+
+@dataclass(frozen=True)
+class Rule:
+    weights: Callable[[Known], Array]
+    """Weights of the steps, (N,)."""
+    needs: tuple[str, ...] = ()
+    """Of "success" and "is_good"."""
+
+
+def told(rule: Rule, world: World, judged: Judged, seed: int) -> Known:
+    """What this rule may read, and nothing else."""
+    known = Known(judged, seed)
+    return replace(known, **{fact: getattr(world, fact) for fact in rule.needs})
+
+
+def weights_of(rule: Rule, world: World, judged: Judged, seed: int) -> Array:
+    """The weights of the steps, the largest 1; all 1 where the rule would keep nothing."""
+    weight = rule.weights(told(rule, world, judged, seed))
+    if not weight.max() > 0:
+        return np.ones(world.demonstrations.n_steps)
+    return weight / weight.max()
+
+
+# ---- without facts ---------------------------------------------------------------------------------------------------
+
+
+def everything(known: Known) -> Array:
+    return np.ones(known.demonstrations.n_steps)
+
+
+def same_total(known: Known) -> Array:
+    """Every demonstration counts the same, however long."""
+    return known.per_step(1 / known.demonstrations.lengths)
+
+
+def keep(known: Known, share: float | None = None) -> Array:
+    """What ``rpil keep`` writes, without options or with ``--share``."""
+    return known.of_ids(kept_ids(verdict_columns(known.audit, {}), share))
+
+
+def step_weights(known: Known) -> Array:
+    """The library's own weights of steps."""
+    return known.audit.step_weight
+
+
+def probability(known: Known) -> Array:
+    """P of the demonstration."""
+    return known.per_step(known.audit.expert_proba)
+
+
+def most_informative(known: Known) -> Array:
+    """The best 60 % by mutual information."""
+    return known.per_step(best(known.judged.information, SHORT))
+
+
+def shortest(known: Known) -> Array:
+    return known.per_step(best(-known.demonstrations.lengths, SHORT))
+
+
+# ---- with outcomes ---------------------------------------------------------------------------------------------------
+
+
+def successes(known: Known) -> Array:
+    assert known.success is not None
+    return known.per_step(known.success)
+
+
+def short_successes(known: Known) -> Array:
+    """The shortest 60 % of the successes."""
+    assert known.success is not None
+    length = np.where(known.success, known.demonstrations.lengths, np.inf)
+    return known.per_step(best(-length, SHORT * known.success.mean()) & known.success)
+
+
+def with_outcomes(known: Known, count: int | None = None) -> Array:
+    """The audit is told how all, or `count` drawn ones, ended."""
+    assert known.success is not None
+    outcome = known.success.astype(float)
+    if count is not None:
+        drawn = np.random.default_rng(known.seed).permutation(len(outcome))[count:]
+        outcome[drawn] = np.nan
+    if not np.nanmin(outcome) < np.nanmax(outcome):  # all ended alike: nothing to learn
+        return keep(known)
+    audit = known.audit
+    answers = replace(Answers.of_labels(np.zeros(len(outcome), dtype=np.int64)), outcome=outcome)
+    return without_bad(with_answers(replace(audit, answers=answers), {}, ())) if audit.columns.size else keep(known)
+
+
+# ---- with labels -----------------------------------------------------------------------------------------------------
+
+
+def with_labels(known: Known, count: int, suggested: bool) -> Array:
+    """A person labels `count` demonstrations: those that the audit suggests, one after the other, or drawn ones."""
+    assert known.is_good is not None
+    audit = known.audit
+    if not audit.columns.size:
+        return keep(known)
+    drawn = np.random.default_rng(known.seed).permutation(len(known.is_good))
+    for k in range(count):
+        name = audit.suggest_labels(1)[0] if suggested else audit.ids[drawn[k]]
+        audit = audit.answered({name: "good" if known.is_good[audit.index(name)] else "bad"})
+    return without_bad(audit)
+
+
+def oracle(known: Known) -> Array:
+    """Exactly the good ones."""
+    assert known.is_good is not None
+    return known.per_step(known.is_good)
+
+
+def without_bad(audit: Audit) -> Array:
+    """The weights of steps, 0 for demonstrations that are called bad."""
+    kept = np.array([SIDES[verdict] != "lower" for verdict in audit.verdicts])
+    return audit.step_weight * np.repeat(kept, audit.lengths)
+
+
+def best(score: Array, share: float) -> Array:
+    """The share of the demonstrations, at least one, with the largest scores, (M,) bool."""
+    ranked = np.argsort(-np.asarray(score, dtype=float), kind="stable")
+    return np.isin(np.arange(len(score)), ranked[: max(round(share * len(score)), 1)])
+
+
+ALL, ORACLE = "all", "oracle"
+RULES: dict[str, Rule] = {
+    ALL: Rule(everything),
+    "same total": Rule(same_total),
+    "keep": Rule(keep),
+    "step weights": Rule(step_weights),
+    "probability": Rule(probability),
+    "best 40 %": Rule(partial(keep, share=0.4)),
+    "best 60 %": Rule(partial(keep, share=0.6)),
+    "best 80 %": Rule(partial(keep, share=0.8)),
+    "information 60 %": Rule(most_informative),
+    "shortest 60 %": Rule(shortest),
+    "successes": Rule(successes, ("success",)),
+    "short successes": Rule(short_successes, ("success",)),
+    "outcomes": Rule(with_outcomes, ("success",)),
+    "ten outcomes": Rule(partial(with_outcomes, count=KNOWN_OUTCOMES), ("success",)),
+    "4 suggested labels": Rule(partial(with_labels, count=4, suggested=True), ("is_good",)),
+    "4 random labels": Rule(partial(with_labels, count=4, suggested=False), ("is_good",)),
+    "8 suggested labels": Rule(partial(with_labels, count=8, suggested=True), ("is_good",)),
+    "8 random labels": Rule(partial(with_labels, count=8, suggested=False), ("is_good",)),
+    ORACLE: Rule(oracle, ("is_good",)),
+}
