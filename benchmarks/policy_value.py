@@ -4,9 +4,9 @@
     python benchmarks/policy_value.py --out value.jsonl --report
     python benchmarks/policy_value.py --quick
 
-Needs ``pip install 'rpil[value]'``. A cell is a task, a number of demonstrations, a share of bad ones, a learner, a
-rule and a seed. Each finished cell is a line of the file, and what is in the file is not done again. All rules are
-driven from the same starts; rules with the same weights have the same policy, which is trained once.
+Needs ``pip install 'rpil[value]'``. A cell is a data set (seed, number of demonstrations, share of bad ones, task), a
+learner and a rule. Each finished cell is a line of the file, and is not done again; the report is of all in the file.
+Rules are driven from the same starts; those that give the same weights share a policy.
 """
 
 from __future__ import annotations
@@ -16,62 +16,38 @@ import json
 import sys
 import tempfile
 import time
-from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
-from itertools import product
+from itertools import groupby, product
 from multiprocessing import get_context
+from operator import itemgetter
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from rpil.numerics.types import Array
-from value.learners import CHUNKS, LEARNERS, TRAINING, Learner
+from value.learners import LEARNERS, TRAINING
 from value.report import Row, report
 from value.rules import RULES, Judged, weights_of
-from value.worlds import GAMES, TASKS, World, drive, make_world
+from value.worlds import TASKS, World, drive, make_world
 
 QUICK = {"tasks": ["MountainCar-v0"], "n": [8], "shares": [0.5], "seeds": [0], "episodes": 3, "steps": 50}
 QUICK_RULES = ["all", "keep", "oracle"]
-KEY = ("task", "n", "share", "seed", "learner", "rule", "episodes", "steps")
+DATA = ("seed", "n", "share", "task")
+"""What makes a data set."""
+KEY = (*DATA, "learner", "rule", "episodes", "steps")
 """What makes a cell."""
-
-
-@dataclass(frozen=True)
-class Data:
-    """One data set and what is to be done with it."""
-
-    task: str
-    n: int
-    share: float
-    seed: int
-    learners: tuple[str, ...]
-    rules: tuple[str, ...]
-    episodes: int
-    steps: int
-    """Of training a network."""
-    out: Path
-    done: frozenset[tuple[Any, ...]]
-
-    def cell(self, learner: str, rule: str) -> Row:
-        values = self.task, self.n, self.share, self.seed, learner, rule, self.episodes, self.steps
-        return dict(zip(KEY, values, strict=True))
-
-    def left(self) -> list[Row]:
-        """The cells that are not done."""
-        pairs = product(self.learners, self.rules)
-        cells = [self.cell(*pair) for pair in pairs if not (pair[0] == "chunks" and self.task in GAMES)]
-        return [cell for cell in cells if tuple(cell.values()) not in self.done]
 
 
 def main(arguments: list[str] | None = None) -> int:
     options = parse(arguments)
-    if options.quick:
-        with tempfile.TemporaryDirectory() as folder:
-            options.out = options.out or Path(folder) / "value.jsonl"
-            return run(options)
-    return run(options)
+    with tempfile.TemporaryDirectory() as folder:
+        out = options.out or Path(folder) / "value.jsonl"
+        if not options.report:
+            run(left(options, read(out)), out, options.processes)
+        print(report(read(out)))
+    return 0
 
 
 def parse(arguments: list[str] | None) -> argparse.Namespace:
@@ -80,7 +56,7 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
     parser.add_argument("--tasks", nargs="+", choices=TASKS, default=list(TASKS), metavar="TASK")
     parser.add_argument("--n", nargs="+", type=int, default=[20, 50], help="numbers of demonstrations")
     parser.add_argument("--shares", nargs="+", type=float, default=[0.0, 0.1, 0.3, 0.5], help="of bad ones")
-    parser.add_argument("--learners", nargs="+", choices=LEARNERS, default=["network", "linear"], metavar="LEARNER")
+    parser.add_argument("--learners", nargs="+", choices=LEARNERS, default=list(LEARNERS), metavar="LEARNER")
     parser.add_argument("--rules", nargs="+", choices=RULES, default=list(RULES), metavar="RULE")
     parser.add_argument("--seeds", nargs="+", type=int, default=[0, 1, 2])
     parser.add_argument("--episodes", type=int, default=25, help="driven for each policy")
@@ -96,22 +72,22 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
     return options
 
 
-def run(options: argparse.Namespace) -> int:
-    """Do what is left, and print the tables."""
-    if not options.report:
-        done = frozenset(tuple(row[name] for name in KEY) for row in read(options.out))
-        shared = tuple(options.learners), tuple(options.rules), options.episodes, options.steps, options.out, done
-        jobs = product(options.seeds, options.n, options.shares, options.tasks)
-        sets = [Data(task, n, share, seed, *shared) for seed, n, share, task in jobs]
-        sets = [data for data in sets if data.left()]
-        if options.processes > 1:
-            with get_context("spawn").Pool(options.processes, maxtasksperchild=8) as pool:
-                pool.map(finish, sets, chunksize=1)
-        else:
-            for data in sets:
-                finish(data)
-    print(report(chosen(read(options.out), options)))
-    return 0
+def left(options: argparse.Namespace, rows: list[Row]) -> list[list[Row]]:
+    """The cells that are asked for and not among `rows`, data set by data set."""
+    done = {tuple(row[name] for name in KEY) for row in rows}
+    asked = options.seeds, options.n, options.shares, options.tasks, options.learners, options.rules
+    cells = [dict(zip(KEY, cell, strict=True)) for cell in product(*asked, [options.episodes], [options.steps])]
+    cells = [cell for cell in cells if tuple(cell.values()) not in done]
+    return [list(same) for _, same in groupby(cells, itemgetter(*DATA))]
+
+
+def run(sets: list[list[Row]], out: Path, processes: int) -> None:
+    if processes < 2:
+        for cells in sets:
+            finish(out, cells)
+        return
+    with get_context("spawn").Pool(processes, maxtasksperchild=8) as pool:
+        pool.map(partial(finish, out), sets, chunksize=1)
 
 
 def read(path: Path) -> list[Row]:
@@ -125,43 +101,29 @@ def read(path: Path) -> list[Row]:
     return rows
 
 
-def chosen(rows: Iterable[Row], options: argparse.Namespace) -> list[Row]:
-    """The cells that were asked for."""
-    asked = {"task": options.tasks, "n": options.n, "share": options.shares, "seed": options.seeds}
-    asked |= {"learner": options.learners, "rule": options.rules}
-    asked |= {"episodes": [options.episodes], "steps": [options.steps]}
-    return [row for row in rows if all(row[name] in values for name, values in asked.items())]
-
-
-def finish(data: Data) -> None:
-    """Do the cells that are left of one data set; each is written when it is done."""
-    world = make_world(data.task, data.n, data.share, data.seed)
+def finish(out: Path, cells: list[Row]) -> None:
+    """Do cells of one data set; each is written when it is done."""
+    world = make_world(*(cells[0][name] for name in ("task", "n", "share", "seed")))
     judged = Judged(world.demonstrations)
     driven: dict[tuple[str, bytes], Row] = {}
-    for cell in data.left():
+    for cell in cells:
         started = time.perf_counter()
-        weight = weights_of(RULES[cell["rule"]], world, judged, data.seed)
+        weight = weights_of(RULES[cell["rule"]], world, judged, cell["seed"])
         policy = cell["learner"], weight.tobytes()
         if policy not in driven:
-            driven[policy] = value_of(data, world, cell["learner"], weight)
+            driven[policy] = value_of(cell, world, weight)
         seconds = round(time.perf_counter() - started, 2)
         row = cell | driven[policy] | describe(world, judged, weight) | {"seconds": seconds}
-        with data.out.open("a", encoding="utf-8") as file:
+        with out.open("a", encoding="utf-8") as file:
             file.write(json.dumps(row) + "\n")
 
 
-def value_of(data: Data, world: World, name: str, weight: Array) -> Row:
+def value_of(cell: Row, world: World, weight: Array) -> Row:
     """Train with these weights and drive."""
-    policy = learner_of(name, data.steps)(world.demonstrations, weight, data.seed)
-    found = drive(data.task, policy, data.episodes, data.seed)
-    steps = round(found.mean_steps, 1) if np.isfinite(found.mean_steps) else None
-    return {"success": float(found.success.mean()), "mean_steps": steps}
-
-
-def learner_of(name: str, steps: int) -> Learner:
-    if name == "linear":
-        return LEARNERS[name]
-    return partial(LEARNERS[name], training=replace(CHUNKS if name == "chunks" else TRAINING, steps=steps))
+    own: dict[str, Any] = {"training": replace(TRAINING, steps=cell["steps"])} if cell["learner"] == "network" else {}
+    policy = LEARNERS[cell["learner"]](world.demonstrations, weight, cell["seed"], **own)
+    success, mean_steps = drive(cell["task"], policy, cell["episodes"], cell["seed"])
+    return {"success": float(success.mean()), "mean_steps": mean_steps}
 
 
 def describe(world: World, judged: Judged, weight: Array) -> Row:

@@ -29,12 +29,12 @@ def information(demonstrations: Demonstrations, seed: int) -> Array:
     rng = np.random.default_rng(seed)
     n_steps = demonstrations.n_steps
     rows = np.arange(0, n_steps, -(-n_steps // MAX_STEPS))
-    states = jittered(components(demonstrations.observations[rows]), rng)
-    actions = demonstrations.actions[rows]
+    states, actions = components(demonstrations.observations[rows]), demonstrations.actions[rows]
+    states = states + JITTER * rng.normal(size=states.shape)
     if demonstrations.is_discrete:
         steps = of_classes(states, actions)
     else:
-        steps = of_numbers(states, jittered(scaled(actions), rng))
+        steps = of_numbers(states, scaled(actions) + JITTER * rng.normal(size=actions.shape))
     owner = np.repeat(np.arange(len(demonstrations)), demonstrations.lengths)[rows]
     count = np.bincount(owner, minlength=len(demonstrations))
     total = np.bincount(owner, steps, minlength=len(demonstrations))
@@ -80,7 +80,3 @@ def scaled(columns: Array) -> Array:
     """Columns with mean 0 and variance 1; those that never change are 0."""
     spread = columns.std(axis=0)
     return (columns - columns.mean(axis=0)) / np.where(spread > 1e-9, spread, np.inf)
-
-
-def jittered(columns: Array, rng: np.random.Generator) -> Array:
-    return columns + JITTER * rng.normal(size=columns.shape)

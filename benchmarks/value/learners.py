@@ -1,10 +1,10 @@
-"""Policies that are trained with a weight for each step: the library's linear one, and two networks."""
+"""Policies that are trained with a weight for each step: the library's linear one, and a network."""
 
 from __future__ import annotations
 
 import itertools
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -29,12 +29,9 @@ class Training:
     """Of Adam; falls to 0 as half a cosine."""
     noise: float = 0.1
     """Standard deviation of what is added to scaled observations."""
-    chunk: int = 1
-    """Actions that are predicted from one observation."""
 
 
 TRAINING = Training()
-CHUNKS = replace(TRAINING, chunk=8)
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,36 +45,13 @@ class Network:
     classes: Array | None
     """The discrete actions."""
 
-    def outputs(self, observations: Array) -> Array:
+    def predict(self, observations: Array) -> Array:
+        """Actions (n,) or (n, A) for observations (n, D)."""
         rows = np.clip((observations - self.center) / self.scale, -MAX_SCALED, MAX_SCALED).astype(np.float32)
         for weights, bias in self.layers[:-1]:
             rows = np.maximum(rows @ weights + bias, 0)
-        weights, bias = self.layers[-1]
-        return np.asarray(rows @ weights + bias)
-
-    def predict(self, observations: Array) -> Array:
-        """Actions (n,) or (n, A)."""
-        outputs = self.outputs(observations)
+        outputs = rows @ self.layers[-1][0] + self.layers[-1][1]
         return outputs if self.classes is None else self.classes[outputs.argmax(axis=1)]
-
-
-class Chunks:
-    """Drives by the mean of what was predicted for now, now and in the last steps (Zhao et al. 2023)."""
-
-    def __init__(self, network: Network, chunk: int) -> None:
-        self.network, self.chunk = network, chunk
-        self.reset()
-
-    def reset(self) -> None:
-        """Begin an episode."""
-        self.planned: list[Array] = []
-
-    def predict(self, observations: Array) -> Array:
-        """The action (1, A) for the next observation (1, D) of the episode."""
-        plan = self.network.outputs(observations).reshape(self.chunk, -1)
-        self.planned = [*self.planned, plan][-self.chunk :]
-        age = range(len(self.planned) - 1, -1, -1)
-        return np.mean([old[k] for k, old in zip(age, self.planned, strict=True)], axis=0)[None]
 
 
 def linear(demonstrations: Demonstrations, weight: Array, seed: int) -> BehavioralCloning:
@@ -86,25 +60,12 @@ def linear(demonstrations: Demonstrations, weight: Array, seed: int) -> Behavior
 
 
 def network(demonstrations: Demonstrations, weight: Array, seed: int, training: Training = TRAINING) -> Network:
-    """A network that predicts one action."""
+    """A network with two hidden layers."""
     actions = demonstrations.actions
     if demonstrations.is_discrete:
         classes, codes = np.unique(actions, return_inverse=True)
         return train(demonstrations.observations, codes, weight, seed, training, classes)
     return train(demonstrations.observations, actions, weight, seed, training)
-
-
-def chunks(demonstrations: Demonstrations, weight: Array, seed: int, training: Training = CHUNKS) -> Chunks:
-    """A network that predicts eight continuous actions."""
-    targets = following(demonstrations.actions, demonstrations.offsets, training.chunk)
-    return Chunks(train(demonstrations.observations, targets, weight, seed, training), training.chunk)
-
-
-def following(actions: Array, offsets: Array, count: int) -> Array:
-    """The next `count` actions of each step, (N, count * A); at its end a demonstration repeats the last one."""
-    last = np.repeat(offsets[1:] - 1, np.diff(offsets))
-    rows = np.minimum(np.arange(len(actions))[:, None] + np.arange(count), last[:, None])
-    return actions[rows].reshape(len(actions), -1)
 
 
 def train(
@@ -147,4 +108,4 @@ def train(
 
 
 Learner = Callable[[Demonstrations, Array, int], Any]
-LEARNERS: dict[str, Learner] = {"linear": linear, "network": network, "chunks": chunks}
+LEARNERS: dict[str, Learner] = {"linear": linear, "network": network}

@@ -43,7 +43,7 @@ def comparison(rows: Sequence[Row], title: str) -> str:
         own = [row for row in rows if row["rule"] == name]
         families = [[row for row in own if family(row["task"]) == each] for each in ("arm", "games")]
         means = [percent(np.mean([row["success"] for row in each])) if each else "" for each in (own, *families)]
-        tests = [p_text(found[name]) if name in found else "" for found in (worse, better)]
+        tests = [f"{found[name]:.3f}" if name in found else "" for found in (worse, better)]
         shares = [percent(np.mean([row[what] for row in own])) for what in ("kept", "weight_on_good")]
         cells.append([name, *means, *difference(differences[name]), *tests, *shares])
     header = ["rule", "success", "arm", "games", "minus all", "standard error", "sets"]
@@ -107,7 +107,3 @@ def holm(p: Sequence[float]) -> list[float]:
 
 def percent(value: Any) -> str:
     return f"{100 * float(value):.1f}"
-
-
-def p_text(p: float) -> str:
-    return "<.001" if p < 0.001 else f"{p:.3f}".replace("0.", ".", 1)

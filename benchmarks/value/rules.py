@@ -26,15 +26,14 @@ from value.worlds import World
 
 Array = NDArray[Any]
 SHORT = 0.6
-"""Share of the demonstrations that count as short."""
-KNOWN_OUTCOMES = 10
+"""Share of the demonstrations that count as short, or as informative."""
 
 
 class Judged:
-    """Demonstrations and their audit without answers, which is made once."""
+    """Demonstrations with what is computed from them once, without answers."""
 
     def __init__(self, demonstrations: Demonstrations) -> None:
-        self.demonstrations = demonstrations
+        self.demonstrations, self.lengths = demonstrations, demonstrations.lengths
 
     @cached_property
     def audit(self) -> Audit:
@@ -45,6 +44,10 @@ class Judged:
     @cached_property
     def information(self) -> Array:
         return information(self.demonstrations, 0)
+
+    def per_step(self, value: Array) -> Array:
+        """A number for each demonstration as one for each of its steps."""
+        return np.repeat(np.asarray(value, dtype=float), self.lengths)
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,22 +61,6 @@ class Known:
     is_good: Array | None = None
     """(M,) bool: the truth, for rules that ask a person."""
 
-    @property
-    def demonstrations(self) -> Demonstrations:
-        return self.judged.demonstrations
-
-    @property
-    def audit(self) -> Audit:
-        return self.judged.audit
-
-    def per_step(self, value: Array) -> Array:
-        """A number for each demonstration as one for each of its steps."""
-        return np.repeat(np.asarray(value, dtype=float), self.demonstrations.lengths)
-
-    def of_ids(self, kept: list[Hashable]) -> Array:
-        """Weight 1 for the steps of the demonstrations called `kept`."""
-        return self.per_step(np.isin(np.arange(len(self.demonstrations)), [self.audit.index(name) for name in kept]))
-
 
 @dataclass(frozen=True)
 class Rule:
@@ -85,90 +72,42 @@ class Rule:
 
 def told(rule: Rule, world: World, judged: Judged, seed: int) -> Known:
     """What this rule may read, and nothing else."""
-    known = Known(judged, seed)
-    return replace(known, **{fact: getattr(world, fact) for fact in rule.needs})
+    return Known(judged, seed, **{fact: getattr(world, fact) for fact in rule.needs})
 
 
 def weights_of(rule: Rule, world: World, judged: Judged, seed: int) -> Array:
     """The weights of the steps, the largest 1; all 1 where the rule would keep nothing."""
     weight = rule.weights(told(rule, world, judged, seed))
-    if not weight.max() > 0:
-        return np.ones(world.demonstrations.n_steps)
-    return weight / weight.max()
-
-
-# ---- without facts ---------------------------------------------------------------------------------------------------
-
-
-def everything(known: Known) -> Array:
-    return np.ones(known.demonstrations.n_steps)
-
-
-def same_total(known: Known) -> Array:
-    """Every demonstration counts the same, however long."""
-    return known.per_step(1 / known.demonstrations.lengths)
+    return weight / weight.max() if weight.max() > 0 else np.ones(len(weight))
 
 
 def keep(known: Known, share: float | None = None) -> Array:
     """What ``rpil keep`` writes, without options or with ``--share``."""
-    return known.of_ids(kept_ids(verdict_columns(known.audit, {}), share))
-
-
-def step_weights(known: Known) -> Array:
-    """The library's own weights of steps."""
-    return known.audit.step_weight
-
-
-def probability(known: Known) -> Array:
-    """P of the demonstration."""
-    return known.per_step(known.audit.expert_proba)
-
-
-def most_informative(known: Known) -> Array:
-    """The best 60 % by mutual information."""
-    return known.per_step(best(known.judged.information, SHORT))
-
-
-def shortest(known: Known) -> Array:
-    return known.per_step(best(-known.demonstrations.lengths, SHORT))
-
-
-# ---- with outcomes ---------------------------------------------------------------------------------------------------
-
-
-def successes(known: Known) -> Array:
-    assert known.success is not None
-    return known.per_step(known.success)
+    audit = known.judged.audit
+    kept: set[Hashable] = set(kept_ids(verdict_columns(audit, {}), share))
+    return known.judged.per_step([name in kept for name in audit.ids])
 
 
 def short_successes(known: Known) -> Array:
     """The shortest 60 % of the successes."""
-    assert known.success is not None
-    length = np.where(known.success, known.demonstrations.lengths, np.inf)
-    return known.per_step(best(-length, SHORT * known.success.mean()) & known.success)
+    length = np.where(known.success, known.judged.lengths, np.inf)
+    return known.judged.per_step(best(-length, SHORT * known.success.mean()) & known.success)
 
 
 def with_outcomes(known: Known, count: int | None = None) -> Array:
     """The audit is told how all, or `count` drawn ones, ended."""
-    assert known.success is not None
-    outcome = known.success.astype(float)
+    audit, outcome = known.judged.audit, known.success.astype(float)
     if count is not None:
-        drawn = np.random.default_rng(known.seed).permutation(len(outcome))[count:]
-        outcome[drawn] = np.nan
-    if not np.nanmin(outcome) < np.nanmax(outcome):  # all ended alike: nothing to learn
+        outcome[np.random.default_rng(known.seed).permutation(len(outcome))[count:]] = np.nan
+    if not np.nanmin(outcome) < np.nanmax(outcome) or not audit.columns.size:  # nothing can be learned
         return keep(known)
-    audit = known.audit
     answers = replace(Answers.of_labels(np.zeros(len(outcome), dtype=np.int64)), outcome=outcome)
-    return without_bad(with_answers(replace(audit, answers=answers), {}, ())) if audit.columns.size else keep(known)
-
-
-# ---- with labels -----------------------------------------------------------------------------------------------------
+    return without_bad(with_answers(replace(audit, answers=answers), {}, ()))
 
 
 def with_labels(known: Known, count: int, suggested: bool) -> Array:
     """A person labels `count` demonstrations: those that the audit suggests, one after the other, or drawn ones."""
-    assert known.is_good is not None
-    audit = known.audit
+    audit = known.judged.audit
     if not audit.columns.size:
         return keep(known)
     drawn = np.random.default_rng(known.seed).permutation(len(known.is_good))
@@ -176,12 +115,6 @@ def with_labels(known: Known, count: int, suggested: bool) -> Array:
         name = audit.suggest_labels(1)[0] if suggested else audit.ids[drawn[k]]
         audit = audit.answered({name: "good" if known.is_good[audit.index(name)] else "bad"})
     return without_bad(audit)
-
-
-def oracle(known: Known) -> Array:
-    """Exactly the good ones."""
-    assert known.is_good is not None
-    return known.per_step(known.is_good)
 
 
 def without_bad(audit: Audit) -> Array:
@@ -198,23 +131,23 @@ def best(score: Array, share: float) -> Array:
 
 ALL, ORACLE = "all", "oracle"
 RULES: dict[str, Rule] = {
-    ALL: Rule(everything),
-    "same total": Rule(same_total),
+    ALL: Rule(lambda known: np.ones(known.judged.demonstrations.n_steps)),
+    "same total": Rule(lambda known: known.judged.per_step(1 / known.judged.lengths)),
     "keep": Rule(keep),
-    "step weights": Rule(step_weights),
-    "probability": Rule(probability),
+    "step weights": Rule(lambda known: known.judged.audit.step_weight),
+    "probability": Rule(lambda known: known.judged.per_step(known.judged.audit.expert_proba)),
     "best 40 %": Rule(partial(keep, share=0.4)),
     "best 60 %": Rule(partial(keep, share=0.6)),
     "best 80 %": Rule(partial(keep, share=0.8)),
-    "information 60 %": Rule(most_informative),
-    "shortest 60 %": Rule(shortest),
-    "successes": Rule(successes, ("success",)),
+    "information 60 %": Rule(lambda known: known.judged.per_step(best(known.judged.information, SHORT))),
+    "shortest 60 %": Rule(lambda known: known.judged.per_step(best(-known.judged.lengths, SHORT))),
+    "successes": Rule(lambda known: known.judged.per_step(known.success), ("success",)),
     "short successes": Rule(short_successes, ("success",)),
     "outcomes": Rule(with_outcomes, ("success",)),
-    "ten outcomes": Rule(partial(with_outcomes, count=KNOWN_OUTCOMES), ("success",)),
+    "ten outcomes": Rule(partial(with_outcomes, count=10), ("success",)),
     "4 suggested labels": Rule(partial(with_labels, count=4, suggested=True), ("is_good",)),
     "4 random labels": Rule(partial(with_labels, count=4, suggested=False), ("is_good",)),
     "8 suggested labels": Rule(partial(with_labels, count=8, suggested=True), ("is_good",)),
     "8 random labels": Rule(partial(with_labels, count=8, suggested=False), ("is_good",)),
-    ORACLE: Rule(oracle, ("is_good",)),
+    ORACLE: Rule(lambda known: known.judged.per_step(known.is_good), ("is_good",)),
 }

@@ -10,7 +10,7 @@ import zlib
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,19 +18,13 @@ from numpy.typing import NDArray
 from rpil import rollout, simulate
 from rpil.data.demonstrations import Demonstrations
 from rpil.simulation.corruptions import KINDS
-from value.operators import BAD, GOOD, Operator
+from value.operators import BAD, GOOD, Kind, Operator
 
 Array = NDArray[Any]
-ARM_TASKS = (
-    "reach",
-    "push",
-    "pick-place",
-    "door-open",
-    "drawer-open",
-    "button-press-topdown",
-    "window-open",
-    "peg-insert-side",
-)
+Episode = tuple[Array, Array]
+Made = tuple[list[Episode], list[str], list[bool]]
+NO_GRASP = ("reach", "door-open", "drawer-open", "button-press-topdown", "window-open")
+ARM_TASKS = (*NO_GRASP, "push", "pick-place", "peg-insert-side")
 GAMES = {
     "CartPole-v1": (0, 475),
     "MountainCar-v0": (-200, -110),
@@ -52,10 +46,6 @@ TRIES = 10
 """A good operator who fails begins again, at most so many times."""
 
 
-class Policy(Protocol):
-    def predict(self, observations: Array, /) -> Any: ...
-
-
 @dataclass(frozen=True, eq=False)
 class World:
     """M demonstrations and what is known of them."""
@@ -67,16 +57,6 @@ class World:
     """(M,) bool."""
     kinds: tuple[str, ...]
     """Of the operator of each."""
-
-
-@dataclass(frozen=True, eq=False)
-class Driven:
-    """Episodes of a policy."""
-
-    success: Array
-    """(E,) numbers from 0 to 1; of a game the return between those of `GAMES`."""
-    mean_steps: float
-    """Of an episode; NaN where they were not counted."""
 
 
 def family(task: str) -> str:
@@ -95,13 +75,17 @@ def make_world(task: str, n: int, share_bad: float, seed: int) -> World:
     return World(demonstrations, is_good, np.array(success)[order], tuple(kinds[m] for m in order))
 
 
-def drive(task: str, policy: Policy, n_episodes: int, seed: int) -> Driven:
-    """Drive a policy from `n_episodes` starts that depend on the task and the seed alone, and on none of the data."""
+def drive(task: str, policy: Any, n_episodes: int, seed: int) -> tuple[Array, float | None]:
+    """Drive a policy from `n_episodes` starts that depend on the task and the seed alone, and on none of the data.
+
+    Returns the success of each, from 0 to 1 (of a game the return between those of `GAMES`), and the mean steps, where
+    they are counted.
+    """
     if task in GAMES:
         found = rollout(policy, task, n_episodes=n_episodes, seed=seed + 1_000_000)
-        return Driven(scaled_return(task, found.returns), float("nan"))
+        return scaled_return(task, found.returns), None
     ended = [_drive_arm(task, policy, 1_000_000 + 1000 * seed + k) for k in range(n_episodes)]
-    return Driven(np.array([success for success, _ in ended]), float(np.mean([steps for _, steps in ended])))
+    return np.array([success for success, _ in ended]), float(np.mean([steps for _, steps in ended]))
 
 
 # ---- games -----------------------------------------------------------------------------------------------------------
@@ -111,9 +95,6 @@ def scaled_return(task: str, returns: Array) -> Array:
     """0 for a useless return and less, 1 for that of a solved game and more."""
     useless, solved = GAMES[task]
     return np.clip((returns - useless) / (solved - useless), 0, 1)
-
-
-Made = tuple[list[tuple[Array, Array]], list[str], list[bool]]
 
 
 def _game_demonstrations(task: str, n_good: int, n_bad: int, rng: np.random.Generator) -> Made:
@@ -171,16 +152,14 @@ def _arm_demonstrations(task: str, n_good: int, n_bad: int, rng: np.random.Gener
     return episodes, names, success
 
 
-def _record_arm(
-    task: str, kind: type[Operator], side: Array, seed: int, rng: np.random.Generator
-) -> tuple[tuple[Array, Array], bool]:
+def _record_arm(task: str, kind: Kind, side: Array, seed: int, rng: np.random.Generator) -> tuple[Episode, bool]:
     """One episode of an operator, and whether it succeeded."""
     env, script = _arm(task)
     observation = _start(env, seed)
     observations, actions, since = [], [], -1
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # scripts say that they ask for more than 1
-        operator = kind(script(), side, rng)
+        operator = Operator(kind, script(), side, rng)
         for n in range(DEMONSTRATION_LIMIT):
             if operator.stops(n) or since == AFTER_SUCCESS:
                 break
@@ -192,12 +171,10 @@ def _record_arm(
     return (np.array(observations), np.array(actions)), since >= 0
 
 
-def _drive_arm(task: str, policy: Policy, seed: int) -> tuple[bool, int]:
+def _drive_arm(task: str, policy: Any, seed: int) -> tuple[bool, int]:
     """Whether the policy succeeds, and after how many steps."""
     env, _ = _arm(task)
     observation = _start(env, seed)
-    if hasattr(policy, "reset"):
-        policy.reset()
     for n in range(DRIVE_LIMIT):
         action = np.clip(policy.predict(observation[None])[0], -1, 1)
         observation, _, _, _, info = env.step(action)

@@ -12,7 +12,6 @@ import pytest
 import policy_value
 from value import report
 from value.information import information
-from value.learners import following
 from value.operators import BAD, GOOD
 from value.rules import ALL, ORACLE, RULES, Judged, told, weights_of
 from value.worlds import make_world
@@ -92,12 +91,6 @@ def test_information_is_larger_where_actions_depend_on_states(discrete):
     if not discrete:
         pairs = information(Demonstrations.from_episodes(list(zip(states[:10], actions[:10], strict=True))), 0)
         assert pairs.mean() == pytest.approx(-np.log(1 - 0.81) / 2, abs=0.1)
-
-
-def test_chunks_repeat_the_last_action_of_a_demonstration():
-    actions = np.arange(5.0)[:, None]
-    expected = [[0, 1, 1], [1, 1, 1], [2, 3, 4], [3, 4, 4], [4, 4, 4]]
-    np.testing.assert_array_equal(following(actions, np.array([0, 2, 5]), 3), expected)
 
 
 def test_the_report_pairs_tasks_and_seeds():
