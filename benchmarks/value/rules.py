@@ -111,7 +111,7 @@ def with_labels(known: Known, count: int, suggested: bool) -> Array:
     if not audit.columns.size:
         return keep(known)
     drawn = np.random.default_rng(known.seed).permutation(len(known.is_good))
-    for k in range(count):
+    for k in range(min(count, len(drawn))):
         name = audit.suggest_labels(1)[0] if suggested else audit.ids[drawn[k]]
         audit = audit.answered({name: "good" if known.is_good[audit.index(name)] else "bad"})
     return without_bad(audit)
