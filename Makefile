@@ -37,11 +37,12 @@ FIGURES := build/figures
 results: $(VENV)/.made
 	mkdir -p $(FIGURES)
 	$(BIN)/python benchmarks/claims.py --data $(DATA) --json $(FIGURES)/claims.json
+	$(BIN)/python benchmarks/worlds.py --json $(FIGURES)/worlds.json
 	$(BIN)/python benchmarks/answers.py --data $(DATA) --json $(FIGURES)/answers.json
 	-$(BIN)/python benchmarks/trust.py --data $(DATA) --json $(FIGURES)/trust.json --processes 2
 	$(BIN)/python benchmarks/ablations.py --data $(DATA) --json $(FIGURES)/ablations.json --processes 2
 	test -e $(FIGURES)/paper.json || $(BIN)/python benchmarks/paper.py --json $(FIGURES)/paper.json
-	$(BIN)/python benchmarks/results.py --claims $(FIGURES)/claims.json \
+	$(BIN)/python benchmarks/results.py --claims $(FIGURES)/claims.json --worlds $(FIGURES)/worlds.json \
 	    --answers $(FIGURES)/answers.json --trust $(FIGURES)/trust.json --ablations $(FIGURES)/ablations.json \
 	    --paper $(FIGURES)/paper.json > $(FIGURES)/results.md
 	mv $(FIGURES)/results.md docs/results.md

@@ -291,7 +291,7 @@ def by_one_wrong(sets: list[Audited], draws: int) -> list[Row]:
 
 def by_one_side(sets: list[Audited], draws: int, count: int) -> list[Row]:
     """Labels of good ones only."""
-    lower, bad, n_good = [], 0, 0
+    lower, bad, n_good, words = [], 0, 0, np.zeros(3, dtype=int)
     for audit in sets:
         good, lost = np.flatnonzero(audit["good"] == 1), []
         for draw in range(draws):
@@ -303,11 +303,14 @@ def by_one_side(sets: list[Audited], draws: int, count: int) -> list[Row]:
             lost.append(before - after)
             bad += int((found.words[rest][audit["good"][rest] == 1] < 0).sum())
             n_good += int((audit["good"][rest] == 1).sum())
+            said, sort = found.words[rest], 2 * audit["good"][rest] - 1
+            words += ((said * sort < 0).sum(), (said != 0).sum(), (said < 0).sum())
         if lost and np.mean(lost) > 0.02:
             lower.append(f"{audit['name']} by {np.mean(lost):.2f}")
     return [
         {"what": f"{count} good ones only: sets lower by more than .02", "figure": ", ".join(lower) or "none"},
         {"what": f"{count} good ones only: good ones called bad", "figure": f"{bad} of {n_good}"},
+        {"what": f"{count} good ones only: words", "figure": f"{words[0]} of {words[1]} wrong; {words[2]} say bad"},
     ]
 
 

@@ -6,7 +6,7 @@
 
 Kinds of data: `recorded` sets with good and bad demonstrations; the good `half` of each alone; `walks`, made with one
 law that is not linear; the paper's cells (`paper`) and the `grid` of simulated kinds; `changes` of recorded sets that
-are not behaviour. The truth `is_good` scores and is never read by the audit.
+are not behaviour, and a random half of the demonstrations. The truth `is_good` scores and is never read by the audit.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ import warnings
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import partial
-from itertools import product
+from itertools import pairwise, product
 from multiprocessing import Pool
 from pathlib import Path
 from typing import Any
@@ -37,6 +37,8 @@ Array = NDArray[Any]
 Row = dict[str, Any]
 KINDS = ("recorded", "half", "walks", "paper", "grid", "changes")
 PAPER = tuple(product(("MountainCar-v0", "LunarLander-v3", "Acrobot-v1"), ("corrupted", "random")))
+P_BINS = (0.0, 0.01, 0.1, 0.3, 0.5, 0.7, 0.9, 0.99, 1.0)
+"""Edges of the bins of P(typical) in which good demonstrations are counted."""
 CHANGED_SETS = ("metaworld_window_open", "metaworld_push", "rilco_hopper_mix", "vild_walker2d", "human_mountaincar")
 
 
@@ -123,12 +125,12 @@ def of_paper(env: str, kind: str, seed: int) -> tuple[Demonstrations, Array]:
 
 
 def changed(cell: Any, change: str) -> tuple[Demonstrations, Array]:
-    """A recorded set after a change that is not behaviour; its first demonstrations are those of the set, in order."""
+    """A recorded set after a change that is not behaviour; the demonstrations of the set keep their numbers as ids."""
     world = cell.make()
     rng = np.random.default_rng(0)
     states, actions, ids = CHANGES[change](world.observations.astype(float), world.actions, world.episode_ids, rng)
     made = Demonstrations.from_groups(states, actions, ids)
-    return made, np.resize(world.is_good, len(made))
+    return made, world.is_good[np.array(made.ids) % len(world.is_good)]
 
 
 def noise_columns(states: Array, actions: Array, ids: Array, rng: np.random.Generator) -> tuple[Array, Array, Array]:
@@ -153,6 +155,13 @@ def copied(states: Array, actions: Array, ids: Array, rng: np.random.Generator) 
     return np.concatenate([states, states[more]]), np.concatenate([actions, actions[more]]), np.append(ids, new)
 
 
+def halved(states: Array, actions: Array, ids: Array, rng: np.random.Generator) -> tuple[Array, Array, Array]:
+    """A random half of the demonstrations."""
+    kept = rng.permutation(ids.max() + 1)[: ids.max() // 2 + 1]
+    rows = np.isin(ids, kept)
+    return states[rows], actions[rows], ids[rows]
+
+
 def rotated(states: Array, actions: Array, ids: Array, rng: np.random.Generator) -> tuple[Array, Array, Array]:
     scaled = (states - states.mean(axis=0)) / (states.std(axis=0) + 1e-9)
     return scaled @ np.linalg.qr(rng.normal(size=(states.shape[1],) * 2))[0], actions, ids
@@ -170,6 +179,7 @@ CHANGES: dict[str, Callable[..., tuple[Array, Array, Array]]] = {
     "all twice": twice,
     "one copied ten times": copied,
     "states rotated": rotated,
+    "a random half": halved,
 }
 
 
@@ -186,6 +196,8 @@ def audited(job: Job) -> Row:
     words = [{"typical": 1, "open": 0, "unlike": -1}[verdict] for verdict in audit.verdicts]
     pair = [int(good[audit.index(name)]) for name in audit.pair]
     values = {"good": good.tolist(), "words": words, "log_odds": audit.log_odds.tolist(), "pair": pair}
+    values["ids"] = list(audit.ids) if job.kind == "changes" else []
+    values["proba"] = audit.expert_proba.tolist()
     return {"kind": job.kind, "name": job.name, "finding": audit.finding, "doubts": list(audit.doubts), **values}
 
 
@@ -238,7 +250,33 @@ def report(rows: list[Row]) -> list[str]:
             f"The pair asked holds one good and one bad in {one_each} of {len(recorded)} recorded sets; one of ",
         ]
         lines[-1] += f"middling quality in {middle}."
-    return lines + changes(rows) + ["", *described(rows)]
+    return lines + good_by_proba(rows) + changes(rows) + ["", *described(rows)]
+
+
+def good_by_proba(rows: list[Row]) -> list[str]:
+    """How many demonstrations of recorded sets with such a P(typical) are good; those of middling quality are left out.
+
+    `rpil.audit.words` quotes the last line.
+    """
+    recorded = [row for row in rows if row["kind"] == "recorded"]
+    if not recorded:
+        return []
+    good, proba = (np.concatenate([row[name] for row in recorded]) for name in ("good", "proba"))
+    source = np.repeat(np.arange(len(recorded)), [len(row["good"]) for row in recorded])[good >= 0]
+    good, proba = good[good >= 0], proba[good >= 0]
+    which = np.clip(np.searchsorted(P_BINS, proba, side="right") - 1, 0, len(P_BINS) - 2)
+    lines = ["", "| P(typical) | demonstrations | good | share good | sets |", "|---|---|---|---|---|"]
+    for k, (low, high) in enumerate(pairwise(P_BINS)):
+        own = which == k
+        share = f"{good[own].mean():.0%}" if own.any() else ""
+        counts = f"{own.sum()} | {good[own].sum()} | {share} | {len(set(source[own]))}"
+        lines.append(f"| {low:g} to {high:g} | {counts} |")
+    most, least = good[proba >= 0.9], good[proba <= 0.1]
+    if len(most) and len(least):
+        text = f"{most.mean():.0%} of the demonstrations with P(typical) of .9 or more were good, "
+        text += f"{least.mean():.0%} of those with .1 or less, and {good.mean():.0%} of all"
+        lines += ["", f"In {len(recorded)} recorded sets {text}."]
+    return lines
 
 
 def counted(title: str, rows: list[Row]) -> list[str]:
@@ -271,17 +309,23 @@ def is_right(row: Row) -> bool:
 
 
 def changes(rows: list[Row]) -> list[str]:
-    """How many words change where nothing that matters does."""
+    """How many words change where nothing that matters does; of a random half, those that its demonstrations had."""
     own = {row["name"]: row for row in rows if row["kind"] == "changes"}
-    bases = {name.split(":")[0]: np.array(row["words"]) for name, row in own.items() if name.endswith("as it is")}
+    bases = {name.split(":")[0]: row["words"] for name, row in own.items() if name.endswith("as it is")}
     if not bases:
         return []
     lines = ["", "| change | words given | turned over | withdrawn |", "|---|---|---|---|"]
     for change in CHANGES:
-        pairs = [(words, own[f"{name}: {change}"]["words"][: len(words)]) for name, words in bases.items()]
-        given = sum(int((old != 0).sum()) for old, _ in pairs)
-        turned = sum(int((old * np.array(new) < 0).sum()) for old, new in pairs)
-        gone = sum(int(((old != 0) & (np.array(new) == 0)).sum()) for old, new in pairs)
+        rows_of = ((words, own[f"{name}: {change}"]) for name, words in bases.items())
+        pairs = [
+            (words[m], word)
+            for words, row in rows_of
+            for m, word in zip(row["ids"], row["words"], strict=False)
+            if m < len(words)
+        ]
+        given = sum(old != 0 for old, _ in pairs)
+        turned = sum(old * new < 0 for old, new in pairs)
+        gone = sum(old != 0 and new == 0 for old, new in pairs)
         lines.append(f"| {change} | {given} | {turned} | {gone} |")
     return lines
 

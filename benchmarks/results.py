@@ -335,6 +335,7 @@ def section_of(script: str) -> Callable[[Result], str]:
 
 SECTIONS: dict[str, Callable[[Result], str]] = {
     "claims": section_of("claims"),
+    "worlds": section_of("worlds"),
     "answers": section_of("answers"),
     "trust": section_of("trust_report"),
     "ablations": section_of("ablations"),

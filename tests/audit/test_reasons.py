@@ -10,6 +10,7 @@ import pytest
 from audits import make_audit
 from rpil.audit.reasons import MIN_STRETCH, Grounds, worst_stretch
 from rpil.audit.words import WORDS
+from rpil.inference.answers import Answers
 
 NO_STRETCH = {"step_log_ratio": np.ones(40), "lengths": [20, 20]}
 
@@ -56,6 +57,21 @@ def test_label_is_the_reason_and_its_contradiction_with_the_other_answers_is_tol
     assert audit.reasons == ("Labelled good.", "Labelled bad, which contradicts the other answers: look again.")
 
 
+def test_outcome_is_the_reason_where_it_decided() -> None:
+    outcome = np.array([9.0, 5.0, 1.0, np.nan, 2.0])
+    answers = Answers(np.array([0, 0, 0, 0, 1]), np.empty((0, 2), dtype=np.int64), outcome)
+    log_odds = np.array([3.0, 0.0, -3.0, -3.0, 4.0])
+    known = {"anchor": "answers", "finding": "answered", "answers": answers, "log_odds": log_odds}
+    steps = {"step_log_ratio": np.ones(100), "lengths": [20] * 5}
+    assert make_audit(("good", "open", "bad", "bad", "good"), **known, **steps).reasons == (
+        "Its outcome is among the highest (+3.0 nats).",
+        "Its log-odds of +0.0 nats are too close to 0 to call it good or bad.",
+        "Its outcome is among the lowest (-3.0 nats).",
+        "Judged by what the answers say of demonstrations like it (-3.0 nats).",
+        "Labelled good.",
+    )
+
+
 def test_answers_about_others_are_the_reason_for_a_demonstration_without_one() -> None:
     known = {"anchor": "answers", "finding": "answered"}
     audit = make_audit(("good", "open"), log_odds=np.array([4.0, 1.0]), **known, **NO_STRETCH)
@@ -94,7 +110,7 @@ def test_no_verdict_is_explained_by_log_odds_near_zero() -> None:
 
 def test_nothing_is_said_of_the_trusted_where_there_are_none_or_they_score_lower() -> None:
     grounds = Grounds(
-        "some are unlike", WORDS["none"], "unlike", -5.0, -5.0, 0.0, 0, False, "", -0.5, float("nan"), None, ""
+        "some are unlike", WORDS["none"], "unlike", -5.0, -5.0, 0.0, 0, False, False, "", -0.5, float("nan"), None, ""
     )
     for trusted in (float("nan"), -0.6):
         assert "that of" not in replace(grounds, trusted_score=trusted).sentence()

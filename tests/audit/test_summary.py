@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.special import logit
@@ -13,11 +15,13 @@ from rpil.audit.settings import AuditSettings
 from rpil.audit.step_weights import is_anyone_trusted, step_weight, typical_reliability
 from rpil.audit.summary import (
     audit_from_mixture,
+    doubt_sentence,
     rank_demonstrators,
 )
 from rpil.data.demonstrators import Demonstrators
 from rpil.data.fit_data import FitData
-from rpil.data.spaces import Discrete
+from rpil.data.spaces import Box, Discrete
+from rpil.inference.claims import Doubt
 from rpil.mixture.em import Posterior, Result, run_em
 from rpil.mixture.settings import MixtureSettings
 
@@ -83,6 +87,17 @@ def test_audit_keeps_the_history_and_the_adversary_of_em():
     audit = audit_from_mixture(data, result, SHARE, toy.ids, AuditSettings())
     assert audit.adversary == "uniform"
     np.testing.assert_array_equal(audit.history, result.history)
+
+
+def test_a_doubt_names_demonstrations_and_the_column_of_the_action():
+    data = FitData(
+        np.ones((5, 1)), np.zeros((5, 2)), np.arange(6), Box(np.zeros(2), np.ones(2)), np.zeros(5, dtype=int)
+    )
+    doubt = Doubt("{members}: part {part}.", np.array([3, 1]), 1)
+    assert doubt_sentence(doubt, IDS, data) == "d, b: part 1."
+    named = replace(data, action_names=("pan", "lift\x1b"))
+    assert doubt_sentence(doubt, IDS, named) == "d, b: part lift\\x1b."
+    assert doubt_sentence(replace(doubt, sentence="{members}.", part=None), IDS, named) == "d, b."
 
 
 def split_weights(

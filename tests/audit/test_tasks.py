@@ -32,6 +32,17 @@ def test_each_demonstration_keeps_what_its_own_task_says():
     )
 
 
+def test_facts_stay_with_their_tasks():
+    steps = {"lengths": [1, 1]}
+    one = make_audit(
+        ("open",) * 2, **steps, beside={"dynamics": np.array([0.75, 0.25]), "time limit": np.array([0.0, 1.0])}
+    )
+    other = make_audit(("open",) * 2, **steps, ids="ab", beside={"dynamics": np.array([0.25, 0.75])})
+    places = {"one": [0, 2], "other": [1, 3], "alone": [4]}
+    audit = join_audits({"one": one, "other": other}, places, [0, "a", 1, "b", "c"], np.arange(6))
+    assert audit.facts == {"dynamics": (0.75, 0.25, 0.25, 0.75, 0.5), "time limit": (0, 0, 1, 0, 0)}
+
+
 def test_without_any_audit_nothing_is_known():
     audit = join_audits({}, {"a": [0], "b": [1]}, ["x", "y"], np.array([0, 2, 5]))
     assert audit.finding == "nothing could be learned"

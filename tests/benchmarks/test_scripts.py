@@ -31,6 +31,7 @@ ARGUMENTS = {
     "ablations": ["--quick"],
     "claims": ["--quick", "--processes", "1"],
     "answers": ["--quick", "--processes", "1"],
+    "worlds": ["--only", "noise,alike", "--seeds", "1", "--processes", "1"],
     "paper": PAPER,
     "speed": ["--quick", "--rows", "A,B,D,F,H,I,J,K,O,P"],  # not those that start a cluster or other interpreters
 }
@@ -62,6 +63,16 @@ def test_claims(written):
     assert not any(rows["walks 0"]["words"])
     cell = rows["MountainCar-v0 random 0"]
     assert cell["words"] == [1 if good else -1 for good in cell["good"]]
+
+
+def test_worlds(written):
+    rows = written.run("worlds")["rows"]
+    assert len(rows) == 16
+    noise, alike = ([row for row in rows if row["kind"] == kind] for kind in ("noise", "alike"))
+    assert all(sum(good == 0 for good in row["good"]) in (3, 6, 12, 24) for row in noise)
+    assert all(all(row["good"]) for row in alike)
+    found = [(word, good) for row in noise for word, good in zip(row["words"], row["good"], strict=True)]
+    assert found.count((-1, 0)) > 10 * found.count((-1, 1)) > 0
 
 
 def test_answers(written):

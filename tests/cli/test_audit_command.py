@@ -57,7 +57,7 @@ def test_audit_prints_finding_ranking_and_next_step(folder):
     assert [row[5] for row in rows] == ["unlike"] * 6 + ["typical"] * 6
     odds = [float(row[2]) for row in rows]
     assert odds == sorted(odds)
-    assert result.stdout.count(WORDS["none"].explanation) == 1
+    assert result.stdout.count(f"{WORDS['none'].explanation} {WORDS['none'].experience}\n") == 1
     headline, faults, following = result.stdout.split("\n\n")[-1].splitlines()[:3]
     assert headline == "12 demonstrations (1,160 steps): 6 typical, 0 open, 6 unlike."
     assert faults == "No recording faults found."
@@ -140,7 +140,10 @@ def test_audit_does_not_choose_features(folder, monkeypatch):
     chosen = load(folder / "policy").audit_.to_dict()
     monkeypatch.setattr("rpil.estimators.final_policy.choose_features", never)
     assert ok("audit", folder / "good.parquet", "--json").stdout == folded
-    assert json.loads(folded)["demonstrations"] == chosen["demonstrations"]
+    printed = json.loads(folded)["demonstrations"]
+    for row in printed:  # which files do not hold
+        del row["facts"]["dynamics"], row["facts"]["time limit"]
+    assert printed == chosen["demonstrations"]
 
 
 def test_audit_writes_a_report_and_weights(folder):
@@ -176,6 +179,7 @@ def test_answered_question_decides_between_two_groups(folder):
     )
     assert (first < 6) != (second < 6)
     assert "are ranked; all are open." in result.stdout
+    assert "\nThe two groups: A has 6 demonstrations and B 6; " in result.stdout
     assert result.stderr == ""
     again = result.stdout.splitlines()[-1].removeprefix("Then run: ")
     assert shlex.split(again) == ["rpil", "audit", str(file), "--seed", "2", "--labels", "labels.csv"]
@@ -201,4 +205,6 @@ def test_two_groups_in_json(folder):
     assert sorted(map(sorted, audit["groups"])) == [[*range(6)], [*range(6, 12)]]
     assert [name in group for name, group in zip(audit["pair"], audit["groups"], strict=True)] == [True, True]
     assert audit["doubts"] == audit["contradicting"] == []
+    assert all(note.startswith("The two groups: ") for note in audit["notes"])
+    assert len(audit["notes"]) == 2
     assert result.stderr == ""

@@ -17,6 +17,10 @@ def test_competing_groups_are_open_and_one_of_each_is_asked_about():
     assert not audit.identifiable
     assert {frozenset(group) for group in audit.competing} == {frozenset(toy.ids[:6]), frozenset(toy.ids[6:])}
     assert [name in group for name, group in zip(audit.pair, audit.competing, strict=True)] == [True, True]
+    sizes, policies = audit.notes
+    assert sizes.startswith("The two groups: A has 6 demonstrations and B 6; ")
+    assert policies.startswith("The two groups: their policies differ most where they take action ")
+    assert set(audit.notes) < set(audit.assumptions)
 
 
 def test_suggestions_leave_out_labels_and_survive_a_file(tmp_path):
@@ -39,6 +43,7 @@ def test_the_answered_pair_decides_between_competing_groups():
     assert is_good[better] > is_good[worse]
     labelled = RPIL().fit(toy.demonstrations, labels={better: f"better than {worse}"}).audit_
     assert labelled.identifiable
+    assert labelled.notes == ()
     assert set(labelled.verdicts) == {"open"}  # one answer alone
     assert roc_auc_score(toy.is_good, labelled.log_odds) > 0.95
     both = labelled.answered(

@@ -12,7 +12,9 @@ from sklearn.metrics import roc_auc_score
 from problems import make, make_continuous
 from rpil import DataError, Settings, load, save
 from rpil.data.demonstrations import Demonstrations
+from rpil.estimators import passes
 from rpil.scale.disk import Streamed
+from rpil.scale.fit import Sample
 from rpil.scale.memory import InMemory
 from rpil.scale.sample import draw_sample, is_large, sample_steps
 from rpil.scale.settings import AscentSettings
@@ -126,6 +128,20 @@ def test_engines_in_memory_and_from_disk_give_the_same_fit(kind, maker):
     for name in ("log_odds", "expert_proba", "step_weight", "step_log_ratio", "reliability"):
         np.testing.assert_allclose(getattr(here.audit_, name), getattr(streamed.audit_, name), rtol=1e-6, atol=1e-6)
     np.testing.assert_allclose(here.coef_, streamed.coef_, rtol=1e-6, atol=1e-6)
+
+
+def test_engines_judge_copies_in_the_sample_once(monkeypatch):
+    _, data = demonstrations("random")
+    rows = [data.observations, *[data.observations[: data.offsets[1]]] * 60]
+    actions = [data.actions, *[data.actions[: data.offsets[1]]] * 60]
+    offsets = np.append(data.offsets, data.offsets[-1] + data.lengths[0] * np.arange(1, 61))
+    more = Demonstrations.from_arrays(np.concatenate(rows), np.concatenate(actions), offsets)
+    seen = []
+    monkeypatch.setattr(passes, "Sample", lambda *parts: seen.append(parts[1]) or Sample(*parts))
+    here, streamed = (small_rpil(engine=engine).fit(more) for engine in (InMemory(), Streamed()))
+    np.testing.assert_array_equal(seen[0], seen[1])
+    assert sum(m == 0 or m >= len(data) for m in seen[0].tolist()) == 1
+    np.testing.assert_allclose(here.log_odds_, streamed.log_odds_, rtol=1e-6, atol=1e-6)
 
 
 @pytest.mark.parametrize("kind", ["random", "noisy"])

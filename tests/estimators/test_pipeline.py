@@ -97,3 +97,54 @@ def test_observations_with_infinite_squares_are_refused():
     toy = make("random", 0, steps=STEPS)
     with pytest.raises(DataError, match=r"beyond 1e\+150, where its square is no number; use larger units"):
         RPIL().fit(1e300 * toy.observations, toy.actions, groups=toy.groups)
+
+
+@pytest.mark.parametrize("maker", [make, make_continuous])
+@pytest.mark.parametrize("numbers", [[*range(18)], [0] * 10, [17] * 10, [3, 3, 12]])
+def test_copies_change_no_score_and_no_word_of_the_others(maker, numbers):
+    toy = maker("random", 3, n_good=12, n_bad=6)
+    every = np.concatenate([np.arange(18), numbers])
+    once, more = RPIL(C=1.0).fit(toy.demonstrations).audit_, with_copies(toy.demonstrations, every)
+    found = RPIL(C=1.0).fit(more).audit_
+    np.testing.assert_array_equal(found.log_odds, once.log_odds[every])
+    np.testing.assert_array_equal(found.columns, once.columns[every])
+    np.testing.assert_array_equal(found.reliability, once.reliability[every])
+    assert found.verdicts == tuple(once.verdicts[m] for m in every)
+    assert "unlike" in found.verdicts
+    assert (found.finding, found.pair) == (once.finding, once.pair)
+    steps = np.concatenate([np.arange(once.offsets[m], once.offsets[m + 1]) for m in every])
+    np.testing.assert_array_equal(found.step_log_ratio, once.step_log_ratio[steps])
+    sentence = f"{len(numbers)} demonstrations are copies of {len(set(numbers))} other"
+    assert sum(note.startswith(sentence) for note in found.notes) == 1
+    assert not any("copies" in note for note in once.notes)
+
+
+def with_copies(demonstrations: Demonstrations, every) -> Demonstrations:
+    """The demonstrations at the places `every`, under ids of their own."""
+    rows = np.concatenate([np.arange(*demonstrations.offsets[m : m + 2]) for m in every])
+    offsets = np.append(0, np.cumsum(demonstrations.lengths[every]))
+    ids = [*demonstrations.ids, *(f"copy {k}" for k in range(len(every) - len(demonstrations)))]
+    return Demonstrations.from_arrays(demonstrations.observations[rows], demonstrations.actions[rows], offsets, ids)
+
+
+def test_two_groups_list_copies():
+    data, _ = two_styles(0)
+    once = RPIL().fit(data).audit_
+    assert once.finding == "two groups"
+    found = RPIL().fit(Demonstrations.from_episodes([*data, data.episode(0)])).audit_
+    assert [set(group) - {16} for group in found.competing] == [set(group) for group in once.competing]
+    assert [16 in group for group in found.competing] == [0 in group for group in once.competing]
+    assert any(0 in group for group in once.competing)
+
+
+def test_a_label_holds_for_copies():
+    toy = make("random", 3, n_good=12, n_bad=6)
+    data = with_copies(toy.demonstrations, [*range(18), 0, 17])
+    labels = {"copy 0": "good", "copy 1": "bad", "d1": "good"}
+    audit = RPIL(C=1.0).fit(data, labels=labels).audit_
+    assert audit.labelled == ("d1", "copy 0", "copy 1")
+    assert (audit.verdicts[18], audit.verdicts[19]) == ("good", "bad")
+    assert (audit.verdicts[0], audit.verdicts[17]) == ("good", "bad")
+    np.testing.assert_array_equal(audit.log_odds[[0, 17]], audit.log_odds[[18, 19]])
+    again = RPIL(C=1.0).fit(data).audit_.answered(labels)
+    np.testing.assert_allclose(audit.log_odds, again.log_odds, rtol=1e-9)

@@ -261,3 +261,17 @@ def test_reweight_of_a_torch_module_with_its_optimiser(request):
 
     with pytest.raises(DataError, match="keep the optimiser with the policy"):
         reweight(outside, TOY.demonstrations, log_prob=tensor_log_prob, train=epoch_elsewhere)
+
+
+def test_reweight_judges_copies_once():
+    every = np.concatenate([np.arange(len(TOY.ids)), np.zeros(5, dtype=int)])
+    rows = np.concatenate([np.arange(TOY.offsets[m], TOY.offsets[m + 1]) for m in every])
+    offsets = np.append(0, np.cumsum(np.diff(TOY.offsets)[every]))
+    data = Demonstrations.from_arrays(TOY.observations[rows], TOY.actions[rows], offsets)
+    once, more = (
+        reweight(Linear(), each, log_prob=log_prob, train=train, max_rounds=4) for each in (TOY.demonstrations, data)
+    )
+    np.testing.assert_array_equal(more.audit.log_odds, once.audit.log_odds[every])
+    assert more.step_weight.shape == data.actions.shape
+    assert more.audit.notes == ("5 demonstrations are copies of 1 other: each is judged once.",)
+    assert (more.policy.weights != once.policy.weights).any()  # it learns from copies as well

@@ -9,6 +9,7 @@ import pytest
 
 from hand_made import same_actions, scores_of, scoring_of
 from rpil.inference.claims import Claims, Doubt, by_chance, by_groups, claim, extended, missing_steps, said
+from rpil.inference.contrast import Contrast
 from rpil.inference.rivals import Lower
 from rpil.inference.settings import ClaimSettings, JudgeSettings
 
@@ -93,9 +94,14 @@ def test_a_policy_of_their_own_makes_two_groups_of_which_neither_is_unlike(own, 
     assert found.finding == finding
     if finding == "some are unlike":
         assert found.groups is None
+        assert found.contrast is None
     else:
         assert found.words.tolist() == NOBODY
         assert [group.tolist() for group in found.groups] == [[0, 1, 2, 3, 4, 5], [6, 7, 8, 9]]
+        assert found.contrast.length.tolist() == [5.0, 5.0]
+        data = scored()[0].data
+        members = np.flatnonzero(data.per_step(np.arange(10) >= 6))
+        assert (found.lower.log_ratio[members] > 0).all()  # the policy of the rival group less that of the upper group
 
 
 def test_no_groups_without_lower_ones():
@@ -229,6 +235,13 @@ def test_noise_is_below_two_demonstrations_at_least(n_upper, is_split):
     assert (by_noise(score) is not None) is is_split
 
 
+@pytest.mark.parametrize(("enough", "is_split"), [(4, True), (5, False)])
+def test_so_few_that_no_policy_could_be_learned_are_no_noise(enough, is_split):
+    few, of_policies = np.full(10, -1.0), policies(1.0, 0.0, spread=0.4)
+    found = scored(NOISE, 0.3, lambda group: few if group[0] and group.sum() < enough else of_policies(group), True)
+    assert (by_chance(*found, None) is not None) is is_split
+
+
 def test_noise_lies_half_the_gain_below_frequent_actions():
     score = NOISE * 2
     score[4:8] = 0.01, 0.0, -0.99, -1.01
@@ -283,11 +296,13 @@ def test_claims_about_a_sample_extend_to_all():
 def test_sampled_groups_and_doubts_extend_to_all():
     scoring, scores = scored([1.0, 0.0, 1.0, 0.0, 1.0, 0.0])
     doubt = Doubt("{members} follow one another.", np.array([0, 2]))
-    two = Claims("two groups", np.zeros(3, dtype=int), (doubt,), lower_of([0, 2], [1]))
+    contrast = Contrast(np.ones(1), np.ones((2, 1)), np.ones(2))
+    two = Claims("two groups", np.zeros(3, dtype=int), (doubt,), lower_of([0, 2], [1]), contrast)
     found = extended(two, scores, np.array([1, 2, 5]), scoring.settings)
     assert found.words.tolist() == [0] * 6
     assert [group.tolist() for group in found.groups] == [[0, 1, 4, 5], [2, 3]]
     assert found.doubts[0].members.tolist() == [1, 5]
+    assert found.contrast is contrast
     assert (
         extended(Claims("nobody stands out", np.zeros(2, dtype=int)), scores, np.arange(2), scoring.settings).lower
         is None

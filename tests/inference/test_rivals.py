@@ -10,7 +10,7 @@ import pytest
 from hand_made import Written, reference, same_actions
 from problems import fit_data_of, make, make_continuous
 from rpil.inference.held_out import HeldOutLogProb, HeldOutModel, HeldOutRidge, held_out_model, log_reference
-from rpil.inference.rivals import gains, is_credible, look_below, shared_gain
+from rpil.inference.rivals import gains, is_credible, is_learnable, look_below, shared_gain
 from rpil.inference.settings import HeldOutSettings, JudgeSettings, RivalSettings
 from rpil.inference.trimming import TrimmedFit, fit_group
 
@@ -233,3 +233,13 @@ def test_a_noisy_version_of_the_upper_policy_is_no_rival_at_its_own_scale(seed, 
 
 def test_another_linear_policy_is_a_rival():
     assert below(make_continuous("smooth", 0, n_good=10, n_bad=10, steps=(40, 60))).is_rival
+
+
+@pytest.mark.parametrize(("least", "learnable"), [(3, True), (4, False)])
+def test_few_demonstrations_are_learnable_where_a_policy_of_as_many_explains_them(least, learnable):
+    settings = JudgeSettings()
+    model = Written(same_actions(8), lambda group: np.full(8, 1.0 if group.sum() >= least else -1.0), settings)
+    group = np.arange(8) < 6
+    assert is_learnable(model.data, model, group, 3, 1e-2, settings) is learnable
+    assert [np.flatnonzero(each).tolist() for each in model.copies[0].fitted] == [[0, 2, 5]]
+    assert is_learnable(model.data, model, group, 20, 1e-2, settings)  # more than there are: all of them

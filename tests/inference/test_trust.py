@@ -16,7 +16,7 @@ from rpil.inference import trust
 from rpil.inference.answered import answer, columns_of
 from rpil.inference.answers import Answers
 from rpil.inference.channels import StateScale
-from rpil.inference.claims import Claims, telling_pair
+from rpil.inference.claims import Claims
 from rpil.inference.groups import expert_share_interval
 from rpil.inference.held_out import held_out_model
 from rpil.inference.scores import Scoring
@@ -38,7 +38,11 @@ def concluded(labels=None, p_two=0.999, data=None, score=SCORE):
     scores = scores_of(scoring_of(same_actions(10), lambda group: 0.0, SETTINGS), score, p_two)
     described = np.column_stack([score, np.cos(np.arange(10.0))])
     states = StateScale(np.zeros(2), np.ones(2), 0.0, np.zeros((1, 2)))
-    evidence = Evidence(scores, described, states, Claims("some are unlike", WORDS), 17)
+    columns, claims = (
+        columns_of(described, scores.log_odds(SETTINGS), SETTINGS.answers),
+        Claims("some are unlike", WORDS),
+    )
+    evidence = Evidence(scores, columns, states, claims, (4, 8), 17)
     answers = Answers.of_labels(np.array(labels if labels is not None else [0] * 10, dtype=np.int64))
     steps = StepTrust(np.zeros(10), np.zeros((10, 2)), np.zeros(0))
     return conclude(data, evidence, answers, steps, np.zeros(0), SETTINGS), evidence, answers
@@ -55,12 +59,10 @@ def test_without_answers_the_claims_are_said():
     np.testing.assert_array_equal(found.log_odds, found.from_actions)
     assert found.demonstrator_trust.shape == (0, 3)
     assert found.missing_steps == 17
-    assert found.pair == telling_pair(evidence.claims, SCORE)
+    assert found.pair == (4, 8)
     assert found.groups is evidence.scores.groups
     np.testing.assert_array_equal(found.training_group, SCORE > 0.5)
-    np.testing.assert_allclose(
-        found.columns, columns_of(evidence.channels, evidence.scores.log_odds(SETTINGS), SETTINGS.answers)
-    )
+    np.testing.assert_array_equal(found.columns, evidence.columns)
 
 
 def test_answers_replace_the_claims():

@@ -9,6 +9,7 @@ from typing import Protocol, TypeVar
 import numpy as np
 from scipy.special import expit
 
+from rpil.audit.groups import TWO_GROUPS
 from rpil.audit.reasons import MAX_LOG_RATIO, Stretch, worst_stretch
 from rpil.audit.settings import AuditSettings
 from rpil.audit.step_weights import step_proba, step_weight
@@ -75,6 +76,8 @@ class Judged(Protocol):
     @property
     def doubts(self) -> tuple[str, ...]: ...
     @property
+    def notes(self) -> tuple[str, ...]: ...
+    @property
     def assumptions(self) -> tuple[str, ...]: ...
     @property
     def settings(self) -> AuditSettings: ...
@@ -110,6 +113,7 @@ def with_answers(audit: A, labels: Mapping[Id, str], pairs: Sequence[tuple[Id, I
         answers=known,
         contradicting=tuple(audit.ids[m] for m in found.contradicting.tolist()),
         doubts=doubts_of_answers(found, known),
+        notes=tuple(note for note in audit.notes if not note.startswith(TWO_GROUPS)),
         assumptions=_assumptions(audit, known),
     )
 
@@ -117,7 +121,7 @@ def with_answers(audit: A, labels: Mapping[Id, str], pairs: Sequence[tuple[Id, I
 def _assumptions(audit: Judged, known: Answers) -> tuple[str, ...]:
     """The sentences of an audit, without those that answers replace."""
     old = {*FINDINGS.values(), audit.words.explanation, *audit.doubts, sentence_of(audit.answers), NOT_USED}
-    kept = (sentence for sentence in audit.assumptions if sentence not in old)
+    kept = (one for one in audit.assumptions if one not in old and not one.startswith(TWO_GROUPS))
     return (FINDINGS["answered"], WORDS["answers"].explanation, *kept, sentence_of(known))
 
 

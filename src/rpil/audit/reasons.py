@@ -58,6 +58,8 @@ class Grounds:
     from_demonstrator: float
     label: int
     """1 labelled good, -1 bad, 0 not labelled."""
+    has_outcome: bool
+    """Whether its outcome is known."""
     contradicts: bool
     """Whether the label contradicts the other answers."""
     group: str
@@ -92,6 +94,8 @@ class Grounds:
             return "Nothing tells it from the others: the state does not help to predict anyone's actions"
         if self.finding == "in doubt":
             return "There is a reason to doubt the scores, so that it gets no word"
+        if self.finding == "answered" and sign and self.has_outcome:
+            return f"Its outcome is among the {'highest' if sign > 0 else 'lowest'} ({self.log_odds:+.1f} nats)"
         if self.finding == "answered" and sign:
             return f"Judged by what the answers say of demonstrations like it ({self.log_odds:+.1f} nats)"
         if self.finding == "nobody stands out":

@@ -115,7 +115,8 @@ class Audit:
     doubts : tuple of str
         Reasons not to call anybody unlike the others, one sentence each.
     notes : tuple of str
-        What else a user should know: parts of the action that are not judged, sessions, missing steps.
+        What else a user should know: parts of the action that are not judged, sessions, how two groups differ, missing
+        steps.
     columns : (M, D) array
         What answers learn from, see `rpil.inference.answered`; (M, 0) where there is none.
     deviations : tuple of str
@@ -127,6 +128,8 @@ class Audit:
         The session of each demonstration; empty where none are known, as in an audit that was read from a file.
     order : (M,) array or None
         The place of each demonstration in the order in which they were made, where that is stated; as `sessions`.
+    beside : dict of name to (M,) array
+        Facts from which no answer learns, see `rpil.audit.facts.ranks_beside`; as `sessions`.
     settings : AuditSettings
         Those by which verdicts and weights were given.
     """
@@ -161,6 +164,7 @@ class Audit:
     anchor: str = "none"
     sessions: tuple[str, ...] = field(default=(), metadata=NOT_STORED)
     order: Float[Array, " M"] | None = field(default=None, metadata=NOT_STORED)
+    beside: dict[str, Float[Array, " M"]] = field(default_factory=dict, metadata=NOT_STORED)
     settings: AuditSettings = field(default=AuditSettings(), metadata=NOT_STORED)  # files hold the estimator's
 
     @property
@@ -181,6 +185,7 @@ class Audit:
         trusted = score[[SIDES[verdict] == "upper" for verdict in self.verdicts]]
         letters = {name: letter for letter, group in self.groups.items() for name in group}
         label_of = dict(zip(self.ids, self.answers.labels.tolist(), strict=False))
+        outcome_of = dict(zip(self.ids, self.answers.ranks().tolist(), strict=False))
         contradicting = set(self.contradicting)
         grounds = (
             Grounds(
@@ -191,6 +196,7 @@ class Audit:
                 from_actions=float(self.from_actions[m]),
                 from_demonstrator=float(self.from_demonstrator[m]),
                 label=label_of.get(name, 0),
+                has_outcome=bool(np.isfinite(outcome_of.get(name, np.nan))),
                 contradicts=name in contradicting,
                 group=letters.get(name, ""),
                 score=float(score[m]),
@@ -237,7 +243,7 @@ class Audit:
     @cached_property
     def facts(self) -> dict[str, tuple[Fact, ...]]:
         """Facts about each demonstration by name, which change no word; see `rpil.audit.facts.known_facts`."""
-        return known_facts(self.columns, self.sessions, self.order)
+        return known_facts(self.columns, self.beside, self.sessions, self.order)
 
     @property
     def question(self) -> str | None:

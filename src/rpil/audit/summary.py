@@ -8,9 +8,12 @@ import numpy as np
 from scipy.special import expit
 
 from rpil.audit.answering import doubts_of_answers, verdicts_of
+from rpil.audit.facts import ranks_beside
+from rpil.audit.groups import groups_differ
 from rpil.audit.record import MAX_LOG_ODDS, Audit, Demonstrator, Interval
 from rpil.audit.settings import AuditSettings
 from rpil.audit.step_weights import step_weight
+from rpil.audit.text import printable
 from rpil.audit.words import WORDS, Anchor
 from rpil.data.demonstrators import Demonstrators
 from rpil.data.fit_data import FitData
@@ -36,7 +39,8 @@ def audit_from_judgement(
     proba = expit(log_odds)
     if finding in ("two groups", "nothing could be learned"):
         proba = np.full(len(proba), 0.5)
-    doubts = tuple(doubt_sentence(doubt, ids) for doubt in claims.doubts) if known is None else ()
+    doubts = tuple(doubt_sentence(doubt, ids, data) for doubt in claims.doubts) if known is None else ()
+    differ = () if groups is None else groups_differ(groups, judgement.columns, claims.contrast, data)
     return Audit(
         ids=tuple(ids),
         offsets=np.asarray(data.offsets, dtype=np.int64),
@@ -62,16 +66,19 @@ def audit_from_judgement(
         answers=answers,
         contradicting=() if known is None else tuple(ids[m] for m in known.contradicting.tolist()),
         doubts=doubts if known is None else doubts_of_answers(known, answers),
+        notes=differ,
         columns=judgement.columns,
+        beside=ranks_beside(judgement.beside),
         settings=settings,
     )
 
 
-def doubt_sentence(doubt: Doubt, ids: Sequence[Hashable]) -> str:
-    """The sentence of a doubt, with the names of its demonstrations."""
+def doubt_sentence(doubt: Doubt, ids: Sequence[Hashable], data: FitData) -> str:
+    """The sentence of a doubt, with the names of its demonstrations, and of its part of the action."""
     names = [str(ids[m]) for m in doubt.members.tolist()]
     shown = names if len(names) <= MAX_NAMED else [*names[:MAX_NAMED], "..."]
-    return doubt.sentence.replace("{members}", ", ".join(shown))
+    part = "" if doubt.part is None else printable(data.action_name(doubt.part))
+    return doubt.sentence.replace("{members}", ", ".join(shown)).replace("{part}", part)
 
 
 def audit_from_mixture(

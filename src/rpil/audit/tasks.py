@@ -12,6 +12,7 @@ from rpil.audit.settings import AuditSettings
 from rpil.audit.subset import AuditOfPart
 from rpil.audit.words import Verdict
 from rpil.inference.answers import Answers
+from rpil.inference.facts import TIME_LIMIT
 from rpil.inference.findings import FINDINGS
 from rpil.numerics.types import Array
 
@@ -91,6 +92,7 @@ def join_audits(
         doubts=tuple(dict.fromkeys(doubt for audit in parts for doubt in audit.doubts)),
         notes=tuple(dict.fromkeys(note for audit in parts for note in audit.notes)),
         columns=_joined_columns(audits, places, n),
+        beside=_joined_beside(audits, places, n),
         # Each verdict keeps the word of its task; where tasks differ, the probability is what it is without an anchor.
         anchor=anchors.pop() if len(anchors) == 1 else "none",
         deviations=tuple(deviations) if any(deviations) else (),
@@ -136,6 +138,15 @@ def _joined_columns(audits: Mapping[str, Audit], places: Mapping[str, Sequence[i
     for task, audit in audits.items():
         columns[places[task]] = audit.columns
     return columns
+
+
+def _joined_beside(audits: Mapping[str, Audit], places: Mapping[str, Sequence[int]], n: int) -> dict[str, Array]:
+    """The facts beside the columns of all tasks: where a task has none, the middle rank, and no time limit."""
+    joined: dict[str, Array] = {}
+    for task, audit in audits.items():
+        for name, values in audit.beside.items():
+            joined.setdefault(name, np.full(n, 0.0 if name == TIME_LIMIT else 0.5))[places[task]] = values
+    return joined
 
 
 def _mean_prior(audits: Sequence[Audit]) -> Interval:

@@ -26,6 +26,9 @@ class Words:
     """The name of the probability in tables."""
     explanation: str
     """What the probability means, one sentence."""
+    experience: str = ""
+    """How often demonstrations with such a probability were good, one sentence, or nothing. A test compares its numbers
+    with docs/results.md."""
 
     def verdict(self, proba: float, min_proba: float) -> Verdict:
         """The word for a demonstration with this probability; either side needs `min_proba`."""
@@ -41,6 +44,8 @@ WORDS: dict[str, Words] = {
         "P(typical)",
         "P(typical) is the probability that a demonstration belongs with those that agree best; if those who agree are "
         "the good ones, it is P(good).",
+        "In 29 recorded sets 77% of the demonstrations with P(typical) of .9 or more were good, 51% of those with .1 "
+        "or less, and 61% of all (docs/results.md).",
     ),
     "answers": Words(
         "good",

@@ -81,7 +81,7 @@ def print_audit(audit: Audit, all_rows: bool = False) -> None:
     shown = worst_and_doubtful(audit, len(audit.ids) if all_rows else n_rows)
     _print_ranking(audit, shown)
     _print_reasons(audit, shown[:N_WORST])
-    click.echo(f"\n{audit.words.explanation}\n")
+    click.echo("\n" + " ".join(filter(None, (audit.words.explanation, audit.words.experience))) + "\n")
     if audit.demonstrators:
         _print_demonstrators(audit.demonstrators[::-1][: None if all_rows else MAX_DEMONSTRATORS], audit)
     click.echo(verdict_sentence(audit))

@@ -22,6 +22,7 @@ class FitData:
     labels: Array  # (M,): 1 labelled expert, -1 labelled adversary, 0 not labelled
     demonstrators: Demonstrators = field(default_factory=Demonstrators)
     judged: Array | None = None  # (A,) bool: the parts of continuous actions that the judge sees; None for all
+    action_names: tuple[str, ...] = ()  # of the parts of continuous actions, or of discrete actions; may be empty
 
     @classmethod
     def from_steps(cls, features: Array, actions: Array, space: Space) -> FitData:
@@ -32,6 +33,10 @@ class FitData:
     def n_demonstrations(self) -> int:
         """M."""
         return len(self.offsets) - 1
+
+    def action_name(self, k: int) -> str:
+        """The name of part k of continuous actions, or of discrete action k; its number where it has none."""
+        return self.action_names[k] if self.action_names else str(k)
 
     @property
     def lengths(self) -> Array:

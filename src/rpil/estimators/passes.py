@@ -8,6 +8,7 @@ from functools import partial
 import numpy as np
 
 from rpil.audit.record import Audit
+from rpil.data.copies import copies_among
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.fit_data import FitData
 from rpil.estimators.pipeline import JudgeInput, Options, TrustDecision
@@ -64,6 +65,9 @@ class SampledFit:
         rng, settings = np.random.default_rng(options.seed), options.settings.sample
         indices = draw_sample(np.diff(task.source.offsets), task.labels, budget(task, options), rng, settings)
         demonstrations = task.source.select(indices)
+        copies = copies_among(demonstrations)
+        if copies.any:
+            indices, demonstrations = indices[copies.first], demonstrations.select(copies.first)
         features = options.judge_features(demonstrations)
         assert isinstance(features, FeatureMap)
         data = task.data(demonstrations, features, single=True)
@@ -86,6 +90,7 @@ class SampledFit:
         options.progress("a pass over everything: scores")
         none = np.empty(0)
         everyone = FitData(none, none, source.offsets, task.space, task.labels, task.demonstrators)
+        everyone = replace(everyone, action_names=posed.data.action_names)
         scores = posed.blocks.map(partial(score_block, judge=sample.judge, settings=options.settings.judge))
         judgement = judge_everyone(sample, everyone, scores, task.answers, options.settings.judge)
         # The steps are weighted in the next pass; until then the audit is of demonstrations without steps.

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Protocol
 
 from rpil.audit.deviations import deviations
@@ -16,6 +17,7 @@ from rpil.audit.record import Audit, Interval
 from rpil.audit.settings import AuditSettings
 from rpil.audit.step_weights import is_anyone_trusted
 from rpil.audit.summary import audit_from_judgement, audit_from_mixture
+from rpil.data.copies import Copies, copies_among
 from rpil.data.demonstrations import Block, Demonstrations
 from rpil.data.errors import DataError
 from rpil.data.files import StrPath
@@ -29,7 +31,7 @@ from rpil.inference.fitted_judge import FittedJudge
 from rpil.inference.held_out import HeldOutModel, HeldOutPolicy, held_out_model
 from rpil.inference.parts import judged_parts, not_judged, resting_sessions, session_sentence
 from rpil.inference.search import SearchSettings, fit_mixture
-from rpil.inference.trust import Judgement, judge
+from rpil.inference.trust import Judgement, judge, repeated
 from rpil.mixture.adversaries.protocol import Adversary
 from rpil.mixture.em import State
 from rpil.numerics.types import Array
@@ -108,7 +110,7 @@ class Options:
 
 @dataclass(frozen=True, eq=False)
 class JudgeInput:
-    """The demonstrations that the decision reads: all, or a sample."""
+    """The demonstrations that the decision reads: all but copies of others, or a sample."""
 
     demonstrations: Demonstrations
     data: FitData
@@ -120,6 +122,8 @@ class JudgeInput:
     """The demonstrations of a sample among all."""
     blocks: Shards[tuple[Block, FitData]] | None = None
     """All demonstrations as an engine holds them, where the decision reads a sample."""
+    copies: Copies | None = None
+    """The copies among all demonstrations, where there are any."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -245,21 +249,51 @@ class FullFit:
 
     def pose(self) -> JudgeInput:
         task, options = self.task, self.options
-        source = task.source
-        demonstrations = source if isinstance(source, Demonstrations) else source.select(slice(None))
+        demonstrations = self._demonstrations
+        copies = copies_among(demonstrations) if options.judges else None
         options.progress("features")
-        features = options.judge_features(demonstrations)
-        n_entries = demonstrations.n_steps * demonstrations.n_observations
-        single = options.judges and task.space.kind == "discrete" and n_entries > options.settings.single_precision
-        data = replace(
-            task.data(demonstrations, features, single), labels=task.labels, demonstrators=task.demonstrators
-        )
-        return JudgeInput(demonstrations, options.judged(data), features, task.answers, task.order)
+        if copies is None or not copies.any:
+            features = options.judge_features(demonstrations)
+            data = options.judged(self._data(demonstrations, features))
+            return JudgeInput(demonstrations, data, features, task.answers, task.order)
+        different = demonstrations.select(copies.first)
+        features = options.judge_features(different)
+        data = options.judged(task.data(different, features, self._single(demonstrations)))
+        order = None if task.order is None else task.order[copies.first]
+        return JudgeInput(different, data, features, Answers.of_labels(data.labels), order, copies=copies)
 
     def extend(self, posed: JudgeInput, decision: TrustDecision) -> TrustDecision:
-        return decision
+        if posed.copies is None:
+            return decision
+        assert decision.judgement is not None
+        assert decision.judge is not None
+        task, options, copies = self.task, self.options, posed.copies
+        data = self._data(self._demonstrations, posed.features)
+        judgement = repeated(decision.judgement, copies, data, task.answers, options.settings.judge)
+        every = TrustDecision.of(judgement, decision.judge, data, task.source.ids, task.answers, options.audit_settings)
+        return replace(every, notes=(*decision.notes, copies.sentence))
+
+    @cached_property
+    def _demonstrations(self) -> Demonstrations:
+        source = self.task.source
+        return source if isinstance(source, Demonstrations) else source.select(slice(None))
+
+    def _single(self, demonstrations: Demonstrations) -> bool:
+        """Whether design matrices are in single precision."""
+        n_entries = demonstrations.n_steps * demonstrations.n_observations
+        large = n_entries > self.options.settings.single_precision
+        return self.options.judges and self.task.space.kind == "discrete" and large
+
+    def _data(self, demonstrations: Demonstrations, features: Features) -> FitData:
+        """The data of all demonstrations, with labels and demonstrators."""
+        task = self.task
+        data = task.data(demonstrations, features, self._single(demonstrations))
+        return replace(data, labels=task.labels, demonstrators=task.demonstrators)
 
     def fit_policy(self, posed: JudgeInput, decision: TrustDecision) -> tuple[Features, FinalPolicy, TrustDecision]:
+        if posed.copies is not None:  # the policy learns from copies as well
+            every = self._demonstrations
+            posed = replace(posed, demonstrations=every, data=self._data(every, posed.features))
         data, weight = posed.data, decision.audit.step_weight
         if not is_anyone_trusted(decision.audit.expert_proba, data.lengths):
             weight = decision.step  # the steps that are most likely an expert's

@@ -14,6 +14,7 @@ from rpil.audit.record import Audit
 from rpil.audit.settings import AuditSettings
 from rpil.audit.summary import audit_from_judgement
 from rpil.data.checks import check_settings
+from rpil.data.copies import copies_among
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
 from rpil.data.fit_data import FitData
@@ -21,7 +22,7 @@ from rpil.estimators.task import ActionBox, Labels, Task
 from rpil.inference.held_out import HeldOutLogProb, HeldOutModel, log_reference
 from rpil.inference.parts import ActionScale
 from rpil.inference.settings import JudgeSettings
-from rpil.inference.trust import judge
+from rpil.inference.trust import judge, repeated
 from rpil.numerics.types import Array
 from rpil.policies.features import FeatureMap, FeatureSettings
 from rpil.policies.folds import deal
@@ -238,13 +239,19 @@ def reweight(
         raise DataError(
             f"n_folds={chosen.n_folds}, but there are {len(demonstrations)} demonstrations; give fewer folds."
         )
-    features = FeatureMap.fit("folded", demonstrations.observations, settings=FeatureSettings())
-    data = replace(task.data(demonstrations, features), labels=task.labels)
-    seed, fold = chosen.random_state, data.per_step(deal(data, chosen.n_folds, chosen.random_state))
-    model = TrainedPolicy(policy, data, demonstrations, log_prob, train, fold, chosen, progress)
-    judgement = judge(data, model, chosen.judge, seed=seed, progress=progress)
+    copies = copies_among(demonstrations)
+    different = demonstrations.select(copies.first) if copies.any else demonstrations
+    features = FeatureMap.fit("folded", different.observations, settings=FeatureSettings())
+    once = task.data(different, features)
+    seed, fold = chosen.random_state, once.per_step(deal(once, chosen.n_folds, chosen.random_state))
+    model = TrainedPolicy(policy, once, different, log_prob, train, fold, chosen, progress)
+    judgement = judge(once, model, chosen.judge, seed=seed, progress=progress)
+    n_rounds = model.cache[once.per_step(judgement.training_group.astype(float)).tobytes()][1]
+    data = replace(once if different is demonstrations else task.data(demonstrations, features), labels=task.labels)
+    judgement = repeated(judgement, copies, data, task.answers, chosen.judge)
     audit = audit_from_judgement(judgement, data, demonstrations.ids, task.answers, chosen.audit)
-    n_rounds = model.cache[data.per_step(judgement.training_group.astype(float)).tobytes()][1]
+    audit = replace(audit, notes=tuple(filter(None, [copies.sentence])))
+    model = replace(model, data=demonstrations)  # the policy learns from copies as well
     for n in range(n_rounds):
         progress(f"training the policy: {n + 1} of {n_rounds}")
         policy = model.train_round(policy, np.arange(demonstrations.n_steps), audit.step_weight)

@@ -85,4 +85,5 @@ class Task:
         """The data of a fit to some of the demonstrations, without labels and demonstrators."""
         design, codes = features.design(demonstrations.observations, single=single), self.codes(demonstrations)
         no_labels = np.zeros(len(demonstrations), dtype=int)
-        return FitData(design, codes, demonstrations.offsets, self.space, no_labels)
+        names = tuple(map(str, self.classes.tolist())) or demonstrations.action_names
+        return FitData(design, codes, demonstrations.offsets, self.space, no_labels, action_names=names)

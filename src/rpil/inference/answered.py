@@ -24,8 +24,6 @@ class Answered:
     """1 good, 0 open, -1 bad."""
     contradicting: Int[Array, " K"]
     """Demonstrations whose label contradicts the other answers."""
-    error_rate: float
-    """Posterior mean of the rate of wrong answers."""
 
 
 def columns_of(
@@ -41,7 +39,8 @@ def answer(columns: Float[Array, "M D"], answers: Answers, settings: AnswerSetti
 
     A label is itself an answer that may be wrong: its demonstration is judged by the other answers and by it. A known
     outcome says P(good): the share of outcomes that are lower. One answer alone gives no word, and a labelled
-    demonstration has one only where the other answers are on its side.
+    demonstration has one only where the other answers are on its side. Its label holds for copies of it, which have the
+    same columns and no label of their own.
     """
     found = posterior(columns, answers, settings)
     proba = np.clip(found.proba(columns), settings.min_proba_bound, 1 - settings.min_proba_bound)
@@ -49,23 +48,40 @@ def answer(columns: Float[Array, "M D"], answers: Answers, settings: AnswerSetti
     graded = np.isfinite(ranks) & (answers.labels == 0)
     proba[graded] = np.clip(ranks[graded], settings.error_rates[0], 1 - settings.error_rates[0])
     result, labels = logit(proba), answers.labels
-    contradicting, agreed = [], np.ones(len(labels), dtype=bool)
-    sure = logit(1 - settings.error_rates[0])
-    for m in np.flatnonzero(labels).tolist():
-        others = answers.without(m)
-        alone = result[m]
-        if others.any and answers.count <= settings.max_left_out:
-            alone = float(logit(posterior(columns, others, settings).proba(columns[m : m + 1])[0]))
-            disagrees = expit(labels[m] * alone) < settings.max_contradicted_proba
-            if disagrees and others.count >= settings.min_other_answers:
-                contradicting.append(m)
-        result[m] = alone + labels[m] * (0.0 if m in contradicting else max(sure, abs(alone)))
-        agreed[m] = alone * labels[m] > 0
+    alone, agreed = result.copy(), np.ones(len(labels), dtype=bool)
+    sure, labelled = logit(1 - settings.error_rates[0]), np.flatnonzero(labels)
+    if 1 < answers.count <= settings.max_left_out:
+        for m in labelled.tolist():
+            others = posterior(columns, answers.without(m), settings)
+            alone[m] = logit(others.proba(columns[m : m + 1])[0])
+    named = contradicting(alone, answers, settings)
+    counts = labels * np.maximum(sure, np.abs(alone))
+    counts[named] = 0.0
+    result[labelled] = (alone + counts)[labelled]
+    agreed[labelled] = (alone * labels > 0)[labelled]
+    for m in labelled.tolist():
+        copies = (labels == 0) & (columns == columns[m]).all(axis=1) & columns[m].any()  # 0 is a task of its own
+        result[copies], agreed[copies] = result[m], agreed[m]
     words = (result >= settings.log_odds).astype(int) - (result <= -settings.log_odds).astype(int)
     words[~agreed] = 0
     if answers.count < 2:
         words[:] = 0
-    return Answered(result, words, np.array(contradicting, dtype=int), found.error_rate)
+    return Answered(result, words, named)
+
+
+def contradicting(alone: Float[Array, " M"], answers: Answers, settings: AnswerSettings) -> Int[Array, " K"]:
+    """The demonstrations whose labels the other answers make improbable, by their log-odds `alone`, without the label.
+
+    A wrong label makes right ones improbable, too: only the most improbable are named, as many as leave each
+    `min_other_answers` answers that it contradicts.
+    """
+    if answers.count > settings.max_left_out:
+        return np.empty(0, dtype=int)
+    labelled = np.flatnonzero(answers.labels)
+    proba = expit(answers.labels * alone)
+    most = answers.count // (settings.min_other_answers + 1)
+    least = labelled[np.argsort(proba[labelled], kind="stable")][:most]
+    return np.sort(least[proba[least] < settings.max_contradicted_proba])
 
 
 def most_telling(

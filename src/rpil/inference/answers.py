@@ -3,12 +3,14 @@
     P(answer r is "yes") = (1 - 2 e) sigma(A_r w) + e,         w ~ sum_d pi_d N(d w_0, Lambda^-1)
 
 A row A_r is (1, x_m) for a label of demonstration m, whose columns x_m are ranks of its channels
-(`rpil.inference.channels`), and (0, x_i - x_j) for "i is better than j". An outcome is an answer t in [0, 1], the share
-of the known outcomes that are lower. w_0 is 1 on agreement, the first column, `group_weight` on the group of scores,
-the last one, and 0 on the others: without answers the ranking is the one by agreement. The direction d is 1, or -1
-where those who agree are the bad ones. e is the rate of wrong answers, on a grid. For each d and e the posterior of w
-is Laplace's approximation, and its evidence weighs it; P(good) integrates over w (MacKay 1992). Channels are
-correlated, and this posterior is wider than it should be: so the logit is multiplied by `sharpness`.
+(`rpil.inference.channels`), and (0, x_i - x_j) for "i is better than j". Labels of one sort alone, as of a reference,
+were chosen for their sort and say nothing of the share of good ones: their rows are (0, x_m). An outcome is an answer t
+in [0, 1], the share of the known outcomes that are lower. w_0 is 1 on agreement, the first column, `group_weight` on
+the group of scores, the last one, and 0 on the others: without answers the ranking is the one by agreement. The
+direction d is 1, or -1 where those who agree are the bad ones. e is the rate of wrong answers, on a grid. For each d
+and e the posterior of w is Laplace's approximation, and its evidence weighs it; P(good) integrates over w (MacKay
+1992). Channels are correlated, and this posterior is wider than it should be: so the logit is multiplied by
+`sharpness`.
 """
 
 from __future__ import annotations
@@ -88,6 +90,8 @@ class Answers:
         labelled, ranks = np.flatnonzero(self.labels), self.ranks()
         known = np.flatnonzero(np.isfinite(ranks) & (self.labels == 0))
         compared = columns[self.pairs[:, 0]] - columns[self.pairs[:, 1]]
+        if not len(known) and len({*self.labels[labelled].tolist()}) == 1:
+            columns[:, 0] = 0.0  # they were chosen for their sort, and do not move the offset
         targets = [(self.labels[labelled] > 0).astype(float), ranks[known], np.ones(len(compared))]
         return np.concatenate([columns[labelled], columns[known], compared]), np.concatenate(targets)
 
@@ -99,7 +103,6 @@ class Posterior:
     mean: Float[Array, "K D"]
     covariance: Float[Array, "K D D"]
     log_weight: Float[Array, " K"]
-    error: Float[Array, " K"]
     sharpness: float
     """See `AnswerSettings`."""
 
@@ -114,11 +117,6 @@ class Posterior:
         mean, variance = self.logits(channels)
         return np.asarray(expit(self.sharpness * mean / np.sqrt(1 + np.pi * variance / 8)) @ np.exp(self.log_weight))
 
-    @property
-    def error_rate(self) -> float:
-        """Posterior mean of the rate of wrong answers."""
-        return float(np.exp(self.log_weight) @ self.error)
-
 
 def posterior(channels: Float[Array, "M C"], answers: Answers, settings: AnswerSettings) -> Posterior:
     """The posterior of w."""
@@ -132,7 +130,7 @@ def posterior(channels: Float[Array, "M C"], answers: Answers, settings: AnswerS
     fits = [_laplace(rows, targets, d * anchor, precision, e) for d, e in product((1.0, -1.0), errors)]
     mean, covariance, evidence = (np.stack(part) for part in zip(*fits, strict=True))
     log_weight = evidence + np.repeat(log_prior, len(errors))
-    return Posterior(mean, covariance, log_weight - logsumexp(log_weight), np.tile(errors, 2), settings.sharpness)
+    return Posterior(mean, covariance, log_weight - logsumexp(log_weight), settings.sharpness)
 
 
 def _laplace(rows: Array, targets: Array, anchor: Array, precision: Array, error: float) -> tuple[Array, Array, Array]:

@@ -19,8 +19,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.stats import norm, spearmanr
 
+from rpil.data.copies import Copies
+from rpil.inference.contrast import Contrast, contrast
 from rpil.inference.findings import Finding
-from rpil.inference.rivals import Lower, look_below
+from rpil.inference.rivals import Lower, is_learnable, look_below
 from rpil.inference.scores import Scores, Scoring
 from rpil.inference.settings import ClaimSettings, JudgeSettings
 from rpil.numerics.types import Array, Bool, Float, Int
@@ -34,6 +36,8 @@ class Doubt:
     """In it, {members} stands for the names of the demonstrations."""
     members: Int[Array, " K"]
     """The demonstrations of which it speaks; may be none."""
+    part: int | None = None
+    """The part of the action of which it speaks, for which {part} stands."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,6 +50,8 @@ class Claims:
     doubts: tuple[Doubt, ...] = ()
     lower: Lower | None = None
     """The demonstrations below the upper group, where the scores are two groups."""
+    contrast: Contrast | None = None
+    """How two groups differ that each have a policy of their own."""
 
     @property
     def groups(self) -> tuple[Int[Array, " A"], Int[Array, " B"]] | None:
@@ -53,6 +59,15 @@ class Claims:
         if self.finding != "two groups" or self.lower is None:
             return None
         return self.lower.upper, self.lower.rival
+
+    def repeated(self, copies: Copies) -> Claims:
+        """The same about demonstrations of which these are the different ones; a doubt names one of each copies."""
+        doubts = tuple(replace(doubt, members=copies.first[doubt.members]) for doubt in self.doubts)
+        lower = self.lower
+        if lower is not None:
+            upper, rival = (np.flatnonzero(np.isin(copies.place, group)) for group in (lower.upper, lower.rival))
+            lower = replace(lower, upper=upper, rival=rival)
+        return Claims(self.finding, self.words[copies.place], doubts, lower, self.contrast)
 
 
 def claim(scoring: Scoring, scores: Scores, again: Scores | None, order: Float[Array, " M"] | None) -> Claims:
@@ -74,7 +89,7 @@ def claim(scoring: Scoring, scores: Scores, again: Scores | None, order: Float[A
     if split.lower.gain_upper <= 0:
         return Claims("nothing could be learned", nobody, lower=split.lower)
     if split.lower.is_rival:
-        return Claims("two groups", nobody, lower=split.lower)
+        return Claims("two groups", nobody, (), split.lower, contrast(scoring, split.lower, scores.fit.ridge))
     if split is groups and chance is not None:
         split = replace(groups, words=np.where(groups.words == 0, chance.words, groups.words), is_cluster=True)
     doubts = tuple(doubts_of(scoring, scores, split, order))
@@ -127,6 +142,8 @@ def by_chance(scoring: Scoring, scores: Scores, again: Scores | None) -> Split |
     lower = look_below(scoring.data, scoring.model, upper, scores.fit, scoring.settings)
     if lower.gain_upper <= 0 or not lower.is_noise or missing_steps(scoring, scores) > limits.max_missing_steps:
         return None
+    if not is_learnable(scoring.data, scoring.model, upper, int((~upper).sum()), scores.fit.ridge, scoring.settings):
+        return None
     dealings = [scores] if again is None else [scores, again]
     typical = np.all([one.score > 0 for one in dealings], axis=0) & in_better_part(scores, upper)
     unlike = np.all([one.score <= -limits.noise_share * lower.gain_upper for one in dealings], axis=0)
@@ -147,7 +164,7 @@ def extended(claims: Claims, scores: Scores, indices: Int[Array, " S"], settings
         in_upper[indices[lower.upper]], in_upper[indices[lower.rival]] = True, False
         rival = indices[lower.rival] if claims.finding != "two groups" else np.flatnonzero(~in_upper)
         lower = replace(lower, upper=np.flatnonzero(in_upper), rival=rival)
-    return Claims(claims.finding, words, doubts, lower)
+    return Claims(claims.finding, words, doubts, lower, claims.contrast)
 
 
 def said(
@@ -183,7 +200,7 @@ def doubts_of(scoring: Scoring, scores: Scores, split: Split, order: Float[Array
         doubts.append(Doubt(sentence, np.flatnonzero(unlike)[np.argsort(order[unlike], kind="stable")]))
     share, part = share_of_part(scoring, scores, unlike)
     if share > limits.max_part_share:
-        doubts.append(Doubt(f"{share:.0%} of the evidence is in part {part} of the action alone.", none))
+        doubts.append(Doubt(f"{share:.0%} of the evidence is in part {{part}} of the action alone.", none, part))
     return doubts
 
 

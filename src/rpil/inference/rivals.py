@@ -39,6 +39,8 @@ class Lower:
     """Whether the rival group has a policy of its own."""
     is_noise: bool
     """Whether a policy of all lower demonstrations explains nothing."""
+    log_ratio: Float[Array, " N"] | None = None
+    """Of each step, log pi_B - log pi_A in nats, where the rival group has a policy of its own."""
 
 
 def look_below(
@@ -67,7 +69,22 @@ def look_below(
         of_upper, of_rival = (data.per_step(group.astype(float)) for group in (upper, rival))
         shared = shared_gain(data, model.log_prob_at(of_upper, of_rival, ridge), rival, settings)
         has_policy = shared < limits.max_shared_gain * float(np.median(own))
-    return Lower(members, np.flatnonzero(rival), gain_upper, has_policy, bool(is_noise))
+    log_ratio = log_pi_rival - log_pi if has_policy else None
+    return Lower(members, np.flatnonzero(rival), gain_upper, has_policy, bool(is_noise), log_ratio)
+
+
+def is_learnable(
+    data: FitData, model: HeldOutModel, group: Bool[Array, " M"], size: int, ridge: float, settings: JudgeSettings
+) -> bool:
+    """Whether `size` demonstrations of a `group`, spaced evenly, suffice for a policy that explains them.
+
+    Where they do not, as many others without a policy are not noise, but too few.
+    """
+    members = np.flatnonzero(group)
+    few = np.zeros_like(group)
+    few[members[np.linspace(0, len(members) - 1, min(size, len(members))).astype(int)]] = True
+    log_prob = _log_prob(data, model.cold_copy(), few, ridge)
+    return is_credible(gains(data, log_prob, few, settings.held_out), settings.rivals.standard_errors)
 
 
 def gains(

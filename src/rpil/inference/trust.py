@@ -6,16 +6,18 @@ It runs the stages of `rpil.inference` in order.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.special import expit
 
+from rpil.data.copies import Copies
 from rpil.data.fit_data import FitData
 from rpil.inference.answered import Answered, answer, columns_of
 from rpil.inference.answers import Answers
 from rpil.inference.channels import StateScale, channels
 from rpil.inference.claims import Claims, claim, missing_steps, telling_pair
+from rpil.inference.facts import facts_beside
 from rpil.inference.findings import Finding
 from rpil.inference.groups import Groups, expert_share_interval
 from rpil.inference.held_out import HeldOutModel
@@ -59,6 +61,8 @@ class Judgement:
     """Of those from which the policies learned: all, or a sample."""
     demonstrator_trust: Float[Array, "U 3"]
     """Mean P of the demonstrations of each demonstrator and its 95 % interval."""
+    beside: dict[str, Float[Array, " M"]] = field(default_factory=dict)
+    """Facts from which no answer learns, see `rpil.inference.facts`."""
 
     @property
     def log_odds(self) -> Float[Array, " M"]:
@@ -106,12 +110,16 @@ def judge(
     claims = claim(scoring, scores, again, order)
     log_ratio = scores.fit.held_out.log_prob - scoring.log_q
     states = StateScale.of(data, scores.fit.group, settings.channels)
-    described = channels(data, scores.fit.held_out.log_prob, log_ratio, scoring.indicators(), states, settings.channels)
+    actions = scoring.indicators()
+    described = channels(data, scores.fit.held_out.log_prob, log_ratio, actions, states, settings.channels)
+    beside = facts_beside(data, actions, states, settings.channels)
     temperature = np.minimum(scores.effective_steps / data.lengths, 1.0)
     steps = step_trust(data, log_ratio, temperature, settings)
     answers = Answers.of_labels(data.labels) if answers is None else answers
-    missing = missing_steps(scoring, scores)
-    return conclude(data, Evidence(scores, described, states, claims, missing), answers, steps, log_ratio, settings)
+    columns = columns_of(described, scores.log_odds(settings), settings.answers)
+    pair, missing = telling_pair(claims, scores.score), missing_steps(scoring, scores)
+    evidence = Evidence(scores, columns, states, claims, pair, missing, beside)
+    return conclude(data, evidence, answers, steps, log_ratio, settings)
 
 
 def score_by_best_group(scoring: Scoring, start: Bool[Array, " M"]) -> Scores:
@@ -137,10 +145,13 @@ class Evidence:
     """What is known of M demonstrations before anything is asked."""
 
     scores: Scores
-    channels: Float[Array, "M C"]
+    columns: Float[Array, "M D"]
     states: StateScale
     claims: Claims
+    pair: tuple[int, int] | None
     missing_steps: int
+    beside: dict[str, Float[Array, " M"]] = field(default_factory=dict)
+    """Facts from which no answer learns, see `rpil.inference.facts`."""
 
 
 def conclude(
@@ -158,10 +169,9 @@ def conclude(
     scores, claims, words = evidence.scores, evidence.claims, evidence.claims.words
     from_actions = scores.log_odds(settings)
     from_demonstrator, from_answers, trust = np.zeros(len(words)), np.zeros(len(words)), np.empty((0, 3))
-    columns = columns_of(evidence.channels, from_actions, settings.answers)
     answered = None
     if answers.any:
-        answered = answer(columns, answers, settings.answers)
+        answered = answer(evidence.columns, answers, settings.answers)
         from_answers = answered.log_odds - from_actions
         words = answered.words
     if data.demonstrators.informative:
@@ -179,15 +189,34 @@ def conclude(
         from_demonstrator=from_demonstrator,
         from_answers=from_answers,
         scores=scores,
-        columns=columns,
+        columns=evidence.columns,
         states=evidence.states,
         claims=claims,
         answered=answered,
         log_ratio=log_ratio,
         step_trust=steps,
         expert_share=expert_share_interval(expit(total), p_two),
-        pair=telling_pair(claims, scores.score),
+        pair=evidence.pair,
         missing_steps=evidence.missing_steps,
         training_group=scores.fit.group,
         demonstrator_trust=trust,
+        beside=evidence.beside,
     )
+
+
+def repeated(judged: Judgement, copies: Copies, data: FitData, answers: Answers, settings: JudgeSettings) -> Judgement:
+    """The judgement of all demonstrations of `data`, of which the different ones were `judged`: a copy has the scores
+    and the words of the one that was."""
+    place, rows, scores, steps = copies.place, copies.rows(data.offsets), judged.scores, judged.step_trust
+    scores = replace(
+        scores,
+        score=scores.score[place],
+        variance=scores.variance[place],
+        effective_steps=scores.effective_steps[place],
+    )
+    pair = None if judged.pair is None else (int(copies.first[judged.pair[0]]), int(copies.first[judged.pair[1]]))
+    claims, columns = judged.claims.repeated(copies), judged.columns[place]
+    beside = {name: values[place] for name, values in judged.beside.items()}
+    evidence = Evidence(scores, columns, judged.states, claims, pair, judged.missing_steps, beside)
+    steps = StepTrust(steps.reliability[place], steps.interval[place], steps.step[rows])
+    return conclude(data, evidence, answers, steps, judged.log_ratio[rows], settings)

@@ -6,6 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
+from rpil.data.copies import Copies, digests
 from rpil.data.fit_data import FitData
 from rpil.data.spaces import Discrete
 from rpil.numerics.parallel import in_parallel
@@ -28,7 +29,7 @@ def deal(data: FitData, n_folds: int, seed: int) -> Int[Array, " M"]:
     # Rounded, because sums over the same values in another order, or in other units, differ in their last digits.
     keys = np.array([np.round(by_states, 6), np.round(by_actions, 6), data.lengths])
     order = np.lexsort(keys)
-    unit = _copies(data, order, keys[:, order])
+    unit = Copies.of(digests(data.features, data.actions, data.offsets)[order]).place
     sizes, rng = np.bincount(unit), np.random.default_rng(seed)
     fold = np.empty(len(order), dtype=int)
     if len(sizes) == 1 or len(sizes) == len(order):  # nothing but copies cannot be told apart by any folds
@@ -36,22 +37,6 @@ def deal(data: FitData, n_folds: int, seed: int) -> Int[Array, " M"]:
     else:
         fold[order] = _balanced(sizes, n_folds, rng)[unit]
     return fold
-
-
-def _copies(data: FitData, order: Int[Array, " M"], keys: Float[Array, "3 M"]) -> Int[Array, " M"]:
-    """The number, from 0, of the different demonstration that each one in `order` is; copies have equal `keys`."""
-    is_new = np.append(True, (keys[:, 1:] != keys[:, :-1]).any(axis=0))
-    run, seen, unit = np.cumsum(is_new), dict[tuple[int, bytes, bytes], int](), np.empty(len(order), dtype=int)
-    alone = np.bincount(run)[run] == 1
-    n_units = 0
-    for k, m in enumerate(order.tolist()):
-        unit[k] = n_units
-        if not alone[k]:  # contents are compared only where they may be the same
-            steps = slice(data.offsets[m], data.offsets[m + 1])
-            contents = int(run[k]), data.features[steps].tobytes(), np.asarray(data.actions[steps]).tobytes()
-            unit[k] = seen.setdefault(contents, n_units)
-        n_units += int(unit[k] == n_units)
-    return unit
 
 
 def _balanced(sizes: Int[Array, " U"], n_folds: int, rng: np.random.Generator) -> Int[Array, " U"]:

@@ -21,8 +21,10 @@ from rpil.data.coding import encode_actions
 from rpil.data.demonstrations import Block
 from rpil.data.fit_data import FitData
 from rpil.data.spaces import Space
+from rpil.inference.answered import columns_of
 from rpil.inference.answers import Answers
-from rpil.inference.claims import extended
+from rpil.inference.claims import extended, telling_pair
+from rpil.inference.facts import TIME_LIMIT, at_time_limit
 from rpil.inference.fitted_judge import FittedJudge
 from rpil.inference.groups import fit_groups
 from rpil.inference.settings import JudgeSettings
@@ -107,7 +109,10 @@ def judge_everyone(
     scores = replace(judged.scores, score=score, variance=variance, groups=groups, effective_steps=effective)
     claims = extended(judged.claims, scores, sample.indices, settings)
     none = np.empty(0)
-    evidence = Evidence(scores, described, judged.states, claims, judged.missing_steps)
+    columns, pair = columns_of(described, scores.log_odds(settings), settings.answers), telling_pair(claims, score)
+    limit = at_time_limit(lengths)
+    beside = {} if limit is None else {TIME_LIMIT: limit}
+    evidence = Evidence(scores, columns, judged.states, claims, pair, judged.missing_steps, beside)
     return conclude(data, evidence, answers, StepTrust(reliability, interval, none), none, settings)
 
 

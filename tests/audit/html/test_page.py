@@ -69,7 +69,7 @@ def test_page_begins_with_the_finding_and_the_next_step(page: Page) -> None:
     assert "Share of typical ones 55 % 95 % interval 31 % to 77 %" in page.text
     assert "Compared with uniform" in page.text
     assert "Time 1.25 s" in page.text
-    assert f"The most trusted first. {WORDS['none'].explanation}" in page.text
+    assert f"The most trusted first. {WORDS['none'].explanation} {WORDS['none'].experience}" in page.text
 
 
 @pytest.mark.parametrize("finding", ["nobody stands out", "nothing could be learned"])

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 from dataclasses import dataclass, fields
 
 import numpy as np
@@ -13,6 +12,7 @@ from rpil.audit.faults.lag import Pair, shifts
 from rpil.audit.faults.missing import set_aside
 from rpil.audit.faults.record import Finding
 from rpil.audit.faults.settings import FaultSettings
+from rpil.data.copies import digests
 from rpil.data.demonstrations import Block, Demonstrations
 from rpil.data.formats.dataset import Dataset
 from rpil.numerics.types import Array, Bool, Float, Int, Shaped
@@ -113,7 +113,7 @@ def _measure_block(
         shift,
         gain,
         _signatures(values, offsets, directions),
-        _digests(block),
+        digests(block.observations, block.actions, block.offsets),
     )
 
 
@@ -161,13 +161,3 @@ def _signatures(values: Array, offsets: Array, directions: Array) -> Array:
     seen = np.add.reduceat(directions @ values, firsts.ravel(), axis=1) / np.maximum(widths, 1)
     parts = np.ascontiguousarray(seen.T).reshape(len(lengths), -1)
     return np.column_stack([parts, LENGTH_WEIGHT * np.log(lengths)])
-
-
-def _digests(block: Block) -> Array:
-    """A hash of all the values of each demonstration."""
-    found = []
-    for start, end in zip(block.offsets[:-1], block.offsets[1:], strict=True):
-        own = hashlib.blake2b(np.ascontiguousarray(block.observations[start:end]).tobytes(), digest_size=16)
-        own.update(np.ascontiguousarray(block.actions[start:end]).tobytes())
-        found.append(own.digest())
-    return np.array(found, dtype="S16")
