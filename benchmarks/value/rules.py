@@ -81,11 +81,21 @@ def weights_of(rule: Rule, world: World, judged: Judged, seed: int) -> Array:
     return weight / weight.max() if weight.max() > 0 else np.ones(len(weight))
 
 
+def same_total(judged: Judged, weight: Array) -> Array:
+    """The same weights with the same total for every demonstration that has any."""
+    total = np.add.reduceat(weight, np.append(0, np.cumsum(judged.lengths)[:-1]))
+    return weight / np.repeat(np.maximum(total, 1e-12), judged.lengths)
+
+
 def keep(known: Known, share: float | None = None) -> Array:
     """What ``rpil keep`` writes, without options or with ``--share``."""
     audit = known.judged.audit
     kept: set[Hashable] = set(kept_ids(verdict_columns(audit, {}), share))
     return known.judged.per_step([name in kept for name in audit.ids])
+
+
+def successes(known: Known) -> Array:
+    return known.judged.per_step(known.success)
 
 
 def short_successes(known: Known) -> Array:
@@ -135,14 +145,16 @@ RULES: dict[str, Rule] = {
     "same total": Rule(lambda known: known.judged.per_step(1 / known.judged.lengths)),
     "keep": Rule(keep),
     "step weights": Rule(lambda known: known.judged.audit.step_weight),
+    "step weights, same total": Rule(lambda known: same_total(known.judged, known.judged.audit.step_weight)),
     "probability": Rule(lambda known: known.judged.per_step(known.judged.audit.expert_proba)),
     "best 40 %": Rule(partial(keep, share=0.4)),
     "best 60 %": Rule(partial(keep, share=0.6)),
     "best 80 %": Rule(partial(keep, share=0.8)),
     "information 60 %": Rule(lambda known: known.judged.per_step(best(known.judged.information, SHORT))),
     "shortest 60 %": Rule(lambda known: known.judged.per_step(best(-known.judged.lengths, SHORT))),
-    "successes": Rule(lambda known: known.judged.per_step(known.success), ("success",)),
+    "successes": Rule(successes, ("success",)),
     "short successes": Rule(short_successes, ("success",)),
+    "weighted successes": Rule(lambda known: known.judged.audit.step_weight * successes(known), ("success",)),
     "outcomes": Rule(with_outcomes, ("success",)),
     "ten outcomes": Rule(partial(with_outcomes, count=10), ("success",)),
     "4 suggested labels": Rule(partial(with_labels, count=4, suggested=True), ("is_good",)),
