@@ -29,7 +29,7 @@ MOST_SEEDS = 1000
 MOST_DECIMALS = 6
 """In a table."""
 
-ROUNDING = 1e-9
+UNCHANGED = 1e-9
 """A standard error of this share of its difference is rounding: the seeds change nothing."""
 
 
@@ -229,7 +229,7 @@ def _paired(differences: Float[Array, "S E"], are_successes: bool) -> tuple[floa
         of_episodes = max(of_episodes, (squares + 1) / (n + 2) - (total / (n + 2)) ** 2)
     error = np.sqrt(max(float(by_seed.var(ddof=1)), of_episodes / n_episodes) / n_seeds)
     difference = float(by_seed.mean())
-    return difference, 0.0 if error < ROUNDING * abs(difference) else float(error)
+    return difference, 0.0 if error < UNCHANGED * abs(difference) else float(error)
 
 
 def _verdict(difference: float, error: float, n_seeds: int, level: float) -> str:
