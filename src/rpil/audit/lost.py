@@ -34,7 +34,7 @@ FALSE_ALARMS = 0.01
 MIN_KEPT = 3
 """Demonstrations whose distances from one another say what is usual, at least."""
 
-MAX_NAMED = 5
+MAX_LOST_IDS = 5
 """Demonstrations that a sentence names."""
 
 
@@ -131,7 +131,7 @@ def _outside(
 
 def _listed(names: Sequence[str]) -> str:
     """Some names in one line, and how many more there are."""
-    texts = [printable(name) for name in names[:MAX_NAMED]]
-    if len(names) > MAX_NAMED:
-        texts.append(f"{len(names) - MAX_NAMED:,} more")
+    texts = [printable(name) for name in names[:MAX_LOST_IDS]]
+    if len(names) > MAX_LOST_IDS:
+        texts.append(f"{len(names) - MAX_LOST_IDS:,} more")
     return " and ".join(part for part in (", ".join(texts[:-1]), texts[-1]) if part)
