@@ -22,6 +22,7 @@ _HOME = {
     "SampleSettings": "rpil.scale.settings",
     "SoftmaxPolicy": "rpil.policies.softmax",
     "TorchPolicy": "rpil.policies.torch",
+    "compare": "rpil.simulation.comparison",
     "load": "rpil.estimators.persistence",
     "open_dataset": "rpil.data.formats.dataset",
     "read": "rpil.data.formats",
@@ -49,6 +50,7 @@ __all__ = [
     "SoftmaxPolicy",
     "TorchPolicy",
     "__version__",
+    "compare",
     "load",
     "open_dataset",
     "read",
@@ -80,6 +82,7 @@ if TYPE_CHECKING:
     from rpil.policies.torch import TorchPolicy
     from rpil.scale.dask import DaskEngine
     from rpil.scale.settings import SampleSettings
+    from rpil.simulation.comparison import compare
     from rpil.simulation.rollouts import rollout
     from rpil.simulation.simulate import simulate
 

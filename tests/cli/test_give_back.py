@@ -28,6 +28,19 @@ def test_keep_by_its_own_audit_and_by_an_earlier_one(folder):
     assert len(rpil.read("sure.parquet")) == 12
 
 
+def test_keep_names_what_leaving_out_loses():
+    rng = np.random.default_rng(0)
+    starts = [*rng.normal(size=12), 90.0]
+    rows = [f"{m},{start + rng.normal():.3f},{n % 2}" for m, start in enumerate(starts) for n in range(10)]
+    Path("drive.csv").write_text("\n".join(["episode,side,action", *rows]) + "\n")
+    Path("labels.csv").write_text("id,label\n12,bad\n" + "".join(f"{m},good\n" for m in range(12)))
+    call = ["keep", "drive.csv", "--verdicts", "labels.csv", "-o"]
+    first, lost, *_ = ok(*call, "kept.csv").stdout.splitlines()
+    assert first == "Kept 12 of 13 demonstrations: kept.csv"
+    assert lost.startswith("Without 12 no demonstration starts with side above ")
+    assert ok(*call, "again.csv", "-q").stdout == "Kept 12 of 13 demonstrations: again.csv\n"
+
+
 def test_keep_by_labels(folder):
     Path("labels.csv").write_text("id,label\n2,expert\n11,good\n4,bad\n")
     ok("keep", folder / "good.parquet", "-o", "kept.parquet", "--verdicts", "labels.csv")

@@ -14,8 +14,9 @@ from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError, MissingExtraError
 from rpil.data.spaces import Box, Discrete
 from rpil.estimators.cloning import BehavioralCloning
+from rpil.simulation.environments import make
 from rpil.simulation.experts import expert
-from rpil.simulation.rollouts import RandomPolicy, Returns, record, rollout
+from rpil.simulation.rollouts import OneByOne, RandomPolicy, Returns, record, rollout
 from rpil.simulation.simulate import simulate
 
 ENVIRONMENTS = ["MountainCar-v0", "Acrobot-v1", "LunarLander-v3", "CartPole-v1"]
@@ -256,3 +257,56 @@ def test_environments_are_closed_also_after_an_error(monkeypatch):
     with pytest.raises(DataError):
         rollout(Always(2), "CartPole-v1", n_episodes=3, seed=0)
     assert len(closed) == 3
+
+
+def test_success_is_unknown_where_the_environment_never_reports_it():
+    seen = rollout(Always(1), "CartPole-v1", n_episodes=2, seed=0)
+    assert seen.success is None
+    assert seen.steps_to_success is None
+    assert np.isnan([*seen.success_ci95, seen.median_steps]).all()
+
+
+class Lucky(gymnasium.Wrapper):
+    """Reports success in every third step, and only then."""
+
+    def reset(self, **options):
+        self.n = 0
+        return self.env.reset(**options)
+
+    def step(self, action):
+        self.n += 1
+        *outcome, info = self.env.step(action)
+        return *outcome, info | ({"success": 1.0} if self.n % 3 == 0 else {})
+
+
+@pytest.mark.parametrize("policy", [Always(1), OneByOne(lambda observation: 1)])
+def test_the_first_success_counts(policy, monkeypatch):
+    monkeypatch.setattr("rpil.simulation.rollouts.make", lambda env_id: Lucky(make(env_id)))
+    seen = rollout(policy, "CartPole-v1", n_episodes=5, seed=0)
+    assert seen.success.all()
+    np.testing.assert_array_equal(seen.steps_to_success, 3)
+    assert seen.success_ci95[1] == 1
+
+
+def test_steps_to_success_are_those_of_the_episodes_that_succeed():
+    seen = Returns.of(np.zeros(4), np.array([0, 10, 30, 0]))
+    assert seen.success.tolist() == [False, True, True, False]
+    assert seen.median_steps == 20
+
+
+def test_a_function_of_one_observation_is_played_episode_by_episode():
+    driver, order = expert("MountainCar-v0"), []
+
+    class Act:
+        def reset(self):
+            order.append("reset")
+
+        def __call__(self, observation):
+            order.append("step")
+            return driver.predict(observation[None])[0]
+
+    episodes = record(OneByOne(Act()), "MountainCar-v0", n_episodes=3, seed=4)
+    wanted = record(driver, "MountainCar-v0", n_episodes=3, seed=4)
+    for one, two in zip(episodes, wanted, strict=True):
+        np.testing.assert_array_equal(one.observations, two.observations)
+    assert order == [word for one in wanted for word in ["reset", *["step"] * len(one.actions)]]

@@ -30,7 +30,9 @@ from rpil.data.files import check_outputs
 
 if TYPE_CHECKING:
     from rpil.data.arrays import Id
+    from rpil.data.demonstrations import Demonstrations
     from rpil.data.formats.columns import ColumnOptions
+    from rpil.data.formats.dataset import Dataset
 
 
 @click.command()
@@ -86,30 +88,42 @@ def keep(
                 good = read_reference(reference, file, columns, progress)
                 audit, who = audit_by_task(file, read, FitOptions(**options), progress, engine, reference=good)
             table: Table = verdict_columns(audit, who)
-            ids, why = read.demonstrations.ids, f" ({audit.finding})"
+            demonstrations, why = read.demonstrations, f" ({audit.finding})"
         else:
             table, why = read_verdicts(verdicts), ""
-            ids = _ids(file, columns, progress, stream)
-            check_ids(table["id"], ids, verdicts, "the ids")
+            demonstrations = _read_all(file, columns, progress, stream)
+            check_ids(table["id"], demonstrations.ids, verdicts, "the ids")
         kept = kept_ids(table, share, at_least)
         if not kept:
             raise DataError(f"{file}: no demonstration is left{why}; give labels, or choose with --share.")
+        lost = () if quiet else _lost_places(demonstrations, kept)
         progress(f"writing {output or file}")
         if output is None:
             formats.write_mask(file, kept)
         else:
             formats.keep(file, output, kept, columns)
+    ids = demonstrations.ids
     click.echo(f"Kept {len(kept):,} of {len(ids):,} demonstrations: {output or file}")
     if not quiet:
-        print_lines(formats.commands_to_keep(file, ids, kept, output or ""))
+        print_lines([*lost, *formats.commands_to_keep(file, ids, kept, output or "")])
 
 
-def _ids(file: str, columns: ColumnOptions, progress: StageProgress, stream: bool | None) -> tuple[Id, ...]:
+def _read_all(
+    file: str, columns: ColumnOptions, progress: StageProgress, stream: bool | None
+) -> Demonstrations | Dataset:
     """The demonstrations of a file, some of which may have missing values."""
     from rpil.data.missing import allow_missing
 
     with allow_missing():
-        return tuple(read_recording(file, columns, progress, stream).demonstrations.ids)
+        return read_recording(file, columns, progress, stream).demonstrations
+
+
+def _lost_places(demonstrations: Demonstrations | Dataset, kept: list[Id]) -> tuple[str, ...]:
+    """What only demonstrations that are not kept visit, where their observations are in memory."""
+    from rpil.audit.lost import lost_places
+    from rpil.data.demonstrations import Demonstrations
+
+    return lost_places(demonstrations, kept) if isinstance(demonstrations, Demonstrations) else ()
 
 
 @click.command()

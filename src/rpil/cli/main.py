@@ -15,6 +15,7 @@ from rpil.cli import commands, terminal
 from rpil.cli.check import audit_fault_lines, check, check_recording
 from rpil.cli.commands import Commands, CommandSettings, audit_by_task, connect_engine, fit_rpil, read_recording
 from rpil.cli.completion import install_completion
+from rpil.cli.evaluate import evaluate
 from rpil.cli.give_back import convert, keep
 from rpil.cli.info import info
 from rpil.cli.label import LABELS_FILE, label
@@ -32,7 +33,7 @@ from rpil.cli.options import (
     with_judge_options,
 )
 from rpil.cli.outputs import OUTPUTS, Audited, judged_within, lines_after_output, tell_if_too_many, write_outputs
-from rpil.cli.progress import StageProgress, show_count, show_stages
+from rpil.cli.progress import StageProgress, show_stages
 from rpil.data.files import check_outputs
 
 if TYPE_CHECKING:
@@ -70,7 +71,7 @@ def main(ctx: click.Context, /) -> None:
         click.echo(ctx.get_help())
 
 
-for command in (check, info, label, keep, convert):
+for command in (check, info, label, keep, convert, evaluate):
     main.add_command(command)
 
 
@@ -227,30 +228,6 @@ def _refuse_rpil_options(ctx: click.Context, method: str) -> None:
     for name in ("scheduler", "stream"):
         if ctx.params[name]:
             raise click.UsageError(f"--method {method} needs all data in memory: leave out --{name}", ctx)
-
-
-@main.command()
-@click.argument("policy", type=click.Path())
-@click.option("--env", metavar="ID", required=True, help="Name of the environment in Gymnasium, as LunarLander-v3.")
-@click.option("--episodes", type=click.IntRange(1), default=100, show_default=True, help="Number of episodes to play.")
-@json_option
-@seed_option
-@quiet_option
-def evaluate(policy: str, env: str, episodes: int, json_wanted: bool, seed: int, quiet: bool) -> None:
-    """Play a saved policy, and print its mean return."""
-    with show_count(f"playing {env}", quiet, CommandSettings.current().timing) as progress:
-        from rpil.estimators.persistence import load
-        from rpil.simulation.rollouts import rollout
-
-        played = rollout(load(policy), env, n_episodes=episodes, seed=seed, progress=progress)
-    if json_wanted:
-        click.echo(terminal.to_json({"mean": played.mean, "ci95": played.ci95, "returns": played.returns.tolist()}))
-    elif episodes == 1:
-        click.echo(f"Return {played.mean:.1f} in one episode of {env}.")
-    else:
-        low, high = played.ci95
-        interval = f"95 % interval {low:.1f} to {high:.1f}"
-        click.echo(f"Mean return {played.mean:.1f} ({interval}) over {episodes:,} episodes of {env}.")
 
 
 @main.command()

@@ -1,10 +1,12 @@
-"""Environments: Gymnasium's, with discrete observations as one-hot rows, and versions with discretised actions."""
+"""Environments: Gymnasium's, with discrete observations as one-hot rows, versions with discretised actions, and the
+tasks of Meta-World's robot arm."""
 
 from __future__ import annotations
 
 import os
+import re
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from typing import Any
 
@@ -14,10 +16,17 @@ from numpy.typing import NDArray
 from rpil.data.errors import DataError, MissingExtraError
 from rpil.data.spaces import Box, Discrete, Space
 
+Untyped = Any
+"""What Gymnasium has no types for."""
+
 DISCRETISED: dict[str, tuple[str, NDArray[np.float32]]] = {
     "rpil/DiscretePendulum-v1": ("Pendulum-v1", np.linspace([-2.0], [2.0], 5, dtype=np.float32)),
 }
 """Id -> the continuous environment, and the action (A,) of each of K choices, (K, A)."""
+
+
+METAWORLD = re.compile(r"(metaworld:|Meta-World/)(?P<task>[a-z-]+-v\d+)")
+"""Ids of the tasks of Meta-World."""
 
 
 @contextmanager
@@ -35,8 +44,9 @@ def kept_process_settings() -> Iterator[None]:
 
 
 @kept_process_settings()
-def make(env_id: str) -> Any:
-    """Make a `gymnasium.Env` by its id with a version, or one of `DISCRETISED`.
+def make(env_id: str) -> Untyped:
+    """Make a `gymnasium.Env` by its id with a version, one of `DISCRETISED`, or a task of Meta-World, which is called
+    "metaworld:reach-v3" or "Meta-World/reach-v3".
 
     Its observations are one-hot rows (n,) where Gymnasium's own are one of n numbers. A `DataError` where Gymnasium
     does not know the id; a `MissingExtraError` where it, or a package that the environment needs, is not installed.
@@ -48,6 +58,9 @@ def make(env_id: str) -> Any:
     from gymnasium import spaces
     from gymnasium.wrappers import FlattenObservation, TransformAction
 
+    arm_task = METAWORLD.fullmatch(env_id)
+    if arm_task:
+        return _make_arm(env_id, arm_task["task"])
     base_id, choices = DISCRETISED.get(env_id, (env_id, None))
     try:
         # The checker slows each step, and registered environments have passed it before.
@@ -63,7 +76,40 @@ def make(env_id: str) -> Any:
     return FlattenObservation(env) if isinstance(env.observation_space, spaces.Discrete) else env
 
 
-def actions_of(env: Any) -> Space | None:
+def _make_arm(env_id: str, task: str) -> Untyped:
+    """A task of Meta-World, with a goal in the observation that the seed of each reset draws."""
+    from gymnasium import Wrapper
+
+    try:
+        from metaworld.env_dict import ALL_V3_ENVIRONMENTS_GOAL_OBSERVABLE as TASKS
+    except ImportError as error:
+        raise MissingExtraError(f"The environment {env_id}", "value") from error
+    if f"{task}-goal-observable" not in TASKS:
+        raise DataError(f"Meta-World has no task {task!r}: check the name, such as reach-v3 or pick-place-v3.")
+
+    class Arm(Wrapper[Untyped, Untyped, Untyped, Untyped]):
+        """Meta-World itself ignores the seed of a reset."""
+
+        def reset(
+            self, *, seed: int | None = None, options: dict[str, Untyped] | None = None
+        ) -> tuple[Untyped, dict[str, Untyped]]:
+            if seed is not None:
+                env.seed(seed)
+            return self.env.reset(options=options)
+
+    env: Untyped = TASKS[f"{task}-goal-observable"](seed=0)
+    env._freeze_rand_vec = False  # a new goal at each reset ...
+    env.seeded_rand_vec = True  # ... that comes from the seed, and not from NumPy's global stream
+    return Arm(env)
+
+
+def success_of(info: Mapping[str, object]) -> float:
+    """1 or 0 as a step reports success, under the names that robot environments give it; NaN where it does not."""
+    value = info.get("success", info.get("is_success"))
+    return float("nan") if value is None else float(bool(value))
+
+
+def actions_of(env: Untyped) -> Space | None:
     """The space of the actions of a Gymnasium environment; None unless it is Discrete or a flat float Box."""
     from gymnasium import spaces
 

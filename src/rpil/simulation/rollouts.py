@@ -1,23 +1,24 @@
-"""Playing a policy in a Gymnasium environment: its mean return with an interval, or the episodes themselves.
+"""Playing a policy in an environment: its mean return and successes with intervals, or the episodes themselves.
 
-All episodes run in lockstep, so the policy sees one batch per time step instead of one row per episode and step.
+All episodes run in lockstep, so the policy sees one batch per time step instead of one row per episode and step; one
+after the other where the policy is a function of a single observation.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import stdtrit
 
 from rpil.data.errors import DataError
 from rpil.data.spaces import Space
+from rpil.numerics.intervals import Interval, mean_interval, wilson
 from rpil.numerics.parallel import in_processes
 from rpil.numerics.types import Array
-from rpil.simulation.environments import actions_of, make
+from rpil.simulation.environments import actions_of, make, success_of
 
 
 @runtime_checkable
@@ -42,24 +43,62 @@ class RandomPolicy:
         return self._actions.draw(len(observations), self._rng)
 
 
+class OneByOne:
+    """A function of one observation as a policy: it is called for one episode after the other, in the order of time.
+
+    So it may keep a state, such as a plan of several actions; ``reset()``, where it has that, begins an episode.
+    """
+
+    def __init__(self, act: Callable[[Array], object]) -> None:
+        self._act = act
+
+    def reset(self) -> None:
+        """Begin an episode."""
+        reset = getattr(self._act, "reset", None)
+        if callable(reset):
+            reset()
+
+    def predict(self, observations: Array) -> Array:
+        """An action for every observation (n, D), one by one."""
+        return np.array([np.asarray(self._act(observation)) for observation in observations])
+
+
 @dataclass(frozen=True, eq=False)
 class Returns:
-    """Undiscounted returns of a policy."""
+    """Undiscounted returns of a policy, and its successes where the environment reports them.
+
+    An environment reports success as ``info["success"]`` or ``info["is_success"]``. An episode succeeds if any of its
+    steps does; what the policy does afterwards plays no part, but adds to the return.
+    """
 
     mean: float
-    ci95: tuple[float, float]
+    ci95: Interval
     """Low and high end of the 95 % t interval of the mean over these episodes; (nan, nan) for a single episode."""
     returns: NDArray[np.float64]
     """The return of every episode, (n_episodes,)."""
+    success: NDArray[np.bool_] | None = None
+    """Whether every episode succeeded, (n_episodes,); None where the environment never said."""
+    steps_to_success: NDArray[np.int64] | None = None
+    """Steps up to the first success, (n_episodes,), 0 where there is none; None where `success` is."""
 
     @classmethod
-    def of(cls, returns: NDArray[np.float64]) -> Returns:
-        """Summarise the returns (n_episodes,) of one policy."""
-        n, mean = len(returns), float(returns.mean())
-        if n == 1:
-            return cls(mean, (float("nan"), float("nan")), returns)
-        half_width = float(stdtrit(n - 1, 0.975) * returns.std(ddof=1) / np.sqrt(n))
-        return cls(mean, (mean - half_width, mean + half_width), returns)
+    def of(cls, returns: NDArray[np.float64], steps_to_success: NDArray[np.int64] | None = None) -> Returns:
+        """Summarise the returns (n_episodes,) of one policy, and its successes where they are known."""
+        success = None if steps_to_success is None else steps_to_success > 0
+        return cls(float(returns.mean()), mean_interval(returns), returns, success, steps_to_success)
+
+    @property
+    def success_ci95(self) -> Interval:
+        """Wilson's 95 % interval of the share of episodes that succeed; (nan, nan) where it is not known."""
+        if self.success is None:
+            return float("nan"), float("nan")
+        return wilson(int(self.success.sum()), len(self.success))
+
+    @property
+    def median_steps(self) -> float:
+        """The median of the steps to success, over the episodes that succeeded; NaN without one."""
+        steps = self.steps_to_success
+        return float("nan") if steps is None or not steps.any() else float(np.median(steps[steps > 0]))
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,10 +132,12 @@ def rollout(
     ----------
     policy : object with `predict`
         Maps observations (n, D) to actions: numbers of actions (n,), or continuous ones (n, A), which are clipped to
-        the box of the environment; or (n,) where A is 1.
+        the box of the environment; or (n,) where A is 1. A function of one observation (D,) is
+        `rpil.simulation.rollouts.OneByOne(function)`.
     env_id : str
-        An id for `rpil.simulation.environments.make`, with flat or discrete observations, and actions that are discrete
-        or a flat box. A discrete observation is passed to the policy as a one-hot row.
+        An id for `rpil.simulation.environments.make`, such as "LunarLander-v3" or "metaworld:reach-v3", with flat or
+        discrete observations, and actions that are discrete or a flat box. A discrete observation is passed to the
+        policy as a one-hot row.
     n_episodes : int
         At least 1.
     seed : int
@@ -123,29 +164,53 @@ def rollout(
         raise DataError(f"rollout needs at least one episode but n_episodes is {n_episodes}: raise it.")
     seeds = _seeds(seed, n_episodes)
     if processes < 2:
-        return Returns.of(_returns(policy, env_id, seeds, progress))
+        played = _returns(policy, env_id, seeds, progress)
+        return Returns.of(played.returns, played.known)
     # More shards than processes, so that one long episode does not delay the result.
     shards = np.array_split(seeds, min(n_episodes, 2 * processes))
-    returns: list[float] = []
-    for shard in in_processes(_returns, [(policy, env_id, shard.tolist()) for shard in shards], processes):
-        returns += shard.tolist()
+    parts: list[_Played] = []
+    for part in in_processes(_returns, [(policy, env_id, shard.tolist()) for shard in shards], processes):
+        parts.append(part)
         if progress is not None:
-            progress(len(returns), n_episodes)
-    return Returns.of(np.array(returns))
+            progress(sum(len(part.returns) for part in parts), n_episodes)
+    played = _Played.join(parts)
+    return Returns.of(played.returns, played.known)
+
+
+@dataclass(frozen=True, eq=False)
+class _Played:
+    """What is counted of episodes: returns, and steps to success (n,), which `reports` says are known."""
+
+    returns: NDArray[np.float64]
+    steps_to_success: NDArray[np.int64]
+    reports: bool
+
+    @property
+    def known(self) -> NDArray[np.int64] | None:
+        return self.steps_to_success if self.reports else None
+
+    @classmethod
+    def join(cls, parts: Sequence[_Played]) -> _Played:
+        returns, steps = (np.concatenate([getattr(p, name) for p in parts]) for name in ("returns", "steps_to_success"))
+        return cls(returns, steps, any(part.reports for part in parts))
 
 
 def _returns(
     policy: Policy, env_id: str, seeds: Sequence[int], progress: Callable[[int, int], None] | None = None
-) -> NDArray[np.float64]:
-    """The return of one episode per seed."""
-    returns = np.zeros(len(seeds))
-    n_finished = 0
+) -> _Played:
+    """Return and success of one episode per seed."""
+    returns, steps, first = np.zeros(len(seeds)), np.zeros(len(seeds), np.int64), np.zeros(len(seeds), np.int64)
+    n_finished, reports = 0, False
     for step in _play(policy, env_id, seeds):
         returns[step.running] += step.rewards
+        steps[step.running] += 1
+        succeeded = step.running[(step.success == 1) & (first[step.running] == 0)]
+        first[succeeded] = steps[succeeded]
+        reports = reports or not np.isnan(step.success).all()
         if progress is not None and step.finished.any():
             n_finished += int(step.finished.sum())
             progress(n_finished, len(seeds))
-    return returns
+    return _Played(returns, first, reports)
 
 
 def record(policy: Policy, env_id: str, *, n_episodes: int, seed: int) -> list[Episode]:
@@ -167,13 +232,15 @@ def record(policy: Policy, env_id: str, *, n_episodes: int, seed: int) -> list[E
 
 @dataclass(frozen=True, eq=False)
 class _Step:
-    """One time step of r unfinished episodes: `running` (r,) are their numbers, `finished` (r,) whether they end."""
+    """One time step of r unfinished episodes: `running` (r,) are their numbers, `finished` (r,) whether they end, and
+    `success` (r,) is 1, 0, or NaN where the environment says nothing."""
 
     running: NDArray[np.int64]
     observations: Array
     actions: Array
     rewards: NDArray[np.float64]
     finished: NDArray[np.bool_]
+    success: NDArray[np.float64]
 
 
 def _seeds(seed: int, n_episodes: int) -> list[int]:
@@ -182,7 +249,19 @@ def _seeds(seed: int, n_episodes: int) -> list[int]:
 
 
 def _play(policy: Policy, env_id: str, seeds: Sequence[int]) -> Iterator[_Step]:
-    """Play one episode per seed in lockstep; for a deterministic policy an episode depends on its seed alone."""
+    """Play one episode per seed, in lockstep unless the policy takes them one by one; for a deterministic policy an
+    episode depends on its seed alone."""
+    if not isinstance(policy, OneByOne):
+        yield from _play_together(policy, env_id, seeds)
+        return
+    for episode, seed in enumerate(seeds):
+        policy.reset()
+        for step in _play_together(policy, env_id, [seed]):
+            yield replace(step, running=step.running + episode)
+
+
+def _play_together(policy: Policy, env_id: str, seeds: Sequence[int]) -> Iterator[_Step]:
+    """Play one episode per seed in lockstep."""
     if not seeds:
         return
     envs: list[Any] = []
@@ -198,9 +277,9 @@ def _play(policy: Policy, env_id: str, seeds: Sequence[int]) -> Iterator[_Step]:
             # Python ints: environments check each discrete action, which costs far more on NumPy scalars.
             orders = actions.tolist() if actions.ndim == 1 else actions
             outcomes = [env.step(order) for env, order in zip(active, orders, strict=True)]
-            following, rewards, terminated, truncated, _ = zip(*outcomes, strict=True)
-            finished = np.logical_or(terminated, truncated)
-            yield _Step(running, observations, actions, np.array(rewards, dtype=np.float64), finished)
+            following, rewards, terminated, truncated, infos = zip(*outcomes, strict=True)
+            finished, success = np.logical_or(terminated, truncated), np.array([success_of(info) for info in infos])
+            yield _Step(running, observations, actions, np.array(rewards, dtype=np.float64), finished, success)
             observations = np.array(following)
             if finished.any():
                 going = ~finished

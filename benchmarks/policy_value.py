@@ -1,0 +1,143 @@
+"""Does choosing demonstrations with rpil make better policies? Policies are trained by rules and driven.
+
+    python benchmarks/policy_value.py --out value.jsonl
+    python benchmarks/policy_value.py --out value.jsonl --report
+    python benchmarks/policy_value.py --quick
+
+Needs ``pip install 'rpil[value]'``. A cell is a data set (seed, number of demonstrations, share of bad ones, task), a
+learner and a rule. Each finished cell is a line of the file, and is not done again; the report is of all in the file.
+Rules are driven from the same starts; those that give the same weights share a policy.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+import tempfile
+import time
+from dataclasses import replace
+from functools import partial
+from itertools import groupby, product
+from multiprocessing import get_context
+from operator import itemgetter
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from rpil.numerics.types import Array
+from value.learners import LEARNERS, TRAINING
+from value.report import Row, report
+from value.rules import RULES, Judged, weights_of
+from value.worlds import TASKS, World, drive, make_world
+
+QUICK = {"tasks": ["MountainCar-v0"], "n": [8], "shares": [0.5], "seeds": [0], "episodes": 3, "steps": 50}
+QUICK_RULES = ["all", "keep", "oracle"]
+DATA = ("seed", "n", "share", "task")
+"""What makes a data set."""
+KEY = (*DATA, "learner", "rule", "episodes", "steps")
+"""What makes a cell."""
+
+
+def main(arguments: list[str] | None = None) -> int:
+    options = parse(arguments)
+    with tempfile.TemporaryDirectory() as folder:
+        out = options.out or Path(folder) / "value.jsonl"
+        if not options.report:
+            run(left(options, read(out)), out, options.processes)
+        print(report(read(out)))
+    return 0
+
+
+def parse(arguments: list[str] | None) -> argparse.Namespace:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--out", type=Path, metavar="FILE", help="JSON lines, to which finished cells are added")
+    parser.add_argument("--tasks", nargs="+", choices=TASKS, default=list(TASKS), metavar="TASK")
+    parser.add_argument("--n", nargs="+", type=int, default=[20, 50], help="numbers of demonstrations")
+    parser.add_argument("--shares", nargs="+", type=float, default=[0.0, 0.1, 0.3, 0.5], help="of bad ones")
+    parser.add_argument("--learners", nargs="+", choices=LEARNERS, default=list(LEARNERS), metavar="LEARNER")
+    parser.add_argument("--rules", nargs="+", choices=RULES, default=list(RULES), metavar="RULE")
+    parser.add_argument("--seeds", nargs="+", type=int, default=[0, 1, 2])
+    parser.add_argument("--episodes", type=int, default=25, help="driven for each policy")
+    parser.add_argument("--steps", type=int, default=TRAINING.steps, help="of training a network")
+    parser.add_argument("--processes", type=int, default=1)
+    parser.add_argument("--report", action="store_true", help="only print the tables of what is done")
+    parser.add_argument("--quick", action="store_true", help="one small world: checks the script")
+    options = parser.parse_args(arguments)
+    if not (options.out or options.quick):
+        parser.error("say where finished cells are kept: --out FILE.")
+    if options.quick:
+        vars(options).update(QUICK, rules=QUICK_RULES)
+    return options
+
+
+def left(options: argparse.Namespace, rows: list[Row]) -> list[list[Row]]:
+    """The cells that are asked for and not among `rows`, data set by data set."""
+    done = {tuple(row[name] for name in KEY) for row in rows}
+    asked = options.seeds, options.n, options.shares, options.tasks, options.learners, options.rules
+    cells = [dict(zip(KEY, cell, strict=True)) for cell in product(*asked, [options.episodes], [options.steps])]
+    cells = [cell for cell in cells if tuple(cell.values()) not in done]
+    return [list(same) for _, same in groupby(cells, itemgetter(*DATA))]
+
+
+def run(sets: list[list[Row]], out: Path, processes: int) -> None:
+    if processes < 2:
+        for cells in sets:
+            finish(out, cells)
+        return
+    with get_context("spawn").Pool(processes, maxtasksperchild=8) as pool:
+        pool.map(partial(finish, out), sets, chunksize=1)
+
+
+def read(path: Path) -> list[Row]:
+    """The finished cells; a line that an interruption cut off is left out."""
+    rows = []
+    for text in path.read_text(encoding="utf-8").splitlines() if path.exists() else []:
+        try:
+            rows.append(json.loads(text))
+        except ValueError:
+            continue
+    return rows
+
+
+def finish(out: Path, cells: list[Row]) -> None:
+    """Do cells of one data set; each is written when it is done."""
+    world = make_world(*(cells[0][name] for name in ("task", "n", "share", "seed")))
+    judged = Judged(world.demonstrations)
+    driven: dict[tuple[str, bytes], Row] = {}
+    for cell in cells:
+        started = time.perf_counter()
+        weight = weights_of(RULES[cell["rule"]], world, judged, cell["seed"])
+        policy = cell["learner"], weight.tobytes()
+        if policy not in driven:
+            driven[policy] = value_of(cell, world, weight)
+        seconds = round(time.perf_counter() - started, 2)
+        row = cell | driven[policy] | describe(world, judged, weight) | {"seconds": seconds}
+        with out.open("a", encoding="utf-8") as file:
+            file.write(json.dumps(row) + "\n")
+
+
+def value_of(cell: Row, world: World, weight: Array) -> Row:
+    """Train with these weights and drive."""
+    own: dict[str, Any] = {"training": replace(TRAINING, steps=cell["steps"])} if cell["learner"] == "network" else {}
+    policy = LEARNERS[cell["learner"]](world.demonstrations, weight, cell["seed"], **own)
+    success, mean_steps = drive(cell["task"], policy, cell["episodes"], cell["seed"])
+    return {"success": float(success.mean()), "mean_steps": mean_steps}
+
+
+def describe(world: World, judged: Judged, weight: Array) -> Row:
+    """What was kept. The truth is read here to score, after the rule."""
+    good = np.repeat(world.is_good, world.demonstrations.lengths)
+    of_bad = sorted({kind for kind, is_good in zip(world.kinds, world.is_good, strict=True) if not is_good})
+    return {
+        "kept": round(float(weight.mean()), 4),
+        "weight_on_good": round(float(weight @ good / weight.sum()), 4),
+        "succeeded": round(float(world.success.mean()), 4),
+        "kinds": of_bad,
+        "finding": judged.audit.finding,
+    }
+
+
+if __name__ == "__main__":
+    sys.exit(main())

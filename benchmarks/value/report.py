@@ -1,0 +1,109 @@
+"""Tables of what `policy_value.py` wrote."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import t as student
+
+from tables import table
+from value.rules import ALL, RULES
+from value.worlds import family
+
+Array = NDArray[Any]
+Row = dict[str, Any]
+LEVEL = 0.05
+
+
+def report(rows: Sequence[Row]) -> str:
+    """All tables in Markdown."""
+    learners = list(dict.fromkeys(row["learner"] for row in rows))
+    parts = [comparison(rows, "All learners")] if len(learners) > 1 else []
+    for learner in learners:
+        own = [row for row in rows if row["learner"] == learner]
+        parts.append(comparison(own, f"Learner: {learner}"))
+        parts.append(by_group(own, lambda row: f"{row['n']}, {row['share']:.0%} bad", "by number and share"))
+        parts.append(by_group(own, lambda row: row["task"], "by task"))
+    return "\n\n".join(parts)
+
+
+def comparison(rows: Sequence[Row], title: str) -> str:
+    """Each rule against training on all demonstrations, paired over tasks and seeds."""
+    names = rules_of(rows)
+    differences = {name: paired(rows, name) for name in names}
+    compared = [name for name in names if name != ALL]
+    worse = dict(zip(compared, holm([p_lower(differences[name]) for name in compared]), strict=True))
+    better = dict(zip(compared, holm([p_lower(-differences[name]) for name in compared]), strict=True))
+    cells = []
+    for name in names:
+        own = [row for row in rows if row["rule"] == name]
+        families = [[row for row in own if family(row["task"]) == each] for each in ("arm", "games")]
+        means = [percent(np.mean([row["success"] for row in each])) if each else "" for each in (own, *families)]
+        tests = [f"{found[name]:.3f}" if name in found else "" for found in (worse, better)]
+        shares = [percent(np.mean([row[what] for row in own])) for what in ("kept", "weight_on_good")]
+        cells.append([name, *means, *difference(differences[name]), *tests, *shares])
+    header = ["rule", "success", "arm", "games", "minus all", "standard error", "sets"]
+    header += ["P worse", "P better", "steps kept", "weight on good"]
+    said = [name for name in compared if worse[name] < LEVEL]
+    note = f"Credibly worse than all (Holm, {LEVEL:.0%}): {', '.join(said) or 'none'}."
+    return f"### {title}\n\n{table(header, cells)}\n\n{note}"
+
+
+def by_group(rows: Sequence[Row], group: Callable[[Row], str], title: str) -> str:
+    """Mean success of each rule in each group."""
+    found: dict[tuple[str, str], list[float]] = defaultdict(list)
+    for row in rows:
+        found[row["rule"], group(row)].append(row["success"])
+    groups = list(dict.fromkeys(group(row) for row in sorted(rows, key=lambda row: (row["n"], row["share"]))))
+    cells = [
+        [name, *(percent(np.mean(found[name, each])) if found[name, each] else "" for each in groups)]
+        for name in rules_of(rows)
+    ]
+    return f"Success {title}\n\n{table(['rule', *groups], cells)}"
+
+
+def rules_of(rows: Iterable[Row]) -> list[str]:
+    present = {row["rule"] for row in rows}
+    return [name for name in RULES if name in present]
+
+
+def paired(rows: Sequence[Row], name: str) -> Array:
+    """Success of a rule less that of all, for each task and seed: the mean over what both have in common."""
+    found: dict[str, dict[tuple[Any, ...], float]] = {name: {}, ALL: {}}
+    for row in rows:
+        if row["rule"] in found:
+            place = (row["task"], row["seed"], row["n"], row["share"], row["learner"])
+            found[row["rule"]][place] = row["success"]
+    units: dict[tuple[Any, ...], list[float]] = defaultdict(list)
+    for place in found[name].keys() & found[ALL].keys():
+        units[place[:2]].append(found[name][place] - found[ALL][place])
+    return np.array([np.mean(units[unit]) for unit in sorted(units)])
+
+
+def difference(values: Array) -> tuple[str, str, str]:
+    """The mean, its standard error and their number."""
+    error = f"{100 * values.std(ddof=1) / np.sqrt(len(values)):.1f}" if len(values) > 1 else ""
+    return f"{100 * values.mean():+.1f}" if len(values) else "", error, str(len(values))
+
+
+def p_lower(values: Array) -> float:
+    """One-sided t test of a mean below 0."""
+    if len(values) < 2 or not values.std() > 0:
+        return 1.0
+    return float(student.cdf(values.mean() / (values.std(ddof=1) / np.sqrt(len(values))), len(values) - 1))
+
+
+def holm(p: Sequence[float]) -> list[float]:
+    """P values for all of several tests together (Holm 1979)."""
+    order = np.argsort(p, kind="stable")
+    adjusted = np.empty(len(p))
+    adjusted[order] = np.minimum(np.maximum.accumulate((len(p) - np.arange(len(p))) * np.sort(p)), 1.0)
+    return [float(value) for value in adjusted]
+
+
+def percent(value: Any) -> str:
+    return f"{100 * float(value):.1f}"

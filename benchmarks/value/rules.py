@@ -1,0 +1,165 @@
+"""Rules that choose demonstrations: each gives a weight to every step from what it may know.
+
+A rule that needs no outcome, answer or truth is given none (`told`).
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable, Hashable
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rpil import RPIL, Audit
+from rpil.audit.answering import with_answers
+from rpil.audit.choice import kept_ids
+from rpil.audit.verdict_table import verdict_columns
+from rpil.audit.words import SIDES
+from rpil.data.demonstrations import Demonstrations
+from rpil.inference.answers import Answers
+from value.information import information
+from value.worlds import World
+
+Array = NDArray[Any]
+SHORT = 0.6
+"""Share of the demonstrations that count as short, or as informative."""
+
+
+class Judged:
+    """Demonstrations with what is computed from them once, without answers."""
+
+    def __init__(self, demonstrations: Demonstrations) -> None:
+        self.demonstrations, self.lengths = demonstrations, demonstrations.lengths
+
+    @cached_property
+    def audit(self) -> Audit:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            return RPIL().fit(self.demonstrations).audit_
+
+    @cached_property
+    def information(self) -> Array:
+        return information(self.demonstrations, 0)
+
+    def per_step(self, value: Array) -> Array:
+        """A number for each demonstration as one for each of its steps."""
+        return np.repeat(np.asarray(value, dtype=float), self.lengths)
+
+
+@dataclass(frozen=True, eq=False)
+class Known:
+    """What a rule may read."""
+
+    judged: Judged
+    seed: int
+    success: Array | None = None
+    """(M,) bool: how each ended."""
+    is_good: Array | None = None
+    """(M,) bool: the truth, for rules that ask a person."""
+
+
+@dataclass(frozen=True)
+class Rule:
+    weights: Callable[[Known], Array]
+    """Weights of the steps, (N,)."""
+    needs: tuple[str, ...] = ()
+    """Of "success" and "is_good"."""
+
+
+def told(rule: Rule, world: World, judged: Judged, seed: int) -> Known:
+    """What this rule may read, and nothing else."""
+    return Known(judged, seed, **{fact: getattr(world, fact) for fact in rule.needs})
+
+
+def weights_of(rule: Rule, world: World, judged: Judged, seed: int) -> Array:
+    """The weights of the steps, the largest 1; all 1 where the rule would keep nothing."""
+    weight = rule.weights(told(rule, world, judged, seed))
+    return weight / weight.max() if weight.max() > 0 else np.ones(len(weight))
+
+
+def same_total(judged: Judged, weight: Array) -> Array:
+    """The same weights with the same total for every demonstration that has any."""
+    total = np.add.reduceat(weight, np.append(0, np.cumsum(judged.lengths)[:-1]))
+    return weight / np.repeat(np.maximum(total, 1e-12), judged.lengths)
+
+
+def keep(known: Known, share: float | None = None) -> Array:
+    """What ``rpil keep`` writes, without options or with ``--share``."""
+    audit = known.judged.audit
+    kept: set[Hashable] = set(kept_ids(verdict_columns(audit, {}), share))
+    return known.judged.per_step([name in kept for name in audit.ids])
+
+
+def successes(known: Known) -> Array:
+    return known.judged.per_step(known.success)
+
+
+def short_successes(known: Known) -> Array:
+    """The shortest 60 % of the successes."""
+    length = np.where(known.success, known.judged.lengths, np.inf)
+    return known.judged.per_step(best(-length, SHORT * known.success.mean()) & known.success)
+
+
+def with_outcomes(known: Known, count: int | None = None) -> Array:
+    """The audit is told how all, or `count` drawn ones, ended."""
+    audit, outcome = known.judged.audit, known.success.astype(float)
+    if count is not None:
+        outcome[np.random.default_rng(known.seed).permutation(len(outcome))[count:]] = np.nan
+    if not np.nanmin(outcome) < np.nanmax(outcome) or not audit.columns.size:  # nothing can be learned
+        return keep(known)
+    answers = replace(Answers.of_labels(np.zeros(len(outcome), dtype=np.int64)), outcome=outcome)
+    return without_bad(with_answers(replace(audit, answers=answers), {}, ()))
+
+
+def with_labels(known: Known, count: int, suggested: bool) -> Array:
+    """A person labels `count` demonstrations: those that the audit suggests, one after the other, or drawn ones."""
+    audit = known.judged.audit
+    if not audit.columns.size:
+        return keep(known)
+    drawn = np.random.default_rng(known.seed).permutation(len(known.is_good))
+    for k in range(min(count, len(drawn))):
+        name = audit.suggest_labels(1)[0] if suggested else audit.ids[drawn[k]]
+        audit = audit.answered({name: "good" if known.is_good[audit.index(name)] else "bad"})
+    return without_bad(audit)
+
+
+def without_bad(audit: Audit) -> Array:
+    """The weights of steps, 0 for demonstrations that are called bad."""
+    kept = np.array([SIDES[verdict] != "lower" for verdict in audit.verdicts])
+    return audit.step_weight * np.repeat(kept, audit.lengths)
+
+
+def best(score: Array, share: float) -> Array:
+    """The share of the demonstrations, at least one, with the largest scores, (M,) bool."""
+    ranked = np.argsort(-np.asarray(score, dtype=float), kind="stable")
+    return np.isin(np.arange(len(score)), ranked[: max(round(share * len(score)), 1)])
+
+
+ALL, ORACLE = "all", "oracle"
+RULES: dict[str, Rule] = {
+    ALL: Rule(lambda known: np.ones(known.judged.demonstrations.n_steps)),
+    "same total": Rule(lambda known: known.judged.per_step(1 / known.judged.lengths)),
+    "keep": Rule(keep),
+    "step weights": Rule(lambda known: known.judged.audit.step_weight),
+    "step weights, same total": Rule(lambda known: same_total(known.judged, known.judged.audit.step_weight)),
+    "probability": Rule(lambda known: known.judged.per_step(known.judged.audit.expert_proba)),
+    "best 40 %": Rule(partial(keep, share=0.4)),
+    "best 60 %": Rule(partial(keep, share=0.6)),
+    "best 80 %": Rule(partial(keep, share=0.8)),
+    "information 60 %": Rule(lambda known: known.judged.per_step(best(known.judged.information, SHORT))),
+    "shortest 60 %": Rule(lambda known: known.judged.per_step(best(-known.judged.lengths, SHORT))),
+    "successes": Rule(successes, ("success",)),
+    "short successes": Rule(short_successes, ("success",)),
+    "weighted successes": Rule(lambda known: known.judged.audit.step_weight * successes(known), ("success",)),
+    "outcomes": Rule(with_outcomes, ("success",)),
+    "ten outcomes": Rule(partial(with_outcomes, count=10), ("success",)),
+    "4 suggested labels": Rule(partial(with_labels, count=4, suggested=True), ("is_good",)),
+    "4 random labels": Rule(partial(with_labels, count=4, suggested=False), ("is_good",)),
+    "8 suggested labels": Rule(partial(with_labels, count=8, suggested=True), ("is_good",)),
+    "8 random labels": Rule(partial(with_labels, count=8, suggested=False), ("is_good",)),
+    ORACLE: Rule(lambda known: known.judged.per_step(known.is_good), ("is_good",)),
+}

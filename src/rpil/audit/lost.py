@@ -1,0 +1,137 @@
+"""What leaving demonstrations out would lose: the places that none of the kept ones visits.
+
+Where a demonstration is left out, the policy never sees its states. That is no loss where kept demonstrations visit the
+same places, and one where it alone starts behind the object. Both its start and its states are compared with those of
+the kept ones: by the distance to the nearest, in spreads of the observations.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Collection, Sequence
+
+import numpy as np
+from scipy.spatial.distance import cdist
+from scipy.special import stdtrit
+
+from rpil.audit.text import printable
+from rpil.data.demonstrations import Demonstrations
+from rpil.numerics.regression import ROUNDING, robust_scale
+from rpil.numerics.types import Array, Bool, Float, Int, Num
+
+MAX_STATES = 5000
+"""States of the kept demonstrations that are compared, and of the others."""
+
+SAME_PLACE = 0.1
+"""Spreads up to which two states are the same place."""
+
+TIMES_FARTHER = 2.0
+"""Than the farthest of the kept ones a demonstration must be, because tails of distances may be heavy."""
+
+FALSE_ALARMS = 0.01
+"""Probability of any sentence where all demonstrations are alike."""
+
+MIN_KEPT = 3
+"""Demonstrations whose distances from one another say what is usual, at least."""
+
+MAX_LOST_IDS = 5
+"""Demonstrations that a sentence names."""
+
+
+def lost_places(demonstrations: Demonstrations, kept: Collection[object]) -> tuple[str, ...]:
+    """A sentence for each place that only demonstrations that are not kept visit.
+
+    For each demonstration that is left out the distance of its start to the nearest start of a kept one is compared
+    with what is usual among the kept ones, each left out in turn; and so is the median distance of its states to the
+    nearest state. A distance counts if it is twice the largest of theirs, and larger than the 99 % point of the next
+    one that is alike, were logarithms normal; the level is shared among all that are left out.
+
+    Parameters
+    ----------
+    demonstrations : Demonstrations
+        All of them. Without observations that are finite nothing is said.
+    kept : collection of ids
+        Those to keep; compared as text.
+
+    Returns
+    -------
+    tuple of str
+        Such as "Without 12 no demonstration starts with obs.3 above 0.41.", with the observation in which it is
+        farthest outside of what the kept ones reach; most often none.
+    """
+    names = {str(name) for name in kept}
+    is_kept = np.array([str(name) in names for name in demonstrations.ids])
+    observed = demonstrations.observations
+    if is_kept.sum() < MIN_KEPT or is_kept.all() or not observed.shape[1] or not np.isfinite(observed).all():
+        return ()
+    chosen = np.concatenate([_thin(np.flatnonzero(is_kept == side), MAX_STATES) for side in (True, False)])
+    rows, owner = _some_states(demonstrations, chosen, is_kept[chosen])
+    begins = demonstrations.offsets[:-1]
+    starts, scale = (
+        observed[begins],
+        robust_scale(observed[rows], np.searchsorted(owner, np.arange(len(chosen) + 1)))[1],
+    )
+    far_start = _far(starts[chosen] / scale, np.arange(len(chosen)), is_kept[chosen])
+    far_states = _far(observed[rows] / scale, owner, is_kept[chosen]) & ~far_start
+    least, most = (extreme.reduceat(observed, begins) for extreme in (np.minimum, np.maximum))
+    reached = least[is_kept].min(axis=0), most[is_kept].max(axis=0)
+    started = starts[is_kept].min(axis=0), starts[is_kept].max(axis=0)
+    lost: dict[str, list[str]] = defaultdict(list)
+    for m in chosen[far_start].tolist():
+        where = _outside(starts[m : m + 1], started, scale, demonstrations.observation_names)
+        lost[f"starts with {where}" if where else "starts near there"].append(str(demonstrations.ids[m]))
+    for m in chosen[far_states].tolist():
+        where = _outside(demonstrations.episode(m)[0], reached, scale, demonstrations.observation_names)
+        lost[f"reaches {where}" if where else "is near its states"].append(str(demonstrations.ids[m]))
+    return tuple(f"Without {_listed(who)} no demonstration {what}." for what, who in lost.items())
+
+
+def _thin(values: Int[Array, " R"], most: int) -> Int[Array, " S"]:
+    """At most so many of the values, evenly spaced."""
+    places = np.linspace(0, len(values) - 1, min(most, len(values))).round().astype(int)
+    return np.asarray(values[np.unique(places)])
+
+
+def _some_states(
+    demonstrations: Demonstrations, chosen: Int[Array, " C"], is_kept: Bool[Array, " C"]
+) -> tuple[Int[Array, " R"], Int[Array, " R"]]:
+    """Rows of states of the chosen demonstrations, and which of these each is of."""
+    share = np.where(is_kept, MAX_STATES // is_kept.sum(), MAX_STATES // (~is_kept).sum())
+    offsets = demonstrations.offsets
+    rows = [_thin(np.arange(offsets[m], offsets[m + 1]), n) for m, n in zip(chosen, share.tolist(), strict=True)]
+    return np.concatenate(rows), np.repeat(np.arange(len(chosen)), [len(own) for own in rows])
+
+
+def _far(states: Float[Array, "R D"], owner: Int[Array, " R"], is_kept: Bool[Array, " C"]) -> Bool[Array, " C"]:
+    """Which of the demonstrations that are not kept are farther from the kept ones than these from one another."""
+    distance = np.zeros(len(is_kept))
+    of_kept = is_kept[owner]
+    for m in range(len(is_kept)):
+        own = owner == m
+        distance[m] = np.median(cdist(states[own], states[of_kept & ~own]).min(axis=1))
+    size = np.log(np.maximum(distance, ROUNDING))
+    usual, n = size[is_kept], int(is_kept.sum())
+    level = FALSE_ALARMS / (2 * (~is_kept).sum())  # starts and states of each are compared
+    limit = usual.mean() + stdtrit(n - 1, 1 - level) * usual.std(ddof=1) * np.sqrt(1 + 1 / n)
+    return np.asarray(~is_kept & (distance > max(np.exp(limit), TIMES_FARTHER * distance[is_kept].max(), SAME_PLACE)))
+
+
+def _outside(
+    states: Num[Array, "R D"], reached: tuple[Array, Array], scale: Float[Array, " D"], names: Sequence[str]
+) -> str:
+    """The observation in which states are farthest outside of what the kept ones reach, and its bound; or nothing."""
+    low, high = reached
+    beyond = np.array([np.maximum(low - states, 0).mean(axis=0), np.maximum(states - high, 0).mean(axis=0)]) / scale
+    side, column = divmod(int(beyond.argmax()), beyond.shape[1])
+    if not beyond[side, column]:
+        return ""
+    name = f"observation {names[column]}" if names[column].isdigit() else printable(names[column])
+    return f"{name} {('below', 'above')[side]} {(low, high)[side][column]:.3g}"
+
+
+def _listed(names: Sequence[str]) -> str:
+    """Some names in one line, and how many more there are."""
+    texts = [printable(name) for name in names[:MAX_LOST_IDS]]
+    if len(names) > MAX_LOST_IDS:
+        texts.append(f"{len(names) - MAX_LOST_IDS:,} more")
+    return " and ".join(part for part in (", ".join(texts[:-1]), texts[-1]) if part)

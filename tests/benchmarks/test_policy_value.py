@@ -1,0 +1,149 @@
+"""The benchmark of policies: rules, what they are told, tables by hand, and its quick mode."""
+
+from __future__ import annotations
+
+import importlib.util
+import json
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+import policy_value
+from value import report
+from value.information import information
+from value.operators import BAD, GOOD
+from value.rules import ALL, ORACLE, RULES, Judged, told, weights_of
+from value.worlds import make_world
+
+MISSING = [name for name in ("torch", "gymnasium") if importlib.util.find_spec(name) is None]
+needs_extra = pytest.mark.skipif(bool(MISSING), reason=f"pip install 'rpil[value]': {' and '.join(MISSING)} missing")
+needs_arm = pytest.mark.skipif(
+    importlib.util.find_spec("metaworld") is None, reason="pip install 'rpil[value]': metaworld is missing"
+)
+
+
+@pytest.fixture(scope="module")
+def car():
+    """Six good and six bad demonstrations."""
+    pytest.importorskip("gymnasium", reason="pip install 'rpil[gym]': gymnasium is missing")
+    world = make_world("MountainCar-v0", 12, 0.5, 0)
+    return SimpleNamespace(world=world, judged=Judged(world.demonstrations))
+
+
+@pytest.mark.slow
+def test_the_same_seed_makes_the_same_world(car):
+    again = make_world("MountainCar-v0", 12, 0.5, 0)
+    np.testing.assert_array_equal(again.demonstrations.actions, car.world.demonstrations.actions)
+    assert again.kinds == car.world.kinds
+    assert car.world.is_good.sum() == 6
+    assert {kind for kind, good in zip(again.kinds, again.is_good, strict=True) if good} == {"expert"}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", RULES)
+def test_a_rule_is_told_no_more_than_it_says(car, name):
+    """And gives a weight to every step, the largest 1."""
+    known = told(RULES[name], car.world, car.judged, 0)
+    assert (known.is_good is not None) == (name == ORACLE or "labels" in name)
+    assert (known.success is not None) == ("success" in name or "outcome" in name)
+    weight = weights_of(RULES[name], car.world, car.judged, 0)
+    assert weight.shape == (car.world.demonstrations.n_steps,)
+    assert weight.max() == 1
+    assert weight.min() >= 0
+
+
+@pytest.mark.slow
+def test_weights_by_hand(car):
+    world, lengths = car.world, car.world.demonstrations.lengths
+    kept = {name: weights_of(RULES[name], world, car.judged, 0) for name in (ALL, "same total", ORACLE, "best 40 %")}
+    assert kept[ALL].all()
+    np.testing.assert_array_equal(kept[ORACLE], np.repeat(world.is_good, lengths))
+    totals = np.add.reduceat(kept["same total"], world.demonstrations.offsets[:-1])
+    np.testing.assert_allclose(totals, lengths.min())
+    best = np.argsort(-car.judged.audit.log_odds, kind="stable")[:5]
+    np.testing.assert_array_equal(kept["best 40 %"], np.repeat(np.isin(np.arange(12), best), lengths))
+
+
+@pytest.mark.slow
+def test_short_successes_are_the_shortest_of_the_successes(car):
+    weight = weights_of(RULES["short successes"], car.world, car.judged, 0)
+    chosen = weight[car.world.demonstrations.offsets[:-1]] > 0
+    success, lengths = car.world.success, car.world.demonstrations.lengths
+    assert chosen.sum() == round(0.6 * success.sum())
+    assert not (chosen & ~success).any()
+    assert lengths[chosen].max() <= lengths[success & ~chosen].min()
+
+
+@pytest.mark.parametrize("discrete", [False, True])
+def test_information_is_larger_where_actions_depend_on_states(discrete):
+    """Its mean over independent states and actions is 0; of a Gaussian pair it is -log(1 - r^2) / 2."""
+    from rpil.data.demonstrations import Demonstrations
+
+    rng = np.random.default_rng(0)
+    states, noise = rng.normal(size=(20, 100, 1)), rng.normal(size=(20, 100))
+    numbers = np.where(np.arange(20)[:, None] < 10, 0.9 * states[..., 0] + np.sqrt(1 - 0.81) * noise, noise)
+    actions = (numbers > 0).astype(int) if discrete else numbers[..., None]
+    scores = information(Demonstrations.from_episodes(list(zip(states, actions, strict=True))), 0)
+    assert scores[:10].min() > scores[10:].max()
+    alone = information(Demonstrations.from_episodes(list(zip(states[10:], actions[10:], strict=True))), 0)
+    assert alone.mean() == pytest.approx(0, abs=0.05)
+    if not discrete:
+        pairs = information(Demonstrations.from_episodes(list(zip(states[:10], actions[:10], strict=True))), 0)
+        assert pairs.mean() == pytest.approx(-np.log(1 - 0.81) / 2, abs=0.1)
+
+
+def test_the_report_pairs_tasks_and_seeds():
+    def row(task, seed, share, rule, success):
+        return {"task": task, "seed": seed, "n": 20, "share": share, "learner": "linear", "rule": rule} | {
+            "success": success
+        }
+
+    rows = [row("reach", 0, 0.1, ALL, 0.5), row("reach", 0, 0.5, ALL, 0.3), row("push", 0, 0.1, ALL, 0.2)]
+    rows += [row("reach", 0, 0.1, "keep", 0.6), row("reach", 0, 0.5, "keep", 0.6), row("push", 0, 0.1, "keep", 0.1)]
+    rows += [row("push", 1, 0.1, "keep", 0.9)]  # not paired
+    np.testing.assert_allclose(report.paired(rows, "keep"), [-0.1, 0.2])
+    assert report.difference(np.array([-0.1, 0.2])) == ("+5.0", "15.0", "2")
+    assert report.holm([0.01, 0.04, 0.03]) == pytest.approx([0.03, 0.06, 0.06])
+    assert report.p_lower(np.array([-1.0, -2.0, -3.0])) == pytest.approx(0.0371, abs=1e-4)
+
+
+@pytest.mark.slow
+@needs_extra
+def test_quick_is_resumed(tmp_path, capsys):
+    """A second run does only what the first one left; a line that was cut off is done again."""
+    out = tmp_path / "value.jsonl"
+    assert policy_value.main(["--quick", "--out", str(out)]) == 0
+    lines = out.read_text().splitlines()
+    rows = [json.loads(line) for line in lines]
+    assert len(rows) == 2 * len(policy_value.QUICK_RULES)
+    assert all(0 <= row["success"] <= 1 for row in rows)
+    assert {row["weight_on_good"] for row in rows if row["rule"] == ORACLE} == {1.0}
+    out.write_text("\n".join([*lines[:-1], lines[-1][:20]]) + "\n")
+    capsys.readouterr()
+    policy_value.main(["--quick", "--out", str(out)])
+    again = policy_value.read(out)
+    assert [row | {"seconds": 0} for row in again] == [row | {"seconds": 0} for row in rows]
+    assert "minus all" in capsys.readouterr().out
+
+
+@pytest.mark.slow
+@needs_arm
+@pytest.mark.filterwarnings("ignore")  # of packages that the arm comes with
+def test_the_arm_depends_on_the_seed_alone():
+    """Whatever was driven before."""
+    from value.worlds import _drive_arm, _record_arm
+
+    side = np.array([1.0, 0, 0])
+
+    def recorded(kind):
+        return _record_arm("reach", kind, side, 7, np.random.default_rng(1))
+
+    (observations, actions), succeeded = recorded(GOOD["normal"])
+    assert succeeded
+    assert not recorded(BAD["beside"])[1]
+    again = recorded(GOOD["normal"])[0]
+    np.testing.assert_array_equal(again[0], observations)
+    np.testing.assert_array_equal(again[1], actions)
+    still = SimpleNamespace(predict=lambda rows: np.zeros((len(rows), 4)))
+    assert _drive_arm("reach", still, 7) == (False, 200)
