@@ -35,7 +35,7 @@ from tables import table
 from value.learners import LEARNERS
 from value.operators import GOOD, INTERLUDES, TYPICAL, Kind, Operator
 from value.rules import Judged, best
-from value.worlds import GAMES, GENTLE, Episode, drive, record_arm
+from value.worlds import GENTLE, Episode, drive, record_arm
 
 Array = NDArray[Any]
 LENGTH = TYPICAL // 3
@@ -56,14 +56,19 @@ TRIES = 20
 
 
 class Interrupted(Operator):
-    """A good operator who is of another kind in a window."""
+    """A good operator who is of another kind in a window, or has none."""
 
-    def __init__(self, inside: Kind, script: Any, rng: np.random.Generator) -> None:
-        outside = GOOD["gentle" if rng.random() < GENTLE else "normal"]
-        super().__init__(outside, script, np.zeros(3), rng)
-        self.inside, self.outside = inside, outside
+    def __init__(self, inside: Kind | None, rng: np.random.Generator) -> None:
+        self.outside = GOOD["gentle" if rng.random() < GENTLE else "normal"]
+        super().__init__(self.outside, None, np.zeros(3), rng)
+        self.inside = inside or self.outside
         self.first = self.middle = int(TYPICAL * rng.uniform(0.1, 0.6))
         self.interludes = np.full(INTERLUDES, self.first)
+
+    def employed(self, script: Any) -> Interrupted:
+        """Drives by the script."""
+        self.script = script
+        return self
 
     def act(self, observation: Array, n: int) -> Array:
         self.kind = self.inside if self.first <= n < self.first + LENGTH else self.outside
@@ -97,16 +102,9 @@ def _arm(task: str, kind: str, has_window: Array, rng: np.random.Generator) -> t
     episodes, is_bad = [], []
     for interrupted in has_window.tolist():
         for _ in range(TRIES):
-            operators: list[Interrupted] = []
-
-            def employed(script: Any, here: bool = interrupted, to: list[Interrupted] = operators) -> Operator:
-                to.append(Interrupted(WINDOWS[kind], script, rng.spawn(1)[0]))
-                if not here:
-                    to[0].inside = to[0].outside
-                return to[0]
-
-            episode, succeeded = record_arm(task, employed, int(rng.integers(900_000)))
-            found = operators[0].is_bad(len(episode[1]))
+            operator = Interrupted(WINDOWS[kind] if interrupted else None, rng.spawn(1)[0])
+            episode, succeeded = record_arm(task, operator.employed, int(rng.integers(900_000)))
+            found = operator.is_bad(len(episode[1]))
             if succeeded and found.any() == interrupted:
                 break
         episodes.append(episode)

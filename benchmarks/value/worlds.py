@@ -9,7 +9,7 @@ import warnings
 import zlib
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import Any
 
 import numpy as np
@@ -144,7 +144,7 @@ def _arm_demonstrations(task: str, n_good: int, n_bad: int, rng: np.random.Gener
     for m, name in enumerate(names):
         for _ in range(TRIES if m < n_good else 1):
             own, seed = rng.spawn(1)[0], int(rng.integers(900_000))
-            episode, succeeded = record_arm(task, lambda script: Operator((GOOD | BAD)[name], script, side, own), seed)
+            episode, succeeded = record_arm(task, partial(Operator, (GOOD | BAD)[name], side=side, rng=own), seed)
             if succeeded:
                 break
         episodes.append(episode)
