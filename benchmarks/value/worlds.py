@@ -9,7 +9,7 @@ import warnings
 import zlib
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import Any
 
 import numpy as np
@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from rpil import rollout, simulate
 from rpil.data.demonstrations import Demonstrations
 from rpil.simulation.corruptions import KINDS
-from value.operators import BAD, GOOD, Kind, Operator
+from value.operators import BAD, GOOD, Operator
 
 Array = NDArray[Any]
 Episode = tuple[Array, Array]
@@ -144,7 +144,7 @@ def _arm_demonstrations(task: str, n_good: int, n_bad: int, rng: np.random.Gener
     for m, name in enumerate(names):
         for _ in range(TRIES if m < n_good else 1):
             own, seed = rng.spawn(1)[0], int(rng.integers(900_000))
-            episode, succeeded = _record_arm(task, (GOOD | BAD)[name], side, seed, own)
+            episode, succeeded = record_arm(task, partial(Operator, (GOOD | BAD)[name], side=side, rng=own), seed)
             if succeeded:
                 break
         episodes.append(episode)
@@ -152,14 +152,14 @@ def _arm_demonstrations(task: str, n_good: int, n_bad: int, rng: np.random.Gener
     return episodes, names, success
 
 
-def _record_arm(task: str, kind: Kind, side: Array, seed: int, rng: np.random.Generator) -> tuple[Episode, bool]:
-    """One episode of an operator, and whether it succeeded."""
+def record_arm(task: str, employed: Callable[[Any], Operator], seed: int) -> tuple[Episode, bool]:
+    """One episode of the operator that is `employed` with the script, and whether it succeeded."""
     env, script = _arm(task)
     observation = _start(env, seed)
     observations, actions, since = [], [], -1
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # scripts say that they ask for more than 1
-        operator = Operator(kind, script(), side, rng)
+        operator = employed(script())
         for n in range(DEMONSTRATION_LIMIT):
             if operator.stops(n) or since == AFTER_SUCCESS:
                 break

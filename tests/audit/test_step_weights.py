@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from scipy.special import expit
 
 from rpil.audit.settings import AuditSettings
-from rpil.audit.step_weights import is_anyone_trusted, step_proba, step_weight, typical_reliability
+from rpil.audit.step_weights import is_anyone_trusted, step_weight, typical_reliability
 
 LENGTHS = np.array([2, 1, 1])
 
@@ -28,8 +27,3 @@ def test_the_typical_reliability_is_a_median_weighted_by_proba():
     assert typical_reliability(np.array([0.2, 0.9, 0.5]), np.full(3, 0.1), LENGTHS) == 1.0
     assert not is_anyone_trusted(np.full(3, 0.1), LENGTHS)
     assert is_anyone_trusted(np.full(3, 0.25), LENGTHS)
-
-
-def test_the_trust_in_a_step_is_the_reliability_times_its_ratio():
-    found = step_proba(np.array([0.5, 0.8, 0.5]), np.array([1.0, 0.0, -500.0]))
-    assert found == pytest.approx([expit(1.0), 0.8, 0.0], abs=1e-12)

@@ -12,7 +12,7 @@ import pytest
 import policy_value
 from value import report
 from value.information import information
-from value.operators import BAD, GOOD
+from value.operators import BAD, GOOD, Operator
 from value.rules import ALL, ORACLE, RULES, Judged, told, weights_of
 from value.worlds import make_world
 
@@ -132,12 +132,12 @@ def test_quick_is_resumed(tmp_path, capsys):
 @pytest.mark.filterwarnings("ignore")  # of packages that the arm comes with
 def test_the_arm_depends_on_the_seed_alone():
     """Whatever was driven before."""
-    from value.worlds import _drive_arm, _record_arm
+    from value.worlds import _drive_arm, record_arm
 
     side = np.array([1.0, 0, 0])
 
     def recorded(kind):
-        return _record_arm("reach", kind, side, 7, np.random.default_rng(1))
+        return record_arm("reach", lambda script: Operator(kind, script, side, np.random.default_rng(1)), 7)
 
     (observations, actions), succeeded = recorded(GOOD["normal"])
     assert succeeded

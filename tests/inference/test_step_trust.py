@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from itertools import product
+
 import numpy as np
+import pytest
+from scipy.special import expit
 
 from rpil.data.fit_data import FitData
 from rpil.data.spaces import Discrete
 from rpil.inference.settings import JudgeSettings
-from rpil.inference.step_trust import step_trust
+from rpil.inference.step_trust import STAY, step_proba, step_trust
 
 
 def test_reliability_is_the_share_of_steps_that_follow_the_policy():
@@ -25,3 +29,46 @@ def test_reliability_is_the_share_of_steps_that_follow_the_policy():
     assert trust.step[follows.ravel()].mean() > trust.step[~follows.ravel()].mean() + 0.3
     wide = step_trust(problem, log_ratio, np.full(3, 0.01), JudgeSettings()).interval
     assert (np.ptp(wide, axis=1) > np.ptp(trust.interval, axis=1)).all()
+
+
+def summed_over_paths(share: float, log_ratio: np.ndarray) -> np.ndarray:
+    """P(each step is an expert's), by a sum over all sequences of good and bad steps."""
+    total, good = 0.0, np.zeros(len(log_ratio))
+    for path in product((0, 1), repeat=len(log_ratio)):
+        weight = 1.0
+        for n, z in enumerate(path):
+            anew = share if z else 1 - share
+            weight *= (STAY * (z == path[n - 1]) + (1 - STAY) * anew if n else anew) * np.exp(z * log_ratio[n])
+        total += weight
+        good += weight * np.array(path)
+    return good / total
+
+
+def test_steps_are_judged_as_a_sum_over_all_sequences_does():
+    """In demonstrations of different lengths side by side."""
+    lengths, share = np.array([3, 7, 1, 5]), np.array([0.3, 0.9, 0.5, 0.02])
+    log_ratio = 2 * np.random.default_rng(0).normal(size=lengths.sum())
+    found = np.split(step_proba(share, log_ratio, lengths), np.cumsum(lengths)[:-1])
+    for m, own in enumerate(np.split(log_ratio, np.cumsum(lengths)[:-1])):
+        np.testing.assert_allclose(found[m], summed_over_paths(share[m], own), rtol=1e-12)
+
+
+def test_one_step_alone_is_judged_by_the_reliability_and_its_ratio():
+    found = step_proba(np.array([0.5, 0.5]), np.array([1.0, -50.0]), np.array([1, 1]))
+    assert found == pytest.approx([expit(1.0), 0.0], abs=1e-12)
+
+
+def test_a_window_of_bad_steps_is_found_although_single_steps_overlap():
+    rng = np.random.default_rng(0)
+    is_bad = (np.arange(300) >= 100) & (np.arange(300) < 150)
+    log_ratio = rng.normal(np.where(is_bad, -1.0, 1.0), 1.5)
+    found = step_proba(np.array([0.8]), log_ratio, np.array([300]))
+    alone = expit(np.log(0.8 / 0.2) + log_ratio)
+    assert ((found < 0.5) == is_bad).mean() > 0.97
+    assert ((alone < 0.5) == is_bad).mean() < 0.9
+
+
+@pytest.mark.parametrize("share", [0.0, 1.0])
+def test_certain_demonstrations_and_steps_give_finite_weights(share):
+    found = step_proba(np.array([share]), np.array([50.0, -50.0, 50.0, -50.0]), np.array([4]))
+    assert ((found >= 0) & (found <= 1)).all()

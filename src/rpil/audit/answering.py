@@ -12,7 +12,7 @@ from scipy.special import expit
 from rpil.audit.groups import TWO_GROUPS
 from rpil.audit.reasons import MAX_LOG_RATIO, Stretch, worst_stretch
 from rpil.audit.settings import AuditSettings
-from rpil.audit.step_weights import step_proba, step_weight
+from rpil.audit.step_weights import step_weight
 from rpil.audit.text import printable
 from rpil.audit.words import WORDS, Verdict, Words
 from rpil.data.errors import DataError
@@ -20,6 +20,7 @@ from rpil.data.formats.id_values import match_labels, match_pairs
 from rpil.inference.answered import Answered, answer, most_telling
 from rpil.inference.answers import Answers, check_copied_labels
 from rpil.inference.findings import FINDINGS
+from rpil.inference.step_trust import step_proba
 from rpil.numerics.types import Array, Float, Int
 
 Id = TypeVar("Id", bound=Hashable)
@@ -101,7 +102,8 @@ def with_answers(audit: A, labels: Mapping[Id, str], pairs: Sequence[tuple[Id, I
     found = answer(audit.columns, known, audit.settings.answers, audit.copy_of)
     log_odds = found.log_odds + audit.from_demonstrator
     proba, words = expit(log_odds), found.words * (np.sign(log_odds) == found.words)
-    step = step_proba(np.repeat(audit.reliability, audit.lengths), audit.step_log_ratio)
+    log_ratio = np.clip(audit.step_log_ratio, -MAX_LOG_RATIO, MAX_LOG_RATIO)
+    step = step_proba(audit.reliability, log_ratio, audit.lengths)
     return replace(  # type: ignore[type-var]  # every audit is a dataclass
         audit,
         finding="answered",

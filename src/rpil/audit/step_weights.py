@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.special import expit, logit
 
-from rpil.audit.reasons import MAX_LOG_RATIO
 from rpil.audit.settings import AuditSettings
 from rpil.numerics.types import Array, Float, Int
 
@@ -50,10 +48,3 @@ def typical_reliability(
         return 1.0
     order = np.argsort(reliability)
     return float(reliability[order][np.searchsorted(np.cumsum(expert_proba[order]), 0.5 * expert_proba.sum())])
-
-
-def step_proba(reliability: Float[Array, " N"], log_ratio: Float[Array, " N"]) -> Float[Array, " N"]:
-    """P(the step is an expert's), from the reliability of its demonstration and its log-ratio, in nats; see
-    `rpil.inference.step_trust`."""
-    clipped = np.clip(log_ratio, -MAX_LOG_RATIO, MAX_LOG_RATIO)
-    return np.asarray(expit(np.clip(logit(reliability) + clipped, -MAX_LOG_RATIO, MAX_LOG_RATIO)))
