@@ -13,7 +13,7 @@ import argparse
 import json
 import sys
 import warnings
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 from functools import partial
 from itertools import product
@@ -26,17 +26,15 @@ from scipy.special import logit
 from sklearn.linear_model import LogisticRegression
 from sklearn.model_selection import cross_val_predict
 
-from claims import Array, Row, auroc, of_paper
-from npz_sets import read_set
+from claims import Job, Row, auroc
+from claims import jobs as claims_jobs
 from provenance import line, provenance
 from rpil import RPIL
-from rpil.data.demonstrations import Demonstrations
 from rpil.inference.answered import Answered, answer, most_telling
 from rpil.inference.answers import Answers
 from rpil.inference.settings import AnswerSettings
-from rpil.simulation.simulate import simulate
-from trust_data import data_cells
-from trust_worlds import cells
+from worlds import Array
+from worlds.simulated import ENVIRONMENTS, grid, of_grid, of_paper, random_and_shifted
 
 SETTINGS = AnswerSettings()
 FAST = replace(SETTINGS, max_left_out=0)
@@ -58,11 +56,11 @@ def main(arguments: list[str] | None = None) -> int:
     if not (options.data or options.quick):
         parser.error("say where the NPZ files are: --data DIR.")
     draws = 1 if options.quick else options.draws
-    jobs = [("quick", partial(with_quality, partial(of_paper, "MountainCar-v0", "random", seed))) for seed in range(2)]
+    jobs = [Job("quick", "", partial(of_paper, "MountainCar-v0", "random", seed)) for seed in range(2)]
     if not options.quick:
         jobs = list(recorded_jobs(options.data)) + list(simulated_jobs())
     with Pool(options.processes, maxtasksperchild=20) as pool:
-        audits = pool.starmap(audited, jobs)
+        audits = pool.map(audited, jobs)
         sets = [audit for audit in audits if audit["kind"] in ("recorded", "quick")]
         parts = [partial(by_labels, sets, draws, count) for count in (2, 4, 8, 16)]
         parts += [partial(never_lower, sets, draws), partial(by_pair, audits), partial(by_one_wrong, sets, draws)]
@@ -95,61 +93,28 @@ def called(part: Callable[[], list[Row]]) -> list[Row]:
 # ---- audits without answers ------------------------------------------------------------------------------------------
 
 
-def recorded_jobs(folder: Path) -> Iterable[tuple[str, Callable[[], Any]]]:
+def recorded_jobs(folder: Path) -> Iterator[Job]:
     """The recorded sets and the good half of each."""
-    for name in data_cells(folder)[0]:
-        yield "recorded", partial(recorded, folder / f"{name}.npz")
-        yield "half", partial(half, folder / f"{name}.npz")
+    return (job for job in claims_jobs(folder, 0, 0) if job.kind in ("recorded", "half"))
 
 
-def simulated_jobs() -> Iterable[tuple[str, Callable[[], Any]]]:
+def simulated_jobs() -> Iterator[Job]:
     """Flipped and shifted actions, and half random and half shifted ones."""
-    for name, cell in cells(["simulated"]).items():
-        if cell.arguments[-1] == 1000 and (" flip " in name or " shift " in name):
-            yield "two policies", partial(with_quality, partial(world_of, cell))
-    for env, seed in product(("MountainCar-v0", "Acrobot-v1", "LunarLander-v3"), range(3)):
-        yield "random and shifted", partial(with_quality, partial(random_and_shifted, env, seed))
+    for env, kind, share in grid():
+        if kind in ("flip", "shift"):
+            yield Job("two policies", "", partial(of_grid, env, kind, share))
+    for env, seed in product(ENVIRONMENTS, range(3)):
+        yield Job("random and shifted", "", partial(random_and_shifted, env, seed))
 
 
-def recorded(path: Path) -> tuple[str, Demonstrations, Array, Array]:
-    demonstrations, truth = read_set(path)
-    return path.stem, demonstrations, np.where(truth.good, 1, np.where(truth.bad, 0, -1)), truth.quality
-
-
-def half(path: Path) -> tuple[str, Demonstrations, Array, Array]:
-    name, demonstrations, good, quality = recorded(path)
-    kept = np.flatnonzero(good == 1)
-    return name, demonstrations.select(kept), good[kept], quality[kept]
-
-
-def world_of(cell: Any) -> tuple[Demonstrations, Array]:
-    world = cell.make()
-    return world.demonstrations, world.is_good
-
-
-def random_and_shifted(env: str, seed: int) -> tuple[Demonstrations, Array]:
-    """Ten good demonstrations, ten with random and ten with shifted actions."""
-    random = simulate(env, "random", n_good=10, n_bad=10, seed=seed)
-    shifted = simulate(env, "shift", n_good=0, n_bad=10, seed=seed)
-    good = np.append(random.is_good, np.zeros(10, dtype=int)).astype(int)
-    order = np.random.default_rng(seed).permutation(len(good))
-    episodes = [*random.episodes, *shifted.episodes]
-    return Demonstrations.from_episodes([episodes[m] for m in order]), good[order]
-
-
-def with_quality(make: Callable[[], tuple[Demonstrations, Array]]) -> tuple[str, Demonstrations, Array, Array]:
-    demonstrations, good = make()
-    return "", demonstrations, good, good.astype(float)
-
-
-def audited(kind: str, make: Callable[[], tuple[str, Demonstrations, Array, Array]]) -> Audited:
-    name, demonstrations, good, quality = make()
+def audited(job: Job) -> Audited:
+    world = job.make()
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        audit = RPIL().fit(demonstrations).audit_
+        audit = RPIL().fit(world.demonstrations).audit_
     pair = [audit.index(other) for other in audit.pair]
     of_all = {"columns": audit.columns, "log_odds": audit.log_odds, "pair": pair}
-    return {"kind": kind, "name": name, "good": good, "quality": quality} | of_all
+    return {"kind": job.kind, "name": job.name, "good": world.is_good, "quality": world.quality} | of_all
 
 
 # ---- answers ---------------------------------------------------------------------------------------------------------
