@@ -16,6 +16,7 @@ import difflib
 import json
 import subprocess
 import sys
+import time
 from collections.abc import Callable, Collection, Iterable, Sequence
 from pathlib import Path
 from typing import Any
@@ -83,10 +84,11 @@ def figures(name: str, options: argparse.Namespace) -> Result:
     if found is None:
         given = ["--quick"] if options.quick else ["--data", str(options.data)] if name in NEED_DATA else []
         command = [sys.executable, str(ROOT / "benchmarks" / f"{name}.py"), "--json", str(path), *given]
-        print(f"{name}.py", file=sys.stderr, flush=True)
+        started = time.perf_counter()
         run = subprocess.run([*command, "--processes", str(options.processes)], stdout=subprocess.DEVNULL, check=False)
         if run.returncode:
             raise DataError(f"{name}.py ended with code {run.returncode}; its message is above. What is done is kept.")
+        print(f"{name}.py: {time.perf_counter() - started:.0f} s", file=sys.stderr, flush=True)
         found = read(path)
     return found
 
