@@ -13,13 +13,13 @@ import argparse
 import json
 import sys
 import warnings
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from functools import partial
 from itertools import product
 from multiprocessing import Pool
+from operator import call
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from scipy.special import logit
@@ -42,7 +42,6 @@ FAST = replace(SETTINGS, max_left_out=0)
 LOW = 0.4
 """AUROC without answers below which a set is reversed."""
 N_LEFT = 3
-Audited = dict[str, Any]
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -67,7 +66,7 @@ def main(arguments: list[str] | None = None) -> int:
         parts += [partial(by_one_side, sets, draws, count) for count in (4, 8)]
         parts += [partial(by_suggestion, sets, draws, count) for count in (4, 8)]
         parts += [partial(by_outcome, sets, draws), partial(by_nonsense, audits, draws)]
-        rows = [row for found in pool.imap(called, parts) for row in found]
+        rows = [row for found in pool.imap(call, parts) for row in found]
     print(table(rows))
     print(f"\n{line(provenance(draws))}")
     if options.json:
@@ -77,17 +76,12 @@ def main(arguments: list[str] | None = None) -> int:
 
 def markdown(result: Row) -> str:
     """The section of docs/results.md."""
-    return (
-        f"## Answers\n\nLabels, a pair, outcomes and wrong answers (benchmarks/answers.py).\n\n{table(result['rows'])}"
-    )
+    text = "Labels, a pair, outcomes and wrong answers (benchmarks/answers.py)."
+    return f"## Answers\n\n{text}\n\n{table(result['rows'])}"
 
 
 def table(rows: list[Row]) -> str:
     return "\n".join(["| what | figure |", "|---|---|", *(f"| {row['what']} | {row['figure']} |" for row in rows)])
-
-
-def called(part: Callable[[], list[Row]]) -> list[Row]:
-    return part()
 
 
 # ---- audits without answers ------------------------------------------------------------------------------------------
@@ -107,7 +101,7 @@ def simulated_jobs() -> Iterator[Job]:
         yield Job("random and shifted", "", partial(random_and_shifted, env, seed))
 
 
-def audited(job: Job) -> Audited:
+def audited(job: Job) -> Row:
     world = job.make()
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
@@ -132,14 +126,14 @@ def drawn(good: Array, count: int, rng: np.random.Generator) -> Array | None:
             return np.asarray(chosen)
 
 
-def labelled(audit: Audited, chosen: Array, signs: Array | None = None, settings: AnswerSettings = FAST) -> Answered:
+def labelled(audit: Row, chosen: Array, signs: Array | None = None, settings: AnswerSettings = FAST) -> Answered:
     """The audit with labels of the `chosen`, by default the truth."""
     labels = np.zeros(len(audit["good"]), dtype=int)
     labels[chosen] = 2 * audit["good"][chosen] - 1 if signs is None else signs
     return answer(audit["columns"], Answers.of_labels(labels), settings)
 
 
-def compared(audit: Audited) -> Answered | None:
+def compared(audit: Row) -> Answered | None:
     """The audit with its pair answered by the truth; None where the two are alike."""
     quality = audit["quality"][audit["pair"]] if len(audit["pair"]) == 2 else np.zeros(2)
     if quality[0] == quality[1]:
@@ -150,7 +144,7 @@ def compared(audit: Audited) -> Answered | None:
     return answer(audit["columns"], answers, FAST)
 
 
-def rest_of(audit: Audited, chosen: Array) -> Array:
+def rest_of(audit: Row, chosen: Array) -> Array:
     return np.setdiff1d(np.flatnonzero(audit["good"] >= 0), chosen)
 
 
@@ -163,11 +157,11 @@ def mean(values: Iterable[float]) -> str:
     return f"{found.mean():.3f} (standard error {found.std(ddof=1) / np.sqrt(len(found)):.3f}, {len(found)} sets)"
 
 
-def is_low(audit: Audited) -> bool:
+def is_low(audit: Row) -> bool:
     return auroc(audit["good"], audit["log_odds"]) < LOW
 
 
-def by_labels(sets: list[Audited], draws: int, count: int) -> list[Row]:
+def by_labels(sets: list[Row], draws: int, count: int) -> list[Row]:
     """Random labels."""
     values, low, wrong, given, total = [], [], 0, 0, 0
     for audit in sets:
@@ -192,7 +186,7 @@ def by_labels(sets: list[Audited], draws: int, count: int) -> list[Row]:
     ]
 
 
-def never_lower(sets: list[Audited], draws: int) -> list[Row]:
+def never_lower(sets: list[Row], draws: int) -> list[Row]:
     """Sets that eight labels make worse than none."""
     lower = []
     for audit in sets:
@@ -209,7 +203,7 @@ def never_lower(sets: list[Audited], draws: int) -> list[Row]:
     return [{"what": what, "figure": f"{len(lower)} of {len(sets)}" + (f": {', '.join(lower)}" if lower else "")}]
 
 
-def by_pair(audits: list[Audited]) -> list[Row]:
+def by_pair(audits: list[Row]) -> list[Row]:
     """The pair that is asked, answered by the truth."""
     rows = []
     for kind in dict.fromkeys(audit["kind"] for audit in audits):
@@ -230,7 +224,7 @@ def by_pair(audits: list[Audited]) -> list[Row]:
     return rows
 
 
-def by_one_wrong(sets: list[Audited], draws: int) -> list[Row]:
+def by_one_wrong(sets: list[Row], draws: int) -> list[Row]:
     """One wrong label of five."""
     lost, named, right, n_right, n = [], 0, 0, 0, 0
     for audit, draw in product(sets, range(draws)):
@@ -254,7 +248,7 @@ def by_one_wrong(sets: list[Audited], draws: int) -> list[Row]:
     ]
 
 
-def by_one_side(sets: list[Audited], draws: int, count: int) -> list[Row]:
+def by_one_side(sets: list[Row], draws: int, count: int) -> list[Row]:
     """Labels of good ones only."""
     lower, bad, n_good, words = [], 0, 0, np.zeros(3, dtype=int)
     for audit in sets:
@@ -279,7 +273,7 @@ def by_one_side(sets: list[Audited], draws: int, count: int) -> list[Row]:
     ]
 
 
-def suggested(audit: Audited, count: int) -> Array:
+def suggested(audit: Row, count: int) -> Array:
     """The labels that are asked for one after the other, each answered before the next."""
     unknown, chosen = np.flatnonzero(audit["good"] < 0).tolist(), []
     labels = np.zeros(len(audit["good"]), dtype=int)
@@ -289,7 +283,7 @@ def suggested(audit: Audited, count: int) -> Array:
     return np.array(chosen)
 
 
-def by_suggestion(sets: list[Audited], draws: int, count: int) -> list[Row]:
+def by_suggestion(sets: list[Row], draws: int, count: int) -> list[Row]:
     """Suggested labels against random ones."""
     gains = []
     for audit in sets:
@@ -307,7 +301,7 @@ def by_suggestion(sets: list[Audited], draws: int, count: int) -> list[Row]:
     return [{"what": f"{count} suggested labels over random ones: AUROC", "figure": mean(gains)}]
 
 
-def by_outcome(sets: list[Audited], draws: int) -> list[Row]:
+def by_outcome(sets: list[Row], draws: int) -> list[Row]:
     """The quality of a random half as outcome, against a logistic regression on all labels in five folds."""
     values, regression = [], []
     for audit in sets:
@@ -331,7 +325,7 @@ def by_outcome(sets: list[Audited], draws: int) -> list[Row]:
     ]
 
 
-def by_nonsense(audits: list[Audited], draws: int) -> list[Row]:
+def by_nonsense(audits: list[Row], draws: int) -> list[Row]:
     """Random answers about good demonstrations: one wrong answer alone, and eight labels that mean nothing."""
     alone, bad, n = 0, 0, 0
     for audit in audits:

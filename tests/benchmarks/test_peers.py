@@ -40,9 +40,10 @@ def test_random_demonstrations_are_last(name):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", sorted(set(RANKS) - {"mutual information"}))
+@pytest.mark.parametrize("name", sorted(set(RANKS) - {"mutual information", "likelihood"}))
 def test_flipped_demonstrations_are_last(name):
-    """Not by mutual information: a flipped action depends on the state as well as a right one does."""
+    """Not by mutual information: a flipped action depends on the state as well as a right one does. Nor by the
+    likelihood of everybody's policy, which learns from the flipped as well."""
     assert roc_auc_score(FLIPPED.is_good, scores(name, FLIPPED)) == 1.0
 
 
