@@ -30,22 +30,12 @@ lint: $(VENV)/.made
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 
-# docs/results.md from one commit: an hour on 2 cores; what is finished is not done again. DATA holds NPZ files.
+# docs/results.md from one commit (benchmarks/README.md has times); what is finished is not done again. DATA holds NPZ
+# files.
 DATA ?= ../shared/data
-FIGURES := build/figures
 
 results: $(VENV)/.made
-	mkdir -p $(FIGURES)
-	$(BIN)/python benchmarks/claims.py --data $(DATA) --json $(FIGURES)/claims.json
-	$(BIN)/python benchmarks/worlds.py --json $(FIGURES)/worlds.json
-	$(BIN)/python benchmarks/answers.py --data $(DATA) --json $(FIGURES)/answers.json
-	-$(BIN)/python benchmarks/trust.py --data $(DATA) --json $(FIGURES)/trust.json --processes 2
-	$(BIN)/python benchmarks/ablations.py --data $(DATA) --json $(FIGURES)/ablations.json --processes 2
-	test -e $(FIGURES)/paper.json || $(BIN)/python benchmarks/paper.py --json $(FIGURES)/paper.json
-	$(BIN)/python benchmarks/results.py --claims $(FIGURES)/claims.json --worlds $(FIGURES)/worlds.json \
-	    --answers $(FIGURES)/answers.json --trust $(FIGURES)/trust.json --ablations $(FIGURES)/ablations.json \
-	    --paper $(FIGURES)/paper.json > $(FIGURES)/results.md
-	mv $(FIGURES)/results.md docs/results.md
+	$(BIN)/python benchmarks/results.py --data $(DATA) --processes 2
 
 # The paper's Tables 1-6 and Figures 1-7: some minutes for each table.
 PAPER ?= build/paper

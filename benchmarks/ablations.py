@@ -1,234 +1,148 @@
-"""What each mechanism of the judge is worth: the judge without it, on every family of data.
+"""What each constant of the judge is worth: the words on recorded sets with another value, or without its rule.
 
-    python benchmarks/ablations.py --data DIR --json FILE --processes 2    # what is finished is not done again
+    python benchmarks/ablations.py --data ../shared/data --json ablations.json --processes 2
     python benchmarks/ablations.py --quick
 
-DIR holds NPZ files as for trust.py. Printed are, for every variant and family, the mean AUROC, wrong among
-the verdicts given, and the share of demonstrations with a verdict. At the end every family is left out once: which
-variant is the best on the other families (1 - AUROC plus the share of wrong verdicts), and what it reaches on the
-family that was left out.
+First without answers; then after eight random labels, for the constants of answers. A variant is written to the JSON
+when it is done, and not done again for the same commit.
 """
 
 from __future__ import annotations
 
 import argparse
-import contextlib
 import json
-import os
 import sys
-import warnings
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
+from multiprocessing import Pool
 from pathlib import Path
 from typing import Any
 
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before NumPy; worker processes inherit it
-
 import numpy as np
 
-from options import at_least, counted, output
-from provenance import provenance
+import answers
+import claims
+from claims import Job, Row
+from options import output, write_json
+from provenance import line, provenance
 from rpil import Settings
-from rpil.data.files import replacing
-from rpil.estimators.rpil import RPIL
-from rpil.inference import claims, groups, rivals, scores, trimming
-from rpil.inference.settings import GroupSettings, HeldOutSettings, JudgeSettings, TrimmingSettings
-from rpil.numerics.parallel import in_processes
-from scoring import auroc, plain_words
-from tables import table
-from trust_data import data_cells
-from trust_worlds import Cell, cells
+from rpil.inference import claims as inference
+from rpil.inference.scores import Scoring
+from rpil.inference.settings import AnswerSettings, JudgeSettings
+from worlds.simulated import of_paper
 
-Array = Any
-Row = dict[str, Any]
 DEFAULT = "the default"
-QUICK = ("simulated MountainCar-v0 noisy 50 % 1000", "simulated MountainCar-v0 flip 75 % 1000")
-DIFFERENCE = 0.03
-"""Of loss, below which two variants are alike."""
+DRAWS, LABELS = 5, 8
 
 
-def _normal(score: Array, variance: Array) -> float:
-    """One group as a normal distribution, without skew."""
-    total = max(float(score.var()), 1e-300)
-    spread = np.maximum(total - variance, 1e-3 * total) + variance
-    return float((-0.5 * np.log(2 * np.pi * spread) - 0.5 * (score - score.mean()) ** 2 / spread).sum())
+def judge(stage: str, **values: Any) -> Settings:
+    """The default with other values in one stage of the judge."""
+    every = JudgeSettings()
+    return Settings(judge=replace(every, **{stage: replace(getattr(every, stage), **values)}))
 
 
-def _first_fit(scoring: scores.Scoring, _: Array) -> trimming.TrimmedFit:
-    """The fit to the first share, whatever the upper group."""
-    everybody, settings = np.ones(scoring.data.n_demonstrations, dtype=bool), TrimmingSettings()
-    return trimming.fit_trimmed(
-        scoring.data, scoring.model, everybody, scoring.ridge, settings.share, settings.max_iter
-    )
-
-
-def _no_rival(*given: Any) -> rivals.Lower:
-    """The lower group, which counts as none with a policy of its own."""
-    return replace(rivals.look_below(*given), is_rival=False)
-
-
-def _trimming(**changed: Any) -> Settings:
-    return Settings(judge=JudgeSettings(trimming=TrimmingSettings(**changed)))
-
-
-def _groups(**changed: Any) -> Settings:
-    return Settings(judge=JudgeSettings(groups=GroupSettings(**changed)))
-
-
-def _held_out(**changed: Any) -> Settings:
-    return Settings(judge=JudgeSettings(held_out=HeldOutSettings(**changed)))
-
-
-def _folds(n: int) -> Settings:
-    return _held_out(max_folds_discrete=n, max_folds_continuous=n)
-
-
-@dataclass(frozen=True)
-class Variant:
-    """`RPIL` with other settings, or with a function replaced: module, name, function."""
-
-    settings: Settings = Settings()
-    function: tuple[Any, str, Any] | None = None
-
-
-VARIANTS: dict[str, Variant] = {
-    DEFAULT: Variant(),
-    "all demonstrations teach": Variant(_trimming(share=1.0)),
-    "30 % teach": Variant(_trimming(share=0.3)),
-    "80 % teach": Variant(_trimming(share=0.8)),
-    "the upper group does not teach again": Variant(function=(scores.Scoring, "fit_group", _first_fit)),
-    "one ridge, 1e-4": Variant(_held_out(ridges=(1e-4,))),
-    "raw features": Variant(Settings(judge_features="raw")),
-    "steps are independent": Variant(
-        function=(scores, "effective_steps", lambda covariances, lengths: lengths.astype(float))
-    ),
-    "error bars as they are (c = 1)": Variant(_groups(noise_shares=(1.0,))),
-    "one group is normal": Variant(function=(groups, "one_group", _normal)),
-    "no prior on the spread of a group": Variant(_groups(prior_spread=1e-6)),
-    "two groups may have one centre": Variant(_groups(min_distance=0.0)),
-    "no odd experts": Variant(_groups(tail=1e-12)),
-    "no rivals": Variant(function=(claims, "look_below", _no_rival)),
-    "one dealing of the folds": Variant(function=(scores.Scoring, "dealt_again", lambda *_: None)),
-    "ranks are worth nothing": Variant(_groups(rank_correlation=0.0)),
-    "ten folds": Variant(_folds(10)),
-    "five folds": Variant(_folds(5)),
+RULES: dict[str, Settings | tuple[Any, str, Callable[..., Any]]] = {
+    DEFAULT: Settings(),
+    "no rival groups (max_shared_gain 0)": judge("rivals", max_shared_gain=0.0),
+    "min_p_two .9": judge("claims", min_p_two=0.9),
+    "min_p_two .999": judge("claims", min_p_two=0.999),
+    "nobody by chance": (inference, "by_chance", lambda *_: None),
+    "one dealing of the folds": (Scoring, "dealt_again", lambda *_: None),
+    "no better half": (inference, "in_better_part", lambda scores, upper: upper),
+    "max_part_share 1": judge("claims", max_part_share=1.0),
+    "no order (max_runs_p 0)": judge("claims", max_runs_p=1e-300),
+    "no agreement (min_agreement -1)": judge("claims", min_agreement=-1.0),
+    "min_proba .95": judge("claims", min_proba=0.95),
+    "all teach (share 1)": judge("trimming", share=1.0),
+    "share .8": judge("trimming", share=0.8),
+    "share .3": judge("trimming", share=0.3),
+    "one ridge, 1e-4": judge("held_out", ridges=(1e-4,)),
+    "five folds": judge("held_out", max_folds_continuous=5),
+    "ten folds": judge("held_out", max_folds_discrete=10, max_folds_continuous=10),
+    "error bars as they are (noise_shares 1)": judge("groups", noise_shares=(1.0,)),
+    "no prior on the spread of a group": judge("groups", prior_spread=1e-6),
+    "two groups may have one centre": judge("groups", min_distance=0.0),
+    "no odd experts (tail 0)": judge("groups", tail=1e-12),
+    "ranks are worth nothing": judge("groups", rank_correlation=0.0),
+    "raw features": Settings(judge_features="raw"),
 }
-
-
-@contextlib.contextmanager
-def replaced(variant: Variant) -> Iterator[None]:
-    """The library with the function of a variant, for a while."""
-    if variant.function is None:
-        yield
-        return
-    module, name, function = variant.function
-    before = getattr(module, name)
-    setattr(module, name, function)
-    try:
-        yield
-    finally:
-        setattr(module, name, before)
-
-
-def measure(variant: str, cell: Cell) -> Row:
-    """AUROC and verdicts of a variant on one set."""
-    world = cell.make()
-    with replaced(VARIANTS[variant]), warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        audit = RPIL(settings=VARIANTS[variant].settings).fit(world.demonstrations).audit_
-    good, verdicts = np.asarray(world.is_good), np.array(plain_words(audit.verdicts))
-    wrong = int(((good == 1) & (verdicts == "unlike")).sum() + ((good == 0) & (verdicts == "typical")).sum())
-    known = good >= 0
-    both = len(np.unique(good[known])) == 2
-    return {
-        "family": world.family,
-        "auroc": auroc(audit.log_odds[good == 1], audit.log_odds[good == 0]) if both else None,
-        "wrong": wrong,
-        "given": int((verdicts[known] != "open").sum()),
-        "of": int(known.sum()),
-        "finding": audit.finding,
-    }
-
-
-def chosen_cells(data: Path | None, quick: bool) -> dict[str, Cell]:
-    """Every data set, and the first draw of the generated worlds with K actions."""
-    if quick:
-        everything = cells()
-        return {name: everything[name] for name in QUICK}
-    families = ("simulated", "styles", "nothing")
-    generated = {name: cell for name, cell in cells(families).items() if name.split()[-1] in ("0", "1000")}
-    generated = {name: cell for name, cell in generated.items() if "ontinuous" not in name and "Pendulum" not in name}
-    return (data_cells(data)[0] if data else {}) | generated
-
-
-def summary(rows: dict[str, Row]) -> Row:
-    """Means over the sets of one variant."""
-    aurocs = [row["auroc"] for row in rows.values() if row["auroc"] is not None]
-    wrong, given, of = (sum(row[name] for row in rows.values()) for name in ("wrong", "given", "of"))
-    shares = [row["wrong"] / max(row["given"], 1) for row in rows.values()]
-    auroc = float(np.mean(aurocs)) if aurocs else None
-    return {
-        "auroc": auroc,
-        "wrong": wrong,
-        "given": given,
-        "of": of,
-        "loss": (0.0 if auroc is None else 1 - auroc) + (float(np.mean(shares)) if shares else 0.0),
-    }
-
-
-def markdown(result: Row) -> str:
-    """Tables of all variants, and of what is chosen where a family is left out."""
-    results: dict[str, dict[str, Row]] = result["results"]
-    families = sorted({row["family"] for rows in results.values() for row in rows.values()})
-
-    def of(variant: str, keep: Callable[[str], bool]) -> Row:
-        return summary({name: row for name, row in results[variant].items() if keep(row["family"])})
-
-    head = ["variant", *families]
-    body = []
-    for variant in results:
-        found = [of(variant, lambda family, f=f: family == f) for f in families]
-        body.append([variant, *(_cell(row) for row in found)])
-    text = "## Ablations\n\nAUROC; wrong of the verdicts given; share with a verdict.\n\n" + table(head, body)
-    left_out = []
-    for family in families:
-        losses = {variant: of(variant, lambda f, family=family: f != family)["loss"] for variant in results}
-        best = min(losses, key=losses.__getitem__)
-        if losses[DEFAULT] - losses[best] < DIFFERENCE:
-            best = DEFAULT
-        here, default = (of(variant, lambda f, family=family: f == family) for variant in (best, DEFAULT))
-        left_out.append([family, best, f"{here['loss']:.3f}", f"{default['loss']:.3f}"])
-    text += "\n\nChosen on the other families (loss: 1 - AUROC + share of wrong verdicts; differences below "
-    text += f"{DIFFERENCE} are noise and the default stays).\n\n"
-    return text + table(["left out", "chosen", "its loss there", "loss of the default there"], left_out)
-
-
-def _cell(row: Row) -> str:
-    auroc = "-" if row["auroc"] is None else f"{row['auroc']:.3f}"
-    return f"{auroc}; {row['wrong']}/{row['given']}; {row['given'] / max(row['of'], 1):.2f}"
+ANSWERS: dict[str, AnswerSettings] = {
+    DEFAULT: AnswerSettings(),
+    "p_agreement .5": AnswerSettings(p_agreement=0.5),
+    "p_agreement .99": AnswerSettings(p_agreement=0.99),
+    "group_weight 0": AnswerSettings(group_weight=1e-9),
+    "group_weight 1": AnswerSettings(group_weight=1.0),
+    "sharpness 1": AnswerSettings(sharpness=1.0),
+    "sharpness 2.5": AnswerSettings(sharpness=2.5),
+    "no wrong answers (error_rates 1e-6)": AnswerSettings(error_rates=(1e-6,)),
+    "error_rates .1": AnswerSettings(error_rates=(0.1,)),
+}
 
 
 def main(arguments: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--data", type=Path, metavar="DIR", help="where NPZ files are; default: generated worlds alone")
-    parser.add_argument("--json", type=output, metavar="FILE", help="where every answer is kept")
-    parser.add_argument("--processes", type=at_least(1), default=1)
-    parser.add_argument("--quick", action="store_true", help="two small worlds")
+    parser.add_argument("--data", type=Path, metavar="DIR", default=Path(), help="folder of NPZ files; default: this")
+    parser.add_argument("--json", type=output, metavar="OUT", help="where finished variants are kept")
+    parser.add_argument("--processes", type=int, default=1)
+    parser.add_argument("--quick", action="store_true", help="one small world, few variants: checks the script")
     options = parser.parse_args(arguments)
-    found = chosen_cells(options.data, options.quick)
-    results: dict[str, dict[str, Row]] = {variant: {} for variant in VARIANTS}
-    if options.json and Path(options.json).exists():
-        results |= json.loads(Path(options.json).read_text())["results"]
-    jobs = [(v, cell) for v in VARIANTS for name, cell in found.items() if name not in results[v]]
-    names = [(v, name) for v in VARIANTS for name in found if name not in results[v]]
-    rows = counted(in_processes(measure, jobs, options.processes), len(jobs), "cells of the table")
-    for (variant, name), row in zip(names, rows, strict=True):
-        results[variant][name] = row
-        if options.json:
-            with replacing(options.json) as temporary:
-                Path(temporary).write_text(json.dumps({"provenance": provenance(0), "results": results}))
-    print(markdown({"results": results}))
+    jobs = [Job("quick", "", partial(of_paper, "LunarLander-v3", "random", 7))]
+    if not options.quick:
+        jobs = [job for job in claims.jobs(options.data, 0, 0) if job.kind == "recorded"]
+    found = {"provenance": provenance(f"0, {DRAWS} draws of labels"), "unfinished": True, "rules": {}}
+    if options.json and options.json.exists():
+        old: Row = json.loads(options.json.read_text(encoding="utf-8"))
+        found = old if all(old["provenance"][key] == found["provenance"][key] for key in ("commit", "dirty")) else found
+    with Pool(options.processes, maxtasksperchild=20) as pool:
+        for name in [name for name in RULES if name not in found["rules"]][: 3 if options.quick else None]:
+            found["rules"][name] = pool.map(partial(audited, name), jobs, chunksize=1)
+            if options.json:
+                write_json(options.json, found)
+        audits = pool.map(answers.audited, jobs, chunksize=1)
+    found |= {"answers": {name: labelled(audits, each) for name, each in ANSWERS.items()}, "unfinished": False}
+    if options.json:
+        write_json(options.json, found)
+    print(f"{markdown(found)}\n\n{line(found['provenance'])}")
     return 0
+
+
+def audited(name: str, job: Job) -> Row:
+    """A row of `claims` with one rule changed."""
+    rule = RULES[name]
+    if isinstance(rule, Settings):
+        return claims.audited(job, rule)
+    owner, what, function = rule
+    before = getattr(owner, what)
+    setattr(owner, what, function)
+    try:
+        return claims.audited(job)
+    finally:
+        setattr(owner, what, before)
+
+
+def labelled(audits: list[Row], settings: AnswerSettings) -> list[Row]:
+    """Words for the rest of each set after random labels."""
+    rows = []
+    for audit in audits:
+        for draw in range(DRAWS):
+            chosen = answers.drawn(audit["good"], LABELS, np.random.default_rng(draw))
+            if chosen is not None:
+                rest = answers.rest_of(audit, chosen)
+                words = answers.labelled(audit, chosen, settings=replace(settings, max_left_out=0)).words[rest]
+                rows.append({"good": audit["good"][rest].tolist(), "words": words.tolist()})
+    return rows
+
+
+def markdown(result: Row) -> str:
+    """The section of docs/results.md."""
+    text = "Words on recorded sets with one constant of `rpil.inference.settings` changed (benchmarks/ablations.py)."
+    rules = [row for name, rows in result["rules"].items() for row in claims.counted(name, rows)]
+    told = [row for name, rows in result["answers"].items() for row in claims.counted(name, rows)]
+    head = [claims.HEAD[0].replace("kind", "variant"), claims.HEAD[1]]
+    named = head[0].replace("unlike", "called bad").replace("typical", "called good").replace("sets |", "draws |", 1)
+    parts = ["## Ablations", "", text, "", *head, *rules, "", f"After {LABELS} random labels, the rest:", ""]
+    return "\n".join([*parts, named, head[1], *told])
 
 
 if __name__ == "__main__":

@@ -13,30 +13,28 @@ import argparse
 import json
 import sys
 import warnings
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from functools import partial
 from itertools import product
 from multiprocessing import Pool
+from operator import call
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from scipy.special import logit
 from sklearn.linear_model import LogisticRegression
 from sklearn.model_selection import cross_val_predict
 
-from claims import Array, Row, auroc, of_paper
-from npz_sets import read_set
+from claims import Job, Row, auroc
+from claims import jobs as claims_jobs
 from provenance import line, provenance
 from rpil import RPIL
-from rpil.data.demonstrations import Demonstrations
 from rpil.inference.answered import Answered, answer_about_different, most_telling
 from rpil.inference.answers import Answers
 from rpil.inference.settings import AnswerSettings
-from rpil.simulation.simulate import simulate
-from trust_data import data_cells
-from trust_worlds import cells
+from worlds import Array
+from worlds.simulated import ENVIRONMENTS, grid, of_grid, of_paper, random_and_shifted
 
 SETTINGS = AnswerSettings()
 FAST = replace(SETTINGS, max_left_out=0)
@@ -44,7 +42,6 @@ FAST = replace(SETTINGS, max_left_out=0)
 LOW = 0.4
 """AUROC without answers below which a set is reversed."""
 N_LEFT = 3
-Audited = dict[str, Any]
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -58,18 +55,18 @@ def main(arguments: list[str] | None = None) -> int:
     if not (options.data or options.quick):
         parser.error("say where the NPZ files are: --data DIR.")
     draws = 1 if options.quick else options.draws
-    jobs = [("quick", partial(with_quality, partial(of_paper, "MountainCar-v0", "random", seed))) for seed in range(2)]
+    jobs = [Job("quick", "", partial(of_paper, "MountainCar-v0", "random", seed)) for seed in range(2)]
     if not options.quick:
         jobs = list(recorded_jobs(options.data)) + list(simulated_jobs())
     with Pool(options.processes, maxtasksperchild=20) as pool:
-        audits = pool.starmap(audited, jobs)
+        audits = pool.map(audited, jobs)
         sets = [audit for audit in audits if audit["kind"] in ("recorded", "quick")]
         parts = [partial(by_labels, sets, draws, count) for count in (2, 4, 8, 16)]
         parts += [partial(never_lower, sets, draws), partial(by_pair, audits), partial(by_one_wrong, sets, draws)]
         parts += [partial(by_one_side, sets, draws, count) for count in (4, 8)]
         parts += [partial(by_suggestion, sets, draws, count) for count in (4, 8)]
         parts += [partial(by_outcome, sets, draws), partial(by_nonsense, audits, draws)]
-        rows = [row for found in pool.imap(called, parts) for row in found]
+        rows = [row for found in pool.imap(call, parts) for row in found]
     print(table(rows))
     print(f"\n{line(provenance(draws))}")
     if options.json:
@@ -79,77 +76,39 @@ def main(arguments: list[str] | None = None) -> int:
 
 def markdown(result: Row) -> str:
     """The section of docs/results.md."""
-    return (
-        f"## Answers\n\nLabels, a pair, outcomes and wrong answers (benchmarks/answers.py).\n\n{table(result['rows'])}"
-    )
+    text = "Labels, a pair, outcomes and wrong answers (benchmarks/answers.py)."
+    return f"## Answers\n\n{text}\n\n{table(result['rows'])}"
 
 
 def table(rows: list[Row]) -> str:
     return "\n".join(["| what | figure |", "|---|---|", *(f"| {row['what']} | {row['figure']} |" for row in rows)])
 
 
-def called(part: Callable[[], list[Row]]) -> list[Row]:
-    return part()
-
-
 # ---- audits without answers ------------------------------------------------------------------------------------------
 
 
-def recorded_jobs(folder: Path) -> Iterable[tuple[str, Callable[[], Any]]]:
+def recorded_jobs(folder: Path) -> Iterator[Job]:
     """The recorded sets and the good half of each."""
-    for name in data_cells(folder)[0]:
-        yield "recorded", partial(recorded, folder / f"{name}.npz")
-        yield "half", partial(half, folder / f"{name}.npz")
+    return (job for job in claims_jobs(folder, 0, 0) if job.kind in ("recorded", "half"))
 
 
-def simulated_jobs() -> Iterable[tuple[str, Callable[[], Any]]]:
+def simulated_jobs() -> Iterator[Job]:
     """Flipped and shifted actions, and half random and half shifted ones."""
-    for name, cell in cells(["simulated"]).items():
-        if cell.arguments[-1] == 1000 and (" flip " in name or " shift " in name):
-            yield "two policies", partial(with_quality, partial(world_of, cell))
-    for env, seed in product(("MountainCar-v0", "Acrobot-v1", "LunarLander-v3"), range(3)):
-        yield "random and shifted", partial(with_quality, partial(random_and_shifted, env, seed))
+    for env, kind, share in grid():
+        if kind in ("flip", "shift"):
+            yield Job("two policies", "", partial(of_grid, env, kind, share))
+    for env, seed in product(ENVIRONMENTS, range(3)):
+        yield Job("random and shifted", "", partial(random_and_shifted, env, seed))
 
 
-def recorded(path: Path) -> tuple[str, Demonstrations, Array, Array]:
-    demonstrations, truth = read_set(path)
-    return path.stem, demonstrations, np.where(truth.good, 1, np.where(truth.bad, 0, -1)), truth.quality
-
-
-def half(path: Path) -> tuple[str, Demonstrations, Array, Array]:
-    name, demonstrations, good, quality = recorded(path)
-    kept = np.flatnonzero(good == 1)
-    return name, demonstrations.select(kept), good[kept], quality[kept]
-
-
-def world_of(cell: Any) -> tuple[Demonstrations, Array]:
-    world = cell.make()
-    return world.demonstrations, world.is_good
-
-
-def random_and_shifted(env: str, seed: int) -> tuple[Demonstrations, Array]:
-    """Ten good demonstrations, ten with random and ten with shifted actions."""
-    random = simulate(env, "random", n_good=10, n_bad=10, seed=seed)
-    shifted = simulate(env, "shift", n_good=0, n_bad=10, seed=seed)
-    good = np.append(random.is_good, np.zeros(10, dtype=int)).astype(int)
-    order = np.random.default_rng(seed).permutation(len(good))
-    episodes = [*random.episodes, *shifted.episodes]
-    return Demonstrations.from_episodes([episodes[m] for m in order]), good[order]
-
-
-def with_quality(make: Callable[[], tuple[Demonstrations, Array]]) -> tuple[str, Demonstrations, Array, Array]:
-    demonstrations, good = make()
-    return "", demonstrations, good, good.astype(float)
-
-
-def audited(kind: str, make: Callable[[], tuple[str, Demonstrations, Array, Array]]) -> Audited:
-    name, demonstrations, good, quality = make()
+def audited(job: Job) -> Row:
+    world = job.make()
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        audit = RPIL().fit(demonstrations).audit_
+        audit = RPIL().fit(world.demonstrations).audit_
     pair = [audit.index(other) for other in audit.pair]
     of_all = {"columns": audit.columns, "log_odds": audit.log_odds, "pair": pair}
-    return {"kind": kind, "name": name, "good": good, "quality": quality} | of_all
+    return {"kind": job.kind, "name": job.name, "good": world.is_good, "quality": world.quality} | of_all
 
 
 # ---- answers ---------------------------------------------------------------------------------------------------------
@@ -167,14 +126,14 @@ def drawn(good: Array, count: int, rng: np.random.Generator) -> Array | None:
             return np.asarray(chosen)
 
 
-def labelled(audit: Audited, chosen: Array, signs: Array | None = None, settings: AnswerSettings = FAST) -> Answered:
+def labelled(audit: Row, chosen: Array, signs: Array | None = None, settings: AnswerSettings = FAST) -> Answered:
     """The audit with labels of the `chosen`, by default the truth."""
     labels = np.zeros(len(audit["good"]), dtype=int)
     labels[chosen] = 2 * audit["good"][chosen] - 1 if signs is None else signs
     return answer_about_different(audit["columns"], Answers.of_labels(labels), settings)
 
 
-def compared(audit: Audited) -> Answered | None:
+def compared(audit: Row) -> Answered | None:
     """The audit with its pair answered by the truth; None where the two are alike."""
     quality = audit["quality"][audit["pair"]] if len(audit["pair"]) == 2 else np.zeros(2)
     if quality[0] == quality[1]:
@@ -185,7 +144,7 @@ def compared(audit: Audited) -> Answered | None:
     return answer_about_different(audit["columns"], answers, FAST)
 
 
-def rest_of(audit: Audited, chosen: Array) -> Array:
+def rest_of(audit: Row, chosen: Array) -> Array:
     return np.setdiff1d(np.flatnonzero(audit["good"] >= 0), chosen)
 
 
@@ -198,11 +157,11 @@ def mean(values: Iterable[float]) -> str:
     return f"{found.mean():.3f} (standard error {found.std(ddof=1) / np.sqrt(len(found)):.3f}, {len(found)} sets)"
 
 
-def is_low(audit: Audited) -> bool:
+def is_low(audit: Row) -> bool:
     return auroc(audit["good"], audit["log_odds"]) < LOW
 
 
-def by_labels(sets: list[Audited], draws: int, count: int) -> list[Row]:
+def by_labels(sets: list[Row], draws: int, count: int) -> list[Row]:
     """Random labels."""
     values, low, wrong, given, total = [], [], 0, 0, 0
     for audit in sets:
@@ -227,7 +186,7 @@ def by_labels(sets: list[Audited], draws: int, count: int) -> list[Row]:
     ]
 
 
-def never_lower(sets: list[Audited], draws: int) -> list[Row]:
+def never_lower(sets: list[Row], draws: int) -> list[Row]:
     """Sets that eight labels make worse than none."""
     lower = []
     for audit in sets:
@@ -244,7 +203,7 @@ def never_lower(sets: list[Audited], draws: int) -> list[Row]:
     return [{"what": what, "figure": f"{len(lower)} of {len(sets)}" + (f": {', '.join(lower)}" if lower else "")}]
 
 
-def by_pair(audits: list[Audited]) -> list[Row]:
+def by_pair(audits: list[Row]) -> list[Row]:
     """The pair that is asked, answered by the truth."""
     rows = []
     for kind in dict.fromkeys(audit["kind"] for audit in audits):
@@ -265,7 +224,7 @@ def by_pair(audits: list[Audited]) -> list[Row]:
     return rows
 
 
-def by_one_wrong(sets: list[Audited], draws: int) -> list[Row]:
+def by_one_wrong(sets: list[Row], draws: int) -> list[Row]:
     """One wrong label of five."""
     lost, named, right, n_right, n = [], 0, 0, 0, 0
     for audit, draw in product(sets, range(draws)):
@@ -289,7 +248,7 @@ def by_one_wrong(sets: list[Audited], draws: int) -> list[Row]:
     ]
 
 
-def by_one_side(sets: list[Audited], draws: int, count: int) -> list[Row]:
+def by_one_side(sets: list[Row], draws: int, count: int) -> list[Row]:
     """Labels of good ones only."""
     lower, bad, n_good, words = [], 0, 0, np.zeros(3, dtype=int)
     for audit in sets:
@@ -314,7 +273,7 @@ def by_one_side(sets: list[Audited], draws: int, count: int) -> list[Row]:
     ]
 
 
-def suggested(audit: Audited, count: int) -> Array:
+def suggested(audit: Row, count: int) -> Array:
     """The labels that are asked for one after the other, each answered before the next."""
     unknown, chosen = np.flatnonzero(audit["good"] < 0).tolist(), []
     labels = np.zeros(len(audit["good"]), dtype=int)
@@ -324,7 +283,7 @@ def suggested(audit: Audited, count: int) -> Array:
     return np.array(chosen)
 
 
-def by_suggestion(sets: list[Audited], draws: int, count: int) -> list[Row]:
+def by_suggestion(sets: list[Row], draws: int, count: int) -> list[Row]:
     """Suggested labels against random ones."""
     gains = []
     for audit in sets:
@@ -342,7 +301,7 @@ def by_suggestion(sets: list[Audited], draws: int, count: int) -> list[Row]:
     return [{"what": f"{count} suggested labels over random ones: AUROC", "figure": mean(gains)}]
 
 
-def by_outcome(sets: list[Audited], draws: int) -> list[Row]:
+def by_outcome(sets: list[Row], draws: int) -> list[Row]:
     """The quality of a random half as outcome, against a logistic regression on all labels in five folds."""
     values, regression = [], []
     for audit in sets:
@@ -366,7 +325,7 @@ def by_outcome(sets: list[Audited], draws: int) -> list[Row]:
     ]
 
 
-def by_nonsense(audits: list[Audited], draws: int) -> list[Row]:
+def by_nonsense(audits: list[Row], draws: int) -> list[Row]:
     """Random answers about good demonstrations: one wrong answer alone, and eight labels that mean nothing."""
     alone, bad, n = 0, 0, 0
     for audit in audits:

@@ -1,9 +1,8 @@
 """How many planted recording faults the rules of `rpil check` find, and how many clean demonstrations they accuse.
 
 Each kind of fault is planted in three sizes into a tenth of the demonstrations of clean sets: the good demonstrations
-of simulations, and of recordings in a folder (--data DIR, NPZ files as `real.py` describes them). Thresholds were
-chosen on the sets called "chosen"; those called "seen" were looked at while the rules were written, and those called
-"unseen" only afterwards.
+of simulations, and of recordings in a folder (--data DIR). Thresholds were chosen on the sets called "chosen"; those
+called "seen" were looked at while the rules were written, and those called "unseen" only afterwards.
 
     python benchmarks/faults.py --data DIR --docs docs/faults.md
 """
@@ -22,7 +21,6 @@ from typing import Any
 import numpy as np
 
 from fault_kinds import KINDS, Clean, Planted, copies, plant
-from npz_sets import npz_files, read_set
 from provenance import line, provenance
 from rpil.audit.faults.check import find_faults
 from rpil.audit.faults.record import FaultReport
@@ -30,6 +28,7 @@ from rpil.data import formats
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.formats.dataset import open_dataset
 from rpil.simulation.simulate import simulate
+from worlds.recorded import npz_files, read
 
 SIMULATIONS = {
     "chosen": ("Pendulum-v1", "MountainCarContinuous-v0"),
@@ -58,8 +57,7 @@ def clean_sets(folder: Path | None, n_simulated: int, quick: bool) -> Iterator[t
             yield group, name, Clean(Demonstrations.from_episodes(made.episodes, source=name))
     for group, files in RECORDINGS.items() if folder is not None else ():
         for path in npz_files(folder, list(files)):
-            demonstrations, truth = read_set(path)
-            yield group, path.stem, Clean(demonstrations.select(np.flatnonzero(truth.good)))
+            yield group, path.stem, Clean(read(path).good_half().demonstrations)
 
 
 def score(report: FaultReport, planted: Planted, rule: str, alike: tuple[str, ...]) -> dict[str, int]:

@@ -5,15 +5,12 @@ from __future__ import annotations
 import argparse
 import json
 import os
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
-from rpil.cli.progress import ProgressTiming, show_count
 from rpil.data.errors import DataError
 from rpil.data.files import StrPath, check_writable, replacing
-
-T = TypeVar("T")
 
 
 def at_least(least: int, most: float = float("inf")) -> Callable[[str], int]:
@@ -39,15 +36,6 @@ def output(text: str) -> Path:
         return check_writable(text)
     except DataError as error:
         raise argparse.ArgumentTypeError(str(error).rstrip(".")) from None
-
-
-def counted(results: Iterable[T], n: int, what: str) -> Iterator[T]:
-    """`results`, with progress on stderr: how many of `n` are finished, and the time left."""
-    with show_count(what, False, ProgressTiming()) as progress:
-        progress(0, n)
-        for done, result in enumerate(results, 1):
-            progress(done, n)
-            yield result
 
 
 def write_json(path: Path, found: Any) -> None:

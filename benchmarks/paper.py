@@ -1,31 +1,25 @@
-"""The paper's Tables 1-6 and Figures 1-7, ours beside, with the peers on demand.
+"""The paper's Tables 1-6 and Figures 1-7, ours beside.
 
     python benchmarks/paper.py --json paper.json --output paper
-    python benchmarks/paper.py --quick --peers
+    python benchmarks/paper.py --quick
 
-Every policy learns from the same 10 good and 10 bad demonstrations and plays the same starts. The peers are those of
-peers.py that give a policy, with the features of our default; RM-ENT alone gets the number of good demonstrations.
+Every policy learns from the same 10 good and 10 bad demonstrations and plays the same starts.
 """
 
 from __future__ import annotations
 
 import argparse
 import sys
-from functools import partial
 from pathlib import Path
-from typing import Any
 
 from options import at_least, make_folder, output, write_json
 from rpil.cli.progress import ProgressTiming, show_count
-from rpil.data.demonstrations import Demonstrations
 from rpil.numerics.parallel import cores
-from study.experiments import ENVIRONMENTS, METHODS, N_GOOD, OUR_FEATURES, Experiment
+from study.experiments import ENVIRONMENTS, METHODS
 from study.figures import draw
 from study.tables import run
 
 QUICK = "3 draws, 20 rollouts: two minutes of one core that has nothing else to do"
-ALREADY = ("rpil", "trust all", "oracle", "paper's recipe")
-"""Methods of peers.py that the tables have without it."""
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -35,7 +29,6 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--seed", type=at_least(0), default=0, help="of the first draw")
     parser.add_argument("--env", choices=ENVIRONMENTS, action="append", help="may be repeated; default all")
     parser.add_argument("--quick", action="store_true", help=QUICK)
-    parser.add_argument("--peers", action="store_true", help="every method of peers.py that gives a policy, too")
     parser.add_argument("--processes", type=at_least(1), default=cores())
     parser.add_argument("--json", type=output, help="where to write all figures")
     parser.add_argument("--output", type=Path, help="folder for tables.md and the figures")
@@ -51,7 +44,7 @@ def main(arguments: list[str] | None = None) -> int:
             rollouts=20 if options.quick else options.rollouts,
             seed=options.seed,
             environments=options.env or ENVIRONMENTS,
-            methods=METHODS | (peers() if options.peers else {}),
+            methods=METHODS,
             processes=options.processes,
             progress=progress,
         )
@@ -62,21 +55,6 @@ def main(arguments: list[str] | None = None) -> int:
         found.write(options.output)
         draw(options.output, found.draws, seed=options.seed)
     return 0
-
-
-def peers() -> dict[str, Any]:
-    """The peers as methods of the tables."""
-    from peers import METHODS as known
-
-    return {name: partial(peer, name) for name in known if name not in ALREADY}
-
-
-def peer(name: str, demonstrations: Demonstrations, experiment: Experiment, seed: int) -> Any:
-    """The policy of a peer, None where it only ranks."""
-    from peers import METHODS as known
-    from peers import Task
-
-    return known[name](demonstrations, Task(features=OUR_FEATURES, seed=seed, n_trusted=N_GOOD)).policy
 
 
 if __name__ == "__main__":

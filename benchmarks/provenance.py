@@ -12,15 +12,18 @@ from typing import Any
 from rpil.numerics.parallel import cores
 
 PACKAGES = ("rpil", "numpy", "scipy", "scikit-learn", "gymnasium", "box2d", "cleanlab", "dask", "pyarrow")
+PAGE = "docs/results.md"
+"""What figures are written to, so that it is no source of them."""
+
 _ROOT = Path(__file__).parents[1]
 
 
 def provenance(seeds: Any) -> dict[str, Any]:
-    """Commit (None outside its checkout), whether tracked files differ from it, date, seeds as they are given, and
-    machine; neither a host name nor a path is among them."""
+    """Commit (None outside its checkout), whether tracked files but `PAGE` differ from it, date, seeds as they are
+    given, and machine; neither a host name nor a path is among them."""
     return {
         "commit": _git("rev-parse", "--short=12", "HEAD"),
-        "dirty": bool(_git("status", "--porcelain", "--untracked-files=no")),
+        "dirty": bool(_git("status", "--porcelain", "--untracked-files=no", "--", ".", f":(exclude){PAGE}")),
         "date": datetime.now(UTC).strftime("%Y-%m-%d"),
         "seeds": seeds,
         "python": platform.python_version(),

@@ -5,7 +5,7 @@
     python benchmarks/speed.py --rows K,L,M,N --data ../shared/data
     python benchmarks/speed.py --quick                   # small sizes: checks the harness, not the time
 
-Every row is one function of `speed_fits`, `speed_systems`, `speed_real` or `speed_folder`, which says what it measures.
+Every row is one function of `speed_fits`, `speed_systems` or `speed_audits`, which says what it measures.
 Rows A to D, F and I have one core and one thread, also for scikit-learn; E, G and H have all cores. The seconds are
 medians over runs that take turns; those of rows K to O are CPU seconds.
 """
@@ -27,12 +27,11 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 os.environ.setdefault("MKL_NUM_THREADS", "1")
 
+import speed_audits
 import speed_fits
-import speed_folder
-import speed_real
 import speed_systems
 from provenance import provenance
-from speed_timing import Measured, Skipped, peak_gib, threads
+from speed_common import Measured, Skipped, peak_gib, threads
 
 MOST_GIB = 16.0
 MOST_CROSS_FITS = 12.0
@@ -54,7 +53,7 @@ def recorded(letter: str, what: str, file: str, seconds: float) -> Row:
     """A row on recorded data, of which there is one size; `ROWS` get the folder as `DATA`."""
 
     def measure(_: dict[str, int], repeats: int) -> Measured | Skipped:
-        return speed_real.default_fit(letter, None if DATA.folder is None else DATA.folder / file, repeats)
+        return speed_audits.default_fit(letter, None if DATA.folder is None else DATA.folder / file, repeats)
 
     return Row(what, measure, {}, {}, {letter: seconds, f"{letter}_ratio": MOST_CROSS_FITS if letter != "N" else None})
 
@@ -77,13 +76,6 @@ ROWS = {
         {"demonstrations": 200},
         {"demonstrations": 4},
         {"B": 0.3, "B_newton_cg": 1.0},
-    ),
-    "C": Row(
-        "a cell of the paper, over the paper's recipe",
-        speed_fits.recipe,
-        {"demonstrations": 20, "iterations": 101},
-        {"demonstrations": 4, "iterations": 1},
-        {"C": 1 / 30},
     ),
     "D": Row("a pass over two matrix products", speed_fits.one_pass, _LARGE, _SMALL, {"D": 2.0}),
     "E": Row(
@@ -128,14 +120,14 @@ ROWS = {
     "N": recorded("N", "RPIL() on Overcooked, coordination ring", "overcooked_coordination_ring.npz", 3.0),
     "O": Row(
         "RPIL() on 253 columns: CPU s",
-        speed_real.wide_fit,
+        speed_audits.wide_fit,
         {"steps": 2_236, "features": 253, "actions": 7, "demonstrations": 20},
         {"steps": 400, "features": 10, "actions": 2, "demonstrations": 8},
         {"O": 5.0},
     ),
     "P": Row(
         "rpil audit of a LeRobot folder: s",
-        speed_folder.audit_of_folder,
+        speed_audits.audit_of_folder,
         {"episodes": 2_000, "steps": 500, "joints": 14},
         {"episodes": 12, "steps": 60, "joints": 3},
         {"P": 60.0, "P_cpu": None, "P_time_left": None},

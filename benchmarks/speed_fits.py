@@ -1,4 +1,4 @@
-"""Rows A, B, C, D, F and I: fits in memory, scikit-learn beside."""
+"""Rows A, B, D, F and I: fits in memory, scikit-learn beside."""
 
 from __future__ import annotations
 
@@ -19,8 +19,7 @@ from rpil.data.demonstrations import Demonstrations
 from rpil.estimators.rpil import RPIL
 from rpil.numerics import blocks as passes
 from rpil.policies.features import FeatureMap, FeatureSettings, ridge_of
-from speed_data import Planted, lander, softmax_expert
-from speed_timing import Measured, in_turns, one_core
+from speed_common import Measured, Planted, in_turns, lander, one_core, softmax_expert
 
 Array = NDArray[Any]
 _ROWS = 1 << 16
@@ -164,42 +163,6 @@ def gradient_norm(design: Array, codes: Array, weight: Array, ridge: Array, weig
         residual[np.arange(len(x)), codes[rows]] -= 1.0
         total = total + x.T @ (weight[rows, None] * residual)
     return float(np.abs(total).max() / weight.sum())
-
-
-def recipe(size: dict[str, int], repeats: int) -> Measured:
-    """C: a fit to one cell of the paper over the paper's recipe with scikit-learn in its M-step."""
-    data = lander(size["demonstrations"] // 2, size["demonstrations"] // 2)
-    features = FeatureMap.fit("spline", data.demonstrations.observations, settings=FeatureSettings())
-    design = features.design(data.demonstrations.observations)[:, :-1]
-    with one_core():
-        seconds, found = in_turns(
-            repeats,
-            ours=lambda: _given("spline").fit(data.demonstrations),
-            default=lambda: RPIL(features="spline").fit(data.demonstrations),
-            recipe=lambda: _recipe(design, data.demonstrations, size["iterations"]),
-        )
-    log_odds = {"ours": found["ours"].log_odds_, "recipe": found["recipe"]}
-    right = {name: float(roc_auc_score(data.is_good, odds)) for name, odds in log_odds.items()}
-    details = {"seconds": seconds, "auroc": right, "shape": list(design.shape)}
-    details["default_over_recipe"] = seconds["default"] / seconds["recipe"]
-    return Measured({"C": seconds["ours"] / seconds["recipe"]}, details)
-
-
-def _recipe(design: Array, demonstrations: Demonstrations, iterations: int) -> Array:
-    """Log-odds (M,) after EM as the paper has it: warm-started regressions weighted by P(expert), eq. 3, 9 and 11."""
-    model = LogisticRegression(C=1e6, solver="lbfgs", warm_start=True, max_iter=1000)
-    codes = demonstrations.actions
-    starts = demonstrations.offsets[:-1]
-    weight = np.ones(len(codes))
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", ConvergenceWarning)
-        for _ in range(iterations):
-            model.fit(design, codes, sample_weight=weight)
-            taken = np.take_along_axis(model.predict_proba(design), codes[:, None], axis=1)[:, 0].clip(1e-12, 1 - 1e-12)
-            log_odds = np.add.reduceat(np.log(taken) - np.log1p(-taken), starts)
-            expert = 1 / (1 + np.exp(-log_odds.clip(-500, 500)))
-            weight = np.repeat(expert, demonstrations.lengths).clip(1e-12)
-    return log_odds
 
 
 def one_pass(size: dict[str, int], repeats: int) -> Measured:

@@ -17,7 +17,6 @@ from typing import Any
 import numpy as np
 
 import rpil
-from grid import ENVIRONMENTS
 from rpil import Settings
 from rpil.data.demonstrations import Demonstrations
 from rpil.estimators.cloning import BehavioralCloning
@@ -30,8 +29,8 @@ from rpil.scale.protocol import Engine
 from rpil.simulation.environments import make
 from rpil.simulation.rollouts import record, rollout
 from rpil.simulation.simulate import simulate
-from speed_data import softmax_expert
-from speed_timing import Measured, Skipped, in_turns, peak_gib
+from speed_common import Measured, Skipped, in_turns, peak_gib, softmax_expert
+from worlds.simulated import ENVIRONMENTS
 
 PROCESSES = 2
 _SHARD_STEPS = 1_000_000

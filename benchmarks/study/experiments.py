@@ -6,11 +6,11 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-from grid import N_GOOD
 from rpil.data.demonstrations import Demonstrations
 from rpil.estimators.cloning import BehavioralCloning
 from rpil.estimators.rpil import RPIL
 from study.recipe import NO_PENALTY, PaperRecipe
+from worlds.simulated import N_GOOD
 
 OUR_FEATURES = "auto"
 N_BAD = N_GOOD

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from claims import PAPER, Job, audited, changed, good_by_proba, of_paper
+from claims import Job, audited, good_by_proba, people, point_masses, report
 from rpil.audit.words import WORDS
+from worlds.recorded import CHANGES, changed
+from worlds.simulated import PAPER, of_paper
 
 RESULTS = Path(__file__).parents[2] / "docs" / "results.md"
 
@@ -49,15 +50,14 @@ def test_the_draws_that_are_known_to_fail_get_no_worse(kind, seed, most_typical,
     assert unlike <= most_unlike  # good ones called unlike
 
 
-def row(proba, good, kind="recorded"):
-    return {"kind": kind, "proba": proba, "good": good}
+def row(proba, good):
+    return {"kind": "recorded", "proba": proba, "good": good}
 
 
 def test_good_ones_are_counted_by_p():
     rows = [
         row([0.995, 0.95, 0.9, 0.1, 0.0], [1, 1, 0, 0, 1]),
         row([1.0, 0.5, 0.05, 0.99], [0, -1, 0, 1]),
-        row([1.0] * 9, [0] * 9, kind="half"),
     ]
     lines = good_by_proba(rows)
     assert "| 0 to 0.01 | 1 | 1 | 100% | 1 |" in lines
@@ -70,7 +70,57 @@ def test_good_ones_are_counted_by_p():
         "In 2 recorded sets 60% of the demonstrations with P(typical) of .9 or more were good, 33% of those with .1 or "
         "less, and 50% of all."
     )
-    assert good_by_proba(rows[2:]) == []
+    assert good_by_proba([]) == []
+
+
+def told(kind, name, good, words, log_odds=None):
+    odds = words if log_odds is None else log_odds
+    found = {"kind": kind, "name": name, "good": good, "words": words, "log_odds": odds, "proba": [0.5] * len(good)}
+    return found | {"finding": "some are unlike", "doubts": [], "pair": [1, 0], "ids": list(range(len(words)))}
+
+
+def test_words_are_counted_by_kind():
+    of_changes = {change: [1, 0, -1, 0] for change in CHANGES} | {"seed 1": [1, 1, 1, -1], "all twice": [0] * 8}
+    rows = [
+        told("recorded", "right", [1, 1, 0, -1], [1, 0, -1, 0]),
+        told("recorded", "reversed", [1, 1, 0, 0], [-1, 0, 1, 1]),
+        *(
+            told("changes", f"right: {name}", [1, 1, 0, 0] * (len(words) // 4), words)
+            for name, words in of_changes.items()
+        ),
+    ]
+    lines = report(rows)
+    assert "| as it is | 2 | 0 | 0 |" in lines
+    assert "| seed 1 | 2 | 1 | 0 |" in lines
+    assert "| all twice | 2 | 0 | 2 |" in lines
+    assert "| recorded, AUROC >= .6 | 1 | 1, 0 of 2 good | 1, 0 | 0 | 0.67 (standard error nan) |" in lines
+    assert "| recorded, AUROC < .6 | 1 | 0, 1 of 2 good | 0, 2 | 1 | 0.75 (standard error nan) |" in lines
+    assert "The pair asked holds one good and one bad in 2 of 2 recorded sets; one of middling quality in 0." in lines
+    assert "- recorded reversed: AUROC 0.00, some are unlike, 3 words, 3 wrong." in lines
+    assert not any("- changes" in text for text in lines)
+
+
+def test_named_demonstrators_are_compared_with_unnamed_ones():
+    def rows_of(name, unknown, known):
+        good = [1, 1, 0, 0]
+        return [
+            told("people", f"{name}, 10 steps, {what}", good, [0] * 4, log_odds)
+            for what, log_odds in (("unknown", unknown), ("known", known))
+        ]
+
+    rows = rows_of("one", [4, 1, 2, 0], [4, 3, 2, 1]) + rows_of("two", [4, 3, 2, 1], [4, 3, 2, 1])
+    assert people(rows)[-1] == "| 10 steps | 2 | 0.875 | 1.000 | +0.125 (standard error 0.125) |"
+    assert people([]) == []
+
+
+def test_a_row_for_each_kind_of_operator():
+    rows = [told("point mass", "stuck, discrete, 1 of 3, 0", [1, 1, 0], [1, 0, -1])]
+    rows.append(told("point mass", "calm, discrete, 1 of 3, 0", [1, 1, 1], [0, -1, 0]))
+    lines = point_masses(rows)
+    assert "| stuck | 1 | 1, 0 of 2 good | 1, 0 | 0 | 0.67 (standard error nan) |" in lines
+    assert "| nobody bad | 1 | 0, 1 of 3 good | 0, 0 | 1 | 0.33 (standard error nan) |" in lines
+    said = [text for text in report(rows) if text.startswith("- ")]
+    assert said == ["- point mass calm, discrete, 1 of 3, 0: AUROC nan, some are unlike, 1 words, 1 wrong."]
 
 
 def test_what_an_audit_says_of_p_is_in_the_results():
@@ -80,12 +130,10 @@ def test_what_an_audit_says_of_p_is_in_the_results():
     assert sentence in RESULTS.read_text(encoding="utf-8")
 
 
-def test_copies_of_the_shortest_are_as_good_as_it_is():
-    lengths, good = [5, 2, 4], np.array([1, 0, 1])
-    ids = np.repeat(np.arange(3), lengths)
-    world = SimpleNamespace(
-        observations=np.random.default_rng(0).normal(size=(11, 2)), actions=np.zeros(11), episode_ids=ids, is_good=good
-    )
-    made, truth = changed(SimpleNamespace(make=lambda: world), "one copied ten times")
-    assert truth.tolist() == [1, 0, 1] + [0] * 10
-    assert made.lengths[3:].tolist() == [2] * 10
+def test_copies_of_the_shortest_are_as_good_as_it_is(tmp_path):
+    ids = np.repeat(np.arange(3), [5, 2, 4])
+    steps = {"observations": np.random.default_rng(0).normal(size=(11, 2)), "actions": np.zeros(11), "episode_ids": ids}
+    np.savez(tmp_path / "made.npz", **steps, is_good=np.array([1, 0, 1]))
+    made = changed(tmp_path / "made.npz", "one copied ten times")
+    assert made.is_good.tolist() == [1, 0, 1] + [0] * 10
+    assert made.demonstrations.lengths[3:].tolist() == [2] * 10

@@ -1,15 +1,16 @@
-"""docs/results.md tells losses as they are, says where figures come from, and leaves out what was not measured."""
+"""docs/results.md: what runs, what is not run again, losses as they are, and where figures come from."""
 
 from __future__ import annotations
 
-import copy
 import json
-import re
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
+
+import results
 
 BENCHMARKS = Path(__file__).parents[2] / "benchmarks"
 ORIGIN = {
@@ -24,89 +25,120 @@ ORIGIN = {
 }
 
 
-def row(method: str, name: str, auroc: float | None, **more: object) -> dict:
-    interval = None if auroc is None else [auroc - 0.1, auroc + 0.1]
-    found = {"method": method, "set": name, "auroc": auroc, "auroc_ci95": interval, "auroc_se": 0.05}
-    return found | {"spearman": auroc, "said": None, "verdicts": None} | more
+# ---- what is run -----------------------------------------------------------------------------------------------------
 
 
-def real_result(ours: float = 0.81, peer: float = 0.92) -> dict:
-    size = {
-        "demonstrations": 32,
-        "steps": 10852,
-        "observations": 94,
-        "actions": 5,
-        "discrete": True,
-        "good": 11,
-        "bad": 11,
-    }
-    verdicts = {
-        "good": {"typical": 7, "open": 4, "unlike": 0},
-        "bad": {"typical": 1, "open": 2, "unlike": 8},
-    }
-    message = "the actions are continuous, which it is not made for; give discrete ones."
-    ranking = [row("rpil", "cramped_room", ours, verdicts=verdicts), row("length", "cramped_room", peer)]
-    ranking += [row("rpil", "hopper", 0.93), row("length", "hopper", 0.95)]
-    ranking += [row("ILEED", "cramped_room", 0.5), row("ILEED", "hopper", None, said=message)]
-    ahead = {"ours_ahead": ours - peer, "ours_ahead_ci95": [ours - peer - 0.1, ours - peer + 0.1]}
-    means = {
-        "rpil": {"mean": ours, "se": 0.03, "ours_ahead": None, "ours_ahead_ci95": None},
-        "length": {"mean": peer, "se": 0.04, **ahead},
-    }
+@pytest.fixture
+def made(monkeypatch, tmp_path):
+    """The script with stand-ins for two scripts; which of them ran; what git says, and where everything is."""
+    state = SimpleNamespace(ran=[], commit="0123456789ab", dirty=False, fails=None, page=tmp_path / "page.md")
+    state.folder = tmp_path / "figures"
 
-    def held(trained_on: str, mean: float, gain: float | None) -> dict:
-        ends = None if gain is None else [gain - 0.01, gain + 0.01]
-        found = {"set": "cramped_room", "trained_on": trained_on, "measure": "accuracy", "said": None}
-        return found | {"mean": mean, "ci95": [mean - 0.02, mean + 0.02], "gain": gain, "gain_ci95": ends}
+    def now(seeds):
+        return ORIGIN | {"commit": state.commit, "dirty": state.dirty}
 
-    import real
-    import real_goals
+    def run(command, **_):
+        path = Path(command[command.index("--json") + 1])
+        state.ran.append((path.stem, command[-4:]))
+        if path.stem == state.fails:
+            return SimpleNamespace(returncode=3)
+        path.write_text(json.dumps({"provenance": now(0), "figure": len(state.ran)}))
+        return SimpleNamespace(returncode=0)
 
-    return {
-        "provenance": ORIGIN,
-        "features": "raw",
-        "sets": {"cramped_room": size, "hopper": size | {"discrete": False, "actions": 3}},
-        "ranking": ranking,
-        "mean_auroc": means,
-        "goal": real.goal(means),
-        "continuous_goals": [
-            real_goals.aim("hopper", "AUROC", 0.93, 0.95),
-            real_goals.aim("hopper", "R²", 0.66, 0.64),
-            real_goals.aim("other", "R²", None, None),
-        ],
-        "held_out": [held("all", 0.77, None), held("kept", 0.75, -0.02), held("good", 0.78, 0.01)],
-    }
+    def section(name):
+        return lambda found: f"## {name}\n\nfigure {found['figure']}"
+
+    monkeypatch.setattr(results, "provenance", now)
+    monkeypatch.setattr(results.subprocess, "run", run)
+    monkeypatch.setattr(results, "SECTIONS", {name: section(name) for name in ("claims", "paper")})
+    state.options = ["--data", "sets", "--folder", str(state.folder), "--page", str(state.page)]
+    return state
 
 
-def test_page_names_a_loss_on_real_data():
-    from results import results
+def test_finished_figures_of_the_same_commit_are_not_made_again(made, capsys):
+    assert results.main(made.options) == 0
+    assert made.ran == [
+        ("claims", ["--data", "sets", "--processes", "1"]),
+        ("paper", ["--json", str(made.folder / "paper.json"), "--processes", "1"]),
+    ]
+    assert "+figure 1" in capsys.readouterr().out.splitlines()
+    page = made.page.read_text()
+    assert page.index("## claims") < page.index("## paper")
+    assert page.count("*commit 0123456789ab,") == 2
+    assert results.main(made.options) == 0
+    assert len(made.ran) == 2
+    assert capsys.readouterr().out == "Nothing changed.\n"
+    made.commit = "ba9876543210"
+    results.main(made.options)
+    assert len(made.ran) == 4
+    out = capsys.readouterr().out.splitlines()
+    assert "-figure 1" in out
+    assert "+figure 3" in out
+    assert "## claims" not in out
 
-    page = results({"real": real_result()})
-    assert "missed, ours 0.810, best peer 0.920 (length)" in page
-    assert "Not the best on cramped room: ours 0.81 (0.71 to 0.91), length 0.92." in page
-    assert "not surely above zero: length (-0.110, -0.210 to -0.010)" in page
-    assert "No better for keeping on cramped room: -0.020 (-0.030 to -0.010) against training on all." in page
-    assert "| rpil | 0.81 (0.71 to 0.91) | 0.93 (0.83 to 1.03) | 0.81 ± 0.03 |" in page
-    assert "| length | **0.92 (0.82 to 1.02)** | **0.95 (0.85 to 1.05)** | **0.92 ± 0.04** |" in page
-    assert "No figure for ILEED on hopper: the actions are continuous" in page
-    assert 'Goal "AUROC on hopper >= 0.950": missed, ours 0.930.' in page
-    assert (
-        'Goal "R² on hopper >= 0.640, which is what training on the truly good gives, less .03": reached, ours 0.660.'
-        in page
-    )
-    assert "Goal for R² on other: not measured." in page
-    assert "of 11 bad 1 typical, 2 open and 8 unlike" in page
-    assert "| cramped room | **0.770 (0.750 to 0.790)** | 0.750" in page
+
+def test_a_run_that_was_broken_off_goes_on(made, capsys):
+    made.fails = "paper"
+    with pytest.raises(SystemExit):
+        results.main(made.options)
+    assert "paper.py ended with code 3" in capsys.readouterr().err
+    assert not made.page.exists()
+    made.fails = None
+    results.main(made.options)
+    assert [name for name, _ in made.ran] == ["claims", "paper", "paper"]
 
 
-def test_page_names_a_win_on_real_data():
-    from results import results
+@pytest.mark.parametrize("left", [{"unfinished": True}, {"provenance": ORIGIN | {"dirty": True}}, {"provenance": {}}])
+def test_unfinished_figures_and_those_of_changed_files_are_made_again(made, left):
+    made.folder.mkdir()
+    (made.folder / "claims.json").write_text(json.dumps({"provenance": ORIGIN, "figure": 9} | left))
+    results.main([*made.options, "--only", "claims"])
+    assert [name for name, _ in made.ran] == ["claims"]
 
-    page = results({"real": real_result(ours=0.97, peer=0.80)})
-    assert "reached, ours 0.970, best peer 0.800 (length)" in page
-    assert "Not the best on cramped room" not in page
-    assert "not surely" not in page
-    assert "| rpil | **0.97 (0.87 to 1.07)** | 0.93 (0.83 to 1.03) | **0.97 ± 0.03** |" in page
+
+def test_changed_files_are_refused(made, capsys):
+    made.dirty = True
+    with pytest.raises(SystemExit):
+        results.main(made.options)
+    assert "Tracked files differ from the commit" in capsys.readouterr().err
+    assert results.main([*made.options, "--quick"]) == 0
+    assert made.ran[0][1][-3:] == ["--quick", "--processes", "1"]
+
+
+def test_figures_of_two_commits_make_no_page(made, capsys, monkeypatch):
+    run = results.subprocess.run
+
+    def committed_meanwhile(command, **other):
+        found = run(command, **other)
+        made.commit = "ba9876543210"
+        return found
+
+    monkeypatch.setattr(results.subprocess, "run", committed_meanwhile)
+    with pytest.raises(SystemExit):
+        results.main(made.options)
+    assert "all figures are of one commit" in capsys.readouterr().err
+    assert not made.page.exists()
+
+
+def test_broken_figures_give_a_message(made, capsys):
+    made.folder.mkdir()
+    (made.folder / "claims.json").write_text("{")
+    with pytest.raises(SystemExit):
+        results.main(made.options)
+    assert "claims.json: no figures (JSONDecodeError); remove it and run again." in capsys.readouterr().err
+
+
+def test_driven_policies_have_a_section_where_there_are_cells():
+    cell = {"seed": 0, "n": 20, "share": 0.1, "task": "MountainCar-v0", "learner": "linear", "episodes": 5, "steps": 5}
+    cell |= {"kept": 1.0, "weight_on_good": 0.9}
+    cells = [cell | {"rule": rule, "success": success} for rule, success in (("all", 0.5), ("keep", 0.75))]
+    page = results.page({}, cells)
+    assert "## Policies" in page
+    assert "2 cells" in page
+    assert "| keep | 75.0 |" in page
+
+
+# ---- the paper -------------------------------------------------------------------------------------------------------
 
 
 def policy(mean: float, **more: object) -> dict:
@@ -134,9 +166,7 @@ def paper_result() -> dict:
 
 
 def test_page_names_a_loss_in_the_paper():
-    from results import results
-
-    page = results({"paper": paper_result()})
+    page = results.page({"paper": paper_result()}, [])
     assert (
         "Table 3, LunarLander-v3 corrupted: above ours (190.0 ± 2.0): ILEED 191.5 ± 2.0, oracle 191.0 ± 2.0 and the "
         "paper's print of paper's recipe 195.06." in page
@@ -150,125 +180,13 @@ def test_page_names_a_loss_in_the_paper():
 
 
 def test_no_method_above_gives_one_line():
-    from results import behind_in_paper
-
     found = paper_result()["tables"]
     found[0]["policies"]["rpil"]["mean"] = 196.0
-    assert len(behind_in_paper(found)) == 1
-    assert "above ours (" not in behind_in_paper(found)[0]
+    assert len(results.behind_in_paper(found)) == 1
+    assert "above ours (" not in results.behind_in_paper(found)[0]
 
 
-def cell(kind: str, share: int, mean: float, auroc: float, wrong: float, missed: list[str], ambiguous: int = 0) -> dict:
-    found = {"env": "Acrobot-v1", "kind": kind, "share": share, "unknowable": kind == "shift", "missed": missed}
-    found |= {"return": {"mean": mean}, "auroc": {"mean": auroc}, "wrong": {"mean": wrong}}
-    return found | {"ambiguous": ambiguous, "unlabelled_draws": 10}
-
-
-def grid_result() -> dict:
-    cells = [
-        cell("noisy", 50, 1.0, 1.0, 0.0, []),
-        cell("noisy", 90, 0.912, 0.97, 0.045, ["return", "AUROC", "verdicts"]),
-        cell("shift", 50, 0.99, 1.0, 0.0, ["ambiguous"], ambiguous=9),
-    ]
-    methods = [
-        {"method": name, "auroc": {"mean": auroc, "worst": auroc - 0.1}, "normalised": {"mean": auroc, "worst": worst}}
-        for name, auroc, worst in (("rpil", 0.98, 0.7), ("oracle", 1.0, 1.0), ("RM-ENT", 0.95, 0.8))
-    ]
-    configuration = {"features": "spline", "n_good": 10, "rollouts": 100, "code": "0"}
-    found = {"reached": False, "missing": 2, "cells": cells, "methods": [*methods, copy.deepcopy(methods[2])]}
-    found["methods"][3] |= {"method": "length", "normalised": None}
-    return found | {"configuration": configuration, "draws": 10, "first_seed": 1000}
-
-
-def test_page_names_the_missed_cells_of_the_grid():
-    from results import results
-
-    page = results({"robustness": grid_result()})
-    assert "Goal for normalised return: missed in 1 of 3 cells: Acrobot-v1 noisy 90 % (0.912)." in page
-    assert "Goal for wrong verdicts: missed in 1 of 3 cells: Acrobot-v1 noisy 90 % (4.5%)." in page
-    assert "Goal for “ambiguous” in every draw: missed in 1 of 1 cells: Acrobot-v1 shift 50 % (9 of 10 draws)." in page
-    assert "2 pieces of work failed or are not done." in page
-    assert "| Acrobot-v1 | 50 % | 1.00 / 1.000 / 0.0% | 0.99 / 1.000 / 0.0%*† |" in page
-    assert "| Acrobot-v1 | 90 % | 0.91 / 0.970 / 4.5%† |  |" in page
-    assert "Not the best in normalised return, worst: ours 0.700, RM-ENT 0.800." in page
-    assert "Not the best in AUROC" not in page  # the oracle does not count
-    assert "was not recorded" in page
-
-
-def test_page_names_the_missed_goals_of_acceptance():
-    from results import results
-
-    def played(kind: str, behind: float, missed: list[str]) -> dict:
-        returns = {"oracle": {"mean": 141.1, "se": 2.0}, "rpil": {"mean": 141.1 - behind, "se": 2.0}}
-        returns["trust_all"] = {"mean": -196.2, "se": 20.6}
-        found = {"env": "LunarLander-v3", "kind": kind, "features": "raw", "draws": 10, "wrong": 0, "seconds": 0.5}
-        return found | {"auroc": 1.0, "behind": behind, "missed": missed} | returns
-
-    partly = {"env": "LunarLander-v3", "kind": "noisy", "features": "raw", "draws": 10, "wrong": 0, "auroc": 0.991}
-    shift = partly | {
-        "kind": "shift",
-        "auroc": 0.2,
-        "ambiguous": 9,
-        "both": 10,
-        "auroc_answered": 0.98,
-        "missed": ["ambiguous"],
-    }
-    cells = [played("corrupted", 0.0, []), played("random", 3.5, ["return"]), partly | {"missed": []}, shift]
-    page = results({"acceptance": {"cells": cells}})
-    assert "random, raw: missed return (3.5 behind the oracle, whose standard error is 2.0)." in page
-    assert "shift, raw: missed ambiguous (ambiguous in 9 of 10 draws)." in page
-    assert "corrupted, raw: missed" not in page
-    assert "1 cells: AUROC 0.991 in the worst draw." in page
-    assert "holds one of either half in 10; with its answer, AUROC 0.980 in the worst draw." in page
-    assert "| LunarLander-v3 | random | raw | 0 | **137.6 ± 2.0** | -196.2 ± 20.6 | 141.1 ± 2.0 |" in page
-
-
-def test_every_section_has_its_provenance(tmp_path, capsys):
-    from results import main
-
-    paths = {}
-    for name, result in {"real": real_result(), "robustness": grid_result(), "paper": paper_result()}.items():
-        paths[name] = tmp_path / f"{name}.json"
-        paths[name].write_text(json.dumps(result))
-    main([word for name, path in paths.items() for word in (f"--{name}", str(path))])
-    page = capsys.readouterr().out
-    assert re.findall("^## (.*)$", page, re.MULTILINE) == ["The paper's tables", "Robustness", "Real demonstrations"]
-    line = "*commit 0123456789ab, 2026-01-02, seeds 0; 2 cores, Linux x86_64, Python 3.11.7, numpy 2.0.0.*"
-    assert page.endswith(line + "\n")
-
-
-def test_the_grid_has_a_second_section_for_continuous_actions(tmp_path, capsys):
-    from results import main
-
-    discrete, continuous = tmp_path / "discrete.json", tmp_path / "continuous.json"
-    discrete.write_text(json.dumps(grid_result()))
-    other = grid_result()
-    other["cells"] = [cell("window", 75, 0.875, 1.0, 0.0, ["return"]) | {"env": "Pendulum-v1"}]
-    continuous.write_text(json.dumps(other))
-    main(["--robustness-continuous", str(continuous), "--robustness", str(discrete)])
-    first, second = capsys.readouterr().out.split("## Robustness, continuous actions")
-    assert "| Acrobot-v1 | 90 % |" in first
-    assert "Pendulum-v1" not in first
-    assert "| Pendulum-v1 | 75 % | 0.88 / 1.000 / 0.0%† |" in second
-    assert "Acrobot" not in second
-
-
-def test_other_files_give_a_message(tmp_path, capsys):
-    from results import main
-
-    broken, other = tmp_path / "broken.json", tmp_path / "other.json"
-    broken.write_text("{")
-    other.write_text("{}")
-    cases = [
-        (["--real", str(broken)], "broken.json: no figures"),
-        (["--real", str(tmp_path / "absent.json")], "absent.json: no figures"),
-        (["--real", str(other)], "The figures of real.py have no 'sets'; run real.py of this version."),
-        ([], "No figures were given"),
-    ]
-    for arguments, message in cases:
-        with pytest.raises(SystemExit):
-            main(arguments)
-        assert message in capsys.readouterr().err
+# ---- where figures come from ---
 
 
 def test_provenance_names_the_commit_and_no_machine():

@@ -4,42 +4,33 @@ from __future__ import annotations
 
 import importlib
 import json
+from functools import partial
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 import ablations
-import acceptance
+import claims
 import paper
-import peers
 import results
 import speed
-import trust
-from rpil import BehavioralCloning
+from rpil import Demonstrations, Settings, simulate
+from rpil.data import formats
 from study import experiments
 from study.experiments import METHODS, OURS, TRUST_ALL
+from worlds.simulated import of_paper
 
 pytestmark = pytest.mark.slow
-PAPER = ["--env", "MountainCar-v0", "--draws", "2", "--rollouts", "2", "--seed", "3", "--processes", "1", "--peers"]
+PAPER = ["--env", "MountainCar-v0", "--draws", "2", "--rollouts", "2", "--seed", "3", "--processes", "1"]
 ARGUMENTS = {
-    "acceptance": ["--quick"],
-    "features": ["--quick", "--features", "raw", "--features", "auto"],
-    "demonstrators": ["--quick"],
-    "real": ["--quick", "--features", "raw", "--sets", "mountaincar_noisy"],
-    "trust": ["--quick"],
-    "ablations": ["--quick"],
     "claims": ["--quick", "--processes", "1"],
     "answers": ["--quick", "--processes", "1"],
-    "worlds": ["--only", "noise,alike", "--seeds", "1", "--processes", "1"],
+    "peers": ["--quick", "--processes", "1"],
+    "ablations": ["--quick"],
     "paper": PAPER,
     "speed": ["--quick", "--rows", "A,B,D,F,H,I,J,K,O,P"],  # not those that start a cluster or other interpreters
 }
-TRUST_WORLDS = (
-    "simulated MountainCar-v0 flip 50 % 1000",
-    "nothing shuffled actions discrete 0",
-    "well-specified 20 x 10 uniform 0",
-)
 
 
 @pytest.fixture(scope="module")
@@ -65,16 +56,6 @@ def test_claims(written):
     assert cell["words"] == [1 if good else -1 for good in cell["good"]]
 
 
-def test_worlds(written):
-    rows = written.run("worlds")["rows"]
-    assert len(rows) == 16
-    noise, alike = ([row for row in rows if row["kind"] == kind] for kind in ("noise", "alike"))
-    assert all(sum(good == 0 for good in row["good"]) in (3, 6, 12, 24) for row in noise)
-    assert all(all(row["good"]) for row in alike)
-    found = [(word, good) for row in noise for word, good in zip(row["words"], row["good"], strict=True)]
-    assert found.count((-1, 0)) > 10 * found.count((-1, 1)) > 0
-
-
 def test_answers(written):
     figures = {row["what"]: row["figure"] for row in written.run("answers")["rows"]}
     assert figures["8 random labels: AUROC of the rest"].startswith("1.000")
@@ -82,86 +63,83 @@ def test_answers(written):
     assert figures["one wrong answer alone: words"] == "0"
 
 
-def test_acceptance(written, monkeypatch):
-    monkeypatch.setattr(acceptance, "PAPER", ("corrupted",))
-    monkeypatch.setattr(acceptance, "PARTLY", ())
-    found = written.run("acceptance")
-    assert found["provenance"]["seeds"] == "1000 to 1001"
-    corrupted, shift = found["cells"]
-    assert len(found["draws"]) == 4
-    assert corrupted["auroc"] == pytest.approx(1.0)
-    assert corrupted["wrong"] == 0
-    assert corrupted["rpil"]["mean"] > corrupted["trust_all"]["mean"]
-    assert shift["ambiguous"] == shift["both"] == 2
-    assert shift["auroc_answered"] > 0.9
+def test_worlds_of_a_point_mass(tmp_path):
+    path = tmp_path / "worlds.json"
+    options = ["--only", "point mass", "--match", "noise,alike", "--seeds", "1", "--processes", "1"]
+    assert claims.main([*options, "--json", str(path)]) == 0
+    rows = json.loads(path.read_text())["rows"]
+    assert len(rows) == 16
+    noise, alike = ([row for row in rows if row["name"].startswith(kind)] for kind in ("noise,", "alike,"))
+    assert all(sum(good == 0 for good in row["good"]) in (3, 6, 12, 24) for row in noise)
+    assert all(all(row["good"]) for row in alike)
+    found = [(word, good) for row in noise for word, good in zip(row["words"], row["good"], strict=True)]
+    assert found.count((-1, 0)) > 10 * found.count((-1, 1)) > 0
+
+
+def test_kinds_of_recorded_sets(tmp_path):
+    """Of a set of five named people, two of them good: audits of each kind, and what it helps to name them."""
+    made = simulate("MountainCar-v0", "noisy", n_good=8, n_bad=12, seed=0)
+    order = np.argsort(-made.is_good, kind="stable")
+    episodes = [made.episodes[m] for m in order]
+    people = {"is_good": made.is_good[order], "episode_quality": made.is_good[order].astype(float)}
+    people["demonstrator_ids"] = np.repeat(np.arange(5), 4)
+    formats.write(tmp_path / "car.npz", Demonstrations.from_episodes(episodes), people)
+    kinds = ["recorded", "half", "people"]
+    jobs = [job for job in claims.jobs(tmp_path, 0, 0) if job.kind in kinds]
+    assert [job.kind for job in jobs] == ["recorded", "half", *["people"] * 4]
+    rows = {(job.kind, job.name): claims.audited(job) for job in jobs}
+    assert len(rows["half", "car"]["good"]) == 8
+    found = {
+        name: claims.auroc(*(np.array(row[key]) for key in ("good", "log_odds"))) for (_, name), row in rows.items()
+    }
+    assert found["car, whole, known"] == pytest.approx(1.0)
+    assert found["car, 10 steps, known"] > found["car, 10 steps, unknown"]  # and thirty steps more of the same person
+
+
+def test_peers(written):
+    assert {row["method"]: row["auroc"] for row in written.run("peers")["rows"]}["rpil"] == 1.0
 
 
 def test_paper(written, monkeypatch):
-    """Peers see the number of good demonstrations; those that give no policy have no row."""
-    tasks = []
-
-    def task(**told):
-        tasks.append(told)
-        return SimpleNamespace(**told)
-
-    methods = {
-        "rpil": None,  # rpil and the oracle are in the tables without peers.py
-        "oracle": None,
-        "RM-ENT": lambda demonstrations, _: SimpleNamespace(policy=BehavioralCloning().fit(demonstrations)),
-        "length": lambda demonstrations, _: SimpleNamespace(policy=None),
-    }
-    monkeypatch.setattr(peers, "METHODS", methods)
-    monkeypatch.setattr(peers, "Task", task)
     monkeypatch.setattr(paper, "METHODS", {name: METHODS[name] for name in (TRUST_ALL, OURS)})
     monkeypatch.setattr(experiments, "OUR_FEATURES", "raw")
     found = written.run("paper")
     assert [table["table"] for table in found["tables"]] == [1, 2]
-    for table in found["tables"]:
-        assert "RM-ENT" in table["policies"]
-        assert "length" not in table["policies"]
-        assert table["policies"]["rpil"]["wrong"] == 0
-    assert [(told["seed"], told["n_trusted"]) for told in tasks] == [(seed, 10) for seed in (3, 4) for _ in range(4)]
-
-
-def test_features(written):
-    cells = {cell["features"]: cell for cell in written.run("features")["cells"]}
-    assert cells["auto"]["share"] >= 0.98 > cells["raw"]["share"]
-    assert sum(cells["auto"]["chosen"].values()) == cells["auto"]["draws"] == 2
-
-
-def test_demonstrators(written):
-    whole, short = written.run("demonstrators")["rows"]
-    assert (whole["steps"], short["steps"], whole["people"]) == (None, 10, 5)
-    assert whole["knowing"] == pytest.approx(1.0)
-    assert short["knowing"] > short["without"]  # ten steps, and thirty more of the same person
-
-
-def test_real(written):
-    found = written.run("real")
-    assert list(found["sets"]) == ["mountaincar_noisy"]
-    assert {row["method"] for row in found["ranking"]} == {"rpil", "length"}
-
-
-def test_trust(written, monkeypatch):
-    monkeypatch.setattr(trust, "QUICK", TRUST_WORLDS)
-    found = written.run("trust")
-    assert {row["set"] for row in found["sets"]} == set(TRUST_WORLDS)
-    assert {row["method"] for row in found["rows"]} == {"rpil", "trimmed"}
-    assert not any(row["failed"] or row["said"] for row in found["sets"])
-    rows = {row["set"]: row for row in found["sets"]}
-    assert rows[TRUST_WORLDS[0]]["labelled"]["auroc"] > 0.8
-    assert found["provenance"]["seeds"] == "in the names of worlds"
+    assert all(table["policies"]["rpil"]["wrong"] == 0 for table in found["tables"])
 
 
 def test_ablations(written, monkeypatch):
-    name = "well-specified 20 x 10 uniform 0"
-    monkeypatch.setattr(ablations, "QUICK", (name,))
-    chosen = (ablations.DEFAULT, "no rivals", "ten folds")
-    monkeypatch.setattr(ablations, "VARIANTS", {variant: ablations.VARIANTS[variant] for variant in chosen})
-    found = written.run("ablations")["results"]
-    assert tuple(found) == chosen
-    assert found[ablations.DEFAULT][name]["auroc"] > 0.9
-    assert found["ten folds"][name] != found[ablations.DEFAULT][name]
+    chosen = (ablations.DEFAULT, "min_p_two .999", "no better half")
+    monkeypatch.setattr(ablations, "RULES", {name: ablations.RULES[name] for name in chosen})
+    found = written.run("ablations")
+    assert not found["unfinished"]
+    words = {name: sum(word > 0 for row in rows for word in row["words"]) for name, rows in found["rules"].items()}
+    assert words["min_p_two .999"] <= words[ablations.DEFAULT] <= words["no better half"]
+    told = {name: sum(word != 0 for row in rows for word in row["words"]) for name, rows in found["answers"].items()}
+    assert told["sharpness 1"] < told[ablations.DEFAULT] < told["sharpness 2.5"]
+
+
+def test_finished_variants_are_not_measured_again(tmp_path, monkeypatch):
+    path = tmp_path / "ablations.json"
+    monkeypatch.setattr(ablations, "RULES", {ablations.DEFAULT: ablations.RULES[ablations.DEFAULT]})
+    assert ablations.main(["--quick", "--json", str(path)]) == 0
+    found = json.loads(path.read_text())
+    found["rules"][ablations.DEFAULT][0]["words"] = [0] * 20
+    path.write_text(json.dumps(found))
+    assert ablations.main(["--quick", "--json", str(path)]) == 0
+    assert json.loads(path.read_text())["rules"] == found["rules"]
+    found["provenance"]["commit"] = "0123456789ab"
+    path.write_text(json.dumps(found))
+    assert ablations.main(["--quick", "--json", str(path)]) == 0
+    assert json.loads(path.read_text())["rules"] != found["rules"]
+
+
+@pytest.mark.parametrize("name", [name for name, rule in ablations.RULES.items() if not isinstance(rule, Settings)])
+def test_a_rule_is_put_back(name):
+    owner, what, function = ablations.RULES[name]
+    before = getattr(owner, what)
+    ablations.audited(name, claims.Job("quick", "", partial(of_paper, "MountainCar-v0", "random", 0)))
+    assert getattr(owner, what) is before is not function
 
 
 def test_speed(written):
@@ -184,11 +162,9 @@ def test_speed(written):
         assert details["auroc"] == 1.0
 
 
-def test_results_page(written, capsys):
+def test_results_page(written):
     """Every section of the page comes from the JSON that its script wrote."""
-    if not written.kept:
-        pytest.skip("no script has run: run the whole file")
     names = [name for name in written.kept if name in results.SECTIONS]
-    results.main([word for name in names for word in (f"--{name}", str(written.folder / f"{name}.json"))])
-    page = capsys.readouterr().out
-    assert page.count("\n## ") >= len(names)
+    if not names:
+        pytest.skip("no script has run: run the whole file")
+    assert results.page({name: written.kept[name] for name in names}, []).count("\n## ") >= len(names)

@@ -38,9 +38,7 @@ for settings_class in (NewtonSettings, ErrorSettings):
 @stored()
 @dataclass(frozen=True)
 class SelectionSettings:
-    """How features are chosen. benchmarks/features.py compares the choice with every single kind; unless stated
-    otherwise, values were chosen by hand, not tuned.
-    """
+    """How features are chosen. Unless stated otherwise, values were chosen by hand, not tuned."""
 
     ridges: tuple[float, ...] = (1e-2, 1e-3, 1e-4, 1e-5)
     """Ridges a step to choose from, the strongest first: each fit starts from the one before."""

@@ -1,30 +1,18 @@
 """Worlds of a point mass, to break the words of an audit: kinds of operators that no constant was chosen on.
 
-    python benchmarks/worlds.py --json worlds.json
-    python benchmarks/worlds.py --only sessions,styles --seeds 5
-    python benchmarks/worlds.py --quick
-
 A mass in a plane goes to a goal, past an obstacle. In worlds of `BAD` operators some demonstrations are bad; in worlds
 of `GOOD` operators all are good, though not alike, and nobody should be called unlike the others. Actions are forces,
-or one of five directions. The truth scores, and no audit reads it.
+or one of five directions.
 """
 
 from __future__ import annotations
 
-import argparse
-import json
-import sys
 from dataclasses import dataclass, replace
-from functools import partial
-from itertools import product
-from multiprocessing import Pool
-from pathlib import Path
 
 import numpy as np
 
-from claims import Array, Job, Row, audited, auroc, counted
-from provenance import line, provenance
 from rpil.data.demonstrations import Demonstrations
+from worlds import Array, World
 
 STEP, TIME_LIMIT, REACHED = 0.1, 120, 0.15
 DIRECTIONS = np.array([[0.0, 0.0], [1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
@@ -129,8 +117,8 @@ def drive(operator: Operator, discrete: bool, rng: np.random.Generator) -> tuple
     return np.array(states), np.array(actions)
 
 
-def world(kind: str, discrete: bool, size: tuple[int, int], seed: int) -> tuple[Demonstrations, Array]:
-    """Demonstrations in random order, and 1 good, 0 bad for each."""
+def point_mass(kind: str, discrete: bool, size: tuple[int, int], seed: int) -> World:
+    """Demonstrations in random order."""
     rng = np.random.default_rng([11, seed, size[0], size[1], int(discrete)])
     total, others = size
     operators = [NORMAL] * (total - others)
@@ -144,75 +132,5 @@ def world(kind: str, discrete: bool, size: tuple[int, int], seed: int) -> tuple[
         operators += [(BAD | GOOD)[kind]] * others
     places = rng.permutation(total)
     episodes = [drive(operators[m], discrete, rng) for m in places]
-    return Demonstrations.from_episodes(episodes), np.array(
-        [int(kind not in BAD or m < total - others) for m in places]
-    )
-
-
-def jobs(kinds: list[str], seeds: int) -> list[Job]:
-    """Every audit."""
-    grid = product(kinds, (False, True), SIZES, range(seeds))
-    return [
-        Job(
-            kind,
-            f"{kind}, {'discrete' if d else 'continuous'}, {n} of {m}, {seed}",
-            partial(world, kind, d, (m, n), seed),
-        )
-        for kind, d, (m, n), seed in grid
-    ]
-
-
-def main(arguments: list[str] | None = None) -> int:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    every = [*BAD, *GOOD, *ALL_DIFFER]
-    parser.add_argument("--only", default=",".join(every), metavar="KINDS", help=f"of {', '.join(every)}")
-    parser.add_argument("--seeds", type=int, default=4)
-    parser.add_argument("--processes", type=int, default=2)
-    parser.add_argument("--json", type=Path, metavar="OUT", help="also write every row")
-    parser.add_argument("--quick", action="store_true", help="one small world: checks the script")
-    options = parser.parse_args(arguments)
-    every = jobs(options.only.split(","), options.seeds)
-    with Pool(options.processes, maxtasksperchild=20) as pool:
-        rows = list(pool.imap(audited, every[:1] if options.quick else every))
-    print("\n".join(report(rows)))
-    if options.json:
-        options.json.write_text(json.dumps({"provenance": provenance(options.seeds), "rows": rows}))
-    print(f"\n{line(provenance(options.seeds))}")
-    return 0
-
-
-def markdown(result: Row) -> str:
-    """The section of docs/results.md."""
-    explained = (
-        "Made worlds of a point mass, on which no constant was chosen; `hard` is a bang-bang operator among others."
-    )
-    return "\n".join(["## Worlds of a point mass", "", explained, "", *report(result["rows"])])
-
-
-def report(rows: list[Row]) -> list[str]:
-    """Tables in Markdown."""
-    columns = (
-        "| kind | worlds | unlike: bad, good | typical: good, bad | sets with a good one unlike | share with a word |"
-    )
-    kinds = list(dict.fromkeys(row["kind"] for row in rows))
-    bad, good = ([row for row in rows if (row["kind"] in BAD) == is_bad] for is_bad in (True, False))
-    lines = [columns, "|---|---|---|---|---|---|"]
-    for kind in kinds:
-        lines += counted(kind, [row for row in rows if row["kind"] == kind])
-    lines += [*counted("all with bad ones", bad), *counted("nobody bad", good)]
-    return [*lines, "", *described(rows)]
-
-
-def described(rows: list[Row]) -> list[str]:
-    """A line for each world with a good one called unlike."""
-    return [
-        f"- {row['name']}: {row['finding']}, AUROC {auroc(good, np.array(row['log_odds'])):.2f}, "
-        f"{int(((words < 0) & (good == 1)).sum())} good and {int(((words < 0) & (good == 0)).sum())} bad ones unlike"
-        for row in rows
-        for good, words in [(np.array(row["good"]), np.array(row["words"]))]
-        if ((words < 0) & (good == 1)).any()
-    ]
-
-
-if __name__ == "__main__":
-    sys.exit(main())
+    good = [kind not in BAD or m < total - others for m in places]
+    return World.of(Demonstrations.from_episodes(episodes), good)

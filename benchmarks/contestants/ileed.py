@@ -7,17 +7,19 @@ from scipy.optimize import minimize
 from scipy.special import expit
 from threadpoolctl import threadpool_limits
 
-from peers_common import Answer, Array, Ensemble, Task, fit_data, kind_of, pooled_policy, step_mean, taken
+from rpil.data.coding import class_codes
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.fit_data import FitData
+from rpil.data.spaces import Discrete
 from rpil.numerics.blocks import log_softmax
-from rpil.policies.features import ridge_of
+from rpil.policies.features import FeatureMap, FeatureSettings, ridge_of
 from rpil.policies.softmax import SoftmaxPolicy, one_hot
+from worlds import Array
 
 ILEED_STARTS, ILEED_DIMENSIONS = 5, 2
 
 
-def ileed(data: Demonstrations, task: Task) -> Answer:
+def ileed(data: Demonstrations, seed: int) -> Array:
     """Imitation learning by estimating the expertise of demonstrators (Beliaev et al., ICML 2022).
 
     As published: demonstrator i masters state s to the degree rho_i(s) = sigmoid(<f(s), w_i>), and the policy, the
@@ -28,20 +30,23 @@ def ileed(data: Demonstrations, task: Task) -> Answer:
     w_i ~ N(0, 1) keep the optimum finite, 5 starts instead of 20 and each from the pooled policy. The score, the mean
     expertise of a demonstration over its own states, is ours.
     """
-    problem, features, classes = fit_data(data, kind_of(data, task))
-    rng = np.random.default_rng(task.seed)
+    classes, codes = class_codes(data.actions, data.source)
+    features = FeatureMap.fit("raw", data.observations, settings=FeatureSettings())
+    design, no_labels = features.design(data.observations), np.zeros(len(data), dtype=int)
+    problem = FitData(design, codes, data.offsets, Discrete(len(classes)), no_labels)
+    rng = np.random.default_rng(seed)
     ridge = ridge_of(features, None, data.n_steps, problem.space)
     shapes = ileed_shapes(problem)
     with threadpool_limits(1, "blas"):
-        pooled = pooled_policy(problem, ridge)
+        pooled = SoftmaxPolicy.zero(problem.space.n, ridge).fit(problem, np.ones(data.n_steps))[0]
         ends = []
         for _ in range(ILEED_STARTS):
             embedding, expertise = (rng.normal(size=shape) for shape in shapes[1:])
             start = np.concatenate([pooled.weights.ravel(), embedding.ravel() / np.sqrt(len(ridge)), expertise.ravel()])
             ends.append(minimize(ileed_loss, start, (problem, ridge), "L-BFGS-B", jac=True, options={"maxiter": 300}))
-    weights, embedding, expertise = unpacked(min(ends, key=lambda end: end.fun).x, shapes)
+    _, embedding, expertise = unpacked(min(ends, key=lambda end: end.fun).x, shapes)
     rho = expit(((problem.features @ embedding) * problem.per_step(expertise)).sum(axis=1))
-    return Answer(step_mean(data, rho), Ensemble(((features, SoftmaxPolicy(weights, ridge)),), classes))
+    return problem.sum_steps(rho) / data.lengths
 
 
 def ileed_shapes(problem: FitData) -> list[tuple[int, int]]:
@@ -61,7 +66,7 @@ def ileed_loss(parameters: Array, problem: FitData, ridge: Array) -> tuple[float
     weights, embedding, expertise = unpacked(parameters, ileed_shapes(problem))
     n_others = problem.space.n - 1
     log_proba = log_softmax(problem.features @ weights)
-    proba, log_pi = np.exp(log_proba), taken(problem, log_proba)
+    proba, log_pi = np.exp(log_proba), np.take_along_axis(log_proba, problem.actions[:, None], axis=1)[:, 0]
     pi, others = np.exp(log_pi), -np.expm1(log_pi)
     embedded, own = problem.features @ embedding, problem.per_step(expertise)
     rho = expit((embedded * own).sum(axis=1))
