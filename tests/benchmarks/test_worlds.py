@@ -102,7 +102,7 @@ def test_changes_by_hand():
     wide, _, _ = recorded.noise_columns(states, actions, ids, rng)
     assert wide.shape == (6, 7)
     copied, _, again = recorded.copied(states, actions, ids, rng)
-    assert again.tolist() == [*ids, *range(3, 13)]
+    assert again.tolist() == [*ids, *range(4, 34, 3)]  # 1 by the number of demonstrations, 3
     assert (copied[6:] == states[2]).all()
 
 
