@@ -28,7 +28,7 @@ import numpy as np
 
 from rpil.numerics.types import Array
 from value.learners import LEARNERS, TRAINING
-from value.report import Row, report
+from value.report import Row, picture, report
 from value.rules import RULES, Judged, weights_of
 from value.worlds import TASKS, World, drive, make_world
 
@@ -47,6 +47,8 @@ def main(arguments: list[str] | None = None) -> int:
         if not options.report:
             run(left(options, read(out)), out, options.processes)
         print(report(read(out)))
+        if options.picture:
+            picture(read(out), options.picture)
     return 0
 
 
@@ -63,6 +65,7 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
     parser.add_argument("--steps", type=int, default=TRAINING.steps, help="of training a network")
     parser.add_argument("--processes", type=int, default=1)
     parser.add_argument("--report", action="store_true", help="only print the tables of what is done")
+    parser.add_argument("--picture", type=Path, metavar="PNG", help="also draw success against the share kept")
     parser.add_argument("--quick", action="store_true", help="one small world: checks the script")
     options = parser.parse_args(arguments)
     if not (options.out or options.quick):

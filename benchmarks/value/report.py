@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -17,6 +18,7 @@ from value.worlds import family
 Array = NDArray[Any]
 Row = dict[str, Any]
 LEVEL = 0.05
+CURVE = ("best 40 %", "best 60 %", "best 80 %", ALL)
 
 
 def report(rows: Sequence[Row]) -> str:
@@ -107,3 +109,33 @@ def holm(p: Sequence[float]) -> list[float]:
 
 def percent(value: Any) -> str:
     return f"{100 * float(value):.1f}"
+
+
+def picture(rows: Sequence[Row], path: Path) -> None:
+    """Success against the share of the steps kept, by family and share of bad demonstrations; a line joins the rules
+    that keep the best."""
+    import matplotlib
+
+    matplotlib.use("agg")
+    import matplotlib.pyplot as plt
+
+    group = lambda row: (family(row["task"]), row["share"])  # noqa: E731
+    groups = sorted({group(row) for row in rows})
+    figure, axes = plt.subplots(1, len(groups), figsize=(3.6 * len(groups), 3.6), sharey=True, layout="constrained")
+    for axis, each in zip(np.atleast_1d(axes), groups, strict=True):
+        own = [row for row in rows if group(row) == each]
+        points = {
+            name: [100 * np.mean([row[what] for row in own if row["rule"] == name]) for what in ("kept", "success")]
+            for name in rules_of(own)
+        }
+        curve = [points[name] for name in points if name in CURVE]
+        axis.plot(*zip(*sorted(curve), strict=True), color="0.6", zorder=1)
+        for name, (kept, success) in points.items():
+            axis.plot(
+                kept, success, "o" if RULES[name].needs else "s", color="#e69f00" if RULES[name].needs else "#0072b2"
+            )
+            axis.annotate(name, (kept, success), xytext=(4, 3), textcoords="offset points", fontsize=6)
+        axis.set(title=f"{each[0]}, {each[1]:.0%} bad", xlabel="steps kept, %")
+    np.atleast_1d(axes)[0].set_ylabel("success, %")
+    figure.savefig(path, dpi=110)
+    plt.close(figure)

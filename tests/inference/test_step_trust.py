@@ -32,13 +32,13 @@ def test_reliability_is_the_share_of_steps_that_follow_the_policy():
 
 
 def summed_over_paths(share: float, log_ratio: np.ndarray) -> np.ndarray:
-    """P(each step is an expert's), by a sum over all sequences of good and bad steps."""
+    """P(each step is an expert's), by a sum over all sequences of good and bad steps, in stretches and alone."""
     total, good = 0.0, np.zeros(len(log_ratio))
-    for path in product((0, 1), repeat=len(log_ratio)):
+    for stay, *path in product((STAY, 0.0), *[(0, 1)] * len(log_ratio)):
         weight = 1.0
         for n, z in enumerate(path):
             anew = share if z else 1 - share
-            weight *= (STAY * (z == path[n - 1]) + (1 - STAY) * anew if n else anew) * np.exp(z * log_ratio[n])
+            weight *= (stay * (z == path[n - 1]) + (1 - stay) * anew if n else anew) * np.exp(z * log_ratio[n])
         total += weight
         good += weight * np.array(path)
     return good / total
@@ -66,6 +66,14 @@ def test_a_window_of_bad_steps_is_found_although_single_steps_overlap():
     alone = expit(np.log(0.8 / 0.2) + log_ratio)
     assert ((found < 0.5) == is_bad).mean() > 0.97
     assert ((alone < 0.5) == is_bad).mean() < 0.9
+
+
+def test_bad_steps_that_come_alone_are_judged_alone():
+    rng = np.random.default_rng(0)
+    is_bad = rng.random(300) < 0.3
+    log_ratio = rng.normal(np.where(is_bad, -1.0, 1.0), 1.0)
+    found = step_proba(np.array([0.7]), log_ratio, np.array([300]))
+    np.testing.assert_allclose(found, expit(np.log(0.7 / 0.3) + log_ratio), atol=1e-3)
 
 
 @pytest.mark.parametrize("share", [0.0, 1.0])

@@ -2,10 +2,12 @@
 
     a_n ~ rho_m pi + (1 - rho_m) q,      rho_m uniform on a grid in (0, 1)
 
-rho_m, the reliability of demonstration m, is the share of its steps that are an expert's. Good and bad steps come in
-stretches, so each step is judged by its neighbours too: whose step it is, z_n, is a Markov chain,
+rho_m, the reliability of demonstration m, is the share of its steps that are an expert's. Bad steps come alone or in
+stretches. In stretches, whose step it is, z_n, is a Markov chain, so each step is judged by its neighbours too:
 
     z_{n+1} = z_n with probability STAY, else drawn anew,      P(z_n is an expert) = rho_m
+
+Which of the two holds is summed out for each demonstration; both have the prior probability 1/2.
 """
 
 from __future__ import annotations
@@ -13,14 +15,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import expit, logit, softmax
+from scipy.special import expit, log_expit, logit, softmax
 
 from rpil.data.fit_data import FitData
 from rpil.inference.settings import JudgeSettings
 from rpil.numerics.types import Array, Float, Int
 
 STAY = 0.95
-"""Stretches of steps have 20 steps or more on average. Results depend little on it: 5 to 100 steps do about as well."""
+"""Stretches have 20 steps or more on average. Results depend little on it: 5 to 100 steps do about as well."""
 _LEAST_SHARE = 1e-9
 """Reliabilities stay so far from 0 and 1, which no step could change."""
 
@@ -64,13 +66,24 @@ def step_trust(
 def step_proba(
     reliability: Float[Array, " M"], log_ratio: Float[Array, " N"], lengths: Int[Array, " M"]
 ) -> Float[Array, " N"]:
-    """P(step n is an expert's | all steps of its demonstration), from bounded log-ratios, by forward and backward
-    passes. A chain of two states is the same read backwards, so the backward pass is the forward pass of the reversed
-    steps; the step itself and its reliability are in both."""
+    """P(step n is an expert's | all steps of its demonstration), from bounded log-ratios.
+
+    In stretches by forward and backward passes: a chain of two states is the same read backwards, so the backward pass
+    is the forward pass of the reversed steps; the step itself and its reliability are in both.
+    """
     share = np.clip(reliability, _LEAST_SHARE, 1 - _LEAST_SHARE)
+    prior = np.repeat(logit(share), lengths)
     forward = filtered(share, log_ratio, lengths)
     backward = filtered(share[::-1], log_ratio[::-1], lengths[::-1])[::-1]
-    return np.asarray(expit(forward + backward - log_ratio - np.repeat(logit(share), lengths)))
+    gain = _log_evidence(forward - log_ratio, log_ratio) - _log_evidence(prior, log_ratio)
+    in_stretches = expit(np.bincount(np.repeat(np.arange(len(lengths)), lengths), gain))
+    chain, alone = expit(forward + backward - log_ratio - prior), expit(prior + log_ratio)
+    return np.asarray(alone + np.repeat(in_stretches, lengths) * (chain - alone))
+
+
+def _log_evidence(before: Float[Array, " N"], log_ratio: Float[Array, " N"]) -> Float[Array, " N"]:
+    """log p(a_n | the steps before) - log q(a_n), given the log-odds of an expert's step `before` it is seen."""
+    return np.asarray(np.logaddexp(log_expit(before) + log_ratio, log_expit(-before)))
 
 
 def filtered(share: Float[Array, " M"], log_ratio: Float[Array, " N"], lengths: Int[Array, " M"]) -> Float[Array, " N"]:
