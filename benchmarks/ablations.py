@@ -24,7 +24,7 @@ import numpy as np
 import answers
 import claims
 from claims import Job, Row
-from options import output, write_json
+from options import asked, output, write_json
 from provenance import line, provenance
 from rpil import Settings
 from rpil.inference import claims as inference
@@ -90,10 +90,12 @@ def main(arguments: list[str] | None = None) -> int:
     jobs = [Job("quick", "", partial(of_paper, "LunarLander-v3", "random", 7))]
     if not options.quick:
         jobs = [job for job in claims.jobs(options.data, 0, 0) if job.kind == "recorded"]
-    found = {"provenance": provenance(f"0, {DRAWS} draws of labels"), "unfinished": True, "rules": {}}
+    origin = provenance(f"0, {DRAWS} draws of labels", asked(parser, options))
+    found: Row = {"provenance": origin, "unfinished": True, "rules": {}}
     if options.json and options.json.exists():
         old: Row = json.loads(options.json.read_text(encoding="utf-8"))
-        found = old if all(old["provenance"][key] == found["provenance"][key] for key in ("commit", "dirty")) else found
+        same = all(old["provenance"].get(key) == origin[key] for key in ("commit", "dirty", "arguments"))
+        found = old if same else found
     with Pool(options.processes, maxtasksperchild=20) as pool:
         for name in [name for name in RULES if name not in found["rules"]][: 3 if options.quick else None]:
             found["rules"][name] = pool.map(partial(audited, name), jobs, chunksize=1)

@@ -28,6 +28,7 @@ from sklearn.model_selection import cross_val_predict
 
 from claims import Job, Row, auroc
 from claims import jobs as claims_jobs
+from options import asked
 from provenance import line, provenance
 from rpil import RPIL
 from rpil.inference.answered import Answered, answer_about_different, most_telling
@@ -68,9 +69,10 @@ def main(arguments: list[str] | None = None) -> int:
         parts += [partial(by_outcome, sets, draws), partial(by_nonsense, audits, draws)]
         rows = [row for found in pool.imap(call, parts) for row in found]
     print(table(rows))
-    print(f"\n{line(provenance(draws))}")
+    origin = provenance(draws, asked(parser, options))
+    print(f"\n{line(origin)}")
     if options.json:
-        options.json.write_text(json.dumps({"provenance": provenance(draws), "rows": rows}))
+        options.json.write_text(json.dumps({"provenance": origin, "rows": rows}))
     return 0
 
 

@@ -27,6 +27,7 @@ from typing import Any
 
 import numpy as np
 
+from options import asked
 from provenance import line, provenance
 from rpil import RPIL, Settings
 from worlds import Array, World
@@ -80,7 +81,7 @@ def main(arguments: list[str] | None = None) -> int:
     with Pool(options.processes, maxtasksperchild=20) as pool:
         rows = list(pool.imap_unordered(audited, every))
     rows.sort(key=lambda row: (KINDS.index(row["kind"]), row["name"]))
-    origin = provenance(f"{draws} draws, {seeds} of each point mass")
+    origin = provenance(f"{draws} draws, {seeds} of each point mass", asked(parser, options))
     print("\n".join(report(rows)))
     if options.json:
         options.json.write_text(json.dumps({"provenance": origin, "rows": rows}))

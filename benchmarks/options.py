@@ -38,6 +38,12 @@ def output(text: str) -> Path:
         raise argparse.ArgumentTypeError(str(error).rstrip(".")) from None
 
 
+def asked(parser: argparse.ArgumentParser, options: argparse.Namespace) -> dict[str, Any]:
+    """The options that are not the defaults and change figures: empty for a whole run."""
+    given = {name: value for name, value in vars(options).items() if value != parser.get_default(name)}
+    return {name: value for name, value in given.items() if name not in ("data", "json", "output", "processes")}
+
+
 def write_json(path: Path, found: Any) -> None:
     """Figures as JSON; whatever was there stays until all is written."""
     with replacing(path) as temporary:

@@ -12,12 +12,13 @@ import argparse
 import sys
 from pathlib import Path
 
-from options import at_least, make_folder, output, write_json
+from options import asked, at_least, make_folder, output, write_json
+from provenance import line, provenance
 from rpil.cli.progress import ProgressTiming, show_count
 from rpil.numerics.parallel import cores
 from study.experiments import ENVIRONMENTS, METHODS
 from study.figures import draw
-from study.tables import run
+from study.tables import markdown, run
 
 QUICK = "3 draws, 20 rollouts: two minutes of one core that has nothing else to do"
 
@@ -48,12 +49,15 @@ def main(arguments: list[str] | None = None) -> int:
             processes=options.processes,
             progress=progress,
         )
-    print(found.text())
+    seeds = f"{options.seed} to {max(row['seed'] for row in found['draws'])}"
+    found["provenance"] = provenance(seeds, asked(parser, options))
+    text = f"{markdown(found)}\n\n{line(found['provenance'])}\n"
+    print(text)
     if options.json:
-        write_json(options.json, found.to_dict())
+        write_json(options.json, found)
     if options.output:
-        found.write(options.output)
-        draw(options.output, found.draws, seed=options.seed)
+        (options.output / "tables.md").write_text(text, encoding="utf-8")
+        draw(options.output, seed=options.seed)
     return 0
 
 

@@ -24,6 +24,7 @@ import numpy as np
 
 from claims import auroc
 from contestants import CONTESTANTS, OURS
+from options import asked
 from provenance import line, provenance
 from rpil.data.errors import DataError
 from tables import table
@@ -53,7 +54,7 @@ def main(arguments: list[str] | None = None) -> int:
         jobs = [job for job in jobs if job[2] in QUICK]
     with Pool(options.processes, maxtasksperchild=8) as pool:
         rows = pool.starmap(scored, jobs, chunksize=1)
-    found = {"provenance": provenance(0), "rows": rows}
+    found = {"provenance": provenance(0, asked(parser, options)), "rows": rows}
     print(markdown(found))
     print(f"\n{line(found['provenance'])}")
     if options.json:

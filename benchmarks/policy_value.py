@@ -1,11 +1,11 @@
 """Does choosing demonstrations with rpil make better policies? Policies are trained by rules and driven.
 
     python benchmarks/policy_value.py --out value.jsonl
-    python benchmarks/policy_value.py --out value.jsonl --report
+    python benchmarks/policy_value.py --out value.jsonl more.jsonl --report
     python benchmarks/policy_value.py --quick
 
 Needs ``pip install 'rpil[value]'``. A cell is a data set (seed, number of demonstrations, share of bad ones, task), a
-learner and a rule. Each finished cell is a line of the file, and is not done again; the report is of all in the file.
+learner and a rule. Each finished cell is a line of the file, and is not done again; the report is of all in the files.
 Rules are driven from the same starts; those that give the same weights share a policy.
 """
 
@@ -17,7 +17,7 @@ import sys
 import tempfile
 import time
 from dataclasses import replace
-from functools import partial
+from functools import cache, partial
 from itertools import groupby, product
 from multiprocessing import get_context
 from operator import itemgetter
@@ -26,6 +26,7 @@ from typing import Any
 
 import numpy as np
 
+from provenance import source
 from rpil.numerics.types import Array
 from value.learners import LEARNERS, TRAINING
 from value.report import Row, picture, report
@@ -43,18 +44,21 @@ KEY = (*DATA, "learner", "rule", "episodes", "steps")
 def main(arguments: list[str] | None = None) -> int:
     options = parse(arguments)
     with tempfile.TemporaryDirectory() as folder:
-        out = options.out or Path(folder) / "value.jsonl"
+        out = options.out or [Path(folder) / "value.jsonl"]
         if not options.report:
-            run(left(options, read(out)), out, options.processes)
-        print(report(read(out)))
+            run(left(options, read(*out)), out[0], options.processes)
+        rows = read(*out)
+        print(report(rows))
         if options.picture:
-            picture(read(out), options.picture)
+            picture(rows, options.picture)
     return 0
 
 
 def parse(arguments: list[str] | None) -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--out", type=Path, metavar="FILE", help="JSON lines, to which finished cells are added")
+    parser.add_argument(
+        "--out", nargs="+", type=Path, metavar="FILE", help="JSON lines, to which finished cells are added"
+    )
     parser.add_argument("--tasks", nargs="+", choices=TASKS, default=list(TASKS), metavar="TASK")
     parser.add_argument("--n", nargs="+", type=int, default=[20, 50], help="numbers of demonstrations")
     parser.add_argument("--shares", nargs="+", type=float, default=[0.0, 0.1, 0.3, 0.5], help="of bad ones")
@@ -70,6 +74,8 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
     options = parser.parse_args(arguments)
     if not (options.out or options.quick):
         parser.error("say where finished cells are kept: --out FILE.")
+    if not options.report and len(options.out or ()) > 1:
+        parser.error("cells are added to one file: give several with --report only.")
     if options.quick:
         vars(options).update(QUICK, rules=QUICK_RULES)
     return options
@@ -85,6 +91,9 @@ def left(options: argparse.Namespace, rows: list[Row]) -> list[list[Row]]:
 
 
 def run(sets: list[list[Row]], out: Path, processes: int) -> None:
+    if out.exists() and out.read_bytes()[-1:] not in (b"", b"\n"):
+        with out.open("a", encoding="utf-8") as file:  # an interruption cut the last line off: the next has its own
+            file.write("\n")
     if processes < 2:
         for cells in sets:
             finish(out, cells)
@@ -93,19 +102,27 @@ def run(sets: list[list[Row]], out: Path, processes: int) -> None:
         pool.map(partial(finish, out), sets, chunksize=1)
 
 
-def read(path: Path) -> list[Row]:
-    """The finished cells; a line that an interruption cut off is left out."""
-    rows = []
-    for text in path.read_text(encoding="utf-8").splitlines() if path.exists() else []:
+def read(*paths: Path) -> list[Row]:
+    """The finished cells, each once; a line that an interruption cut off is left out."""
+    rows: dict[tuple[Any, ...], Row] = {}
+    for text in [text for path in paths if path.exists() for text in path.read_text(encoding="utf-8").splitlines()]:
         try:
-            rows.append(json.loads(text))
+            row = json.loads(text)
         except ValueError:
             continue
-    return rows
+        rows.setdefault(tuple(row[name] for name in KEY), row)
+    return list(rows.values())
+
+
+@cache
+def of_this_process() -> Row:
+    """The commit that this process runs."""
+    return source()
 
 
 def finish(out: Path, cells: list[Row]) -> None:
     """Do cells of one data set; each is written when it is done."""
+    of_this_process()
     world = make_world(*(cells[0][name] for name in ("task", "n", "share", "seed")))
     judged = Judged(world.demonstrations)
     driven: dict[tuple[str, bytes], Row] = {}
@@ -116,7 +133,7 @@ def finish(out: Path, cells: list[Row]) -> None:
         if policy not in driven:
             driven[policy] = value_of(cell, world, weight)
         seconds = round(time.perf_counter() - started, 2)
-        row = cell | driven[policy] | describe(world, judged, weight) | {"seconds": seconds}
+        row = cell | driven[policy] | describe(world, judged, weight) | {"seconds": seconds} | of_this_process()
         with out.open("a", encoding="utf-8") as file:
             file.write(json.dumps(row) + "\n")
 

@@ -18,14 +18,21 @@ PAGE = "docs/results.md"
 _ROOT = Path(__file__).parents[1]
 
 
-def provenance(seeds: Any) -> dict[str, Any]:
-    """Commit (None outside its checkout), whether tracked files but `PAGE` differ from it, date, seeds as they are
-    given, and machine; neither a host name nor a path is among them."""
+def source() -> dict[str, Any]:
+    """Commit (None outside its checkout), and whether tracked files but `PAGE` differ from it."""
     return {
         "commit": _git("rev-parse", "--short=12", "HEAD"),
         "dirty": bool(_git("status", "--porcelain", "--untracked-files=no", "--", ".", f":(exclude){PAGE}")),
+    }
+
+
+def provenance(seeds: Any, arguments: dict[str, Any] | None = None) -> dict[str, Any]:
+    """`source`, date, seeds and arguments as they are given, and machine; neither a host name nor a path is among
+    them."""
+    return source() | {
         "date": datetime.now(UTC).strftime("%Y-%m-%d"),
         "seeds": seeds,
+        "arguments": arguments or {},
         "python": platform.python_version(),
         "packages": {name: found for name in PACKAGES if (found := _version(name))},
         "cores": cores(),

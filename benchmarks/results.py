@@ -5,8 +5,9 @@
     python benchmarks/results.py --quick
 
 Tracked files must be as committed. Figures are kept in a folder, and those of the same commit are not made again, so
-that a run that was broken off goes on. At the end the lines of the page that changed are printed. Figures of
-policy_value.py take days; where its cells lie in the folder as `value.jsonl`, they get a section.
+that a run that was broken off goes on; with `--only` other sections are of figures that are there. At the end the lines
+of the page that changed are printed. Figures of policy_value.py take days; where its cells lie in the folder as
+`value.jsonl`, they get a section. With `--quick` the page is printed, and figures are kept in a folder of their own.
 """
 
 from __future__ import annotations
@@ -17,24 +18,23 @@ import json
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Collection, Iterable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from pathlib import Path
 from typing import Any
 
 import ablations
 import answers
 import claims
+import paper
 import peers
 import policy_value
 from options import make_folder
 from provenance import line, provenance
 from rpil.data.errors import DataError
 from rpil.data.files import replacing
-from tables import and_list, bullets, by_column
 from value.report import report
 
 Result = dict[str, Any]
-OURS = "rpil"
 ROOT = Path(__file__).parents[1]
 HEAD = """# Results
 
@@ -56,12 +56,19 @@ def main(arguments: list[str] | None = None) -> int:
         parser.error(f"there is no script {', '.join(unknown)}: choose from {', '.join(SECTIONS)}.")
     if not (options.data or options.quick):
         parser.error("say where the NPZ files are: --data DIR.")
+    if options.quick:
+        options.folder = options.folder / "quick"
     try:
         make_folder(options.folder)
         check_clean(options.quick)
-        found = {name: figures(name, options) for name in names}
+        found = {name: figures(name, options, run=name in names) for name in SECTIONS}
+        found = {name: each for name, each in found.items() if each}
         check_clean(options.quick, {each["provenance"]["commit"] for each in found.values()})
-        write(options.page, page(found, policy_value.read(options.folder / "value.jsonl")))
+        text = page(found, policy_value.read(options.folder / "value.jsonl"))
+        if options.quick:
+            print(text)
+        else:
+            write(options.page, text)
     except DataError as error:
         parser.error(str(error))
     return 0
@@ -77,28 +84,33 @@ def check_clean(quick: bool, commits: Collection[str] = ()) -> None:
         raise DataError("Tracked files differ from the commit; commit them, so that all figures are of one commit.")
 
 
-def figures(name: str, options: argparse.Namespace) -> Result:
-    """What a script wrote on this commit; it is run where nothing finished is there."""
+def figures(name: str, options: argparse.Namespace, *, run: bool) -> Result | None:
+    """What a script wrote on this commit; where nothing finished is there, it is run, or None without `run`."""
     path = options.folder / f"{name}.json"
-    found = finished(path)
-    if found is None:
+    found = finished(path, options.quick)
+    if found is None and run:
         given = ["--quick"] if options.quick else ["--data", str(options.data)] if name in NEED_DATA else []
         command = [sys.executable, str(ROOT / "benchmarks" / f"{name}.py"), "--json", str(path), *given]
         started = time.perf_counter()
-        run = subprocess.run([*command, "--processes", str(options.processes)], stdout=subprocess.DEVNULL, check=False)
-        if run.returncode:
-            raise DataError(f"{name}.py ended with code {run.returncode}; its message is above. What is done is kept.")
+        ended = subprocess.run(
+            [*command, "--processes", str(options.processes)], stdout=subprocess.DEVNULL, check=False
+        )
+        if ended.returncode:
+            raise DataError(
+                f"{name}.py ended with code {ended.returncode}; its message is above. What is done is kept."
+            )
         print(f"{name}.py: {time.perf_counter() - started:.0f} s", file=sys.stderr, flush=True)
         found = read(path)
     return found
 
 
-def finished(path: Path) -> Result | None:
-    """The figures in a file, if they are all there and of this commit."""
+def finished(path: Path, quick: bool) -> Result | None:
+    """The figures in a file, if they are all there, of this commit, and of a whole run, or of a quick one."""
     found, now = read(path) if path.exists() else {}, provenance(None)
     origin = found.get("provenance", {})
     same = origin.get("commit") == now["commit"] and not origin.get("dirty") and not now["dirty"]
-    return found if origin and same and not found.get("unfinished") else None
+    same = same and origin.get("arguments") == ({"quick": True} if quick else {})
+    return found if same and not found.get("unfinished") else None
 
 
 def read(path: Path) -> Result:
@@ -132,85 +144,12 @@ def write(path: Path, text: str) -> None:
     print("\n".join(row for row in changed if not row.startswith("@@")) or "Nothing changed.")
 
 
-# ---- the paper -----------------------------------------------------------------------------------------------------
-
-NOT_LEARNED = ("expert", "raw oracle", "oracle")
-"""Policies that know the truth, or that are not fitted: they are not compared with the others."""
-
-
-def paper(result: Result) -> str:
-    """Tables 1-6: every policy over draws, then the paper's way of measuring beside what it prints."""
-    tables = result["tables"]
-    names = [f"{of['table']}. {of['env'].split('-')[0]} {of['kind']}" for of in tables]
-    policies = list(dict.fromkeys(name for of in tables for name in of["policies"]))
-
-    def cells(name: str, value: str | None) -> list[tuple[str, float | None]]:
-        found = [of["policies"].get(name) for of in tables]
-        found = [row if row is None or value is None else row[value] for row in found]
-        plays = name not in NOT_LEARNED
-        return [("–", None) if row is None else (plus_minus(row), row["mean"] if plays else None) for row in found]
-
-    printed = {
-        f"{name}, printed": [
-            (f"{of['policies'].get(name, {}).get('printed', float('nan')):.2f}", None) for of in tables
-        ]
-        for name in policies
-        if any("printed" in of["policies"].get(name, {}) for of in tables)
-    }
-    draws = and_list(sorted({str(of["draws"]) for of in tables}))
-    verdicts = [
-        f"Wrong verdicts of {name}: "
-        + and_list(
-            [f"{of['policies'][name]['wrong']} of {of['verdicts']} in table {of['table']}" for of in with_verdicts]
-        )
-        + "."
-        for name in policies
-        if (with_verdicts := [of for of in tables if "wrong" in of["policies"].get(name, {})])
-    ]
-    return "\n\n".join(
-        [
-            "## The paper's tables",
-            f"`benchmarks/paper.py`: 10 good and 10 bad demonstrations, {draws} draws of the data, "
-            f"{result['rollouts']} rollouts a policy, features `{result['features']}` where no others are named. Mean "
-            "return ± half the 95 % interval over draws; the best of each column is bold, experts and oracles aside.",
-            by_column(names, {name: cells(name, None) for name in policies}, digits=1),
-            bullets([*behind_in_paper(tables), *verdicts]),
-            "The same the paper's way: 20 rollouts of one policy from one draw, ± half the 95 % interval over "
-            "rollouts. *Printed* is what the paper has.",
-            by_column(names, printed | {name: cells(name, "paper_way") for name in policies}, digits=1),
-        ]
-    )
-
-
-def plus_minus(of: Result, digits: int = 1) -> str:
-    return f"{of['mean']:.{digits}f} ± {of['half_width']:.{digits}f}"
-
-
-def behind_in_paper(tables: Iterable[Result]) -> list[str]:
-    """Methods above ours over draws, and tables in which the paper prints more."""
-    lines = []
-    for of in tables:
-        policies = of["policies"]
-        ours = policies[OURS]
-        above = {name: row for name, row in policies.items() if name != "expert" and row["mean"] > ours["mean"]}
-        better = [f"{name} {plus_minus(row)}" for name, row in sorted(above.items(), key=lambda of: -of[1]["mean"])]
-        better += [
-            f"the paper's print of {name} {row['printed']:.2f}"
-            for name, row in policies.items()
-            if row.get("printed", ours["mean"]) > ours["mean"]
-        ]
-        if better:
-            where = f"Table {of['table']}, {of['env']} {of['kind']}"
-            lines.append(f"{where}: above ours ({plus_minus(ours)}): {and_list(better)}.")
-    return lines or ["No method is above ours in any table, the oracles included."]
-
-
 SECTIONS: dict[str, Callable[[Result], str]] = {
     "claims": claims.markdown,
     "answers": answers.markdown,
     "peers": peers.markdown,
     "ablations": ablations.markdown,
-    "paper": paper,
+    "paper": paper.markdown,
 }
 NEED_DATA = ("claims", "answers", "peers", "ablations")
 

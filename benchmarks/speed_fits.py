@@ -1,4 +1,4 @@
-"""Rows A, B, D, F and I: fits in memory, scikit-learn beside."""
+"""Rows A, B and D: fits in memory, scikit-learn beside."""
 
 from __future__ import annotations
 
@@ -32,19 +32,6 @@ def plain(size: dict[str, int], repeats: int) -> Measured:
     """A: a whole fit, features given, over one plain logistic regression on all steps, both to one gradient norm."""
     data = softmax_expert(size["steps"], size["features"], size["actions"])
     return _over_scikit_learn(data, "raw", repeats, ("lbfgs",))
-
-
-def automatic(size: dict[str, int], repeats: int) -> Measured:
-    """I: the default `RPIL()`, which judges by folded features, over the single configuration of A."""
-    data = softmax_expert(size["steps"], size["features"], size["actions"])
-    with one_core():
-        seconds, models = in_turns(
-            repeats,
-            automatic=lambda: RPIL().fit(data.demonstrations),
-            single=lambda: _given("raw").fit(data.demonstrations),
-        )
-    found = {name: auroc(model, data) for name, model in models.items()}
-    return Measured({"I": seconds["automatic"] / seconds["single"]}, {"seconds": seconds, "auroc": found})
 
 
 def ill_conditioned(size: dict[str, int], repeats: int) -> Measured:
@@ -183,17 +170,3 @@ def one_pass(size: dict[str, int], repeats: int) -> Measured:
     with one_core():
         seconds, _ = in_turns(repeats + 2, ours=ours, bare=lambda: (design @ single, design.T @ residual))
     return Measured({"D": seconds["ours"] / seconds["bare"]}, {"seconds": seconds, "shape": list(design.shape)})
-
-
-def growth(size: dict[str, int], repeats: int) -> Measured:
-    """F: the exponent b of seconds = a steps^b, fitted to the logarithms."""
-    steps = np.geomspace(size["fewest"], size["most"], 3).astype(int)
-    seconds, rounds = {}, {}
-    with one_core():
-        for n in steps.tolist():
-            data = softmax_expert(n, size["features"], size["actions"]).demonstrations
-            found, models = in_turns(repeats, **{f"{n} steps": lambda data=data: _given("raw").fit(data)})
-            seconds |= found
-            rounds |= {name: model.n_iter_ for name, model in models.items()}
-    exponent = np.polyfit(np.log(steps), np.log(list(seconds.values())), 1)[0]
-    return Measured({"F": float(exponent)}, {"seconds": seconds, "rounds_of_the_judge": rounds})

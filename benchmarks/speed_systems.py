@@ -1,4 +1,4 @@
-"""Rows E, G, H and J: data on disk, a cluster of processes, environments, and starting up."""
+"""Rows E, G and J: data on disk, a cluster of processes, and starting up."""
 
 from __future__ import annotations
 
@@ -14,23 +14,14 @@ from pathlib import Path
 from statistics import median
 from typing import Any
 
-import numpy as np
-
 import rpil
 from rpil import Settings
-from rpil.data.demonstrations import Demonstrations
-from rpil.estimators.cloning import BehavioralCloning
 from rpil.estimators.rpil import RPIL
-from rpil.numerics.parallel import in_processes
 from rpil.scale.dask import DaskEngine
 from rpil.scale.disk import Streamed
 from rpil.scale.memory import InMemory
 from rpil.scale.protocol import Engine
-from rpil.simulation.environments import make
-from rpil.simulation.rollouts import record, rollout
-from rpil.simulation.simulate import simulate
 from speed_common import Measured, Skipped, in_turns, peak_gib, softmax_expert
-from worlds.simulated import ENVIRONMENTS
 
 PROCESSES = 2
 _SHARD_STEPS = 1_000_000
@@ -126,46 +117,6 @@ def _child(function: Callable[[str], dict[str, float]], argument: str) -> dict[s
         [sys.executable, "-c", code], check=True, capture_output=True, text=True, cwd=Path(__file__).parent
     )
     return json.loads(found.stdout.splitlines()[-1])
-
-
-def rollouts(size: dict[str, int], repeats: int) -> Measured:
-    """H: steps a second of `rollout` over those of a bare loop with the same actions, on both cores at a time.
-
-    Every process plays both in turns, so that its core serves both alike. The worst policy and environment counts.
-    """
-    played = ENVIRONMENTS[: size["environments"]]
-    names = [(env_id, features) for env_id in played for features in ("raw", "spline")]
-    jobs = [(*name, size["episodes"], repeats + 2, seed) for name in names for seed in range(PROCESSES)]
-    found = list(in_processes(play_both_ways, jobs, PROCESSES))
-    ratios, details = {}, {}
-    for k, name in enumerate(map(" ".join, names)):
-        both = found[k * PROCESSES : (k + 1) * PROCESSES]
-        ratios[name] = median(one["bare"] / one["rollout"] for one in both)
-        rates = {way: round(median(one["steps"] / one[way] for one in both)) for way in ("bare", "rollout")}
-        details[name] = {"ratio": ratios[name], "steps_per_second_and_core": rates}
-    return Measured({"H": min(ratios.values())}, details | {"processes": PROCESSES})
-
-
-def play_both_ways(env_id: str, features: str, n_episodes: int, repeats: int, seed: int) -> dict[str, float]:
-    """Median seconds of a bare loop and of `rollout`, and the steps that both make."""
-    made = simulate(env_id, "corrupted", n_good=10, n_bad=10, seed=seed)
-    good = Demonstrations.from_episodes(made.episodes).select(made.is_good == 1)
-    policy = BehavioralCloning(features=features).fit(good)
-    actions = [episode.actions.tolist() for episode in record(policy, env_id, n_episodes=n_episodes, seed=seed)]
-    starts = np.random.SeedSequence(seed).generate_state(n_episodes).tolist()
-
-    def bare() -> None:
-        env = make(env_id)
-        for start, orders in zip(starts, actions, strict=True):
-            env.reset(seed=start)
-            for order in orders:
-                env.step(order)
-        env.close()
-
-    seconds, _ = in_turns(
-        repeats, quiet=True, bare=bare, rollout=lambda: rollout(policy, env_id, n_episodes=n_episodes, seed=seed)
-    )
-    return seconds | {"steps": sum(map(len, actions))}
 
 
 def start_up(size: dict[str, int], repeats: int) -> Measured:

@@ -27,6 +27,7 @@ from sklearn.metrics import roc_auc_score
 
 from rpil.audit.reasons import MAX_LOG_RATIO
 from rpil.data.demonstrations import Demonstrations
+from rpil.data.errors import DataError
 from rpil.inference.step_trust import step_proba
 from rpil.simulation.corruptions import window
 from rpil.simulation.experts import expert
@@ -107,6 +108,9 @@ def _arm(task: str, kind: str, has_window: Array, rng: np.random.Generator) -> t
             found = operator.is_bad(len(episode[1]))
             if succeeded and found.any() == interrupted:
                 break
+        else:
+            what = f"with a window of kind {kind}" if interrupted else "without a window"
+            raise DataError(f"{task}: no success {what} in {TRIES} episodes; choose another task, kind or seed.")
         episodes.append(episode)
         is_bad.append(found)
     return episodes, is_bad
@@ -193,9 +197,7 @@ def figures(values: Array) -> list[str]:
 def main(arguments: list[str] | None = None) -> int:
     options = parse(arguments)
     rows = []
-    for task, kind in WORLDS:
-        if task not in options.tasks or kind not in options.kinds or (options.drive and task == "Pendulum-v1"):
-            continue
+    for task, kind in options.worlds:
         for seed in options.seeds:
             world = make_world(task, kind, options.n, seed)
             judged = Judged(world.demonstrations)
@@ -218,6 +220,10 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
     options.tasks = options.tasks or [*ARM_TASKS, *GAME_TASKS]
     if options.quick:
         options.tasks, options.seeds, options.n = ["MountainCar-v0"], [0], 8
+    asked = [each for each in WORLDS if each[0] in options.tasks and each[1] in options.kinds]
+    options.worlds = [each for each in asked if not (options.drive and each[0] == "Pendulum-v1")]
+    if not options.worlds:
+        parser.error("no world is left: arms have windows of their kinds, games random ones; Pendulum is not driven.")
     return options
 
 

@@ -20,27 +20,18 @@ TRUST_ALL, RAW_TRUST_ALL, ORACLE, RAW_ORACLE = "trust all", "raw trust all", "or
 
 @dataclass(frozen=True)
 class Experiment:
-    """One table of the paper.
-
-    Attributes
-    ----------
-    table : int
-        Its number. Our source gives the tables as environments and kinds of bad demonstrations without their numbers,
-        so they are counted in the order it lists them.
-    env_id, kind : str
-        "corrupted": the expert drives and each recorded action is a uniform draw; "random": uniform draws drive.
-    prior : float
-        The P(expert) that the paper's recipe is given.
-    rpil, logreg : float
-        The mean returns that the paper prints.
-    """
+    """One table of the paper."""
 
     table: int
+    """Its number, in the order in which the paper lists environments and kinds."""
     env_id: str
     kind: str
+    """"corrupted": the expert drives and each recorded action is a uniform draw; "random": uniform draws drive."""
     prior: float
+    """The P(expert) that the paper's recipe is given."""
     rpil: float
     logreg: float
+    """These two: the mean returns that the paper prints."""
 
     @property
     def printed(self) -> dict[str, float]:
@@ -60,7 +51,7 @@ ENVIRONMENTS = tuple(dict.fromkeys(experiment.env_id for experiment in EXPERIMEN
 
 Method = Callable[[Demonstrations, Experiment, int], Any]
 """Demonstrations, the experiment and a seed to a policy with `predict`, or None where the method only ranks. Where the
-policy has `expert_proba_` its verdicts are counted, where it has `log_odds_` they are kept for the picture."""
+policy has `expert_proba_` its verdicts are counted."""
 
 
 def raw_trust_all(demonstrations: Demonstrations, experiment: Experiment, seed: int) -> BehavioralCloning:
@@ -88,14 +79,3 @@ METHODS: dict[str, Method] = {
     RECIPE: paper_recipe,
     OURS: ours,
 }
-
-NAMES = {
-    EXPERT: "expert",
-    RAW_TRUST_ALL: "trust all (raw: LogReg)",
-    TRUST_ALL: f"trust all ({OUR_FEATURES})",
-    RECIPE: "the paper's recipe (raw)",
-    OURS: f"rpil ({OUR_FEATURES})",
-    RAW_ORACLE: "clean oracle (raw)",
-    ORACLE: f"clean oracle ({OUR_FEATURES})",
-}
-"""What the policies are called where people read; in brackets what they see of an observation."""

@@ -1,4 +1,4 @@
-"""Figures 1-7: Mountain Car, position against velocity, coloured by action; and the weights of the demonstrations.
+"""Figures 1-7: Mountain Car, position against velocity, coloured by action.
 
 Figures 1, 2 and 5 are data, as the learner sees them. The others are policies: what each does in 20 episodes of its
 own, over a pale map of what it would do elsewhere.
@@ -7,7 +7,7 @@ own, over a pale map of what it would do elsewhere.
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -20,17 +20,7 @@ from rpil.data.demonstrations import Demonstrations
 from rpil.data.files import replacing
 from rpil.simulation.rollouts import record
 from rpil.simulation.simulate import simulate
-from study.experiments import (
-    EXPERIMENTS,
-    N_BAD,
-    N_GOOD,
-    NAMES,
-    OURS,
-    RECIPE,
-    ours,
-    paper_recipe,
-    raw_trust_all,
-)
+from study.experiments import EXPERIMENTS, N_BAD, N_GOOD, ours, paper_recipe, raw_trust_all
 
 CAR = "MountainCar-v0"
 ACTIONS = ("push left", "no push", "push right")
@@ -43,27 +33,12 @@ _GRID = 240
 _DPI = 150
 
 
-def draw(
-    folder: str | os.PathLike[str],
-    draws: Sequence[dict[str, Any]] = (),
-    *,
-    seed: int = 0,
-    progress: Callable[[str], None] = lambda _: None,
-) -> list[Path]:
-    """Write Figures 1-7 as PNG to a folder, which is made where it is missing, and return the files.
-
-    `draws` are `Reproduction.draws`, for a picture of the weights, and `seed` is that of the demonstrations: the first
-    one of the tables shows their first draw. `progress` is called with a few words at every figure.
-
-    Raises
-    ------
-    DataError
-        Where the folder cannot be written.
-    """
+def draw(folder: str | os.PathLike[str], *, seed: int) -> list[Path]:
+    """Write Figures 1-7 as PNG to a folder, which is made where it is missing, and return the files; `seed` is that of
+    the demonstrations: the first one of the tables shows their first draw."""
     folder, paths = make_folder(folder), []
 
     def save(figure: Any, name: str) -> None:
-        progress(f"drawing {name}")
         with replacing(folder / f"{name}.png") as path:
             figure.savefig(path, dpi=_DPI)
         paths.append(folder / f"{name}.png")
@@ -83,9 +58,6 @@ def draw(
         title = f"Figure {first + 2}. R-PIL, the paper's recipe"
         panels = [_played(title, recipe, seed), _played("R-PIL, this library's default", default, seed)]
         save(_car(panels), f"figure-{first + 2}-{kind}-rpil")
-    shown = [row for row in draws if row["seed"] == seed]
-    if shown:
-        save(_weights(shown), "weights")
     return paths
 
 
@@ -140,39 +112,4 @@ def _car(panels: Sequence[Panel]) -> Any:
         for colour, name in zip(ACTION_COLOURS, ACTIONS, strict=True)
     ]
     figure.legend(handles=handles, loc="outside lower center", ncols=len(handles), frameon=False, handletextpad=0.2)
-    return figure
-
-
-def _weights(rows: Sequence[dict[str, Any]]) -> Any:
-    """P(expert) and log-odds of each demonstration, a row of panels for each table."""
-    from scipy.special import expit
-
-    figure = _figure(10, 0.9 + 1.7 * len(rows))
-    axes = figure.subplots(len(rows), 2, sharex=True, squeeze=False)
-    styles: dict[str, dict[str, Any]] = {
-        RECIPE: {"color": COLOURS["lower"], "marker": "o", "fillstyle": "none", "markersize": 7},
-        OURS: {"color": COLOURS["upper"], "marker": "D", "markersize": 3.5},
-    }
-    bound = 3 * max(np.abs(row["log_odds"][name]).max() for row in rows for name in styles)
-    decades = 10.0 ** np.arange(1, np.log10(bound), 2)
-    for (left, right), row in zip(axes, rows, strict=True):
-        n_good, size = sum(row["is_good"]), len(row["is_good"])
-        where = np.arange(1, size + 1)
-        for name, style in styles.items():
-            log_odds = np.array(row["log_odds"][name])
-            for ax, values in ((left, expit(log_odds)), (right, log_odds)):
-                ax.plot(where, values, linestyle="none", label=NAMES[name], **style)
-        for ax in (left, right):
-            ax.axvspan(n_good + 0.5, size + 0.5, color=COLOURS["open"], alpha=0.12, linewidth=0)
-            ax.spines[["top", "right"]].set_visible(False)
-            ax.set(xlim=(0.4, size + 0.6))
-        left.set_title(f"Table {row['table']}. {row['env']}, {row['kind']}", loc="left", fontsize="medium")
-        left.set(ylabel="P(expert)", ylim=(-0.08, 1.08), yticks=(0, 0.5, 1))
-        right.set_yscale("symlog", linthresh=10)
-        right.set(ylabel="Log-odds (nats)", ylim=(-bound, bound), yticks=[*-decades, 0, *decades])
-        right.axhline(0, color=COLOURS["open"], linewidth=0.8)
-    for ax in axes[-1]:
-        ax.set(xlabel="Demonstration (the bad ones on grey)", xticks=(1, 5, 10, 15, 20))
-    handles, labels = axes[0, 0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside upper left", ncols=2, frameon=False, handletextpad=0.2)
     return figure

@@ -42,14 +42,6 @@ class PaperRecipe(PolicyEstimator):
         does. It matters where the recipe is on a knife's edge: of 40 draws of Lunar Lander, corrupted, 1 ends with
         no demonstration trusted after whole fits, 3 after single steps.
 
-    Attributes
-    ----------
-    log_odds_, expert_proba_ : (M,) arrays
-        Of the demonstrations.
-    classes_ : (K,) array
-    coef_, intercept_ : arrays
-    n_iter_ : int
-
     References
     ----------
     Crowe, "Robust Probabilistic Imitation Learning": eq. 3, 7, 9, 11.

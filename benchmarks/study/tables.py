@@ -2,21 +2,15 @@
 
 from __future__ import annotations
 
-import os
 import warnings
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 from sklearn.exceptions import ConvergenceWarning
 from threadpoolctl import threadpool_limits
 
-from options import make_folder
-from provenance import provenance
 from rpil.data.demonstrations import Demonstrations
-from rpil.data.errors import DataError
-from rpil.data.files import replacing
 from rpil.numerics.parallel import in_processes
 from rpil.simulation.experts import expert
 from rpil.simulation.rollouts import Returns, rollout
@@ -28,63 +22,19 @@ from study.experiments import (
     METHODS,
     N_BAD,
     N_GOOD,
-    NAMES,
     ORACLE,
     OUR_FEATURES,
+    OURS,
     RAW_ORACLE,
     Experiment,
     Method,
     raw_trust_all,
     trust_all,
 )
+from tables import and_list, bullets, by_column
 
 PAPER_ROLLOUTS = 20
 Row = dict[str, Any]
-
-
-@dataclass(frozen=True, eq=False)
-class Reproduction:
-    """What `run` found: for each table and draw of the data, in that order, returns of each policy, wrong verdicts and
-    log-odds; what the draws of each table amount to; how many episodes each policy played."""
-
-    draws: list[Row]
-    tables: list[Row]
-    rollouts: int
-
-    def to_dict(self) -> dict[str, Any]:
-        """Everything, as plain numbers and text."""
-        seeds = [row["seed"] for row in self.draws]
-        origin = provenance(f"{min(seeds)} to {max(seeds)}")
-        how = {"rollouts": self.rollouts, "features": OUR_FEATURES, "provenance": origin}
-        return how | {"tables": self.tables, "draws": self.draws}
-
-    def text(self) -> str:
-        """The tables for a terminal."""
-        form = "{:30}{:>9}{:>17}{:>17}{:>9}{:>9}"
-        blocks = [
-            [_title(table, self.rollouts), *(form.format(*line) for line in _lines(table))] for table in self.tables
-        ]
-        return "\n\n".join(map("\n".join, blocks))
-
-    def markdown(self) -> str:
-        """The tables as Markdown, with what their columns mean."""
-        parts = [f"# The paper's tables\n\n{LEGEND}\n"]
-        for table in self.tables:
-            rule = "|---|" + "---:|" * (len(HEAD) - 1)
-            head, *body = ["| " + " | ".join(line) + " |" for line in _lines(table)]
-            parts.append(f"## {_title(table, self.rollouts)}\n\n" + "\n".join([head, rule, *body]) + "\n")
-        return "\n".join(parts)
-
-    def write(self, folder: str | os.PathLike[str]) -> None:
-        """Write ``tables.md`` to a folder, which is made where it is missing.
-
-        Raises
-        ------
-        DataError
-            Where that cannot be done.
-        """
-        with replacing(make_folder(folder) / "tables.md") as path:
-            path.write_text(self.markdown(), encoding="utf-8")
 
 
 def run(
@@ -96,39 +46,9 @@ def run(
     methods: Mapping[str, Method] = METHODS,
     processes: int = 1,
     progress: Callable[[int, int], None] | None = None,
-) -> Reproduction:
-    """Make the paper's tables.
-
-    Parameters
-    ----------
-    draws : int
-        Of the data, 2 or more; draw k has the seed ``seed + k``, for the data and for the rollouts.
-    rollouts : int
-        Episodes for every policy of every draw, 2 or more; all policies of a draw start alike.
-    seed : int
-        Fixes everything.
-    environments : sequence of str
-        Those of `EXPERIMENTS`, or some of them.
-    methods : mapping of name to `Method`
-        What learns from the demonstrations; functions of a module, so that other processes find them.
-    processes : int
-        Other Python processes to share the work; 1 is none. The numbers do not depend on it.
-    progress : callable, optional
-        Called as ``progress(n_done, n)``, n being the draws of all environments.
-
-    Raises
-    ------
-    DataError
-        If there are too few draws or rollouts for an interval, or the paper has no such environment.
-    MissingExtraError
-        If Gymnasium or its Box2D environments are not installed.
-    """
-    for what, n in (("draws of the data", draws), ("rollouts", rollouts)):
-        if n < 2:
-            raise DataError(f"An interval needs two {what} or more, not {n}: raise their number.")
-    for env_id in environments:
-        if env_id not in ENVIRONMENTS:
-            raise DataError(f"The paper has no environment {env_id!r}: choose from {', '.join(ENVIRONMENTS)}.")
+) -> Row:
+    """The paper's tables: of each draw of the data (draw k has the seed `seed` + k, also for the rollouts), and over
+    draws. `progress` is called with the draws that are done and their number; no figure depends on `processes`."""
     jobs = [(env_id, seed + draw, rollouts, dict(methods)) for draw in range(draws) for env_id in environments]
     done: list[list[Row]] = []
     if progress is not None:
@@ -140,7 +60,7 @@ def run(
     found = sorted((row for rows in done for row in rows), key=lambda row: (row["table"], row["seed"]))
     asked = (experiment for experiment in EXPERIMENTS if experiment.env_id in environments)
     tables = [summary(one, [row for row in found if row["table"] == one.table]) for one in asked]
-    return Reproduction(found, tables, rollouts)
+    return {"rollouts": rollouts, "features": OUR_FEATURES, "tables": tables, "draws": found}
 
 
 def one_draw(env_id: str, seed: int, rollouts: int, methods: Mapping[str, Method]) -> list[Row]:
@@ -175,8 +95,6 @@ def one_draw(env_id: str, seed: int, rollouts: int, methods: Mapping[str, Method
                     "seed": seed,
                     "returns": common | {name: play(policy) for name, policy in learned.items()},
                     "wrong": {name: wrong(policy.expert_proba_, good) for name, policy in judges.items()},
-                    "log_odds": {name: policy.log_odds_.tolist() for name, policy in judges.items()},
-                    "is_good": good.tolist(),
                 }
             )
     return rows
@@ -201,8 +119,6 @@ def summary(experiment: Experiment, rows: Sequence[Row]) -> Row:
         played = [row["returns"][name] for row in rows]
         means = [one["mean"] for one in played]
         policies[name] = _interval(means) | {
-            "worst": min(means),
-            "best": max(means),
             "paper_way": played[0]["paper_way"],
         }
         if name in experiment.printed:
@@ -220,36 +136,74 @@ def summary(experiment: Experiment, rows: Sequence[Row]) -> Row:
     }
 
 
-HEAD = ("policy", "paper", "the paper's way", "over draws", "worst", "wrong")
-LEGEND = (
-    "10 good and 10 bad demonstrations. *paper*: what the paper prints. *the paper's way*: 20 rollouts of one policy "
-    "from one draw of the data, ± the 95 % interval over these rollouts. *over draws*: mean return over draws of the "
-    "data, ± the 95 % interval over draws; *worst*: the worst draw. *wrong*: wrong verdicts on demonstrations, in all "
-    "draws. The clean oracles learned from the good demonstrations alone; in brackets are a policy's features."
-)
+# ---- the section of the page ----------------------------------------------------------------------------------------
+
+NOT_LEARNED = ("expert", "raw oracle", "oracle")
+"""Policies that know the truth, or that are not fitted: they are not compared with the others."""
 
 
-def _title(table: Row, rollouts: int) -> str:
-    return (
-        f"Table {table['table']}. {table['env']}, {table['kind']}: {table['draws']} draws, {rollouts} rollouts a policy"
-    )
+def markdown(result: Row) -> str:
+    """The section of docs/results.md: policies over draws, then the paper's way of measuring beside what it prints."""
+    tables = result["tables"]
+    names = [f"{of['table']}. {of['env'].split('-')[0]} {of['kind']}" for of in tables]
+    policies = list(dict.fromkeys(name for of in tables for name in of["policies"]))
 
+    def cells(name: str, value: str | None) -> list[tuple[str, float | None]]:
+        found = [of["policies"].get(name) for of in tables]
+        found = [row if row is None or value is None else row[value] for row in found]
+        plays = name not in NOT_LEARNED
+        return [("–", None) if row is None else (plus_minus(row), row["mean"] if plays else None) for row in found]
 
-def _lines(table: Row) -> list[tuple[str, ...]]:
-    """The cells of a table, as text, its head first."""
-
-    def pair(value: Row) -> str:
-        return f"{value['mean']:.1f} ± {value['half_width']:.1f}"
-
-    body = (
-        (
-            NAMES.get(name, name),
-            f"{found['printed']:.2f}" if "printed" in found else "",
-            pair(found["paper_way"]),
-            pair(found),
-            f"{found['worst']:.1f}",
-            f"{found['wrong']}/{table['verdicts']}" if "wrong" in found else "",
+    printed = {
+        f"{name}, printed": [
+            (f"{of['policies'].get(name, {}).get('printed', float('nan')):.2f}", None) for of in tables
+        ]
+        for name in policies
+        if any("printed" in of["policies"].get(name, {}) for of in tables)
+    }
+    draws = and_list(sorted({str(of["draws"]) for of in tables}))
+    verdicts = [
+        f"Wrong verdicts of {name}: "
+        + and_list(
+            [f"{of['policies'][name]['wrong']} of {of['verdicts']} in table {of['table']}" for of in with_verdicts]
         )
-        for name, found in table["policies"].items()
+        + "."
+        for name in policies
+        if (with_verdicts := [of for of in tables if "wrong" in of["policies"].get(name, {})])
+    ]
+    return "\n\n".join(
+        [
+            "## The paper's tables",
+            f"`benchmarks/paper.py`: 10 good and 10 bad demonstrations, {draws} draws of the data, "
+            f"{result['rollouts']} rollouts a policy, features `{result['features']}` where no others are named. Mean "
+            "return ± half the 95 % interval over draws; the best of each column is bold, experts and oracles aside.",
+            by_column(names, {name: cells(name, None) for name in policies}, digits=1),
+            bullets([*behind_in_paper(tables), *verdicts]),
+            "The same the paper's way: 20 rollouts of one policy from one draw, ± half the 95 % interval over "
+            "rollouts. *Printed* is what the paper has.",
+            by_column(names, printed | {name: cells(name, "paper_way") for name in policies}, digits=1),
+        ]
     )
-    return [HEAD, *body]
+
+
+def plus_minus(of: Row, digits: int = 1) -> str:
+    return f"{of['mean']:.{digits}f} ± {of['half_width']:.{digits}f}"
+
+
+def behind_in_paper(tables: Iterable[Row]) -> list[str]:
+    """Methods above ours over draws, and tables in which the paper prints more."""
+    lines = []
+    for of in tables:
+        policies = of["policies"]
+        ours = policies[OURS]
+        above = {name: row for name, row in policies.items() if name != "expert" and row["mean"] > ours["mean"]}
+        better = [f"{name} {plus_minus(row)}" for name, row in sorted(above.items(), key=lambda of: -of[1]["mean"])]
+        better += [
+            f"the paper's print of {name} {row['printed']:.2f}"
+            for name, row in policies.items()
+            if row.get("printed", ours["mean"]) > ours["mean"]
+        ]
+        if better:
+            where = f"Table {of['table']}, {of['env']} {of['kind']}"
+            lines.append(f"{where}: above ours ({plus_minus(ours)}): {and_list(better)}.")
+    return lines or ["No method is above ours in any table, the oracles included."]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections import defaultdict
+from collections import Counter, defaultdict
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any
@@ -18,6 +18,8 @@ from value.worlds import family
 Array = NDArray[Any]
 Row = dict[str, Any]
 LEVEL = 0.05
+FEWEST_SEEDS = 3
+"""Of a cell in which a rule can be worse than all."""
 CURVE = ("best 40 %", "best 60 %", "best 80 %", ALL)
 
 
@@ -30,7 +32,7 @@ def report(rows: Sequence[Row]) -> str:
         parts.append(comparison(own, f"Learner: {learner}"))
         parts.append(by_group(own, lambda row: f"{row['n']}, {row['share']:.0%} bad", "by number and share"))
         parts.append(by_group(own, lambda row: row["task"], "by task"))
-    return "\n\n".join(parts)
+    return "\n\n".join([*parts, never_hurts(rows), commits(rows)])
 
 
 def comparison(rows: Sequence[Row], title: str) -> str:
@@ -46,13 +48,57 @@ def comparison(rows: Sequence[Row], title: str) -> str:
         families = [[row for row in own if family(row["task"]) == each] for each in ("arm", "games")]
         means = [percent(np.mean([row["success"] for row in each])) if each else "" for each in (own, *families)]
         tests = [f"{found[name]:.3f}" if name in found else "" for found in (worse, better)]
+        steps = [row["mean_steps"] for row in own if row.get("mean_steps") is not None]
         shares = [percent(np.mean([row[what] for row in own])) for what in ("kept", "weight_on_good")]
-        cells.append([name, *means, *difference(differences[name]), *tests, *shares])
+        cells.append(
+            [name, *means, *difference(differences[name]), *tests, *shares, f"{np.mean(steps):.0f}" if steps else ""]
+        )
     header = ["rule", "success", "arm", "games", "minus all", "standard error", "sets"]
-    header += ["P worse", "P better", "steps kept", "weight on good"]
+    header += ["P worse", "P better", "steps kept", "weight on good", "steps"]
     said = [name for name in compared if worse[name] < LEVEL]
     note = f"Credibly worse than all (Holm, {LEVEL:.0%}): {', '.join(said) or 'none'}."
     return f"### {title}\n\n{table(header, cells)}\n\n{note}"
+
+
+def never_hurts(rows: Sequence[Row]) -> str:
+    """Cells (task, share, learner) in which a rule that is told no truth is worse than all, paired over seeds, and
+    tasks in which its mean over all cells is."""
+    cells, tasks = split(rows, "task", "share", "learner"), split(rows, "task")
+    names = [name for name in rules_of(rows) if name != ALL and "is_good" not in RULES[name].needs]
+    found = {name: [p_lower(v) for own in cells if len(v := paired(own, name)) >= FEWEST_SEEDS] for name in names}
+    adjusted = iter(holm([p for of_rule in found.values() for p in of_rule]))
+    lines = []
+    for name in names:
+        worse = sum(next(adjusted) < LEVEL for _ in found[name])
+        means = [(own[0]["task"], values) for own in tasks if len(values := paired(own, name)) and values.mean() < 0]
+        losses = [
+            f"{task} {mean} ± {error or '?'}" for task, (mean, error, _) in ((t, difference(v)) for t, v in means)
+        ]
+        lines.append([name, ", ".join(losses) or "none", str(len(found[name])), str(worse)])
+    text = (
+        "A loss is a negative mean of a task less that of all ± its standard error. Cells are of a task, share and "
+        f"learner ({FEWEST_SEEDS} seeds or more); worse: at {LEVEL:.0%} after Holm's correction over cells and rules."
+    )
+    header = ["rule", "losses by task", "cells", "worse"]
+    return f"### Never hurts\n\n{text}\n\n{table(header, lines, text_columns=2)}"
+
+
+def split(rows: Sequence[Row], *names: str) -> list[list[Row]]:
+    """The rows that have the same values, together."""
+    found: dict[tuple[Any, ...], list[Row]] = defaultdict(list)
+    for row in rows:
+        found[tuple(row[name] for name in names)].append(row)
+    return list(found.values())
+
+
+def commits(rows: Sequence[Row]) -> str:
+    """How many cells each commit made."""
+    said = Counter((row.get("commit"), bool(row.get("dirty"))) for row in rows)
+    names = [
+        f"{count} of {commit or 'no known commit'}" + " with uncommitted changes" * dirty
+        for (commit, dirty), count in said.items()
+    ]
+    return f"*Cells by commit: {', '.join(names)}.*"
 
 
 def by_group(rows: Sequence[Row], group: Callable[[Row], str], title: str) -> str:
@@ -95,7 +141,7 @@ def difference(values: Array) -> tuple[str, str, str]:
 def p_lower(values: Array) -> float:
     """One-sided t test of a mean below 0."""
     if len(values) < 2 or not values.std() > 0:
-        return 1.0
+        return float(len(values) < 2 or values.mean() >= 0)
     return float(student.cdf(values.mean() / (values.std(ddof=1) / np.sqrt(len(values))), len(values) - 1))
 
 

@@ -106,6 +106,63 @@ def test_the_report_pairs_tasks_and_seeds():
     assert report.difference(np.array([-0.1, 0.2])) == ("+5.0", "15.0", "2")
     assert report.holm([0.01, 0.04, 0.03]) == pytest.approx([0.03, 0.06, 0.06])
     assert report.p_lower(np.array([-1.0, -2.0, -3.0])) == pytest.approx(0.0371, abs=1e-4)
+    assert [report.p_lower(np.full(3, value)) for value in (-0.5, 0.0, 0.5)] == [0.0, 1.0, 1.0]
+
+
+def cell(rule, success, seed=0, task="reach", share=0.1, **more):
+    key = {"seed": seed, "n": 20, "share": share, "task": task, "learner": "linear", "rule": rule}
+    key |= {"episodes": 5, "steps": 5, "success": success, "kept": 1.0, "weight_on_good": 1.0}
+    return key | more
+
+
+def test_losses_are_counted_and_named():
+    """`keep` loses everywhere on one task, less on another with too few seeds; the oracle is not asked."""
+    rows = [cell(ALL, 0.9, seed) for seed in range(3)] + [cell(ALL, 0.5, seed, "push") for seed in range(2)]
+    rows += [cell(name, 0.3 + 0.01 * seed, seed) for seed in range(3) for name in ("keep", ORACLE)]
+    rows += [cell("keep", 0.4, seed, "push") for seed in range(2)] + [cell("best 60 %", 0.95, s) for s in range(3)]
+    lines = report.never_hurts(rows).splitlines()
+    assert "| keep | reach -59.0 ± 0.6, push -10.0 ± 0.0 | 1 | 1 |" in lines
+    assert "| best 60 % | none | 1 | 0 |" in lines
+    assert not any(line.startswith(("| oracle", "| all")) for line in lines)
+
+
+def test_the_correction_is_over_all_cells_and_rules():
+    lost = (0.1, 0.2, 0.3)  # P = .037 alone
+    rows = [cell(ALL, 0.9, seed, task) for seed in range(3) for task in ("reach", "push")]
+    rows += [cell("keep", 0.9 - lost[seed], seed) for seed in range(3)]
+    assert "| 1 | 1 |" in report.never_hurts(rows)
+    rows += [cell("keep", 0.9, seed, "push") for seed in range(3)]
+    assert "| 2 | 0 |" in report.never_hurts(rows)
+
+
+def test_the_report_says_steps_and_commits():
+    rows = [cell(ALL, 0.5, mean_steps=100.0, commit="0123456789ab", dirty=False), cell(ALL, 0.5, 1, mean_steps=140.0)]
+    rows += [cell("keep", 0.5, 2, "CartPole-v1", mean_steps=None, commit="0123456789ab", dirty=True)]
+    text = report.report(rows)
+    assert next(line for line in text.splitlines() if line.startswith("| all")).endswith("| 120 |")
+    expected = "*Cells by commit: 1 of 0123456789ab, 1 of no known commit, 1 of 0123456789ab with uncommitted changes.*"
+    assert text.endswith(expected)
+
+
+def test_cells_of_several_files_count_once(tmp_path, capsys):
+    first, second = tmp_path / "first.jsonl", tmp_path / "second.jsonl"
+    first.write_text(json.dumps(cell(ALL, 0.5)) + "\n")
+    second.write_text(json.dumps(cell(ALL, 0.7)) + "\n" + json.dumps(cell(ALL, 0.9, 1)) + "\n")
+    assert [row["success"] for row in policy_value.read(first, second)] == [0.5, 0.9]
+    assert policy_value.main(["--report", "--out", str(first), str(second)]) == 0
+    assert "| all | 70.0 |" in capsys.readouterr().out
+
+
+def test_a_line_that_was_cut_off_swallows_no_cell(tmp_path, monkeypatch):
+    def added(out, cells):
+        with out.open("a") as file:
+            file.write(json.dumps(cells[0]) + "\n")
+
+    monkeypatch.setattr(policy_value, "finish", added)
+    out = tmp_path / "value.jsonl"
+    out.write_text(json.dumps(cell(ALL, 0.5)) + "\n" + '{"seed": 1, "n"')
+    policy_value.run([[cell(ALL, 0.7, 1)]], out, 1)
+    assert [row["seed"] for row in policy_value.read(out)] == [0, 1]
 
 
 @pytest.mark.slow
@@ -115,11 +172,12 @@ def test_quick_is_resumed(tmp_path, capsys):
     out = tmp_path / "value.jsonl"
     assert policy_value.main(["--quick", "--out", str(out)]) == 0
     lines = out.read_text().splitlines()
+    assert {"commit", "dirty"} <= set(json.loads(lines[0]))
     rows = [json.loads(line) for line in lines]
     assert len(rows) == 2 * len(policy_value.QUICK_RULES)
     assert all(0 <= row["success"] <= 1 for row in rows)
     assert {row["weight_on_good"] for row in rows if row["rule"] == ORACLE} == {1.0}
-    out.write_text("\n".join([*lines[:-1], lines[-1][:20]]) + "\n")
+    out.write_text("\n".join([*lines[:-1], lines[-1][:20]]))
     capsys.readouterr()
     policy_value.main(["--quick", "--out", str(out)])
     again = policy_value.read(out)

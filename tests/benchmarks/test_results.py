@@ -11,6 +11,7 @@ from types import SimpleNamespace
 import pytest
 
 import results
+from study import tables
 
 BENCHMARKS = Path(__file__).parents[2] / "benchmarks"
 ORIGIN = {
@@ -18,6 +19,7 @@ ORIGIN = {
     "dirty": False,
     "date": "2026-01-02",
     "seeds": 0,
+    "arguments": {},
     "python": "3.11.7",
     "packages": {"numpy": "2.0.0"},
     "cores": 2,
@@ -42,7 +44,8 @@ def made(monkeypatch, tmp_path):
         state.ran.append((path.stem, command[-4:]))
         if path.stem == state.fails:
             return SimpleNamespace(returncode=3)
-        path.write_text(json.dumps({"provenance": now(0), "figure": len(state.ran)}))
+        origin = now(0) | {"arguments": {"quick": True} if "--quick" in command else {}}
+        path.write_text(json.dumps({"provenance": origin, "figure": len(state.ran)}))
         return SimpleNamespace(returncode=0)
 
     def section(name):
@@ -94,6 +97,31 @@ def test_unfinished_figures_and_those_of_changed_files_are_made_again(made, left
     (made.folder / "claims.json").write_text(json.dumps({"provenance": ORIGIN, "figure": 9} | left))
     results.main([*made.options, "--only", "claims"])
     assert [name for name, _ in made.ran] == ["claims"]
+
+
+def test_a_quick_run_leaves_page_and_figures_alone(made, capsys):
+    """And its figures are no full ones, wherever they lie."""
+    results.main(made.options)
+    page, figures = made.page.read_text(), (made.folder / "claims.json").read_text()
+    capsys.readouterr()
+    assert results.main([*made.options, "--quick"]) == 0
+    assert len(made.ran) == 4
+    assert "## claims\n\nfigure 3" in capsys.readouterr().out
+    assert (made.page.read_text(), (made.folder / "claims.json").read_text()) == (page, figures)
+    (made.folder / "quick" / "claims.json").replace(made.folder / "claims.json")
+    results.main(made.options)
+    assert [name for name, _ in made.ran[4:]] == ["claims"]
+
+
+def test_other_sections_are_kept(made):
+    results.main(made.options)
+    (made.folder / "claims.json").unlink()
+    results.main([*made.options, "--only", "claims"])
+    assert [name for name, _ in made.ran] == ["claims", "paper", "claims"]
+    assert "## paper\n\nfigure 2" in made.page.read_text()
+    made.commit = "ba9876543210"
+    results.main([*made.options, "--only", "claims"])
+    assert "## paper" not in made.page.read_text()
 
 
 def test_changed_files_are_refused(made, capsys):
@@ -182,8 +210,8 @@ def test_page_names_a_loss_in_the_paper():
 def test_no_method_above_gives_one_line():
     found = paper_result()["tables"]
     found[0]["policies"]["rpil"]["mean"] = 196.0
-    assert len(results.behind_in_paper(found)) == 1
-    assert "above ours (" not in results.behind_in_paper(found)[0]
+    assert len(tables.behind_in_paper(found)) == 1
+    assert "above ours (" not in tables.behind_in_paper(found)[0]
 
 
 # ---- where figures come from ---

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import windows
+from rpil.data.errors import DataError
 from value.operators import GOOD
 
 needs_arm = pytest.mark.skipif(
@@ -41,6 +42,19 @@ def test_the_arm_pauses_in_its_window_alone():
     assert motion[~world.is_bad].max() == 1
     assert [is_bad.any() for is_bad in bad_of_demonstrations(world)] == world.has_window.tolist()
     assert max(is_bad.sum() for is_bad in bad_of_demonstrations(world)) <= windows.LENGTH
+
+
+def test_an_operator_who_never_succeeds_is_refused(monkeypatch):
+    tried = []
+
+    def failed(task, employed, seed):
+        tried.append(seed)
+        return (np.zeros((5, 3)), np.zeros((5, 4))), False
+
+    monkeypatch.setattr(windows, "record_arm", failed)
+    with pytest.raises(DataError, match="in 20 episodes; choose another task, kind or seed"):
+        windows.make_world("reach", "pause", 4, 0)
+    assert len(tried) == windows.TRIES
 
 
 def test_figures_are_means_and_standard_errors():
