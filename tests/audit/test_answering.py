@@ -9,7 +9,7 @@ import pytest
 
 from audits import make_audit
 from problems import make, one_sentence
-from rpil import RPIL, DataError, load, save
+from rpil import RPIL, DataError, Demonstrations, load, save
 from rpil.audit.answering import NEXT_STEPS, NOT_USED, question
 from rpil.audit.record import Audit
 from rpil.audit.words import WORDS
@@ -106,6 +106,29 @@ def test_unusable_answers_are_refused_in_one_sentence(audit, labels, pairs, matc
     with pytest.raises(DataError, match=match) as error:
         audit.answered(labels, pairs)
     assert one_sentence(error)
+
+
+@pytest.fixture(scope="module")
+def copied() -> Audit:
+    """An audit in which the last demonstration is a copy of the first."""
+    episodes = list(TOY.demonstrations)
+    return RPIL().fit(Demonstrations.from_episodes([*episodes, episodes[0]])).audit_
+
+
+def test_labels_of_copies_that_contradict_each_other_are_refused_where_they_are_the_only_ones(copied):
+    first, last = copied.ids[0], copied.ids[-1]
+    with pytest.raises(DataError, match="a copy of it, bad; leave out one of the labels") as error:
+        copied.answered({first: "good", last: "bad"})
+    assert one_sentence(error)
+
+
+def test_labels_of_copies_are_counted_once(copied):
+    first, last = copied.ids[0], copied.ids[-1]
+    both = copied.answered({first: "good", last: "good"})
+    assert both.doubts == ("One answer alone gives no word: give a second one that agrees.",)
+    assert both.assumptions[-1] == "P(good) is learned from 1 label, each of which may be wrong."
+    said = [one for one in both.answered({copied.ids[1]: "good"}).assumptions if "is learned from" in one]
+    assert said == ["P(good) is learned from 2 labels, each of which may be wrong."]
 
 
 def test_an_answer_that_contradicts_an_earlier_one_is_refused(audit):

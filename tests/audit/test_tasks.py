@@ -57,4 +57,12 @@ def test_copies_and_notes_keep_their_tasks():
     places = {"one": [0, 2], "other": [1, 3], "alone": [4]}
     audit = join_audits({"one": one, "other": other}, places, [0, "a", 1, "b", "c"], np.arange(6))
     assert audit.copy_of.tolist() == [0, 1, 0, 1, 4]
-    assert audit.notes == (f"one, other: {same}", "one: Part 3 rests.")
+    assert audit.notes == (same, "one: Part 3 rests.")
+
+
+def test_a_note_names_five_tasks_at_most():
+    noted = make_audit(("open",), lengths=[1], notes=("Part 3 rests.",))
+    audits = {f"block\x1b {k}": noted for k in range(9)} | {"other": make_audit(("open",), lengths=[1])}
+    audit = join_audits(audits, {task: [m] for m, task in enumerate(audits)}, range(10), np.arange(11))
+    names = ", ".join(rf"block\x1b {k}" for k in range(5))
+    assert audit.notes == (f"{names} and 4 more: Part 3 rests.",)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from rpil.audit.text import printable
+from rpil.audit.text import listed, printable
 
 
 @pytest.mark.parametrize(
@@ -21,3 +21,9 @@ from rpil.audit.text import printable
 def test_invisible_characters_are_escaped(name, shown):
     assert printable(name) == shown
     printable(name).encode("utf-8")
+
+
+def test_five_names_are_listed_and_the_others_counted():
+    assert listed(["a"]) == "a"
+    assert listed([1, "b\x1b", 3]) == r"1, b\x1b and 3"
+    assert listed(range(1005)) == "0, 1, 2, 3, 4 and 1,000 more"

@@ -11,9 +11,11 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from command_line import ENV, call, ok, refused
+from command_line import ENV, ok, refused
+from rpil.cli.evaluate import loaded
+from rpil.data.errors import DataError
 from rpil.simulation.experts import expert
-from rpil.simulation.rollouts import rollout
+from rpil.simulation.rollouts import OneByOne, rollout
 
 OWN = """
 import gymnasium
@@ -84,6 +86,37 @@ def needy(path):
 """
 
 
+BOOM = """
+def load():
+    raise RuntimeError("no weights.")
+
+
+def act():
+    return lambda observation: 1 / 0
+
+
+class Again:
+    def reset(self):
+        raise KeyError("plan")
+
+    def __call__(self, observation):
+        return 0
+
+
+def again():
+    return Again()
+
+
+class Rows:
+    def predict(self, observations):
+        raise ValueError
+
+
+def rows():
+    return Rows()
+"""
+
+
 @pytest.fixture(autouse=True)
 def own():
     Path("mine.py").write_text(OWN)
@@ -139,18 +172,34 @@ def test_an_own_file_may_import_its_neighbours_and_leaves_the_path_as_it_was():
         ("mine.py:needy", "mine.py: needy needs arguments"),
         ("mine.py:number", r"mine.py: number\(\) returned int; return a function"),
         ("broken.py:load", r"broken.py: it cannot be imported \(ModuleNotFoundError: No module named 'no_such'\)"),
-        ("mine.py", "it is no policy that rpil saved"),
+        ("mine.py", "mine.py: name the function in it that returns a policy, as mine.py:FUNCTION"),
+        ("boom.py:load", r"boom.py: load\(\) failed \(RuntimeError: no weights\); call it in Python"),
+        ("boom.py:act", r"boom.py: the function that act\(\) returned failed \(ZeroDivisionError: division by zero\)"),
+        ("boom.py:again", r"boom.py: the function that again\(\) returned failed \(KeyError: 'plan'\)"),
+        ("boom.py:rows", r"boom.py: predict of what rows\(\) returned failed \(ValueError\)"),
         ("mine.py:half", "one action 0 to 2"),
     ],
 )
 def test_what_is_no_policy_is_refused(policy, words):
     Path("broken.py").write_text("import no_such\n")
+    Path("boom.py").write_text(BOOM)
     refused(words, "evaluate", policy, "--env", ENV)
 
 
-def test_an_error_in_the_users_own_code_keeps_its_trace():
-    Path("wrong.py").write_text("def load():\n    return lambda observation: 1 / 0\n")
-    assert isinstance(call("evaluate", "wrong.py:load", "--env", ENV).exception, ZeroDivisionError)
+def test_what_the_policy_raised_is_the_cause_of_the_sentence():
+    Path("boom.py").write_text(BOOM)
+    with loaded("boom.py:act") as policy, pytest.raises(DataError) as error:
+        policy.predict(np.zeros((1, 2)))
+    assert isinstance(error.value.__cause__, ZeroDivisionError)
+
+
+def test_an_own_policy_keeps_what_it_knows_of_itself():
+    Path("short.py").write_text(
+        f"from rpil.simulation.experts import expert\n\ndef rows():\n    return expert({ENV!r})\n"
+    )
+    with loaded("short.py:rows") as policy:
+        assert not isinstance(policy, OneByOne)
+        np.testing.assert_array_equal(policy.classes_, expert(ENV).classes_)
 
 
 def test_a_saved_policy_may_have_such_a_name(folder):

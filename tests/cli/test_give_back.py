@@ -37,7 +37,7 @@ def test_keep_names_what_leaving_out_loses():
     call = ["keep", "drive.csv", "--verdicts", "labels.csv", "-o"]
     first, lost, *_ = ok(*call, "kept.csv").stdout.splitlines()
     assert first == "Kept 12 of 13 demonstrations: kept.csv"
-    assert lost.startswith("Without 12 no demonstration starts with side above ")
+    assert lost.startswith("No kept demonstration starts with side above ")
     assert ok(*call, "again.csv", "-q").stdout == "Kept 12 of 13 demonstrations: again.csv\n"
 
 

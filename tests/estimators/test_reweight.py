@@ -321,6 +321,8 @@ def test_reweight_of_copies_of_one_or_two_demonstrations():
     audit = reweight(Line(), alone, log_prob=log_density, train=least_squares).audit
     assert (audit.finding, audit.pair) == ("nothing could be learned", ())
     assert audit.notes == ("All 5 demonstrations are copies of one: there is nothing to compare.",)
+    with pytest.raises(DataError, match="n_folds=6, but there are 5 demonstrations; give fewer folds"):
+        reweight(Line(), alone, log_prob=log_density, train=least_squares, n_folds=6)
     two = Demonstrations.from_episodes([first, last] * 3)
     with pytest.raises(DataError, match="n_folds=3, but there are 2 different demonstrations; give fewer folds"):
         reweight(Line(), two, log_prob=log_density, train=least_squares)

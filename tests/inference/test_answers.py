@@ -261,3 +261,17 @@ def test_copies_share_a_label_and_an_outcome():
     shared = known.shared(np.array([0, 1, 0, 1]))
     assert shared.labels.tolist() == [1, 0, 1, 0]
     np.testing.assert_array_equal(shared.outcome, [np.nan, 1.5, np.nan, 1.5])
+
+
+def test_flags_of_copies_that_contradict_each_other_change_no_other_row():
+    copy_of = np.array([0, 1, 2, 3, 0])
+    one, other = (answers_of(m=5, outcome=[1, 0, 0, 1, last]).once(copy_of) for last in (1, 0))
+    np.testing.assert_array_equal(one.ranks(), [1, 0, 0, 1])
+    np.testing.assert_array_equal(other.ranks(), [0.5, 0, 0, 1])
+    np.testing.assert_array_equal(other.without(0).ranks(), other.ranks())
+
+
+def test_returns_of_copies_are_no_flag_where_their_means_are_0_and_1():
+    np.testing.assert_array_equal(
+        answers_of(m=4, outcome=[0, 2, 0, 0]).once(np.array([0, 0, 2, 3])).ranks(), np.array([5, 2, 2]) / 6
+    )

@@ -58,7 +58,8 @@ def test_what_all_choices_share_of_a_seed_plays_no_part():
 
 def test_seeds_that_agree_by_chance_are_not_believed():
     """Five episodes of each seed, one more of which succeeds: the seeds agree, the episodes say nothing."""
-    outcomes = {"a": np.tile([1, 1, 0, 0, 0], (3, 1)), "b": np.tile([0, 0, 1, 1, 1], (3, 1))}
+    first = np.array([np.roll([1, 1, 0, 0, 0], seed) for seed in range(3)])
+    outcomes = {"a": first, "b": 1 - first}
     row = compare({"a": "a", "b": "b"}, same, played(outcomes))["b"]
     assert row.difference == pytest.approx(0.2)
     assert row.standard_error > 0.2
@@ -116,6 +117,19 @@ def test_seeds_that_change_nothing_are_named():
     assert "do not seem to use their seed" in found["b"].verdict
 
 
+@pytest.mark.parametrize("draw", [lambda rng: rng.random(50) < 0.6, lambda rng: rng.normal(size=50)])
+def test_seeds_that_change_nothing_make_no_choice_better(draw):
+    for t in range(50):
+        rng = np.random.default_rng(t)
+        fixed = {"a": draw(rng), "b": draw(rng)}
+        row = compare({"a": "a", "b": "b"}, same, lambda policy, seed, fixed=fixed: fixed[policy], seeds=10)["b"]
+        assert "do not seem to use their seed" in row.verdict or row.difference == 0
+
+
+def test_policies_that_always_succeed_or_always_fail_may_be_told_apart():
+    assert compare({"a": 0, "b": 1}, same, lambda p, seed: [p] * 20)["b"].verdict == "better"
+
+
 def test_no_difference_needs_no_seeds():
     assert compare({"a": 1, "b": 1}, same, lambda p, seed: [0, p])["b"].verdict == "no difference with 3 seeds"
 
@@ -158,6 +172,7 @@ def test_one_choice_is_a_table_without_sentences():
     [
         ({}, [1], 3, "no choices"),
         ([1, 2], [1], 3, "no choices .* mapping"),
+        ({1: 0, "1": 0}, [1], 3, "Two choices have the name '1'"),
         ({"a": 0}, [1], 0, "seeds is 0"),
         ({"a": 0}, [1], [], r"seeds is \[\]"),
         ({"a": 0}, [1], [1, 1], "the same"),

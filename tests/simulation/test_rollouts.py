@@ -288,6 +288,15 @@ def test_the_first_success_counts(policy, monkeypatch):
     assert seen.success_ci95[1] == 1
 
 
+def test_a_state_beside_the_actions_is_left_aside():
+    class WithState(Always):
+        def predict(self, observations):
+            return super().predict(observations), None
+
+    found, wanted = (rollout(policy, "CartPole-v1", n_episodes=3, seed=0) for policy in (WithState(1), Always(1)))
+    np.testing.assert_array_equal(found.returns, wanted.returns)
+
+
 def test_steps_to_success_are_those_of_the_episodes_that_succeed():
     seen = Returns.of(np.zeros(4), np.array([0, 10, 30, 0]))
     assert seen.success.tolist() == [False, True, True, False]

@@ -96,9 +96,9 @@ def with_answers(audit: A, labels: Mapping[Id, str], pairs: Sequence[tuple[Id, I
     if not audit.columns.size:
         raise DataError("This audit keeps nothing to learn from answers; give the labels to fit().")
     known = merged(audit, labels, pairs)
+    check_copied_labels(known, audit.copy_of, audit.ids)
     if not known.once(audit.copy_of).any:
         return audit
-    check_copied_labels(known, audit.copy_of, audit.ids)
     found = answer(audit.columns, known, audit.settings.answers, audit.copy_of)
     log_odds = found.log_odds + audit.from_demonstrator
     proba, words = expit(log_odds), found.words * (np.sign(log_odds) == found.words)
@@ -125,9 +125,10 @@ def with_answers(audit: A, labels: Mapping[Id, str], pairs: Sequence[tuple[Id, I
 
 def _assumptions(audit: Judged, known: Answers) -> tuple[str, ...]:
     """The sentences of an audit, without those that answers replace."""
-    old = {*FINDINGS.values(), audit.words.explanation, *audit.doubts, sentence_of(audit.answers), NOT_USED}
+    said = sentence_of(audit.answers, audit.copy_of)
+    old = {*FINDINGS.values(), audit.words.explanation, *audit.doubts, said, NOT_USED}
     kept = (one for one in audit.assumptions if one not in old and TWO_GROUPS not in one)
-    return (FINDINGS["answered"], WORDS["answers"].explanation, *kept, sentence_of(known))
+    return (FINDINGS["answered"], WORDS["answers"].explanation, *kept, sentence_of(known, audit.copy_of))
 
 
 def merged(audit: Judged, labels: Mapping[Id, str], pairs: Sequence[tuple[Id, Id]]) -> Answers:
@@ -154,8 +155,9 @@ def doubts_of_answers(found: Answered) -> tuple[str, ...]:
     return ()
 
 
-def sentence_of(known: Answers) -> str:
-    """How many answers there are."""
+def sentence_of(known: Answers, copy_of: Int[Array, " M"]) -> str:
+    """How many answers there are, about different demonstrations."""
+    known = known.once(copy_of) if len(known.labels) else known
     counts = {
         "labels": int(np.count_nonzero(known.labels)),
         "pairs": len(known.pairs),

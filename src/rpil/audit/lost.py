@@ -9,12 +9,13 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Collection, Sequence
+from decimal import ROUND_CEILING, ROUND_FLOOR, Context, Decimal
 
 import numpy as np
 from scipy.spatial.distance import cdist
 from scipy.special import stdtrit
 
-from rpil.audit.text import printable
+from rpil.audit.text import listed, printable
 from rpil.data.demonstrations import Demonstrations
 from rpil.numerics.regression import ROUNDING, robust_scale
 from rpil.numerics.types import Array, Bool, Float, Int, Num
@@ -34,8 +35,8 @@ FALSE_ALARMS = 0.01
 MIN_KEPT = 3
 """Demonstrations whose distances from one another say what is usual, at least."""
 
-MAX_LOST_IDS = 5
-"""Demonstrations that a sentence names."""
+DIGITS = 3
+"""Of a bound, unless more are needed to tell it from the demonstration that is beyond it."""
 
 
 def lost_places(demonstrations: Demonstrations, kept: Collection[object]) -> tuple[str, ...]:
@@ -56,7 +57,7 @@ def lost_places(demonstrations: Demonstrations, kept: Collection[object]) -> tup
     Returns
     -------
     tuple of str
-        Such as "Without 12 no demonstration starts with obs.3 above 0.41.", with the observation in which it is
+        Such as "No kept demonstration starts with obs.3 above 0.41; 12 does.", with the observation in which it is
         farthest outside of what the kept ones reach; most often none.
     """
     names = {str(name) for name in kept}
@@ -76,14 +77,22 @@ def lost_places(demonstrations: Demonstrations, kept: Collection[object]) -> tup
     least, most = (extreme.reduceat(observed, begins) for extreme in (np.minimum, np.maximum))
     reached = least[is_kept].min(axis=0), most[is_kept].max(axis=0)
     started = starts[is_kept].min(axis=0), starts[is_kept].max(axis=0)
-    lost: dict[str, list[str]] = defaultdict(list)
+    lost: dict[tuple[str, str], list[object]] = defaultdict(list)
     for m in chosen[far_start].tolist():
         where = _outside(starts[m : m + 1], started, scale, demonstrations.observation_names)
-        lost[f"starts with {where}" if where else "starts near there"].append(str(demonstrations.ids[m]))
+        lost["starts with", where].append(demonstrations.ids[m])
     for m in chosen[far_states].tolist():
         where = _outside(demonstrations.episode(m)[0], reached, scale, demonstrations.observation_names)
-        lost[f"reaches {where}" if where else "is near its states"].append(str(demonstrations.ids[m]))
-    return tuple(f"Without {_listed(who)} no demonstration {what}." for what, who in lost.items())
+        lost["reaches", where].append(demonstrations.ids[m])
+    return tuple(_sentence(verb, where, who) for (verb, where), who in lost.items())
+
+
+def _sentence(verb: str, where: str, who: Sequence[object]) -> str:
+    """What no kept demonstration does, and who does; without a `where`, near what it does not come."""
+    if where:
+        return f"No kept demonstration {verb} {where}; {listed(who)} {'do' if len(who) > 1 else 'does'}."
+    near = {"starts with": "starts near the start", "reaches": "comes near half of the states"}[verb]
+    return f"No kept demonstration {near} of {listed(who)}."
 
 
 def _thin(values: Int[Array, " R"], most: int) -> Int[Array, " S"]:
@@ -119,19 +128,23 @@ def _far(states: Float[Array, "R D"], owner: Int[Array, " R"], is_kept: Bool[Arr
 def _outside(
     states: Num[Array, "R D"], reached: tuple[Array, Array], scale: Float[Array, " D"], names: Sequence[str]
 ) -> str:
-    """The observation in which states are farthest outside of what the kept ones reach, and its bound; or nothing."""
+    """The observation in which states are farthest outside of what the kept ones reach, and its bound, which no kept
+    one passes and some of the states do; or nothing."""
     low, high = reached
     beyond = np.array([np.maximum(low - states, 0).mean(axis=0), np.maximum(states - high, 0).mean(axis=0)]) / scale
     side, column = divmod(int(beyond.argmax()), beyond.shape[1])
     if not beyond[side, column]:
         return ""
     name = f"observation {names[column]}" if names[column].isdigit() else printable(names[column])
-    return f"{name} {('below', 'above')[side]} {(low, high)[side][column]:.3g}"
+    bound, farthest = float((low, high)[side][column]), float((states.min(axis=0), states.max(axis=0))[side][column])
+    return f"{name} {('below', 'above')[side]} {_outwards(bound, farthest)}"
 
 
-def _listed(names: Sequence[str]) -> str:
-    """Some names in one line, and how many more there are."""
-    texts = [printable(name) for name in names[:MAX_LOST_IDS]]
-    if len(names) > MAX_LOST_IDS:
-        texts.append(f"{len(names) - MAX_LOST_IDS:,} more")
-    return " and ".join(part for part in (", ".join(texts[:-1]), texts[-1]) if part)
+def _outwards(bound: float, farthest: float) -> str:
+    """The bound with few digits, rounded towards the value `farthest`, which it does not reach."""
+    rounding = ROUND_CEILING if farthest > bound else ROUND_FLOOR
+    for digits in range(DIGITS, 17):
+        rounded = float(Context(prec=digits, rounding=rounding).create_decimal(Decimal(bound)))
+        if (rounded - farthest) * (bound - farthest) > 0:
+            return f"{rounded:.{max(digits, 12)}g}"
+    return repr(bound)

@@ -37,7 +37,7 @@ def select(audit: Audit, indices: Sequence[int], ids: Sequence[Hashable] | None 
     """
     chosen = list(indices)
     steps = np.concatenate([np.arange(0), *(np.arange(audit.offsets[m], audit.offsets[m + 1]) for m in chosen)])
-    copies = audit.copy_of[chosen].tolist()
+    _, first, place = np.unique(audit.copy_of[chosen], return_index=True, return_inverse=True)
     names = dict(zip((audit.ids[m] for m in chosen), ids or [audit.ids[m] for m in chosen], strict=True))
 
     def named(old: Sequence[Hashable]) -> tuple[Hashable, ...]:
@@ -55,7 +55,7 @@ def select(audit: Audit, indices: Sequence[int], ids: Sequence[Hashable] | None 
         competing=tuple(map(named, audit.competing)),
         pair=pair if len(pair := named(audit.pair)) == 2 else (),
         answers=audit.answers.select(chosen),
-        copy_of=np.array([copies.index(m) for m in copies], dtype=np.int64),
+        copy_of=first[place],
         contradicting=named(audit.contradicting),
         sessions=tuple(audit.sessions[m] for m in chosen) if audit.sessions else (),
         order=None if audit.order is None else audit.order[chosen],

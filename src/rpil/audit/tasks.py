@@ -10,6 +10,7 @@ import numpy as np
 from rpil.audit.record import Audit, Interval
 from rpil.audit.settings import AuditSettings
 from rpil.audit.subset import AuditOfPart
+from rpil.audit.text import listed
 from rpil.audit.words import Verdict
 from rpil.inference.answers import Answers
 from rpil.inference.facts import TIME_LIMIT
@@ -150,12 +151,12 @@ def _joined_copies(audits: Mapping[str, Audit], places: Mapping[str, Sequence[in
 
 
 def _joined_notes(audits: Mapping[str, Audit]) -> tuple[str, ...]:
-    """Each note once, after the tasks in which it holds."""
+    """Each note once, after the tasks in which it holds, unless it holds in all."""
     tasks: dict[str, list[str]] = {}
     for task, audit in audits.items():
         for note in audit.notes:
             tasks.setdefault(note, []).append(task or "no task")
-    return tuple(f"{', '.join(names)}: {note}" for note, names in tasks.items())
+    return tuple(note if len(names) == len(audits) else f"{listed(names)}: {note}" for note, names in tasks.items())
 
 
 def _joined_beside(audits: Mapping[str, Audit], places: Mapping[str, Sequence[int]], n: int) -> dict[str, Array]:

@@ -3,6 +3,10 @@
 from __future__ import annotations
 
 import unicodedata
+from collections.abc import Sequence
+
+MAX_LISTED_NAMES = 5
+"""Names in one sentence."""
 
 
 def printable(name: object) -> str:
@@ -10,6 +14,14 @@ def printable(name: object) -> str:
     marks that reverse the direction of writing, and lone surrogates, which no file can hold; lines and tabs stay."""
     text = str(name)
     return text if text.isprintable() else "".join(map(_escape_invisible, text))
+
+
+def listed(names: Sequence[object]) -> str:
+    """Some names in one line, and how many more there are."""
+    texts = [printable(name) for name in names[:MAX_LISTED_NAMES]]
+    if len(names) > MAX_LISTED_NAMES:
+        texts.append(f"{len(names) - MAX_LISTED_NAMES:,} more")
+    return " and ".join(part for part in (", ".join(texts[:-1]), texts[-1]) if part)
 
 
 def _escape_invisible(character: str) -> str:

@@ -7,7 +7,8 @@ import inspect
 import os
 import re
 import sys
-from collections.abc import Iterator
+import zipfile
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -21,6 +22,7 @@ from rpil.cli.terminal import to_json
 from rpil.data.errors import DataError
 
 if TYPE_CHECKING:
+    from rpil.numerics.types import Array
     from rpil.simulation.rollouts import Policy, Returns
 
 OWN_POLICY = re.compile(r"(?P<file>.+\.py):(?P<function>\w+)")
@@ -85,6 +87,8 @@ def loaded(policy: str) -> Iterator[Policy]:
     That file is imported, which runs it; modules beside it can be imported within the block.
     """
     own = OWN_POLICY.fullmatch(policy)
+    if policy.endswith(".py") and os.path.isfile(policy) and not zipfile.is_zipfile(policy):
+        raise DataError(f"{policy}: name the function in it that returns a policy, as {policy}:FUNCTION.")
     if own is None or os.path.exists(policy):
         from rpil.estimators.persistence import load
 
@@ -111,15 +115,51 @@ def _own_policy(file: str, function: str) -> Policy:
         inspect.signature(make).bind()
     except (TypeError, ValueError) as error:
         raise DataError(f"{file}: {function} needs arguments; name a function without any.") from error
-    player: object = make()
+    player: object = _told(make, f"{file}: {function}()")()
     if isinstance(player, WithPredict):
-        return player
+        return _OwnPolicy(player, player.predict, f"{file}: predict of what {function}() returned")
     if callable(player):
-        return OneByOne(player)
+        return OneByOne(_OwnPolicy(player, player, f"{file}: the function that {function}() returned"))
     raise DataError(
         f"{file}: {function}() returned {type(player).__name__}; return a function of an observation, or an object "
         "with predict."
     )
+
+
+class _OwnPolicy:
+    """What the user's function returned, as it is, but that each error is one sentence, which says `where`."""
+
+    def __init__(self, player: object, act: Callable[[Array], object], where: str) -> None:
+        self._player, self._act, self._where = player, _told(act, where), where
+
+    def __call__(self, observation: Array) -> object:
+        return self._act(observation)
+
+    def predict(self, observations: Array) -> object:
+        return self._act(observations)
+
+    def __getattr__(self, name: str) -> object:
+        value = getattr(self._player, name)
+        return _told(value, self._where) if callable(value) else value
+
+
+def _told(call: Callable[..., object], where: str) -> Callable[..., object]:
+    """The same function, whose errors are one sentence that says `where`."""
+
+    def told(*arguments: object) -> object:
+        try:
+            return call(*arguments)
+        except DataError:
+            raise
+        except Exception as error:  # whatever the user's code raises
+            raise DataError(f"{where} failed ({_what(error)}); call it in Python to see where.") from error
+
+    return told
+
+
+def _what(error: Exception) -> str:
+    """An error in one line, within a sentence."""
+    return f"{type(error).__name__}: {error}".replace("\n", " ").rstrip(".: ")
 
 
 def _imported(file: str) -> object:
@@ -135,6 +175,5 @@ def _imported(file: str) -> object:
         spec.loader.exec_module(module)
     except Exception as error:  # whatever the user's code raises
         del sys.modules[name]
-        what = f"{type(error).__name__}: {error}".replace("\n", " ").rstrip(".")
-        raise DataError(f"{file}: it cannot be imported ({what}); run it with Python to see where.") from error
+        raise DataError(f"{file}: it cannot be imported ({_what(error)}); run it with Python to see where.") from error
     return module

@@ -29,7 +29,7 @@ class Copies:
 
     @classmethod
     def of(cls, contents: Shaped[Array, " M"]) -> Copies:
-        """The copies among demonstrations with these `digests`."""
+        """The copies among demonstrations with these `contents`, such as `digests` of them."""
         _, first, group = np.unique(contents, return_index=True, return_inverse=True)
         order = np.argsort(first)
         place = np.empty_like(order)

@@ -239,7 +239,7 @@ def reweight(
     copies = copies_among(demonstrations)
     check_copied_labels(task.answers, copies.copy_of, demonstrations.ids, demonstrations.source)
     if chosen.n_folds > len(copies.judged):
-        different = "different " * copies.any
+        different = "different " * (copies.any and not copies.all_same)
         raise DataError(
             f"n_folds={chosen.n_folds}, but there are {len(copies.judged)} {different}demonstrations; give fewer folds."
         )

@@ -16,7 +16,7 @@ and e the posterior of w is Laplace's approximation, and its evidence weighs it;
 from __future__ import annotations
 
 from collections.abc import Hashable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
@@ -41,6 +41,8 @@ class Answers:
     """The better and the worse demonstration of each pair that was compared."""
     outcome: Float[Array, " M"]
     """Higher is better; NaN where it is unknown."""
+    _flag: bool | None = None
+    """Whether outcomes that are means of copies were a flag before; None where the outcomes themselves say so."""
 
     @classmethod
     def none(cls) -> Answers:
@@ -73,7 +75,7 @@ class Answers:
         """The same without the label of demonstration m."""
         labels = self.labels.copy()
         labels[m] = 0
-        return Answers(labels, self.pairs, self.outcome)
+        return replace(self, labels=labels)
 
     def once(self, copy_of: Int[Array, " M"]) -> Answers:
         """The answers about the K different demonstrations, where `copy_of` is the first of the copies of each: one
@@ -85,18 +87,26 @@ class Answers:
         count = np.bincount(place[known], minlength=len(first))
         outcome = np.divide(total, count, out=np.full(len(first), np.nan), where=count > 0)
         pairs = place[self.pairs]
-        return Answers(labels, np.unique(pairs[pairs[:, 0] != pairs[:, 1]], axis=0), outcome)
+        return Answers(labels, np.unique(pairs[pairs[:, 0] != pairs[:, 1]], axis=0), outcome, self.is_flag)
 
     def shared(self, copy_of: Int[Array, " M"]) -> Answers:
         """The same, where a label or an outcome is that of all copies."""
         once, place = self.once(copy_of), np.unique(copy_of, return_inverse=True)[1]
         return Answers(once.labels[place], self.pairs, once.outcome[place])
 
+    @property
+    def is_flag(self) -> bool:
+        """Whether every known outcome is 0 or 1, or the mean of copies of which each is."""
+        if self._flag is not None:
+            return self._flag
+        return {*self.outcome[np.isfinite(self.outcome)].tolist()} <= {0.0, 1.0}
+
     def ranks(self) -> Float[Array, " M"]:
-        """The share of the known outcomes that are lower, ties half, in [0, 1]; NaN where the outcome is unknown."""
+        """The share of the known outcomes that are lower, ties half, in [0, 1], or a flag itself; NaN where the outcome
+        is unknown."""
         ranks, known = np.full(len(self.outcome), np.nan), np.isfinite(self.outcome)
         values = self.outcome[known]
-        if {*values.tolist()} <= {0.0, 1.0}:  # a flag
+        if self.is_flag:
             ranks[known] = values
         elif known.any():
             ranks[known] = (rankdata(values) - 0.5) / len(values)

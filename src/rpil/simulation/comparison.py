@@ -158,6 +158,10 @@ def compare(
     numbers = _checked_seeds(seeds)
     if not isinstance(choices, Mapping) or not choices:
         raise DataError("There are no choices of demonstrations: give a mapping with at least one, by its name.")
+    names = [str(name) for name in choices]
+    if len({*names}) < len(names):
+        repeated = next(name for name in names if names.count(name) > 1)
+        raise DataError(f"Two choices have the name {repeated!r}: give each choice a name of its own.")
     outcomes: list[Float[Array, " E"]] = []
     for seed in numbers:
         for name, choice in choices.items():
@@ -171,7 +175,7 @@ def compare(
             if progress is not None:
                 progress(len(outcomes), len(numbers) * len(choices))
     by_choice = np.array(outcomes).reshape(len(numbers), len(choices), -1).swapaxes(0, 1)
-    return _compared(dict(zip(map(str, choices), by_choice, strict=True)), numbers)
+    return _compared(dict(zip(names, by_choice, strict=True)), numbers)
 
 
 def _checked_seeds(seeds: int | Iterable[int]) -> tuple[int, ...]:
@@ -201,7 +205,7 @@ def _checked(outcome: ArrayLike, name: str, seed: int) -> Float[Array, " E"]:
 def _compared(outcomes: Mapping[str, Float[Array, "S E"]], seeds: tuple[int, ...]) -> Comparison:
     are_successes = all(np.isin(values, (0.0, 1.0)).all() for values in outcomes.values())
     base, *others = outcomes
-    paired = {name: _paired(outcomes[name] - outcomes[base], are_successes) for name in others}
+    paired = {name: _paired(outcomes[name], outcomes[base], are_successes) for name in others}
     level = LEVEL / max(len(others), 1)  # Bonferroni
     rows = []
     for name, values in outcomes.items():
@@ -212,15 +216,20 @@ def _compared(outcomes: Mapping[str, Float[Array, "S E"]], seeds: tuple[int, ...
     return Comparison("success rate" if are_successes else "mean return", seeds, tuple(rows))
 
 
-def _paired(differences: Float[Array, "S E"], are_successes: bool) -> tuple[float, float]:
+def _paired(outcomes: Float[Array, "S E"], of_base: Float[Array, "S E"], are_successes: bool) -> tuple[float, float]:
     """The mean difference of episodes that share their seed, and its standard error over seeds.
 
-    The means of seeds differ by training and by episodes, so their variance is at least that of the episodes.
+    The means of seeds differ by training and by episodes, so their variance is at least that of the episodes. Where
+    episodes differ, but each seed repeats them, the error is 0: the seeds change nothing.
     """
+    differences = outcomes - of_base
     by_seed = differences.mean(axis=1)
     n_seeds, n_episodes = differences.shape
     if n_seeds == 1:
         return float(by_seed.mean()), float("nan")
+    both = np.stack([outcomes, of_base])
+    if (both == both[:, :1]).all() and (both != both[:, :, :1]).any():
+        return float(by_seed[0]), 0.0
     deviations = differences - by_seed[:, None]
     of_episodes = float((deviations**2).sum() / max(n_seeds * (n_episodes - 1), 1))
     if are_successes:

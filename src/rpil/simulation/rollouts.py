@@ -321,7 +321,9 @@ def _actions_that_fit(policy: Policy, env_id: str, env: Any) -> Space:
 
 def _actions(policy: Policy, observations: Array, env_id: str, space: Space) -> Array:
     """The actions of the policy for all running episodes; a `DataError` where they are no actions of the space."""
-    answer = np.asarray(policy.predict(observations))
+    predicted = policy.predict(observations)
+    # Stable-Baselines3 returns the actions and the state of the policy.
+    answer = np.asarray(predicted[0] if isinstance(predicted, tuple) else predicted)
     actions = space.executed(answer, len(observations))
     if actions is None:
         raise DataError(
