@@ -70,7 +70,11 @@ def never_hurts(rows: Sequence[Row]) -> str:
     lines = []
     for name in names:
         worse = sum(next(adjusted) < LEVEL for _ in found[name])
-        means = [(own[0]["task"], values) for own in tasks if len(values := paired(own, name)) and values.mean() < 0]
+        means = [
+            (own[0]["task"], values)
+            for own in tasks
+            if len(values := paired(own, name)) and round(values.mean(), 9) < 0
+        ]
         losses = [
             f"{task} {mean} ± {error or '?'}" for task, (mean, error, _) in ((t, difference(v)) for t, v in means)
         ]
