@@ -172,6 +172,7 @@ def picture(rows: Sequence[Row], path: Path) -> None:
     group = lambda row: (family(row["task"]), row["share"])  # noqa: E731
     groups = sorted({group(row) for row in rows})
     figure, axes = plt.subplots(1, len(groups), figsize=(3.6 * len(groups), 3.6), sharey=True, layout="constrained")
+    colours = dict(zip(rules_of(rows), plt.get_cmap("tab20").colors, strict=False))  # type: ignore[attr-defined]
     for axis, each in zip(np.atleast_1d(axes), groups, strict=True):
         own = [row for row in rows if group(row) == each]
         points = {
@@ -181,11 +182,13 @@ def picture(rows: Sequence[Row], path: Path) -> None:
         curve = [points[name] for name in points if name in CURVE]
         axis.plot(*zip(*sorted(curve), strict=True), color="0.6", zorder=1)
         for name, (kept, success) in points.items():
-            axis.plot(
-                kept, success, "o" if RULES[name].needs else "s", color="#e69f00" if RULES[name].needs else "#0072b2"
-            )
-            axis.annotate(name, (kept, success), xytext=(4, 3), textcoords="offset points", fontsize=6)
+            marker = "o" if RULES[name].needs else "s"
+            axis.plot(kept, success, marker, color=colours[name], label=name, markersize=8)
         axis.set(title=f"{each[0]}, {each[1]:.0%} bad", xlabel="steps kept, %")
     np.atleast_1d(axes)[0].set_ylabel("success, %")
-    figure.savefig(path, dpi=110)
+    labelled = {
+        text: mark for axis in np.atleast_1d(axes) for mark, text in zip(*axis.get_legend_handles_labels(), strict=True)
+    }
+    figure.legend(labelled.values(), labelled.keys(), loc="outside lower center", ncols=6, frameon=False)
+    figure.savefig(path, dpi=80)
     plt.close(figure)

@@ -1,0 +1,26 @@
+"""docs/value.md has the figures of docs/results.md."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+DOCS = Path(__file__).parents[2] / "docs"
+
+
+def rows(text: str) -> list[list[str]]:
+    """The cells of the rows of all tables, without headers."""
+    lines = [line.strip().strip("|").split("|") for line in text.splitlines() if line.startswith("|")]
+    found = [[cell.strip() for cell in line] for line in lines]
+    return [row for row in found if row[0] != "rule" and not row[0].startswith("--")]
+
+
+def test_every_figure_stands_in_the_results_of_the_same_rule():
+    policies = (DOCS / "results.md").read_text(encoding="utf-8").split("## Policies")[1]
+    printed: dict[str, list[str]] = {}
+    for rule, *figures in rows(policies):
+        printed.setdefault(rule, []).extend(figures)
+    table = rows((DOCS / "value.md").read_text(encoding="utf-8"))
+    assert len(table) >= 8
+    for rule, *figures in table:
+        for figure in filter(None, (part for cell in figures for part in cell.split(" ± "))):
+            assert figure in printed[rule], (rule, figure)
