@@ -64,8 +64,7 @@ def main(arguments: list[str] | None = None) -> int:
         sets = [audit for audit in audits if audit["kind"] in ("recorded", "quick")]
         parts = [partial(by_labels, sets, draws, count) for count in (2, 4, 8, 16)]
         parts += [partial(never_lower, sets, draws), partial(by_pair, audits), partial(by_one_wrong, sets, draws)]
-        parts += [partial(by_one_side, sets, draws, count) for count in (4, 8)]
-        parts += [partial(by_suggestion, sets, draws, count) for count in (4, 8)]
+        parts += [partial(by, sets, draws, count) for by in (by_one_side, by_suggestion) for count in (4, 8)]
         parts += [partial(by_outcome, sets, draws), partial(by_nonsense, audits, draws)]
         rows = [row for found in pool.imap(call, parts) for row in found]
     print(table(rows))
