@@ -97,7 +97,8 @@ def _make_arm(env_id: str, task: str) -> Untyped:
                 env.seed(seed)
             return self.env.reset(options=options)
 
-    env: Untyped = TASKS[f"{task}-goal-observable"](seed=0)
+    make: Untyped = TASKS[f"{task}-goal-observable"]  # typed as the base class, which takes no seed
+    env = make(seed=0)
     env._freeze_rand_vec = False  # a new goal at each reset ...
     env.seeded_rand_vec = True  # ... that comes from the seed, and not from NumPy's global stream
     return Arm(env)
