@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rpil.audit.faults.check import find_faults
 from rpil.data.demonstrations import Demonstrations
-from rpil.data.formats.times import Times
+from rpil.faults.check import find_faults
+from rpil.formats.times import Times
 
 Array = NDArray[Any]
 

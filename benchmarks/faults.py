@@ -22,11 +22,11 @@ import numpy as np
 
 from fault_kinds import KINDS, Clean, Planted, copies, plant
 from provenance import line, provenance
-from rpil.audit.faults.check import find_faults
-from rpil.audit.faults.record import FaultReport
-from rpil.data import formats
+from rpil import formats
 from rpil.data.demonstrations import Demonstrations
-from rpil.data.formats.dataset import open_dataset
+from rpil.faults.check import find_faults
+from rpil.faults.record import FaultReport
+from rpil.formats.dataset import open_dataset
 from rpil.simulation.simulate import simulate
 from worlds.recorded import npz_files, read
 

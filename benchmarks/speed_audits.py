@@ -23,8 +23,8 @@ from threadpoolctl import threadpool_limits
 
 import rpil
 from rpil.data.demonstrations import Demonstrations
-from rpil.data.formats.dataset import Dataset
 from rpil.estimators.rpil import RPIL
+from rpil.formats.dataset import Dataset
 from speed_common import Measured, Skipped, wide_regression
 
 N_FOLDS = 5

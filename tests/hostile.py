@@ -89,7 +89,7 @@ def assert_refused(end: list[str], name: str) -> None:
 
 def keep_first(path: str) -> None:
     """Write the first demonstration of HDF5 of robomimic beside the file."""
-    from rpil.data import formats
+    from rpil import formats
 
     formats.keep(path, f"{path}.kept.hdf5", ["demo_0"])
 
@@ -111,15 +111,15 @@ def write_zeros(path: Path, n: int, says: int) -> None:
 
 def read_operator(path: str) -> None:
     """Read data with the operator of each step."""
-    from rpil.data import formats
-    from rpil.data.formats.columns import ColumnOptions
+    from rpil import formats
+    from rpil.formats.columns import ColumnOptions
 
     formats.read_recording(path, ColumnOptions(operator="operator"))
 
 
 def keep_number_0(path: str) -> None:
     """Write the demonstration 0 beside the file."""
-    from rpil.data import formats
+    from rpil import formats
 
     formats.keep(path, f"{path}.kept", [0])
 

@@ -7,7 +7,7 @@ import pyarrow.parquet as pq
 
 from problems import make, make_continuous
 from rpil.data.demonstrations import Demonstrations
-from rpil.data.formats import table as flat
+from rpil.formats import table as flat
 
 
 def demonstrations(continuous=False, kind="random", ids=None, single=False):

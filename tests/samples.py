@@ -13,7 +13,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from rpil.data import formats
+from rpil import formats
 from rpil.data.demonstrations import Demonstrations
 
 LENGTHS = (4, 6, 5)

@@ -17,9 +17,8 @@ from sklearn.base import BaseEstimator, ClassifierMixin
 
 from audits import make_audit
 from problems import make
-from rpil import RPIL, Demonstrations, load, save
+from rpil import RPIL, Demonstrations, formats, load, save
 from rpil.audit.html.page import Article, render_page
-from rpil.data import formats
 from rpil.data.archive import CLASSES
 from rpil.mixture.adversaries.named import ADVERSARIES
 from rpil.numerics.blocks import add
@@ -84,7 +83,7 @@ JSON_LINES = """
 import json
 from rpil import Demonstrations
 from rpil.data.files import replacing
-from rpil.data.formats import Recording
+from rpil.formats import Recording
 
 
 def read(path, options):

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from rpil.data.demonstrations import Demonstrations
-from rpil.data.formats import read, write
+from rpil.formats import read, write
 from rpil.simulation.simulate import simulate
 
 SEED = 0

@@ -1,4 +1,4 @@
-"""docs/rooms.svg: the ten rooms of src/rpil and which room imports from which, read from the source.
+"""docs/rooms.svg: the rooms of src/rpil and which room imports from which, read from the source.
 
     python tools/draw_rooms.py
 
@@ -23,7 +23,9 @@ from matplotlib.path import Path as Curve
 ROOT = Path(__file__).parents[1]
 ROOMS = {
     "numerics": "sums over blocks of steps, Newton's method",
-    "data": "demonstrations, files, action spaces",
+    "data": "demonstrations, action spaces, safe files",
+    "formats": "files of each format, read and written",
+    "faults": "recording faults",
     "policies": "pi(a|s), feature maps, their choice",
     "mixture": "the paper's model: adversaries, EM",
     "inference": "the judge: held-out scores, groups, verdicts",
@@ -46,7 +48,7 @@ def imports(source: Path) -> dict[str, set[str]]:
             for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
                 names = [name.name for name in node.names] if isinstance(node, ast.Import) else []
                 if isinstance(node, ast.ImportFrom) and node.module:
-                    names = [node.module]
+                    names = [f"{node.module}.{name.name}" for name in node.names]
                 found[room] |= {name.split(".")[1] for name in names if name.startswith("rpil.")}
         found[room].discard(room)
     return found

@@ -41,12 +41,12 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 
 import rpil
+from rpil import formats
 from rpil.audit.choice import read_verdicts
-from rpil.audit.faults.expected import read_expected
-from rpil.data import formats
 from rpil.data.errors import DataError, MissingExtraError
-from rpil.data.formats.dataset import Dataset
 from rpil.data.memory import limited
+from rpil.faults.expected import read_expected
+from rpil.formats.dataset import Dataset
 from rpil.scale.ascent import AscentState
 from rpil.scale.checkpoint import Checkpoint
 from samples import SAMPLES, demonstrations

@@ -11,7 +11,7 @@ _HOME = {
     "BehavioralCloning": "rpil.estimators.cloning",
     "Confusion": "rpil.mixture.adversaries.discrete",
     "DataError": "rpil.data.errors",
-    "Dataset": "rpil.data.formats.dataset",
+    "Dataset": "rpil.formats.dataset",
     "DaskEngine": "rpil.scale.dask",
     "Demonstrations": "rpil.data.demonstrations",
     "RMEnt": "rpil.estimators.rment",
@@ -24,13 +24,13 @@ _HOME = {
     "TorchPolicy": "rpil.policies.torch",
     "compare": "rpil.simulation.comparison",
     "load": "rpil.estimators.persistence",
-    "open_dataset": "rpil.data.formats.dataset",
-    "read": "rpil.data.formats",
+    "open_dataset": "rpil.formats.dataset",
+    "read": "rpil.formats",
     "reweight": "rpil.estimators.reweight",
     "rollout": "rpil.simulation.rollouts",
     "save": "rpil.estimators.persistence",
     "simulate": "rpil.simulation.simulate",
-    "write": "rpil.data.formats",
+    "write": "rpil.formats",
 }
 
 __all__ = [
@@ -67,14 +67,14 @@ if TYPE_CHECKING:
     from rpil.audit.record import Audit
     from rpil.data.demonstrations import Demonstrations
     from rpil.data.errors import DataError
-    from rpil.data.formats import read, write
-    from rpil.data.formats.dataset import Dataset, open_dataset
     from rpil.estimators.cloning import BehavioralCloning
     from rpil.estimators.persistence import load, save
     from rpil.estimators.reweight import reweight
     from rpil.estimators.rment import RMEnt
     from rpil.estimators.rpil import RPIL
     from rpil.estimators.settings import Settings
+    from rpil.formats import read, write
+    from rpil.formats.dataset import Dataset, open_dataset
     from rpil.inference.settings import JudgeSettings
     from rpil.mixture.adversaries.discrete import Confusion
     from rpil.mixture.settings import MixtureSettings

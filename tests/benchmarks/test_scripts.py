@@ -15,8 +15,7 @@ import claims
 import paper
 import results
 import speed
-from rpil import Demonstrations, Settings, simulate
-from rpil.data import formats
+from rpil import Demonstrations, Settings, formats, simulate
 from study import experiments
 from study.experiments import METHODS, OURS, TRUST_ALL
 from worlds.simulated import of_paper

@@ -9,7 +9,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from command_line import ENV, ok
-from rpil.data import formats
+from rpil import formats
 
 
 @pytest.fixture(scope="session")

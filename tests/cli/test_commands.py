@@ -16,8 +16,7 @@ import pytest
 
 import rpil
 from command_line import ENV, G, X, Y, call, npz, ok, refused
-from rpil import SampleSettings, Settings
-from rpil.data import formats
+from rpil import SampleSettings, Settings, formats
 from rpil.estimators.persistence import load
 from rpil.policies.softmax import SoftmaxPolicy
 

@@ -34,7 +34,7 @@ def check(code: int, stdout: str, stderr: str) -> None:
     assert lines[0].endswith(".")
 
 
-@pytest.mark.parametrize("name", ["rpil.cli.main", "click", "rpil.data.files", "rpil.data.formats.columns", "numpy"])
+@pytest.mark.parametrize("name", ["rpil.cli.main", "click", "rpil.data.files", "rpil.formats.columns", "numpy"])
 def test_an_interruption_of_an_import_is_one_sentence(name):
     npz("data.npz")
     command = [sys.executable, "-c", INTERRUPT.format(name=name) + RUN, "info", "data.npz"]

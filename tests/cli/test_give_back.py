@@ -12,7 +12,7 @@ import pytest
 
 import rpil
 from command_line import ok, refused
-from rpil.data import formats
+from rpil import formats
 
 
 def test_keep_by_its_own_audit_and_by_an_earlier_one(folder):

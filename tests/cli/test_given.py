@@ -11,8 +11,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from command_line import call, ok, refused
-from rpil import RPIL
-from rpil.data import formats
+from rpil import RPIL, formats
 
 N_STEPS, BAD = 40, {3, 5, 8, 9}
 

@@ -17,7 +17,7 @@ import pytest
 
 import rpil
 from command_line import ENV, call, ok, refused
-from rpil.data import formats
+from rpil import formats
 from rpil.estimators.persistence import load
 
 

@@ -18,10 +18,10 @@ import pytest
 
 from audits import make_audit
 from command_line import call, ok, refused
-from rpil.audit.faults.check import find_faults
 from rpil.cli import outputs
 from rpil.data.demonstrations import Demonstrations
-from rpil.data.formats import Recording
+from rpil.faults.check import find_faults
+from rpil.formats import Recording
 
 
 def test_audit_writes_verdicts_and_the_list_to_keep(folder):

@@ -11,13 +11,12 @@ import pytest
 
 from command_line import call, ok
 from recorded import demonstrations, written
-from rpil import Dataset, open_dataset
+from rpil import Dataset, formats, open_dataset
 from rpil.cli import commands
-from rpil.data import formats
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
-from rpil.data.formats.columns import ColumnOptions
 from rpil.data.memory import limited
+from rpil.formats.columns import ColumnOptions
 from rpil.scale.dask import connect
 from small import SMALL, small_rpil
 

@@ -15,7 +15,7 @@ from rpil.audit.answering import NEXT_STEPS, question
 from rpil.audit.record import Audit, Demonstrator, Interval
 from rpil.cli import terminal
 from rpil.cli.outputs import OUTPUTS
-from rpil.data.formats import read_labels
+from rpil.formats import read_labels
 from rpil.inference.findings import FINDINGS
 
 

@@ -7,9 +7,9 @@ import time
 import pytest
 
 from rpil.data.errors import DataError
-from rpil.data.formats.column_search import find_columns
-from rpil.data.formats.columns import ColumnOptions
-from rpil.data.formats.names import plain_name, quoted
+from rpil.data.names import plain_name, quoted
+from rpil.formats.column_search import find_columns
+from rpil.formats.columns import ColumnOptions
 
 BASE = ["episode", "x", "v", "action"]
 

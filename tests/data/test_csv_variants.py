@@ -10,9 +10,9 @@ import pyarrow as pa
 import pyarrow.csv
 import pytest
 
-from rpil.data import formats
+from rpil import formats
 from rpil.data.errors import DataError
-from rpil.data.formats import ColumnOptions, read_recording
+from rpil.formats import ColumnOptions, read_recording
 
 M, T = 4, 15
 RNG = np.random.default_rng(7)

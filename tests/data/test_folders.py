@@ -12,7 +12,7 @@ import pytest
 
 import rpil
 from hostile import assert_refused
-from rpil.data import formats
+from rpil import formats
 from rpil.data.errors import DataError
 from rpil.data.folders import check_folder, check_inside, copy_folder
 
@@ -215,7 +215,7 @@ def test_a_pipe_is_never_opened(tmp_path):
         if path.endswith("main_data.hdf5"):
             (top / path).write_bytes(b"\x89HDF\r\n\x1a\n")
         paths.append(str(top / path))
-    script = "import json, sys; from rpil.data import formats; from rpil.data.errors import DataError\n"
+    script = "import json, sys; from rpil import formats; from rpil.data.errors import DataError\n"
     script += "for path in sys.argv[1:]:\n    try: formats.read_recording(path)\n"
     script += "    except DataError as error: print(json.dumps(['refused', str(error)]))"
     done = subprocess.run(

@@ -7,7 +7,7 @@ import pyarrow.csv
 import pyarrow.parquet as pq
 import pytest
 
-from rpil.data import formats
+from rpil import formats
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
 
@@ -337,5 +337,5 @@ def test_importing_the_formats_does_not_import_pyarrow():
     import subprocess
     import sys
 
-    code = "import sys, rpil.data.formats; sys.exit('pyarrow' in sys.modules)"
+    code = "import sys, rpil.formats; sys.exit('pyarrow' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from rpil.data.errors import DataError
-from rpil.data.formats.registry import LAYOUTS, find_layout
+from rpil.formats.registry import LAYOUTS, find_layout
 from samples import SAMPLES
 
 spec = spec_from_file_location("fuzz_readers", Path(__file__).parents[2] / "tools" / "fuzz_readers.py")
@@ -35,7 +35,7 @@ def test_every_layout_has_a_sample(tmp_path):
         (tmp_path / name).mkdir()
         layout = find_layout(make(tmp_path / name))
         found.add(layout.__name__ if layout else "table")
-    known = {layout.__name__ for layout in LAYOUTS} - {"rpil.data.formats.hdf5"}  # which reads nothing
+    known = {layout.__name__ for layout in LAYOUTS} - {"rpil.formats.hdf5"}  # which reads nothing
     assert found == {*known, "table"}
 
 

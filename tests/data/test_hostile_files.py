@@ -106,9 +106,9 @@ FILES = {
     "list-of-ids.parquet": (parquet(episode_index=[[0], [0], [1]]), READ),
     "list-of-ids-on-disk.parquet": (parquet(episode_index=[[0], [0], [1]]), OPEN),
     "lists-of-ids-on-disk.parquet": (parquet(episode_index=[[0, 1], [0, 1], [1, 2]]), OPEN),
-    "digits.json": (text('{"a": ' + "9" * 5000 + "}"), "rpil.data.formats:read_labels"),
-    "deep.json": (text("[" * 100_000), "rpil.data.formats:read_labels"),
-    "digits-as-key.json": (text(json.dumps({"9" * 5000: 3})), "rpil.data.formats:read_labels"),
+    "digits.json": (text('{"a": ' + "9" * 5000 + "}"), "rpil.formats:read_labels"),
+    "deep.json": (text("[" * 100_000), "rpil.formats:read_labels"),
+    "digits-as-key.json": (text(json.dumps({"9" * 5000: 3})), "rpil.formats:read_labels"),
 }
 
 

@@ -296,7 +296,7 @@ FILES = {
         policy(header_json=(zipfile.ZIP_STORED, header_of_array), x_npy=(zipfile.ZIP_DEFLATED, array_of_zeros)),
         LOAD,
     ),
-    "lists.json": (labels, "rpil.data.formats:read_labels"),
+    "lists.json": (labels, "rpil.formats:read_labels"),
 }
 
 

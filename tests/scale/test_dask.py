@@ -22,9 +22,8 @@ import pytest
 
 from command_line import call
 from problems import make, make_continuous
-from rpil import DaskEngine, DataError, open_dataset
+from rpil import DaskEngine, DataError, formats, open_dataset
 from rpil.audit.settings import AuditSettings
-from rpil.data import formats
 from rpil.data.demonstrations import Block, Demonstrations
 from rpil.data.fit_data import FitData
 from rpil.inference.settings import JudgeSettings

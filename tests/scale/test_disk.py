@@ -12,9 +12,8 @@ import pyarrow.parquet as pq
 import pytest
 
 from recorded import demonstrations, write_files
-from rpil import RPIL, open_dataset
-from rpil.data import formats
-from rpil.data.formats import table as flat
+from rpil import RPIL, formats, open_dataset
+from rpil.formats import table as flat
 from rpil.scale.memory import InMemory
 from small import small_rpil
 
@@ -47,7 +46,7 @@ MEASURE = """
 import re, sys
 from pathlib import Path
 from rpil.scale.settings import AscentSettings, SampleSettings
-import rpil, rpil.estimators.rpil, rpil.data.formats.dataset, sklearn.preprocessing, pyarrow.parquet, pyarrow.fs
+import rpil, rpil.estimators.rpil, rpil.formats.dataset, sklearn.preprocessing, pyarrow.parquet, pyarrow.fs
 
 def peak():
     return 1024 * int(re.search(r"VmHWM:\\s+(\\d+)", Path("/proc/self/status").read_text())[1])

@@ -10,7 +10,7 @@ import warnings
 import numpy as np
 import pytest
 
-from rpil.data import formats
+from rpil import formats
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
 from rpil.simulation.corruptions import KINDS

@@ -16,7 +16,7 @@ from rpil.audit.step_weights import step_weight
 from rpil.audit.text import printable
 from rpil.audit.words import WORDS, Verdict, Words
 from rpil.data.errors import DataError
-from rpil.data.formats.id_values import match_labels, match_pairs
+from rpil.data.id_values import match_labels, match_pairs
 from rpil.inference.answered import Answered, answer, most_telling
 from rpil.inference.answers import Answers, check_copied_labels
 from rpil.inference.findings import FINDINGS

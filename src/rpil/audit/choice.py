@@ -12,13 +12,13 @@ import numpy as np
 from rpil.audit.verdict_table import TABLE_EXTENSIONS
 from rpil.audit.words import SIDES, Side
 from rpil.data.arrays import Id
+from rpil.data.cells import from_cell
 from rpil.data.errors import DataError
 from rpil.data.files import StrPath, check_extension, check_readable
-from rpil.data.formats.cells import from_cell
-from rpil.data.formats.id_values import read_labels
-from rpil.data.formats.parquet_pages import check_table
 from rpil.data.guard import guarded
+from rpil.data.id_values import read_labels
 from rpil.data.json_files import LARGEST_TABLE, parse, read_text
+from rpil.formats.parquet_pages import check_table
 from rpil.numerics.types import Array
 
 Table = Mapping[str, Sequence[object]]

@@ -7,11 +7,11 @@ from collections.abc import Hashable, Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
 
-from rpil.audit.faults.record import Finding
 from rpil.audit.record import Audit
 from rpil.audit.words import SIDES
 from rpil.data.files import StrPath, check_extension, replacing
-from rpil.data.formats import csv, parquet
+from rpil.faults.record import Finding
+from rpil.formats import csv, parquet
 
 TABLE_EXTENSIONS = (".csv", ".parquet", ".json")
 

@@ -18,9 +18,9 @@ from rpil.cli.progress import show_stages
 from rpil.data.files import check_outputs, replacing
 
 if TYPE_CHECKING:
-    from rpil.audit.faults.record import FaultReport
     from rpil.audit.record import Audit
-    from rpil.data.formats.recording import Recording
+    from rpil.faults.record import FaultReport
+    from rpil.formats.recording import Recording
 
 MAX_FINDINGS = 30
 """Findings that are printed."""
@@ -59,8 +59,8 @@ def check(
     """
     check_outputs((file, expected), output)
     with show_stages(quiet, CommandSettings.current().timing) as progress:
-        from rpil.audit.faults.expected import read_expected
         from rpil.data.missing import allow_missing
+        from rpil.faults.expected import read_expected
 
         fatal = _rules(fail_on)
         on_purpose = read_expected(expected) if expected else {}
@@ -85,7 +85,7 @@ def check_recording(
     skip_bad: bool = False,
 ) -> FaultReport:
     """The faults of a recording; `fps` are the frames a second where the recording does not say."""
-    from rpil.audit.faults.check import find_faults
+    from rpil.faults.check import find_faults
 
     times = recording.times()
     stated = replace(times, fps=fps or recording.description.fps or times.fps)
@@ -94,8 +94,8 @@ def check_recording(
 
 def audit_fault_lines(report: FaultReport, audit: Audit, file: str) -> list[str]:
     """The recording faults beside an audit: how many, and those that may explain low trust."""
-    from rpil.audit.faults.record import explain
     from rpil.audit.words import SIDES
+    from rpil.faults.record import explain
 
     if not report.findings:
         return ["No recording faults found."]
@@ -110,8 +110,8 @@ def audit_fault_lines(report: FaultReport, audit: Audit, file: str) -> list[str]
 
 def _rules(fail_on: str | None) -> set[str]:
     """The rules that --fail-on names."""
-    from rpil.audit.faults.expected import rule_name
-    from rpil.audit.faults.record import RULES
+    from rpil.faults.expected import rule_name
+    from rpil.faults.record import RULES
 
     words = [word for word in (fail_on or "").split(",") if word.strip()]
     return set(RULES) if "any" in words else {rule_name(word, "--fail-on") for word in words}
@@ -119,7 +119,7 @@ def _rules(fail_on: str | None) -> set[str]:
 
 def write_findings(path: str, report: FaultReport) -> None:
     """Write all findings as a table, or the whole report as JSON."""
-    from rpil.data.formats.cells import to_cell
+    from rpil.data.cells import to_cell
 
     with replacing(path) as temporary:
         if str(path).lower().endswith(".json"):

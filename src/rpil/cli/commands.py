@@ -25,11 +25,11 @@ from rpil.data.memory import budget
 if TYPE_CHECKING:
     from rpil.audit.record import Audit
     from rpil.data.demonstrations import Demonstrations
-    from rpil.data.formats.columns import ColumnOptions
-    from rpil.data.formats.dataset import Dataset
-    from rpil.data.formats.recording import Recording
     from rpil.estimators.rpil import RPIL
     from rpil.estimators.settings import Settings
+    from rpil.formats.columns import ColumnOptions
+    from rpil.formats.dataset import Dataset
+    from rpil.formats.recording import Recording
     from rpil.scale.protocol import Engine
 
 
@@ -107,10 +107,10 @@ def read_recording(
     file: str, columns: ColumnOptions, progress: StageProgress, stream: bool | None = False
 ) -> Recording:
     """What a file holds; on disk if `stream`, or if `stream` is None and it is large, or many Parquet files."""
-    from rpil.data import formats
-    from rpil.data.formats import lerobot_folder
-    from rpil.data.formats.registry import find_layout
-    from rpil.data.formats.store import find_files, may_be_many_files
+    from rpil import formats
+    from rpil.formats import lerobot_folder
+    from rpil.formats.registry import find_layout
+    from rpil.formats.store import find_files, may_be_many_files
 
     progress(f"reading {file}")
     if stream is None and find_layout(file) not in (None, lerobot_folder):
@@ -146,7 +146,7 @@ def resolve_stream(stream: bool | None, scheduler: str | None, reference: str | 
 
 def load_into_memory(demonstrations: Demonstrations | Dataset) -> Demonstrations:
     """All demonstrations in memory."""
-    from rpil.data.formats.dataset import Dataset
+    from rpil.formats.dataset import Dataset
 
     return demonstrations.select(slice(None)) if isinstance(demonstrations, Dataset) else demonstrations
 
@@ -157,9 +157,9 @@ def _exceeds_budget(file: str) -> bool:
         return False
     from pyarrow import fs
 
-    from rpil.data.formats.parquet_pages import check_pages
-    from rpil.data.formats.store import opened
-    from rpil.data.formats.table import kind_of_type
+    from rpil.formats.parquet_pages import check_pages
+    from rpil.formats.store import opened
+    from rpil.formats.table import kind_of_type
 
     filesystem, path = fs.LocalFileSystem(), os.path.abspath(file)
     with opened(filesystem, path) as opened_file:

@@ -13,12 +13,12 @@ import numpy as np
 from markupsafe import Markup
 from scipy.stats import spearmanr
 
+from rpil import formats
 from rpil.audit.html.number_format import format_number
 from rpil.audit.html.page import Article, html_environment, write_page
 from rpil.audit.html.pictures import returns_figure, score_figure
 from rpil.audit.record import Audit
 from rpil.audit.words import SIDES
-from rpil.data import formats
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError, MissingExtraError
 from rpil.estimators.cloning import BehavioralCloning

@@ -31,8 +31,8 @@ from rpil.data.files import check_outputs
 if TYPE_CHECKING:
     from rpil.data.arrays import Id
     from rpil.data.demonstrations import Demonstrations
-    from rpil.data.formats.columns import ColumnOptions
-    from rpil.data.formats.dataset import Dataset
+    from rpil.formats.columns import ColumnOptions
+    from rpil.formats.dataset import Dataset
 
 
 @click.command()
@@ -65,10 +65,10 @@ def keep(
     """
     if share is not None and at_least is not None:
         raise click.UsageError("--share and --at-least exclude each other: leave one out")
+    from rpil import formats
     from rpil.audit.choice import Table, kept_ids, read_verdicts
     from rpil.audit.verdict_table import verdict_columns
-    from rpil.data import formats
-    from rpil.data.formats.table import check_ids
+    from rpil.data.id_values import check_ids
 
     if in_place == (output is not None):
         raise click.UsageError("--output NEW or --in-place says where they are written: give one of them")
@@ -147,7 +147,7 @@ def convert(file: str, output: str, quiet: bool, **options: Any) -> None:
     operator = options["operator"]
     columns = pop_columns(options)
     with show_stages(quiet, CommandSettings.current().timing) as progress:
-        from rpil.data import formats
+        from rpil import formats
 
         recording = read_recording(file, columns, progress)
         demonstrations = load_into_memory(recording.demonstrations)

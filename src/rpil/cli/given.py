@@ -12,8 +12,8 @@ from rpil.cli.options import FitOptions
 if TYPE_CHECKING:
     from rpil.data.demonstrations import Demonstrations
     from rpil.data.facts import Facts
-    from rpil.data.formats.id_values import Label, Pair
-    from rpil.data.formats.recording import Recording
+    from rpil.data.id_values import Label, Pair
+    from rpil.formats.recording import Recording
     from rpil.numerics.types import Array
 
 
@@ -31,7 +31,7 @@ class Given:
     @property
     def answers(self) -> list[tuple[str, str]]:
         """Labels and pairs as ids and words."""
-        from rpil.data.formats.id_values import better_than
+        from rpil.data.id_values import better_than
 
         return [*self.labels.items(), *((better, better_than(worse)) for better, worse in self.pairs)]
 
@@ -40,9 +40,9 @@ class Given:
         """What the files of the options and the columns of the data say."""
         import numpy as np
 
-        from rpil.data import formats
+        from rpil import formats
         from rpil.data.facts import check_outcome
-        from rpil.data.formats.table import check_ids
+        from rpil.data.id_values import check_ids
 
         ids = recording.demonstrations.ids
         labels, pairs = formats.read_answers(options.labels) if options.labels else ({}, [])

@@ -53,7 +53,7 @@ class Asking:
 
     def audit(self) -> Audit:
         """The audit with all answers; no policy is fitted again."""
-        from rpil.data.formats.id_values import parse_answers
+        from rpil.data.id_values import parse_answers
 
         return self.start.answered(*parse_answers(self.rows, "the answers")) if self.rows else self.start
 
@@ -82,7 +82,7 @@ class Asking:
 
 def rows_of(question: tuple[Hashable, ...], key: str) -> Rows:
     """The answer that a key gives to a question."""
-    from rpil.data.formats.id_values import better_than
+    from rpil.data.id_values import better_than
 
     ids = [str(name) for name in question]
     if key in ("1", "2"):
@@ -104,7 +104,7 @@ def label(ctx: click.Context, /, file: str, **options: Value) -> None:
     """
     path = options["labels"] or LABELS_FILE
     check_outputs((file, options["operator"]), path)
-    from rpil.data import formats
+    from rpil import formats
 
     formats.check_labels_file(path)
     before = Path(path).read_bytes() if Path(path).exists() else None
@@ -170,7 +170,7 @@ def ask(asking: Asking, path: str, before: bytes | None, fps: float | None) -> A
 
 def _write(path: str, before: bytes | None, rows: Rows) -> None:
     """Write the answers, atomically; without any the file is as it was."""
-    from rpil.data.formats.id_values import write_answers
+    from rpil.data.id_values import write_answers
 
     tell_if_interrupted(f"the answers so far are in {path}")
     if rows or before is not None:

@@ -247,7 +247,7 @@ def simulate(env: str, kind: str, good: int, bad: int, output: str, seed: int, q
     """
     check_outputs((), output)
     with _show_stages(quiet) as progress:
-        from rpil.data import formats
+        from rpil import formats
 
         formats.check_format(output)
         progress(f"playing {good + bad} episodes of {env}")

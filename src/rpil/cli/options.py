@@ -16,7 +16,7 @@ from rpil.data.memory import limited
 from rpil.data.missing import fill_chunks
 
 if TYPE_CHECKING:
-    from rpil.data.formats.columns import ColumnOptions
+    from rpil.formats.columns import ColumnOptions
 
 
 Value = Any
@@ -211,8 +211,8 @@ def with_column_options(command: Callable[..., object]) -> Callable[..., object]
 
 def pop_columns(options: dict[str, Value]) -> ColumnOptions:
     """The options for reading, removed from `options`; operator and session stay, because a fit needs them too."""
-    from rpil.data.formats.columns import ColumnOptions
-    from rpil.data.formats.id_values import is_id_file
+    from rpil.data.id_values import is_id_file
+    from rpil.formats.columns import ColumnOptions
 
     names = ("id", "action", "observations", "exclude", "order", "task", "action_kind")
     operator = options["operator"]

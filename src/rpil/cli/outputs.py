@@ -14,9 +14,9 @@ from rpil.cli.commands import tell_if_interrupted
 from rpil.cli.progress import StageProgress
 
 if TYPE_CHECKING:
-    from rpil.audit.faults.record import FaultReport
     from rpil.audit.record import Audit
-    from rpil.data.formats.recording import Recording
+    from rpil.faults.record import FaultReport
+    from rpil.formats.recording import Recording
 
 OUTPUTS = ("weights", "verdicts", "keep", "report")
 """The options that name these files, in the order in which they are written."""
@@ -37,7 +37,7 @@ def write_outputs(
 ) -> None:
     """Write the files of `OUTPUTS` whose paths are given; the audit took so many `seconds`."""
     from rpil.audit.verdict_table import kept, write_kept, write_verdicts
-    from rpil.data.formats.weights import write_weights
+    from rpil.formats.weights import write_weights
 
     def write_report(path: str) -> None:
         from markupsafe import Markup
@@ -73,8 +73,8 @@ def write_outputs(
 
 def lines_after_output(title: str, path: str, source: str, audit: Audit) -> list[str]:
     """What to do with the file at `path`, an output, where the tool that wrote the data at `source` takes it."""
+    from rpil import formats
     from rpil.audit.verdict_table import kept
-    from rpil.data import formats
 
     if title == "weights":
         return formats.notes_on_weights(source)

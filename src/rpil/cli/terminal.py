@@ -213,7 +213,7 @@ def next_steps(audit: Audit, labels_file: str, command: str, n_labels: int = 3) 
 
 def _answer_lines(id_: Hashable, label: str, name: str, labels_file: str, add: bool) -> list[str]:
     """How to write a label of the demonstration `id_`, which is printed as `name`."""
-    from rpil.data.formats.cells import to_cell
+    from rpil.data.cells import to_cell
 
     if labels_file.lower().endswith(".json"):
         pair = json.dumps({name: label}, ensure_ascii=False)

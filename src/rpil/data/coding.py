@@ -8,10 +8,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from rpil.data.arrays import LARGEST
-from rpil.data.demonstrations import Demonstrations
+from rpil.data.demonstrations import Demonstrations, DemonstrationSet
 from rpil.data.errors import DataError
-from rpil.data.formats.dataset import Dataset
-from rpil.data.formats.id_values import Key, match_labels
+from rpil.data.id_values import Key, match_labels
 from rpil.data.spaces import Box, Discrete, Space
 from rpil.numerics.types import Array
 
@@ -19,7 +18,7 @@ Bounds = tuple[ArrayLike, ArrayLike]
 """Low and high end of every number of an action: a number for all, or (A,) numbers."""
 
 
-def action_space(data: Demonstrations | Dataset, box: Bounds | None = None) -> tuple[Space, Array]:
+def action_space(data: DemonstrationSet, box: Bounds | None = None) -> tuple[Space, Array]:
     """The space of the actions, and the K classes where they are discrete, else none.
 
     `box` holds declared bounds of continuous actions; without it, they are the smallest box that holds the actions. A
@@ -29,12 +28,9 @@ def action_space(data: Demonstrations | Dataset, box: Bounds | None = None) -> t
     if data.is_discrete:
         if box is not None:
             raise DataError(f"{source}: the actions are discrete, which no action_box fits; leave it out.")
-        classes = class_codes(data.actions if isinstance(data, Demonstrations) else data.classes, source)[0]
+        classes = class_codes(data.classes, source)[0]
         return Discrete(len(classes)), classes
-    if isinstance(data, Demonstrations):
-        ends = np.stack([data.actions.min(axis=0), data.actions.max(axis=0)]).astype(float)
-    else:
-        ends = np.stack([data.low, data.high]).astype(float)
+    ends = np.stack([data.low, data.high]).astype(float)
     if (ends[0] == ends[1]).all():
         raise DataError(f"{source}: every action is the same; give demonstrations with two at least.")
     if np.abs(ends).max() > LARGEST:
@@ -114,7 +110,7 @@ def encode_demonstrations(classes: Array, n_parts: int, demonstrations: Demonstr
     return np.concatenate([encode_actions(classes, a, f"{source}, demonstration {m!r}") for m, (_, a) in pairs])
 
 
-def label_codes(labels: Mapping[Key, str] | None, demonstrations: Demonstrations | Dataset) -> Array:
+def label_codes(labels: Mapping[Key, str] | None, demonstrations: DemonstrationSet) -> Array:
     """1 for demonstrations labelled "good", -1 for "bad", 0 for the rest, (M,).
 
     A `DataError` on an unknown label or id.

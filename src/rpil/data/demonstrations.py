@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -53,10 +54,23 @@ def shard_bounds(offsets: NDArray[np.int64], n_shards: int, block_steps: int) ->
 
 
 class DemonstrationSet:
-    """The counts that demonstrations in memory and on disk have in common."""
+    """What demonstrations in memory and on disk have in common: ids, counts and the range of the actions.
+
+    `classes` (K,) are the distinct discrete actions, in order; `low` and `high` (A,) the smallest and largest
+    continuous ones.
+    """
 
     ids: tuple[Id, ...]
     offsets: NDArray[np.int64]
+    source: str
+    classes: Array
+    low: Array
+    high: Array
+
+    @property
+    def is_discrete(self) -> bool:
+        """Whether actions are integers or strings, rather than A floats."""
+        return bool(len(self.classes))
 
     @property
     def n_demonstrations(self) -> int:
@@ -254,6 +268,21 @@ class Demonstrations(DemonstrationSet):
     def is_discrete(self) -> bool:
         """Whether actions are (N,) integers or strings, rather than (N, A) floats."""
         return self.actions.ndim == 1
+
+    @cached_property
+    def classes(self) -> Array:  # type: ignore[override]
+        """The distinct discrete actions, in order, (K,); empty where actions are continuous."""
+        return np.unique(self.actions) if self.is_discrete else np.empty(0)
+
+    @cached_property
+    def low(self) -> Array:  # type: ignore[override]
+        """The smallest of each number of continuous actions, (A,)."""
+        return np.atleast_1d(self.actions.min(axis=0))
+
+    @cached_property
+    def high(self) -> Array:  # type: ignore[override]
+        """The largest of each number of continuous actions, (A,)."""
+        return np.atleast_1d(self.actions.max(axis=0))
 
     def select(self, indices: Indices) -> Demonstrations:
         """The demonstrations at `indices` (integers, a slice or a mask over the M), in that order."""

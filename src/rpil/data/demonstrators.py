@@ -10,10 +10,9 @@ from functools import cached_property
 import numpy as np
 
 from rpil.data.arrays import check_text
-from rpil.data.demonstrations import Demonstrations
+from rpil.data.demonstrations import DemonstrationSet
 from rpil.data.errors import DataError, user_stack_level
-from rpil.data.formats.dataset import Dataset
-from rpil.data.formats.table import check_ids
+from rpil.data.id_values import check_ids
 from rpil.numerics.types import Array
 
 
@@ -60,7 +59,7 @@ class Demonstrators:
 
 def group_by_demonstrator(
     demonstrators: Mapping[Hashable, Hashable] | Sequence[Hashable] | Array | None,
-    demonstrations: Demonstrations | Dataset,
+    demonstrations: DemonstrationSet,
 ) -> Demonstrators:
     """The demonstrators as a caller gave them: by id of the demonstration, or one for each demonstration in order.
 

@@ -10,13 +10,15 @@ import numpy as np
 
 from rpil.data.arrays import Indices
 from rpil.data.errors import DataError
-from rpil.data.formats.columns import FILE_SESSION
-from rpil.data.formats.names import plain_name
-from rpil.data.formats.table import check_ids
+from rpil.data.id_values import check_ids
+from rpil.data.names import plain_name
 from rpil.numerics.types import Array, Float, Int
 
 Outcome = Mapping[int, float] | Mapping[str, float] | Sequence[float] | Array
 """What a user gives: a number by id, or one for each demonstration."""
+
+FILE_SESSION = "file"
+"""What a user names in the place of a column of the session: the file of each demonstration."""
 
 _REWARD = re.compile(r"(?:next_)?rew(?:ard)?s?")
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
-from rpil.data.formats.names import quoted
+from rpil.data.names import quoted
 
 
 def with_reference(demonstrations: Demonstrations, reference: Demonstrations) -> Demonstrations:

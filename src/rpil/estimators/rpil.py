@@ -17,13 +17,13 @@ from rpil.data.demonstrations import Demonstrations
 from rpil.data.facts import Outcome
 from rpil.data.files import StrPath
 from rpil.data.fit_data import FitData
-from rpil.data.formats.dataset import Dataset
 from rpil.estimators.cloning import PolicyEstimator
 from rpil.estimators.passes import SampledFit, is_sampled
 from rpil.estimators.pipeline import Fitted, FullFit, Options, fit
 from rpil.estimators.settings import Settings
 from rpil.estimators.task import ActionBox, Features, Labels, Names, Task
 from rpil.estimators.validation import Given, as_demonstrations
+from rpil.formats.dataset import Dataset
 from rpil.inference.fitted_judge import FittedJudge
 from rpil.inference.settings import JudgeSettings
 from rpil.mixture.adversaries.protocol import Adversary

@@ -15,9 +15,9 @@ from rpil.data.demonstrators import Demonstrators, group_by_demonstrator
 from rpil.data.errors import DataError
 from rpil.data.facts import Outcome, given_order, given_outcome
 from rpil.data.fit_data import FitData
-from rpil.data.formats.dataset import Dataset
-from rpil.data.formats.id_values import match_pairs, parse_answers
+from rpil.data.id_values import match_pairs, parse_answers
 from rpil.data.spaces import Space
+from rpil.formats.dataset import Dataset
 from rpil.inference.answers import Answers
 from rpil.numerics.types import Array, Float, Int
 from rpil.policies.features import FeatureMap, IdentityMap

@@ -15,8 +15,8 @@ from sklearn.utils.validation import validate_data
 from rpil.data.arrays import ActionKind, are_whole
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
-from rpil.data.formats import read
-from rpil.data.formats.arrow import Frame
+from rpil.formats import read
+from rpil.formats.arrow import Frame
 from rpil.numerics.types import Array
 
 Given = Demonstrations | Frame | list[object] | Iterator[object]

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from markupsafe import Markup
 
-from rpil.audit.faults.record import FaultReport
 from rpil.audit.html.page import html_environment
+from rpil.faults.record import FaultReport
 
 MAX_FAULTS = 100
 """Findings in the table of a section, the worst."""

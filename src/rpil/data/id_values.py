@@ -1,0 +1,237 @@
+"""Values of some demonstrations, by id: labels, pairs of which one is better, and demonstrators."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import re
+from collections.abc import Hashable, Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Literal, TypeVar, cast
+
+import numpy as np
+
+from rpil.data.arrays import check_text
+from rpil.data.cells import from_cell, to_cell
+from rpil.data.errors import DataError
+from rpil.data.files import StrPath, check_extension, check_readable, replacing
+from rpil.data.guard import guarded
+from rpil.data.json_files import LARGEST_TABLE, parse, read_text
+from rpil.data.names import EPISODE, quoted
+from rpil.numerics.types import Array, Int
+
+Label = Literal["good", "bad"]
+Pair = tuple[str, str]
+"""Ids, as text, of a better and of a worse demonstration."""
+Key = TypeVar("Key", bound=Hashable)
+
+_LABELS: dict[str, Label] = {"good": "good", "bad": "bad", "expert": "good", "adversary": "bad"}
+"""Each word of a label, in any case; "expert" and "adversary" are what rpil 0.1 wrote."""
+
+_BETTER = re.compile(r"better\s+than\s+(.+)", re.IGNORECASE | re.DOTALL)
+
+_EXTENSIONS = (".csv", ".json")
+
+
+def check_ids(names: Iterable[object], ids: Iterable[object], source: str, what: str) -> None:
+    """A `DataError` naming the first `names` that are no ids, compared as text, and `what` is to be corrected."""
+    texts = dict.fromkeys(map(str, ids))
+    unknown = [str(name) for name in names if str(name) not in texts]
+    if unknown:
+        wrong, right = quoted(unknown, 5), quoted(texts, 5)
+        raise DataError(f"{source}: no demonstration is called {wrong}; the ids are {right}; correct {what}.")
+
+
+def read_labels(path: StrPath) -> dict[str, Label]:
+    """The labels alone of a file that `read_answers` reads; a `DataError` as there, and where it has none."""
+    labels, _ = read_answers(path)
+    if not labels:
+        raise DataError(f"{Path(path).name}: it labels no demonstration; give at least one id and label.")
+    return labels
+
+
+def read_answers(path: StrPath) -> tuple[dict[str, Label], list[Pair]]:
+    """Read labels and pairs from a CSV file with the columns ``id`` and ``label``, or a JSON object of id to label.
+
+    Labels are ``good`` or ``bad``, in any case; ``expert`` and ``adversary`` are read as these. ``better than ID``
+    makes a pair: a demonstration has one label at most, and any number of pairs, in JSON a list of both. Ids come back
+    as text, see `match_labels`. A `DataError` names the file and the demonstration: unknown words, an id labelled
+    twice, a demonstration that is compared with itself, two pairs that contradict each other, no answers.
+    """
+    path = check_labels_file(path)
+    rows: list[tuple[str, object]] = []
+    for m, given in read_id_pairs(path, "label", "good"):
+        rows += [(m, word) for word in (given if isinstance(given, list) and given else [given])]
+    return parse_answers(rows, path.name)
+
+
+def check_labels_file(path: StrPath) -> Path:
+    """`path`, or a `DataError` where it is neither CSV nor JSON."""
+    return check_extension(path, _EXTENSIONS, "labels")
+
+
+def parse_answers(rows: Iterable[tuple[str, object]], source: str) -> tuple[dict[str, Label], list[Pair]]:
+    """Labels and pairs from ids and words; a `DataError` as `read_answers`."""
+    labels: dict[str, Label] = {}
+    pairs: dict[Pair, None] = {}
+    for m, word in rows:
+        label, other = _label(word), _worse(word)
+        if other is not None:
+            _add_pair(pairs, (m, other), source)
+            continue
+        if label is None:
+            raise DataError(
+                f"{source}, demonstration {m!r}: unknown label {word!r}; write 'good', 'bad' or 'better than ID', and "
+                "leave out the demonstrations you cannot judge."
+            )
+        if m in labels:
+            raise DataError(f"{source}, demonstration {m!r}: it is labelled twice; keep one of the labels.")
+        labels[m] = label
+    if not labels and not pairs:
+        raise DataError(f"{source}: it labels no demonstration; give at least one id and label.")
+    return labels, list(pairs)
+
+
+def write_answers(path: StrPath, before: bytes | None, answers: Sequence[tuple[str, str]]) -> None:
+    """Write a file that `read_answers` reads: what it held `before`, and these answers as ids and words.
+
+    All rows and columns of a CSV file stay as they were. A `DataError` where it cannot be written; a file that was
+    there is then as it was.
+    """
+    is_csv = Path(path).suffix.lower() == ".csv"
+    old = (before or (b"id,label\n" if is_csv else b"{}")).decode()
+    text = _csv_with(old, answers) if is_csv else _json_with(old, answers)
+    with replacing(path) as temporary:
+        temporary.write_bytes(text.encode())
+
+
+def _csv_with(before: str, answers: Sequence[tuple[str, str]]) -> str:
+    header = csv.DictReader(before.splitlines(), skipinitialspace=True).fieldnames or ()
+    id_column = _id_column(header)
+    end = "\r\n" if "\r\n" in before else "\n"
+    added = io.StringIO()
+    writer = csv.writer(added, lineterminator=end)
+    for m, word in answers:
+        row = {id_column: to_cell(m), "label": word}
+        writer.writerow([row.get(name.removeprefix("\ufeff"), "") for name in header])
+    return before + end * (not before.endswith("\n")) + added.getvalue()
+
+
+def _json_with(before: str, answers: Sequence[tuple[str, str]]) -> str:
+    before = before.removeprefix("\ufeff")
+    words: dict[str, list[str]] = {}
+    for m, given in [*parse(before, "", LARGEST_TABLE, list), *answers]:
+        words.setdefault(m, []).extend(given if isinstance(given, list) else [given])
+    content = {m: given[0] if len(given) == 1 else given for m, given in words.items()}
+    return json.dumps(content, ensure_ascii=False, indent=1) + "\n"
+
+
+def better_than(worse: str) -> str:
+    """The word that makes a pair with the demonstration `worse`."""
+    return f"better than {worse}"
+
+
+def _worse(word: object) -> str | None:
+    """The other demonstration of a pair; None where the word makes none."""
+    found = _BETTER.fullmatch(word.strip()) if isinstance(word, str) else None
+    return found[1] if found else None
+
+
+def _add_pair(pairs: dict[Pair, None], pair: Pair, source: str) -> None:
+    """Add a pair of ids as text, of which `source` says that the first is the better one, unless it is there."""
+    better, worse = pair
+    if better == worse:
+        raise DataError(f"{source}, demonstration {better!r}: it is compared with itself; name two.")
+    if (worse, better) in pairs:
+        raise DataError(f"{source}, {better!r} and {worse!r}: each is better than the other; keep one answer.")
+    pairs[pair] = None
+
+
+def _label(word: object) -> Label | None:
+    return _LABELS.get(word.strip().lower()) if isinstance(word, str) else None
+
+
+def match_labels(labels: Mapping[Key, str], ids: Sequence[object], source: str = "the labels") -> dict[int, bool]:
+    """Number of each labelled demonstration to whether it is good; ids are compared as text.
+
+    A `DataError` where a label is neither "good" nor "bad", or an id is not among `ids`.
+    """
+    for m, label in labels.items():
+        if _label(label) is None:
+            raise DataError(f"Demonstration {m!r}: the label {label!r} is unknown; use 'good' or 'bad'.")
+    check_ids(labels, ids, source, "the labels")
+    number = {str(name): m for m, name in enumerate(ids)}
+    return {number[str(name)]: _label(label) == "good" for name, label in labels.items()}
+
+
+def match_pairs(pairs: Sequence[tuple[Hashable, Hashable]], ids: Sequence[object]) -> Int[Array, "P 2"]:
+    """Numbers of the better and the worse demonstration of each pair; ids are compared as text.
+
+    A `DataError` where an id is not among `ids`, a demonstration is compared with itself, or two pairs contradict.
+    """
+    number = {str(name): m for m, name in enumerate(ids)}
+    found: dict[Pair, None] = {}
+    for better, worse in pairs:
+        check_ids([better, worse], ids, "the pairs", "the pairs")
+        _add_pair(found, (str(better), str(worse)), "The pairs")
+    return np.array([(number[better], number[worse]) for better, worse in found], dtype=int).reshape(-1, 2)
+
+
+def is_id_file(where: str) -> bool:
+    """Whether `where` names a file of ids and values rather than a column."""
+    return Path(where).suffix.lower() in _EXTENSIONS
+
+
+def match_demonstrators(pairs: Iterable[tuple[str, object]], source: str) -> dict[str, str]:
+    """Demonstrator of each demonstration from pairs of the two; a `DataError` where one has two, or none."""
+    demonstrators: dict[str, str] = {}
+    for m, value in pairs:
+        place = f"{source}, demonstration {m!r}"
+        if value is not None and not isinstance(value, str | int):
+            raise DataError(f"{place}: the demonstrator is neither text nor a whole number; name one, or leave it out.")
+        name = "" if value is None else str(value).strip()
+        if not name:
+            raise DataError(f"{place}: it has no demonstrator; name one, or leave it out.")
+        check_text(name, "the demonstrator", place)
+        if demonstrators.setdefault(m, name) != name:
+            raise DataError(f"{place}: both {demonstrators[m]!r} and {name!r} gave it; name one.")
+    if not demonstrators:
+        raise DataError(f"{source}: it names no demonstrator; give at least one id and demonstrator.")
+    return demonstrators
+
+
+def read_id_pairs(path: StrPath, column: str, example: str) -> list[tuple[str, object]]:
+    """Ids and values of a CSV file with the columns ``id`` and `column`, or of a JSON object; an id may come twice."""
+    path = check_readable(path)
+    with guarded(path.name, f"it cannot be read as {path.suffix[1:].upper()}", "write it again"):
+        text = read_text(path, LARGEST_TABLE, "utf-8-sig")
+        if path.suffix.lower() == ".csv":
+            return _csv_pairs(text, column, path.name)
+        pairs = cast(list[tuple[str, object]], parse(text, path.name, LARGEST_TABLE, list))
+    if not text.lstrip().startswith("{"):
+        raise DataError(f'{path.name}: it must hold one object such as {{"17": "{example}"}}.')
+    for m, _ in pairs:
+        check_text(m, "an id", path.name)
+    return pairs
+
+
+def _id_column(header: Sequence[str]) -> str | None:
+    plain = [name.removeprefix("\ufeff") for name in header]
+    return next((name for name in ("id", *EPISODE) if name in plain), None)
+
+
+def _csv_pairs(text: str, column: str, source: str) -> list[tuple[str, object]]:
+    rows = csv.DictReader(text.splitlines(), skipinitialspace=True, strict=True)
+    header = rows.fieldnames or ()
+    id_column = _id_column(header)
+    if id_column is None or column not in header:
+        raise DataError(f"{source}: the columns must be id and {column} (found {quoted(header)}).")
+    pairs: list[tuple[str, object]] = []
+    for row in rows:
+        m = from_cell((row[id_column] or "").strip())
+        if not m or None in row:
+            problem = "it names no demonstration" if not m else "it has more values than there are columns"
+            raise DataError(f"{source}, line {rows.line_num}: {problem}; give one id and one {column}.")
+        pairs.append((m, from_cell(row[column] or "")))
+    return pairs

@@ -1,0 +1,81 @@
+"""Demonstrations that are the same, or nearly."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from rpil.faults.record import Finding
+from rpil.faults.rules import Evidence
+from rpil.faults.settings import FaultSettings
+from rpil.numerics.types import Array
+
+WINDOW = 3
+"""Neighbours looked at on each side, in the order along each direction."""
+
+
+def find_duplicates(seen: Evidence) -> Iterator[Finding]:
+    """Of each demonstration that is the same as an earlier one, or nearly: the earlier one."""
+    exact = _exact(seen)
+    for m, twin in exact.items():
+        yield _finding(seen, m, twin, 0.0, 0.0, "it is the same as demonstration")
+    signatures = seen.measured.signature
+    if seen.columns.names and len(signatures) >= seen.settings.min_demonstrations:
+        distance, nearest = nearest_neighbours(signatures)
+        limit = near_limit(distance, seen.settings)
+        for m in np.flatnonzero(distance < limit).tolist():
+            twin = int(nearest[m])
+            if twin < m and m not in exact:
+                yield _finding(seen, m, twin, float(distance[m]), limit, "it is nearly the same as demonstration")
+
+
+def near_limit(distance: Array, settings: FaultSettings) -> float:
+    """Distance from the nearest other point below which a share `near_share` of independent points lie.
+
+    Distances of nearest neighbours in k dimensions follow a Weibull distribution, whose shape is k. With their median
+    q2 and upper quartile q3,
+
+        P(d < x) = 1 - 2^(-(x / q2)^k),        k = log 2 / log(q3 / q2).
+    """
+    middle, high = (float(np.quantile(distance, q, method="lower")) for q in (0.5, 0.75))
+    if not 0 < middle < high:
+        return 0.0
+    power = np.log(high / middle) / np.log(2.0)
+    return middle * float(np.clip((settings.near_share / np.log(2.0)) ** power, *settings.near_duplicate))
+
+
+def _finding(seen: Evidence, m: int, twin: int, value: float, limit: float, words: str) -> Finding:
+    severity = min(limit / value, 1e3) if value else 1e3
+    last = int(seen.lengths[m]) - 1
+    return Finding("duplicate", seen.ids[m], 0, last, "", value, limit, severity, f"{words} {seen.ids[twin]!r}")
+
+
+def _exact(seen: Evidence) -> dict[int, int]:
+    """Number of each demonstration with an equal earlier one, to the number of the first of these."""
+    first: dict[bytes, int] = {}
+    found = {}
+    for m, digest in enumerate(seen.measured.digest.tolist()):
+        if seen.columns.names or seen.lengths[m] >= seen.settings.min_duplicate:
+            twin = first.setdefault(digest, m)
+            if twin != m:
+                found[m] = twin
+    return found
+
+
+def nearest_neighbours(points: Array) -> tuple[Array, Array]:
+    """Distance and number of the nearest other point, among those near it along one of the coordinates.
+
+    With M points this takes M log M time; a nearer point that is far in the order along every coordinate is missed,
+    which cannot be a near duplicate.
+    """
+    n = len(points)
+    best, nearest = np.full(n, np.inf), np.zeros(n, dtype=np.int64)
+    for order in np.argsort(points, axis=0).T:
+        for step in range(1, min(WINDOW, n - 1) + 1):
+            a, b = order[:-step], order[step:]
+            distance = np.sqrt(np.square(points[a] - points[b], dtype=np.float64).sum(axis=1))
+            for near, other in ((a, b), (b, a)):
+                closer = distance < best[near]
+                best[near[closer]], nearest[near[closer]] = distance[closer], other[closer]
+    return best, nearest

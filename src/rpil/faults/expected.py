@@ -1,0 +1,75 @@
+"""What is so on purpose: a file that names rules and demonstrations whose findings are left out."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable, Mapping
+
+from rpil.data.errors import DataError
+from rpil.data.files import StrPath, check_extension, check_readable
+from rpil.data.guard import guarded
+from rpil.data.json_files import LARGEST_TABLE, parse, read_text
+from rpil.faults.record import RULES, Finding
+
+ALL = "all"
+"""Stands for all demonstrations."""
+
+
+def rule_name(word: str, where: str) -> str:
+    """The rule of `RULES` that a user writes with spaces, hyphens or underscores; a `DataError` where there is none."""
+    name = word.strip().lower().replace("-", " ").replace("_", " ")
+    if name not in RULES:
+        raise DataError(f"{where}: there is no rule {word!r}; the rules are {', '.join(RULES)}.")
+    return name
+
+
+def read_expected(path: StrPath) -> dict[str, set[str]]:
+    """Rule to the ids, as text, of the demonstrations in which its findings are so on purpose.
+
+    The file is a JSON object of rule to a list of ids or ``"all"``, or the same in the simplest form of YAML: on each
+    line ``rule: [id, id]`` or ``rule: all``, or ``rule:`` and below it lines ``- id``; ``#`` begins a comment.
+
+    Raises
+    ------
+    DataError
+        One sentence that names the file and the line: another form, or a rule that does not exist.
+    """
+    path = check_readable(check_extension(path, (".json", ".yaml", ".yml"), "what is expected"))
+    with guarded(path.name, "it is not valid JSON in UTF-8", "write an object of rule to list of ids"):
+        text = read_text(path, LARGEST_TABLE, "utf-8-sig")
+        is_json = path.suffix.lower() == ".json"
+        content = parse(text, path.name, LARGEST_TABLE) if is_json else _read_yaml(text, path.name)
+    if not isinstance(content, dict):
+        raise DataError(f'{path.name}: it holds no object of rule to list of ids; write, say, {{"spike": [3, 7]}}.')
+    expected: dict[str, set[str]] = {}
+    for word, names in content.items():
+        listed = [names] if isinstance(names, str | int) else names
+        if not isinstance(listed, list) or not all(isinstance(name, str | int) for name in listed):
+            raise DataError(f"{path.name}: {word!r} needs a list of demonstration ids, or the word {ALL}.")
+        expected.setdefault(rule_name(word, path.name), set()).update(map(str, listed))
+    return expected
+
+
+def _read_yaml(text: str, name: str) -> dict[str, list[str]]:
+    """The simplest form of YAML; see `read_expected`."""
+    content: dict[str, list[str]] = {}
+    rule = ""
+    for number, raw in enumerate(text.splitlines(), start=1):
+        line = raw.split(" #")[0].strip()
+        if not line or line.startswith(("#", "---")):
+            continue
+        if line.startswith("- ") and rule:
+            content[rule].append(line[2:].strip().strip("\"'"))
+            continue
+        rule, colon, rest = line.partition(":")
+        if not colon or raw[0].isspace() or ("[" in rest) != rest.strip().endswith("]"):
+            raise DataError(f"{name}, line {number}: write rule: [id, id], or rule: and below it lines - id.")
+        items = rest.strip().removeprefix("[").removesuffix("]").split(",")
+        content[rule] = [item.strip().strip("\"'") for item in items if item.strip()]
+    return content
+
+
+def leave_out(found: Iterable[Finding], expected: Mapping[str, Collection[str]]) -> tuple[list[Finding], int]:
+    """The findings that are not expected, and the number of those that are."""
+    found = list(found)
+    kept = [f for f in found if not {str(f.id), ALL} & set(expected.get(f.rule, ()))]
+    return kept, len(found) - len(kept)

@@ -1,0 +1,127 @@
+"""Tables of Arrow: of data frames, and of the formats whose files hold one table for each demonstration."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Protocol, runtime_checkable
+
+from rpil.data.arrays import check_any
+from rpil.data.errors import DataError
+from rpil.data.guard import guarded
+from rpil.data.memory import check_memory
+from rpil.formats import table as flat
+from rpil.formats.column_search import find_columns
+from rpil.formats.columns import ColumnOptions, check_unique
+from rpil.formats.recording import Recording, from_table
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+
+_MARK = b"ARROW1\0\0"  # before the stream in a file
+_COMPRESSED = b"ARROW:experimental_compression"  # said so before version 1
+_OF_MESSAGE, _OF_DICTIONARY, _OF_ROWS = 2, 1, 3  # fields: the content, the rows, their compression
+
+FRAME = "the frame"
+"""Name of a data frame in messages."""
+
+
+@runtime_checkable
+class Frame(Protocol):
+    """A data frame of pandas, polars, pyarrow or another library that gives its columns to Arrow."""
+
+    def __arrow_c_stream__(self, requested_schema: object | None = None) -> object:
+        """Its columns."""
+
+
+def read_frame(frame: Frame, options: ColumnOptions = ColumnOptions()) -> Recording:
+    """The recording in a data frame with one row for each step; a `DataError` where Arrow has no type for a column."""
+    import pyarrow as pa
+
+    with guarded(FRAME, "a column holds values of mixed types", "convert them"):
+        # A table is none to convert: before pyarrow 25 the copy of a column of text views ended the process.
+        table = frame if isinstance(frame, pa.Table) else pa.table(frame)
+    return from_arrow(table, options, FRAME, "data frame")
+
+
+def from_arrow(
+    table: pa.Table, options: ColumnOptions, source: str, format_name: str, notes: tuple[str, ...] = ()
+) -> Recording:
+    """The recording in a table with one row for each step, whose columns are found by name; see `find_columns`."""
+    table = _plain(table)
+    check_unique(table.column_names, source)
+    kinds = {field.name: flat.kind_of_type(field.type) for field in table.schema}
+    plain = [name for name, kind in kinds.items() if kind in ("number", "text")]
+    kinds |= flat.kinds_of(table.select(plain).slice(0, flat.HEAD_ROWS))
+    columns = find_columns(table.column_names, kinds, source, options)
+    chosen = table.select(columns.all)
+    check_memory(2 * chosen.nbytes, source)
+    return from_table(chosen, columns, source, format_name, notes=notes)
+
+
+def _plain(table: pa.Table) -> pa.Table:
+    """A column for each part of a structure, such as ``observation.pos``, and text as files have it."""
+    import pyarrow as pa
+
+    while any(pa.types.is_struct(field.type) for field in table.schema):
+        table = table.flatten()
+    for k, field in enumerate(table.schema):
+        kind = field.type.value_type if pa.types.is_dictionary(field.type) else field.type
+        if pa.types.is_string_view(kind):
+            table = table.set_column(k, field.name, table[k].cast(pa.string()))
+    return table
+
+
+def read_ipc(path: Path, where: str) -> pa.Table:
+    """The table in a file or a stream of Arrow, mapped into memory, so that it takes no more than the file.
+
+    A `DataError` where parts of it are compressed, which may be far larger; errors of pyarrow as they are.
+    """
+    import pyarrow as pa
+
+    source = pa.memory_map(str(path))
+    start = len(_MARK) if source.read(len(_MARK)) == _MARK else 0
+    source.seek(start)
+    if any(map(_is_compressed, pa.ipc.MessageReader.open_stream(source))):
+        raise DataError(f"{where}: {path.name} is compressed, which may hide its size; write it without compression.")
+    source.seek(start)  # the footer of a file only says again where all is
+    return pa.ipc.open_stream(source).read_all()
+
+
+def _is_compressed(message: pa.ipc.Message) -> bool:
+    """Whether the values in a message are, by its header of FlatBuffers, which pyarrow has verified and does not show.
+
+    In that encoding a table begins with the way back to a list of the places of its fields.
+    """
+    content = memoryview(message.metadata)
+    if _COMPRESSED in bytes(content):
+        return True
+
+    def follow(table: int, field: int) -> int:
+        """The place of a table that is a field of a table; 0 where it is not there."""
+        fields = table - _int(content, "<i", table)
+        place = 4 + 2 * field
+        step = _int(content, "<H", fields + place) if place < _int(content, "<H", fields) else 0
+        return step and table + step + _int(content, "<I", table + step)
+
+    header = follow(_int(content, "<I", 0), _OF_MESSAGE)
+    if message.type == "dictionary":
+        header = follow(header, _OF_DICTIONARY)
+    return message.type in ("record batch", "dictionary") and follow(header, _OF_ROWS) > 0
+
+
+def _int(content: memoryview, kind: str, place: int) -> int:
+    return int(struct.unpack_from(kind, content, place)[0])
+
+
+def end_to_end(tables: Sequence[pa.Table], source: str) -> pa.Table:
+    """Tables one below the other; a `DataError` where there is none, or where their columns differ."""
+    import pyarrow as pa
+
+    check_any(len(tables), source)
+    try:
+        return pa.concat_tables(tables, promote_options="permissive")
+    except pa.ArrowException as error:
+        raise DataError(f"{source}: its demonstrations have columns of different types; write them alike.") from error

@@ -1,0 +1,108 @@
+"""What a user says of the columns of a table, and the columns that are read."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Literal
+
+from rpil.data.arrays import ActionKind
+from rpil.data.errors import DataError
+from rpil.data.facts import FILE_SESSION
+
+Kind = Literal["number", "list", "text", "written list", "mixed", "time", "counter", "empty", "nested"]
+"""Of a column's values; "mixed" is text in the place of some numbers, "counter" the number of the row."""
+
+Names = str | Sequence[str]
+"""Names of columns, or patterns such as ``joint_*``; several may stand in one text, with commas between them."""
+
+
+LENGTH = "length"
+SPLITS = "splits."
+"""What a user names in the place of a column: the number of steps of each demonstration, and, with the name of a list
+of demonstrations after it, whether LeRobot's ``meta/info.json`` lists it there."""
+
+
+@dataclass(frozen=True)
+class ColumnOptions:
+    """What the user says of the columns of a table; what is left out is found by name.
+
+    Attributes
+    ----------
+    id, order, operator, task : str
+        One column each: of the demonstration, of the order of its steps, of who gave it, of what was to be done.
+    session : str
+        The column of the session, or "file" for the file of each demonstration.
+    outcome : str
+        The column that says how a demonstration ended, or "length", with a minus before it where more is worse.
+    action, observations, exclude : str or sequence of str
+        Any number of columns, or patterns such as ``joint_*``; those of `exclude` are not read.
+    action_kind : {"auto", "discrete", "continuous"}
+        Whether one column of whole numbers holds classes; "auto" decides by how many there are.
+    """
+
+    id: str | None = None
+    action: Names = ()
+    observations: Names = ()
+    exclude: Names = ()
+    order: str | None = None
+    operator: str | None = None
+    task: str | None = None
+    session: str | None = None
+    outcome: str | None = None
+    action_kind: ActionKind = "auto"
+
+
+@dataclass(frozen=True)
+class Columns:
+    """Names of the columns that are read, and why the others are not."""
+
+    episode: str  # id of the demonstration
+    actions: tuple[str, ...]  # one column, or one for each number of a continuous action
+    observations: tuple[str, ...]
+    one_action: bool  # whether the action is one column, which may then be discrete
+    orders: tuple[str, ...] = ()  # columns that may give the order of the steps, the likeliest first
+    index: tuple[str, ...] = ()  # numbers of rows that the file itself gives
+    parts: tuple[str, ...] = ()  # columns that may name a demonstration only together with `episode`, as session does
+    operator: str | None = None
+    task: str | None = None
+    ignored: Mapping[str, str] = field(default_factory=dict, compare=False)  # name -> reason
+    action_kind: ActionKind = "auto"
+    order_given: bool = False
+    times: tuple[str, ...] = ()  # timestamps that are neither data nor the order
+    session: str | None = None  # or FILE_SESSION
+    outcome: str | None = None  # or LENGTH; with a minus where more is worse
+    outcomes: tuple[str, ...] = field(default=(), compare=False)  # columns that the user may name as the outcome
+
+    @property
+    def data(self) -> list[str]:
+        """The columns that hold the demonstrations themselves."""
+        return list(dict.fromkeys([self.episode, *self.actions, *self.observations]))
+
+    @property
+    def facts(self) -> list[str]:
+        """The columns of the session and of the outcome."""
+        outcome = (self.outcome or LENGTH).removeprefix("-")
+        is_column = outcome != LENGTH and (outcome in self.ignored or not outcome.startswith(SPLITS))
+        session = [self.session] if self.session not in (None, FILE_SESSION) else []
+        return list(dict.fromkeys([*session, *([outcome] if is_column else [])]))
+
+    @property
+    def all(self) -> list[str]:
+        """All columns to read."""
+        named = [*(name for name in (self.operator, self.task) if name is not None), *self.facts]
+        return list(dict.fromkeys([*self.data, *self.orders, *self.index, *self.parts, *self.times, *named]))
+
+
+def check_unique(names: Sequence[str], source: str) -> None:
+    """A `DataError` where two columns have one name."""
+    repeated = sorted(name for name, n in Counter(names).items() if n > 1)
+    if repeated:
+        raise DataError(f"{source}: column {repeated[0]!r} appears twice; rename or drop one of them.")
+
+
+def as_list(names: Names) -> list[str]:
+    """Names as the user gave them: one text, which may hold several with commas between them, or a sequence."""
+    texts = [names] if isinstance(names, str) else names
+    return [name.strip() for text in texts for name in text.split(",")]

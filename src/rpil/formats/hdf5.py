@@ -1,0 +1,220 @@
+"""HDF5: opening, listing and copying, for the layouts of the files beside; and the refusal of any other layout.
+
+No link is followed, because links lead to other files, or in circles. No array is read before its storage is checked.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+
+from rpil.data.arrays import Id, check_width
+from rpil.data.errors import DataError, MissingExtraError
+from rpil.data.files import cannot_be_written, check_readable, replacing
+from rpil.data.guard import guarded
+from rpil.data.memory import BYTES_PER_NUMBER, check_memory
+from rpil.data.names import natural_key
+from rpil.formats.columns import ColumnOptions
+from rpil.formats.description import listed
+from rpil.formats.hdf5_storage import checked
+from rpil.formats.recording import Recording
+from rpil.numerics.types import Array
+
+if TYPE_CHECKING:
+    import h5py
+
+SUFFIXES = (".hdf5", ".h5")
+ACTIONS = ("actions", "action")
+
+_WRITE_FAILED = re.compile(r"write failed.*errno = (\d+)", re.DOTALL)  # in the messages of HDF5
+_SIGNATURE = b"\x89HDF\r\n\x1a\n"
+
+
+def is_hdf5(path: Path) -> bool:
+    """Whether the file at `path` says by its name or its first bytes that it is HDF5."""
+    if not path.is_file() or path.suffix.lower() in SUFFIXES:
+        return path.is_file()
+    with path.open("rb") as file:
+        return file.read(len(_SIGNATURE)) == _SIGNATURE
+
+
+def has_layout(path: Path, fits: Callable[[h5py.File], bool]) -> bool:
+    """Whether `path` is an HDF5 file that `fits`; a `DataError` where it is damaged."""
+    if not is_hdf5(path):
+        return False
+    with opened(path) as file:
+        return fits(file)
+
+
+@contextmanager
+def opened(path: Path) -> Iterator[h5py.File]:
+    """The file, to be read; a `DataError` where it is none, or is damaged, a `MissingExtraError` without h5py."""
+    try:
+        import h5py
+    except ImportError as error:
+        raise MissingExtraError(f"{path.name} is HDF5, which", "hdf5") from error
+    fault = "no HDF5 file, or a damaged one", "copy or write it again"
+    with guarded(path.name, *fault), h5py.File(check_readable(path), "r") as file:
+        yield file
+
+
+@contextmanager
+def copying(path: Path, output: Path) -> Iterator[tuple[h5py.File, h5py.File]]:
+    """The file at `path`, to be read, and a new one, which is at `output` once it is whole."""
+    with opened(path) as source, replacing(output) as temporary, writing(temporary, output) as new:
+        copy_attributes(source, new)
+        yield source, new
+
+
+@contextmanager
+def writing(path: Path, output: Path, mode: Literal["w", "r+"] = "w") -> Iterator[h5py.File]:
+    """The file at `path`, to be written; a `DataError` that names the `output` where the system fails to write it."""
+    import h5py
+
+    try:
+        with h5py.File(path, mode) as file:
+            yield file
+    except (OSError, RuntimeError) as error:  # of h5py, for the same cause
+        failed = _WRITE_FAILED.search(str(error))
+        if failed is None:
+            raise
+        raise cannot_be_written(output, os.strerror(int(failed[1]))) from error
+
+
+def copy_attributes(source: h5py.Group, new: h5py.Group) -> None:
+    """Copy the attributes of a group."""
+    for name, value in source.attrs.items():
+        new.attrs[name] = value
+
+
+def member(group: h5py.Group, name: str) -> h5py.Group | h5py.Dataset | None:
+    """What is called `name` in a group; None where nothing is, or a link. An array is checked when it is read."""
+    import h5py
+
+    found = group[name] if isinstance(group.get(name, getlink=True), h5py.HardLink) else None
+    return checked(found) if isinstance(found, h5py.Dataset) else found
+
+
+def members(group: h5py.Group) -> dict[str, h5py.Group | h5py.Dataset]:
+    """What is in a group, by name, with the numbers in names in order; what a link leads to is left out."""
+    found = {name: member(group, name) for name in sorted(group, key=natural_key)}
+    return {name: one for name, one in found.items() if one is not None}
+
+
+def groups(group: h5py.Group) -> dict[str, h5py.Group]:
+    """The groups in a group, by name."""
+    import h5py
+
+    return {name: one for name, one in members(group).items() if isinstance(one, h5py.Group)}
+
+
+def first_array(group: h5py.Group, names: Sequence[str]) -> h5py.Dataset | None:
+    """The first of the arrays of these names in a group; None where there is none."""
+    found = (array_at(group, name) for name in names)
+    return next((array for array in found if array is not None and array.ndim), None)
+
+
+def array_at(group: h5py.Group, path: str) -> h5py.Dataset | None:
+    """The array at a path in a group; None where there is none, or it is in another file."""
+    import h5py
+
+    found: h5py.Group | h5py.Dataset | None = group
+    for name in path.split("/"):
+        found = member(found, name) if isinstance(found, h5py.Group) else None
+    return found if isinstance(found, h5py.Dataset) and not _is_elsewhere(found) else None
+
+
+class Arrays(Mapping[str, Any]):
+    """The arrays in a group by path, each of which is looked up when it is asked for: there may be many groups."""
+
+    def __init__(self, group: h5py.Group) -> None:
+        self._group = group
+        self._found: dict[str, h5py.Dataset | None] = {}
+
+    def __getitem__(self, path: str) -> h5py.Dataset:
+        if path not in self._found:
+            self._found[path] = array_at(self._group, path)
+        if self._found[path] is None:
+            raise KeyError(path)
+        return self._found[path]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(contents(self._group).arrays)
+
+    def __len__(self) -> int:
+        return len(contents(self._group).arrays)
+
+
+@dataclass(frozen=True, eq=False)
+class Contents:
+    """The arrays in a group and in the groups in it, by path, and the paths of what lies in other files."""
+
+    arrays: dict[str, h5py.Dataset]
+    links: tuple[str, ...]
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """That links were not followed, in words."""
+        return (f"Not read, because they are links: {listed(self.links)}.",) if self.links else ()
+
+
+def contents(group: h5py.Group) -> Contents:
+    """All arrays in a group; each group is visited once, in whatever circles they lie."""
+    import h5py
+
+    arrays: dict[str, h5py.Dataset] = {}
+    links: list[str] = []
+    waiting, seen = [("", group)], set()
+    while waiting:
+        prefix, group = waiting.pop()
+        found = members(group)
+        links += [prefix + name for name in group if name not in found]
+        for name, one in found.items():
+            if isinstance(one, h5py.Dataset) and _is_elsewhere(one):
+                links.append(prefix + name)
+            elif isinstance(one, h5py.Dataset):
+                arrays[prefix + name] = one
+            elif isinstance(one, h5py.Group) and (address := h5py.h5o.get_info(one.id).addr) not in seen:
+                seen.add(address)
+                waiting.append((f"{prefix}{name}/", one))
+    return Contents({name: arrays[name] for name in sorted(arrays, key=natural_key)}, tuple(links))
+
+
+def _is_elsewhere(array: h5py.Dataset) -> bool:
+    """Whether the values of an array are in another file."""
+    return bool(array.is_virtual or array.external)
+
+
+def load(array: h5py.Dataset, source: str) -> Array:
+    """All values of an array; a `DataError` where they would not fit in memory, or are far too long texts."""
+    check_width(array.dtype, f"{source}: {str(array.name).strip('/')}")
+    check_memory(max(BYTES_PER_NUMBER, array.dtype.itemsize) * float(np.prod(array.shape, dtype=float)), source)
+    return np.asarray(array[()])
+
+
+def is_mine(path: Path) -> bool:
+    """Whether `path` is an HDF5 file, of whatever layout."""
+    return is_hdf5(path)
+
+
+def read(path: Path, options: ColumnOptions) -> Recording:
+    """A `DataError` that says what is in a file of a layout that is not known."""
+    with opened(path) as file:
+        found = contents(file).arrays
+        arrays = listed([f"{name} {array.shape}" for name, array in found.items()]) or "no arrays"
+    raise DataError(
+        f"{path.name}: in this HDF5 file nothing says which steps are a demonstration (it holds {arrays}); write each "
+        "as a group with the arrays actions and obs, or add terminals and timeouts, or an array episode_index."
+    )
+
+
+def keep(path: Path, output: Path, ids: Sequence[Id]) -> None:
+    """A `DataError`, see `read`."""
+    read(path, ColumnOptions())

@@ -1,0 +1,218 @@
+"""LeRobot's ``meta`` folder beside the data: frames a second, names of joints, tasks, lengths."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field
+from pathlib import PurePosixPath
+from typing import TYPE_CHECKING, Any
+
+from rpil.data.arrays import Id
+from rpil.data.folders import check_inside
+from rpil.data.guard import guarded
+from rpil.data.json_files import LARGEST_METADATA, LARGEST_TABLE, parse, parse_lines
+from rpil.data.names import quoted
+from rpil.formats.columns import SPLITS
+from rpil.formats.parquet_pages import check_table
+
+if TYPE_CHECKING:
+    from pyarrow import fs
+
+
+_SIZES = "total_episodes", "total_frames"
+_BAD_SPLIT = re.compile(r"drop.*|bad|fail.*|exclu.*|reject.*|discard.*")
+_GOOD_SPLIT = re.compile(r"keep|kept|good|success.*|accept.*|curated")
+
+
+@dataclass(frozen=True)
+class Metadata:
+    """What ``meta`` says of the data; empty where there is none."""
+
+    version: str = ""
+    fps: float | None = None
+    names: Mapping[str, tuple[str, ...]] = field(default_factory=dict)  # of the numbers in a column of lists
+    tasks: Mapping[str, str] = field(default_factory=dict)  # by task_index, as text
+    videos: tuple[str, ...] = ()  # observations that lie beside the table
+    sizes: Mapping[str, float] = field(default_factory=dict)  # declared numbers of demonstrations and steps
+    lengths: Mapping[Id, int] = field(default_factory=dict)  # declared steps of each demonstration
+    unusable: tuple[str, ...] = ()  # what ``meta`` says and cannot be used
+    splits: Mapping[str, tuple[range, ...]] = field(default_factory=dict)  # lists of demonstrations by their numbers
+
+    @property
+    def split_outcomes(self) -> tuple[str, ...]:
+        """The lists whose names say that their demonstrations are good, or, with a minus before it, bad."""
+        bad = (f"-{SPLITS}{name}" for name in self.splits if _BAD_SPLIT.fullmatch(name.lower()))
+        good = (f"{SPLITS}{name}" for name in self.splits if _GOOD_SPLIT.fullmatch(name.lower()))
+        return (*bad, *good)
+
+    def notes(self, n_demonstrations: int, n_steps: int) -> tuple[str, ...]:
+        """What ``meta`` says otherwise than the data, or cannot be used of it, in sentences."""
+        found = {"total_episodes": (n_demonstrations, "demonstrations"), "total_frames": (n_steps, "steps")}
+        unusable = f"Left out of meta, because it cannot be used: {', '.join(self.unusable)}."
+        return (unusable,) * bool(self.unusable) + tuple(
+            f"meta/info.json says {name} = {self.sizes[name]}, but the data hold {n:,} {what}; the data are believed."
+            for name, (n, what) in found.items()
+            if self.sizes.get(name, n) != n
+        )
+
+
+def format_name(metadata: Metadata, n_files: int) -> str:
+    """The format and version of a data set, and how many files it has."""
+    name = f"LeRobot {metadata.version}" if metadata.version else "Parquet"
+    return name if n_files == 1 else f"{name}, {n_files:,} files"
+
+
+def read_info(text: str | bytes, folder: str) -> dict[str, Any]:
+    """The content of ``meta/info.json`` in a `folder`; a `DataError` that names the file, if it is damaged."""
+    where = f"{folder}/meta/info.json", "it does not describe a data set", "write it again, or move it away"
+    with guarded(*where):
+        info = parse(text, where[0])
+        if isinstance(info, dict):
+            return info
+        raise TypeError("no object")
+
+
+def read_metadata(filesystem: fs.FileSystem, paths: Sequence[str]) -> Metadata:
+    """The metadata of the data set that holds the data files `paths`; empty where there are none.
+
+    Lengths are those of all demonstrations, and empty where `paths` are some of the files only. A `DataError` where
+    ``info.json`` or the table of lengths is damaged; a value of ``info.json`` that cannot be used is left out.
+    """
+    from pyarrow import fs
+
+    data = next((folder for folder in PurePosixPath(paths[0]).parents if folder.name == "data"), None)
+    if data is None:
+        return Metadata()
+    meta = data.parent / "meta"
+    if isinstance(filesystem, fs.LocalFileSystem):
+        folder = fs.FileSelector(str(meta / "episodes"), recursive=True, allow_not_found=True)
+        names = [meta / name for name in ("info.json", "tasks.parquet", "tasks.jsonl", "episodes.jsonl")]
+        for place in (*names, meta / "episodes", *(info.path for info in filesystem.get_file_info(folder))):
+            check_inside(str(place), str(data.parent))
+    try:
+        text = _read_start(filesystem, meta / "info.json")
+    except FileNotFoundError:
+        return Metadata()
+    info, unusable = read_info(text, data.parent.name), []
+    fps = _frame_rate(info.get("fps"))
+    if fps != info.get("fps"):
+        unusable.append(f"fps = {str(info['fps'])[:40]!r}")
+    given = info.get("features", {})
+    features = {k: v for k, v in given.items() if isinstance(v, dict)} if isinstance(given, dict) else {}
+    if features != given:
+        wrong = [name for name in given if name not in features] if isinstance(given, dict) else []
+        unusable.append(f"features {quoted(wrong, 5)}" if wrong else "features")
+    sizes: dict[str, float] = {name: info[name] for name in _SIZES if _is_size(info.get(name))}
+    unusable += [name for name in _SIZES if name in info and name not in sizes]
+    tasks = _tasks(filesystem, meta)
+    if tasks is None:
+        unusable.append("tasks")
+    return Metadata(
+        version=str(info.get("codebase_version", ""))[:40],
+        fps=fps,
+        names={name: parts for name, feature in features.items() if (parts := _part_names(feature))},
+        tasks=tasks or {},
+        videos=tuple(name for name, feature in features.items() if feature.get("dtype") == "video"),
+        sizes=sizes,
+        lengths=_lengths(filesystem, meta) if _are_all(filesystem, data, paths) else {},
+        unusable=tuple(unusable),
+        splits=_splits(info.get("splits")),
+    )
+
+
+def _splits(given: object) -> dict[str, tuple[range, ...]]:
+    """Lists of episodes by name, written as "0:50", as "3, 5, 8:10" or as numbers; others are left out."""
+    found: dict[str, tuple[range, ...]] = {}
+    for name, value in given.items() if isinstance(given, dict) else ():
+        parts = value.split(",") if isinstance(value, str) else value if isinstance(value, list) else [value]
+        with suppress(ValueError):
+            found[name] = tuple(_numbers(str(part)) for part in parts)
+    return found
+
+
+def _numbers(text: str) -> range:
+    """The numbers from a to b - 1 of "a:b", or the only one of "a"."""
+    first, colon, last = text.partition(":")
+    return range(int(first), int(last) if colon else int(first) + 1)
+
+
+def _read_start(filesystem: fs.FileSystem, path: PurePosixPath) -> bytes:
+    """As much of a file as metadata have; a `FileNotFoundError` where it is not there."""
+    remedy = "change its permissions, or move it away"
+    with (
+        guarded(path, remedy=remedy),
+        suppress(FileNotFoundError),
+        filesystem.open_input_stream(str(path)) as stream,
+    ):
+        return bytes(stream.read(LARGEST_METADATA + 1))
+    raise FileNotFoundError(path)
+
+
+def _is_size(value: object) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and 0 <= value < 1e15
+
+
+def _frame_rate(value: object) -> float | None:
+    """Frames a second; None where it is no number above 0."""
+    if not isinstance(value, int | float) or isinstance(value, bool):
+        return None
+    return float(value) if 0 < value < 1e9 else None
+
+
+def _are_all(filesystem: fs.FileSystem, data: PurePosixPath, paths: Sequence[str]) -> bool:
+    """Whether `paths` are all the files of the folder `data`."""
+    from pyarrow import fs
+
+    infos = filesystem.get_file_info(fs.FileSelector(str(data), recursive=True))
+    names = (PurePosixPath(info.path).name for info in infos)
+    return len(paths) == sum(name.endswith(".parquet") and not name.startswith((".", "_")) for name in names)
+
+
+def _lengths(filesystem: fs.FileSystem, meta: PurePosixPath) -> dict[Id, int]:
+    """Steps by episode: of version 3 in ``episodes/``, before in ``episodes.jsonl``; empty where neither is there."""
+    import pyarrow.parquet as pq
+    from pyarrow import fs
+
+    with guarded(meta, "it does not say how long each episode is", "write it again"):
+        try:
+            with filesystem.open_input_stream(str(meta / "episodes.jsonl")) as stream:
+                rows = parse_lines(stream.read(LARGEST_TABLE + 1), str(meta / "episodes.jsonl"), LARGEST_TABLE)
+        except FileNotFoundError:
+            folder = fs.FileSelector(str(meta / "episodes"), recursive=True, allow_not_found=True)
+            files = sorted(info.path for info in filesystem.get_file_info(folder) if info.path.endswith(".parquet"))
+            for file in files:
+                check_table(file, filesystem)
+            wanted = {"columns": ["episode_index", "length"], "filesystem": filesystem}
+            rows = [row for file in files for row in pq.read_table(file, **wanted).to_pylist()]
+        return {int(row["episode_index"]): int(row["length"]) for row in rows}
+
+
+def _part_names(feature: Mapping[str, object]) -> tuple[str, ...]:
+    names = feature.get("names")
+    if isinstance(names, dict):  # version 2 has {"motors": [...]}
+        names = next(iter(names.values()), None)
+    return tuple(map(str, names)) if isinstance(names, list) and feature.get("shape") == [len(names)] else ()
+
+
+def _tasks(filesystem: fs.FileSystem, meta: PurePosixPath) -> dict[str, str] | None:
+    """Task by its number: a table since version 3, where its texts are the index of pandas; lines of JSON before.
+
+    Empty where there are none, None where they are damaged.
+    """
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    try:
+        with suppress(FileNotFoundError), filesystem.open_input_file(str(meta / "tasks.parquet")) as file:
+            check_table(str(meta / "tasks.parquet"), filesystem)
+            table = pq.read_table(file)
+            text = next((name for name in table.column_names if name != "task_index"), "task_index")
+            return dict(zip(map(str, table["task_index"].to_pylist()), map(str, table[text].to_pylist()), strict=True))
+        with suppress(FileNotFoundError), filesystem.open_input_stream(str(meta / "tasks.jsonl")) as stream:
+            rows = parse_lines(stream.read(LARGEST_TABLE + 1), str(meta / "tasks.jsonl"), LARGEST_TABLE)
+            return {str(row["task_index"]): str(row["task"]) for row in rows}
+    except (pa.ArrowException, OSError, ValueError, KeyError, TypeError, RecursionError):
+        return None
+    return {}

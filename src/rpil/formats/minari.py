@@ -1,0 +1,231 @@
+"""Minari data sets: ``data/metadata.json``, and the episodes in one HDF5 file, or in a folder each (Arrow, Parquet)."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from rpil.data.arrays import Id
+from rpil.data.files import new_folder
+from rpil.data.folders import check_inside, copy_folder
+from rpil.data.guard import guarded
+from rpil.data.id_values import check_ids
+from rpil.data.json_files import read_json
+from rpil.data.memory import BYTES_PER_NUMBER, check_memory
+from rpil.formats import hdf5
+from rpil.formats.arrow import end_to_end, from_arrow, read_ipc
+from rpil.formats.columns import ColumnOptions
+from rpil.formats.description import listed
+from rpil.formats.parquet_pages import check_table
+from rpil.formats.parts import MAX_MATRIX, NUMBERED, Part, from_parts, without_steps
+from rpil.formats.recording import Recording
+
+if TYPE_CHECKING:
+    import h5py
+    import pyarrow as pa
+    from pyarrow import dataset
+
+_HDF5 = "main_data.hdf5"
+_METADATA = "metadata.json"
+_INFOS = "infos"
+_IMAGES = "images"
+_LAST = "The last observation of a demonstration, which comes after its last action, is left out."
+_Leaf = tuple[tuple[str, ...], "pa.DataType"]
+_FOLDERS = ("arrow", "parquet")
+
+
+def is_mine(path: Path) -> bool:
+    """Whether this is the folder of a data set, its ``data``, or the HDF5 file in it."""
+    return _find(path) is not None
+
+
+def read(path: Path, options: ColumnOptions) -> Recording:
+    """The recording in all episodes; parts of Dict and Tuple spaces are columns such as ``observations/goal/0``.
+
+    A `DataError` where a file is damaged, and where the data would take more memory than they may.
+    """
+    data, about = _open(path)
+    if _described(about, "action_space").get("type") == "Discrete" and options.action_kind == "auto":
+        options = replace(options, action_kind="discrete")
+    environment = _described(about, "env_spec").get("id")
+    notes = (f"Environment: {listed([str(environment)])}.",) if environment else ()
+    if not (data / _HDF5).exists():
+        return _read_tables(data, about["data_format"], path.name, options, notes)
+    with hdf5.opened(data / _HDF5) as file:
+        parts = [_part(episode, number) for number, episode in _groups(file).items()]
+        return from_parts(parts, NUMBERED, path.name, "Minari, HDF5", options, notes=notes)
+
+
+def keep(path: Path, output: Path, ids: Sequence[Id]) -> None:
+    """Write some episodes, numbered from 0, to the folder of a new data set, which Minari loads."""
+    data, about = _open(path)
+    with new_folder(output) as folder:
+        new = folder / "data"
+        new.mkdir()
+        is_hdf5 = (data / _HDF5).exists()
+        lengths = _copy_groups(path, data, new, ids, output) if is_hdf5 else _copy_folders(data, new, ids, path.name)
+        n_bytes = sum(file.stat().st_size for file in new.rglob("*") if file.is_file())
+        totals = {"total_episodes": len(lengths), "total_steps": sum(lengths), "dataset_size": round(n_bytes / 1e6, 1)}
+        (new / _METADATA).write_text(json.dumps({**about, **totals}))
+
+
+def _find(path: Path) -> Path | None:
+    """The folder that holds the episodes."""
+    if path.is_dir():
+        folder = path / "data" if (path / "data").is_dir() else path
+    elif path.name == _HDF5:
+        folder = path.parent
+        check_inside(folder / _METADATA, folder)  # which the path does not name
+    else:
+        return None
+    is_data = (folder / _HDF5).exists() or _json(folder / _METADATA).get("data_format") in _FOLDERS
+    return folder if is_data else None
+
+
+def _open(path: Path) -> tuple[Path, dict[str, Any]]:
+    """The folder that holds the episodes, and what the data set says of itself."""
+    data = _find(path)
+    assert data is not None
+    return data, _json(data / _METADATA)
+
+
+def _json(path: Path) -> dict[str, Any]:
+    """The entries of a JSON file; none where it cannot be read."""
+    try:
+        found = read_json(path)
+    except (OSError, ValueError, RecursionError):
+        return {}
+    return found if isinstance(found, dict) else {}
+
+
+def _described(about: Mapping[str, Any], name: str) -> Mapping[str, Any]:
+    """An entry of the metadata that is itself JSON; empty where it is not."""
+    try:
+        found = json.loads(about.get(name, ""))
+    except (ValueError, TypeError, RecursionError):
+        return {}
+    return found if isinstance(found, dict) else {}
+
+
+def _groups(file: h5py.File) -> dict[int, h5py.Group]:
+    """The groups ``episode_7`` by their number."""
+    found = {re.fullmatch(r"episode_(\d{1,18})", name): group for name, group in hdf5.groups(file).items()}
+    return {int(match[1]): group for match, group in found.items() if match}
+
+
+def _part(episode: h5py.Group, number: int) -> Part:
+    arrays = {
+        name.replace("/_index_", "/"): array
+        for name, array in hdf5.contents(episode).arrays.items()
+        if not name.startswith(f"{_INFOS}/")
+    }
+    actions = (array for name, array in arrays.items() if name.partition("/")[0] == "actions" and array.shape)
+    return Part(next((array.shape[0] for array in actions), 0), arrays, {NUMBERED: number})
+
+
+def _copy_groups(path: Path, data: Path, new: Path, ids: Sequence[Id], output: Path) -> list[int]:
+    """Copy episodes to a new HDF5 file; the number of steps of each."""
+    lengths = []
+    with hdf5.opened(data / _HDF5) as old_file, hdf5.writing(new / _HDF5, output) as new_file:
+        hdf5.copy_attributes(old_file, new_file)
+        groups = _groups(old_file)
+        for k, i in enumerate(_chosen(ids, groups, path.name)):
+            old_file.copy(groups[i], new_file, f"episode_{k}")
+            new_file[f"episode_{k}"].attrs["id"] = k
+            lengths.append(_part(groups[i], i).n_steps)
+    return lengths
+
+
+def _chosen(ids: Sequence[Id], there: Mapping[int, object], source: str) -> list[int]:
+    """The numbers of the episodes to keep, in their order; a `DataError` where one is not there."""
+    check_ids(ids, there, source, "the ids")
+    return sorted({int(i) for i in ids})
+
+
+def _folders(data: Path) -> dict[int, Path]:
+    """The folders of episodes by their number."""
+    found = (folder for folder in data.iterdir() if folder.is_dir() and re.fullmatch(r"\d{1,18}", folder.name))
+    return {int(folder.name): folder for folder in sorted(found, key=lambda folder: int(folder.name))}
+
+
+def _read_tables(data: Path, kind: str, source: str, options: ColumnOptions, notes: tuple[str, ...]) -> Recording:
+    """The recording in folders that hold a table each; images are not read."""
+    import pyarrow as pa
+    from pyarrow import dataset
+
+    tables, images, n_bytes, n_left_out = [], {}, 0, 0
+    for number, folder in _folders(data).items():
+        with _opened(folder, kind, source) as stored:
+            n_rows, leaves = stored.count_rows(), dict(_leaves(stored.schema))
+            images = {name: _IMAGES for name, (_, leaf) in leaves.items() if _is_image(leaf)}
+            read = {name: leaf for name, leaf in leaves.items() if name not in images}
+            n_bytes += n_rows * BYTES_PER_NUMBER * sum(getattr(leaf, "list_size", 1) for _, leaf in read.values())
+            check_memory(n_bytes, source)
+            for file in stored.files if kind == "parquet" else ():
+                check_table(Path(file))
+            table = stored.to_table(columns={name: dataset.field(*path) for name, (path, _) in read.items()})
+            table.validate(full=True)  # to look at the values of a damaged file would end the process
+        n_steps = _n_steps(folder, n_rows)
+        n_left_out += n_rows > n_steps
+        table = table.slice(0, n_steps)
+        tables.append(table.append_column(NUMBERED, pa.repeat(number, len(table))))
+    empty = [number for number, table in zip(_folders(data), tables, strict=True) if not len(table)]
+    notes = (*notes, *([_LAST] if n_left_out else []), *without_steps(empty))
+    table = end_to_end(tables, source)
+    return from_arrow(table, options, source, f"Minari, {kind}", notes).with_ignored(images)
+
+
+@contextmanager
+def _opened(folder: Path, kind: str, source: str) -> Iterator[dataset.Dataset]:
+    """The files of one episode; a `DataError` where they are damaged."""
+    from pyarrow import dataset
+
+    with guarded(f"{source}, demonstration {folder.name}", "it is damaged or truncated", "write it again"):
+        files = sorted(folder.glob(f"*.{kind}"))
+        stored = [read_ipc(file, f"{source}, demonstration {folder.name}") for file in files if kind == "arrow"]
+        yield dataset.dataset(stored or list(map(str, files)), format=None if stored else kind)
+
+
+def _n_steps(folder: Path, n_rows: int) -> int:
+    """T of an episode in a folder, whose rows are T or T + 1."""
+    given = _json(folder / _METADATA).get("total_steps")
+    return given if given in (n_rows - 1, n_rows) else max(n_rows - 1, 0)
+
+
+def _leaves(
+    fields: Iterable[pa.Field], above: tuple[str, ...] = ()
+) -> Iterator[tuple[str, tuple[tuple[str, ...], Any]]]:
+    """The columns and the parts of structures but infos: name, path and type."""
+    import pyarrow as pa
+
+    for field in fields:
+        path = (*above, field.name)
+        if pa.types.is_struct(field.type) and field.name != _INFOS:
+            yield from _leaves(field.type, path)
+        elif field.name != _INFOS:
+            yield "/".join(path), (path, field.type)
+
+
+def _is_image(kind: pa.DataType) -> bool:
+    import pyarrow as pa
+
+    is_bytes = pa.types.is_fixed_size_list(kind) and pa.types.is_uint8(kind.value_type)
+    return bool(pa.types.is_binary(kind) or (is_bytes and kind.list_size > MAX_MATRIX))
+
+
+def _copy_folders(data: Path, new: Path, ids: Sequence[Id], source: str) -> list[int]:
+    """Copy folders of episodes; the number of steps of each."""
+    lengths = []
+    folders = _folders(data)
+    for k, i in enumerate(_chosen(ids, folders, source)):
+        copy_folder(folders[i], new / str(k))
+        about = _json(folders[i] / _METADATA)
+        (new / str(k) / _METADATA).write_text(json.dumps({**about, "id": k}))
+        with _opened(folders[i], _json(data / _METADATA)["data_format"], source) as stored:
+            lengths.append(_n_steps(folders[i], stored.count_rows()))
+    return lengths

@@ -1,0 +1,155 @@
+"""NPZ: NumPy arrays by name, one row per step, read without ever unpickling anything."""
+
+from __future__ import annotations
+
+import zipfile
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from rpil.data.arrays import are_whole, group_rows
+from rpil.data.demonstrations import Demonstrations
+from rpil.data.errors import DataError
+from rpil.data.facts import Facts
+from rpil.data.files import replacing
+from rpil.data.guard import guarded
+from rpil.data.names import ACTION, EPISODE, TIMESTAMP, may_be_outcome, quoted
+from rpil.data.npy import ARRAY, declared, read_arrays, write_npz
+from rpil.formats.columns import ColumnOptions, Columns, as_list
+from rpil.formats.description import outcome_options
+from rpil.formats.recording import Recording
+from rpil.formats.table_facts import Origin, fact_columns, find_facts
+from rpil.formats.times import Times
+from rpil.numerics.types import Array
+
+SPELLINGS = ("observations", "observation"), ACTION[::-1], ("episode_ids", *EPISODE)
+_OPTIONAL = "observation_names"
+
+
+def read(path: Path, options: ColumnOptions) -> Recording:
+    """Read ``observations``, ``actions``, ``episode_ids`` and, where there, ``observation_names``, ``timestamps``."""
+    source = path.name
+    fault = "not an NPZ file, or a damaged or truncated one", "write it again"
+    with guarded(source, *fault), zipfile.ZipFile(path) as stored:
+        found = {name.removesuffix(ARRAY): name for name in stored.namelist() if name.endswith(ARRAY)}
+        wanted = _find_arrays(found, options, source)
+        columns = _fact_columns(found, wanted, options, source)
+        clock = _timestamps(stored, found, wanted[-1])
+        optional = dict.fromkeys([_OPTIONAL, options.operator, clock, *columns.facts])
+        names = [name for name in (*wanted, *optional) if name in found]
+        arrays = dict(zip(names, read_arrays(stored, [found[name] for name in names], source), strict=True))
+    observations, actions, steps = (arrays[name] for name in wanted)
+    demonstrations = Demonstrations.from_groups(
+        *(observations, actions, steps),
+        observation_names=arrays.get(_OPTIONAL, ()),
+        source=source,
+        action_kind=options.action_kind,
+    )
+    ignored = dict.fromkeys((name for name in found if name not in arrays), "no array of demonstrations")
+    recording = Recording.of(demonstrations, "NPZ", ignored | dict.fromkeys(columns.facts, "session or outcome"))
+    recording = replace(
+        recording,
+        description=replace(recording.description, outcomes=outcome_options(columns.outcomes)),
+        read_facts=lambda: _facts(arrays, replace(columns, times=(clock,) if clock else ()), demonstrations),
+    )
+    times = next(
+        (Times(_in_order(arrays[name], steps).astype(np.float64)) for name in TIMESTAMP if name in arrays), Times()
+    )
+    recording = replace(recording, times=lambda: times)
+    if options.operator is None:
+        return recording
+    if options.operator not in arrays:
+        raise DataError(f"{source}: it holds no {options.operator!r}; name one of {quoted(found)}.")
+    pairs = _pairs(arrays[options.operator], steps, demonstrations.ids, f"{source}: {options.operator!r}")
+    return replace(recording, operators=pairs)
+
+
+def _find_arrays(found: Iterable[str], options: ColumnOptions, source: str) -> list[str]:
+    """Names of the arrays of observations, actions and ids among those `found`."""
+    unused = [name for name in ("exclude", "order", "task") if getattr(options, name)]
+    if unused:
+        raise DataError(f"{source}: an NPZ file holds arrays and no columns; leave out --{unused[0]} or {unused[0]}=.")
+    wanted = []
+    for given, usual in zip((options.observations, options.action, options.id or ()), SPELLINGS, strict=True):
+        names = as_list(given) or usual
+        name = next((name for name in names if name in found), None)
+        if name is None:
+            raise DataError(
+                f"{source}: no array is called {names[0]!r}; save it under that name (found {quoted(found) or 'none'})."
+            )
+        wanted.append(name)
+    return wanted
+
+
+def _fact_columns(found: Iterable[str], wanted: Sequence[str], options: ColumnOptions, source: str) -> Columns:
+    """The arrays of session and outcome; a `DataError` where there are none of these names, or they are `wanted`."""
+    others = [name for name in found if name not in (*wanted, _OPTIONAL)]
+    outcomes = tuple(filter(may_be_outcome, others))
+    columns = Columns(wanted[-1], (), (), True, session=options.session, outcome=options.outcome, outcomes=outcomes)
+    unknown = [name for name in columns.facts if name not in others]
+    if unknown:
+        raise DataError(
+            f"{source}: it holds no array {unknown[0]!r} beside the demonstrations; name one of {quoted(others)}."
+            if others
+            else f"{source}: it holds no array {unknown[0]!r}, nor any other beside the demonstrations; leave it out."
+        )
+    return columns
+
+
+def _facts(arrays: Mapping[str, Array], columns: Columns, demonstrations: Demonstrations) -> Facts:
+    """The facts from arrays of one value for each step, or for each demonstration."""
+    import pyarrow as pa
+
+    d, table = demonstrations, {}
+    for name in fact_columns(columns):
+        values = arrays[name]
+        if values.ndim != 1 or len(values) not in (d.n_steps, len(d)):
+            raise DataError(
+                f"{d.source}: {name!r} has the shape {values.shape}; give one value for each step or demonstration."
+            )
+        per_step = len(values) == d.n_steps
+        table[name] = _in_order(values, arrays[columns.episode]) if per_step else np.repeat(values, d.lengths)
+    return find_facts(pa.table(table), columns, d.offsets, d.ids, Origin(d.source, [d.source] * len(d)))
+
+
+def _timestamps(stored: zipfile.ZipFile, found: Mapping[str, str], steps: str) -> str | None:
+    """The array of times, if it says that it has a number for each of the `steps`: others are not read."""
+    name = next((name for name in TIMESTAMP if name in found), None)
+    if name is None:
+        return None
+    try:
+        shape, dtype = declared(stored, found[name])
+    except ValueError:  # of another version, or no array
+        return None
+    return name if dtype.kind in "iuf" and shape == declared(stored, found[steps])[0] else None
+
+
+def _in_order(values: Array, steps: Array) -> Array:
+    """Values of the `steps`, in the order of the demonstrations."""
+    rows = group_rows(np.unique(steps, return_inverse=True)[1])[2]
+    return np.asarray(values if rows is None else values[rows])
+
+
+def _pairs(who: Array, steps: Array, ids: Sequence[object], what: str) -> list[tuple[str, object]]:
+    """The different pairs of id, as text, and operator; `who` has one for each step, or for each demonstration."""
+    if who.ndim != 1 or len(who) not in (len(steps), len(ids)):
+        raise DataError(f"{what} has the shape {who.shape}; give one for each step or demonstration.")
+    if who.dtype.kind == "f" and are_whole(who):
+        who = who.astype(np.int64)
+    keys = steps.astype(np.int64) if steps.dtype.kind == "f" else steps
+    owners = (keys if len(who) == len(keys) else np.array(ids)).tolist()
+    return list(dict.fromkeys(zip(map(str, owners), who.tolist(), strict=True)))
+
+
+def write(path: Path, demonstrations: Demonstrations, truth: Mapping[str, Array]) -> None:
+    """Write the arrays that `read` reads, and each `truth` (M,) under its own name."""
+    arrays = {
+        "observations": demonstrations.observations,
+        "actions": demonstrations.actions,
+        "episode_ids": np.repeat(np.array(demonstrations.ids), demonstrations.lengths),
+        _OPTIONAL: np.array(demonstrations.observation_names),
+    }
+    with replacing(path) as temporary:
+        write_npz(temporary, {**truth, **arrays})

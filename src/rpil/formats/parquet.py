@@ -1,0 +1,76 @@
+"""Parquet: the flat table with its types kept."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from itertools import chain
+from pathlib import Path, PurePosixPath
+from typing import TYPE_CHECKING
+
+from rpil.data.demonstrations import Demonstrations
+from rpil.data.files import replacing
+from rpil.data.memory import check_memory
+from rpil.formats import table as flat
+from rpil.formats.columns import ColumnOptions, Columns
+from rpil.formats.lerobot import format_name, read_metadata
+from rpil.formats.parquet_pages import check_pages
+from rpil.formats.recording import Recording, from_table
+from rpil.formats.store import check_columns, columns_of_file, opened
+from rpil.formats.table import refuse_id_in_two_files
+from rpil.formats.table_facts import file_names
+from rpil.numerics.types import Array
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+    from pyarrow import fs
+
+
+def read(path: Path, options: ColumnOptions) -> Recording:
+    """Read the columns that hold data, and the numbers of the rows."""
+    from pyarrow import fs
+
+    return read_files(fs.LocalFileSystem(), [str(path.absolute())], options, path.name)
+
+
+def read_files(filesystem: fs.FileSystem, paths: Sequence[str], options: ColumnOptions, source: str) -> Recording:
+    """Read files with the same columns into memory."""
+    import pyarrow as pa
+
+    names = [PurePosixPath(path).name for path in paths]
+    columns: Columns | None = None
+    tables, n_bytes = [], 0
+    for path, name in zip(paths, names, strict=True):
+        with opened(filesystem, path) as file:
+            columns = columns or columns_of_file(filesystem, path, file, options)
+            check_columns(file, columns, name, names[0])
+            n_bytes += check_pages(filesystem, path, file, columns.all)
+            check_memory(n_bytes, source)
+            tables.append(file.read(columns=columns.all))
+            tables[-1].validate(full=True)  # text from a damaged file need not be Unicode
+    assert columns is not None
+    refuse_id_in_two_files([table[columns.episode] for table in tables], names, source)
+    metadata = read_metadata(filesystem, paths)
+    table = pa.concat_tables(tables, promote_options="permissive")
+    files = dict(zip(file_names(paths), map(len, tables), strict=True))
+    return from_table(table, columns, source, format_name(metadata, len(paths)), metadata, files=files)
+
+
+def write(path: Path, demonstrations: Demonstrations, truth: Mapping[str, Array]) -> None:
+    """Write the flat table, with its types."""
+    write_tables(path, iter([flat.from_demonstrations(demonstrations, truth)]))
+
+
+def write_tables(path: Path, tables: Iterator[pa.Table]) -> None:
+    """Write tables of one schema one below the other; one of them is in memory at a time."""
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    first = next(tables)
+    # Floating-point values rarely repeat: a dictionary of them only costs time and space.
+    dictionary = [field.name for field in first.schema if not pa.types.is_floating(field.type)]
+    with (
+        replacing(path) as temporary,
+        pq.ParquetWriter(temporary, first.schema, use_dictionary=dictionary, write_page_checksum=True) as writer,
+    ):
+        for table in chain([first], tables):
+            writer.write_table(table)

@@ -1,0 +1,245 @@
+"""Arrays by name, as the flat table: for formats that hold arrays of steps, of one demonstration or of many."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
+
+import numpy as np
+
+from rpil.data.arrays import Id, check_any, check_width
+from rpil.data.errors import DataError
+from rpil.data.memory import BYTES_PER_NUMBER, check_memory
+from rpil.data.missing import fill_chunks
+from rpil.formats import table as flat
+from rpil.formats.column_search import find_columns
+from rpil.formats.columns import ColumnOptions, Kind
+from rpil.formats.description import listed
+from rpil.formats.lerobot import Metadata
+from rpil.formats.recording import Recording, from_table
+from rpil.numerics.types import Array
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+NO_STEPS = "not one value for each step"
+
+NUMBERED = "episode"
+"""The column of the id where demonstrations have no names but their numbers."""
+
+MAX_MATRIX = 1024
+"""Numbers of a matrix that is no image, at most; it is read as a list."""
+
+
+_TEXTS_AT_ONCE = 1 << 16
+_COPIES_OF_TEXTS = 3  # as they are stored, in the table, and as they are kept
+
+
+class Stored(Protocol):
+    """An array that need not be in memory, such as a data set of HDF5."""
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Its declared shape."""
+
+    @property
+    def dtype(self) -> np.dtype[Any]:
+        """Its declared type."""
+
+    def __getitem__(self, rows: slice, /) -> object:
+        """Some of its rows."""
+
+
+@runtime_checkable
+class Checked(Protocol):
+    """An array that can tell, before it is read, that some of its values are not stored."""
+
+    def check(self) -> None:
+        """A `DataError` where some are not."""
+
+
+@dataclass(frozen=True)
+class Part:
+    """Consecutive steps of a file: of one demonstration, or of several that a column tells apart.
+
+    Attributes
+    ----------
+    n_steps : int
+        T, the number of actions.
+    arrays : mapping of str to array
+        Of T rows, or T + 1, the last of which is left out; others are ignored.
+    about : mapping of str to int or str
+        What holds for all steps, as the id of the demonstration and its task.
+    """
+
+    n_steps: int
+    arrays: Mapping[str, Stored]
+    about: Mapping[str, Id] = field(default_factory=dict)
+
+    def has_steps(self, name: str) -> bool:
+        """Whether an array of this name has one value, or row of values, for each step."""
+        shape = self.arrays[name].shape
+        return bool(shape) and shape[0] - self.n_steps in (0, 1) and math.prod(shape[1:]) > 0
+
+
+def from_parts(
+    parts: Sequence[Part],
+    id_column: str,
+    source: str,
+    format_name: str,
+    options: ColumnOptions = ColumnOptions(),
+    metadata: Metadata = Metadata(),
+    notes: tuple[str, ...] = (),
+) -> Recording:
+    """The recording in all parts, whose columns are those of the first; `id_column` is the id unless `options` say so.
+
+    A `DataError` where a column is not found or missing in a part, differs in shape, or takes too much memory.
+    """
+    import pyarrow as pa
+
+    empty = [str(part.about.get(id_column, k)) for k, part in enumerate(parts) if not part.n_steps]
+    parts = [part for part in parts if part.n_steps]
+    check_any(len(parts), source)
+    kinds = _kinds(parts[0], source)
+    columns = find_columns(list(kinds), kinds, source, replace(options, id=options.id or id_column))
+    without = {name: NO_STEPS for name in columns.ignored if name in parts[0].arrays and not parts[0].has_steps(name)}
+    columns = replace(columns, ignored={**columns.ignored, **without})
+    for part in parts:
+        _check(part, parts[0], columns.all, _place(part, id_column, source))
+    _check_size(parts, columns.all, source)
+    table = pa.table({name: _column(parts, name, source) for name in columns.all})
+    longer = [name for name in columns.all if any(_rows(part, name) > part.n_steps for part in parts)]
+    if longer:
+        notes = (*notes, f"The last value of {listed(longer)}, which comes after the last action, is left out.")
+    notes = (*notes, *without_steps(empty))
+    return from_table(table, columns, source, format_name, metadata, notes)
+
+
+def without_steps(ids: Sequence[object]) -> tuple[str, ...]:
+    """The note that the demonstrations called `ids` are left out; none where there are none."""
+    return (f"Left out, because they have no steps: {listed(map(str, ids))}.",) if ids else ()
+
+
+def _kinds(part: Part, source: str) -> dict[str, Kind]:
+    """The kind of every column by its type, and by its first values where it has one number a step."""
+    import pyarrow as pa
+
+    kinds: dict[str, Kind] = {name: _kind(array) for name, array in part.arrays.items()}
+    kinds |= dict.fromkeys((name for name in part.arrays if not part.has_steps(name)), "nested")
+    numbers = [name for name, kind in kinds.items() if kind == "number"]
+    check_memory(_chunk_bytes([part.arrays[name] for name in numbers]), source)
+    head = {}
+    for name in numbers:  # of columns that are not read, chunks may be missing or damaged; of others it is said later
+        with suppress(DataError), fill_chunks():
+            head[name] = _native(part.arrays[name][: flat.HEAD_ROWS])[: part.n_steps]
+    kinds |= flat.kinds_of(pa.table(head)) if head else {}
+    return kinds | {name: "text" if isinstance(value, str) else "number" for name, value in part.about.items()}
+
+
+def _kind(array: Stored) -> Kind:
+    kind, shape = array.dtype.kind, array.shape
+    if kind in "SUT":
+        return "text" if len(shape) == 1 else "nested"
+    is_image = (len(shape) > 1 and array.dtype == np.uint8) or (len(shape) > 2 and math.prod(shape[1:]) > MAX_MATRIX)
+    if kind not in "biuf" or is_image:
+        return "nested"
+    return "number" if len(shape) == 1 else "list"
+
+
+def _place(part: Part, id_column: str, source: str) -> str:
+    return f"{source}, demonstration {part.about[id_column]!r}" if id_column in part.about else source
+
+
+def _check(part: Part, first: Part, columns: Sequence[str], place: str) -> None:
+    """A `DataError` where a column is missing, is not of one value for each step, or differs from the first part's."""
+    for name in columns:
+        if name in part.about:
+            continue
+        array = part.arrays.get(name)
+        if array is None:
+            raise DataError(f"{place}: it has no {name!r}, as others have; leave it out, or leave {name!r} out.")
+        check_width(array.dtype, f"{place}: {name!r}")
+        shape = array.shape
+        if not part.has_steps(name):
+            raise DataError(f"{place}: {name!r} has the shape {shape} for {part.n_steps:,} actions; leave it out.")
+        if _kind(array) == "nested" or (name in first.arrays and shape[1:] != first.arrays[name].shape[1:]):
+            fault = f"the shape {shape} and the type {array.dtype}"
+            raise DataError(f"{place}: {name!r} has {fault}, not one row of as many numbers for each step; exclude it.")
+
+
+def _rows(part: Part, name: str) -> int:
+    return part.arrays[name].shape[0] if name in part.arrays else part.n_steps
+
+
+def _check_size(parts: Sequence[Part], names: Sequence[str], source: str) -> None:
+    """A `DataError` where the arrays `names` would not fit in memory, or are not stored whole, before any is read."""
+    arrays = [part.arrays[name] for part in parts for name in names if name in part.arrays]
+    n_bytes = sum(max(BYTES_PER_NUMBER, array.dtype.itemsize) * math.prod(array.shape) for array in arrays)
+    check_memory(n_bytes + _chunk_bytes(arrays), source)
+    for array in arrays:
+        if isinstance(array, Checked):
+            array.check()
+
+
+def _chunk_bytes(arrays: Sequence[Stored]) -> int:
+    """Bytes of the largest chunk, which is decoded as a whole and may be larger than its array."""
+    chunks = ((getattr(array, "chunks", None) or (0,), array.dtype.itemsize) for array in arrays)
+    return max((math.prod(shape) * size for shape, size in chunks), default=0)
+
+
+def _column(parts: Sequence[Part], name: str, source: str) -> pa.Array:
+    """One column of all steps, lists of numbers where it has several a step."""
+    import pyarrow as pa
+
+    if name not in parts[0].arrays:
+        return pa.concat_arrays([pa.repeat(part.about[name], part.n_steps) for part in parts])
+    arrays = [part.arrays[name] for part in parts]
+    if arrays[0].dtype.kind in "SUT":
+        return pa.concat_arrays(_texts(parts, name, source))
+    dtype = np.result_type(*{_native_type(array.dtype) for array in arrays})
+    values = np.empty((sum(part.n_steps for part in parts), *arrays[0].shape[1:]), dtype)
+    row = 0
+    for array, part in zip(arrays, parts, strict=True):
+        values[row : row + part.n_steps] = array[: part.n_steps]
+        row += part.n_steps
+    column = pa.array(values.reshape(-1))
+    return column if values.ndim == 1 else pa.FixedSizeListArray.from_arrays(column, math.prod(values.shape[1:]))
+
+
+def _texts(parts: Sequence[Part], name: str, source: str) -> list[pa.Array]:
+    """The texts of a column, some steps at a time: how long they are is known only when they are read."""
+    import pyarrow as pa
+
+    found, n_bytes = [pa.array([], pa.string())], 0
+    for part in parts:
+        array = part.arrays[name]
+        size = (getattr(array, "chunks", None) or (1,))[0]
+        step = max(_TEXTS_AT_ONCE // size, 1) * size
+        for first in range(0, part.n_steps, step):
+            values = np.asarray(array[first : min(first + step, part.n_steps)]).tolist()
+            found.append(pa.array([_text(value, name, source) for value in values], pa.string()))
+            n_bytes += found[-1].nbytes
+            check_memory(_COPIES_OF_TEXTS * n_bytes, source)
+    return found
+
+
+def _text(value: object, name: str, source: str) -> str:
+    try:
+        return value.decode() if isinstance(value, bytes) else str(value)
+    except UnicodeDecodeError as error:
+        raise DataError(f"{source}: {name!r} holds text that is not Unicode; write it again.") from error
+
+
+def _native(values: object) -> Array:
+    array = np.asarray(values)
+    return array.astype(_native_type(array.dtype), copy=False)
+
+
+def _native_type(dtype: np.dtype[Any]) -> np.dtype[Any]:
+    """The type in the byte order of the machine; pyarrow computes with no half precision, and with no wider floats."""
+    if dtype.kind == "f" and dtype.itemsize not in (4, 8):
+        return np.dtype(np.float32 if dtype.itemsize < 4 else np.float64)
+    return dtype.newbyteorder("=")

@@ -1,0 +1,273 @@
+"""The table of Parquet and CSV files: one row per step; columns that hold data are found by name, others not read."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from rpil.data.arrays import LONGEST_TEXT, are_whole, as_array
+from rpil.data.demonstrations import Demonstrations
+from rpil.data.errors import DataError
+from rpil.data.memory import check_memory
+from rpil.data.missing import are_allowed
+from rpil.data.names import EPISODE, STEP, action_columns, short_name
+from rpil.formats.columns import Kind
+from rpil.numerics.types import Array
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+Place = Callable[[int], str]
+"""The place of a row of a table in messages: its file, demonstration and number."""
+
+HEAD_ROWS = 1000
+"""Rows by which the kinds of columns are told."""
+
+
+def kinds_of(head: pa.Table) -> dict[str, Kind]:
+    """The kind of every column by its type and its first values; of none where there are no values."""
+    if not head.num_rows:
+        return {}
+    return {name: _kind_of(column) for name, column in zip(head.column_names, head.columns, strict=True)}
+
+
+def kind_of_type(kind: pa.DataType) -> Kind:
+    """The kind of a column by its type."""
+    import pyarrow as pa
+
+    if pa.types.is_dictionary(kind):
+        kind = kind.value_type
+    if pa.types.is_null(kind):
+        return "empty"
+    if _is_numeric(kind) or pa.types.is_decimal(kind):
+        return "number"
+    if pa.types.is_string(kind) or pa.types.is_large_string(kind):
+        return "text"
+    if pa.types.is_temporal(kind):
+        return "time"
+    return "list" if _is_list(kind) and _is_numeric(kind.value_type) else "nested"
+
+
+def _kind_of(column: pa.ChunkedArray) -> Kind:
+    kind = kind_of_type(column.type)
+    if kind == "text":
+        texts = [text.strip() for text in column.unique().to_pylist() if text]
+        if texts and all(text.startswith("[") and text.endswith("]") for text in texts):
+            return "written list"
+        return "mixed" if texts and 2 * sum(map(_is_number, texts)) >= len(texts) else "text"
+    n_rows = len(column)
+    if kind != "number" or n_rows < _COUNTED_ROWS or column.null_count or column[0].as_py() not in (0, 1):
+        return kind
+    values = np.asarray(column.to_numpy(), dtype=float)
+    return "counter" if np.array_equal(values, values[0] + np.arange(n_rows)) else kind
+
+
+_COUNTED_ROWS = 30
+"""Rows that go up by one from 0 or 1, through all demonstrations, before a column is taken for their number."""
+
+
+def from_demonstrations(demonstrations: Demonstrations, truth: Mapping[str, Array]) -> pa.Table:
+    """The ``pyarrow.Table`` that `to_demonstrations` reads back, with one more column for each `truth` (M,)."""
+    import pyarrow as pa
+
+    columns = step_columns(demonstrations.ids, demonstrations.offsets)
+    for name, column in zip(demonstrations.observation_names, demonstrations.observations.T, strict=True):
+        columns[f"observation.{name}"] = column
+    if demonstrations.is_discrete:
+        columns["action"] = demonstrations.actions
+    else:
+        names = action_columns(demonstrations.action_names, demonstrations.n_actions)
+        columns |= zip(names, demonstrations.actions.T, strict=True)
+    return pa.table(columns | {name: np.repeat(values, demonstrations.lengths) for name, values in truth.items()})
+
+
+def step_columns(ids: Sequence[object], offsets: Array) -> dict[str, Array]:
+    """The two columns that identify a step: the id of its demonstration, and its number within it, from 0."""
+    lengths = np.diff(offsets)
+    return {
+        EPISODE[0]: np.repeat(np.array(ids), lengths),
+        STEP: np.arange(offsets[-1]) - np.repeat(offsets[:-1], lengths),
+    }
+
+
+def stack_columns(
+    table: pa.Table, names: Sequence[str], at: Place, joints: Mapping[str, Sequence[str]] | None = None
+) -> tuple[Array, tuple[str, ...]]:
+    """Columns of numbers side by side, (N, D), and a name for each; a column of lists counts as several.
+
+    `joints` are the names of the numbers in the lists of a column.
+    """
+    blocks = {}
+    for name in names:
+        block = column_values(table, name, at)
+        if block.dtype.kind == "U":
+            row = next((row for row, text in enumerate(block) if not _is_number(text)), 0)
+            text = str(block[row])[:40]
+            raise DataError(
+                f"{at(row)}: column {name!r} holds text ({text!r}) where numbers are due; write numbers, or leave the "
+                "column out with --exclude or exclude=."
+            )
+        blocks[name] = block.reshape(len(block), -1)
+    single = all(block.dtype == np.float32 for block in blocks.values())
+    stacked = np.concatenate(list(blocks.values()), axis=1, dtype=np.float32 if single else np.float64)
+    return stacked, part_names({name: block.shape[1] for name, block in blocks.items()}, joints or {})
+
+
+def part_names(widths: Mapping[str, int], joints: Mapping[str, Sequence[str]]) -> tuple[str, ...]:
+    """A name for every number in columns of these `widths`; no two alike."""
+    short = tuple(part for name, width in widths.items() for part in _parts(name, width, joints.get(name, ())))
+    if len(set(short)) < len(short):
+        return tuple(f"{name}.{k}" for name, width in widths.items() for k in range(width))
+    return short
+
+
+def _parts(name: str, width: int, joints: Sequence[str]) -> list[str]:
+    short = short_name(name)
+    if width == 1:
+        return [short or "0"]
+    parts = joints if len(joints) == width else range(width)
+    return [f"{short}.{part}" if short else str(part) for part in parts]
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True
+
+
+def column_values(table: pa.Table, name: str, at: Place) -> Array:
+    """One column as (N,) numbers or text, or as (N, K) numbers where it holds lists.
+
+    A `DataError` on missing values, lists of unequal length, or values of another type.
+    """
+    import pyarrow as pa
+    import pyarrow.compute as pc
+
+    def refuse_nulls(column: pa.ChunkedArray | pa.Array, per_row: int = 1) -> None:
+        if column.null_count:
+            row = pc.index(pc.is_null(column), True).as_py() // per_row
+            raise DataError(f"{at(row)}: column {name!r} has no value; fill it in or leave the demonstration out.")
+
+    column = table[name]
+    kind = column.type
+    if pa.types.is_dictionary(kind):
+        kind = kind.value_type
+    is_text = pa.types.is_string(kind) or pa.types.is_large_string(kind)
+    if kind != column.type and not is_text:
+        column = column.cast(kind)
+    if not (pa.types.is_floating(column.type) and are_allowed()):  # there they become NaN
+        refuse_nulls(column)
+    if _is_list(column.type):
+        widths = pc.list_value_length(column).to_numpy()
+        if np.any(widths != widths[0]):
+            row = int(np.argmax(widths != widths[0]))
+            raise DataError(f"{at(row)}: column {name!r} holds {widths[row]} numbers, not {widths[0]} as in row 1.")
+        flat = column.combine_chunks().flatten()
+        if not (pa.types.is_floating(flat.type) and are_allowed()):
+            refuse_nulls(flat, per_row=max(int(widths[0]), 1))
+        if _is_numeric(flat.type):
+            return np.reshape(flat.to_numpy(zero_copy_only=False), (table.num_rows, -1))
+    elif _is_numeric(column.type):
+        return np.asarray(column.to_numpy())
+    elif pa.types.is_decimal(column.type):
+        return np.asarray(column.cast(pa.float64()).to_numpy())
+    elif is_text:
+        texts, rows = encoded_texts(column, name, at)
+        check_memory(4.0 * len(rows) * max(map(len, texts), default=0), at(0))
+        return np.asarray(as_array(texts, f"the texts of column {name!r}", at(0))[rows])
+    raise DataError(f"{at(0)}: column {name!r} holds {column.type} where numbers or text are due; convert or drop it.")
+
+
+def encoded_texts(column: pa.ChunkedArray, name: str, at: Place) -> tuple[list[str], Array]:
+    """The different texts in a column, and the number (N,) of that of each row: a long text is in memory once.
+
+    A `DataError` where a text is missing, too long or not Unicode.
+    """
+    encoded = column.dictionary_encode().unify_dictionaries().combine_chunks()
+    rows = encoded.indices.to_numpy()
+    try:
+        texts = encoded.dictionary.to_pylist()
+    except UnicodeDecodeError as error:
+        raise DataError(f"{at(0)}: column {name!r} holds text that is not Unicode; write it again.") from error
+    for k, text in enumerate(texts):
+        if text is None or len(text) > LONGEST_TEXT:
+            fault = f"holds a text of {len(text):,} characters; shorten it" if text else "has no value; fill it in"
+            raise DataError(f"{at(int(np.argmax(rows == k)))}: column {name!r} {fault}.")
+    return texts, rows
+
+
+def id_codes(table: pa.Table, name: str, at: Place) -> tuple[list[int | str], Array]:
+    """The different ids in a column, and the number (N,) of that of each row.
+
+    Text is never an array of NumPy, which drops trailing NULs and takes the longest id's memory for every row. A
+    `DataError` where ids are missing, or neither whole numbers nor text.
+    """
+    import pyarrow as pa
+    import pyarrow.compute as pc
+
+    column = table[name]
+    if column.null_count:
+        row = pc.index(pc.is_null(column), True).as_py()
+        raise DataError(f"{at(row)}: column {name!r} has no value; fill it in or leave the demonstration out.")
+    if pa.types.is_floating(column.type):
+        if not are_whole(column.to_numpy()):
+            raise DataError(f"{at(0)}: demonstration ids must be whole numbers or text; fill in the missing ones.")
+        column = column.cast(pa.int64())
+    elif pa.types.is_decimal(column.type) or pa.types.is_temporal(column.type):
+        column = column.cast(pa.string())
+    kind = kind_of_type(column.type)
+    if kind not in ("number", "text"):
+        raise DataError(f"{at(0)}: column {name!r} holds {column.type}; demonstration ids must be numbers or text.")
+    if kind == "text":
+        texts, rows = encoded_texts(column, name, at)
+        return list(texts), rows.astype(np.int64)
+    encoded = column.combine_chunks().dictionary_encode()
+    return encoded.dictionary.to_pylist(), encoded.indices.to_numpy().astype(np.int64)
+
+
+def refuse_id_in_two_files(
+    columns: Sequence[pa.ChunkedArray], files: Sequence[str], source: str, may_go_on: bool = True
+) -> None:
+    """A `DataError` where a demonstration is in two files, unless it `may_go_on` at the beginning of the second."""
+    seen: dict[object, int] = {}
+    for k, column in enumerate(columns if len(columns) > 1 else ()):
+        for m in column.unique().to_pylist():
+            j = seen.setdefault(m, k)
+            goes_on = may_go_on and j == k - 1 and columns[j][-1].as_py() == m == column[0].as_py()
+            if j != k and not goes_on:
+                remedy = "give each demonstration its own id, in one file"
+                raise DataError(f"{source}, demonstration {m!r}: it is both in {files[j]} and in {files[k]}; {remedy}.")
+            seen[m] = k
+
+
+def numbers_or_missing(column: pa.ChunkedArray) -> Array | None:
+    """A column as (N, K) floats with NaN for missing values; None for text, and for lists of unequal length."""
+    import pyarrow as pa
+    import pyarrow.compute as pc
+
+    kind, n_rows, width = kind_of_type(column.type), len(column), 1
+    if kind == "list":
+        widths = pc.list_value_length(column)
+        if column.null_count or pc.count_distinct(widths).as_py() != 1:
+            return None
+        width, column = widths[0].as_py(), column.combine_chunks().flatten()
+    if kind not in ("list", "number"):
+        return None
+    floats = column if pa.types.is_floating(column.type) else column.cast(pa.float64(), safe=False)
+    return np.reshape(floats.to_numpy(zero_copy_only=False), (n_rows, width))
+
+
+def _is_list(kind: pa.DataType) -> bool:
+    import pyarrow as pa
+
+    return bool(pa.types.is_list(kind) or pa.types.is_large_list(kind) or pa.types.is_fixed_size_list(kind))
+
+
+def _is_numeric(kind: pa.DataType) -> bool:
+    import pyarrow as pa
+
+    return bool(pa.types.is_integer(kind) or pa.types.is_floating(kind) or pa.types.is_boolean(kind))

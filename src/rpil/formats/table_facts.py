@@ -1,0 +1,174 @@
+"""What a table says of each demonstration as a whole: operator and task, and the facts that nothing uses unasked."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import PurePosixPath
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from rpil.data.arrays import Id, are_whole
+from rpil.data.errors import DataError
+from rpil.data.facts import FILE_SESSION, Facts, outcome_of_steps
+from rpil.data.names import EPISODE, natural_key, plain_name, quoted
+from rpil.formats.columns import LENGTH, SPLITS, Columns
+from rpil.formats.lerobot import Metadata
+from rpil.formats.table import numbers_or_missing
+from rpil.formats.times import clock_columns, start_times
+from rpil.numerics.types import Array, Float
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+MAX_NAMES = 20
+"""Tasks and operators of a description, at most."""
+
+ONE_FILE_EACH = "one file each"
+
+
+@dataclass(frozen=True)
+class Origin:
+    """Where the M demonstrations of a table come from.
+
+    Attributes
+    ----------
+    source : str
+        The name of the data in messages.
+    files : sequence of M str
+        The file of each; empty for formats in which files say nothing of order and sessions.
+    metadata : Metadata
+        Of LeRobot.
+    """
+
+    source: str
+    files: Sequence[str] = ()
+    metadata: Metadata = Metadata()
+
+
+def fact_columns(columns: Columns) -> list[str]:
+    """The columns that `find_facts` reads."""
+    return list(dict.fromkeys([*clock_columns(columns), *columns.facts]))
+
+
+def find_facts(table: pa.Table, columns: Columns, offsets: Array, ids: Sequence[Id], origin: Origin) -> Facts:
+    """The facts about the M demonstrations of a table, whose rows are in their order.
+
+    A `DataError` where the column of the session or of the outcome, which the user names, cannot be one.
+    """
+    order, order_source = _order(table, columns, offsets, ids, origin)
+    sessions = () if columns.session is None else _sessions(table, columns.session, offsets, ids, origin)
+    outcome = None if columns.outcome is None else _outcome(table, columns, offsets, ids, origin)
+    return Facts(order, order_source, sessions, outcome, columns.outcome or "")
+
+
+def _order(
+    table: pa.Table, columns: Columns, offsets: Array, ids: Sequence[Id], origin: Origin
+) -> tuple[Float[Array, " M"] | None, str]:
+    """The place of each demonstration, and what states it: LeRobot's index, wall-clock times, or one file each."""
+    if not origin.files:
+        return None, ""
+    if origin.metadata.version and plain_name(columns.episode) == EPISODE[0] and isinstance(ids[0], int):
+        return np.array(ids, dtype=float), columns.episode
+    found = start_times({name: table[name] for name in clock_columns(columns)}, offsets)
+    if found is not None:
+        return found[1].astype(float), found[0]
+    # Names that differ in more than their numbers, as those of people or of copies, state no order.
+    names = sorted(set(origin.files), key=natural_key)
+    if 1 < len(names) == len(ids) and len({re.sub(r"\d+", "0", name) for name in names}) == 1:
+        place = {name: float(k) for k, name in enumerate(names)}
+        return np.array([place[name] for name in origin.files]), ONE_FILE_EACH
+    return None, ""
+
+
+def _sessions(table: pa.Table, name: str, offsets: Array, ids: Sequence[Id], origin: Origin) -> tuple[str, ...]:
+    """The session of each demonstration."""
+    if name == FILE_SESSION and name not in table.column_names:
+        if not origin.files:
+            raise DataError(f"{origin.source}: its files make no sessions; name a column with --session.")
+        return tuple(origin.files)
+    encoded = table[name].dictionary_encode().unify_dictionaries().combine_chunks()
+    codes = encoded.indices.fill_null(-1).to_numpy()
+    low, high = (extreme.reduceat(codes, offsets[:-1]) for extreme in (np.minimum, np.maximum))
+    wrong = np.flatnonzero((low < 0) | (low != high))
+    if len(wrong):
+        fault = "has no value" if low[wrong[0]] < 0 else "changes"
+        raise DataError(
+            f"{origin.source}, demonstration {ids[wrong[0]]!r}: column {name!r} {fault} within it; give it one session."
+        )
+    names = [str(value) for value in encoded.dictionary.to_pylist()]
+    return tuple(names[code] for code in low.tolist())
+
+
+def _outcome(
+    table: pa.Table, columns: Columns, offsets: Array, ids: Sequence[Id], origin: Origin
+) -> Float[Array, " M"]:
+    """The outcome of each demonstration, with NaN where it is not known."""
+    wanted, source = str(columns.outcome), origin.source
+    name = wanted.removeprefix("-")
+    found: Array | None = np.diff(offsets).astype(float)
+    if name.startswith(SPLITS) and name not in table.column_names:
+        found = _in_split(name.removeprefix(SPLITS), ids, origin)
+    elif name != LENGTH:
+        values = numbers_or_missing(table[name])
+        if values is None or values.shape[1] != 1:
+            raise DataError(f"{source}: column {name!r} is not of one number for each step; {_others(columns)}.")
+        found = outcome_of_steps(values[:, 0].astype(float), offsets, name)
+    if found is None:
+        raise DataError(
+            f"{source}: column {name!r} changes within demonstrations and is neither a reward nor a flag of 0 and 1, "
+            f"so that nothing says which value is the outcome; {_others(columns)}."
+        )
+    return -found if wanted != name else found
+
+
+def _in_split(name: str, ids: Sequence[Id], origin: Origin) -> Float[Array, " M"]:
+    """1 for the demonstrations that LeRobot's list of this name holds, 0 for others."""
+    if name not in origin.metadata.splits:
+        known = quoted(origin.metadata.splits) or "none"
+        raise DataError(f"{origin.source}: meta/info.json has no list of episodes called {name!r}, but {known}.")
+    return np.array([any(m in part for part in origin.metadata.splits[name]) for m in ids], dtype=float)
+
+
+def _others(columns: Columns) -> str:
+    name = (columns.outcome or "").removeprefix("-")
+    others = [other for other in columns.outcomes if other != name]
+    return f"name another column with --outcome ({quoted([*others, LENGTH])} may do)"
+
+
+def file_names(paths: Iterable[str]) -> list[str]:
+    """Names of files, with their folders where two are called alike."""
+    whole = list(paths)
+    short = [PurePosixPath(path).name for path in whole]
+    return short if len(set(short)) == len(set(whole)) else whole
+
+
+def pairs_of(table: pa.Table, name: str | None, ids: list[int | str], group: Array) -> list[tuple[str, object]]:
+    """The different pairs of id, as text, and value, in the order of the file."""
+    if name is None:
+        return []
+    column = table[name].dictionary_encode().unify_dictionaries().combine_chunks()
+    values, codes = column.dictionary.to_pylist(), column.indices.fill_null(-1).to_numpy()
+    _, first = np.unique(group * (len(values) + 1) + codes, return_index=True)
+    found = [(str(ids[group[row]]), values[codes[row]] if codes[row] >= 0 else None) for row in np.sort(first).tolist()]
+    return [(m, _as_whole(value)) for m, value in found]
+
+
+def tasks_of(pairs: Sequence[tuple[str, object]], metadata: Metadata) -> dict[str, str]:
+    """The task of each demonstration from pairs of its id and the values of a column; several are one task together."""
+    names: dict[str, list[str]] = {}
+    for m, value in pairs:
+        names.setdefault(m, []).append("" if value is None else metadata.tasks.get(str(value), str(value)))
+    return {m: "; ".join(sorted(tasks)) for m, tasks in names.items()}
+
+
+def _as_whole(value: object) -> object:
+    return int(value) if isinstance(value, float) and are_whole(np.array([value])) else value
+
+
+def different(pairs: Iterable[tuple[str, object]], names: Mapping[str, str] | None = None) -> tuple[str, ...]:
+    """The different values of pairs of id and value, the first ones, by their `names` if they have any."""
+    values = dict.fromkeys(str(value) for _, value in pairs if value is not None)
+    return tuple((names or {}).get(value, value) for value in list(values)[:MAX_NAMES])

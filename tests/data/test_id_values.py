@@ -1,0 +1,223 @@
+"""Files of ids and values: labels, pairs and demonstrators."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+from rpil import formats
+from rpil.data.errors import DataError
+from rpil.data.id_values import better_than, match_pairs, write_answers
+
+
+def refused(match, call, path, *arguments):
+    """Assert that the call raises a DataError of one sentence naming the file and matching `match`."""
+    with pytest.raises(DataError, match=match) as caught:
+        call(path, *arguments)
+    message = str(caught.value)
+    assert path.name in message
+    assert "\n" not in message
+    assert message.endswith(".")
+    assert ". " not in message
+
+
+@pytest.mark.parametrize("header", ["id,label", "episode_index, label", "note,label,id", "\ufeffid,label"])
+def test_labels_csv(tmp_path, header):
+    path = tmp_path / "labels.csv"
+    row = "{note},{label},{id}" if header.startswith("note") else "{id},{label}"
+    rows = [row.format(id=i, label=word, note="") for i, word in ((7, "EXPERT"), ("a", " Bad "), ("b", "good"))]
+    path.write_text("\n".join([header, *rows]), encoding="utf-8")
+    labels = formats.read_labels(path)
+    assert labels == {"7": "good", "a": "bad", "b": "good"}
+    assert formats.match_labels(labels, ("b", "x", "a", 7)) == {3: True, 2: False, 0: True}
+
+
+def test_labels_json(tmp_path):
+    path = tmp_path / "labels.json"
+    path.write_text(json.dumps({"7": "expert", "a": "bad"}))
+    labels = formats.read_labels(path)
+    assert formats.match_labels(labels, [7, "a"]) == {0: True, 1: False}
+    refused(
+        "no demonstration is called 'a'; the ids are '7'",
+        lambda _: formats.match_labels(labels, [7], "labels.json"),
+        path,
+    )
+
+
+def test_labels_in_a_mapping_are_read_in_old_words_and_in_any_case():
+    labels = {"a": "expert", "b": "ADVERSARY", "c": "Good", "d": "bad"}
+    assert formats.match_labels(labels, "abcd") == {0: True, 1: False, 2: True, 3: False}
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "match"),
+    [
+        (
+            "l.csv",
+            "id,label\n7,great\n",
+            "demonstration '7': unknown label 'great'; write 'good', 'bad' or 'better than ID'",
+        ),
+        ("l.csv", "id,label\n7,\n", "unknown label ''"),
+        ("l.csv", "id,label\n7\n", "demonstration '7': unknown label ''"),
+        ("l.csv", "id,label\n7,good\n7,bad\n", "demonstration '7': it is labelled twice"),
+        ("l.csv", "id,label\n", "labels no demonstration"),
+        ("l.csv", "7,good\n", "must be id and label .*'7', 'good'"),
+        ("l.csv", "\n", "must be id and label"),
+        ("l.csv", 'id,label\n"7,good\n', "cannot be read as CSV"),
+        ("l.csv", "", "the file is empty"),
+        ("l.json", '{"7": 1}', "demonstration '7': unknown label 1"),
+        ("l.json", '{"7": {"a": "good"}}', "demonstration '7': unknown label"),
+        ("l.json", '{"7": "good", "7": "good"}', "demonstration '7': it is labelled twice"),
+        ("l.json", '[["7", "good"]]', "one object"),
+        ("l.json", '{"7": "go', "cannot be read as JSON"),
+        ("l.json", "{}", "labels no demonstration"),
+        ("l.txt", "", "use one of .csv, .json"),
+    ],
+)
+def test_bad_labels(tmp_path, name, text, match):
+    path = tmp_path / name
+    path.write_text(text)
+    refused(match, formats.read_labels, path)
+
+
+def test_a_file_of_answers_holds_labels_and_pairs(tmp_path):
+    path = tmp_path / "answers.csv"
+    path.write_text('id,label\n7,good\n7,better than 3\n7,"BETTER  Than a,b"\n3, Better than a b \n7,better than 3\n')
+    assert formats.read_answers(path) == ({"7": "good"}, [("7", "3"), ("7", "a,b"), ("3", "a b")])
+    assert formats.read_labels(path) == {"7": "good"}
+    path = tmp_path / "answers.json"
+    path.write_text(json.dumps({"12": "better than 7", "7": ["bad", "better than 3", "better than 4"]}))
+    assert formats.read_answers(path) == ({"7": "bad"}, [("12", "7"), ("7", "3"), ("7", "4")])
+    path.write_text('{"12": "better than 7"}')
+    assert formats.read_answers(path) == ({}, [("12", "7")])
+    refused("labels no demonstration", formats.read_labels, path)
+
+
+@pytest.mark.parametrize(
+    ("text", "match"),
+    [
+        ("7,better than 7\n", "demonstration '7': it is compared with itself; name two"),
+        ("7,better than 3\n3,BETTER than 7\n", "'3' and '7': each is better than the other; keep one answer"),
+        ("7,better than\n", "demonstration '7': unknown label 'better than'; write 'good', 'bad' or 'better than ID'"),
+        ("7,worse than 3\n", "unknown label 'worse than 3'"),
+        ("7,good\n7,better than 3\n7,good\n", "demonstration '7': it is labelled twice"),
+    ],
+)
+def test_bad_pairs(tmp_path, text, match):
+    path = tmp_path / "answers.csv"
+    path.write_text(f"id,label\n{text}")
+    refused(match, formats.read_answers, path)
+
+
+@pytest.mark.parametrize("content", ['{"7": []}', '{"7": {"a": "good"}}', '{"7": [["good"]]}', '{"7": [null]}'])
+def test_bad_lists_of_answers(tmp_path, content):
+    path = tmp_path / "answers.json"
+    path.write_text(content)
+    refused("demonstration '7': unknown label", formats.read_answers, path)
+
+
+def test_pairs_are_numbers_of_demonstrations():
+    assert match_pairs([(7, "a"), ("b", 7), ("7", "a")], ["a", 7, "b"]).tolist() == [[1, 0], [2, 1]]
+    assert match_pairs([], ["a"]).shape == (0, 2)
+    for pairs, match in (
+        ([("a", "c")], "no demonstration is called 'c'"),
+        ([("a", "a")], "demonstration 'a': it is compared with itself"),
+        ([("a", 7), (7, "a")], "'7' and 'a': each is better than the other"),
+    ):
+        with pytest.raises(DataError, match=match):
+            match_pairs(pairs, ["a", 7])
+
+
+@pytest.mark.parametrize(
+    ("before", "after"),
+    [
+        (None, b'id,label\n7,good\n"a,b",better than 7\n\'=1,bad\n'),
+        (b"id,label\n3,bad", b'id,label\n3,bad\n7,good\n"a,b",better than 7\n\'=1,bad\n'),
+        (
+            b"\xef\xbb\xbfnote, label,episode_index\r\nlate,EXPERT,3\r\n",
+            b"\xef\xbb\xbfnote, label,episode_index\r\nlate,EXPERT,3\r\n"
+            b',good,7\r\n,better than 7,"a,b"\r\n,bad,\'=1\r\n',
+        ),
+    ],
+)
+def test_answers_are_added_to_a_file_that_stays_as_it_was(tmp_path, before, after):
+    path = tmp_path / "labels.csv"
+    write_answers(path, before, [("7", "good"), ("a,b", better_than("7")), ("=1", "bad")])
+    assert path.read_bytes() == after
+    labels, pairs = formats.read_answers(path)
+    assert labels == {"7": "good", "=1": "bad"} | ({"3": "good" if b"EXPERT" in after else "bad"} if before else {})
+    assert pairs == [("a,b", "7")]
+
+
+def test_answers_are_added_to_json(tmp_path):
+    path = tmp_path / "labels.json"
+    write_answers(path, b'{"3": "bad", "7": ["better than 3"]}', [("7", "good"), ("7", better_than("\u00e9"))])
+    assert json.loads(path.read_text("utf-8")) == {"3": "bad", "7": ["better than 3", "good", "better than \u00e9"]}
+    assert formats.read_answers(path) == ({"3": "bad", "7": "good"}, [("7", "3"), ("7", "\u00e9")])
+    write_answers(path, None, [("7", "good")])
+    assert json.loads(path.read_text()) == {"7": "good"}
+
+
+def test_labels_that_are_not_text(tmp_path):
+    path = tmp_path / "l.csv"
+    path.write_bytes(b"id,label\n\xff,good\n")
+    refused("cannot be read as CSV", formats.read_labels, path)
+    refused("no such file", formats.read_labels, tmp_path / "m.csv")
+
+
+def test_reading_demonstrators(tmp_path):
+    (tmp_path / "who.csv").write_text("id,demonstrator\n0,Ann\n1, Bob\n")
+    (tmp_path / "who.json").write_text('{"0": "Ann", "1": "Bob"}')
+    steps = {"episode_ids": np.repeat([5, 2], 3), "observations": np.ones((6, 1)), "actions": np.zeros(6)}
+    np.savez(tmp_path / "each.npz", **steps, who=np.array(["x", "y"]), n=np.zeros((2, 2)))
+    (tmp_path / "data.csv").write_text("episode_index,who,action,x\n0,Ann,1,1\n0,Ann,0,1\n1,Bob,0,1\n")
+    (tmp_path / "two.csv").write_text("episode_index,who,action,x\n0,Ann,1,1\n0,Bob,0,1\n1,,0,1\n")
+    for name in ("who.csv", "who.json"):
+        assert formats.read_demonstrators(str(tmp_path / name), tmp_path / "data.csv") == {"0": "Ann", "1": "Bob"}
+    assert formats.read_demonstrators("who", tmp_path / "data.csv") == {"0": "Ann", "1": "Bob"}
+    assert formats.read_demonstrators("who", tmp_path / "each.npz") == {"5": "x", "2": "y"}
+    formats.write(tmp_path / "data.parquet", formats.read(_npz(tmp_path)), {"demonstrator_ids": np.array([3.0, 4.0])})
+    assert formats.read_demonstrators("demonstrator_ids", tmp_path / "data.parquet") == {"0": "3", "1": "4"}
+    for where, file, match in (
+        ("who", "two.csv", "'0': both 'Ann' and 'Bob' gave it"),
+        ("nothing", "data.csv", "no column is called 'nothing'"),
+        ("n", "each.npz", r"shape \(2, 2\)"),
+        (str(tmp_path / "missing.csv"), "data.csv", "no such file"),
+        (str(tmp_path / "data.csv"), "data.csv", "columns must be id and demonstrator"),
+    ):
+        with pytest.raises(DataError, match=match):
+            formats.read_demonstrators(where, tmp_path / file)
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "match"),
+    [
+        ("empty.csv", "", "the file is empty; write it again"),
+        ("nobody.csv", "id,demonstrator\n", "it names no demonstrator; give at least one"),
+        ("nobody.json", "{}", "it names no demonstrator; give at least one"),
+        ("column.csv", "id,who\n0,Ann\n", "the columns must be id and demonstrator .found 'id', 'who'"),
+        ("two.csv", "id,demonstrator\n0,Ann\n0,Bob\n", "demonstration '0': both 'Ann' and 'Bob' gave it; name one"),
+        ("two.json", '{"0": "Ann", "0": "Bob"}', "demonstration '0': both 'Ann' and 'Bob' gave it; name one"),
+        ("short.csv", "id,demonstrator\n0\n", "demonstration '0': it has no demonstrator; name one, or leave it out"),
+        ("long.csv", "id,demonstrator\n0,Ann,Bob\n", "line 2: it has more values than there are columns; give"),
+        ("no-id.csv", "id,demonstrator\n,Ann\n", "line 2: it names no demonstration; give"),
+        ("null.json", '{"0": null}', "demonstration '0': it has no demonstrator; name one, or leave it out"),
+        ("object.json", '{"0": {}}', "demonstration '0': the demonstrator is neither text nor a whole number"),
+        ("list.json", '["Ann"]', "it must hold one object"),
+        ("cut.json", '{"0": "Ann"', "it cannot be read as JSON .*; write it again"),
+        ("bytes.csv", b"\xff\xfe\x00", "it cannot be read as CSV .*; write it again"),
+    ],
+)
+def test_bad_files_are_one_sentence(tmp_path, name, content, match):
+    (tmp_path / name).write_bytes(content if isinstance(content, bytes) else content.encode())
+    with pytest.raises(DataError, match=f"{name}.*{match}") as error:
+        formats.read_demonstrators(str(tmp_path / name), _npz(tmp_path))
+    assert ". " not in str(error.value)
+
+
+def _npz(folder):
+    path = folder / "small.npz"
+    np.savez(path, observations=np.eye(4), actions=np.array([0, 1, 0, 1]), episode_ids=np.repeat([0, 1], 2))
+    return path

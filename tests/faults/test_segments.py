@@ -1,0 +1,54 @@
+"""Sums over the steps of each demonstration, against loops."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+
+from rpil.faults import segments
+from rpil.faults.lag import centred, whitened
+
+OFFSETS = np.array([0, 1, 4, 9, 30])
+VALUES = np.random.default_rng(0).integers(0, 3, size=(4, 30)).astype(float)
+PARTS = [VALUES[:, a:b] for a, b in itertools.pairwise(OFFSETS)]
+
+
+def test_changes_means_and_largest():
+    change = segments.changes(VALUES, OFFSETS)
+    expected = [np.diff(part, axis=1, prepend=part[:, :1]) for part in PARTS]
+    np.testing.assert_array_equal(change, np.concatenate(expected, axis=1))
+    np.testing.assert_allclose(segments.means(VALUES, OFFSETS), [part.mean(axis=1) for part in PARTS])
+    top, step = segments.largest(VALUES, OFFSETS)
+    np.testing.assert_array_equal(top, [part.max(axis=1) for part in PARTS])
+    np.testing.assert_array_equal(step, [part.argmax(axis=1) for part in PARTS])
+
+
+def longest(column, counts):
+    """The run of one value with most steps that count, its first step and its length."""
+    best = (-1, 0, 0)
+    start = 0
+    for t in range(1, len(column) + 1):
+        if t == len(column) or column[t] != column[start]:
+            weight = int(counts[start + 1 : t].sum())
+            best = max(best, (weight, -start, t - start))
+            start = t
+    return best[0], -best[1], best[2]
+
+
+def test_longest_runs():
+    counts = np.random.default_rng(1).random(30) < 0.7
+    change = segments.changes(VALUES, OFFSETS)
+    found = np.stack(segments.longest_runs(change != 0, counts, OFFSETS), axis=2)
+    for m, (a, b) in enumerate(itertools.pairwise(OFFSETS)):
+        for c in range(len(VALUES)):
+            assert tuple(found[m, c]) == longest(VALUES[c, a:b], counts[a:b])
+
+
+def test_whitening_takes_out_what_a_series_remembers():
+    memory = np.array([0.4, -0.2])
+    found, own = whitened(VALUES[0], memory, OFFSETS), centred(VALUES[0], OFFSETS)
+    for a, b in itertools.pairwise(OFFSETS):
+        np.testing.assert_array_equal(found[a : min(a + 2, b)], 0)
+        expected = own[a + 2 : b] - 0.4 * own[a + 1 : b - 1] + 0.2 * own[a : max(b - 2, a)]
+        np.testing.assert_allclose(found[a + 2 : b], expected)

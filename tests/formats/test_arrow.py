@@ -1,0 +1,113 @@
+from types import SimpleNamespace
+
+import numpy as np
+import pyarrow as pa
+import pytest
+
+import rpil
+from problems import make
+from rpil.data.errors import DataError
+from rpil.formats import table as flat
+from rpil.formats.arrow import read_ipc
+from small import small_rpil
+
+pd = pytest.importorskip("pandas")
+
+
+def as_pandas(table):
+    return table.to_pandas()
+
+
+def as_polars(table):
+    return pytest.importorskip("polars", reason="needs polars").from_arrow(table)
+
+
+def with_views(table):
+    """Text as polars gives it to Arrow."""
+    return table.set_column(0, table.column_names[0], table[0].cast(pa.string_view()))
+
+
+FRAMES = {"pyarrow": lambda table: table, "pandas": as_pandas, "polars": as_polars, "views": with_views}
+
+
+@pytest.fixture(scope="module")
+def problem():
+    return make("random", 0, n_good=16, n_bad=8, steps=(10, 20))
+
+
+@pytest.mark.parametrize("library", FRAMES)
+def test_frames_are_read_as_files_are(library, problem):
+    given = rpil.Demonstrations.from_arrays(
+        problem.observations, problem.actions, problem.offsets, [f"demo {m}" for m in range(24)]
+    )
+    frame = FRAMES[library](flat.from_demonstrations(given, {"is_good": np.arange(24) < 16}))
+    read = rpil.read(frame)
+    assert read.ids == given.ids
+    np.testing.assert_array_equal(read.observations, given.observations)
+    np.testing.assert_array_equal(read.actions, given.actions)
+    first = rpil.read(frame, observations="observation.0", exclude="is_good")
+    np.testing.assert_array_equal(first.observations, given.observations[:, :1])
+    fitted, same = small_rpil().fit(frame), small_rpil().fit(given)
+    assert fitted.audit_.ids == given.ids
+    np.testing.assert_array_equal(fitted.audit_.log_odds, same.audit_.log_odds)
+    cloned = rpil.BehavioralCloning().fit(frame)
+    np.testing.assert_array_equal(cloned.predict(given.observations[:5]), cloned.predict(read.observations[:5]))
+
+
+def test_trajectories_are_fitted(problem):
+    trajectories = [
+        SimpleNamespace(obs=np.vstack([seen, seen[-1]]), acts=acted)  # as those of imitation
+        for seen, acted in rpil.Demonstrations.from_arrays(problem.observations, problem.actions, problem.offsets)
+    ]
+    np.testing.assert_array_equal(rpil.read(trajectories).observations, problem.observations)
+    for given in (trajectories, iter(trajectories)):
+        assert len(small_rpil().fit(given).audit_.verdicts) == 24
+    with pytest.raises(DataError, match="trajectories have no columns to choose"):
+        rpil.read(trajectories, id="episode")
+
+
+def test_frame_of_lists_and_structures():
+    positions = [{"pos": [1.0, 2.0], "on": k % 2 == 0} for k in range(6)]
+    kind = pa.struct([("pos", pa.list_(pa.float64())), ("on", pa.bool_())])
+    columns = {"episode": [0, 0, 0, 1, 1, 1], "obs": pa.array(positions, kind), "action": [0, 1, 0, 1, 0, 1]}
+    table = pa.table(columns)
+    read = rpil.read(table)
+    assert read.observation_names == ("pos.0", "pos.1", "on")
+    assert read.observations[:2].tolist() == [[1, 2, 1], [1, 2, 0]]
+
+
+@pytest.mark.parametrize(
+    ("columns", "message"),
+    [
+        ({"observation.x": [1.0, 2.0], "action": [0, 1]}, "the frame: no column says which demonstration"),
+        (
+            {"episode": [0, 0], "obs_x": [1.0, None], "action": [0, 1]},
+            "the frame, demonstration 0, row 2: column 'obs_x'",
+        ),
+        (
+            {"episode": [0, 0], "obs_x": [object(), 1], "action": [0, 1]},
+            "the frame: a column holds values",
+        ),
+    ],
+)
+def test_faults_of_frames_name_the_frame(columns, message):
+    with pytest.raises(DataError, match=f"^{message}"):
+        rpil.read(pd.DataFrame(columns))
+
+
+@pytest.mark.parametrize("kind", ["file", "stream"])
+def test_tables_of_arrow_are_read_where_nothing_is_compressed(tmp_path, kind):
+    path, texts = tmp_path / "x.arrow", pa.array(["a", "b"] * 50).dictionary_encode()
+    table = pa.table({"a": np.zeros(100), "text": texts})
+    for compression in (None, "zstd", "lz4"):
+        options = pa.ipc.IpcWriteOptions(compression=compression)
+        with getattr(pa.ipc, f"new_{kind}")(path, table.schema, options=options) as stream:
+            stream.write_table(table)
+        if compression is None:
+            before = pa.total_allocated_bytes()
+            found = read_ipc(path, "set")
+            assert found.equals(table)
+            assert pa.total_allocated_bytes() == before
+        else:
+            with pytest.raises(DataError, match=r"^set: x\.arrow .*compress"):
+                read_ipc(path, "set")

@@ -1,0 +1,107 @@
+import numpy as np
+import pytest
+
+from hdf5_files import d4rl, h5py
+from rpil import formats
+from rpil.data.errors import DataError
+from rpil.formats.columns import ColumnOptions
+
+
+def change(path, **arrays):
+    """Replace arrays of a file, or add or remove (None) some."""
+    with h5py.File(path, "r+") as file:
+        for name, array in arrays.items():
+            if name in file:
+                del file[name]
+            if array is not None:
+                file[name] = array
+    return path
+
+
+def test_demonstrations_end_at_terminals_and_timeouts(tmp_path):
+    path = d4rl(tmp_path / "hopper.hdf5")
+    recording = formats.read_recording(path)
+    demonstrations = recording.demonstrations
+    assert demonstrations.ids == (0, 1, 2)
+    assert demonstrations.lengths.tolist() == [10, 12, 14]
+    with h5py.File(path) as file:
+        np.testing.assert_array_equal(demonstrations.observations, file["observations"][:])
+        np.testing.assert_array_equal(demonstrations.actions, file["actions"][:])
+    ignored = recording.description.ignored
+    assert {"terminals", "timeouts", "rewards", "infos/qpos", "metadata/weights"} == set(ignored) - {
+        "metadata/algorithm"
+    }
+
+
+def test_without_timeouts_they_end_where_observations_jump(tmp_path):
+    recording = formats.read_recording(d4rl(tmp_path / "maze.hdf5", timeouts=False, following=True))
+    assert recording.demonstrations.lengths.tolist() == [10, 12, 14]
+    assert "next_observations" in recording.description.notes[0]
+    assert "next_observations" in recording.description.ignored
+
+
+def test_without_timeouts_and_jumps_they_end_at_terminals_with_a_note(tmp_path):
+    recording = formats.read_recording(d4rl(tmp_path / "maze.hdf5", timeouts=False))
+    assert recording.demonstrations.lengths.tolist() == [10, 26]
+    assert "terminals alone" in recording.description.notes[0]
+
+
+def test_an_array_of_ids_comes_first(tmp_path):
+    path = change(
+        d4rl(tmp_path / "hopper.hdf5"), episode_id=np.repeat([7, 5], [16, 20]), of_mine=np.repeat([1, 2, 3], 12)
+    )
+    assert formats.read(path).ids == (7, 5)
+    assert formats.read(path, id="of_mine").ids == (1, 2, 3)
+
+
+@pytest.mark.parametrize(
+    ("arrays", "message"),
+    [
+        ({"terminals": np.zeros(36)}, "nothing says where demonstrations begin"),
+        ({"terminals": np.zeros(35)}, r"terminals has the shape \(35,\)"),
+        ({"terminals": np.array([b"no"] * 36)}, "terminals has .* the type .S2"),
+        ({"next_observations": np.ones((36, 4))}, "the order of the steps was lost"),
+        ({"next_observations": np.ones((35, 4))}, r"next_observations has the shape \(35, 4\)"),
+    ],
+)
+def test_files_that_do_not_say_where_demonstrations_begin(tmp_path, arrays, message):
+    path = change(d4rl(tmp_path / "maze.hdf5", timeouts=False), **arrays)
+    with pytest.raises(DataError, match=rf"^maze.hdf5: .*{message}"):
+        formats.read(path)
+
+
+@pytest.mark.parametrize("form", [{}, {"timeouts": False, "following": True}, {"timeouts": False, "terminal": (0, 1)}])
+def test_kept_steps_are_as_they_were_and_end_where_they_did(tmp_path, form):
+    path, output = d4rl(tmp_path / "all.hdf5", **form), tmp_path / "kept.hdf5"
+    formats.keep(path, output, [2, 0])
+    again, first = formats.read(output), formats.read(path).select([0, 2])
+    assert again.ids == (0, 1)
+    assert again.lengths.tolist() == [10, 14]
+    np.testing.assert_array_equal(again.observations, first.observations)
+    with h5py.File(output) as new, h5py.File(path) as old:
+        rows = np.r_[0:10, 22:36]
+        assert {*new} == {*old, "timeouts"}
+        assert new["observations"].compression == "gzip"
+        for name in ("rewards", "terminals", "infos/qpos"):
+            np.testing.assert_array_equal(new[name][:], old[name][:][rows])
+        assert new["metadata/algorithm"][()] == b"SAC"
+        np.testing.assert_array_equal(new["metadata/weights"], old["metadata/weights"])
+
+
+def test_unknown_ids_leave_no_file(tmp_path):
+    with pytest.raises(DataError, match="no demonstration is called '3'"):
+        formats.keep(d4rl(tmp_path / "all.hdf5"), tmp_path / "kept.hdf5", [3])
+    assert not (tmp_path / "kept.hdf5").exists()
+
+
+def test_ids_of_another_column_are_not_taken_for_those_of_the_file(tmp_path):
+    path = change(d4rl(tmp_path / "all.hdf5"), of_mine=np.repeat([1, 2, 3], 12))
+    with pytest.raises(DataError, match=r"all.hdf5: it is given back by its own ids"):
+        formats.keep(path, tmp_path / "kept.hdf5", [1], ColumnOptions(id="of_mine"))
+    assert not (tmp_path / "kept.hdf5").exists()
+
+
+def test_columns_of_flat_arrays_can_be_named(tmp_path):
+    path = d4rl(tmp_path / "hopper.hdf5")
+    read = formats.read_recording(path, ColumnOptions(observations="infos/qpos")).demonstrations
+    assert read.observations.shape == (36, 3)

@@ -1,0 +1,192 @@
+"""Demonstrations on disk are those in memory, block by block."""
+
+from __future__ import annotations
+
+import pickle
+from itertools import chain
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+
+from recorded import demonstrations, write_files, written
+from rpil import formats
+from rpil.data.errors import DataError
+from rpil.formats import table as flat
+from rpil.formats.dataset import open_dataset
+
+BLOCK_STEPS = 700
+
+
+def open_in_batches(path):
+    """A data set of which hundreds of rows fill a batch."""
+    return open_dataset(path, batch_rows=130)
+
+
+def read_all(data):
+    return list(chain(*data.shards(block_steps=BLOCK_STEPS)))
+
+
+def with_lists(table, kind=pa.list_):
+    """Observations and continuous actions as columns of lists."""
+    columns = {name: table[name] for name in table.column_names if name in ("episode_index", "action")}
+    for name, prefix in (("observation.state", "observation."), ("action", "action.")):
+        parts = [column for column in table.column_names if column.startswith(prefix)]
+        if parts:
+            values = np.stack([table[column].to_numpy() for column in parts], axis=1)
+            columns[name] = pa.array(values.tolist(), kind(pa.from_numpy_dtype(values.dtype)))
+    return pa.table(columns)
+
+
+def same(one, other):
+    for name in ("observations", "actions", "offsets"):
+        np.testing.assert_array_equal(getattr(one, name), getattr(other, name))
+        assert getattr(one, name).dtype == getattr(other, name).dtype
+    assert one.ids == other.ids
+
+
+CASES = {
+    "discrete": (demonstrations, lambda t: t),
+    "text ids, float32": (lambda: demonstrations(ids=[f"run {m}" for m in range(120)], single=True), lambda t: t),
+    "continuous": (lambda: demonstrations(continuous=True), lambda t: t),
+    "lists": (lambda: demonstrations(single=True), with_lists),
+    "lists of continuous actions": (lambda: demonstrations(continuous=True), with_lists),
+    "text actions": (
+        demonstrations,
+        lambda t: t.set_column(
+            t.column_names.index("action"), "action", pa.array([f"a{a}" for a in t["action"].to_pylist()])
+        ),
+    ),
+    "whole floats": (
+        demonstrations,
+        lambda t: t.set_column(t.column_names.index("action"), "action", t["action"].cast(pa.float64())),
+    ),
+}
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_blocks_and_selections_are_those_in_memory(tmp_path, case):
+    made, change = CASES[case]
+    table = change(flat.from_demonstrations(made(), {}))
+    pq.write_table(table, tmp_path / "whole.parquet")
+    memory = formats.read(tmp_path / "whole.parquet")
+    data = open_in_batches(write_files(table, tmp_path / "many" / "data" / "chunk-000").parents[1])
+    assert (data.n_steps, len(data), data.n_observations) == (memory.n_steps, len(memory), memory.n_observations)
+    assert (data.ids, data.observation_names) == (memory.ids, memory.observation_names)
+    assert data.is_discrete == memory.is_discrete
+    np.testing.assert_array_equal(data.lengths, memory.lengths)
+    same(data.select(slice(None)), memory)
+    some = [100, 3, 4, 50, 119, 0]
+    same(data.select(some), memory.select(some))
+    for n_shards in (1, 3, 1000):
+        shards, wanted = data.shards(n_shards, BLOCK_STEPS), memory.shards(n_shards, BLOCK_STEPS)
+        assert [len(list(shard)) for shard in shards] == [len(shard) for shard in wanted]
+        for ours, theirs in zip(chain(*shards), chain(*wanted), strict=True):
+            assert ours.first == theirs.first
+            for name in ("observations", "actions", "offsets"):
+                np.testing.assert_array_equal(getattr(ours, name), getattr(theirs, name))
+                assert getattr(ours, name).dtype == getattr(theirs, name).dtype
+    assert data.nbytes == memory.observations.nbytes + memory.actions.nbytes
+
+
+def test_a_pattern_an_address_and_one_file_can_be_opened(tmp_path):
+    memory = demonstrations()
+    folder = write_files(flat.from_demonstrations(memory, {}), tmp_path / "many")
+    pq.write_table(pa.table({"other": [1]}), folder / "_index.parquet")
+    for path in (f"{folder}/*.parquet", folder.as_uri(), folder / "0.parquet"):
+        assert open_in_batches(path).n_steps == (
+            memory.n_steps if path != folder / "0.parquet" else memory.n_steps // 3
+        )
+
+
+def changed(table, name, row, value):
+    values = table[name].to_pylist()
+    values[row] = value
+    return table.set_column(table.column_names.index(name), name, pa.array(values))
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (
+            lambda t: t.take(np.r_[0:10, 200:210, 10:200, 210 : len(t)]),
+            r"many, demonstration 0: its rows lie apart in 0.parquet; sort them by episode_index",
+        ),
+        (lambda t: pa.concat_tables([t, t]), "demonstration 0: it is both in 0.parquet and in"),
+        (
+            lambda t: changed(t, "observation.0", 1500, float("nan")),
+            r"\.parquet, demonstration \d+, step \d+: observation '0' is nan; rep",
+        ),
+        (
+            lambda t: changed(t, "observation.1", 1500, None),
+            r"0.parquet, demonstration \d+, row 1501: column 'observation.1' has no",
+        ),
+        (lambda t: changed(t, "action", 1500, None), "0.parquet, row 1501: column 'action' has no value"),
+        (lambda t: changed(t, "episode_index", 0, None), "0.parquet, row 1: column 'episode_index' has no value"),
+        (lambda t: t.drop_columns(["action"]), "no column holds the action"),
+        (lambda t: t.slice(0, 0), "there are no demonstrations"),
+    ],
+)
+def test_a_fault_of_the_files_is_reported_in_one_sentence(tmp_path, change, message):
+    table = change(flat.from_demonstrations(demonstrations(), {}))
+    with pytest.raises(DataError, match=message) as error:
+        read_all(open_in_batches(write_files(table, tmp_path / "many")))
+    assert str(error.value).count(". ") == 0
+
+
+def test_files_with_other_columns_or_of_another_kind_are_refused(tmp_path):
+    table = flat.from_demonstrations(demonstrations(), {})
+    folder = write_files(table, tmp_path / "many")
+    pq.write_table(
+        table.rename_columns([n.replace("observation.1", "observation.x") for n in table.column_names]),
+        folder / "3.parquet",
+    )
+    with pytest.raises(DataError, match=r"3.parquet: its columns are not those of 0.parquet"):
+        open_in_batches(folder)
+    (folder / "3.parquet").write_bytes(b"PAR1 this is none PAR1")
+    with pytest.raises(DataError, match=r"3.parquet: not a Parquet file, or a damaged"):
+        open_in_batches(folder)
+    with pytest.raises(DataError, match="there is no such file or folder"):
+        open_in_batches(tmp_path / "nothing")
+    (tmp_path / "empty").mkdir()
+    with pytest.raises(DataError, match=r"no \.parquet file is there"):
+        open_in_batches(tmp_path / "empty")
+    with pytest.raises(DataError, match="nowhere://x: it cannot be listed"):
+        open_in_batches("nowhere://x")
+
+
+def test_a_file_that_was_changed_or_deleted_after_opening_is_refused(tmp_path):
+    table = flat.from_demonstrations(demonstrations(), {})
+    data = open_in_batches(write_files(table, tmp_path / "many"))
+    pq.write_table(table.slice(0, 50), tmp_path / "many" / "0.parquet")
+    with pytest.raises(DataError, match=r"0.parquet: it has changed since the data set was opened"):
+        read_all(data)
+    (tmp_path / "many" / "0.parquet").unlink()
+    with pytest.raises(DataError, match=r"0.parquet: there is no such file here"):
+        data.select([0])
+
+
+def test_a_damaged_page_is_refused(tmp_path):
+    formats.write(tmp_path / "a.parquet", demonstrations())
+    data = open_in_batches(tmp_path / "a.parquet")
+    content = bytearray((tmp_path / "a.parquet").read_bytes())
+    column = next(
+        c
+        for c in range(9)
+        if pq.read_metadata(tmp_path / "a.parquet").row_group(0).column(c).path_in_schema == "observation.0"
+    )
+    place = pq.read_metadata(tmp_path / "a.parquet").row_group(0).column(column)
+    content[place.data_page_offset + place.total_compressed_size - 40] ^= 4
+    (tmp_path / "a.parquet").write_bytes(content)
+    with pytest.raises(DataError, match=r"a.parquet: not a Parquet file, or a damaged"):
+        read_all(data)
+
+
+def test_a_shard_can_be_pickled(tmp_path):
+    data = open_in_batches(written(tmp_path))
+    shard = data.shards(4, BLOCK_STEPS)[2]
+    sent = pickle.dumps(shard)
+    assert len(sent) < 4000
+    for ours, theirs in zip(pickle.loads(sent), shard, strict=True):  # noqa: S301
+        np.testing.assert_array_equal(ours.observations, theirs.observations)

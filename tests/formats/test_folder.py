@@ -1,0 +1,43 @@
+"""Folders: Parquet files come before text tables, and an empty folder is refused."""
+
+import sys
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+
+from rpil import formats
+from rpil.data.demonstrations import Demonstrations
+from rpil.data.errors import DataError
+from rpil.formats import folder
+from rpil.formats import table as flat
+from rpil.formats.columns import ColumnOptions
+
+
+def test_parquet_comes_before_text(tmp_path):
+    with pytest.raises(DataError, match=r"no \.parquet or \.csv file is there"):
+        folder.read(tmp_path, ColumnOptions())
+    demonstrations = Demonstrations.from_episodes([(np.zeros((3, 1)), [0, 1, 0])])
+    formats.write(tmp_path / "a.csv", demonstrations)
+    assert folder.read(tmp_path, ColumnOptions()).description.format == "CSV, 1 files"
+    formats.write(tmp_path / "b.parquet", demonstrations)
+    recording = folder.read(tmp_path, ColumnOptions())
+    assert recording.description.format == "Parquet"
+    assert recording.description.ignored["a.csv"] == "a text table beside Parquet files"
+
+
+def test_addresses_of_fsspec():
+    fsspec = pytest.importorskip("fsspec")
+    demonstrations = Demonstrations.from_episodes([(np.arange(3.0)[:, None], [0, 1, 0])])
+    memory = fsspec.filesystem("memory")
+    with memory.open("/rpil/drive/data/a.parquet", "wb") as stream:
+        pq.write_table(flat.from_demonstrations(demonstrations, {}), stream)
+    recording = formats.read_recording("fsspec+memory://rpil/drive")
+    assert recording.demonstrations.ids == (0,)
+    assert len(formats.read_recording("fsspec+memory://rpil/drive", on_disk=True).demonstrations) == 1
+
+
+def test_a_package_for_an_address_is_named(monkeypatch):
+    monkeypatch.setitem(sys.modules, "huggingface_hub", None)
+    with pytest.raises(DataError, match=r"hf://datasets/a/b: addresses of this kind need a package .*huggingface_hub"):
+        formats.read_recording("hf://datasets/a/b")

@@ -1,0 +1,310 @@
+"""Damage of many kinds, to data of every layout: reading and keeping end in one sentence that names the file."""
+
+from __future__ import annotations
+
+import itertools
+import json
+import re
+import shutil
+import subprocess
+import sys
+import zipfile
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+
+import rpil
+from command_line import call
+from rpil import formats
+from rpil.data.errors import DataError
+from rpil.formats import registry
+from samples import SAMPLES
+
+DEEP, HUGE = "[" * 100_000, 10**400
+INFO, STATS, EPISODES, STEPS = (
+    "meta/info.json",
+    "meta/stats.json",
+    "meta/episodes/chunk-000/file-000.parquet",
+    "data/chunk-000/file-000.parquet",
+)
+
+
+@pytest.fixture(autouse=True)
+def current_folder(tmp_path, monkeypatch):
+    """A current folder for each test, as for the tests of the command."""
+    monkeypatch.chdir(tmp_path)
+
+
+def sample(name):
+    path = SAMPLES[name](Path())
+    assert len(rpil.read(path)) > 1
+    return path
+
+
+def refused(place, *arguments):
+    """The command ends with code 2, one sentence that names the place, and nothing written."""
+    before = {*Path().rglob("*")}
+    result = call(*arguments)
+    assert result.exit_code == 2, repr(result.exception)
+    assert result.stdout == ""
+    assert re.fullmatch(r"rpil: [^\n]+\.\n", result.stderr)
+    assert ". " not in result.stderr
+    assert place in result.stderr
+    assert {*Path().rglob("*")} == before
+    return result.stderr
+
+
+def of_another_version(path):
+    """Every member of the archive needs version 9.9 of the format to be read."""
+    content = path.read_bytes()
+    path.write_bytes(re.sub(rb"(PK\x01\x02..)..", lambda found: found[1] + b"\x63\x00", content, flags=re.DOTALL))
+
+
+def named_in_no_unicode(path):
+    """Names in the directory of the archive say that they are UTF-8, and are not."""
+    content = bytearray(path.read_bytes())
+    for found in re.finditer(rb"PK\x01\x02", bytes(content)):
+        content[found.start() + 9] |= 0x08
+        content[found.start() + 46] = 0xFF
+    path.write_bytes(content)
+
+
+ZIPS = ["NPZ", "imitation, NPZ", *(name for name in SAMPLES if name.endswith("ZIP"))]
+
+
+@pytest.mark.parametrize("damage", [of_another_version, named_in_no_unicode])
+@pytest.mark.parametrize("name", ZIPS)
+def test_archives_with_a_damaged_directory(name, damage):
+    path = sample(name)
+    damage(path)
+    with pytest.raises((NotImplementedError, UnicodeDecodeError)), zipfile.ZipFile(path) as archive:
+        archive.open(archive.namelist()[0])
+    if path.suffix == ".zip":  # nothing but Zarr is read from such a file
+        with pytest.raises(DataError, match="damaged"):
+            registry.find_layout(path)
+    else:
+        assert registry.find_layout(path) is None
+    for command in ("info", "audit", "check"):
+        assert "damaged" in refused(path.name, command, path)
+    with pytest.raises(DataError, match=re.escape(path.name)):
+        formats.keep(path, f"kept{path.suffix}", [0])
+
+
+def test_layouts_that_fail_to_tell_are_not_asked_to_read(tmp_path, monkeypatch):
+    class Broken:
+        def is_mine(self, path):
+            raise OverflowError("never seen before")
+
+    path = sample("CSV")
+    monkeypatch.setattr(registry, "LAYOUTS", (Broken(), *registry.LAYOUTS))
+    assert registry.find_layout(path) is None
+    assert len(rpil.read(path)) == 3
+
+
+@pytest.mark.parametrize("name", ["read", "load", "keep"])
+def test_layouts_that_fail_otherwise_are_one_sentence(tmp_path, monkeypatch, name):
+    recording = formats.read_recording(sample("CSV"))
+
+    def fail(*_):
+        raise OverflowError("never seen before")
+
+    class Layout:
+        def is_mine(self, path):
+            return path.name == "mine"
+
+        def read(self, path, options):
+            return fail() if name == "read" else type(recording)(recording.description, fail)
+
+        def keep(self, path, output, ids):
+            fail()
+
+    Path("mine").write_text("x")
+    monkeypatch.setattr(registry, "LAYOUTS", (Layout(),))
+    where = "a.csv" if name == "load" else "mine"  # a recording names its source
+    with pytest.raises(DataError, match=f"^{where}: .*OverflowError: never seen before.*;.*[.]$"):
+        formats.keep("mine", "out", [0]) if name == "keep" else rpil.read("mine")
+
+
+@pytest.mark.parametrize("n_batches", [0, 1])
+def test_row_groups_without_all_their_rows(monkeypatch, n_batches):
+    """A damaged footer can tell of more rows than its pages hold."""
+    path = sample("Parquet")
+    read = pq.ParquetFile.iter_batches
+
+    def iter_batches(self, size, row_groups=None, columns=None, **options):
+        batches = read(self, size, row_groups, columns, **options)
+        return batches if row_groups is None else itertools.islice(batches, n_batches)
+
+    monkeypatch.setattr(pq.ParquetFile, "iter_batches", iter_batches)
+    with pytest.raises(DataError, match=r"^g\.parquet: .*damaged.*of 15 rows"):
+        rpil.open_dataset(path, batch_rows=4)
+    if n_batches == 0:
+        refused(path.name, "info", path, "--stream")
+
+
+def in_no_unicode(path, text):
+    for file in path.rglob("part-0.*"):
+        content = file.read_bytes()
+        assert text in content
+        file.write_bytes(content.replace(text, b"\xff" * len(text)))
+
+
+@pytest.mark.parametrize("text", [b"pos", "é".encode()])
+@pytest.mark.parametrize("name", ["Minari, Arrow", "Minari, Parquet"])
+def test_minari_whose_text_is_no_unicode(name, text):
+    path = sample(name)
+    in_no_unicode(path, text)
+    with pytest.raises(DataError, match=r"^set-v0.*[.]$"):
+        rpil.read(path)
+
+
+def write_json(path, change):
+    content = json.loads(path.read_text())
+    change(content)
+    path.write_text(json.dumps(content))
+
+
+@pytest.mark.parametrize("fps", [HUGE, DEEP])
+@pytest.mark.parametrize("command", ["info", "check", "audit"])
+def test_lerobot_with_an_impossible_rate(fps, command):
+    path = sample("LeRobot")
+    text = (path / INFO).read_text()
+    (path / INFO).write_text(text.replace('"fps": 30', f'"fps": {fps}'))
+    if fps is DEEP:
+        refused("info.json", command, path)
+        return
+    result = call(command, path)
+    assert result.exit_code == 0, result.exception
+    notes = formats.read_recording(path).description.notes
+    assert any("fps = '1000" in note and len(note) < 200 for note in notes)
+
+
+def test_deep_json():
+    path = sample("imitation")
+    (path / "state.json").write_text(DEEP)
+    refused(path.name, "info", path)
+    with pytest.raises(DataError, match=path.name):
+        formats.keep(path, "kept", [0])
+    data = sample("CSV")
+    for name in ("deep.json", "deep.yaml"):
+        Path(name).write_text(DEEP)
+        refused(name, "check", data, "--expected", name)
+    for option in ("--labels", "--operator"):
+        refused("deep.json", "audit", data, option, "deep.json")
+    refused("deep.json", "keep", data, "-o", "k.csv", "--verdicts", "deep.json")
+
+
+def change_statistics(value):
+    return lambda path: write_json(path / STATS, lambda content: content.update(value))
+
+
+def change_info(**values):
+    return lambda path: write_json(path / INFO, lambda content: content.update(values))
+
+
+def rewrite_episodes(change):
+    def damage(path):
+        pq.write_table(change(pq.read_table(path / EPISODES)), path / EPISODES)
+
+    return damage
+
+
+def null_statistics(table):
+    column = table.column_names.index("stats/index/min")
+    return table.set_column(column, "stats/index/min", pa.array([None] * len(table), pa.list_(pa.float64())))
+
+
+def damage_page(path):
+    content = bytearray((path / STEPS).read_bytes())
+    content[4:200] = b"\xff" * 196
+    (path / STEPS).write_bytes(content)
+
+
+LEROBOT = {
+    "chunks_size 0": (change_info(chunks_size=0), INFO),
+    "chunks_size of text": (change_info(chunks_size="x"), INFO),
+    "chunks_size null": (change_info(chunks_size=None), INFO),
+    "chunks_size endless": (
+        lambda path: (path / INFO).write_text((path / INFO).read_text().replace("1000", "1e400")),
+        INFO,
+    ),
+    "statistics nested deeply": (lambda path: (path / STATS).write_text(DEEP), STATS),
+    "statistics as a list": (lambda path: (path / STATS).write_text("[1]"), STATS),
+    "statistics of a feature that is not there": (change_statistics({"images.front": {"min": [0]}}), STATS),
+    "statistics of the quantile 9.99": (change_statistics({"action": {"q999": [0]}}), STATS),
+    "statistics that are a number": (change_statistics({"action": 3}), STATS),
+    "episodes missing": (lambda path: shutil.rmtree(path / "meta/episodes"), "episodes"),
+    "episodes without numbers": (rewrite_episodes(lambda table: table.drop_columns("episode_index")), "episodes"),
+    "episodes with null statistics": (rewrite_episodes(null_statistics), "episodes"),
+    "episodes damaged": (lambda path: (path / EPISODES).write_bytes(b"PAR1"), "episodes"),
+    "data no Parquet": (lambda path: (path / STEPS).write_bytes(b"no"), "file-000.parquet"),
+    "data damaged": (damage_page, "file-000.parquet"),
+}
+
+
+@pytest.mark.parametrize("damage", LEROBOT)
+def test_damaged_lerobot_is_not_kept(damage):
+    path = sample("LeRobot")
+    LEROBOT[damage][0](path)
+    Path("labels.csv").write_text("id,label\n0,good\n2,good\n")
+    with pytest.raises(DataError, match=r"^[^\n]+[.]$") as caught:
+        formats.keep(path, "kept", [0, 2])
+    assert LEROBOT[damage][1] in str(caught.value)
+    assert not [*Path().glob("*kept*")]
+    refused("", "keep", path, "-o", "kept", "--verdicts", "labels.csv")
+
+
+def test_ids_that_lerobot_cannot_have():
+    path = sample("LeRobot")
+    for name in ("a", "-1", "1.5"):
+        with pytest.raises(DataError, match=f"no demonstration is called '{name}'"):
+            formats.keep(path, "k.json", [name])
+    assert not Path("k.json").exists()
+
+
+def test_folders_without_tables_are_not_kept():
+    Path("notes").mkdir()
+    Path("notes/a.md").write_text("nothing")
+    with pytest.raises(DataError, match=r"notes: no \.parquet or \.csv file"):
+        formats.keep("notes", "kept", [0])
+    assert not Path("kept").exists()
+
+
+def test_a_full_disk_is_no_fault_of_the_data(monkeypatch):
+    path = sample("LeRobot")
+    write = pq.ParquetWriter.write_table
+
+    def fail(self, *arguments):
+        write(self, *arguments)
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(pq.ParquetWriter, "write_table", fail)
+    with pytest.raises(DataError, match="No space left") as caught:
+        formats.keep(path, "kept", [0, 2])
+    assert "damaged" not in str(caught.value)
+    assert not [*Path().glob("*kept*")]
+
+
+def test_extreme_numbers_of_zip_and_arrays():
+    path = sample("NPZ")
+    np.savez(path, observations=np.ones((3, 2)), actions=np.array([0, 1, 0]), episode_ids=np.array([{}, 1, 2]))
+    refused("Python objects", "info", path)
+
+
+def test_texts_beyond_their_column_do_not_end_the_process():
+    """To look at such a text reads memory that is not there."""
+    path = sample("Minari, Arrow")
+    file = path / "data/0/part-0.arrow"
+    table = pa.ipc.open_file(file).read_all()
+    ends = np.array([0, *[2**30] * (len(table) - 1), 1], np.int32)  # the last is small, so that it can be written
+    texts = pa.Array.from_buffers(pa.string(), len(table), [None, pa.py_buffer(ends), pa.py_buffer(b"a")])
+    table = table.set_column(table.column_names.index("mission"), "mission", texts)
+    with pa.ipc.new_file(file, table.schema) as stream:
+        stream.write_table(table)
+    script = f"import rpil\ntry:\n    rpil.read({str(path)!r})\nexcept rpil.DataError as error:\n    print(error)"
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True)
+    assert done.returncode == 0
+    assert re.fullmatch(r"set-v0, demonstration 0: [^\n]*damaged[^\n]*\.\n", done.stdout)

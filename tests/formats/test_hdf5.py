@@ -1,0 +1,146 @@
+"""HDF5 files of no known layout, damaged ones, and ones made to break the reader."""
+
+import sys
+
+import numpy as np
+import pytest
+
+from hdf5_files import aloha, d4rl, h5py, robomimic
+from hostile import MAX_BYTES, assert_refused, read_all
+from rpil import formats
+from rpil.data.errors import DataError, MissingExtraError
+from rpil.formats import hdf5
+from rpil.formats.robomimic import write_mask
+
+
+def changed(make, change):
+    def write(path):
+        make(path)
+        with h5py.File(path, "r+") as file:
+            change(file)
+
+    return write
+
+
+def of_unknown_layout(path):
+    with h5py.File(path, "w") as file:
+        for k in range(4):
+            file[f"actions_{k}"], file[f"states_{k}"] = np.ones((100, 7)), np.ones((100, 7))
+
+
+def replaced(name, **how):
+    """An array of another kind in the place of `name`."""
+
+    def change(file):
+        del file[name]
+        file.create_dataset(name, **how)
+
+    return change
+
+
+def large_chunk(file):
+    """One chunk of 2 GB that is a few kilobytes when it is compressed, of an array that can grow."""
+    how = {"chunks": (10**8, 3), "maxshape": (None, 3), "dtype": "f8", "compression": "gzip"}
+    replaced("data/demo_0/obs/robot/eef_pos", shape=(10, 3), **how)(file)
+
+
+def circles(file):
+    for k in range(40):
+        group = file.require_group("/data/demo_0/obs/" + "deep/" * k)
+        group["again"], group["same"] = file["data"], file["data/demo_0"]
+
+
+def truncated(path):
+    robomimic(path)
+    path.write_bytes(path.read_bytes()[:4000])
+
+
+def objects(file):
+    del file["data/demo_0/actions"]
+    numbers = file["data/demo_0"].create_dataset("actions", (10,), h5py.vlen_dtype(np.float64))
+    numbers[0] = np.ones(3)
+
+
+COMPOUND = np.dtype([("x", "f8"), ("y", "f8")])
+REFUSED = {
+    "unknown.hdf5": of_unknown_layout,
+    "empty.h5": lambda path: h5py.File(path, "w").close(),
+    "text.h5": lambda path: path.write_text("no HDF5"),
+    "nothing.hdf5": lambda path: path.touch(),
+    "truncated.hdf5": truncated,
+    "huge.hdf5": changed(robomimic, replaced("data/demo_0/actions", shape=(2**50, 7), dtype="f8", chunks=(1000, 7))),
+    "huge_actions.hdf5": changed(d4rl, replaced("actions", shape=(2**40, 2), dtype="f4", chunks=(1000, 2))),
+    "huge_ends.hdf5": changed(d4rl, replaced("terminals", shape=(36, 2**30), dtype="?", chunks=(36, 1000))),
+    "large_chunk.hdf5": changed(robomimic, large_chunk),
+    "objects.hdf5": changed(robomimic, objects),
+    "compound.hdf5": changed(robomimic, replaced("data/demo_0/actions", shape=(10,), dtype=COMPOUND)),
+    "references.hdf5": changed(robomimic, replaced("data/demo_0/actions", shape=(10,), dtype=h5py.ref_dtype)),
+    "text_actions.hdf5": changed(robomimic, replaced("data/demo_0/actions", data=np.array([b"\xff"] * 10))),
+    "circles.hdf5": changed(robomimic, circles),
+    "missing_values.hdf5": changed(robomimic, replaced("data/demo_0/actions", data=np.full((10, 7), np.nan))),
+}
+
+
+@pytest.mark.slow
+def test_hostile_files_are_refused_in_one_sentence(tmp_path):
+    ends, peak = read_all(tmp_path, {name: (make, "rpil:read") for name, make in REFUSED.items()})
+    for name, end in ends.items():
+        assert_refused(end, name)
+    assert peak < MAX_BYTES
+
+
+def test_what_is_in_a_file_of_unknown_layout_is_said(tmp_path):
+    of_unknown_layout(tmp_path / "home.hdf5")
+    for use in (formats.read, lambda path: formats.keep(path, tmp_path / "kept.hdf5", [0])):
+        with pytest.raises(DataError, match=r"home.hdf5: .*it holds actions_0 \(100, 7\), .* and 2 more"):
+            use(tmp_path / "home.hdf5")
+
+
+def test_an_hdf5_file_is_known_by_its_first_bytes(tmp_path):
+    assert formats.read(robomimic(tmp_path / "lift")).ids == ("demo_0", "demo_2", "demo_10")
+
+
+def test_no_other_file_is_opened(tmp_path):
+    """Links, virtual and external arrays lead to other files; they are named and left out."""
+    secret = tmp_path / "secret.hdf5"
+    with h5py.File(secret, "w") as file:
+        file["values"] = np.full((10, 1), 42.0)
+    path = tmp_path / "lift.hdf5"
+    robomimic(path)
+    raw = tmp_path / "raw.bin"
+    raw.write_bytes(np.full(10, 42.0).tobytes())
+    virtual = h5py.VirtualLayout((10, 1), "f8")
+    virtual[:] = h5py.VirtualSource(str(secret), "values", (10, 1))
+    with h5py.File(path, "r+") as file:
+        obs = file["data/demo_0/obs"]
+        obs["linked"] = h5py.ExternalLink(str(secret), "values")
+        obs["soft"] = h5py.SoftLink("/data/demo_0/obs/gripper")
+        obs.create_virtual_dataset("virtual", virtual)
+        obs.create_dataset("outside", (10, 1), "f8", external=[(str(raw), 0, 80)])
+        file["data/demo_3"] = h5py.ExternalLink(str(secret), "/")
+    recording = formats.read_recording(path)
+    assert recording.demonstrations.ids == ("demo_0", "demo_2", "demo_10")
+    assert set(recording.demonstrations.observation_names) == {"gripper", *(f"robot/eef_pos.{k}" for k in range(3))}
+    for name in ("linked", "soft", "virtual", "outside"):
+        assert f"obs/{name}" in recording.description.notes[0]
+
+
+def test_a_mask_that_is_a_link_changes_no_other_file(tmp_path):
+    path, other = robomimic(tmp_path / "lift.hdf5"), robomimic(tmp_path / "other.hdf5")
+    before = other.read_bytes()
+    with h5py.File(path, "r+") as file:
+        del file["mask"]
+        file["mask"] = h5py.ExternalLink(str(other), "/mask")
+    with pytest.raises(DataError, match=r"lift.hdf5"):
+        write_mask(path, tmp_path / "new.hdf5", ["demo_0"])
+    formats.keep(path, tmp_path / "kept.hdf5", ["demo_0"])
+    assert other.read_bytes() == before
+
+
+def test_without_h5py_the_extra_is_named(tmp_path, monkeypatch):
+    path, folder = robomimic(tmp_path / "lift.hdf5"), aloha(tmp_path / "cube")
+    monkeypatch.setitem(sys.modules, "h5py", None)
+    for place in (path, folder):
+        with pytest.raises(MissingExtraError, match=r"hdf5 .*rpil\[hdf5\]"):
+            formats.read(place)
+    assert hdf5.is_mine(path)

@@ -1,0 +1,93 @@
+"""The numbers in lists are counted as pyarrow decodes them, whatever the footer says."""
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+from pyarrow import fs
+
+import rpil
+from hostile import write_long_list
+from rpil.data.errors import DataError
+from rpil.data.memory import limited
+from rpil.formats.parquet_pages import page_sizes
+
+ROWS = 500
+TABLE = pa.table(
+    {
+        "action.x": np.arange(ROWS),
+        "state.pos": list(np.random.default_rng(0).normal(size=(ROWS, 6))),
+        "few": pa.array([[1.5]] * ROWS, pa.list_(pa.float32(), 1)),
+        "ragged": [list(range(k % 3)) for k in range(ROWS)],
+        "text": ["a" * 300] * ROWS,
+    }
+)
+
+
+def sizes(path, *columns):
+    return page_sizes(fs.LocalFileSystem(), str(path), pq.ParquetFile(path), columns)
+
+
+def counted(path, *columns):
+    """The numbers in lists."""
+    return [sum(chunk.n_values for chunk in chunks if chunk.is_list) for chunks in sizes(path, *columns)]
+
+
+@pytest.mark.parametrize(
+    "how",
+    [
+        {},
+        {"row_group_size": 100},
+        {"data_page_version": "2.0", "compression": "zstd"},
+        {"use_dictionary": False, "compression": None, "data_page_size": 500, "write_page_checksum": True},
+        {"write_statistics": False, "write_page_index": True, "store_schema": False},
+    ],
+    ids=str,
+)
+def test_numbers_are_counted(tmp_path, how):
+    path = tmp_path / "x.parquet"
+    pq.write_table(TABLE, path, **how)
+    n_groups = ROWS // how.get("row_group_size", ROWS)
+    assert counted(path, "state.pos", "action.x") == [6 * ROWS // n_groups] * n_groups
+    assert counted(path, "few", "state") == [ROWS // n_groups] * n_groups
+    assert counted(path, "text", "action.x") == [0] * n_groups
+    # An empty list is stored as one value.
+    assert sum(counted(path, "ragged")) == sum(max(k % 3, 1) for k in range(ROWS))
+
+
+def test_bytes_are_those_of_decoded_pages(tmp_path):
+    path = tmp_path / "x.parquet"
+    plain = {"use_dictionary": False, "compression": "zstd"}
+    pq.write_table(TABLE, path, **plain, data_page_size=1000, write_batch_size=10)
+    [[chunk]] = sizes(path, "text")
+    assert ROWS * 304 <= chunk.n_bytes < ROWS * 310
+    assert (chunk.n_values, chunk.largest < 10_000) == (ROWS, True)
+    pq.write_table(TABLE, path, compression="zstd")
+    [[chunk]] = sizes(path, "text")  # of a dictionary with one text
+    assert 304 <= chunk.largest < chunk.n_bytes < 1000
+
+
+def test_the_pages_are_believed_and_not_the_footer(tmp_path):
+    path = tmp_path / "x.parquet"
+    write_long_list(path, 10**6, says=2)
+    assert len(pq.read_table(path)["observation.x"][1]) == 10**6
+    assert counted(path, "observation.x") == [10**6 + 1]
+    with limited("1MB"), pytest.raises(DataError, match=r"x\.parquet: .* 16\.0 MB of memory"):
+        rpil.read(path)
+
+
+def test_damaged_files_are_refused_and_end_no_process(tmp_path):
+    path, rng = tmp_path / "x.parquet", np.random.default_rng(0)
+    pq.write_table(TABLE.slice(0, 20), path)
+    content = path.read_bytes()
+    file = pq.ParquetFile(path)
+    for _ in range(250):
+        bad = bytearray(content)
+        bad[rng.integers(len(content))] ^= 1 << int(rng.integers(8))
+        path.write_bytes(bad)
+        try:
+            groups = page_sizes(fs.LocalFileSystem(), str(path), file, ["state.pos", "text"])
+        except DataError as error:
+            assert "x.parquet" in str(error)  # noqa: PT017
+        else:
+            assert all(chunk.n_values >= 0 and chunk.n_bytes >= 0 for chunks in groups for chunk in chunks)

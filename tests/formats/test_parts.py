@@ -1,0 +1,110 @@
+import numpy as np
+import pytest
+
+from rpil.data.errors import DataError
+from rpil.data.memory import limited
+from rpil.data.names import natural_key
+from rpil.formats.columns import ColumnOptions
+from rpil.formats.parts import NO_STEPS, Part, from_parts
+
+RNG = np.random.default_rng(0)
+
+
+def part(name, n_steps, extra=0, **changes):
+    arrays = {
+        "obs/arm": RNG.normal(size=(n_steps + extra, 2)).astype(np.float32),
+        "obs/grip": RNG.normal(size=n_steps + extra),
+        "obs/camera": np.zeros((n_steps, 4, 4, 3), np.uint8),
+        "obs/jpeg": np.zeros((n_steps, 50), np.uint8),
+        "actions": RNG.normal(size=(n_steps, 3)),
+        "rewards": np.zeros(n_steps),
+        "initial": np.zeros((2, 7)),
+    }
+    return Part(n_steps, arrays | changes, {"demo": name, "task": f"task of {name[0]}"})
+
+
+def recording(parts, options=ColumnOptions(), **more):
+    return from_parts(parts, "demo", "toy.hdf5", "toy", options, **more)
+
+
+def test_arrays_of_several_demonstrations_become_columns():
+    parts = [part("a1", 5), part("b2", 7)]
+    read = recording(parts)
+    demonstrations, about = read.demonstrations, read.description
+    assert demonstrations.ids == ("a1", "b2")
+    assert demonstrations.observation_names == ("arm.0", "arm.1", "grip")
+    expected = [np.column_stack([p.arrays["obs/arm"], p.arrays["obs/grip"]]) for p in parts]
+    np.testing.assert_array_equal(demonstrations.observations, np.concatenate(expected))
+    np.testing.assert_array_equal(demonstrations.actions, np.concatenate([p.arrays["actions"] for p in parts]))
+    assert about.tasks == ("task of a", "task of b")
+    assert about.ignored["initial"] == NO_STEPS
+    assert {"obs/camera", "obs/jpeg", "rewards"} < set(about.ignored)
+    assert not about.notes
+
+
+def test_the_observation_after_the_last_action_is_left_out_and_named():
+    parts = [part("a", 5, extra=1), part("b", 7, extra=1)]
+    read = recording(parts)
+    grip = read.demonstrations.observations[:, 2]
+    np.testing.assert_array_equal(grip, np.concatenate([p.arrays["obs/grip"][:-1] for p in parts]))
+    assert "obs/arm, obs/grip" in read.description.notes[0]
+
+
+def test_a_demonstration_without_steps_is_left_out_and_named():
+    read = recording([part("none", 0), part("b", 7)])
+    assert read.demonstrations.ids == ("b",)
+    assert "none" in read.description.notes[0]
+
+
+def test_other_types_are_read_as_they_are():
+    codes = np.array([3, 1, 3, 1, 2], ">i4")
+    halves = np.array([0.5, 1, 2, 3, 4], np.float16)
+    who = np.array([b"Ann"] * 5)
+    one = part("a", 5, **{"actions": codes, "obs/grip": halves, "operator": who})
+    read = recording([one])
+    assert read.demonstrations.actions.tolist() == [3, 1, 3, 1, 2]
+    assert read.demonstrations.is_discrete
+    np.testing.assert_array_equal(read.demonstrations.observations[:, 2], halves)
+    assert read.operators == [("a", "Ann")]
+
+
+def test_columns_can_be_named():
+    options = ColumnOptions(observations="obs/grip", action="obs/arm")
+    read = recording([part("a", 5)], options)
+    assert read.demonstrations.observation_names == ("grip",)
+    assert read.demonstrations.actions.shape == (5, 2)
+
+
+@pytest.mark.parametrize(
+    ("second", "message"),
+    [
+        (part("b", 7, **{"obs/grip": np.zeros(3)}), r"demonstration 'b': 'obs/grip' has the shape \(3,\)"),
+        (part("b", 7, **{"obs/arm": np.zeros((7, 3))}), r"demonstration 'b': 'obs/arm' has the shape \(7, 3\)"),
+        (part("b", 7, **{"obs/arm": np.zeros((7, 2), complex)}), "'obs/arm' has .* complex128"),
+        (Part(7, {"actions": np.zeros((7, 3))}, {"demo": "b", "task": ""}), "demonstration 'b': it has no 'obs/arm'"),
+    ],
+)
+def test_a_demonstration_unlike_the_first_is_refused(second, message):
+    with pytest.raises(DataError, match=message):
+        recording([part("a", 5), second])
+
+
+class Declared:
+    """An array that may only be asked for its size."""
+
+    def __init__(self, shape, chunks=None):
+        self.shape, self.chunks, self.dtype = shape, chunks, np.dtype(float)
+
+    def __getitem__(self, rows):
+        raise AssertionError("its values were read")
+
+
+@pytest.mark.parametrize("array", [Declared((5, 10**9)), Declared((5, 2), chunks=(10**9, 2))])
+def test_declared_sizes_are_checked_before_values_are_read(array):
+    with limited("100MB"), pytest.raises(DataError, match=r"toy.hdf5: .*memory"):
+        recording([part("a", 5, **{"obs/arm": array})])
+
+
+def test_numbers_in_names_sort_as_numbers():
+    names = ["demo_10", "demo_2", "a/9", "demo_2b", "10", "9"]
+    assert sorted(names, key=natural_key) == ["9", "10", "a/9", "demo_2", "demo_2b", "demo_10"]

@@ -1,0 +1,175 @@
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hdf5_files import h5py, robomimic
+from hostile import full_disk
+from rpil import formats
+from rpil.data.errors import DataError
+from rpil.formats.columns import ColumnOptions
+from rpil.formats.parts import NO_STEPS
+from rpil.formats.robomimic import write_mask
+
+
+def contents(path):
+    """All arrays by path, and all attributes."""
+    found = {}
+    with h5py.File(path) as file:
+        found |= {("/", key): value for key, value in file.attrs.items()}
+
+        def visit(name, member):
+            found.update({(name, key): value for key, value in member.attrs.items()})
+            if isinstance(member, h5py.Dataset):
+                found[name] = member[()].tolist()
+
+        file.visititems(visit)
+    return found
+
+
+def test_low_dimensional_observations_are_read_in_the_order_of_numbers(tmp_path):
+    path = robomimic(tmp_path / "lift.hdf5")
+    recording = formats.read_recording(path)
+    demonstrations, about = recording.demonstrations, recording.description
+    assert demonstrations.ids == ("demo_0", "demo_2", "demo_10")
+    assert demonstrations.lengths.tolist() == [10, 11, 12]
+    assert set(demonstrations.observation_names) == {"gripper", *(f"robot/eef_pos.{k}" for k in range(3))}
+    with h5py.File(path) as file:
+        last = file["data/demo_10"]
+        names = [name if name != "gripper" else "gripper.0" for name in demonstrations.observation_names]
+        expected = [last[f"obs/{name.rpartition('.')[0]}"][:, int(name[-1])] for name in names]
+        np.testing.assert_array_equal(demonstrations.observations[-12:], np.column_stack(expected))
+        np.testing.assert_array_equal(demonstrations.actions[-12:], last["actions"][:])
+    assert about.tasks == ("Lift",)
+    assert about.fps == 20
+    assert about.ignored["obs/agentview_image"] == "images or nested values"
+    assert about.ignored["initial_state/root_pose"] == NO_STEPS
+    assert {"states", "next_obs/gripper", "rewards", "dones"} < set(about.ignored)
+    assert not about.notes
+
+
+def test_states_are_used_and_named_where_there_are_no_observations(tmp_path):
+    recording = formats.read_recording(robomimic(tmp_path / "raw.hdf5", raw=True))
+    assert len(recording.description.observations) == 32
+    assert "dataset_states_to_obs" in recording.description.notes[0]
+    named = formats.read_recording(tmp_path / "raw.hdf5", ColumnOptions(observations="states"))
+    assert not named.description.notes
+
+
+def test_groups_at_the_top_with_one_more_observation(tmp_path):
+    path = robomimic(tmp_path / "skill.h5", ("traj_0", "traj_1"), parent="/", extra=1)
+    recording = formats.read_recording(path)
+    assert recording.demonstrations.ids == ("traj_0", "traj_1")
+    assert recording.demonstrations.lengths.tolist() == [10, 11]
+    assert "obs/gripper" in recording.description.notes[0]
+
+
+def test_the_task_of_a_demonstration_in_words(tmp_path):
+    path = robomimic(tmp_path / "lift.hdf5")
+    with h5py.File(path, "r+") as file:
+        file["data/demo_2"].attrs["ep_meta"] = json.dumps({"lang": "open the drawer"})
+    assert formats.read_recording(path).description.tasks == ("Lift", "open the drawer")
+
+
+def test_groups_without_actions_or_steps_are_named(tmp_path):
+    path = robomimic(tmp_path / "lift.hdf5")
+    with h5py.File(path, "r+") as file:
+        file["data"].create_group("demo_3")["states"] = np.ones((5, 32))
+        file["data/demo_4/actions"] = np.ones((0, 7))
+    recording = formats.read_recording(path)
+    assert len(recording.demonstrations) == 3
+    assert any("demo_3" in note for note in recording.description.notes)
+    assert any("demo_4" in note for note in recording.description.notes)
+
+
+def test_a_file_of_other_layout_attributes_is_still_read(tmp_path):
+    path = robomimic(tmp_path / "lift.hdf5")
+    with h5py.File(path, "r+") as file:
+        file["data"].attrs["env_args"] = "[" * 100_000
+    about = formats.read_recording(path).description
+    assert (about.tasks, about.fps) == ((), None)
+
+
+@pytest.mark.parametrize("parent", ["data", "/"])
+def test_kept_demonstrations_are_as_they_were_with_all_else_of_the_file(tmp_path, parent):
+    path = robomimic(tmp_path / "all.hdf5", parent=parent)
+    with h5py.File(path, "r+") as file:
+        file.attrs["made by"] = "us"
+        file["other/array"] = np.arange(3)
+    formats.keep(path, tmp_path / "kept.hdf5", ["demo_10", "demo_0"])
+    before, after = contents(path), contents(tmp_path / "kept.hdf5")
+    total = (parent, "total") if parent == "data" else ("/", "total")
+    assert after.pop(total) == 10 + 12
+    masks = {"mask/train": [b"demo_0"], "mask/valid": [b"demo_10"]} if parent == "data" else {}
+    assert {name: after.pop(name) for name in masks} == masks
+    unlike = {total, "mask/train", "mask/valid"}
+    assert after == {k: v for k, v in before.items() if "demo_2" not in str(k) and k not in unlike}
+    again, first = formats.read(tmp_path / "kept.hdf5"), formats.read(path)
+    assert again.ids == ("demo_0", "demo_10")
+    np.testing.assert_array_equal(again.observations, first.select([0, 2]).observations)
+
+
+def test_a_filter_key_is_added_and_everything_else_stays(tmp_path):
+    path = robomimic(tmp_path / "all.hdf5")
+    before = contents(path)
+    write_mask(path, tmp_path / "new.hdf5", ["demo_10", "demo_0"])
+    assert contents(path) == before
+    assert contents(tmp_path / "new.hdf5") == before | {"mask/rpil_kept": [b"demo_0", b"demo_10"]}
+    write_mask(path, path, ["demo_2"])
+    write_mask(path, path, ["demo_0"])
+    assert contents(path) == before | {"mask/rpil_kept": [b"demo_0"]}
+    write_mask(str(path), str(tmp_path / "new.hdf5"), ["demo_2"])
+    assert contents(tmp_path / "new.hdf5") == before | {"mask/rpil_kept": [b"demo_2"]}
+    assert sorted(file.name for file in tmp_path.iterdir()) == ["all.hdf5", "new.hdf5"]
+
+
+def test_wrong_requests_leave_no_file(tmp_path):
+    path, output = robomimic(tmp_path / "all.hdf5"), tmp_path / "new.hdf5"
+    content = path.read_bytes()
+    for function in (formats.keep, write_mask):
+        with pytest.raises(DataError, match="no demonstration is called 'demo_7'"):
+            function(path, output, ["demo_7"])
+    with pytest.raises(DataError, match=r"all.hdf5: it is the data themselves"):
+        formats.keep(path, path, ["demo_0"])
+    at_top = robomimic(tmp_path / "top.hdf5", parent="/")
+    with pytest.raises(DataError, match=r"top.hdf5: only demonstrations in data"):
+        write_mask(at_top, output, ["demo_0"])
+    assert not output.exists()
+    assert path.read_bytes() == content
+
+
+def test_a_file_as_robosuite_wrote_it():
+    recording = formats.read_recording(Path(__file__).parent / "files" / "robosuite_stack.hdf5")
+    assert recording.description.tasks == ("Stack",)
+    assert recording.demonstrations.ids == ("demo_1",)
+    assert recording.demonstrations.observations.shape == (50, 45)
+    assert recording.demonstrations.actions.shape == (50, 7)
+    assert "joint_torques" in recording.description.ignored
+
+
+def test_filter_keys_in_other_files_are_not_read(tmp_path):
+    path, output = robomimic(tmp_path / "lift.hdf5"), tmp_path / "kept.hdf5"
+    with h5py.File(tmp_path / "other.hdf5", "w") as other:
+        other["names"] = np.array(["demo_0", "demo_2"], dtype="S")
+    layout = h5py.VirtualLayout((2,), "S6")
+    layout[:] = h5py.VirtualSource(tmp_path / "other.hdf5", "names", (2,), "S6")
+    with h5py.File(path, "a") as file:
+        file.create_virtual_dataset("mask/elsewhere", layout)
+        file["mask/link"] = h5py.ExternalLink(tmp_path / "other.hdf5", "names")
+        file.create_group("mask/group")
+    formats.keep(path, output, ["demo_0", "demo_10"])
+    with h5py.File(output) as file:
+        assert {key: names[()].tolist() for key, names in file["mask"].items()} == {
+            "train": [b"demo_0"],
+            "valid": [b"demo_10"],
+        }
+
+
+@pytest.mark.parametrize("write", [formats.keep, write_mask])
+def test_a_full_disk_is_not_blamed_on_the_data(tmp_path, write):
+    path, output = robomimic(tmp_path / "lift.hdf5"), tmp_path / "kept.hdf5"
+    with full_disk(20_000), pytest.raises(DataError, match=r"kept\.hdf5: it cannot be written") as caught:
+        write(path, output, ["demo_0", "demo_10"])
+    assert len(str(caught.value)) < len(str(output)) + 100  # and no text of the library
+    assert [file.name for file in tmp_path.iterdir()] == ["lift.hdf5"]

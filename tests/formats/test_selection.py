@@ -1,0 +1,145 @@
+"""What is kept of a file is read as the same demonstrations were, and everything else of it is still there."""
+
+import gzip
+import zipfile
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+
+import rpil
+from rpil import formats
+from rpil.data.demonstrations import Demonstrations
+from rpil.data.errors import DataError
+from rpil.formats import ColumnOptions
+
+KEPT = [3, 0]
+
+
+@pytest.fixture
+def demonstrations():
+    rng = np.random.default_rng(0)
+    episodes = [(rng.normal(size=(5 + m, 2)), rng.integers(0, 3, 5 + m)) for m in range(4)]
+    return Demonstrations.from_episodes(episodes)
+
+
+def assert_kept(path, output, kept=(0, 3), **columns):
+    """`output` holds the demonstrations called `kept` of `path`, in the order of `path`."""
+    before, after = rpil.read(path, **columns), rpil.read(output, **columns)
+    expected = before.select([before.ids.index(name) for name in kept])
+    assert after.ids == expected.ids
+    np.testing.assert_array_equal(after.offsets, expected.offsets)
+    np.testing.assert_array_equal(after.observations, expected.observations)
+    np.testing.assert_array_equal(after.actions, expected.actions)
+
+
+@pytest.mark.parametrize("suffix", [".parquet", ".csv", ".npz"])
+def test_own_files(tmp_path, demonstrations, suffix):
+    path, output = tmp_path / f"all{suffix}", tmp_path / f"some{suffix}"
+    formats.write(path, demonstrations, {"is_good": np.array([True, False, False, True])})
+    before = path.read_bytes()
+    formats.keep(path, output, KEPT)
+    assert_kept(path, output)
+    assert path.read_bytes() == before
+    if suffix == ".npz":
+        assert np.load(output)["is_good"].tolist() == [True, True]
+    else:
+        assert "is_good" in (pq.read_schema(output).names if suffix == ".parquet" else output.read_text())
+
+
+def test_arrays_of_any_name_are_written_and_kept(tmp_path, demonstrations):
+    """Those of `numpy.savez` may not be called as its arguments are."""
+    truth = {name: np.arange(4.0) for name in ("file", "allow_pickle", "path", "archive", "args")}
+    path, output = tmp_path / "all.npz", tmp_path / "some.npz"
+    formats.write(path, demonstrations, truth)
+    formats.keep(path, output, KEPT)
+    assert_kept(path, output)
+    for file, values in ((path, [0, 1, 2, 3]), (output, [0, 3])):
+        with zipfile.ZipFile(file) as stored:
+            names = {name.removesuffix(".npy") for name in stored.namelist()}
+            assert {member.compress_type for member in stored.infolist()} == {zipfile.ZIP_DEFLATED}
+        assert names == {"observations", "actions", "episode_ids", "observation_names", *truth}
+        with np.load(file, allow_pickle=False) as arrays:
+            assert all(arrays[name].tolist() == values for name in truth)
+
+
+def test_lines_of_text_stay_as_they_are(tmp_path):
+    head = '# from the lab\nrun;force;"x pos";note\n'
+    rows = {"07": '07;1;0,50;"two\nlines; quoted"\n', "1": "1 ;0;1,25;\n", "a": '"a";1;1e0;é\n'}
+    path, output = tmp_path / "t.csv.gz", tmp_path / "kept.csv.gz"
+    text = head + rows["07"] + "# a comment\n" + rows["1"] + rows["a"] + rows["07"]
+    path.write_bytes(gzip.compress(text.encode("cp1252")))
+    formats.keep(path, output, ["a", "07"], ColumnOptions(id="run", action="force"))
+    kept = gzip.decompress(output.read_bytes()).decode("cp1252")
+    assert kept == head + rows["07"] + "# a comment\n" + rows["a"] + rows["07"]
+
+
+def test_all_columns_and_metadata_of_parquet_stay(tmp_path):
+    images = pa.array([{"bytes": b"png", "path": None}] * 6)
+    columns = {"episode_index": [0, 0, 1, 1, 2, 2], "action": list("abacab"), "observation.x": np.arange(6.0)}
+    table = pa.table(columns | {"image": images}).replace_schema_metadata({"huggingface": "{}"})
+    path, output = tmp_path / "a.parquet", tmp_path / "b.parquet"
+    pq.write_table(table, path)
+    formats.keep(path, output, [0, 2])
+    assert pq.read_table(output).equals(table.take([0, 1, 4, 5]), check_metadata=True)
+
+
+@pytest.mark.parametrize("suffix", [".parquet", ".csv"])
+def test_folders(tmp_path, demonstrations, suffix):
+    path, output = tmp_path / "all", tmp_path / "some"
+    (path / "deep").mkdir(parents=True)
+    for name, rows in {"a": [0, 1], "deep/b": [2], "c": [3]}.items():
+        formats.write(path / f"{name}{suffix}", demonstrations.select(rows))
+    formats.keep(path, output, KEPT)
+    assert_kept(path, output)
+    assert sorted(file.relative_to(output).as_posix() for file in output.rglob("*.*")) == [f"a{suffix}", f"c{suffix}"]
+
+
+def test_a_folder_with_a_file_for_each_demonstration(tmp_path):
+    path = tmp_path / "all"
+    path.mkdir()
+    for name in ("run1", "run2", "run3"):
+        (path / f"{name}.csv").write_text(f"x,action\n{name[-1]},left\n0,right\n")
+    formats.keep(path, tmp_path / "some", ["run2"])
+    assert [file.name for file in (tmp_path / "some").iterdir()] == ["run2.csv"]
+    assert (tmp_path / "some" / "run2.csv").read_bytes() == (path / "run2.csv").read_bytes()
+
+
+def test_nothing_is_written_where_something_is_wrong(tmp_path, demonstrations):
+    path, folder = tmp_path / "all.csv", tmp_path / "folder"
+    formats.write(path, demonstrations)
+    folder.mkdir()
+    formats.write(folder / "a.csv", demonstrations)
+    before = path.read_bytes()
+    for source, output, ids, message in (
+        (path, "some.csv", [9], "no demonstration is called '9'"),
+        (folder, "some", [9], "no demonstration is called '9'"),
+        (path, "some.csv", [], "no demonstration is to be kept"),
+        (path, "some.parquet", [1], "give it the extension .csv"),
+        (path, "all.csv", [1], "it is the data themselves"),
+        (folder, "folder/some", [1], "it is the data themselves, or in them"),
+        (folder, "folder", [1], "it is the data themselves"),
+        (Path("s3://bucket/data"), "some", [1], "no such file"),
+    ):
+        with pytest.raises(DataError, match=message):
+            formats.keep(source, tmp_path / output, ids)
+    with pytest.raises(DataError, match="only files of this computer"):
+        formats.keep("s3://bucket/data", tmp_path / "some", [1])
+    assert path.read_bytes() == before
+    assert sorted(file.name for file in tmp_path.rglob("*")) == ["a.csv", "all.csv", "folder"]
+
+
+def test_what_is_no_array_is_not_read(tmp_path, demonstrations):
+    """Neither a text in the archive, nor times in a version of the format that is not known."""
+    path, output = tmp_path / "all.npz", tmp_path / "some.npz"
+    rpil.write(path, demonstrations)
+    with zipfile.ZipFile(path, "a") as archive:
+        archive.writestr("README.txt", "recorded on Monday")
+    formats.keep(path, output, KEPT)
+    assert_kept(path, output)
+    with zipfile.ZipFile(path, "a") as archive:
+        archive.writestr("timestamps.npy", b"\x93NUMPY\x03\x00\x10\x00\x00\x00")
+    assert rpil.read(path).ids == demonstrations.ids
+    assert "timestamps" in formats.read_recording(path).description.ignored

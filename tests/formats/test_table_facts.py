@@ -1,0 +1,205 @@
+"""Order, sessions and outcomes of a file: what it states, in memory and on disk, and nothing that it does not."""
+
+from __future__ import annotations
+
+import gzip
+import json
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+
+from problems import one_sentence
+from rpil import formats
+from rpil.data.errors import DataError
+from rpil.formats import ColumnOptions
+from samples import LENGTHS, OWNERS, SAMPLES, STATES, lerobot, table
+
+NAN = np.nan
+SUCCESS = np.array([0, 0, 0, 1, *[0] * 6, *[0] * 4, 1])
+"""A flag of which only the last value of each demonstration counts: 1, 0, 1."""
+
+
+def facts(path, on_disk=False, **options):
+    return formats.read_recording(path, ColumnOptions(**options), on_disk=on_disk).facts
+
+
+@pytest.mark.parametrize("on_disk", [False, True])
+def test_lerobot_states_the_order_by_its_index(tmp_path, on_disk):
+    found = facts(lerobot(tmp_path), on_disk)
+    np.testing.assert_array_equal(found.order, [0, 1, 2])
+    assert found.order_source == "episode_index"
+
+
+@pytest.mark.parametrize("on_disk", [False, True])
+@pytest.mark.parametrize("kind", ["float", "int", "timestamp"])
+def test_wall_clock_times_state_the_order_and_clocks_of_episodes_do_not(tmp_path, on_disk, kind):
+    starts = 1.7e9 + np.array([5000.0, 0.0, 900.0])
+    seconds = starts[OWNERS] + np.concatenate([np.arange(n) for n in LENGTHS])
+    values = {"float": seconds, "int": (seconds * 1000).astype(int), "timestamp": seconds.astype("datetime64[s]")}
+    wall = table().set_column(table().column_names.index("timestamp"), "timestamp", pa.array(values[kind]))
+    pq.write_table(wall, tmp_path / "wall.parquet")
+    found = facts(tmp_path / "wall.parquet", on_disk)
+    np.testing.assert_array_equal(found.order, starts)
+    assert found.order_source == "timestamp"
+    pq.write_table(table(), tmp_path / "own.parquet")
+    assert facts(tmp_path / "own.parquet", on_disk).order is None
+    copies = np.tile(seconds[:4], 3)  # three copies of one demonstration, each with the times of the first
+    pq.write_table(
+        pa.table({"episode": np.arange(12) // 4, "x": STATES[:12, 0], "a": STATES[:12, 1], "time": copies}),
+        tmp_path / "c.parquet",
+    )
+    assert facts(tmp_path / "c.parquet", on_disk).order is None
+
+
+@pytest.mark.parametrize("name", ["folder of CSV", "folder of Parquet"])
+def test_one_file_each_states_the_order_by_the_numbers_in_the_names(tmp_path, name):
+    path = SAMPLES[name](tmp_path)
+    suffix = next(path.iterdir()).suffix
+    for old, new in (("0", "ep_10"), ("1", "ep_9"), ("2", "ep_11")):
+        (path / f"{old}{suffix}").rename(path / f"{new}{suffix}")
+    recordings = [formats.read_recording(path)]
+    if suffix == ".parquet":
+        recordings.append(formats.read_recording(path, on_disk=True))
+    for recording in recordings:
+        found = recording.facts
+        assert found.order_source == "one file each"
+        firsts = [recording.demonstrations.select([m]).observations[0, 0] for m in np.argsort(found.order)]
+        assert firsts == [STATES[m == OWNERS][0, 0] for m in (1, 0, 2)]
+    (path / f"ep_9{suffix}").rename(path / f"ep_9 (copy){suffix}")
+    assert facts(path).order is None
+
+
+@pytest.mark.parametrize("name", ["CSV", "NPZ", "Parquet"])
+def test_ids_that_count_the_demonstrations_state_no_order(tmp_path, name):
+    assert facts(SAMPLES[name](tmp_path)).order is None
+
+
+def test_times_in_npz_state_the_order(tmp_path):
+    times = 1.7e9 + np.array([60.0, 0.0, 600.0])[OWNERS] + np.arange(len(OWNERS))
+    arrays = {"observations": STATES, "actions": STATES, "episode_ids": OWNERS}
+    np.savez(tmp_path / "a.npz", **arrays, timestamps=times)
+    assert np.argsort(facts(tmp_path / "a.npz").order).tolist() == [1, 0, 2]
+    np.savez(tmp_path / "b.npz", **arrays, timestamps=times - times.min())
+    assert facts(tmp_path / "b.npz").order is None
+
+
+def written(folder: Path, suffix: str) -> Path:
+    """The same columns in every format, with rows of the demonstrations that do not lie together in memory."""
+    columns = {"episode": OWNERS, "x": STATES[:, 0], "action": STATES[:, 1], "next.success": SUCCESS}
+    columns |= {"reward": np.arange(15.0), "day": np.array(["mon", "tue", "mon"])[OWNERS], "half": np.arange(15) / 2}
+    path = folder / f"a.{suffix}"
+    if suffix == "npz":
+        arrays = {"observations": STATES[:, :1], "actions": STATES[:, 1:], "episode_ids": OWNERS}
+        others = {name: columns[name] for name in ("next.success", "reward", "half")}
+        np.savez(path, **arrays, **others, day=np.array(["mon", "tue", "mon"]))
+    elif suffix == "parquet":
+        pq.write_table(pa.table(columns), path, row_group_size=4)
+    else:
+        rows = zip(*(map(str, values) for values in columns.values()), strict=True)
+        text = "\n".join([",".join(columns), *map(",".join, rows), ""])
+        path.write_bytes(gzip.compress(text.encode()) if suffix == "csv.gz" else text.encode())
+    return path
+
+
+READS = [("parquet", False), ("parquet", True), ("csv", False), ("csv.gz", False), ("npz", False)]
+
+
+@pytest.mark.parametrize(("suffix", "on_disk"), READS)
+def test_outcomes_are_read_when_they_are_named_and_are_no_observations(tmp_path, suffix, on_disk):
+    path = written(tmp_path, suffix)
+    rewards = [np.arange(15.0)[m == OWNERS].sum() for m in range(3)]
+    for name, expected in (("next.success", [1, 0, 1]), ("reward", rewards), ("length", LENGTHS)):
+        np.testing.assert_array_equal(facts(path, on_disk, outcome=name).outcome, expected)
+        worse = facts(path, on_disk, outcome=f"-{name}")
+        np.testing.assert_array_equal(worse.outcome, -np.array(expected, dtype=float))
+        assert worse.outcome_name == f"-{name}"
+    assert facts(path, on_disk).outcome is None
+    seen = formats.read_recording(path, ColumnOptions(outcome="half"), on_disk=on_disk)
+    assert "half" not in seen.description.observations
+    with pytest.raises(DataError, match=r"'half' changes within .*'next.success', 'reward', 'length'") as e:
+        seen.facts  # noqa: B018
+    assert one_sentence(e)
+    with pytest.raises(DataError, match="'nothing'") as e:
+        facts(path, on_disk, outcome="nothing")
+    assert one_sentence(e)
+
+
+@pytest.mark.parametrize(("suffix", "on_disk"), READS)
+def test_candidates_are_named_with_the_option(tmp_path, suffix, on_disk):
+    description = formats.read_recording(written(tmp_path, suffix), on_disk=on_disk).description
+    assert description.to_dict()["outcomes"] == {
+        "next.success": "--outcome next.success",
+        "reward": "--outcome reward",
+    }
+    assert any("--outcome next.success" in line for line in description.lines())
+
+
+@pytest.mark.parametrize(("suffix", "on_disk"), READS)
+def test_sessions_are_read_and_no_observations(tmp_path, suffix, on_disk):
+    path = written(tmp_path, suffix)
+    recording = formats.read_recording(path, ColumnOptions(session="day"), on_disk=on_disk)
+    assert recording.facts.sessions == ("mon", "tue", "mon")
+    assert "day" not in recording.description.observations
+    assert facts(path, on_disk, session="file").sessions == (path.name,) * 3
+    assert facts(path, on_disk).sessions == ()
+    with pytest.raises(DataError, match="demonstration 0: column 'half' changes") as error:
+        facts(path, on_disk, session="half")
+    assert one_sentence(error)
+
+
+def test_rows_in_any_order_give_the_same_facts(tmp_path):
+    shuffled = np.random.default_rng(0).permutation(15)
+    whole = pq.read_table(written(tmp_path, "parquet")).append_column("step", pa.array(np.arange(15)))
+    pq.write_table(whole.take(shuffled), tmp_path / "b.parquet")
+    read = formats.read_recording(tmp_path / "b.parquet", ColumnOptions(outcome="next.success", session="day"))
+    by_id = dict(zip(read.demonstrations.ids, zip(read.facts.outcome, read.facts.sessions, strict=True), strict=True))
+    assert by_id == {0: (1, "mon"), 1: (0, "tue"), 2: (1, "mon")}
+
+
+def test_an_outcome_that_is_named_as_data_too_is_refused(tmp_path):
+    path = written(tmp_path, "parquet")
+    for options in ({"observations": "x,half"}, {"action": "half"}, {"id": "half"}):
+        with pytest.raises(DataError, match="'half' is the id, an observation or part of the action") as error:
+            facts(path, outcome="half", **options)
+        assert one_sentence(error)
+
+
+def test_missing_values_are_unknown_outcomes(tmp_path):
+    rewards = pa.array([1.0, None, *[1.0] * 13])
+    whole = pq.read_table(written(tmp_path, "parquet"))
+    pq.write_table(whole.set_column(4, "reward", rewards), tmp_path / "b.parquet")
+    np.testing.assert_array_equal(facts(tmp_path / "b.parquet", outcome="reward").outcome, [NAN, 6, 5])
+
+
+def test_text_is_no_outcome(tmp_path):
+    with pytest.raises(DataError, match="'day' is not of one number for each step; name another") as error:
+        facts(written(tmp_path, "csv"), outcome="day")
+    assert one_sentence(error)
+
+
+@pytest.mark.parametrize("name", ["robomimic", "aloha", "Minari, Arrow", "imitation", "Zarr 2"])
+def test_other_formats_state_no_order(tmp_path, name):
+    if name not in SAMPLES:
+        pytest.skip("needs an extra")
+    found = facts(SAMPLES[name](tmp_path))
+    assert (found.order, found.sessions, found.outcome) == (None, (), None)
+
+
+@pytest.mark.parametrize("on_disk", [False, True])
+@pytest.mark.parametrize("given", ["1, 2:9", [1, 2], ["1:3"]])
+def test_lists_of_episodes_of_lerobot_are_outcomes(tmp_path, on_disk, given):
+    path = lerobot(tmp_path)
+    info = json.loads((path / "meta" / "info.json").read_text())
+    splits = {"train": "0:3", "drop": given, "kept": "0:1", "odd": "a:b", "none": None}
+    (path / "meta" / "info.json").write_text(json.dumps(info | {"splits": splits}))
+    read = formats.read_recording(path, ColumnOptions(outcome="-splits.drop"), on_disk=on_disk)
+    np.testing.assert_array_equal(read.facts.outcome, [0, -1, -1])
+    options = {"splits.drop": "--outcome -splits.drop", "splits.kept": "--outcome splits.kept"}
+    assert read.description.outcomes == options
+    for wrong in ("splits.odd", "splits.other"):
+        with pytest.raises(DataError, match="'train', 'drop', 'kept'") as error:
+            facts(path, on_disk, outcome=wrong)
+        assert one_sentence(error)

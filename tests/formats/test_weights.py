@@ -1,0 +1,69 @@
+"""The weights file holds one row for each step, written block by block."""
+
+from __future__ import annotations
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.csv
+import pyarrow.parquet as pq
+import pytest
+
+from recorded import demonstrations
+from rpil.data.errors import DataError
+from rpil.data.run import run_id
+from rpil.formats.weights import write_weights
+
+
+@pytest.mark.parametrize("suffix", [".parquet", ".csv"])
+def test_each_step_has_its_weight_and_the_values_of_its_demonstration(tmp_path, suffix):
+    path = tmp_path / f"w{suffix}"
+    weight, proba, odds = np.array([0.1, 1 / 3, 1, 0, 5e-324]), np.array([0.9, 0.1]), np.array([2.2, -np.inf])
+    write_weights(path, ["b", "a"], np.array([0, 2, 5]), weight, proba, odds)
+    table = pq.read_table(path) if suffix == ".parquet" else pa.csv.read_csv(path)
+    assert table.to_pydict() == {
+        "episode_index": ["b", "b", "a", "a", "a"],
+        "step_index": [0, 1, 0, 1, 2],
+        "weight": weight.tolist(),
+        "expert_proba": [0.9, 0.9, 0.1, 0.1, 0.1],
+        "log_odds": [2.2, 2.2, -np.inf, -np.inf, -np.inf],
+    }
+    if suffix == ".parquet":
+        run = table.schema.metadata[b"rpil.run"].decode()
+        assert run == run_id(["b", "a"], np.array([0, 2, 5]), odds)
+        assert run != run_id(["b", "a"], np.array([0, 2, 5]), odds + 1e-9)
+    with pytest.raises(DataError, match=r"w\.npz: unknown extension .* use one of \.parquet, \.csv"):
+        write_weights(tmp_path / "w.npz", [], [0], [], [], [])
+
+
+def test_weights_are_written_in_blocks(tmp_path, monkeypatch):
+    monkeypatch.setattr("rpil.formats.weights._BLOCK_STEPS", 1000)
+    data = demonstrations()
+    weight, each = np.random.default_rng(0).random(data.n_steps), np.arange(120.0)
+    write_weights(tmp_path / "w.parquet", data.ids, data.offsets, weight, each, -each)
+    assert pq.read_metadata(tmp_path / "w.parquet").num_row_groups > 3
+    table = pq.read_table(tmp_path / "w.parquet")
+    np.testing.assert_array_equal(table["weight"].to_numpy(), weight)
+    np.testing.assert_array_equal(table["expert_proba"].to_numpy(), np.repeat(each, data.lengths))
+    np.testing.assert_array_equal(table["log_odds"].to_numpy(), np.repeat(-each, data.lengths))
+    np.testing.assert_array_equal(table["episode_index"].to_numpy(), np.repeat(data.ids, data.lengths))
+    starts = np.repeat(data.offsets[:-1], data.lengths)
+    np.testing.assert_array_equal(table["step_index"].to_numpy(), np.arange(data.n_steps) - starts)
+
+
+def test_weights_are_written_whole_or_not_at_all(tmp_path, monkeypatch):
+    monkeypatch.setattr("rpil.formats.weights._BLOCK_STEPS", 1000)
+    (tmp_path / "w.parquet").write_text("old")
+
+    class Torn(np.ndarray):
+        def __getitem__(self, steps):
+            if steps.stop > 2500:
+                raise OSError(28, "No space left on device")
+            return np.asarray(self)[steps]
+
+    data = demonstrations()
+    weight, each = np.ones(data.n_steps).view(Torn), np.ones(len(data))
+    for name in ("w.parquet", "w.csv"):
+        with pytest.raises(DataError, match=r"it cannot be written \(No space left"):
+            write_weights(tmp_path / name, data.ids, data.offsets, weight, each, each)
+    assert (tmp_path / "w.parquet").read_text() == "old"
+    assert [path.name for path in tmp_path.iterdir()] == ["w.parquet"]
