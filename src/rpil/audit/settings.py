@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from rpil.data.archive import stored
-from rpil.inference.settings import AnswerSettings
+from rpil.inference.settings import AnswerSettings, JudgeSettings, StepSettings
 
 
 @stored()
@@ -24,3 +24,9 @@ class AuditSettings:
     tuned."""
     answers: AnswerSettings = AnswerSettings()
     """Of answers to an audit; a fit puts those of the judge here."""
+    steps: StepSettings = StepSettings()
+    """Of the steps of an audit after answers; a fit puts those of the judge here."""
+
+    def with_judge(self, judge: JudgeSettings) -> AuditSettings:
+        """The settings of an audit that answers, and weighs steps, as the judge does."""
+        return replace(self, answers=judge.answers, steps=judge.steps)

@@ -23,13 +23,13 @@ from rpil.cli.options import (
     with_column_options,
     with_judge_options,
 )
+from rpil.cli.outputs import lost_without
 from rpil.cli.progress import StageProgress, show_stages
 from rpil.cli.terminal import print_lines
 from rpil.data.errors import DataError
 from rpil.data.files import check_outputs
 
 if TYPE_CHECKING:
-    from rpil.data.arrays import Id
     from rpil.data.demonstrations import Demonstrations
     from rpil.formats.columns import ColumnOptions
     from rpil.formats.dataset import Dataset
@@ -96,7 +96,7 @@ def keep(
         kept = kept_ids(table, share, at_least)
         if not kept:
             raise DataError(f"{file}: no demonstration is left{why}; give labels, or choose with --share.")
-        lost = () if quiet else _lost_places(demonstrations, kept)
+        lost = () if quiet else lost_without(demonstrations, kept)
         progress(f"writing {output or file}")
         if output is None:
             formats.write_mask(file, kept)
@@ -116,14 +116,6 @@ def _read_all(
 
     with allow_missing():
         return read_recording(file, columns, progress, stream).demonstrations
-
-
-def _lost_places(demonstrations: Demonstrations | Dataset, kept: list[Id]) -> tuple[str, ...]:
-    """What only demonstrations that are not kept visit, where their observations are in memory."""
-    from rpil.audit.lost import lost_places
-    from rpil.data.demonstrations import Demonstrations
-
-    return lost_places(demonstrations, kept) if isinstance(demonstrations, Demonstrations) else ()
 
 
 @click.command()

@@ -137,7 +137,8 @@ def audit(
             result, who = audit_by_task(file, read, FitOptions(**options), progress, engine, good)
         progress("looking for recording faults")
         faults = check_recording(read)
-        write_outputs(outputs, result, Audited(file, read, faults, who), time.perf_counter() - start, progress)
+        audited = Audited(result, file, read, faults, who)
+        write_outputs(outputs, audited, time.perf_counter() - start, progress)
     if json_wanted:
         suggested = {"suggested": result.suggest_labels(suggest)} if suggest else {}
         click.echo(
@@ -157,7 +158,7 @@ def audit(
         if path is not None:
             click.echo(f"{title.capitalize()}: {path}", err=json_wanted)
             if not json_wanted and not quiet:
-                terminal.print_lines(lines_after_output(title, path, file, result))
+                terminal.print_lines(lines_after_output(title, path, audited))
     return tell_if_too_many(result, fail_on)
 
 

@@ -153,7 +153,7 @@ def _restore(header: dict[str, Any], decoder: Decoder) -> Estimator:
     if isinstance(estimator, RPIL):
         estimator.state_ = decoder.value(header["state"])
         settings = params.get("settings") or Settings()
-        of_audit = replace(settings.audit, answers=settings.judge.answers)
+        of_audit = settings.audit.with_judge(settings.judge)
         estimator.audit_ = replace(estimator.audit_, settings=of_audit)
     estimator.n_features_in_ = decoder.sizes["D"]
     for name, texts in header["names"].items():
