@@ -83,13 +83,13 @@ JSON_LINES = """
 import json
 from rpil import Demonstrations
 from rpil.data.files import replacing
-from rpil.formats import Recording
+from rpil.formats.recording import from_demonstrations
 
 
 def read(path, options):
     rows = [json.loads(line) for line in path.read_text().splitlines()]
     columns = ([row[name] for row in rows] for name in ("observation", "action", "episode"))
-    return Recording.of(Demonstrations.from_groups(*columns, source=path.name), "JSON lines")
+    return from_demonstrations(Demonstrations.from_groups(*columns, source=path.name), "JSON lines")
 
 
 def write(path, demonstrations, truth):

@@ -24,7 +24,7 @@ _HOME = {
     "TorchPolicy": "rpil.policies.torch",
     "compare": "rpil.simulation.comparison",
     "load": "rpil.estimators.persistence",
-    "open_dataset": "rpil.formats.dataset",
+    "open_dataset": "rpil.formats.on_disk",
     "read": "rpil.formats",
     "reweight": "rpil.estimators.reweight",
     "rollout": "rpil.simulation.rollouts",
@@ -74,7 +74,8 @@ if TYPE_CHECKING:
     from rpil.estimators.rpil import RPIL
     from rpil.estimators.settings import Settings
     from rpil.formats import read, write
-    from rpil.formats.dataset import Dataset, open_dataset
+    from rpil.formats.dataset import Dataset
+    from rpil.formats.on_disk import open_dataset
     from rpil.inference.settings import JudgeSettings
     from rpil.mixture.adversaries.discrete import Confusion
     from rpil.mixture.settings import MixtureSettings

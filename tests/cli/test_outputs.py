@@ -21,7 +21,6 @@ from command_line import call, ok, refused
 from rpil.cli import outputs
 from rpil.data.demonstrations import Demonstrations
 from rpil.faults.check import find_faults
-from rpil.formats import Recording
 
 
 def test_audit_writes_verdicts_and_the_list_to_keep(folder):
@@ -131,7 +130,7 @@ def test_every_output_has_a_writer(tmp_path, monkeypatch):
     paths = {"weights": "w.parquet", "verdicts": "v.parquet", "keep": "k.json", "report": "r.html"}
     assert tuple(paths) == outputs.OUTPUTS
     stages: list[str] = []
-    recording = Recording.of(Demonstrations(np.ones((2, 1)), np.array([0, 1]), np.array([0, 2])), "arrays")
+    recording = from_demonstrations(Demonstrations(np.ones((2, 1)), np.array([0, 1]), np.array([0, 2])), "arrays")
     given = outputs.Audited(make_audit(), "data.csv", recording, find_faults(recording.demonstrations), {})
     outputs.write_outputs(paths, given, 1.0, stages.append)
     assert stages == [f"writing {path}" for path in paths.values()]

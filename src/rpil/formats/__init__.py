@@ -32,10 +32,9 @@ from rpil.data.names import is_data
 from rpil.formats import csv, folder, hdf5, lerobot_folder, npz, parquet, robomimic, zarr
 from rpil.formats.arrow import Frame, read_frame
 from rpil.formats.columns import ColumnOptions, Names
-from rpil.formats.dataset import open_dataset
 from rpil.formats.description import Description
 from rpil.formats.dialect import TEXT_SUFFIXES
-from rpil.formats.on_disk import from_dataset
+from rpil.formats.on_disk import open_recording
 from rpil.formats.recording import Recording
 from rpil.formats.registry import find_layout
 from rpil.formats.selection import keep_file, keep_folder
@@ -133,7 +132,7 @@ def read_recording(path: StrPath, options: ColumnOptions = ColumnOptions(), *, o
     `read`; a value that is missing, or of the wrong kind, is an error only of ``read_recording(...).demonstrations``.
     """
     if on_disk:
-        return from_dataset(open_dataset(path, options=options))
+        return open_recording(path, options)
     layout = find_layout(path)
     if layout is not None:
         return layout.read(Path(path), options)

@@ -9,19 +9,15 @@ from pathlib import Path
 
 import numpy as np
 
-from rpil.data.arrays import are_whole, group_rows
+from rpil.data.arrays import group_rows
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
-from rpil.data.facts import Facts
 from rpil.data.files import replacing
 from rpil.data.guard import guarded
 from rpil.data.names import ACTION, EPISODE, TIMESTAMP, may_be_outcome, quoted
 from rpil.data.npy import ARRAY, declared, read_arrays, write_npz
 from rpil.formats.columns import ColumnOptions, Columns, as_list
-from rpil.formats.description import outcome_options
-from rpil.formats.recording import Recording
-from rpil.formats.table_facts import Origin, fact_columns, find_facts
-from rpil.formats.times import Times
+from rpil.formats.recording import Recording, from_demonstrations
 from rpil.numerics.types import Array
 
 SPELLINGS = ("observations", "observation"), ACTION[::-1], ("episode_ids", *EPISODE)
@@ -48,22 +44,13 @@ def read(path: Path, options: ColumnOptions) -> Recording:
         action_kind=options.action_kind,
     )
     ignored = dict.fromkeys((name for name in found if name not in arrays), "no array of demonstrations")
-    recording = Recording.of(demonstrations, "NPZ", ignored | dict.fromkeys(columns.facts, "session or outcome"))
-    recording = replace(
-        recording,
-        description=replace(recording.description, outcomes=outcome_options(columns.outcomes)),
-        read_facts=lambda: _facts(arrays, replace(columns, times=(clock,) if clock else ()), demonstrations),
-    )
-    times = next(
-        (Times(_in_order(arrays[name], steps).astype(np.float64)) for name in TIMESTAMP if name in arrays), Times()
-    )
-    recording = replace(recording, times=lambda: times)
-    if options.operator is None:
-        return recording
-    if options.operator not in arrays:
+    columns = replace(columns, ignored=ignored | dict.fromkeys(columns.facts, "session or outcome"))
+    if options.operator and options.operator not in arrays:
         raise DataError(f"{source}: it holds no {options.operator!r}; name one of {quoted(found)}.")
-    pairs = _pairs(arrays[options.operator], steps, demonstrations.ids, f"{source}: {options.operator!r}")
-    return replace(recording, operators=pairs)
+    columns = replace(columns, operator=options.operator, times=(clock,) if clock else ())
+    others = dict.fromkeys([*columns.times, *columns.facts, *([options.operator] if options.operator else [])])
+    per_step = {name: _per_step(arrays[name], name, steps, demonstrations) for name in others}
+    return from_demonstrations(demonstrations, "NPZ", columns, per_step)
 
 
 def _find_arrays(found: Iterable[str], options: ColumnOptions, source: str) -> list[str]:
@@ -98,20 +85,14 @@ def _fact_columns(found: Iterable[str], wanted: Sequence[str], options: ColumnOp
     return columns
 
 
-def _facts(arrays: Mapping[str, Array], columns: Columns, demonstrations: Demonstrations) -> Facts:
-    """The facts from arrays of one value for each step, or for each demonstration."""
-    import pyarrow as pa
-
-    d, table = demonstrations, {}
-    for name in fact_columns(columns):
-        values = arrays[name]
-        if values.ndim != 1 or len(values) not in (d.n_steps, len(d)):
-            raise DataError(
-                f"{d.source}: {name!r} has the shape {values.shape}; give one value for each step or demonstration."
-            )
-        per_step = len(values) == d.n_steps
-        table[name] = _in_order(values, arrays[columns.episode]) if per_step else np.repeat(values, d.lengths)
-    return find_facts(pa.table(table), columns, d.offsets, d.ids, Origin(d.source, [d.source] * len(d)))
+def _per_step(values: Array, name: str, steps: Array, demonstrations: Demonstrations) -> Array:
+    """Values of steps, or of demonstrations, as one for each step, in the order of the demonstrations."""
+    d = demonstrations
+    if values.ndim != 1 or len(values) not in (d.n_steps, len(d)):
+        raise DataError(
+            f"{d.source}: {name!r} has the shape {values.shape}; give one value for each step or demonstration."
+        )
+    return _in_order(values, steps) if len(values) == d.n_steps else np.repeat(values, d.lengths)
 
 
 def _timestamps(stored: zipfile.ZipFile, found: Mapping[str, str], steps: str) -> str | None:
@@ -130,17 +111,6 @@ def _in_order(values: Array, steps: Array) -> Array:
     """Values of the `steps`, in the order of the demonstrations."""
     rows = group_rows(np.unique(steps, return_inverse=True)[1])[2]
     return np.asarray(values if rows is None else values[rows])
-
-
-def _pairs(who: Array, steps: Array, ids: Sequence[object], what: str) -> list[tuple[str, object]]:
-    """The different pairs of id, as text, and operator; `who` has one for each step, or for each demonstration."""
-    if who.ndim != 1 or len(who) not in (len(steps), len(ids)):
-        raise DataError(f"{what} has the shape {who.shape}; give one for each step or demonstration.")
-    if who.dtype.kind == "f" and are_whole(who):
-        who = who.astype(np.int64)
-    keys = steps.astype(np.int64) if steps.dtype.kind == "f" else steps
-    owners = (keys if len(who) == len(keys) else np.array(ids)).tolist()
-    return list(dict.fromkeys(zip(map(str, owners), who.tolist(), strict=True)))
 
 
 def write(path: Path, demonstrations: Demonstrations, truth: Mapping[str, Array]) -> None:

@@ -4,18 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import chain
-from pathlib import Path, PurePosixPath
+from pathlib import Path
 from typing import TYPE_CHECKING
+
+import numpy as np
 
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.files import replacing
 from rpil.data.memory import check_memory
 from rpil.formats import table as flat
-from rpil.formats.columns import ColumnOptions, Columns
-from rpil.formats.lerobot import format_name, read_metadata
-from rpil.formats.parquet_pages import check_pages
+from rpil.formats.columns import ColumnOptions
+from rpil.formats.lerobot import format_name
 from rpil.formats.recording import Recording, from_table
-from rpil.formats.store import check_columns, columns_of_file, opened
+from rpil.formats.store import open_rows
 from rpil.formats.table import refuse_id_in_two_files
 from rpil.formats.table_facts import file_names
 from rpil.numerics.types import Array
@@ -36,22 +37,16 @@ def read_files(filesystem: fs.FileSystem, paths: Sequence[str], options: ColumnO
     """Read files with the same columns into memory."""
     import pyarrow as pa
 
-    names = [PurePosixPath(path).name for path in paths]
-    columns: Columns | None = None
-    tables, n_bytes = [], 0
-    for path, name in zip(paths, names, strict=True):
-        with opened(filesystem, path) as file:
-            columns = columns or columns_of_file(filesystem, path, file, options)
-            check_columns(file, columns, name, names[0])
-            n_bytes += check_pages(filesystem, path, file, columns.all)
-            check_memory(n_bytes, source)
-            tables.append(file.read(columns=columns.all))
-            tables[-1].validate(full=True)  # text from a damaged file need not be Unicode
-    assert columns is not None
-    refuse_id_in_two_files([table[columns.episode] for table in tables], names, source)
-    metadata = read_metadata(filesystem, paths)
-    table = pa.concat_tables(tables, promote_options="permissive")
-    files = dict(zip(file_names(paths), map(len, tables), strict=True))
+    rows, columns, _, metadata = open_rows(filesystem, paths, options)
+    check_memory(rows.n_bytes, source)
+    tables: dict[str, list[pa.Table]] = {name: [] for name in file_names(paths)}
+    for row, table, _ in rows.tables(0, rows.runs[-1][1], columns.all):
+        table.validate(full=True)  # text from a damaged file need not be Unicode
+        tables[rows.files(np.array([row]))[0]].append(table)
+    whole = {name: pa.concat_tables(found, promote_options="permissive") for name, found in tables.items() if found}
+    refuse_id_in_two_files([table[columns.episode] for table in whole.values()], list(whole), source)
+    table = pa.concat_tables(whole.values(), promote_options="permissive")
+    files = {name: len(found) for name, found in whole.items()}
     return from_table(table, columns, source, format_name(metadata, len(paths)), metadata, files=files)
 
 

@@ -24,7 +24,8 @@ from rpil.formats import table as flat
 from rpil.formats.columns import ColumnOptions, as_list
 from rpil.formats.csv import FILE, find_text_columns, names_in_folder
 from rpil.formats.dialect import TEXT_SUFFIXES, find_dialect, without_suffix
-from rpil.formats.store import BATCH_ROWS, columns_of_file, find_files, opened
+from rpil.formats.rows import BATCH_ROWS
+from rpil.formats.store import columns_of_file, find_files, opened
 
 if TYPE_CHECKING:
     import pyarrow as pa
