@@ -8,14 +8,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import t as student
 
+from rpil.numerics.types import Array
 from tables import table
 from value.rules import ALL, RULES
-from value.worlds import family
+from value.worlds import FAMILIES, family
 
-Array = NDArray[Any]
 Row = dict[str, Any]
 LEVEL = 0.05
 FEWEST_SEEDS = 3
@@ -45,7 +44,7 @@ def comparison(rows: Sequence[Row], title: str) -> str:
     cells = []
     for name in names:
         own = [row for row in rows if row["rule"] == name]
-        families = [[row for row in own if family(row["task"]) == each] for each in ("arm", "games")]
+        families = [[row for row in own if family(row["task"]) == each] for each in FAMILIES]
         means = [percent(np.mean([row["success"] for row in each])) if each else "" for each in (own, *families)]
         tests = [f"{found[name]:.3f}" if name in found else "" for found in (worse, better)]
         steps = [row["mean_steps"] for row in own if row.get("mean_steps") is not None]
@@ -53,7 +52,7 @@ def comparison(rows: Sequence[Row], title: str) -> str:
         cells.append(
             [name, *means, *difference(differences[name]), *tests, *shares, f"{np.mean(steps):.0f}" if steps else ""]
         )
-    header = ["rule", "success", "arm", "games", "minus all", "standard error", "sets"]
+    header = ["rule", "success", *FAMILIES, "minus all", "standard error", "sets"]
     header += ["P worse", "P better", "steps kept", "weight on good", "steps"]
     said = [name for name in compared if worse[name] < LEVEL]
     note = f"Credibly worse than all (Holm, {LEVEL:.0%}): {', '.join(said) or 'none'}."
