@@ -23,7 +23,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from sklearn.metrics import roc_auc_score
 
 from rpil.audit.reasons import MAX_LOG_RATIO
@@ -31,6 +30,7 @@ from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
 from rpil.inference.settings import StepSettings
 from rpil.inference.step_trust import step_proba
+from rpil.numerics.types import Array
 from rpil.simulation.corruptions import window
 from rpil.simulation.experts import expert
 from rpil.simulation.rollouts import record
@@ -40,7 +40,6 @@ from value.operators import GOOD, INTERLUDES, TYPICAL, Kind, Operator
 from value.rules import Judged, best
 from value.worlds import GENTLE, Episode, drive, record_arm
 
-Array = NDArray[Any]
 LENGTH = TYPICAL // 3
 """Steps of the window of an arm."""
 WINDOWS = {
