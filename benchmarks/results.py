@@ -65,7 +65,7 @@ def main(arguments: list[str] | None = None) -> int:
         found = {name: figures(name, options, run=name in names) for name in SECTIONS}
         found = {name: each for name, each in found.items() if each}
         check_clean(options.quick, {each["provenance"]["commit"] for each in found.values()})
-        text = page(found, sorted(options.folder.glob("value*.jsonl")))
+        text = page(found, sorted(options.folder.glob("value*.jsonl"), key=lambda path: path.stem))
         if options.quick:
             print(text)
         else:
