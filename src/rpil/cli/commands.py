@@ -110,13 +110,11 @@ def read_recording(
     from rpil import formats
     from rpil.formats import lerobot_folder
     from rpil.formats.registry import find_layout
-    from rpil.formats.store import find_files, may_be_many_files
+    from rpil.formats.store import has_parquet, may_be_many_files
 
     progress(f"reading {file}")
-    if stream is None and find_layout(file) not in (None, lerobot_folder):
-        stream = False  # only Parquet files can stay on disk
-    elif stream is None:
-        stream = bool(find_files(file)[1]) if may_be_many_files(file) else _exceeds_budget(file)
+    if stream is None and find_layout(file) in (None, lerobot_folder) and has_parquet(file):
+        stream = may_be_many_files(file) or _exceeds_budget(file)
     return formats.read_recording(file, columns, on_disk=stream)
 
 
@@ -131,9 +129,11 @@ def read_reference(
     return read_recording(reference, columns, progress)
 
 
-def resolve_stream(stream: bool | None, scheduler: str | None, reference: str | None = None) -> bool | None:
+def resolve_stream(file: str, stream: bool | None, scheduler: str | None, reference: str | None = None) -> bool | None:
     """`stream` for `read_recording`: with a cluster the data stay on disk, because its workers read them; with a
     reference they are read into memory."""
+    from rpil.formats.store import has_parquet
+
     if reference is not None and (stream or scheduler):
         option = "--scheduler" if scheduler else "--stream"
         raise click.UsageError(f"--reference needs all data in memory: leave out {option}")
@@ -141,6 +141,8 @@ def resolve_stream(stream: bool | None, scheduler: str | None, reference: str | 
         return False
     if scheduler and stream is False:
         raise click.UsageError("--scheduler and --no-stream exclude each other: leave one out")
+    if scheduler and not has_parquet(file):
+        raise DataError(f"{file}: a cluster reads Parquet files only; write one with rpil convert.")
     return True if scheduler else stream
 
 

@@ -84,7 +84,7 @@ def keep(
     with show_stages(quiet, CommandSettings.current().timing) as progress:
         if verdicts is None:
             with connect_engine(scheduler, progress) as engine:
-                read = read_recording(file, columns, progress, resolve_stream(stream, scheduler, reference))
+                read = read_recording(file, columns, progress, resolve_stream(file, stream, scheduler, reference))
                 good = read_reference(reference, file, columns, progress)
                 audit, who = audit_by_task(file, read, FitOptions(**options), progress, engine, reference=good)
             table: Table = verdict_columns(audit, who)

@@ -119,7 +119,7 @@ def label(ctx: click.Context, /, file: str, **options: Value) -> None:
         show_stages(quiet, CommandSettings.current().timing) as progress,
         connect_engine(scheduler, progress) as engine,
     ):
-        read = read_recording(file, columns, progress, commands.resolve_stream(stream, scheduler))
+        read = read_recording(file, columns, progress, commands.resolve_stream(file, stream, scheduler))
         audit, _ = audit_by_task(file, read, FitOptions(**options), progress, engine)
     if not audit.columns.size:
         raise DataError(f"{file}: this audit keeps nothing to learn from answers; leave out --adversary.")

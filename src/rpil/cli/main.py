@@ -126,7 +126,7 @@ def audit(
     quiet, stream, scheduler = (options.pop(name) for name in ("quiet", "stream", "scheduler"))
     reference = options.pop("reference")
     check_outputs((file, options["labels"], options["operator"], reference), *outputs.values())
-    stream = commands.resolve_stream(stream, scheduler, reference)
+    stream = commands.resolve_stream(file, stream, scheduler, reference)
     if options["features"] == "auto":
         options["features"] = "folded"  # the judge's features; no final policy is kept, so none need be chosen
     with _show_stages(quiet) as progress:
@@ -185,7 +185,7 @@ def fit(ctx: click.Context, /, file: str, output: str, method: str, trusted: int
     if (method == "rment") != (trusted is not None):
         raise click.UsageError("--method rment and --trusted N need each other: give both or neither", ctx)
     check_outputs((file, options["labels"], options["operator"]), output)
-    stream = commands.resolve_stream(stream, scheduler)
+    stream = commands.resolve_stream(file, stream, scheduler)
     with _show_stages(quiet) as progress, connect_engine(scheduler, progress) as engine:
         recording = read_recording(file, pop_columns(options), progress, stream)
         demonstrations = recording.demonstrations

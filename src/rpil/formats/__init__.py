@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import zipfile
 from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from types import ModuleType
 from typing import TypedDict, Unpack
@@ -26,10 +27,10 @@ from rpil.data.id_values import (
     read_id_pairs,
     read_labels,
 )
-from rpil.data.memory import Size, limited
+from rpil.data.memory import Size, TooLargeError, limited
 from rpil.data.missing import fill_chunks
 from rpil.data.names import is_data
-from rpil.formats import csv, folder, hdf5, lerobot_folder, npz, parquet, robomimic, zarr
+from rpil.formats import csv, folder, hdf5, lerobot_folder, npz, parquet, robomimic, spool, zarr
 from rpil.formats.arrow import Frame, read_frame
 from rpil.formats.columns import ColumnOptions, Names
 from rpil.formats.description import Description
@@ -38,7 +39,7 @@ from rpil.formats.on_disk import open_recording
 from rpil.formats.recording import Recording
 from rpil.formats.registry import find_layout
 from rpil.formats.selection import keep_file, keep_folder
-from rpil.formats.store import may_be_many_files
+from rpil.formats.store import has_parquet, may_be_many_files
 from rpil.formats.weights import write_weights
 
 __all__ = [
@@ -125,23 +126,32 @@ def _of_trajectories(trajectories: Iterable[object], options: ColumnOptions) -> 
 
 
 @guard
-def read_recording(path: StrPath, options: ColumnOptions = ColumnOptions(), *, on_disk: bool = False) -> Recording:
+def read_recording(
+    path: StrPath, options: ColumnOptions = ColumnOptions(), *, on_disk: bool | None = False
+) -> Recording:
     """The recording in a file or folder: a description, and the demonstrations when they are asked for.
 
-    `on_disk` leaves the demonstrations, in Parquet files, where they are, see `open_dataset`. Errors are those of
-    `read`; a value that is missing, or of the wrong kind, is an error only of ``read_recording(...).demonstrations``.
+    `on_disk` leaves the demonstrations on disk, Parquet files where they are (see `open_dataset`), and of other formats
+    a copy that is removed when the process ends; None does so where they would take too much memory. Errors are
+    those of `read`; a value that is missing, or of the wrong kind, is an error only of
+    ``read_recording(...).demonstrations``.
     """
-    if on_disk:
-        return open_recording(path, options)
+    if on_disk is None:
+        with suppress(TooLargeError):
+            return read_recording(path, options)
     layout = find_layout(path)
-    if layout is not None:
-        return layout.read(Path(path), options)
-    if may_be_many_files(path):
-        return folder.read(path, options)
-    path = _known(check_exists(path))
-    module = csv if path.name.lower().endswith(TEXT_SUFFIXES) else FORMATS[path.suffix.lower()]
-    recording: Recording = module.read(check_readable(path), options)
-    return recording
+    is_parquet = layout is lerobot_folder or (layout is None and has_parquet(path))
+    if on_disk is not False and is_parquet:
+        return open_recording(path, options)
+    with spool.on_disk(on_disk is not False):
+        if layout is not None:
+            return layout.read(Path(path), options)
+        if may_be_many_files(path):
+            return folder.read(path, options)
+        path = _known(check_exists(path))
+        module = csv if path.name.lower().endswith(TEXT_SUFFIXES) else FORMATS[path.suffix.lower()]
+        recording: Recording = module.read(check_readable(path), options)
+        return recording
 
 
 def _known(path: Path) -> Path:

@@ -12,6 +12,7 @@ from pathlib import Path
 from rpil.data.errors import DataError
 from rpil.data.guard import guarded
 from rpil.data.memory import check_memory
+from rpil.formats.spool import is_on_disk
 
 TEXT_SUFFIXES = (".csv", ".tsv", ".txt", ".csv.gz", ".tsv.gz", ".txt.gz")
 _SUFFIX = re.compile(r"\.(?:csv|tsv|txt)(?:\.gz)?$", re.IGNORECASE)
@@ -81,7 +82,7 @@ def _checked(chunks: Iterator[bytes], source: str) -> Iterator[bytes]:
     n_bytes = 0
     for chunk in chunks:
         n_bytes += len(chunk)
-        check_memory(_MEMORY_PER_BYTE * n_bytes, source)
+        check_memory(0 if is_on_disk() else _MEMORY_PER_BYTE * n_bytes, source)
         yield chunk
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache, cached_property
 from pathlib import PurePosixPath
@@ -23,6 +23,8 @@ from rpil.formats.lerobot import Metadata
 from rpil.formats.order import Order, check_one_id, find_order
 from rpil.formats.rows import Rows, TableRows
 from rpil.formats.scan import Places, Scan, scan
+from rpil.formats.spool import is_on_disk, spool
+from rpil.formats.store import copied_rows
 from rpil.formats.table_facts import Origin, different, fact_columns, find_facts, tasks_of
 from rpil.formats.times import Clock, Times, clock_columns, find_clock
 
@@ -113,6 +115,27 @@ def from_table(
     return from_scan(rows, columns, found, Origin(source, metadata=metadata), format_name, notes)
 
 
+def from_batches(
+    tables: Iterable[pa.Table],
+    columns: Columns,
+    source: str,
+    format_name: str,
+    metadata: Metadata = Metadata(),
+    notes: tuple[str, ...] = (),
+    files: Mapping[str, int] | None = None,
+) -> Recording:
+    """`from_table` of tables one below the other; within `rpil.formats.spool.on_disk` they never are in memory all."""
+    import pyarrow as pa
+
+    if not is_on_disk():
+        table = pa.concat_tables(tables, promote_options="permissive")
+        return from_table(table, columns, source, format_name, metadata, notes, files)
+    rows = copied_rows(spool(tables, source), files or {})
+    head = next(rows.tables(0, 1, columns.data))[1]
+    found = scan(rows, Layout.of(head, columns, metadata.names), columns, source)
+    return from_scan(rows, columns, found, Origin(source, metadata=metadata), format_name, notes)
+
+
 def from_demonstrations(
     demonstrations: Demonstrations, format_name: str, columns: Columns | None = None, others: Mapping[str, Array] = {}
 ) -> Recording:
@@ -132,8 +155,8 @@ def from_demonstrations(
         "action": actions if d.is_discrete else pa.FixedSizeListArray.from_arrays(actions, d.actions.shape[1]),
     }
     files, metadata = {d.source: d.n_steps}, Metadata(names={observation: names})
-    recording = from_table(pa.table({**others, **table}), columns, d.source, format_name, metadata, files=files)
-    return replace(recording, load=lambda: d)
+    recording = from_batches([pa.table({**others, **table})], columns, d.source, format_name, metadata, files=files)
+    return recording if is_on_disk() else replace(recording, load=lambda: d)
 
 
 def from_scan(
@@ -172,7 +195,7 @@ def from_scan(
         return Times(None if clock is None else clock.timestamps, metadata.fps, metadata.lengths)
 
     return Recording(
-        _describe(columns, found, origin, format_name, notes, read_clock() if in_memory else None),
+        _describe(columns, found, origin, format_name, notes, read_clock()),
         load,
         step_columns,
         found.operators,

@@ -5,10 +5,10 @@ from __future__ import annotations
 import glob
 import itertools
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from pathlib import PurePath, PurePosixPath
+from pathlib import Path, PurePath, PurePosixPath
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -59,6 +59,8 @@ class ParquetRows:
     n_bytes: int
     """Of all columns that are read, decoded, at most."""
     batch_rows: int = BATCH_ROWS
+    sizes: Mapping[str, int] | None = None
+    """The numbers of rows from each file of which the rows are a copy; None where they are in their own files."""
 
     @property
     def runs(self) -> list[tuple[int, int]]:
@@ -71,10 +73,16 @@ class ParquetRows:
         return None
 
     def file_of(self, row: int) -> str:
+        if self.sizes:
+            return self.files(np.array([row]))[0]
         return next(PurePosixPath(g.path).name for g in self.groups if row < g.last)
 
     def files(self, rows: Array) -> list[str]:
         names, ends = file_names(group.path for group in self.groups), [group.last for group in self.groups]
+        if self.sizes is not None:
+            names, ends = list(self.sizes), np.cumsum(list(self.sizes.values())).tolist()
+        if not names:
+            return []
         return [names[k] for k in np.searchsorted(ends, rows, side="right").tolist()]
 
     def tables(
@@ -140,6 +148,11 @@ def _is_unfinished(filesystem: fs.FileSystem, path: str) -> bool:
 def may_be_many_files(path: StrPath) -> bool:
     """Whether `path` may name several files: a folder, a pattern, an address."""
     return "://" in str(path) or os.path.isdir(path) or (not os.path.exists(path) and glob.has_magic(str(path)))
+
+
+def has_parquet(path: StrPath) -> bool:
+    """Whether `path` is a Parquet file, or names several files of which one is."""
+    return bool(find_files(path)[1]) if may_be_many_files(path) else str(path).lower().endswith(".parquet")
 
 
 @guard
@@ -218,6 +231,19 @@ def check_columns(file: pq.ParquetFile, columns: Columns, name: str, first: str)
     names, known = set(file.schema_arrow.names), {*columns.all, *columns.ignored}
     if not names.issuperset(columns.all) or any(is_data(other) for other in names - known):
         raise DataError(f"{name}: its columns are not those of {first}; give all files the same ones.")
+
+
+def copied_rows(path: Path, sizes: Mapping[str, int]) -> ParquetRows:
+    """The rows of a Parquet file of our own, which is a copy of files with so many rows."""
+    from pyarrow import fs
+
+    with opened(fs.LocalFileSystem(), str(path)) as file:
+        counts = [file.metadata.row_group(number).num_rows for number in range(file.num_row_groups)]
+    ends = np.cumsum(counts).tolist()
+    groups = (
+        RowGroup(str(path), k, end - n, end, end - n) for k, (n, end) in enumerate(zip(counts, ends, strict=True))
+    )
+    return ParquetRows(fs.LocalFileSystem(), tuple(groups), 0, sizes=sizes)
 
 
 def open_rows(
