@@ -14,7 +14,8 @@ from rpil import formats
 from rpil.data.arrays import as_actions
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
-from rpil.formats import ColumnOptions, open_dataset, read_recording, write_weights
+from rpil.formats import ColumnOptions, read_recording, write_weights
+from rpil.formats.dataset import open_dataset
 
 M, T = 6, 30
 N = M * T

@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from rpil.cli import terminal
-from rpil.cli.commands import CommandSettings, read_recording
+from rpil.cli.commands import CommandSettings, check_outputs, read_recording
 from rpil.cli.options import OutputFile, json_option, pop_columns, quiet_option, with_column_options
 from rpil.cli.progress import show_stages
-from rpil.data.files import check_outputs, replacing
+from rpil.data.files import replacing
 
 if TYPE_CHECKING:
     from rpil.audit.record import Audit

@@ -6,7 +6,7 @@ import io
 import os
 import sys
 import warnings
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -20,7 +20,7 @@ from rpil.cli.options import FitOptions
 from rpil.cli.progress import ProgressTiming, StageProgress
 from rpil.cli.terminal import print_warnings, to_one_line
 from rpil.data.errors import DataError, MissingExtraError
-from rpil.data.memory import budget
+from rpil.data.files import StrPath
 
 if TYPE_CHECKING:
     from rpil.audit.record import Audit
@@ -103,20 +103,21 @@ def _exit_with_error(sentence: str) -> NoReturn:
     sys.exit(2)
 
 
+def check_outputs(inputs: Iterable[StrPath | None], *outputs: StrPath | None) -> None:
+    """A `DataError`, before any work, where an output cannot be written, or is or joins an input."""
+    from rpil.data import files
+    from rpil.formats.registry import suffixes
+
+    files.check_outputs(inputs, outputs, suffixes())
+
+
 def read_recording(
     file: str, columns: ColumnOptions, progress: StageProgress, stream: bool | None = False
 ) -> Recording:
     """What a file holds; on disk if `stream`, or if `stream` is None and it is large, or many Parquet files."""
     from rpil import formats
-    from rpil.formats import lerobot_folder
-    from rpil.formats.registry import find_layout
-    from rpil.formats.store import find_files, may_be_many_files
 
     progress(f"reading {file}")
-    if stream is None and find_layout(file) not in (None, lerobot_folder):
-        stream = False  # only Parquet files can stay on disk
-    elif stream is None:
-        stream = bool(find_files(file)[1]) if may_be_many_files(file) else _exceeds_budget(file)
     return formats.read_recording(file, columns, on_disk=stream)
 
 
@@ -149,22 +150,6 @@ def load_into_memory(demonstrations: Demonstrations | Dataset) -> Demonstrations
     from rpil.formats.dataset import Dataset
 
     return demonstrations.select(slice(None)) if isinstance(demonstrations, Dataset) else demonstrations
-
-
-def _exceeds_budget(file: str) -> bool:
-    """Whether a Parquet file would take more memory than it may."""
-    if Path(file).suffix.lower() != ".parquet" or not os.path.isfile(file) or not os.path.getsize(file):
-        return False
-    from pyarrow import fs
-
-    from rpil.formats.parquet_pages import check_pages
-    from rpil.formats.store import opened
-    from rpil.formats.table import kind_of_type
-
-    filesystem, path = fs.LocalFileSystem(), os.path.abspath(file)
-    with opened(filesystem, path) as opened_file:
-        columns = [field.name for field in opened_file.schema_arrow if kind_of_type(field.type) != "nested"]
-        return check_pages(filesystem, path, opened_file, columns) > budget()
 
 
 @contextmanager

@@ -9,6 +9,7 @@ import click
 from rpil.cli.commands import (
     CommandSettings,
     audit_by_task,
+    check_outputs,
     connect_engine,
     load_into_memory,
     read_recording,
@@ -26,7 +27,6 @@ from rpil.cli.options import (
 from rpil.cli.progress import StageProgress, show_stages
 from rpil.cli.terminal import print_lines
 from rpil.data.errors import DataError
-from rpil.data.files import check_outputs
 
 if TYPE_CHECKING:
     from rpil.data.arrays import Id
@@ -65,17 +65,18 @@ def keep(
     """
     if share is not None and at_least is not None:
         raise click.UsageError("--share and --at-least exclude each other: leave one out")
-    from rpil import formats
     from rpil.audit.choice import Table, kept_ids, read_verdicts
     from rpil.audit.verdict_table import verdict_columns
     from rpil.data.id_values import check_ids
+    from rpil.formats.registry import find
 
     if in_place == (output is not None):
         raise click.UsageError("--output NEW or --in-place says where they are written: give one of them")
+    found = find(file)
     if output is not None:
-        formats.check_keep(file, output)
+        found.check_output(output)
     else:
-        formats.check_mask(file)
+        found.check_mask()
     quiet, stream, scheduler = (options.pop(name) for name in ("quiet", "stream", "scheduler"))
     reference = options.pop("reference")
     columns = pop_columns(options)
@@ -99,13 +100,13 @@ def keep(
         lost = () if quiet else _lost_places(demonstrations, kept)
         progress(f"writing {output or file}")
         if output is None:
-            formats.write_mask(file, kept)
+            found.mask(kept)
         else:
-            formats.keep(file, output, kept, columns)
+            found.keep(output, kept, columns)
     ids = demonstrations.ids
     click.echo(f"Kept {len(kept):,} of {len(ids):,} demonstrations: {output or file}")
     if not quiet:
-        print_lines([*lost, *formats.commands_to_keep(file, ids, kept, output or "")])
+        print_lines([*lost, *found.commands_to_keep(ids, kept, output or "")])
 
 
 def _read_all(

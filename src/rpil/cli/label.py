@@ -12,11 +12,17 @@ from typing import TYPE_CHECKING
 import click
 
 from rpil.cli import commands, terminal
-from rpil.cli.commands import CommandSettings, audit_by_task, connect_engine, read_recording, tell_if_interrupted
+from rpil.cli.commands import (
+    CommandSettings,
+    audit_by_task,
+    check_outputs,
+    connect_engine,
+    read_recording,
+    tell_if_interrupted,
+)
 from rpil.cli.options import FitOptions, Value, command_words, pop_columns, with_label_options
 from rpil.cli.progress import show_stages
 from rpil.data.errors import DataError
-from rpil.data.files import check_outputs
 
 if TYPE_CHECKING:
     from rpil.audit.record import Audit

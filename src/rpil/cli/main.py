@@ -13,7 +13,15 @@ from click.core import ParameterSource
 
 from rpil.cli import commands, terminal
 from rpil.cli.check import audit_fault_lines, check, check_recording
-from rpil.cli.commands import Commands, CommandSettings, audit_by_task, connect_engine, fit_rpil, read_recording
+from rpil.cli.commands import (
+    Commands,
+    CommandSettings,
+    audit_by_task,
+    check_outputs,
+    connect_engine,
+    fit_rpil,
+    read_recording,
+)
 from rpil.cli.completion import install_completion
 from rpil.cli.evaluate import evaluate
 from rpil.cli.give_back import convert, keep
@@ -34,7 +42,6 @@ from rpil.cli.options import (
 )
 from rpil.cli.outputs import OUTPUTS, Audited, judged_within, lines_after_output, tell_if_too_many, write_outputs
 from rpil.cli.progress import StageProgress, show_stages
-from rpil.data.files import check_outputs
 
 if TYPE_CHECKING:
     from rpil.audit.record import Audit

@@ -73,13 +73,13 @@ def write_outputs(
 
 def lines_after_output(title: str, path: str, source: str, audit: Audit) -> list[str]:
     """What to do with the file at `path`, an output, where the tool that wrote the data at `source` takes it."""
-    from rpil import formats
     from rpil.audit.verdict_table import kept
+    from rpil.formats.registry import find
 
     if title == "weights":
-        return formats.notes_on_weights(source)
+        return [*find(source).format.notes_on_weights]
     ids = kept(audit)
-    return formats.commands_to_keep(source, audit.ids, ids, path) if title == "keep" and ids else []
+    return find(source).commands_to_keep(audit.ids, ids, path) if title == "keep" and ids else []
 
 
 def tell_if_too_many(audit: Audit, limit: str | None) -> int:
