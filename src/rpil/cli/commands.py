@@ -8,14 +8,14 @@ import sys
 import warnings
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
 import click
 
 from rpil.cli import INTERRUPTED, tell_of_interruption
-from rpil.cli.given import Given
+from rpil.cli.given import read_known
 from rpil.cli.options import FitOptions
 from rpil.cli.progress import ProgressTiming, StageProgress
 from rpil.cli.terminal import print_warnings, to_one_line
@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from rpil.data.demonstrations import Demonstrations
     from rpil.estimators.rpil import RPIL
     from rpil.estimators.settings import Settings
+    from rpil.estimators.within_tasks import Known
     from rpil.formats.columns import ColumnOptions
     from rpil.formats.dataset import Dataset
     from rpil.formats.recording import Recording
@@ -178,9 +179,8 @@ def fit_rpil(
     if n_tasks > 1:
         message = f"{file}: its {n_tasks} tasks are judged and learned as one; rpil audit judges each by itself."
         warnings.warn(message, stacklevel=1)
-    given = Given.read(recording, options)
-    model = _fit(file, recording.demonstrations, given, options, progress, engine)
-    return model, given.demonstrators
+    known = read_known(recording, options)
+    return _fit(file, recording.demonstrations, known, options, progress, engine), known.demonstrators
 
 
 def audit_by_task(
@@ -193,111 +193,42 @@ def audit_by_task(
 ) -> tuple[Audit, Mapping[str, str]]:
     """The audit of the demonstrations in `file`, each judged within its task and session, beside those of a
     `reference`; and the demonstrators as `fit_rpil`."""
-    from rpil.audit.tasks import join_audits, split_by_task
+    from rpil.estimators.within_tasks import judge_within_tasks
+    from rpil.formats.dataset import Dataset
 
-    demonstrations, given = recording.demonstrations, Given.read(recording, options, reference)
-    if options.session:
-        from rpil.data.facts import check_sessions
+    known = read_known(recording, options, reference)
 
-        check_sessions(given.facts.sessions, options.session, recording.description.source)
-    places = split_by_task(demonstrations.ids, recording.tasks, given.facts.sessions)
-    fit_options = options, progress, engine
-    if len(places) == 1:
-        audit = _audit(file, demonstrations, given, *fit_options)
-        return _with_facts(audit, given), given.demonstrators
-    what = "sessions" if options.session else "tasks"
-    what = f"tasks and {what}" if options.session and len({*recording.tasks.values()}) > 1 else what
-    audits: dict[str, Audit] = {}
-    n_pairs = 0
-    for group, rows in places.items():
-        _warn_of_few(file, group, len(rows), recording, options)
-        own = given.select(rows, {str(demonstrations.ids[m]) for m in rows})
-        n_pairs += len(own.pairs)
-        if len(rows) > 1 or reference is not None:
-            audits[group] = _audit(file, demonstrations.select(rows), own, options, progress, None)
-    _warn_of_pairs(options, len(given.pairs) - n_pairs, what)
-    joined = join_audits(audits, places, demonstrations.ids, demonstrations.offsets, what)
-    return _with_facts(joined, given), given.demonstrators
+    def judge(demonstrations: Demonstrations | Dataset, own: Known) -> Audit:
+        there = engine if isinstance(demonstrations, Dataset) else None
+        return _fit(file, demonstrations, own, options, progress, there).audit_
 
-
-def _with_facts(audit: Audit, given: Given) -> Audit:
-    """The audit with the sessions and the order of its demonstrations."""
-    return replace(audit, sessions=given.facts.sessions, order=given.facts.order)
-
-
-def _warn_of_pairs(options: FitOptions, n: int, what: str) -> None:
-    """Warn where `n` pairs compare demonstrations that are not judged together."""
-    if n:
-        pairs = f"{n} pairs compare" if n > 1 else "1 pair compares"
-        text = f"{options.labels}: {pairs} demonstrations of different {what}, and {'are' if n > 1 else 'is'} left out."
-        warnings.warn(text, stacklevel=1)
-
-
-def _warn_of_few(file: str, group: str, n: int, recording: Recording, options: FitOptions) -> None:
-    """Warn where a task or session has too few demonstrations."""
-    from rpil.audit.tasks import MIN_DEMONSTRATIONS
-
-    if n < MIN_DEMONSTRATIONS:
-        what = "session" if options.session else "task"
-        remedy = "leave out --session" if options.session else f"add --exclude {recording.description.task_column}"
-        warnings.warn(
-            f"{file}: the {what} {group!r} has {n} demonstrations, too few to judge them well; to judge all {what}s as "
-            f"one, {remedy}.",
-            stacklevel=1,
-        )
-
-
-def _audit(
-    file: str,
-    demonstrations: Demonstrations | Dataset,
-    given: Given,
-    options: FitOptions,
-    progress: StageProgress,
-    engine: Engine | None,
-) -> Audit:
-    """The audit of the demonstrations, which are judged together with those of the reference if there is one."""
-    if given.reference is None:
-        return _fit(file, demonstrations, given, options, progress, engine).audit_
-    from rpil.audit.subset import select
-    from rpil.data.reference import with_reference
-
-    n, own = len(demonstrations), load_into_memory(demonstrations)
-    both = with_reference(own, given.reference)
-    given = given.with_good([str(name) for name in both.ids[n:]])
-    return select(_fit(file, both, given, options, progress, engine).audit_, range(n), own.ids)
+    return judge_within_tasks(recording, known, judge), known.demonstrators
 
 
 def _fit(
     file: str,
     demonstrations: Demonstrations | Dataset,
-    given: Given,
+    known: Known,
     options: FitOptions,
     progress: StageProgress,
     engine: Engine | None,
 ) -> RPIL:
     progress("starting")
-    from rpil.data.facts import tells
     from rpil.estimators.rpil import RPIL
 
     checkpoint = _checkpoint_path(file, options.resume)
     model = RPIL(
         features=options.features,
         adversary=options.adversary,
-        labels=given.answers or None,
+        labels=known.answers or None,
         random_state=options.seed,
         progress=progress,
         checkpoint=checkpoint,
         engine=engine,
         settings=CommandSettings.current().fit,
     )
-    outcome = given.facts.outcome if tells(given.facts.outcome) else None  # of a session it may be the same for all
     try:
-        return model.fit(
-            demonstrations,
-            demonstrators=given.demonstrators or None,
-            outcome=outcome,
-            order=given.facts.order,
-        )
+        return model.fit(demonstrations, **known.arguments)
     except KeyboardInterrupt:
         if checkpoint.exists():
             tell_if_interrupted(f"the work so far is in {checkpoint}; run the command again with --resume")

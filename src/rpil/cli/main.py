@@ -12,7 +12,7 @@ import click
 from click.core import ParameterSource
 
 from rpil.cli import commands, terminal
-from rpil.cli.check import audit_fault_lines, check, check_recording
+from rpil.cli.check import audit_fault_lines, check
 from rpil.cli.commands import (
     Commands,
     CommandSettings,
@@ -143,7 +143,10 @@ def audit(
             good = commands.read_reference(reference, file, columns, progress)
             result, who = audit_by_task(file, read, FitOptions(**options), progress, engine, good)
         progress("looking for recording faults")
-        faults = check_recording(read)
+        from rpil.faults.recorded import faults_of
+        from rpil.faults.settings import FaultSettings
+
+        faults = faults_of(read, None, None, False, FaultSettings())
         write_outputs(outputs, result, Audited(file, read, faults, who), time.perf_counter() - start, progress)
     if json_wanted:
         suggested = {"suggested": result.suggest_labels(suggest)} if suggest else {}

@@ -62,6 +62,10 @@ def save(estimator: Estimator, path: StrPath) -> None:
     if ESTIMATORS.get(kind) is not type(estimator):
         raise DataError(f"{path}: a {kind} cannot be saved; save one of {', '.join(ESTIMATORS)}.")
     check_is_fitted(estimator)
+    if isinstance(estimator, RPIL) and estimator.judge_ is None and estimator.state_ is None:
+        raise DataError(
+            f"{path}: several tasks, each judged by itself, cannot be saved as one; fit and save each task."
+        )
     if stored_name(estimator.policy_) is None:
         made_of = getattr(estimator.policy_, "estimator", estimator.policy_)
         raise DataError(

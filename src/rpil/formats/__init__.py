@@ -63,6 +63,15 @@ class ReadOptions(TypedDict, total=False):
     action_kind: ActionKind
 
 
+class OpenOptions(ReadOptions, total=False):
+    """All of `ColumnOptions`."""
+
+    operator: str | None
+    task: str | None
+    session: str | None
+    outcome: str | None
+
+
 def read(
     path: StrPath | Frame | Iterable[object],
     *,
