@@ -17,8 +17,8 @@ from rpil.cli.commands import (
     resolve_stream,
 )
 from rpil.cli.options import (
+    DataFile,
     FitOptions,
-    OutputFile,
     pop_columns,
     quiet_option,
     with_column_options,
@@ -132,7 +132,7 @@ def _lost_places(demonstrations: Demonstrations | Dataset, kept: list[Id]) -> tu
 @click.option(
     "-o",
     "--output",
-    type=OutputFile(".parquet", ".csv", ".npz"),
+    type=DataFile(),
     metavar="OUT.parquet|OUT.csv|OUT.npz",
     required=True,
     help="The file to write.",

@@ -8,11 +8,10 @@ from pathlib import Path
 
 from rpil.data.errors import DataError
 from rpil.data.files import StrPath, new_folder
-from rpil.data.id_values import check_ids
 from rpil.formats import csv, parquet
 from rpil.formats.columns import ColumnOptions
 from rpil.formats.dialect import without_suffix
-from rpil.formats.format import Format
+from rpil.formats.format import Format, check_found
 from rpil.formats.recording import Recording
 from rpil.formats.store import find_files
 
@@ -50,7 +49,7 @@ def keep(path: Path, output: Path, ids: Sequence[object], options: ColumnOptions
             if not in_file:
                 target.unlink(missing_ok=True)
             found |= in_file
-        check_ids(wanted, found, str(path), "them")
+        check_found(wanted, found, path)
 
 
 def holds_parquet(path: StrPath) -> bool:

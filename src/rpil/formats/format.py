@@ -10,7 +10,7 @@ from rpil.data.arrays import Id
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
 from rpil.data.files import StrPath, replacing
-from rpil.data.id_values import check_ids
+from rpil.data.names import natural_key, quoted
 from rpil.formats.columns import ColumnOptions
 from rpil.formats.recording import Recording
 from rpil.numerics.types import Array
@@ -103,6 +103,12 @@ def keep_one_file(keep: Callable[[Path, Path, Set[str], ColumnOptions], set[str]
     def checked(path: Path, output: Path, ids: Sequence[Id], options: ColumnOptions) -> None:
         wanted = {*map(str, ids)}
         with replacing(output) as temporary:
-            check_ids(wanted, keep(path, temporary, wanted, options), str(path), "them")
+            check_found(wanted, keep(path, temporary, wanted, options), path)
 
     return checked
+
+
+def check_found(wanted: Set[str], found: Set[str], path: Path) -> None:
+    """A `DataError` where some of the ids `wanted` were not `found` at `path`."""
+    if missing := sorted(wanted - found, key=natural_key):
+        raise DataError(f"{path}: no demonstration is called {quoted(missing, 5)}; give ids that rpil.read gives.")
