@@ -34,20 +34,21 @@ from rpil.formats.recording import Recording
 from rpil.formats.store import may_be_many_files
 
 FORMATS: tuple[Format, ...] = (
+    parquet.FORMAT,
+    csv.FORMAT,
     lerobot_folder.FORMAT,
     zarr.FORMAT,
     minari.FORMAT,
     imitation.FORMAT,
+    npz.FORMAT,
     robomimic.FORMAT,
     d4rl.FORMAT,
     aloha.FORMAT,
     hdf5.FORMAT,
-    parquet.FORMAT,
-    csv.FORMAT,
-    npz.FORMAT,
     folder.FORMAT,
 )
-"""The formats, in the order in which a path is shown to them: layouts before extensions, which say less."""
+"""The formats, in the order in which a path is shown to them: extensions of one format alone come first, because no file
+is opened for them; what any HDF5 file or folder may be comes last."""
 
 
 def find_format(path: StrPath) -> Format | None:
