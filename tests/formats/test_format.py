@@ -62,3 +62,10 @@ def test_an_extension_of_another_format(tmp_path):
     rpil.write(tmp_path / "a.csv", TOY)
     with pytest.raises(DataError, match=r"give it the extension \.csv"):
         formats.keep(tmp_path / "a.csv", tmp_path / "b.parquet", [0])
+
+
+def test_addresses_are_not_given_back(tmp_path):
+    with pytest.raises(DataError, match="only files of this computer"):
+        formats.keep("s3://bucket/data", tmp_path / "some", [1])
+    with pytest.raises(DataError, match="no such file"):
+        formats.keep(Path("s3://bucket/data"), tmp_path / "some", [1])

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
-from rpil.data.archive import stored
-from rpil.inference.settings import AnswerSettings
+from rpil.data.archive import NOT_STORED, stored
+from rpil.inference.settings import AnswerSettings, ClaimSettings, JudgeSettings
 
 
 @stored()
@@ -24,3 +24,9 @@ class AuditSettings:
     tuned."""
     answers: AnswerSettings = AnswerSettings()
     """Of answers to an audit; a fit puts those of the judge here."""
+    claims: ClaimSettings = field(default=ClaimSettings(), metadata=NOT_STORED)
+    """Of words without answers; a fit puts those of the judge here."""
+
+    def of(self, judge: JudgeSettings) -> AuditSettings:
+        """The settings of an audit that answers, and uses words, as the judge does."""
+        return replace(self, answers=judge.answers, claims=judge.claims)

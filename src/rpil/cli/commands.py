@@ -180,7 +180,7 @@ def fit_rpil(
         message = f"{file}: its {n_tasks} tasks are judged and learned as one; rpil audit judges each by itself."
         warnings.warn(message, stacklevel=1)
     known = read_known(recording, options)
-    return _fit(file, recording.demonstrations, known, options, progress, engine), known.demonstrators
+    return _fit(file, recording.demonstrations, known, options, progress, engine), _names(known)
 
 
 def audit_by_task(
@@ -202,7 +202,12 @@ def audit_by_task(
         there = engine if isinstance(demonstrations, Dataset) else None
         return _fit(file, demonstrations, own, options, progress, there).audit_
 
-    return judge_within_tasks(recording, known, judge), known.demonstrators
+    return judge_within_tasks(recording, known, judge), _names(known)
+
+
+def _names(known: Known) -> dict[str, str]:
+    """The demonstrators by the ids of their demonstrations."""
+    return {name: str(who) for name, who in known.demonstrators.items()}
 
 
 def _fit(

@@ -157,8 +157,7 @@ def _restore(header: dict[str, Any], decoder: Decoder) -> Estimator:
     if isinstance(estimator, RPIL):
         estimator.state_ = decoder.value(header["state"])
         settings = params.get("settings") or Settings()
-        of_audit = replace(settings.audit, answers=settings.judge.answers)
-        estimator.audit_ = replace(estimator.audit_, settings=of_audit)
+        estimator.audit_ = replace(estimator.audit_, settings=settings.audit.of(settings.judge))
     estimator.n_features_in_ = decoder.sizes["D"]
     for name, texts in header["names"].items():
         if name not in _NAMES or len(texts) != estimator.n_features_in_:

@@ -61,7 +61,7 @@ class Options:
     @property
     def audit_settings(self) -> AuditSettings:
         """The settings of the audit, which answers like the judge."""
-        return replace(self.settings.audit, answers=self.settings.judge.answers)
+        return self.settings.audit.of(self.settings.judge)
 
     @property
     def judges(self) -> bool:

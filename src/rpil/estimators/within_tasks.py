@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Mapping, Sequence, Set
+from collections.abc import Callable, Hashable, Mapping, Sequence, Set
 from dataclasses import dataclass, replace
 from itertools import chain
-from typing import Any
+from typing import TypedDict
 
 import numpy as np
 
@@ -25,13 +25,21 @@ from rpil.formats.recording import Recording
 from rpil.numerics.types import Array
 
 
+class Beside(TypedDict):
+    """Arguments of `RPIL.fit`."""
+
+    demonstrators: Names | None
+    outcome: Array | None
+    order: Array | None
+
+
 @dataclass(frozen=True, eq=False)
 class Known:
     """What is known of demonstrations beside their steps; answers and demonstrators by ids as text."""
 
     labels: Mapping[str, Label]
     pairs: Sequence[Pair]
-    demonstrators: Mapping[Any, Any]
+    demonstrators: Mapping[str, Hashable]
     facts: Facts
     reference: Demonstrations | None = None
     reference_outcome: Array | None = None
@@ -68,7 +76,7 @@ class Known:
         return [*self.labels.items(), *((better, better_than(worse)) for better, worse in self.pairs)]
 
     @property
-    def arguments(self) -> dict[str, Any]:
+    def arguments(self) -> Beside:
         """What `RPIL.fit` takes beside the demonstrations."""
         outcome = self.facts.outcome if tells(self.facts.outcome) else None  # of a session it may be the same for all
         return {"demonstrators": self.demonstrators or None, "outcome": outcome, "order": self.facts.order}
@@ -93,7 +101,7 @@ class Known:
         return replace(self, labels=labels, facts=replace(self.facts, outcome=outcome, order=None), reference=None)
 
 
-def _by_id(demonstrators: Names | None, ids: Sequence[object], source: str) -> dict[str, Any]:
+def _by_id(demonstrators: Names | None, ids: Sequence[object], source: str) -> dict[str, Hashable]:
     """The demonstrators by the ids of their demonstrations as text."""
     if isinstance(demonstrators, Mapping):
         check_ids(demonstrators, ids, source, "the demonstrators")

@@ -47,7 +47,7 @@ FORMATS: tuple[Format, ...] = (
     hdf5.FORMAT,
     folder.FORMAT,
 )
-"""The formats, in the order in which a path is shown to them: extensions of one format alone come first, because no file
+"""The formats, in the order in which a path is shown to them: extensions of one format come first, because no file
 is opened for them; what any HDF5 file or folder may be comes last."""
 
 
