@@ -171,7 +171,7 @@ def test_format_recipe(package, monkeypatch, tmp_path):
         formats.keep(path, tmp_path / "none.jsonl", [9])
 
 
-def test_the_commands_know_a_new_format(package, monkeypatch, tmp_path):
+def test_format_in_commands_recipe(package, monkeypatch, tmp_path):
     monkeypatch.setattr(registry, "FORMATS", (*registry.FORMATS, package("json_lines").FORMAT))
     toy, path = make("random", 0, n_good=2, n_bad=2, steps=(4, 6)).demonstrations, tmp_path / "toy.jsonl"
     rpil.write(tmp_path / "toy.csv", toy)

@@ -225,14 +225,6 @@ class Audit:
         """The words of the verdicts, and the name and the meaning of `expert_proba`."""
         return WORDS[self.anchor]
 
-    @property
-    def min_proba(self) -> float:
-        """The probability from which `words` say that a demonstration is of the upper group, by the settings used."""
-        settings = self.settings
-        if self.anchor == "named adversary":
-            return settings.min_verdict_proba
-        return settings.answers.min_proba if self.anchor == "answers" else settings.claims.min_proba
-
     def verdict_counts(self, ids: Sequence[Hashable] | None = None) -> dict[str, int]:
         """The number of demonstrations with each word: of all, or of those called `ids`."""
         verdict_of: dict[Hashable, str] = dict(zip(self.ids, self.verdicts, strict=True))

@@ -27,6 +27,12 @@ class AuditSettings:
     claims: ClaimSettings = field(default=ClaimSettings(), metadata=NOT_STORED)
     """Of words without answers; a fit puts those of the judge here."""
 
+    def min_proba(self, anchor: str) -> float:
+        """The probability from which an audit with this `anchor` says that a demonstration is of the upper group."""
+        if anchor == "named adversary":
+            return self.min_verdict_proba
+        return self.answers.min_proba if anchor == "answers" else self.claims.min_proba
+
     def of(self, judge: JudgeSettings) -> AuditSettings:
         """The settings of an audit that answers, and uses words, as the judge does."""
         return replace(self, answers=judge.answers, claims=judge.claims)

@@ -77,7 +77,9 @@ def render_page(articles: Sequence[Article], *, title: str = "", headline: str =
         introduction=introduction,
         articles=rendered,
         vocabularies=list({one.audit.anchor: one.audit.words for one in articles}.values()),
-        thresholds=list(dict.fromkeys((one.audit.words, one.audit.min_proba) for one in articles)),
+        thresholds=list(
+            dict.fromkeys((one.audit.words, one.audit.settings.min_proba(one.audit.anchor)) for one in articles)
+        ),
     )
 
 
