@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from rpil.cli import terminal
-from rpil.cli.commands import CommandSettings, check_outputs, read_recording
+from rpil.cli.commands import CommandSettings, check_paths, open_recording
 from rpil.cli.options import OutputFile, json_option, pop_columns, quiet_option, with_column_options
 from rpil.cli.progress import show_stages
 from rpil.data.files import replacing
@@ -57,7 +57,7 @@ def check(
 
     Rules compare each demonstration with the others; no model is fitted. docs/faults.md describes each rule.
     """
-    check_outputs((file, expected), output)
+    check_paths((file, expected), output)
     with show_stages(quiet, CommandSettings.current().timing) as progress:
         from rpil.data.missing import allow_missing
         from rpil.faults.expected import read_expected
@@ -67,7 +67,7 @@ def check(
         fatal = _rules(fail_on)
         suppressed = read_expected(expected) if expected else {}
         with allow_missing():
-            read = read_recording(file, pop_columns(options), progress, options["stream"])
+            read = open_recording(file, pop_columns(options), progress, options["stream"])
             read.demonstrations  # noqa: B018  # are read here
         progress("checking")
         report = faults_of(read, options["fps"], suppressed, options["skip_bad"], FaultSettings())

@@ -104,7 +104,7 @@ def _exit_with_error(sentence: str) -> NoReturn:
     sys.exit(2)
 
 
-def check_outputs(inputs: Iterable[StrPath | None], *outputs: StrPath | None) -> None:
+def check_paths(inputs: Iterable[StrPath | None], *outputs: StrPath | None) -> None:
     """A `DataError`, before any work, where an output cannot be written, or is or joins an input."""
     from rpil.data import files
     from rpil.formats.registry import suffixes
@@ -112,7 +112,7 @@ def check_outputs(inputs: Iterable[StrPath | None], *outputs: StrPath | None) ->
     files.check_outputs(inputs, outputs, suffixes())
 
 
-def read_recording(
+def open_recording(
     file: str, columns: ColumnOptions, progress: StageProgress, stream: bool | None = False
 ) -> Recording:
     """What a file holds; on disk if `stream`, or if `stream` is None and it is large, or many Parquet files."""
@@ -130,11 +130,11 @@ def read_reference(
         return None
     if os.path.realpath(reference) == os.path.realpath(file):
         raise DataError(f"{reference}: the reference is the data themselves; give other demonstrations.")
-    return read_recording(reference, columns, progress)
+    return open_recording(reference, columns, progress)
 
 
 def resolve_stream(stream: bool | None, scheduler: str | None, reference: str | None = None) -> bool | None:
-    """`stream` for `read_recording`: with a cluster the data stay on disk, because its workers read them; with a
+    """`stream` for `open_recording`: with a cluster the data stay on disk, because its workers read them; with a
     reference they are read into memory."""
     if reference is not None and (stream or scheduler):
         option = "--scheduler" if scheduler else "--stream"

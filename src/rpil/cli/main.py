@@ -17,15 +17,15 @@ from rpil.cli.commands import (
     Commands,
     CommandSettings,
     audit_by_task,
-    check_outputs,
+    check_paths,
     connect_engine,
     fit_rpil,
-    read_recording,
+    open_recording,
 )
 from rpil.cli.completion import install_completion
 from rpil.cli.evaluate import evaluate
-from rpil.cli.give_back import convert, keep
 from rpil.cli.info import info
+from rpil.cli.keep import convert, keep
 from rpil.cli.label import LABELS_FILE, label
 from rpil.cli.options import (
     ERROR_CHOICE,
@@ -132,14 +132,14 @@ def audit(
     outputs = {title: options.pop(title) for title in OUTPUTS}
     quiet, stream, scheduler = (options.pop(name) for name in ("quiet", "stream", "scheduler"))
     reference = options.pop("reference")
-    check_outputs((file, options["labels"], options["operator"], reference), *outputs.values())
+    check_paths((file, options["labels"], options["operator"], reference), *outputs.values())
     stream = commands.resolve_stream(stream, scheduler, reference)
     if options["features"] == "auto":
         options["features"] = "folded"  # the judge's features; no final policy is kept, so none need be chosen
     with _show_stages(quiet) as progress:
         columns = pop_columns(options)
         with connect_engine(scheduler, progress) as engine:
-            read = read_recording(file, columns, progress, stream)
+            read = open_recording(file, columns, progress, stream)
             good = commands.read_reference(reference, file, columns, progress)
             result, who = audit_by_task(file, read, FitOptions(**options), progress, engine, good)
         progress("looking for recording faults")
@@ -193,10 +193,10 @@ def fit(ctx: click.Context, /, file: str, output: str, method: str, trusted: int
         _refuse_rpil_options(ctx, method)
     if (method == "rment") != (trusted is not None):
         raise click.UsageError("--method rment and --trusted N need each other: give both or neither", ctx)
-    check_outputs((file, options["labels"], options["operator"]), output)
+    check_paths((file, options["labels"], options["operator"]), output)
     stream = commands.resolve_stream(stream, scheduler)
     with _show_stages(quiet) as progress, connect_engine(scheduler, progress) as engine:
-        recording = read_recording(file, pop_columns(options), progress, stream)
+        recording = open_recording(file, pop_columns(options), progress, stream)
         demonstrations = recording.demonstrations
         progress("starting")
         from rpil.estimators.cloning import BehavioralCloning
@@ -255,7 +255,7 @@ def simulate(env: str, kind: str, good: int, bad: int, output: str, seed: int, q
 
     Good and bad are in a random order. The columns is_good and episode_return hold the truth, which no method reads.
     """
-    check_outputs((), output)
+    check_paths((), output)
     with _show_stages(quiet) as progress:
         from rpil import formats
 
@@ -293,7 +293,7 @@ def demo(episodes: int, output: str, json_wanted: bool, seed: int, quiet: bool) 
 
     One is of people who play a cooking game, the other of a lunar lander.
     """
-    check_outputs((), output)
+    check_paths((), output)
     with _show_stages(quiet) as progress:
         from rpil.cli.demo import run
 

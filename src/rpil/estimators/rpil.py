@@ -22,7 +22,7 @@ from rpil.estimators.cloning import PolicyEstimator
 from rpil.estimators.passes import SampledFit, is_sampled
 from rpil.estimators.pipeline import Fitted, FullFit, Options, fit, learn
 from rpil.estimators.settings import Settings
-from rpil.estimators.task import ActionBox, Features, Labels, Names, Task
+from rpil.estimators.task import ActionBox, DemonstratorNames, Features, Labels, Task
 from rpil.estimators.validation import Given, as_demonstrations
 from rpil.estimators.within_tasks import Known, groups_of, judge_within_tasks
 from rpil.formats.dataset import Dataset
@@ -153,7 +153,7 @@ class RPIL(PolicyEstimator):
         y: ArrayLike | None = None,
         groups: ArrayLike | None = None,
         labels: Labels | None = None,
-        demonstrators: Names | None = None,
+        demonstrators: DemonstratorNames | None = None,
         outcome: Outcome | None = None,
         order: Sequence[float] | Array | None = None,
     ) -> RPIL:

@@ -18,7 +18,7 @@ from rpil.data.errors import DataError
 from rpil.data.facts import Facts, Outcome, check_outcome, check_sessions, given_order, given_outcome, tells
 from rpil.data.id_values import Label, Pair, better_than, check_ids, parse_answers
 from rpil.data.reference import with_reference
-from rpil.estimators.task import Labels, Names
+from rpil.estimators.task import DemonstratorNames, Labels
 from rpil.formats import read_demonstrators
 from rpil.formats.dataset import Dataset
 from rpil.formats.recording import Recording
@@ -28,7 +28,7 @@ from rpil.numerics.types import Array
 class Beside(TypedDict):
     """Arguments of `RPIL.fit`."""
 
-    demonstrators: Names | None
+    demonstrators: DemonstratorNames | None
     outcome: Array | None
     order: Array | None
 
@@ -51,7 +51,7 @@ class Known:
         cls,
         recording: Recording,
         labels: Labels | None,
-        demonstrators: Names | None,
+        demonstrators: DemonstratorNames | None,
         outcome: Outcome | None,
         order: Sequence[float] | Array | None,
     ) -> Known:
@@ -101,7 +101,7 @@ class Known:
         return replace(self, labels=labels, facts=replace(self.facts, outcome=outcome, order=None), reference=None)
 
 
-def _by_id(demonstrators: Names | None, ids: Sequence[object], source: str) -> dict[str, Hashable]:
+def _by_id(demonstrators: DemonstratorNames | None, ids: Sequence[object], source: str) -> dict[str, Hashable]:
     """The demonstrators by the ids of their demonstrations as text."""
     if isinstance(demonstrators, Mapping):
         check_ids(demonstrators, ids, source, "the demonstrators")

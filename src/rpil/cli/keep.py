@@ -9,10 +9,10 @@ import click
 from rpil.cli.commands import (
     CommandSettings,
     audit_by_task,
-    check_outputs,
+    check_paths,
     connect_engine,
     load_into_memory,
-    read_recording,
+    open_recording,
     read_reference,
     resolve_stream,
 )
@@ -85,7 +85,7 @@ def keep(
     with show_stages(quiet, CommandSettings.current().timing) as progress:
         if verdicts is None:
             with connect_engine(scheduler, progress) as engine:
-                read = read_recording(file, columns, progress, resolve_stream(stream, scheduler, reference))
+                read = open_recording(file, columns, progress, resolve_stream(stream, scheduler, reference))
                 good = read_reference(reference, file, columns, progress)
                 audit, who = audit_by_task(file, read, FitOptions(**options), progress, engine, reference=good)
             table: Table = verdict_columns(audit, who)
@@ -116,7 +116,7 @@ def _read_all(
     from rpil.data.missing import allow_missing
 
     with allow_missing():
-        return read_recording(file, columns, progress, stream).demonstrations
+        return open_recording(file, columns, progress, stream).demonstrations
 
 
 def _lost_places(demonstrations: Demonstrations | Dataset, kept: list[Id]) -> tuple[str, ...]:
@@ -144,13 +144,13 @@ def convert(file: str, output: str, quiet: bool, **options: Any) -> None:
 
     It holds the observations, the actions, and for each demonstration its operator and task, where the file names them.
     """
-    check_outputs((file, options["operator"]), output)
+    check_paths((file, options["operator"]), output)
     operator = options["operator"]
     columns = pop_columns(options)
     with show_stages(quiet, CommandSettings.current().timing) as progress:
         from rpil import formats
 
-        recording = read_recording(file, columns, progress)
+        recording = open_recording(file, columns, progress)
         demonstrations = load_into_memory(recording.demonstrations)
         operators = formats.read_demonstrators(operator, recording) if operator else dict(recording.operators)
         about = {"operator": operators, "task": recording.tasks}
