@@ -122,6 +122,27 @@ def test_what_is_kept_is_read_as_it_was(name, path):
         np.testing.assert_allclose(after.times().timestamps, np.concatenate([times[0], times[2]]))
 
 
+def test_what_stays_on_disk_is_what_is_in_memory(path):
+    error = error_of(lambda: rpil.open(path, on_disk=True).demonstrations)
+    if error is not None:  # this format cannot stay there
+        assert is_sentence(error)
+        return
+    on_disk, memory = rpil.open(path, on_disk=True), rpil.open(path, on_disk=False)
+    found, expected = on_disk.demonstrations.select(slice(None)), memory.demonstrations
+    assert found.ids == expected.ids
+    np.testing.assert_array_equal(found.observations, expected.observations)
+    np.testing.assert_array_equal(found.actions, expected.actions)
+    np.testing.assert_array_equal(on_disk.times().timestamps, memory.times().timestamps)
+    assert on_disk.tasks == memory.tasks
+
+
+@pytest.mark.xfail(strict=True, reason="on disk ranges are those of columns, and a clock gives no duration")
+@pytest.mark.parametrize("name", ["Parquet", "Parquet of lists", "folder of Parquet", "LeRobot"])
+def test_on_disk_the_same_is_described_as_in_memory(name, tmp_path):
+    path = SAMPLES[name](tmp_path)
+    assert rpil.open(path, on_disk=True).describe() == rpil.open(path, on_disk=False).describe()
+
+
 def test_names_are_those_of_the_file(name, path):
     said = rpil.open(path).describe()
     assert said.actions == ACTION_NAMES.get(name, said.actions)
