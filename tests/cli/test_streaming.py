@@ -49,7 +49,7 @@ def test_a_large_file_is_read_block_by_block(tmp_path):
 
     def read(stream):
         path = str(tmp_path / "a.parquet")
-        return commands.read_recording(path, ColumnOptions(), lambda _: None, stream).demonstrations
+        return commands.open_recording(path, ColumnOptions(), lambda _: None, stream).demonstrations
 
     assert isinstance(read(None), Demonstrations)
     with limited("100kB"):

@@ -173,7 +173,7 @@ def test_list_and_commands(dataset):
     assert options["--new_root"] == f"{dataset}_trusted"
     assert json.loads(options["--operation.episode_indices"]) == [0, 2]
     assert len(formats.commands_to_keep(dataset, [0, 1], [0, 1])) == 1
-    assert formats.commands_to_keep(output, [0, 1], [0]) == []
+    assert formats.commands_to_keep(next(dataset.rglob("data/**/*.parquet")), [0, 1], [0]) == []
 
 
 def test_a_new_folder_is_consistent(dataset):

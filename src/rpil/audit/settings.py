@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
-from rpil.data.archive import stored
-from rpil.inference.settings import AnswerSettings, JudgeSettings, StepSettings
+from rpil.data.archive import NOT_STORED, stored
+from rpil.inference.settings import AnswerSettings, ClaimSettings, JudgeSettings, StepSettings
 
 
 @stored()
@@ -26,7 +26,15 @@ class AuditSettings:
     """Of answers to an audit; a fit puts those of the judge here."""
     steps: StepSettings = StepSettings()
     """Of the steps of an audit after answers; a fit puts those of the judge here."""
+    claims: ClaimSettings = field(default=ClaimSettings(), metadata=NOT_STORED)
+    """Of words without answers; a fit puts those of the judge here."""
 
-    def with_judge(self, judge: JudgeSettings) -> AuditSettings:
-        """The settings of an audit that answers, and weighs steps, as the judge does."""
-        return replace(self, answers=judge.answers, steps=judge.steps)
+    def min_proba(self, anchor: str) -> float:
+        """The probability from which an audit with this `anchor` says that a demonstration is of the upper group."""
+        if anchor == "named adversary":
+            return self.min_verdict_proba
+        return self.answers.min_proba if anchor == "answers" else self.claims.min_proba
+
+    def of(self, judge: JudgeSettings) -> AuditSettings:
+        """The settings of an audit that answers, uses words and weighs steps as the judge does."""
+        return replace(self, answers=judge.answers, claims=judge.claims, steps=judge.steps)

@@ -5,22 +5,19 @@ from __future__ import annotations
 import csv
 import shlex
 import sys
-from collections.abc import Collection, Mapping
-from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import click
 
 from rpil.cli import terminal
-from rpil.cli.commands import CommandSettings, read_recording
+from rpil.cli.commands import CommandSettings, check_paths, open_recording
 from rpil.cli.options import OutputFile, json_option, pop_columns, quiet_option, with_column_options
 from rpil.cli.progress import show_stages
-from rpil.data.files import check_outputs, replacing
+from rpil.data.files import replacing
 
 if TYPE_CHECKING:
     from rpil.audit.record import Audit
     from rpil.faults.record import FaultReport
-    from rpil.formats.recording import Recording
 
 MAX_FINDINGS = 30
 """Findings that are printed."""
@@ -35,7 +32,10 @@ MAX_REASONS = 10
     "-o", "--output", type=OutputFile(".csv", ".json"), metavar="OUT.csv|OUT.json", help="Also write all findings."
 )
 @click.option(
-    "--expected", type=click.Path(), metavar="FILE", help="What is so on purpose: JSON, or YAML lines rule: [id, id]."
+    "--expected",
+    type=click.Path(),
+    metavar="FILE",
+    help="Findings that are expected, and left out: JSON, or YAML lines rule: [id, id].",
 )
 @click.option("--fail-on", metavar="RULE[,RULE]|any", help="Exit with code 1 where one of these rules finds a fault.")
 @click.option("--skip-bad", is_flag=True, help="Set demonstrations with missing values aside and check the others.")
@@ -57,18 +57,20 @@ def check(
 
     Rules compare each demonstration with the others; no model is fitted. docs/faults.md describes each rule.
     """
-    check_outputs((file, expected), output)
+    check_paths((file, expected), output)
     with show_stages(quiet, CommandSettings.current().timing) as progress:
         from rpil.data.missing import allow_missing
         from rpil.faults.expected import read_expected
+        from rpil.faults.recorded import faults_of
+        from rpil.faults.settings import FaultSettings
 
         fatal = _rules(fail_on)
-        on_purpose = read_expected(expected) if expected else {}
+        suppressed = read_expected(expected) if expected else {}
         with allow_missing():
-            read = read_recording(file, pop_columns(options), progress, options["stream"])
+            read = open_recording(file, pop_columns(options), progress, options["stream"])
             read.demonstrations  # noqa: B018  # are read here
         progress("checking")
-        report = check_recording(read, options["fps"], on_purpose, options["skip_bad"])
+        report = faults_of(read, options["fps"], suppressed, options["skip_bad"], FaultSettings())
     if output:
         write_findings(output, report)
     click.echo(terminal.to_json(report.to_dict()) if json_wanted else "\n".join(fault_lines(report)))
@@ -76,20 +78,6 @@ def check(
         click.echo(f"Findings: {output}", err=json_wanted)
     if fatal & set(report.counts):
         sys.exit(1)
-
-
-def check_recording(
-    recording: Recording,
-    fps: float | None = None,
-    expected: Mapping[str, Collection[str]] | None = None,
-    skip_bad: bool = False,
-) -> FaultReport:
-    """The faults of a recording; `fps` are the frames a second where the recording does not say."""
-    from rpil.faults.check import find_faults
-
-    times = recording.times()
-    stated = replace(times, fps=fps or recording.description.fps or times.fps)
-    return find_faults(recording.demonstrations, stated, expected, skip_bad)
 
 
 def audit_fault_lines(report: FaultReport, audit: Audit, file: str) -> list[str]:

@@ -68,6 +68,18 @@ class OutputFile(click.Path):
         return str(check_extension(value, self.extensions, param.opts[-1] if param else ""))
 
 
+class DataFile(click.Path):
+    """A file of demonstrations to write, in one of the formats that are written."""
+
+    def __init__(self) -> None:
+        super().__init__(path_type=str)
+
+    def convert(self, value: StrPath, param: click.Parameter | None, ctx: click.Context | None) -> str:
+        from rpil.formats import check_format
+
+        return str(check_format(value))
+
+
 if TYPE_CHECKING:
     TextType = click.ParamType[str]
 else:

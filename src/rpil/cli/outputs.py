@@ -99,13 +99,13 @@ def write_outputs(paths: Mapping[str, str | None], given: Audited, seconds: floa
 def lines_after_output(title: str, path: str, given: Audited) -> list[str]:
     """What the file at `path`, an output, leaves out, and what to do with it where the tool that wrote the data takes
     it."""
-    from rpil import formats
     from rpil.audit.verdict_table import kept
+    from rpil.formats.registry import find
 
     if title == "weights":
-        return formats.notes_on_weights(given.source)
+        return [*find(given.source).format.notes_on_weights]
     ids = kept(given.audit) if title == "keep" else ()
-    return [*given.lost, *formats.commands_to_keep(given.source, given.audit.ids, ids, path)] if ids else []
+    return [*given.lost, *find(given.source).commands_to_keep(given.audit.ids, ids, path)] if ids else []
 
 
 def tell_if_too_many(audit: Audit, limit: str | None) -> int:

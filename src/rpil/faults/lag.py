@@ -52,7 +52,7 @@ def find_pairs(
 
     The longest memory with which there is one tells the lag best.
     """
-    if columns.is_action.all():
+    if columns.is_action.all() or np.isnan(values).any():  # where all have missing values, these alone are reported
         return ()
     found = []
     for action in np.flatnonzero(columns.is_action).tolist():

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import csv
+import gzip
 import itertools
 import os
-from collections.abc import Callable, Iterator, Mapping, Sequence
+import shutil
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence, Set
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeVar
+from typing import IO, TYPE_CHECKING, TypeVar, cast
 
-from rpil.data.cells import from_cells, to_cell, to_cells
+from rpil.data.cells import from_cell, from_cells, to_cell, to_cells
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
 from rpil.data.files import replacing
@@ -18,7 +21,8 @@ from rpil.data.guard import guarded
 from rpil.formats import table as flat
 from rpil.formats.column_search import find_columns
 from rpil.formats.columns import ColumnOptions, Columns, check_unique
-from rpil.formats.dialect import Dialect, find_dialect, without_suffix
+from rpil.formats.dialect import TEXT_SUFFIXES, Dialect, find_dialect, without_suffix
+from rpil.formats.format import Format, keep_one_file
 from rpil.formats.recording import Recording, from_batches, from_table
 from rpil.formats.spool import is_on_disk, spool
 from rpil.formats.store import copied_rows
@@ -44,6 +48,11 @@ class Text:
     path: Path
     name: str
     dialect: Dialect
+
+
+def claims(path: Path) -> bool:
+    """Whether `path` is a file whose name is that of a text table, which may be compressed."""
+    return path.is_file() and path.name.lower().endswith(TEXT_SUFFIXES)
 
 
 def read(path: Path, options: ColumnOptions) -> Recording:
@@ -278,3 +287,52 @@ def _joined(kinds: set[pa.DataType]) -> pa.DataType:
     import pyarrow as pa
 
     return pa.string() if pa.string() in kinds else pa.float64() if pa.float64() in kinds else pa.int64()
+
+
+def keep_text(path: Path, output: Path, ids: Set[str], options: ColumnOptions) -> set[str]:
+    """Write the lines of the demonstrations `ids` of a text table, and its comments; return the ids found."""
+    dialect = find_dialect(path)
+    column = dialect.names.index(find_text_columns(path, dialect, options).episode)
+    encoding, found = dialect.encoding, set()
+    with _open(path, "rt", encoding) as source, _open(output, "wt", encoding) as target:
+        target.writelines(itertools.islice(source, dialect.skip_rows))
+        for lines, values in _rows(source, dialect.separator):
+            is_row = bool(values) and not lines.lstrip().startswith("#")
+            name = from_cell(values[column].strip()) if is_row else ""
+            if not is_row or name in ids:
+                target.write(lines)
+                found.add(name)
+    return found & ids
+
+
+def keep_text_or_file(path: Path, output: Path, ids: Set[str], options: ColumnOptions, name: str) -> set[str]:
+    """The same for a file of a folder: it is the demonstration `name` where no column names the demonstration."""
+    if find_text_columns(path, find_dialect(path), options, FILE).episode != FILE:
+        return keep_text(path, output, ids, options)
+    if name in ids:
+        shutil.copyfile(path, output)
+    return {name} & ids
+
+
+def _open(path: Path, mode: str, encoding: str) -> IO[str]:
+    opener = gzip.open if path.suffix.lower() == ".gz" else open
+    return cast(IO[str], opener(path, mode, encoding=encoding, newline=""))
+
+
+def _rows(lines: Iterable[str], separator: str) -> Iterator[tuple[str, list[str]]]:
+    """The text of each row, which may have several lines, and its values."""
+    taken: list[str] = []
+    for values in csv.reader(_tee(lines, taken), delimiter=separator):
+        yield "".join(taken), values
+        taken.clear()
+
+
+def _tee(lines: Iterable[str], taken: list[str]) -> Iterator[str]:
+    for line in lines:
+        taken.append(line)
+        yield line
+
+
+FORMAT = Format(
+    name="CSV", claims=claims, read=read, keep=keep_one_file(keep_text), suffixes=TEXT_SUFFIXES, write=write
+)

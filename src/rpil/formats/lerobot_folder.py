@@ -21,9 +21,10 @@ from rpil.data.json_files import LARGEST_METADATA, read_json
 from rpil.formats import folder
 from rpil.formats import table as flat
 from rpil.formats.columns import ColumnOptions
+from rpil.formats.format import Format, keep_by_own_ids
 from rpil.formats.lerobot import read_info
+from rpil.formats.parquet import keep_rows
 from rpil.formats.parquet_pages import check_pages, check_table
-from rpil.formats.selection import keep_rows
 from rpil.formats.store import find_files, opened
 from rpil.numerics.types import Array
 
@@ -45,7 +46,7 @@ _EPISODES = "meta/episodes/chunk-000/file-000.parquet"
 _STATISTICS: dict[str, Callable[..., Array]] = {"min": np.min, "max": np.max, "mean": np.mean, "std": np.std}
 
 
-def is_mine(path: Path) -> bool:
+def claims(path: Path) -> bool:
     """Whether `path` is a folder with ``meta/info.json`` and ``data``."""
     return (path / "meta" / "info.json").is_file() and (path / "data").is_dir()
 
@@ -240,3 +241,15 @@ def _statistics(values: Array, old: Mapping[str, object]) -> dict[str, list[floa
     quantiles = [name for name in old if name[:1] == "q" and name[1:].isdigit()]
     found |= {name: np.quantile(values, int(name[1:]) / 100, axis=0).tolist() for name in quantiles}
     return found | {"count": [len(values)]}
+
+
+FORMAT = Format(
+    name="LeRobot",
+    claims=claims,
+    read=read,
+    keep=keep_by_own_ids(keep),
+    check_output=check_output,
+    commands_to_keep=commands,
+    notes_on_weights=(WEIGHTS,),
+    stays_on_disk=folder.holds_parquet,
+)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import zipfile
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence, Set
 from dataclasses import replace
 from pathlib import Path
 
@@ -17,11 +17,17 @@ from rpil.data.guard import guarded
 from rpil.data.names import ACTION, EPISODE, TIMESTAMP, may_be_outcome, quoted
 from rpil.data.npy import ARRAY, declared, read_arrays, write_npz
 from rpil.formats.columns import ColumnOptions, Columns, as_list
+from rpil.formats.format import Format, keep_one_file
 from rpil.formats.recording import Recording, from_demonstrations
 from rpil.numerics.types import Array
 
 SPELLINGS = ("observations", "observation"), ACTION[::-1], ("episode_ids", *EPISODE)
 _OPTIONAL = "observation_names"
+
+
+def claims(path: Path) -> bool:
+    """Whether `path` is a file that ends in .npz."""
+    return path.is_file() and path.suffix.lower() == ".npz"
 
 
 def read(path: Path, options: ColumnOptions) -> Recording:
@@ -123,3 +129,28 @@ def write(path: Path, demonstrations: Demonstrations, truth: Mapping[str, Array]
     }
     with replacing(path) as temporary:
         write_npz(temporary, {**truth, **arrays})
+
+
+def _keep_arrays(path: Path, output: Path, ids: Set[str], options: ColumnOptions) -> set[str]:
+    """Write the arrays of an NPZ file with the rows, or the values, of the demonstrations `ids`; return the ids found.
+
+    An array with one value for each step or demonstration is cut, any other is written whole; what is no array is not.
+    """
+    order = [str(name) for name in read(path, options).demonstrations.ids]
+    with zipfile.ZipFile(path) as stored:
+        members = [name for name in stored.namelist() if name.endswith(ARRAY)]
+        values = read_arrays(stored, members, path.name)
+    arrays = dict(zip((name.removesuffix(ARRAY) for name in members), values, strict=True))
+    column = next(name for name in as_list(options.id or ()) or SPELLINGS[-1] if name in arrays)
+    owners = arrays[column]
+    owners = owners.astype(np.int64) if owners.dtype.kind == "f" else owners
+    steps = np.array([str(name) in ids for name in owners.tolist()])
+    demonstrations = np.array([name in ids for name in order])
+    for name, array in arrays.items():
+        mask = next((m for m in (steps, demonstrations) if array.ndim and len(array) == len(m)), None)
+        arrays[name] = array if mask is None or name == "observation_names" else array[mask]
+    write_npz(output, arrays)
+    return {*order} & ids
+
+
+FORMAT = Format(name="NPZ", claims=claims, read=read, keep=keep_one_file(_keep_arrays), suffixes=(".npz",), write=write)

@@ -10,12 +10,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rpil.data.arrays import check_any, group_rows
+from rpil.data.arrays import Id, check_any, group_rows
 from rpil.data.demonstrations import Demonstrations
+from rpil.data.errors import DataError
 from rpil.data.facts import Facts
+from rpil.data.files import StrPath
 from rpil.data.guard import guarded
 from rpil.formats import table as flat
-from rpil.formats.columns import Columns
+from rpil.formats.columns import ColumnOptions, Columns
 from rpil.formats.dataset import Dataset
 from rpil.formats.description import Description, listed, outcome_options
 from rpil.formats.layout import Layout
@@ -56,6 +58,10 @@ class Recording:
         Reads what the file says of its own times and lengths.
     read_facts : function
         Reads what the file says of order, sessions and outcomes.
+    options : ColumnOptions
+        Those with which it was opened.
+    write_some : function of ids and a path, optional
+        Writes some of the demonstrations to a new file of the same format; None where no file was opened.
     """
 
     description: Description
@@ -65,6 +71,18 @@ class Recording:
     tasks: Mapping[str, str] = field(default_factory=dict)
     times: Callable[[], Times] = Times
     read_facts: Callable[[], Facts] = Facts
+    options: ColumnOptions = ColumnOptions()
+    write_some: Callable[[Sequence[Id], StrPath], None] | None = None
+
+    def describe(self) -> Description:
+        """Counts, columns and their roles, as ``rpil info`` prints them."""
+        return self.description
+
+    def keep(self, ids: Sequence[Id], output: StrPath) -> None:
+        """Write some demonstrations to a new file or folder of the same format; see `rpil.formats.keep`."""
+        if self.write_some is None:
+            raise DataError(f"{self.description.source}: it was not opened from a file; write it with rpil.write.")
+        self.write_some(ids, output)
 
     @cached_property
     def facts(self) -> Facts:

@@ -9,15 +9,16 @@ import click
 from rpil.cli.commands import (
     CommandSettings,
     audit_by_task,
+    check_paths,
     connect_engine,
     load_into_memory,
-    read_recording,
+    open_recording,
     read_reference,
     resolve_stream,
 )
 from rpil.cli.options import (
+    DataFile,
     FitOptions,
-    OutputFile,
     pop_columns,
     quiet_option,
     with_column_options,
@@ -27,7 +28,6 @@ from rpil.cli.outputs import lost_without
 from rpil.cli.progress import StageProgress, show_stages
 from rpil.cli.terminal import print_lines
 from rpil.data.errors import DataError
-from rpil.data.files import check_outputs
 
 if TYPE_CHECKING:
     from rpil.data.demonstrations import Demonstrations
@@ -65,17 +65,18 @@ def keep(
     """
     if share is not None and at_least is not None:
         raise click.UsageError("--share and --at-least exclude each other: leave one out")
-    from rpil import formats
     from rpil.audit.choice import Table, kept_ids, read_verdicts
     from rpil.audit.verdict_table import verdict_columns
     from rpil.data.id_values import check_ids
+    from rpil.formats.registry import find
 
     if in_place == (output is not None):
         raise click.UsageError("--output NEW or --in-place says where they are written: give one of them")
+    found = find(file)
     if output is not None:
-        formats.check_keep(file, output)
+        found.check_output(output)
     else:
-        formats.check_mask(file)
+        found.check_mask()
     quiet, stream, scheduler = (options.pop(name) for name in ("quiet", "stream", "scheduler"))
     reference = options.pop("reference")
     columns = pop_columns(options)
@@ -84,7 +85,7 @@ def keep(
     with show_stages(quiet, CommandSettings.current().timing) as progress:
         if verdicts is None:
             with connect_engine(scheduler, progress) as engine:
-                read = read_recording(file, columns, progress, resolve_stream(file, stream, scheduler, reference))
+                read = open_recording(file, columns, progress, resolve_stream(file, stream, scheduler, reference))
                 good = read_reference(reference, file, columns, progress)
                 audit, who = audit_by_task(file, read, FitOptions(**options), progress, engine, reference=good)
             table: Table = verdict_columns(audit, who)
@@ -99,13 +100,13 @@ def keep(
         lost = () if quiet else lost_without(demonstrations, kept)
         progress(f"writing {output or file}")
         if output is None:
-            formats.write_mask(file, kept)
+            found.mask(kept)
         else:
-            formats.keep(file, output, kept, columns)
+            found.keep(output, kept, columns)
     ids = demonstrations.ids
     click.echo(f"Kept {len(kept):,} of {len(ids):,} demonstrations: {output or file}")
     if not quiet:
-        print_lines([*lost, *formats.commands_to_keep(file, ids, kept, output or "")])
+        print_lines([*lost, *found.commands_to_keep(ids, kept, output or "")])
 
 
 def _read_all(
@@ -115,7 +116,7 @@ def _read_all(
     from rpil.data.missing import allow_missing
 
     with allow_missing():
-        return read_recording(file, columns, progress, stream).demonstrations
+        return open_recording(file, columns, progress, stream).demonstrations
 
 
 @click.command()
@@ -123,7 +124,7 @@ def _read_all(
 @click.option(
     "-o",
     "--output",
-    type=OutputFile(".parquet", ".csv", ".npz"),
+    type=DataFile(),
     metavar="OUT.parquet|OUT.csv|OUT.npz",
     required=True,
     help="The file to write.",
@@ -135,13 +136,13 @@ def convert(file: str, output: str, quiet: bool, **options: Any) -> None:
 
     It holds the observations, the actions, and for each demonstration its operator and task, where the file names them.
     """
-    check_outputs((file, options["operator"]), output)
+    check_paths((file, options["operator"]), output)
     operator = options["operator"]
     columns = pop_columns(options)
     with show_stages(quiet, CommandSettings.current().timing) as progress:
         from rpil import formats
 
-        recording = read_recording(file, columns, progress)
+        recording = open_recording(file, columns, progress)
         demonstrations = load_into_memory(recording.demonstrations)
         operators = formats.read_demonstrators(operator, recording) if operator else dict(recording.operators)
         about = {"operator": operators, "task": recording.tasks}

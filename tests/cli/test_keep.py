@@ -68,7 +68,7 @@ def test_demonstrations_without_a_label_are_left_out_by_lerobot_too(tmp_path):
 
 
 def test_keep_refuses_before_it_judges(folder, monkeypatch):
-    monkeypatch.setattr("rpil.cli.give_back.audit_by_task", lambda *_: pytest.fail("judged"))
+    monkeypatch.setattr("rpil.cli.keep.audit_by_task", lambda *_: pytest.fail("judged"))
     data = folder / "good.parquet"
     Path("there").mkdir()
     Path("all_bad.csv").write_text("id,label\n1,bad\n")
