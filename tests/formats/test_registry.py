@@ -4,16 +4,17 @@ import rpil
 from rpil import formats
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
-from rpil.formats import Recording, registry
+from rpil.formats import registry
 from rpil.formats.format import Format, keep_by_own_ids
+from rpil.formats.recording import from_demonstrations
 
 
 def test_a_layout_comes_before_the_extension(tmp_path, monkeypatch):
-    kept = []
+    kept, toy = [], Demonstrations.from_episodes([([[1.0], [2.0]], [0, 1])])
     own = Format(
         "mine",
         claims=lambda path: path.read_text() == "mine",
-        read=lambda path, options: Recording.of(Demonstrations.from_episodes([([[1.0], [2.0]], [0, 1])]), "mine"),
+        read=lambda path, options: from_demonstrations(toy, "mine"),
         keep=keep_by_own_ids(lambda *given: kept.append(given)),
     )
     monkeypatch.setattr(registry, "FORMATS", (own, *registry.FORMATS))

@@ -7,6 +7,7 @@ import csv
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import chain
 from pathlib import Path
 
 from rpil.data.errors import DataError
@@ -51,9 +52,9 @@ def find_dialect(path: Path) -> Dialect:
 
     damaged = guarded(path.name, "a damaged or truncated compressed file", "write it again")
     with damaged, pa.input_stream(str(path)) as stream:
-        encoding = _encoding(_checked(iter(lambda: stream.read(_CHUNK), b""), path.name))
-    with pa.input_stream(str(path)) as stream:
-        head = stream.read(_CHUNK)
+        chunks = _checked(iter(lambda: stream.read(_CHUNK), b""), path.name)
+        head = next(chunks, b"")
+        encoding = _encoding(chain([head], chunks))
     text = codecs.getincrementaldecoder(encoding)("strict").decode(head)
     lines = text.removeprefix("\ufeff").splitlines()[:_HEAD_LINES]
     if "\0" in text or not any(line.strip() for line in lines):

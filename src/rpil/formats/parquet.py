@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Iterator, Mapping, Sequence, Set
 from dataclasses import replace
 from itertools import chain
@@ -12,13 +11,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rpil.data.demonstrations import Demonstrations
-from rpil.data.files import StrPath, replacing
-from rpil.data.memory import budget, check_memory
+from rpil.data.files import replacing
+from rpil.data.memory import check_memory
 from rpil.formats import table as flat
 from rpil.formats.columns import ColumnOptions
 from rpil.formats.format import Format, keep_one_file
 from rpil.formats.lerobot import format_name
-from rpil.formats.parquet_pages import check_pages
 from rpil.formats.recording import Recording, from_scan, from_table
 from rpil.formats.rows import BATCH_ROWS
 from rpil.formats.scan import scan
@@ -132,18 +130,6 @@ def _kept_tables(path: Path, ids: Set[str], options: ColumnOptions, found: set[s
                 yield rows.filter(pa.array(kept[codes]))
 
 
-def exceeds_budget(path: StrPath) -> bool:
-    """Whether a file would take more memory than it may."""
-    from pyarrow import fs
-
-    if not os.path.getsize(path):
-        return False
-    filesystem, place = fs.LocalFileSystem(), os.path.abspath(path)
-    with opened(filesystem, place) as file:
-        columns = [field.name for field in file.schema_arrow if flat.kind_of_type(field.type) != "nested"]
-        return check_pages(filesystem, place, file, columns) > budget()
-
-
 FORMAT = Format(
     name="Parquet",
     claims=claims,
@@ -151,5 +137,4 @@ FORMAT = Format(
     keep=keep_one_file(keep_rows),
     suffixes=(".parquet",),
     write=write,
-    stays_on_disk=exceeds_budget,
 )

@@ -16,6 +16,7 @@ from rpil.data.errors import DataError
 from rpil.data.facts import Facts
 from rpil.data.files import StrPath
 from rpil.data.guard import guarded
+from rpil.data.missing import are_allowed
 from rpil.formats import table as flat
 from rpil.formats.columns import ColumnOptions, Columns
 from rpil.formats.dataset import Dataset
@@ -191,7 +192,7 @@ def from_scan(
 
     def load() -> Demonstrations | Dataset:
         actions = found.actions
-        if actions.fault is not None:
+        if actions.fault is not None and (actions.kind == "refused" or not are_allowed()):
             raise actions.fault
         data = Dataset(
             *(places.ids, places.offsets, origin.source, rows, found.layout),
