@@ -10,6 +10,7 @@ from pathlib import PurePosixPath
 from typing import TYPE_CHECKING, Any
 
 from rpil.data.arrays import Id
+from rpil.data.errors import DataError
 from rpil.data.folders import check_inside
 from rpil.data.guard import guarded
 from rpil.data.json_files import LARGEST_METADATA, LARGEST_TABLE, parse, parse_lines
@@ -22,6 +23,7 @@ if TYPE_CHECKING:
 
 
 _SIZES = "total_episodes", "total_frames"
+_PLACE = re.compile(r"\{(\w+)(?::(0\dd))?\}")
 _BAD_SPLIT = re.compile(r"drop.*|bad|fail.*|exclu.*|reject.*|discard.*")
 _GOOD_SPLIT = re.compile(r"keep|kept|good|success.*|accept.*|curated")
 
@@ -35,6 +37,8 @@ class Metadata:
     names: Mapping[str, tuple[str, ...]] = field(default_factory=dict)  # of the numbers in a column of lists
     tasks: Mapping[str, str] = field(default_factory=dict)  # by task_index, as text
     videos: tuple[str, ...] = ()  # observations that lie beside the table
+    n_cameras: int = 0  # of videos and of images
+    strays: tuple[str, ...] = ()  # data files that ``meta`` does not list
     sizes: Mapping[str, float] = field(default_factory=dict)  # declared numbers of demonstrations and steps
     lengths: Mapping[Id, int] = field(default_factory=dict)  # declared steps of each demonstration
     unusable: tuple[str, ...] = ()  # what ``meta`` says and cannot be used
@@ -51,7 +55,11 @@ class Metadata:
         """What ``meta`` says otherwise than the data, or cannot be used of it, in sentences."""
         found = {"total_episodes": (n_demonstrations, "demonstrations"), "total_frames": (n_steps, "steps")}
         unusable = f"Left out of meta, because it cannot be used: {', '.join(self.unusable)}."
-        return (unusable,) * bool(self.unusable) + tuple(
+        n = self.n_cameras
+        unseen = f"{n} camera{'s were' if n > 1 else ' was'} not used: where the object lies may be in the pictures alone."
+        strays = f"Left out, because meta does not list them: {quoted(self.strays, 5)}."
+        said = (unusable, bool(self.unusable)), (strays, bool(self.strays)), (unseen, n > 0)
+        return tuple(text for text, holds in said if holds) + tuple(
             f"meta/info.json says {name} = {self.sizes[name]}, but the data hold {n:,} {what}; the data are believed."
             for name, (n, what) in found.items()
             if self.sizes.get(name, n) != n
@@ -72,6 +80,29 @@ def read_info(text: str | bytes, folder: str) -> dict[str, Any]:
         if isinstance(info, dict):
             return info
         raise TypeError("no object")
+
+
+def choose_files(filesystem: fs.FileSystem, where: str, place: str, files: list[str]) -> list[str]:
+    """The data among the Parquet `files` in the folder `place`, which may be LeRobot's ``data``, without strays.
+
+    A `DataError` that names `where` if ``meta`` is there and the data are not.
+    """
+    top = PurePosixPath(place)
+    meta = (top.parent if top.name == "data" else top) / "meta"
+    try:
+        info = read_info(_read_start(filesystem, meta / "info.json"), meta.parent.name)
+        lengths = _lengths(filesystem, meta)
+    except (FileNotFoundError, DataError):  # the reader names what is damaged, after the data
+        return files
+    own = [file for file in files if meta not in PurePosixPath(file).parents]
+    if not own and "codebase_version" in info:
+        n = str(info.get("total_episodes", "?"))[:20]
+        raise DataError(
+            f"{where}: meta/info.json describes a data set of LeRobot of {n} episodes, and no Parquet file is in data; "
+            "download it again, or record some."
+        )
+    by_place = {str(PurePosixPath(file).relative_to(meta.parent)): file for file in own}
+    return [by_place[file] for file in listed_files(info, lengths, list(by_place))]
 
 
 def read_metadata(filesystem: fs.FileSystem, paths: Sequence[str]) -> Metadata:
@@ -96,6 +127,7 @@ def read_metadata(filesystem: fs.FileSystem, paths: Sequence[str]) -> Metadata:
     except FileNotFoundError:
         return Metadata()
     info, unusable = read_info(text, data.parent.name), []
+    info |= {name: _number(info[name]) for name in ("fps", *_SIZES) if name in info}
     fps = _frame_rate(info.get("fps"))
     if fps != info.get("fps"):
         unusable.append(f"fps = {str(info['fps'])[:40]!r}")
@@ -106,6 +138,10 @@ def read_metadata(filesystem: fs.FileSystem, paths: Sequence[str]) -> Metadata:
         unusable.append(f"features {quoted(wrong, 5)}" if wrong else "features")
     sizes: dict[str, float] = {name: info[name] for name in _SIZES if _is_size(info.get(name))}
     unusable += [name for name in _SIZES if name in info and name not in sizes]
+    lengths = _lengths(filesystem, meta)
+    present = _data_files(filesystem, data)
+    strays = tuple(sorted(set(present) - set(listed_files(info, lengths, present))))
+    strays = tuple(file for file in strays if not any(path.endswith(f"/{file}") for path in paths))
     tasks = _tasks(filesystem, meta)
     if tasks is None:
         unusable.append("tasks")
@@ -114,9 +150,11 @@ def read_metadata(filesystem: fs.FileSystem, paths: Sequence[str]) -> Metadata:
         fps=fps,
         names={name: parts for name, feature in features.items() if (parts := _part_names(feature))},
         tasks=tasks or {},
-        videos=tuple(name for name, feature in features.items() if feature.get("dtype") == "video"),
+        videos=cameras(info, "video"),
+        n_cameras=len(cameras(info, "video", "image")),
+        strays=strays,
         sizes=sizes,
-        lengths=_lengths(filesystem, meta) if _are_all(filesystem, data, paths) else {},
+        lengths=lengths if len(present) == len(paths) + len(strays) else {},
         unusable=tuple(unusable),
         splits=_splits(info.get("splits")),
     )
@@ -161,13 +199,47 @@ def _frame_rate(value: object) -> float | None:
     return float(value) if 0 < value < 1e9 else None
 
 
-def _are_all(filesystem: fs.FileSystem, data: PurePosixPath, paths: Sequence[str]) -> bool:
-    """Whether `paths` are all the files of the folder `data`."""
+def _number(value: object) -> object:
+    """The number that a text says; any other value as it is."""
+    with suppress(ValueError, TypeError):
+        return float(value) if isinstance(value, str) else value
+    return value
+
+
+def _data_files(filesystem: fs.FileSystem, data: PurePosixPath) -> list[str]:
+    """The Parquet files of the folder `data`, by their places beside ``meta``."""
     from pyarrow import fs
 
     infos = filesystem.get_file_info(fs.FileSelector(str(data), recursive=True))
-    names = (PurePosixPath(info.path).name for info in infos)
-    return len(paths) == sum(name.endswith(".parquet") and not name.startswith((".", "_")) for name in names)
+    places = (PurePosixPath(info.path).relative_to(data.parent) for info in infos)
+    return [str(place) for place in places if place.suffix == ".parquet" and not place.name.startswith((".", "_"))]
+
+
+def fill(template: str, **values: object) -> str:
+    """A path of ``info.json``, as data/chunk-{chunk_index:03d}, with these `values` in it."""
+    return _PLACE.sub(lambda found: format(values[found[1]], found[2] or ""), template)
+
+
+def cameras(info: Mapping[str, Any], *kinds: str) -> tuple[str, ...]:
+    """The features of these kinds, "video" or "image", that ``info.json`` names."""
+    features = info.get("features")
+    features = features if isinstance(features, dict) else {}
+    return tuple(name for name, of in features.items() if isinstance(of, dict) and of.get("dtype") in kinds)
+
+
+def listed_files(info: Mapping[str, Any], lengths: Mapping[Id, int], present: Sequence[str]) -> list[str]:
+    """Those of the data files `present` that ``meta`` lists; all where it does not say, or lists none of them.
+
+    Before version 3 each episode has a file, so that files of episodes which ``meta`` does not name are strays.
+    """
+    template, size = info.get("data_path"), _number(info.get("chunks_size", 1000))
+    if not isinstance(template, str) or "episode_index" not in template or not _is_size(size) or not size:
+        return list(present)
+    with suppress(KeyError, ValueError):
+        chunks = {m: int(m) // int(size) for m in lengths}
+        names = {fill(template, episode_index=m, episode_chunk=c, chunk_index=c) for m, c in chunks.items()}
+        return [place for place in present if place in names] or list(present)
+    return list(present)
 
 
 def _lengths(filesystem: fs.FileSystem, meta: PurePosixPath) -> dict[Id, int]:
@@ -193,6 +265,8 @@ def _part_names(feature: Mapping[str, object]) -> tuple[str, ...]:
     names = feature.get("names")
     if isinstance(names, dict):  # version 2 has {"motors": [...]}
         names = next(iter(names.values()), None)
+    if isinstance(names, list) and len(names) == 1 and isinstance(names[0], list):  # of Unitree's converter
+        names = names[0]
     return tuple(map(str, names)) if isinstance(names, list) and feature.get("shape") == [len(names)] else ()
 
 

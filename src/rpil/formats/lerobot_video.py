@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rpil.data.errors import DataError, MissingExtraError
+from rpil.data.files import check_readable
 from rpil.data.guard import guarded
 from rpil.numerics.types import Array
 
@@ -71,8 +72,8 @@ class Packets:
 
 @contextmanager
 def _opened(path: Path) -> Iterator[InputContainer]:
-    av = load_av()
-    with guarded(path, "it is no video, or a damaged one", "copy or download it again"), av.open(str(path)) as source:
+    av, fault = load_av(), ("it is no video, or a damaged one", "copy or download it again")
+    with guarded(path, *fault), av.open(str(check_readable(path))) as source:
         yield source
 
 

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from rpil.data.errors import DataError
-from rpil.data.files import StrPath, check_exists
+from rpil.data.files import StrPath, check_exists, refuse_pointer
 from rpil.data.folders import check_folder, check_inside, is_hidden
 from rpil.data.guard import guard, guarded, one_line
 from rpil.data.names import is_data
@@ -22,7 +22,7 @@ from rpil.formats import table as flat
 from rpil.formats.column_search import find_columns
 from rpil.formats.columns import ColumnOptions, Columns, check_unique
 from rpil.formats.dialect import TEXT_SUFFIXES
-from rpil.formats.lerobot import Metadata, read_metadata
+from rpil.formats.lerobot import Metadata, choose_files, read_metadata
 from rpil.formats.parquet_pages import check_pages
 from rpil.formats.table import Place
 from rpil.numerics.types import Array
@@ -172,6 +172,8 @@ def opened(filesystem: fs.FileSystem, path: str) -> Iterator[pq.ParquetFile]:
     except DataError:
         raise
     except Exception:
+        with filesystem.open_input_file(path) as stream:
+            refuse_pointer(stream.read(100), name)
         fault = "not a Parquet file, or a damaged or truncated one"
         if _is_unfinished(filesystem, path):
             fault = "a damaged or truncated Parquet file, which was never finished, as when a recording is cut off"
@@ -227,7 +229,8 @@ def find_files(path: StrPath) -> tuple[fs.FileSystem, list[str], list[str]]:
         raise
     except (pa.ArrowException, OSError) as error:
         raise DataError(f"{where}: it cannot be listed ({one_line(error)}); check the path.") from error
-    return filesystem, *_tables(sorted(info.path for info in entries if info.type == fs.FileType.File), place)
+    files, texts = _tables(sorted(info.path for info in entries if info.type == fs.FileType.File), place)
+    return filesystem, choose_files(filesystem, where, place, files), texts
 
 
 def _matches(pattern: str) -> tuple[list[str], list[str]]:
