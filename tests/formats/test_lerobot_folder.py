@@ -147,8 +147,10 @@ def test_images_and_videos_are_not_read(dataset):
     ignored = formats.read_recording(dataset).description.ignored
     assert ignored["observation.images.front"] == "images or nested values"
     assert ignored["observation.images.top"] == "video"
-    with pytest.raises(DataError, match="data with images can be cut by LeRobot only"):
+    with pytest.warns(UserWarning, match="no video of 'observation.images.top' is there"):
         formats.keep(dataset, dataset.with_name("kept"), [1, 3])
+    kept = pq.read_table(dataset.with_name("kept") / "data")
+    assert kept["observation.images.front"].to_pylist() == [{"bytes": b"png", "path": "0.png"}] * 13
 
 
 def test_an_unfinished_file_is_named(dataset):
@@ -215,7 +217,10 @@ def test_lines_of_json_of_version_2(dataset):
     recording = formats.read_recording(dataset)
     assert recording.tasks["3"] == "put down"
     assert recording.description.format == "LeRobot v2.1, 2 files"
-    with pytest.raises(DataError, match="data of this version can be cut by LeRobot only"):
+    with pytest.raises(DataError, match="meta"):  # its table of the episodes is that of version 3
+        formats.keep(dataset, dataset.with_name("kept"), [1])
+    (dataset / "meta" / "info.json").write_text(json.dumps(info | {"codebase_version": "v1.6"}))
+    with pytest.raises(DataError, match="version 'v1.6' cannot be given back"):
         formats.keep(dataset, dataset.with_name("kept"), [1])
 
 

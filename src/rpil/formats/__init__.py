@@ -168,7 +168,13 @@ def read_demonstrators(where: str, data: StrPath | Recording) -> dict[str, str]:
 
 
 @guard
-def keep(path: StrPath, output: StrPath, ids: Sequence[Id], options: ColumnOptions = ColumnOptions()) -> None:
+def keep(
+    path: StrPath,
+    output: StrPath,
+    ids: Sequence[Id],
+    options: ColumnOptions = ColumnOptions(),
+    trims: Mapping[Id, tuple[int, int]] | None = None,
+) -> None:
     """Write some demonstrations of a file or folder, with all that it says of them, to a new one of the same format.
 
     Parameters
@@ -179,19 +185,23 @@ def keep(path: StrPath, output: StrPath, ids: Sequence[Id], options: ColumnOptio
         A file is replaced whole; a folder must not be there yet. What is at `path` is never changed.
     options : ColumnOptions
         Those with which `path` was read.
+    trims : mapping of id to pair of int, optional
+        The first step to keep, and the first after those to keep, of some demonstrations; of LeRobot's folders only.
 
     Raises
     ------
     DataError
         Where an id is unknown, the output cannot be written or is in `path`, or the format cannot be given back.
     """
-    path, output = check_keep(path, output)
+    path, output = check_keep(path, output, trim=bool(trims))
     if not ids:
         raise DataError(f"{path}: no demonstration is to be kept; choose others.")
     layout = find_layout(path)
     if layout is not None and options.id:
         raise DataError(f"{path}: it is given back by its own ids; leave id out, or write a table with rpil convert.")
-    if layout is not None:
+    if layout is lerobot_folder:
+        lerobot_folder.keep(path, output, ids, {str(name): (int(a), int(b)) for name, (a, b) in (trims or {}).items()})
+    elif layout is not None:
         layout.keep(path, output, ids)
     elif path.is_dir():
         keep_folder(path, output, ids, options)
@@ -229,8 +239,8 @@ def notes_on_weights(path: StrPath) -> list[str]:
 
 
 @guard
-def check_keep(path: StrPath, output: StrPath) -> tuple[Path, Path]:
-    """Both paths, or a `DataError`, before any work, where `keep` cannot write to `output`."""
+def check_keep(path: StrPath, output: StrPath, trim: bool = False) -> tuple[Path, Path]:
+    """Both paths, or a `DataError`, before any work, where `keep` cannot write to `output`, or cannot `trim`."""
     if "://" in str(path):
         raise DataError(f"{path}: only files of this computer can be given back; download it first.")
     path, output = check_exists(path), Path(output)
@@ -243,7 +253,9 @@ def check_keep(path: StrPath, output: StrPath) -> tuple[Path, Path]:
     if path.is_dir() and suffix in {*_OF_TABLES, *_OF_ARCHIVES} and not is_list:
         raise DataError(f"{output}: the data are a folder, so name a folder, or write a table with rpil convert.")
     if layout is lerobot_folder:
-        lerobot_folder.check_output(path, output)
+        lerobot_folder.check_output(path, output, trim)
+    elif trim:
+        raise DataError(f"{path}: only folders of LeRobot can be trimmed; leave --trim out.")
     if path.is_file() and (layout in (None, zarr) or suffix in _OF_TABLES) and suffix != path.suffix.lower():
         raise DataError(f"{output}: give it the extension {path.suffix}, or write another format with rpil convert.")
     return path, check_writable(output)

@@ -69,7 +69,9 @@ class EpisodeTable:
         return cls(kept, table, _rows_of(table["episode_index"].to_pylist(), kept.wanted, kept.path))
 
     def videos(self, camera: str) -> dict[int, Path]:
-        """The video of each wanted episode."""
+        """The video of each wanted episode; none where the table does not say."""
+        if f"videos/{camera}/{_OF_VIDEO[-1]}" not in self.table.column_names:
+            return {}
         places = [self.table[f"videos/{camera}/{name}"].to_pylist() for name in _OF_VIDEO[:2]]
         return {m: self.kept.source(camera, places[0][row], places[1][row]) for m, row in self.row_of.items()}
 

@@ -56,8 +56,9 @@ def check_output(path: Path, output: Path, trim: bool = False) -> dict[str, Any]
     with guarded(place):
         seen = cameras(info, "video")
         wrong = [name for name in seen if not re.fullmatch(r"\w[\w.-]*", name)]
-        info["chunks_size"], info["fps"] = int(info.get("chunks_size", 1000)), float(info["fps"])
-        if wrong or info["chunks_size"] < 1 or not 0 < info["fps"] < 1e9:
+        info["chunks_size"], fps = int(info.get("chunks_size", 1000)), float(info["fps"])
+        info["fps"] = int(fps) if fps.is_integer() else fps
+        if wrong or info["chunks_size"] < 1 or not 0 < fps < 1e9:
             raise ValueError(f"{wrong[0]!r} is no name of a camera" if wrong else "chunks_size or fps is not above 0")
     if seen and (trim or version == "v3.0") and (path / "videos").is_dir():
         load_av()
