@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from rpil.cli.check import check_recording
 from rpil.cli.commands import (
     CommandSettings,
     audit_by_task,
@@ -33,6 +34,7 @@ if TYPE_CHECKING:
     from rpil.data.demonstrations import Demonstrations
     from rpil.formats.columns import ColumnOptions
     from rpil.formats.dataset import Dataset
+    from rpil.formats.recording import Recording
 
 
 @click.command()
@@ -49,14 +51,15 @@ if TYPE_CHECKING:
     metavar="FILE",
     help="Verdicts that rpil audit wrote, or labels: keep by these, and judge nothing.",
 )
+@click.option("--trim", is_flag=True, help="Cut idle heads and tails, as rpil check lists them: folders of LeRobot.")
 @with_judge_options
 def keep(
     file: str,
     output: str | None,
-    in_place: bool,
     share: float | None,
     at_least: float | None,
     verdicts: str | None,
+    trim: bool,
     **options: Any,
 ) -> None:
     """Write demonstrations to a new file of the same format, without those that an audit calls unlike or bad.
@@ -70,10 +73,12 @@ def keep(
     from rpil.audit.verdict_table import verdict_columns
     from rpil.data.id_values import check_ids
 
-    if in_place == (output is not None):
+    if options.pop("in_place") == (output is not None):
         raise click.UsageError("--output NEW or --in-place says where they are written: give one of them")
     if output is not None:
-        formats.check_keep(file, output)
+        formats.check_keep(file, output, trim)
+    elif trim:
+        raise click.UsageError("--trim changes demonstrations: write them to a new folder with -o")
     else:
         formats.check_mask(file)
     quiet, stream, scheduler = (options.pop(name) for name in ("quiet", "stream", "scheduler"))
@@ -91,31 +96,43 @@ def keep(
             demonstrations, why = read.demonstrations, f" ({audit.finding})"
         else:
             table, why = read_verdicts(verdicts), ""
-            demonstrations = _read_all(file, columns, progress, stream)
+            read = _read_all(file, columns, progress, stream)
+            demonstrations = read.demonstrations
             check_ids(table["id"], demonstrations.ids, verdicts, "the ids")
         kept = kept_ids(table, share, at_least)
         if not kept:
             raise DataError(f"{file}: no demonstration is left{why}; give labels, or choose with --share.")
         lost = () if quiet else _lost_places(demonstrations, kept)
+        trims = _idle_ends(read, kept) if trim else {}
         progress(f"writing {output or file}")
         if output is None:
             formats.write_mask(file, kept)
         else:
-            formats.keep(file, output, kept, columns)
+            formats.keep(file, output, kept, columns, trims)
     ids = demonstrations.ids
     click.echo(f"Kept {len(kept):,} of {len(ids):,} demonstrations: {output or file}")
+    if trim:
+        steps = dict(zip(ids, demonstrations.lengths.tolist(), strict=True))
+        n = sum(steps[name] - end + first for name, (first, end) in trims.items())
+        click.echo(f"Trimmed {len(trims):,} of them by {n:,} steps at their ends in which nothing moves.")
     if not quiet:
         print_lines([*lost, *formats.commands_to_keep(file, ids, kept, output or "")])
 
 
-def _read_all(
-    file: str, columns: ColumnOptions, progress: StageProgress, stream: bool | None
-) -> Demonstrations | Dataset:
-    """The demonstrations of a file, some of which may have missing values."""
+def _read_all(file: str, columns: ColumnOptions, progress: StageProgress, stream: bool | None) -> Recording:
+    """The recording in a file, of whose demonstrations some may have missing values."""
     from rpil.data.missing import allow_missing
 
     with allow_missing():
-        return read_recording(file, columns, progress, stream).demonstrations
+        read = read_recording(file, columns, progress, stream)
+        read.demonstrations  # noqa: B018  # are read here
+        return read
+
+
+def _idle_ends(read: Recording, kept: list[Id]) -> dict[Id, tuple[int, int]]:
+    """The steps to keep of the kept demonstrations with idle ends, by the rules of ``rpil check``."""
+    names = set(map(str, kept))  # of a table of verdicts they are texts
+    return {name: ends for name, ends in check_recording(read, skip_bad=True).trims.items() if str(name) in names}
 
 
 def _lost_places(demonstrations: Demonstrations | Dataset, kept: list[Id]) -> tuple[str, ...]:

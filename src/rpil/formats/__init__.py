@@ -35,6 +35,7 @@ from rpil.formats.columns import ColumnOptions, Names
 from rpil.formats.dataset import open_dataset
 from rpil.formats.description import Description
 from rpil.formats.dialect import TEXT_SUFFIXES
+from rpil.formats.embeddings import with_embeddings
 from rpil.formats.on_disk import from_dataset
 from rpil.formats.recording import Recording
 from rpil.formats.registry import find_layout
@@ -75,6 +76,7 @@ class ReadOptions(TypedDict, total=False):
     exclude: Names
     order: str | None
     action_kind: ActionKind
+    embeddings: str | None
 
 
 def read(
@@ -97,6 +99,8 @@ def read(
         Columns, or patterns such as ``joint_*``; those of `exclude` are not read.
     action_kind : {"auto", "discrete", "continuous"}
         Whether one column of whole numbers holds classes; "auto" decides by how many there are.
+    embeddings : path
+        A Parquet or NPZ file with more observations of each step, joined on the column ``index``.
     memory : int or str, optional
         Bytes that the data may take, as a number or as text such as "4GB"; by default half of the free memory.
     fill_missing : bool
@@ -132,6 +136,11 @@ def read_recording(path: StrPath, options: ColumnOptions = ColumnOptions(), *, o
     `on_disk` leaves the demonstrations, in Parquet files, where they are, see `open_dataset`. Errors are those of
     `read`; a value that is missing, or of the wrong kind, is an error only of ``read_recording(...).demonstrations``.
     """
+    recording = _recording(path, options, on_disk)
+    return with_embeddings(recording, options.embeddings) if options.embeddings else recording
+
+
+def _recording(path: StrPath, options: ColumnOptions, on_disk: bool) -> Recording:
     if on_disk:
         return from_dataset(open_dataset(path, options=options))
     layout = find_layout(path)

@@ -6,6 +6,7 @@ import json
 import re
 import shlex
 from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -27,9 +28,11 @@ from rpil.formats.store import find_files, opened
 read = folder.read
 
 WEIGHTS = (
-    "LeRobot finds the weight of a step by its index; its policies smolvla, pi0 and pi05 take weights, ACT and "
-    "diffusion do not: give these the list of --keep."
+    "LeRobot 0.6.1 cannot read weights from a file: give it the list of --keep. Proposed for it, and in review, is "
+    "--sample_weighting.type=static --sample_weighting.weights_path=FILE, which finds the weight of a step by its index."
 )
+
+_NEW_FOLDER = "A folder with statistics of its own, videos too: rpil keep with -o"
 
 MAX_LISTED = 100
 """Episodes of a data set whose lists are printed."""
@@ -92,28 +95,35 @@ def _ids(path: Path) -> set[int]:
 
 
 def commands(path: Path, ids: Sequence[object], kept: Sequence[object], output: StrPath = "") -> list[str]:
-    """What to give LeRobot, so that it trains on the episodes `kept` among `ids`, or writes a data set of these.
+    """What to give LeRobot, so that it trains on the episodes `kept` among `ids`: all of it is in its version 0.6.1.
 
     Where there are more than `MAX_LISTED` episodes, the shell reads their numbers from the JSON file `output`.
     """
     chosen, name, root = set(map(str, kept)), path.resolve().name, str(path)
+    is_list = Path(output).suffix.lower() == ".json"
+    if Path(output).name and not is_list and len(ids) <= MAX_LISTED:
+        words = [f"--dataset.repo_id={Path(output).name}", f"--dataset.root={output}"]
+        return [f"To train on the new folder: {shlex.join(words)}"]
     dropped = [name for name in ids if str(name) not in chosen]
     train, drop = (shlex.quote(f"[{', '.join(map(str, names))}]") for names in (kept, dropped))
-    if len(ids) > MAX_LISTED and Path(output).suffix.lower() != ".json":
+    if len(ids) > MAX_LISTED and not is_list:
         to_list = shlex.join(["rpil", "keep", root, "-o", "keep.json"])
         return [f"The episodes are too many to be printed; to give their list to LeRobot: {to_list}"]
     if len(ids) > MAX_LISTED:
         if list(map(str, ids)) != list(map(str, range(len(ids)))):
             dropped = []  # the JSON file does not say which there are
         train, drop = _read_from(output, "kept"), _read_from(output, f"sorted({{*range({len(ids)})}} - {{*kept}})")
-    lines = [
-        f"To train on these, whatever the policy: --dataset.episodes={train}",
-        f"The same in newer versions of LeRobot: --dataset.exclude_episodes={drop}",
-    ]
-    words = ["lerobot-edit-dataset", "--repo_id", name, "--root", root, "--new_repo_id", f"{name}_trusted"]
-    words += ["--new_root", f"{root.rstrip('/')}_trusted", "--operation.type", "delete_episodes"]
-    delete = f"{shlex.join(words)} --operation.episode_indices {drop}"
-    return [*lines, f"To write a new data set without the others, videos too: {delete}"] if dropped else lines[:1]
+    lines = [f"To train on these, whatever the policy: --dataset.episodes={train}"]
+    if not dropped:
+        return lines
+    new = f"{root.rstrip('/')}_trusted"
+    lines.append(f"LeRobot then normalises by the others too, which stay in meta/stats.json. {_NEW_FOLDER} {new}")
+    with suppress(DataError), (path / "meta" / "info.json").open("rb") as file:
+        if read_info(file.read(LARGEST_METADATA + 1), name).get("codebase_version") == "v3.0":
+            words = ["lerobot-edit-dataset", "--repo_id", name, "--root", root, "--new_repo_id", f"{name}_trusted"]
+            words += ["--new_root", new, "--operation.type", "delete_episodes"]
+            lines.append(f"LeRobot's own command: {shlex.join(words)} --operation.episode_indices {drop}")
+    return lines
 
 
 def _read_from(output: StrPath, numbers: str) -> str:

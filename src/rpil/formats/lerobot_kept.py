@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -119,6 +120,8 @@ class Kept:
             kept = ~own | ((frames >= first) & (frames < end))
             table, old = table.filter(pa.array(kept)), old[kept]
         numbers = [self.numbers.setdefault(m, len(self.numbers)) for m in old.tolist()]
+        if any(a > b for a, b in pairwise([len(self.lengths) - 1, *numbers])):
+            raise DataError(f"{self.path}: its episodes lie within each other; sort the rows by episode_index.")
         self.lengths.update(numbers)
         for number in numbers:
             self.files.setdefault(number, self.place)
