@@ -25,7 +25,9 @@ def statistics(values: Any) -> dict[str, Any]:
 def pictures(seed: int, length: int) -> list[np.ndarray[Any, Any]]:
     """Frames of coarse noise, none of which is like another."""
     rng = np.random.default_rng(seed)
-    return [np.kron(rng.integers(0, 255, (6, 8, 3), dtype=np.uint8), np.ones((8, 8, 1), np.uint8)) for _ in range(length)]
+    return [
+        np.kron(rng.integers(0, 255, (6, 8, 3), dtype=np.uint8), np.ones((8, 8, 1), np.uint8)) for _ in range(length)
+    ]
 
 
 def write_video(path: Path, frames: Sequence[np.ndarray[Any, Any]], codec: str, options: dict[str, str]) -> None:

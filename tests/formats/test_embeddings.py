@@ -56,7 +56,9 @@ def test_files_that_do_not_fit_are_refused(tmp_path, columns, message):
 
 def test_data_without_an_index_cannot_be_joined(tmp_path):
     np.savez(tmp_path / "e.npz", index=np.arange(4), e=np.arange(4))
-    pq.write_table(pa.table({"episode": [0, 0, 1, 1], "x": np.arange(4.0), "action": np.arange(4.0)}), tmp_path / "t.parquet")
+    pq.write_table(
+        pa.table({"episode": [0, 0, 1, 1], "x": np.arange(4.0), "action": np.arange(4.0)}), tmp_path / "t.parquet"
+    )
     with pytest.raises(DataError, match="no column 'index'"):
         rpil.read(tmp_path / "t.parquet", embeddings=tmp_path / "e.npz")
     with pytest.raises(DataError, match="unknown extension"):

@@ -6,7 +6,8 @@ import csv
 import shlex
 import sys
 from collections.abc import Collection, Mapping
-from dataclasses import replace
+from dataclasses import asdict, replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -14,12 +15,13 @@ import click
 from rpil.cli import terminal
 from rpil.cli.commands import CommandSettings, read_recording
 from rpil.cli.options import OutputFile, json_option, pop_columns, quiet_option, with_column_options
-from rpil.cli.progress import show_stages
+from rpil.cli.progress import StageProgress, show_stages
 from rpil.data.files import check_outputs, replacing
 
 if TYPE_CHECKING:
     from rpil.audit.record import Audit
     from rpil.faults.record import FaultReport
+    from rpil.formats.lerobot_check import Defect
     from rpil.formats.recording import Recording
 
 MAX_FINDINGS = 30
@@ -41,6 +43,8 @@ MAX_REASONS = 10
 @click.option("--skip-bad", is_flag=True, help="Set demonstrations with missing values aside and check the others.")
 @click.option("--fps", type=click.FloatRange(0, min_open=True), help="Frames a second, if the recording does not say.")
 @click.option("--stream/--no-stream", default=None, help="Leave data on disk, or read them; by default by size.")
+@click.option("--video", is_flag=True, help="Also look at the videos of a folder of LeRobot; needs the extra video.")
+@click.option("--fix", is_flag=True, help="Write wrong totals and statistics of LeRobot again, after a backup.")
 @json_option
 @quiet_option
 @with_column_options
@@ -69,13 +73,41 @@ def check(
             read.demonstrations  # noqa: B018  # are read here
         progress("checking")
         report = check_recording(read, options["fps"], on_purpose, options["skip_bad"])
+        defects = _defects(file, options["video"], options["fix"], progress)
     if output:
         write_findings(output, report)
-    click.echo(terminal.to_json(report.to_dict()) if json_wanted else "\n".join(fault_lines(report)))
+    if json_wanted:
+        click.echo(terminal.to_json(report.to_dict() | {"folder": [asdict(one) for one in defects]}))
+    else:
+        click.echo("\n".join([*fault_lines(report), *defect_lines(defects)]))
     if output:
         click.echo(f"Findings: {output}", err=json_wanted)
-    if fatal & set(report.counts):
+    if fatal & set(report.counts) or (defects and fail_on == "any"):
         sys.exit(1)
+
+
+def _defects(file: str, look: bool, fix: bool, progress: StageProgress) -> list[Defect]:
+    """What of a folder of LeRobot does not agree with its data; none of other formats."""
+    from rpil.formats import lerobot_folder
+    from rpil.formats.lerobot_check import find_defects, mend
+    from rpil.formats.registry import find_layout
+
+    if find_layout(file) is not lerobot_folder:
+        if look or fix:
+            raise click.UsageError("--video and --fix are for folders of LeRobot: leave them out")
+        return []
+    for line in mend(Path(file)) if fix else ():
+        click.echo(line, err=True)
+    progress("looking at the videos" if look else "checking the files")
+    return find_defects(Path(file), look)
+
+
+def defect_lines(defects: list[Defect]) -> list[str]:
+    """What of a folder does not agree with its data, in lines."""
+    lines = [f"  {one.what}, {terminal.printable(one.place)}: {terminal.to_one_line(one.sentence)}" for one in defects]
+    more = [f"  ... and {len(lines) - MAX_FINDINGS:,} more; --json prints all"] * (len(lines) > MAX_FINDINGS)
+    mendable = ["rpil check --fix writes totals and statistics again."] * any(one.can_be_mended for one in defects)
+    return ["", "The folder does not agree with its data:", *lines[:MAX_FINDINGS], *more, *mendable] if lines else []
 
 
 def check_recording(

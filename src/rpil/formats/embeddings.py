@@ -46,9 +46,7 @@ def with_embeddings(recording: Recording, path: StrPath) -> Recording:
             observation_names=(*demonstrations.observation_names, *names),
         )
 
-    described = replace(
-        description, observations=(*description.observations, *names), notes=(*description.notes, text)
-    )
+    described = replace(description, observations=(*description.observations, *names), notes=(*description.notes, text))
     return replace(recording, description=described, load=load)
 
 

@@ -56,7 +56,9 @@ class Metadata:
         found = {"total_episodes": (n_demonstrations, "demonstrations"), "total_frames": (n_steps, "steps")}
         unusable = f"Left out of meta, because it cannot be used: {', '.join(self.unusable)}."
         n = self.n_cameras
-        unseen = f"{n} camera{'s were' if n > 1 else ' was'} not used: where the object lies may be in the pictures alone."
+        unseen = (
+            f"{n} camera{'s were' if n > 1 else ' was'} not used: where the object lies may be in the pictures alone."
+        )
         strays = f"Left out, because meta does not list them: {quoted(self.strays, 5)}."
         said = (unusable, bool(self.unusable)), (strays, bool(self.strays)), (unseen, n > 0)
         return tuple(text for text, holds in said if holds) + tuple(

@@ -38,7 +38,6 @@ MAX_LISTED = 100
 """Episodes of a data set whose lists are printed."""
 
 
-
 def is_mine(path: Path) -> bool:
     """Whether `path` is a folder with ``meta/info.json`` and ``data``."""
     return (path / "meta" / "info.json").is_file() and (path / "data").is_dir()

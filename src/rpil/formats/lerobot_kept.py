@@ -136,16 +136,21 @@ class Kept:
         return pq.read_table(self.new / self.target(0, *self.files[number]), filters=[("episode_index", "==", number)])
 
     def source(self, camera: str, chunk: int, file: int) -> Path:
-        """The place of a video; a `DataError` where it leads out of the folder."""
-        names = {"chunk_index": chunk, "file_index": file, "episode_chunk": chunk, "episode_index": file}
-        template = self.info.get("video_path") or PATHS[self.info["codebase_version"]][1]
-        place = self.path / fill(template, **names, video_key=camera)
-        check_inside(place, self.path)
-        return place
+        """The place of a video that is read."""
+        return video_place(self.path, self.info, camera, chunk, file)
 
     def span(self, old: int, length: int) -> tuple[int, int]:
         """The frames to keep of an episode that has so many."""
         return self.trims.get(str(old), (0, length))
+
+
+def video_place(path: Path, info: Mapping[str, Any], camera: str, chunk: int, file: int) -> Path:
+    """The place of a video in the folder `path`, or a `DataError` where it leads out of it."""
+    names = {"chunk_index": chunk, "file_index": file, "episode_chunk": chunk, "episode_index": file}
+    template = info.get("video_path") or PATHS[info["codebase_version"]][1]
+    place = path / fill(template, **names, video_key=camera)
+    check_inside(place, path)
+    return place
 
 
 def with_column(table: pa.Table, name: str, values: Sequence[object] | Array) -> pa.Table:

@@ -19,6 +19,7 @@ _PLAIN: dict[str, Callable[..., Array]] = {"min": np.min, "max": np.max, "mean":
 
 def of_numbers(values: Array, like: Iterable[str]) -> dict[str, list[float]]:
     """Those of numbers (N, K) that are among the names `like`, and the count."""
+    values = values.astype(np.float64)
     found = {name: compute(values, axis=0).tolist() for name, compute in _PLAIN.items() if name in like}
     quantiles = [name for name in like if name[:1] == "q" and name[1:].isdigit()]
     found |= {name: np.quantile(values, int(name[1:]) / 100, axis=0).tolist() for name in quantiles}

@@ -1,0 +1,198 @@
+"""Whether what LeRobot's ``meta`` says, and its videos, agree with the data; totals and statistics can be mended."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from rpil.data.errors import MissingExtraError
+from rpil.data.files import replacing
+from rpil.data.guard import guarded
+from rpil.data.json_files import LARGEST_TABLE, parse_lines, read_json, read_text
+from rpil.formats import lerobot_stats as stats
+from rpil.formats.lerobot import cameras
+from rpil.formats.lerobot_episodes import read_episodes
+from rpil.formats.lerobot_frames import Found, Shot, find_faults
+from rpil.formats.lerobot_kept import PATHS, video_place
+from rpil.formats.lerobot_video import load_av
+from rpil.formats.store import find_files
+
+TOLERANCE, ROUNDING = 1e-3, (1e-5, 1e-3)
+"""Standard deviations, and shares of the largest value, the second for a standard deviation, by which a statistic may
+differ: LeRobot subtracts squares of short floats."""
+
+
+@dataclass(frozen=True)
+class Defect:
+    """Something of a folder that does not agree with its data; `place` is a file, or an episode."""
+
+    what: str
+    place: str
+    sentence: str
+    can_be_mended: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class Folder:
+    """A folder of LeRobot at `path`; errors of reading are `DataError`."""
+
+    path: Path
+
+    @cached_property
+    def info(self) -> dict[str, Any]:
+        found: dict[str, Any] = read_json(self.path / "meta" / "info.json")
+        return found
+
+    @cached_property
+    def data(self) -> dict[int, tuple[int, int, str]]:
+        """Rows, the smallest ``index`` and the file of each episode, by the data."""
+        import pyarrow.parquet as pq
+
+        found: dict[int, tuple[int, int, str]] = {}
+        for file in find_files(self.path)[1]:
+            table = pq.read_table(file)
+            owners = table["episode_index"].to_numpy()
+            index = table["index"].to_numpy() if "index" in table.column_names else np.full(len(table), -1)
+            for m in np.unique(owners).tolist():
+                own = owners == m
+                found[m] = int(own.sum()), int(index[own].min()), str(Path(file).relative_to(self.path.resolve()))
+        return found
+
+    @cached_property
+    def episodes(self) -> dict[int, dict[str, Any]]:
+        """What ``meta`` says of each episode, without its statistics."""
+        if self.info.get("codebase_version") == "v3.0":
+            table = read_episodes(self.path)
+            table = table.select([name for name in table.column_names if not name.startswith("stats/")])
+            rows = table.to_pylist()
+        else:
+            place = self.path / "meta" / "episodes.jsonl"
+            rows = parse_lines(read_text(place, LARGEST_TABLE), str(place), LARGEST_TABLE)
+        return {int(row["episode_index"]): row for row in rows}
+
+    @property
+    def is_whole(self) -> bool:
+        """Whether the data hold the episodes that ``meta`` lists, and no others."""
+        return self.data.keys() == self.episodes.keys()
+
+    @property
+    def totals(self) -> dict[str, int]:
+        """What ``info.json`` should say."""
+        return {"total_episodes": len(self.data), "total_frames": sum(n for n, _, _ in self.data.values())}
+
+    def shots(self) -> list[Shot]:
+        """Where the frames of each episode that is there are, by camera."""
+        found, size = [], int(self.info.get("chunks_size", 1000))
+        for camera in cameras(self.info, "video"):
+            for m in sorted(self.data.keys() & self.episodes.keys()):
+                row, names = self.episodes[m], [f"videos/{camera}/{name}" for name in ("chunk_index", "file_index")]
+                chunk, file = (row[name] for name in names) if names[0] in row else (m // size, m)
+                ends = (row.get(f"videos/{camera}/{name}_timestamp", end) for name, end in (("from", 0.0), ("to", 1e9)))
+                place = video_place(self.path, self.info, camera, chunk, file)
+                found.append(Shot(camera, m, place, *ends, n_rows=self.data[m][0]))
+        return found
+
+
+def find_defects(path: Path, look: bool) -> list[Defect]:
+    """What of a folder does not agree with its data; `look` decodes the videos, which takes a while."""
+    folder = Folder(path)
+    with guarded(path / "meta"):
+        found = [*_in_totals(folder), *_in_episodes(folder), *_in_statistics(folder)]
+        fps = float(folder.info["fps"])
+        found += [Defect(*one) for one in _in_videos(folder.shots(), fps, look)]
+    return found
+
+
+def _in_videos(shots: list[Shot], fps: float, look: bool) -> Found:
+    """Without the package for videos, only whether their files are there, unless they are to be looked at."""
+    try:
+        load_av()
+    except MissingExtraError:
+        if look:
+            raise
+        shots = [shot for shot in shots if not shot.path.is_file()]
+    return find_faults(shots, fps, look)
+
+
+def _in_totals(folder: Folder) -> Iterator[Defect]:
+    for name, number in folder.totals.items():
+        if folder.info.get(name) != number:
+            said = f"{name} is {folder.info.get(name)}, and the data hold {number}"
+            yield Defect("totals", "meta/info.json", said, folder.is_whole)
+
+
+def _in_episodes(folder: Folder) -> Iterator[Defect]:
+    lost = folder.episodes.keys() - folder.data.keys()
+    if lost:
+        said = f"{len(lost)} of the {len(folder.episodes)} episodes that it lists are not in the data"
+        yield Defect("episode table", "meta", f"{said}, the first is {min(lost)}")
+    for m, (n, first, file) in folder.data.items():
+        row = folder.episodes.get(m)
+        if row is None:
+            yield Defect("episode table", str(m), "meta does not list it")
+            continue
+        expected = {"length": n} | ({"dataset_from_index": first, "dataset_to_index": first + n} if first >= 0 else {})
+        wrong = [
+            f"{name} is {row[name]}, not {value}" for name, value in expected.items() if row.get(name, value) != value
+        ]
+        places = {name: row[f"data/{name}"] for name in ("chunk_index", "file_index") if f"data/{name}" in row}
+        template = str(folder.info.get("data_path") or PATHS["v3.0"][0])
+        named = template.format(**places) if places else file
+        wrong += [f"its data are in {file}, not in {named}"] if named != file else []
+        if wrong:
+            yield Defect("episode table", str(m), "; ".join(wrong))
+
+
+def _in_statistics(folder: Folder) -> Iterator[Defect]:
+    place = folder.path / "meta" / "stats.json"
+    if not place.is_file() or not folder.is_whole:
+        return
+    said = read_json(place)
+    for name, found in stats.of_data(folder.path / "data", said).items():
+        names = [what for what in ("min", "max", "mean", "std") if what in said[name]]
+        largest = np.max([np.abs(found[what]) for what in names], axis=0) if names else 0.0
+        for what in names:
+            slack = TOLERANCE * np.asarray(found.get("std", 0.0)) + ROUNDING[what == "std"] * largest + 1e-9
+            off = np.abs(np.ravel(said[name][what]) - np.ravel(found[what]))
+            if not (off <= slack).all():
+                worst = int(np.argmax(np.nan_to_num(off / slack, nan=np.inf)))
+                number = (
+                    f"{np.ravel(said[name][what])[worst]:.6g}, and that of the data {np.ravel(found[what])[worst]:.6g}"
+                )
+                yield Defect("statistics", "meta/stats.json", f"{what} of {name}, {worst} is {number}", True)
+                break
+
+
+def mend(path: Path) -> list[str]:
+    """Write totals and statistics of numbers again where they are wrong; the sentences on what was done.
+
+    A backup of each file lies beside it, with the extension .bak, or .bak2 and so on.
+    """
+    folder, done = Folder(path), []
+    with guarded(path / "meta"):
+        if folder.is_whole and list(_in_totals(folder)):
+            done.append(_replace(path / "meta" / "info.json", folder.info | folder.totals))
+        if list(_in_statistics(folder)):
+            place = path / "meta" / "stats.json"
+            said = read_json(place)
+            done.append(_replace(place, said | stats.of_data(path / "data", said)))
+    return done
+
+
+def _replace(place: Path, content: Mapping[str, Any]) -> str:
+    """Write a file of JSON anew, after a backup."""
+    backup = place.with_name(f"{place.name}.bak")
+    number = 2
+    while backup.exists():
+        backup, number = place.with_name(f"{place.name}.bak{number}"), number + 1
+    shutil.copyfile(place, backup)
+    with replacing(place) as temporary:
+        temporary.write_text(json.dumps(content, indent=4), encoding="utf-8")
+    return f"Written again: {place}; what it was is in {backup.name}."
