@@ -95,6 +95,24 @@ def test_statistics_are_those_of_the_kept(tmp_path, version):
         assert [row["stats"]["episode_index"]["max"] for row in rows] == [[0], [1], [2]]
 
 
+def test_statistics_that_cannot_be_joined_are_named(tmp_path):
+    root = folders.write(tmp_path / "drive", LENGTHS)
+    stats = json.loads((root / "meta" / "stats.json").read_text()) | {"images.gone": {"min": [0]}}
+    (root / "meta" / "stats.json").write_text(json.dumps(stats))
+    with pytest.warns(UserWarning, match=r"statistics of 'images\.gone' are still those of all"):
+        formats.keep(root, tmp_path / "kept", [1])
+    assert json.loads((tmp_path / "kept" / "meta" / "stats.json").read_text())["images.gone"] == {"min": [0]}
+
+
+def test_episodes_within_each_other_are_refused(tmp_path):
+    root = folders.write(tmp_path / "drive", LENGTHS, cameras=())
+    file = root / "data" / "chunk-000" / "file-000.parquet"
+    table = pq.read_table(file)
+    pq.write_table(table.take(np.argsort(table["frame_index"].to_numpy(), kind="stable")), file)
+    with pytest.raises(DataError, match="within each other"):
+        formats.keep(root, tmp_path / "kept", [0, 1])
+
+
 def test_totals_of_version_2(tmp_path):
     root = folders.write(tmp_path / "drive", LENGTHS, "v2.1", ("front", "wrist"))
     formats.keep(root, tmp_path / "kept", [2, 5])

@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import shlex
 import sys
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -75,15 +75,18 @@ def check(
         report = check_recording(read, options["fps"], on_purpose, options["skip_bad"])
         defects = _defects(file, options["video"], options["fix"], progress)
     if output:
-        write_findings(output, report)
-    if json_wanted:
-        click.echo(terminal.to_json(report.to_dict() | {"folder": [asdict(one) for one in defects]}))
-    else:
-        click.echo("\n".join([*fault_lines(report), *defect_lines(defects)]))
+        write_findings(output, report, defects)
+    lines = [*fault_lines(report), *defect_lines(defects)]
+    click.echo(terminal.to_json(_as_dict(report, defects)) if json_wanted else "\n".join(lines))
     if output:
         click.echo(f"Findings: {output}", err=json_wanted)
     if fatal & set(report.counts) or (defects and fail_on == "any"):
         sys.exit(1)
+
+
+def _as_dict(report: FaultReport, defects: Sequence[Defect]) -> dict[str, object]:
+    """All findings, as plain numbers and text."""
+    return report.to_dict() | {"folder": [asdict(one) for one in defects]}
 
 
 def _defects(file: str, look: bool, fix: bool, progress: StageProgress) -> list[Defect]:
@@ -102,7 +105,7 @@ def _defects(file: str, look: bool, fix: bool, progress: StageProgress) -> list[
     return find_defects(Path(file), look)
 
 
-def defect_lines(defects: list[Defect]) -> list[str]:
+def defect_lines(defects: Sequence[Defect]) -> list[str]:
     """What of a folder does not agree with its data, in lines."""
     lines = [f"  {one.what}, {terminal.printable(one.place)}: {terminal.to_one_line(one.sentence)}" for one in defects]
     more = [f"  ... and {len(lines) - MAX_FINDINGS:,} more; --json prints all"] * (len(lines) > MAX_FINDINGS)
@@ -149,13 +152,13 @@ def _rules(fail_on: str | None) -> set[str]:
     return set(RULES) if "any" in words else {rule_name(word, "--fail-on") for word in words}
 
 
-def write_findings(path: str, report: FaultReport) -> None:
+def write_findings(path: str, report: FaultReport, defects: Sequence[Defect] = ()) -> None:
     """Write all findings as a table, or the whole report as JSON."""
     from rpil.data.cells import to_cell
 
     with replacing(path) as temporary:
         if str(path).lower().endswith(".json"):
-            temporary.write_text(terminal.to_json(report.to_dict()) + "\n", encoding="utf-8")
+            temporary.write_text(terminal.to_json(_as_dict(report, defects)) + "\n", encoding="utf-8")
             return
         with temporary.open("w", newline="", encoding="utf-8") as file:
             names = ("id", "rule", "first", "last", "column", "value", "threshold", "severity", "sentence")

@@ -73,14 +73,7 @@ def keep(
     from rpil.audit.verdict_table import verdict_columns
     from rpil.data.id_values import check_ids
 
-    if options.pop("in_place") == (output is not None):
-        raise click.UsageError("--output NEW or --in-place says where they are written: give one of them")
-    if output is not None:
-        formats.check_keep(file, output, trim)
-    elif trim:
-        raise click.UsageError("--trim changes demonstrations: write them to a new folder with -o")
-    else:
-        formats.check_mask(file)
+    _check_output(file, output, options.pop("in_place"), trim)
     quiet, stream, scheduler = (options.pop(name) for name in ("quiet", "stream", "scheduler"))
     reference = options.pop("reference")
     columns = pop_columns(options)
@@ -112,11 +105,24 @@ def keep(
     ids = demonstrations.ids
     click.echo(f"Kept {len(kept):,} of {len(ids):,} demonstrations: {output or file}")
     if trim:
-        steps = dict(zip(ids, demonstrations.lengths.tolist(), strict=True))
-        n = sum(steps[name] - end + first for name, (first, end) in trims.items())
-        click.echo(f"Trimmed {len(trims):,} of them by {n:,} steps at their ends in which nothing moves.")
+        n = sum(int(demonstrations.lengths[ids.index(name)]) - end + first for name, (first, end) in trims.items())
+        click.echo(f"Trimmed {len(trims):,} of them by {n:,} steps in which nothing moves.")
     if not quiet:
         print_lines([*lost, *formats.commands_to_keep(file, ids, kept, output or "")])
+
+
+def _check_output(file: str, output: str | None, in_place: bool, trim: bool) -> None:
+    """Refuse, before any work, an output that cannot be written."""
+    from rpil import formats
+
+    if in_place == (output is not None):
+        raise click.UsageError("--output NEW or --in-place says where they are written: give one of them")
+    if trim and in_place:
+        raise click.UsageError("--trim changes demonstrations: write them to a new folder with -o")
+    if output is None:
+        formats.check_mask(file)
+    else:
+        formats.check_keep(file, output, trim)
 
 
 def _read_all(file: str, columns: ColumnOptions, progress: StageProgress, stream: bool | None) -> Recording:

@@ -21,8 +21,8 @@ _INDEX = "index"
 def with_embeddings(recording: Recording, path: StrPath) -> Recording:
     """The recording with the columns of a Parquet or NPZ file as more observations of each step.
 
-    They are joined on ``index``, the number of a step in the data; the demonstrations are read into memory. A
-    `DataError` where either has no ``index``, or the file lacks a step or holds one twice.
+    They are joined on ``index``, the number of a step; the demonstrations are read into memory. A `DataError` where
+    either has no ``index``, or the file lacks a step or holds one twice.
     """
     names, index, values = _read(check_readable(check_extension(path, (".parquet", ".npz"), "embeddings")))
     description = recording.description

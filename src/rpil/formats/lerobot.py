@@ -7,13 +7,13 @@ from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import PurePosixPath
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from rpil.data.arrays import Id
 from rpil.data.errors import DataError
 from rpil.data.folders import check_inside
 from rpil.data.guard import guarded
-from rpil.data.json_files import LARGEST_METADATA, LARGEST_TABLE, parse, parse_lines
+from rpil.data.json_files import LARGEST_METADATA, LARGEST_TABLE, Parsed, parse, parse_lines
 from rpil.data.names import quoted
 from rpil.formats.columns import SPLITS
 from rpil.formats.parquet_pages import check_table
@@ -74,7 +74,7 @@ def format_name(metadata: Metadata, n_files: int) -> str:
     return name if n_files == 1 else f"{name}, {n_files:,} files"
 
 
-def read_info(text: str | bytes, folder: str) -> dict[str, Any]:
+def read_info(text: str | bytes, folder: str) -> dict[str, Parsed]:
     """The content of ``meta/info.json`` in a `folder`; a `DataError` that names the file, if it is damaged."""
     where = f"{folder}/meta/info.json", "it does not describe a data set", "write it again, or move it away"
     with guarded(*where):
@@ -130,7 +130,7 @@ def read_metadata(filesystem: fs.FileSystem, paths: Sequence[str]) -> Metadata:
         return Metadata()
     info, unusable = read_info(text, data.parent.name), []
     info |= {name: _number(info[name]) for name in ("fps", *_SIZES) if name in info}
-    fps = _frame_rate(info.get("fps"))
+    fps = frame_rate(info.get("fps"))
     if fps != info.get("fps"):
         unusable.append(f"fps = {str(info['fps'])[:40]!r}")
     given = info.get("features", {})
@@ -141,9 +141,7 @@ def read_metadata(filesystem: fs.FileSystem, paths: Sequence[str]) -> Metadata:
     sizes: dict[str, float] = {name: info[name] for name in _SIZES if _is_size(info.get(name))}
     unusable += [name for name in _SIZES if name in info and name not in sizes]
     lengths = _lengths(filesystem, meta)
-    present = _data_files(filesystem, data)
-    strays = tuple(sorted(set(present) - set(listed_files(info, lengths, present))))
-    strays = tuple(file for file in strays if not any(path.endswith(f"/{file}") for path in paths))
+    strays, are_all = _strays(filesystem, data, info, lengths, paths)
     tasks = _tasks(filesystem, meta)
     if tasks is None:
         unusable.append("tasks")
@@ -156,7 +154,7 @@ def read_metadata(filesystem: fs.FileSystem, paths: Sequence[str]) -> Metadata:
         n_cameras=len(cameras(info, "video", "image")),
         strays=strays,
         sizes=sizes,
-        lengths=lengths if len(present) == len(paths) + len(strays) else {},
+        lengths=lengths if are_all else {},
         unusable=tuple(unusable),
         splits=_splits(info.get("splits")),
     )
@@ -194,27 +192,36 @@ def _is_size(value: object) -> bool:
     return isinstance(value, int | float) and not isinstance(value, bool) and 0 <= value < 1e15
 
 
-def _frame_rate(value: object) -> float | None:
+def frame_rate(value: object) -> float | None:
     """Frames a second; None where it is no number above 0."""
     if not isinstance(value, int | float) or isinstance(value, bool):
         return None
     return float(value) if 0 < value < 1e9 else None
 
 
-def _number(value: object) -> object:
-    """The number that a text says; any other value as it is."""
-    with suppress(ValueError, TypeError):
-        return float(value) if isinstance(value, str) else value
-    return value
-
-
-def _data_files(filesystem: fs.FileSystem, data: PurePosixPath) -> list[str]:
-    """The Parquet files of the folder `data`, by their places beside ``meta``."""
+def _strays(
+    filesystem: fs.FileSystem,
+    data: PurePosixPath,
+    info: Mapping[str, Parsed],
+    lengths: Mapping[Id, int],
+    paths: Sequence[str],
+) -> tuple[tuple[str, ...], bool]:
+    """The data files that are not among `paths` nor listed by ``meta``, and whether `paths` are all the others."""
     from pyarrow import fs
 
     infos = filesystem.get_file_info(fs.FileSelector(str(data), recursive=True))
     places = (PurePosixPath(info.path).relative_to(data.parent) for info in infos)
-    return [str(place) for place in places if place.suffix == ".parquet" and not place.name.startswith((".", "_"))]
+    present = [str(file) for file in places if file.suffix == ".parquet" and not file.name.startswith((".", "_"))]
+    others = set(present) - {str(PurePosixPath(path).relative_to(data.parent)) for path in paths}
+    strays = others - set(listed_files(info, lengths, present))
+    return tuple(sorted(strays)), others == strays
+
+
+def _number(value: Parsed) -> Parsed:
+    """The number that a text says; any other value as it is."""
+    with suppress(ValueError, TypeError):
+        return float(value) if isinstance(value, str) else value
+    return value
 
 
 def fill(template: str, **values: object) -> str:
@@ -222,14 +229,14 @@ def fill(template: str, **values: object) -> str:
     return _PLACE.sub(lambda found: format(values[found[1]], found[2] or ""), template)
 
 
-def cameras(info: Mapping[str, Any], *kinds: str) -> tuple[str, ...]:
+def cameras(info: Mapping[str, Parsed], *kinds: str) -> tuple[str, ...]:
     """The features of these kinds, "video" or "image", that ``info.json`` names."""
     features = info.get("features")
     features = features if isinstance(features, dict) else {}
     return tuple(name for name, of in features.items() if isinstance(of, dict) and of.get("dtype") in kinds)
 
 
-def listed_files(info: Mapping[str, Any], lengths: Mapping[Id, int], present: Sequence[str]) -> list[str]:
+def listed_files(info: Mapping[str, Parsed], lengths: Mapping[Id, int], present: Sequence[str]) -> list[str]:
     """Those of the data files `present` that ``meta`` lists; all where it does not say, or lists none of them.
 
     Before version 3 each episode has a file, so that files of episodes which ``meta`` does not name are strays.

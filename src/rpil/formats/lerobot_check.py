@@ -8,23 +8,22 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from rpil.data.errors import MissingExtraError
 from rpil.data.files import replacing
 from rpil.data.guard import guarded
-from rpil.data.json_files import LARGEST_TABLE, parse_lines, read_json, read_text
+from rpil.data.json_files import Parsed, read_json
 from rpil.formats import lerobot_stats as stats
-from rpil.formats.lerobot import cameras
-from rpil.formats.lerobot_episodes import read_episodes
+from rpil.formats.lerobot import cameras, frame_rate
+from rpil.formats.lerobot_episodes import read_episodes, read_lines
 from rpil.formats.lerobot_frames import Found, Shot, find_faults
 from rpil.formats.lerobot_kept import PATHS, video_place
 from rpil.formats.lerobot_video import load_av
 from rpil.formats.store import find_files
 
-TOLERANCE, ROUNDING = 1e-3, (1e-5, 1e-3)
+TOLERANCE, SHARES = 1e-3, (1e-5, 1e-3)
 """Standard deviations, and shares of the largest value, the second for a standard deviation, by which a statistic may
 differ: LeRobot subtracts squares of short floats."""
 
@@ -46,9 +45,9 @@ class Folder:
     path: Path
 
     @cached_property
-    def info(self) -> dict[str, Any]:
-        found: dict[str, Any] = read_json(self.path / "meta" / "info.json")
-        return found
+    def info(self) -> dict[str, Parsed]:
+        """What ``info.json`` says."""
+        return dict(read_json(self.path / "meta" / "info.json"))
 
     @cached_property
     def data(self) -> dict[int, tuple[int, int, str]]:
@@ -66,15 +65,17 @@ class Folder:
         return found
 
     @cached_property
-    def episodes(self) -> dict[int, dict[str, Any]]:
-        """What ``meta`` says of each episode, without its statistics."""
-        if self.info.get("codebase_version") == "v3.0":
+    def episodes(self) -> dict[int, dict[str, Parsed]]:
+        """What ``meta`` says of each episode, without its statistics; empty where it says nothing."""
+        lines = self.path / "meta" / "episodes.jsonl"
+        if lines.exists():
+            rows = read_lines(lines)
+        elif lines.with_suffix("").exists():
             table = read_episodes(self.path)
             table = table.select([name for name in table.column_names if not name.startswith("stats/")])
             rows = table.to_pylist()
         else:
-            place = self.path / "meta" / "episodes.jsonl"
-            rows = parse_lines(read_text(place, LARGEST_TABLE), str(place), LARGEST_TABLE)
+            rows = []
         return {int(row["episode_index"]): row for row in rows}
 
     @property
@@ -94,9 +95,10 @@ class Folder:
             for m in sorted(self.data.keys() & self.episodes.keys()):
                 row, names = self.episodes[m], [f"videos/{camera}/{name}" for name in ("chunk_index", "file_index")]
                 chunk, file = (row[name] for name in names) if names[0] in row else (m // size, m)
-                ends = (row.get(f"videos/{camera}/{name}_timestamp", end) for name, end in (("from", 0.0), ("to", 1e9)))
+                start = row.get(f"videos/{camera}/from_timestamp", 0.0)
+                end = row.get(f"videos/{camera}/to_timestamp", np.inf)
                 place = video_place(self.path, self.info, camera, chunk, file)
-                found.append(Shot(camera, m, place, *ends, n_rows=self.data[m][0]))
+                found.append(Shot(camera, m, place, start, end, self.data[m][0]))
         return found
 
 
@@ -105,8 +107,9 @@ def find_defects(path: Path, look: bool) -> list[Defect]:
     folder = Folder(path)
     with guarded(path / "meta"):
         found = [*_in_totals(folder), *_in_episodes(folder), *_in_statistics(folder)]
-        fps = float(folder.info["fps"])
-        found += [Defect(*one) for one in _in_videos(folder.shots(), fps, look)]
+        fps, shots = frame_rate(folder.info.get("fps")), folder.shots()
+        if fps and shots:
+            found += [Defect(*one) for one in _in_videos(shots, fps, look)]
     return found
 
 
@@ -129,6 +132,9 @@ def _in_totals(folder: Folder) -> Iterator[Defect]:
 
 
 def _in_episodes(folder: Folder) -> Iterator[Defect]:
+    if not folder.episodes:
+        yield Defect("episode table", "meta", "it does not list the episodes")
+        return
     lost = folder.episodes.keys() - folder.data.keys()
     if lost:
         said = f"{len(lost)} of the {len(folder.episodes)} episodes that it lists are not in the data"
@@ -159,7 +165,7 @@ def _in_statistics(folder: Folder) -> Iterator[Defect]:
         names = [what for what in ("min", "max", "mean", "std") if what in said[name]]
         largest = np.max([np.abs(found[what]) for what in names], axis=0) if names else 0.0
         for what in names:
-            slack = TOLERANCE * np.asarray(found.get("std", 0.0)) + ROUNDING[what == "std"] * largest + 1e-9
+            slack = TOLERANCE * np.asarray(found.get("std", 0.0)) + SHARES[what == "std"] * largest + 1e-9
             off = np.abs(np.ravel(said[name][what]) - np.ravel(found[what]))
             if not (off <= slack).all():
                 worst = int(np.argmax(np.nan_to_num(off / slack, nan=np.inf)))
@@ -186,7 +192,7 @@ def mend(path: Path) -> list[str]:
     return done
 
 
-def _replace(place: Path, content: Mapping[str, Any]) -> str:
+def _replace(place: Path, content: Mapping[str, Parsed]) -> str:
     """Write a file of JSON anew, after a backup."""
     backup = place.with_name(f"{place.name}.bak")
     number = 2

@@ -8,22 +8,21 @@ from collections import Counter, defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from rpil.data.errors import DataError
-from rpil.data.json_files import LARGEST_TABLE, parse_lines, read_text
+from rpil.data.json_files import LARGEST_TABLE, Parsed, parse_lines, read_text
 from rpil.formats import lerobot_stats as stats
 from rpil.formats import lerobot_video as video
-from rpil.formats import table as flat
-from rpil.formats.lerobot_kept import Kept, with_column
+from rpil.formats.lerobot_kept import Kept, video_place, with_column
 from rpil.formats.parquet_pages import check_table
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
-ByFeature = dict[str, dict[str, Any]]
+ByFeature = dict[str, dict[str, Parsed]]
 """The statistics of one episode."""
 
 Videos = Mapping[str, Mapping[int, Path]]
@@ -73,7 +72,8 @@ class EpisodeTable:
         if f"videos/{camera}/{_OF_VIDEO[-1]}" not in self.table.column_names:
             return {}
         places = [self.table[f"videos/{camera}/{name}"].to_pylist() for name in _OF_VIDEO[:2]]
-        return {m: self.kept.source(camera, places[0][row], places[1][row]) for m, row in self.row_of.items()}
+        names = {m: (places[0][row], places[1][row]) for m, row in self.row_of.items()}
+        return {m: video_place(self.kept.path, self.kept.info, camera, *name) for m, name in names.items()}
 
     def prepare(self, videos: Videos) -> None:
         """Nothing: times begin at 0 in each episode."""
@@ -141,7 +141,7 @@ class EpisodeTable:
             else:
                 spans = []
                 for row in rows:
-                    first, end = kept.span(olds[row], lengths[row])
+                    first, end = kept.trims.get(str(olds[row]), (0, lengths[row]))
                     last = ends[row] if end >= lengths[row] else min(ends[row], starts[row] + end / kept.fps)
                     spans.append((starts[row] + first / kept.fps, last))
                 for row, span, start in zip(rows, spans, video.cut(source, target, spans, kept.fps), strict=True):
@@ -159,11 +159,8 @@ def _renew(kept: Kept, found: Sequence[ByFeature]) -> None:
             if feature in own:
                 own[feature] = stats.shifted(own[feature], number - np.ravel(own[feature]["min"])[0].item())
         start += kept.lengths[new]
-        rows = kept.rows(new) if str(old) in kept.trims else None
-        for feature in own if rows is not None else ():
-            values = flat.numbers_or_missing(rows[feature]) if feature in rows.column_names else None
-            if values is not None:
-                own[feature] = {**own[feature], **stats.of_numbers(values, own[feature])}
+        if str(old) in kept.trims:
+            own |= stats.of_table(kept.rows(new), own)
 
 
 @dataclass(frozen=True, eq=False)
@@ -171,18 +168,18 @@ class EpisodeLines:
     """Those of versions 2.0 and 2.1: each episode has its own data file and videos."""
 
     kept: Kept
-    rows: Mapping[int, dict[str, Any]]
+    rows: Mapping[int, dict[str, Parsed]]
 
     @classmethod
     def read(cls, kept: Kept) -> EpisodeLines:
-        rows = _read_lines(kept.path / "meta" / "episodes.jsonl")
+        rows = read_lines(kept.path / "meta" / "episodes.jsonl")
         row_of = _rows_of([row["episode_index"] for row in rows], kept.wanted, kept.path)
         return cls(kept, {m: rows[row] for m, row in row_of.items()})
 
     def videos(self, camera: str) -> dict[int, Path]:
         """The video of each wanted episode."""
         size = int(self.kept.info["chunks_size"])
-        return {m: self.kept.source(camera, m // size, m) for m in self.rows}
+        return {m: video_place(self.kept.path, self.kept.info, camera, m // size, m) for m in self.rows}
 
     def prepare(self, videos: Videos) -> None:
         """Find where trimmed videos can begin: with a frame, the same in all cameras, that needs no other.
@@ -214,7 +211,7 @@ class EpisodeLines:
         ]
         _write_lines(kept.new / "meta" / "episodes.jsonl", lines)
         place = kept.path / "meta" / "episodes_stats.jsonl"
-        by_old = {int(row["episode_index"]): row["stats"] for row in _read_lines(place)} if place.is_file() else {}
+        by_old = {int(row["episode_index"]): row["stats"] for row in read_lines(place)} if place.is_file() else {}
         if not by_old:
             return []
         found = [{name: one for name, one in by_old[old].items() if name not in gone} for old in kept.numbers]
@@ -224,9 +221,10 @@ class EpisodeLines:
         return found
 
 
-def _read_lines(place: Path) -> list[dict[str, Any]]:
+def read_lines(place: Path) -> list[dict[str, Parsed]]:
+    """What the lines of JSON in a file hold."""
     return parse_lines(read_text(place, LARGEST_TABLE), str(place), LARGEST_TABLE)
 
 
-def _write_lines(place: Path, rows: Sequence[Mapping[str, Any]]) -> None:
+def _write_lines(place: Path, rows: Sequence[Mapping[str, Parsed]]) -> None:
     place.write_text("".join(f"{json.dumps(row)}\n" for row in rows), encoding="utf-8")

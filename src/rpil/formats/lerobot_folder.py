@@ -9,14 +9,13 @@ from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any
 
 from rpil.data.arrays import Id
 from rpil.data.errors import DataError
 from rpil.data.files import StrPath, new_folder, replacing
 from rpil.data.guard import guarded
 from rpil.data.id_values import check_ids
-from rpil.data.json_files import LARGEST_METADATA
+from rpil.data.json_files import LARGEST_METADATA, Parsed
 from rpil.formats import folder
 from rpil.formats.lerobot import cameras, read_info
 from rpil.formats.lerobot_keep import write
@@ -28,8 +27,8 @@ from rpil.formats.store import find_files, opened
 read = folder.read
 
 WEIGHTS = (
-    "LeRobot 0.6.1 cannot read weights from a file: give it the list of --keep. Proposed for it, and in review, is "
-    "--sample_weighting.type=static --sample_weighting.weights_path=FILE, which finds the weight of a step by its index."
+    "LeRobot 0.6.1 cannot read weights from a file: give it the list of --keep. In review there, and in no release, is "
+    "--sample_weighting.type=static --sample_weighting.weights_path=FILE, which finds weights by the index of the step."
 )
 
 _NEW_FOLDER = "A folder with statistics of its own, videos too: rpil keep with -o"
@@ -43,7 +42,7 @@ def is_mine(path: Path) -> bool:
     return (path / "meta" / "info.json").is_file() and (path / "data").is_dir()
 
 
-def check_output(path: Path, output: Path, trim: bool = False) -> dict[str, Any]:
+def check_output(path: Path, output: Path, trim: bool = False) -> dict[str, Parsed]:
     """What ``meta/info.json`` says; a `DataError` or `MissingExtraError` where `keep` cannot write to `output`."""
     place = path / "meta" / "info.json"
     with place.open("rb") as file:

@@ -48,12 +48,13 @@ def find_faults(shots: Sequence[Shot], fps: float, look: bool) -> Found:
     paths = {shot.path: shot.camera for shot in shots}
     lost = [path for path in paths if not path.is_file()]
     for camera in sorted({paths[path] for path in lost}):
-        n, own = list(paths.values()).count(camera), [path for path in lost if paths[path] == camera]
-        yield "video file", camera, f"{len(own)} of {n} files are not there, the first is {own[0]}"
+        n, missing = list(paths.values()).count(camera), [path for path in lost if paths[path] == camera]
+        yield "video file", camera, f"{len(missing)} of {n} files are not there, the first is {missing[0]}"
     for path in [path for path in paths if path not in lost]:
         own = [shot for shot in shots if shot.path == path]
         try:
-            times, frames = (video.look if look else video.count)(path)
+            times = video.Packets.of(path).times
+            times, frames = video.look(path) if look else (times, np.empty((len(times), 0)))
         except DataError as error:
             first, last = own[0].episode, own[-1].episode
             yield "video file", str(first) if first == last else f"{first} to {last}", str(error).rstrip(".")

@@ -6,12 +6,11 @@ import json
 import warnings
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
 from rpil.data.errors import DataError
 from rpil.data.folders import copy_folder
 from rpil.data.guard import guarded
-from rpil.data.json_files import read_json
+from rpil.data.json_files import Parsed, read_json
 from rpil.data.names import quoted
 from rpil.formats import lerobot_stats as stats
 from rpil.formats.lerobot import cameras
@@ -19,11 +18,11 @@ from rpil.formats.lerobot_episodes import EpisodeLines, EpisodeTable
 from rpil.formats.lerobot_kept import PATHS, Kept, Trims
 
 
-def write(path: Path, new: Path, info: dict[str, Any], ids: Sequence[object], trims: Trims) -> None:
+def write(path: Path, new: Path, info: dict[str, Parsed], ids: Sequence[object], trims: Trims) -> None:
     """Write the episodes `ids` of the folder `path` to the empty folder `new`; `info` is what ``info.json`` says."""
     copy_folder(path / "meta", new / "meta", without="episodes")
     kept = Kept(path, new, info, {str(name) for name in ids}, trims)
-    with guarded(path / "meta"):
+    with guarded(path / "meta" / "episodes"):
         about = EpisodeTable.read(kept) if kept.is_v3 else EpisodeLines.read(kept)
         seen = {camera: about.videos(camera) for camera in cameras(info, "video")}
     gone = [camera for camera, files in seen.items() if not any(file.is_file() for file in files.values())]
@@ -36,7 +35,7 @@ def write(path: Path, new: Path, info: dict[str, Any], ids: Sequence[object], tr
         raise DataError(f"{lost[0]}: this video is not there; download it, or leave its episodes out.")
     about.prepare(seen)
     kept.copy_data()
-    with guarded(path / "meta"):
+    with guarded(path / "meta" / "episodes"):
         by_episode = about.write(seen, gone)
         n = len(kept.numbers)
         data, videos = PATHS[info["codebase_version"]]

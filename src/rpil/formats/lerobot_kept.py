@@ -7,12 +7,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from rpil.data.errors import DataError
 from rpil.data.folders import check_inside
+from rpil.data.json_files import Parsed
 from rpil.formats.columns import ColumnOptions
 from rpil.formats.lerobot import fill
 from rpil.formats.selection import keep_rows
@@ -42,34 +43,18 @@ PATHS = {
 
 @dataclass
 class Kept:
-    """What is written: the episodes `wanted`, with new numbers from 0 in the order of the files.
-
-    Attributes
-    ----------
-    path, new : Path
-        The folders.
-    info : dict
-        What ``meta/info.json`` says.
-    trims : mapping
-        By the old numbers as text.
-    numbers : dict
-        The new number by the old one.
-    files : dict
-        Chunk and file of the data, by the new number.
-    skipped : dict
-        Seconds of the beginning that the rows no longer have, by the old number.
-    """
+    """What is written: the episodes `wanted`, with new numbers from 0 in the order of the files."""
 
     path: Path
     new: Path
-    info: dict[str, Any]
+    info: dict[str, Parsed]  # what meta/info.json says
     wanted: set[str]
-    trims: Trims
-    numbers: dict[int, int] = field(default_factory=dict)
-    files: dict[int, tuple[int, int]] = field(default_factory=dict)
+    trims: Trims  # by the old numbers as text
+    numbers: dict[int, int] = field(default_factory=dict)  # the new one by the old one
+    files: dict[int, tuple[int, int]] = field(default_factory=dict)  # chunk and file by the new number
     lengths: Counter[int] = field(default_factory=Counter)
     n_steps: int = 0
-    skipped: dict[int, float] = field(default_factory=dict)
+    skipped: dict[int, float] = field(default_factory=dict)  # seconds that rows lose at their head, by the old number
     place: tuple[int, int] = (0, 0)
 
     @property
@@ -99,8 +84,7 @@ class Kept:
 
     def target(self, of_videos: int, chunk: int, file: int, camera: str = "") -> str:
         """The place of a new file."""
-        names = {"chunk_index": chunk, "file_index": file, "episode_chunk": chunk, "episode_index": file}
-        return fill(PATHS[self.info["codebase_version"]][of_videos], **names, video_key=camera)
+        return _place(PATHS[self.info["codebase_version"]][of_videos], camera, chunk, file)
 
     def renumbered(self, table: pa.Table) -> pa.Table:
         """Rows with new numbers of episode and step, without those that are trimmed."""
@@ -135,22 +119,17 @@ class Kept:
 
         return pq.read_table(self.new / self.target(0, *self.files[number]), filters=[("episode_index", "==", number)])
 
-    def source(self, camera: str, chunk: int, file: int) -> Path:
-        """The place of a video that is read."""
-        return video_place(self.path, self.info, camera, chunk, file)
 
-    def span(self, old: int, length: int) -> tuple[int, int]:
-        """The frames to keep of an episode that has so many."""
-        return self.trims.get(str(old), (0, length))
-
-
-def video_place(path: Path, info: Mapping[str, Any], camera: str, chunk: int, file: int) -> Path:
+def video_place(path: Path, info: Mapping[str, Parsed], camera: str, chunk: int, file: int) -> Path:
     """The place of a video in the folder `path`, or a `DataError` where it leads out of it."""
-    names = {"chunk_index": chunk, "file_index": file, "episode_chunk": chunk, "episode_index": file}
-    template = info.get("video_path") or PATHS[info["codebase_version"]][1]
-    place = path / fill(template, **names, video_key=camera)
+    place = path / _place(info.get("video_path") or PATHS[info["codebase_version"]][1], camera, chunk, file)
     check_inside(place, path)
     return place
+
+
+def _place(template: str, camera: str, chunk: int, file: int) -> str:
+    names = {"chunk_index": chunk, "file_index": file, "episode_chunk": chunk, "episode_index": file}
+    return fill(template, **names, video_key=camera)
 
 
 def with_column(table: pa.Table, name: str, values: Sequence[object] | Array) -> pa.Table:

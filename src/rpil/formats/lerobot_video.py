@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from types import ModuleType
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -28,30 +28,19 @@ def load_av() -> ModuleType:
         import av
     except ImportError as error:
         raise MissingExtraError("To read or cut videos", "video") from error
-    return av
+    module: ModuleType = av
+    return module
 
 
 @dataclass(frozen=True, eq=False)
 class Packets:
-    """The P packets of a video in the order of the file, which is that of decoding; each holds one frame.
+    """The P packets of a video in the order of the file, which is that of decoding; each holds one frame."""
 
-    Attributes
-    ----------
-    shown, decoded : (P,) int arrays
-        When a frame is shown and when it is decoded, in `units`.
-    is_key : (P,) bool array
-        Whether a frame can be decoded without others.
-    length : (P,) int array
-        How long a frame is shown, in `units`.
-    unit : float
-        Seconds.
-    """
-
-    shown: Array
+    shown: Array  # when a frame is shown, in units, (P,)
     decoded: Array
-    is_key: Array
-    length: Array
-    unit: float
+    is_key: Array  # whether it can be decoded without others
+    length: Array  # how long it is shown
+    unit: float  # seconds
 
     @property
     def times(self) -> Array:
@@ -77,8 +66,7 @@ def _opened(path: Path) -> Iterator[InputContainer]:
         yield source
 
 
-@dataclass(frozen=True)
-class _Run:
+class _Run(NamedTuple):
     """Packets ``first:end`` of a file, which are copied and shown later by `shift` units."""
 
     first: int
@@ -89,22 +77,14 @@ class _Run:
 def cut(path: Path, new: Path, spans: Sequence[tuple[float, float]], fps: float) -> list[float]:
     """Copy the frames of a video that are shown within `spans` to the new file `new`, one span after the other.
 
-    Nothing is encoded again: where the first frame of a span needs earlier ones, these are copied with it.
-
-    Parameters
-    ----------
-    spans : sequence of pairs of float
-        Seconds; a frame at the end belongs to the next span.
-
-    Returns
-    -------
-    list of float
-        Seconds at which the first frame of each span is shown in the new file.
+    Spans are in seconds, and a frame at the end of one belongs to the next. Nothing is encoded again: where the first
+    frame of a span needs earlier ones, these are copied with it. Returned are the seconds at which the first frame of
+    each span is shown in the new file.
     """
     packets = Packets.of(path)
+    places = [_find(packets, span, 0.5 / fps, path) for span in spans]
+    runs = _runs(packets, places)
     with guarded(path):
-        places = [_find(packets, span, 0.5 / fps, path) for span in spans]
-        runs = _runs(packets, places)
         _copy(path, new, packets, runs)
     shifts = [next(run.shift for run in runs if run.first <= first < run.end) for first, _, _ in places]
     return [(shown + shift) * packets.unit for (_, _, shown), shift in zip(places, shifts, strict=True)]
@@ -130,7 +110,7 @@ def _runs(packets: Packets, places: Sequence[tuple[int, int, int]]) -> list[_Run
         else:
             shift = shown - int(packets.shown[first])
             runs.append(_Run(first, end, max(shift, decoded - int(packets.decoded[first])) if runs else shift))
-        run = slice(runs[-1].first, runs[-1].end)
+        run = slice(*runs[-1][:2])
         shown = int((packets.shown[run] + packets.length[run]).max()) + runs[-1].shift
         decoded = int(packets.decoded[run][-1]) + 1 + runs[-1].shift
     return runs
@@ -138,11 +118,9 @@ def _runs(packets: Packets, places: Sequence[tuple[int, int, int]]) -> list[_Run
 
 def _copy(path: Path, new: Path, packets: Packets, runs: Sequence[_Run]) -> None:
     """Copy the packets of the runs, without frames that need others before their run."""
-    shift = np.zeros(len(packets.shown), dtype=np.int64)
-    wanted = np.zeros(len(packets.shown), dtype=bool)
-    for run in runs:
-        shift[run.first : run.end] = run.shift
-        wanted[run.first : run.end] = packets.shown[run.first : run.end] >= packets.shown[run.first]
+    shift, wanted = np.zeros_like(packets.shown), np.zeros_like(packets.is_key)
+    for first, end, by in runs:
+        shift[first:end], wanted[first:end] = by, packets.shown[first:end] >= packets.shown[first]
     av = load_av()
     with av.open(str(path)) as source, av.open(str(new), "w", format="mp4") as target:
         stream = source.streams.video[0]
@@ -155,14 +133,8 @@ def _copy(path: Path, new: Path, packets: Packets, runs: Sequence[_Run]) -> None
                 target.mux(packet)
 
 
-def count(path: Path) -> tuple[Array, Array]:
-    """The times of `look`, without brightness (F, 0)."""
-    times = Packets.of(path).times
-    return times, np.empty((len(times), 0))
-
-
 def look(path: Path) -> tuple[Array, Array]:
-    """Seconds at which the F frames of a video are shown, (F,), and the brightness of some pixels, (F, K) of 0 to 255."""
+    """Seconds at which the F frames of a video are shown, (F,), and the brightness of some pixels, (F, K), to 255."""
     times, pictures = [], []
     with _opened(path) as source:
         stream = source.streams.video[0]
@@ -170,8 +142,9 @@ def look(path: Path) -> tuple[Array, Array]:
             if "yuv" not in frame.format.name or frame.format.components[0].bits != 8:
                 frame = frame.reformat(format="gray")
             plane = frame.planes[0]
-            rows = np.frombuffer(plane, np.uint8).reshape(-1, plane.line_size)[: plane.height, : plane.width]
+            rows = np.frombuffer(memoryview(plane), np.uint8).reshape(-1, plane.line_size)
+            rows = rows[: plane.height, : plane.width]
             down, right = (max(1, size // PIXELS) for size in rows.shape)
             pictures.append(rows[down // 2 :: down, right // 2 :: right][:PIXELS, :PIXELS].reshape(-1))
             times.append(float(frame.time or 0.0))
-        return np.array(times), np.array(pictures)
+    return np.array(times), np.array(pictures)

@@ -157,7 +157,6 @@ def opened(filesystem: fs.FileSystem, path: str) -> Iterator[pq.ParquetFile]:
     import pyarrow as pa
     import pyarrow.parquet as pq
 
-    name = PurePosixPath(path).name
     try:
         # Neither mapped into memory, where mapped pages stay and count, nor fetched by whole row groups.
         options = {"buffer_size": _BUFFER_BYTES, "pre_buffer": False, "page_checksum_verification": True}
@@ -172,18 +171,17 @@ def opened(filesystem: fs.FileSystem, path: str) -> Iterator[pq.ParquetFile]:
     except DataError:
         raise
     except Exception:
-        with filesystem.open_input_file(path) as stream:
-            refuse_pointer(stream.read(100), name)
         fault = "not a Parquet file, or a damaged or truncated one"
         if _is_unfinished(filesystem, path):
             fault = "a damaged or truncated Parquet file, which was never finished, as when a recording is cut off"
-        with guarded(name, fault, "write it again"):
+        with guarded(PurePosixPath(path).name, fault, "write it again"):
             raise
 
 
 def _is_unfinished(filesystem: fs.FileSystem, path: str) -> bool:
     """Whether a file begins as Parquet does, and lacks the end."""
     with filesystem.open_input_file(path) as stream:
+        refuse_pointer(stream.read_at(100, 0), PurePosixPath(path).name)
         size = stream.size()
         return bool(size > 8 and stream.read_at(4, 0) == b"PAR1" != stream.read_at(4, size - 4))
 
@@ -218,8 +216,7 @@ def find_files(path: StrPath) -> tuple[fs.FileSystem, list[str], list[str]]:
             raise DataError(f"{where}: there is no such file or folder; check the path.")
         if kind == fs.FileType.File:
             return filesystem, *_tables([place], place)
-        # LeRobot keeps the steps in data/, and tables of other things in meta/.
-        data = f"{place}/data"
+        data = f"{place}/data"  # of LeRobot, which has tables of other things in meta
         place = data if filesystem.get_file_info(data).type == fs.FileType.Directory else place
         entries = filesystem.get_file_info(fs.FileSelector(place, recursive=True))
     except ImportError as error:
