@@ -216,7 +216,6 @@ WITHOUT_TESTS = {
     "formats/order.py": "as dialect.py",
     "formats/starts.py": "as store.py",
     "formats/recording.py": "as csv.py",
-    "formats/lerobot.py": "as csv.py",
     "formats/description.py": "as csv.py",
     "data/npy.py": "tests/data/test_hostile_files.py",
     "data/run.py": "one function, tested with the files that carry its result",

@@ -79,7 +79,7 @@ class Kept:
             if not self.is_v3 and len(self.numbers) != n_files:
                 raise DataError(f"{file}: it holds several episodes, or one of another file; repair the data set.")
         for name, (first, end) in self.trims.items():
-            if int(name) in self.numbers and self.lengths[self.numbers[int(name)]] != end - first:
+            if name in self.wanted and self.lengths[self.numbers.get(int(name), -1)] != end - first:
                 raise DataError(f"{self.path}, demonstration {name}: its frame_index does not count from 0; trim none.")
 
     def target(self, of_videos: int, chunk: int, file: int, camera: str = "") -> str:
