@@ -12,13 +12,16 @@ import lerobot_folders as folders
 from rpil import formats
 from rpil.data.errors import DataError, MissingExtraError
 
-pytest.importorskip("av", reason="needs the extra video")
+av = pytest.importorskip("av", reason="needs the extra video")
 
 LENGTHS = (9, 12, 7, 10, 8, 11, 6)
 REAL = Path(__file__).parents[3] / "shared" / "data" / "formats"
 CODED = {
     "two frames": ("libx264", {"g": "2", "crf": "30"}),
-    "both ways": ("libx264", {"g": "7", "bf": "3", "x264-params": "scenecut=0:open-gop=1"}),
+    "both ways": ("libx264", {"g": "7", "bf": "3", "x264-params": "scenecut=0"}),
+    "open groups": ("libx264", {"g": "5", "bf": "3", "x264-params": "open-gop=1:scenecut=0:b-pyramid=normal"}),
+    "HEVC": ("libx265", {"x265-params": "keyint=9:bframes=3:open-gop=1:log-level=none"}),
+    "AV1": ("libsvtav1", {"g": "2", "crf": "30", "svtav1-params": "enable-stat-report=0"}),  # as LeRobot has it
     "one key frame": ("libx264", {"g": "1000", "bf": "2"}),
     "mpeg4": ("mpeg4", {"g": "5"}),
 }
@@ -36,11 +39,19 @@ def assert_same(new, old, first=0, end=None):
             assert new["rows"][name].to_pylist() == old["rows"][name].to_pylist()[first:end]
 
 
+def coded_drive(folder, version, coded):
+    """A folder with videos of this kind, where they can be written."""
+    codec, options = CODED[coded]
+    try:
+        return folders.write(folder / "drive", LENGTHS, version, ("front", "wrist"), codec, options)
+    except ValueError:
+        pytest.skip(f"needs the encoder {codec}")
+
+
 @pytest.mark.parametrize("coded", CODED)
 @pytest.mark.parametrize("version", ["v3.0", "v2.1"])
 def test_frames_of_kept_episodes_are_the_same(tmp_path, version, coded):
-    codec, options = CODED[coded]
-    root = folders.write(tmp_path / "drive", LENGTHS, version, ("front", "wrist"), codec, options)
+    root = coded_drive(tmp_path, version, coded)
     old = folders.read(root)
     for ids in ([1, 2, 4, 6], [0, 1, 2], [5]):
         output = tmp_path / f"kept{len(ids)}"
@@ -49,15 +60,15 @@ def test_frames_of_kept_episodes_are_the_same(tmp_path, version, coded):
         assert len(new) == len(ids)
         for one, m in zip(new, ids, strict=True):
             assert_same(one, old[m])
-    n_bytes = sum(file.stat().st_size for file in (tmp_path / "kept3" / "videos").rglob("*.mp4"))
-    assert n_bytes <= sum(file.stat().st_size for file in (root / "videos").rglob("*.mp4"))
+    if coded == "two frames":  # of which nothing is copied that is not kept
+        n_frames = [len(list(av.open(str(file)).decode(video=0))) for file in (tmp_path / "kept4").rglob("*.mp4")]
+        assert sum(n_frames) <= 2 * (sum(LENGTHS[m] for m in (1, 2, 4, 6)) + 4)
 
 
 @pytest.mark.parametrize("coded", CODED)
 @pytest.mark.parametrize("version", ["v3.0", "v2.1"])
 def test_idle_ends_are_cut_with_their_frames(tmp_path, version, coded):
-    codec, options = CODED[coded]
-    root = folders.write(tmp_path / "drive", LENGTHS, version, ("front", "wrist"), codec, options)
+    root = coded_drive(tmp_path, version, coded)
     old, trims = folders.read(root), {1: (3, 9), 2: (0, 5), 4: (5, 8)}
     formats.keep(root, tmp_path / "kept", [0, 1, 2, 4, 5], trims=trims)
     new = folders.read(tmp_path / "kept")

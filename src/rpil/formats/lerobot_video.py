@@ -18,6 +18,10 @@ from rpil.numerics.types import Array
 
 if TYPE_CHECKING:
     from av.container import InputContainer
+    from av.packet import Packet
+
+_FRESH = {"h264": (4, 0, (5,)), "hevc": (21, 1, (19, 20))}
+"""Where the head of a codec says how long lengths are; the place of the type of a unit, and types of fresh frames."""
 
 PIXELS = 32  # of a frame that are looked at, in each direction
 
@@ -38,7 +42,7 @@ class Packets:
 
     shown: Array  # when a frame is shown, in units, (P,)
     decoded: Array
-    is_key: Array  # whether it can be decoded without others
+    is_key: Array  # whether it can be decoded, and followed by others, without those before it
     length: Array  # how long it is shown
     unit: float  # seconds
 
@@ -52,11 +56,26 @@ class Packets:
         """Those of a file; a `DataError` where it is no video, or a damaged one."""
         with _opened(path) as source:
             stream = source.streams.video[0]
-            found = [(p.pts, p.dts, p.is_keyframe, p.duration or 0) for p in source.demux(stream) if p.size]
+            codec, head = stream.codec_context.name, stream.codec_context.extradata or b""
+            packets = (packet for packet in source.demux(stream) if packet.size)
+            found = [(p.pts, p.dts, p.is_keyframe and _is_fresh(p, codec, head), p.duration or 0) for p in packets]
             shown, decoded, is_key, length = np.array(found, dtype=np.int64).reshape(-1, 4).T
             if not len(shown) or not is_key[0]:
                 raise ValueError("it does not begin with a frame")
             return cls(shown, decoded, is_key.astype(bool), length, float(stream.time_base or 0))
+
+
+def _is_fresh(packet: Packet, codec: str, head: bytes) -> bool:
+    """Whether a decoder forgets all frames before a key frame: in H.264 and HEVC some are followed by older ones."""
+    if codec not in _FRESH or len(head) < 22:
+        return True
+    first, shift, fresh = _FRESH[codec]
+    data, size, place = bytes(packet), (head[first] & 3) + 1, 0  # of the number before each unit
+    while place + size < len(data):
+        if data[place + size] >> shift & (63 if shift else 31) in fresh:
+            return True
+        place += size + int.from_bytes(data[place : place + size], "big")
+    return False
 
 
 @contextmanager
@@ -124,7 +143,7 @@ def _copy(path: Path, new: Path, packets: Packets, runs: Sequence[_Run]) -> None
     av = load_av()
     with av.open(str(path)) as source, av.open(str(new), "w", format="mp4") as target:
         stream = source.streams.video[0]
-        out = target.add_stream_from_template(stream)
+        out = target.add_stream_from_template(stream, opaque=True)  # no encoder is needed
         out.time_base = stream.time_base
         for place, packet in enumerate(packet for packet in source.demux(stream) if packet.size):
             if wanted[place]:
