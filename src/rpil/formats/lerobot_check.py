@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import shutil
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -16,12 +17,15 @@ from rpil.data.files import replacing
 from rpil.data.guard import guarded
 from rpil.data.json_files import Parsed, read_json
 from rpil.formats import lerobot_stats as stats
-from rpil.formats.lerobot import cameras, frame_rate
+from rpil.formats.description import listed
+from rpil.formats.lerobot import cameras, fill, frame_rate
 from rpil.formats.lerobot_episodes import read_episodes, read_lines
 from rpil.formats.lerobot_frames import Found, Shot, find_faults
 from rpil.formats.lerobot_kept import PATHS, video_place
 from rpil.formats.lerobot_video import load_av
 from rpil.formats.store import find_files
+
+INFO, STATS = "meta/info.json", "meta/stats.json"
 
 TOLERANCE, SHARES = 1e-3, (1e-5, 1e-3)
 """Standard deviations, and shares of the largest value, the second for a standard deviation, by which a statistic may
@@ -47,7 +51,7 @@ class Folder:
     @cached_property
     def info(self) -> dict[str, Parsed]:
         """What ``info.json`` says."""
-        return dict(read_json(self.path / "meta" / "info.json"))
+        return dict(read_json(self.path / INFO))
 
     @cached_property
     def data(self) -> dict[int, tuple[int, int, str]]:
@@ -56,12 +60,12 @@ class Folder:
 
         found: dict[int, tuple[int, int, str]] = {}
         for file in find_files(self.path)[1]:
-            table = pq.read_table(file)
-            owners = table["episode_index"].to_numpy()
-            index = table["index"].to_numpy() if "index" in table.column_names else np.full(len(table), -1)
-            for m in np.unique(owners).tolist():
-                own = owners == m
-                found[m] = int(own.sum()), int(index[own].min()), str(Path(file).relative_to(self.path.resolve()))
+            has_index = "index" in pq.read_schema(file).names
+            table = pq.read_table(file, columns=["episode_index", *["index"] * has_index])
+            numbers, starts, counts = np.unique(table["episode_index"], return_index=True, return_counts=True)
+            for m, row, n in zip(numbers.tolist(), starts.tolist(), counts.tolist(), strict=True):
+                first = table["index"][row].as_py() if has_index else -1
+                found[m] = n, first, os.path.relpath(file, self.path)
         return found
 
     @cached_property
@@ -126,9 +130,9 @@ def _in_videos(shots: list[Shot], fps: float, look: bool) -> Found:
 
 def _in_totals(folder: Folder) -> Iterator[Defect]:
     for name, number in folder.totals.items():
-        if folder.info.get(name) != number:
-            said = f"{name} is {folder.info.get(name)}, and the data hold {number}"
-            yield Defect("totals", "meta/info.json", said, folder.is_whole)
+        if folder.info.get(name, number) != number:
+            said = f"{name} is {folder.info[name]}, and the data hold {number}"
+            yield Defect("totals", INFO, said, folder.is_whole)
 
 
 def _in_episodes(folder: Folder) -> Iterator[Defect]:
@@ -149,15 +153,14 @@ def _in_episodes(folder: Folder) -> Iterator[Defect]:
             f"{name} is {row[name]}, not {value}" for name, value in expected.items() if row.get(name, value) != value
         ]
         places = {name: row[f"data/{name}"] for name in ("chunk_index", "file_index") if f"data/{name}" in row}
-        template = str(folder.info.get("data_path") or PATHS["v3.0"][0])
-        named = template.format(**places) if places else file
+        named = fill(str(folder.info.get("data_path") or PATHS["v3.0"][0]), **places) if places else file
         wrong += [f"its data are in {file}, not in {named}"] if named != file else []
         if wrong:
             yield Defect("episode table", str(m), "; ".join(wrong))
 
 
 def _in_statistics(folder: Folder) -> Iterator[Defect]:
-    place = folder.path / "meta" / "stats.json"
+    place = folder.path / STATS
     if not place.is_file() or not folder.is_whole:
         return
     said = read_json(place)
@@ -166,13 +169,10 @@ def _in_statistics(folder: Folder) -> Iterator[Defect]:
         largest = np.max([np.abs(found[what]) for what in names], axis=0) if names else 0.0
         for what in names:
             slack = TOLERANCE * np.asarray(found.get("std", 0.0)) + SHARES[what == "std"] * largest + 1e-9
-            off = np.abs(np.ravel(said[name][what]) - np.ravel(found[what]))
-            if not (off <= slack).all():
-                worst = int(np.argmax(np.nan_to_num(off / slack, nan=np.inf)))
-                number = (
-                    f"{np.ravel(said[name][what])[worst]:.6g}, and that of the data {np.ravel(found[what])[worst]:.6g}"
-                )
-                yield Defect("statistics", "meta/stats.json", f"{what} of {name}, {worst} is {number}", True)
+            here, data = np.ravel(said[name][what]), np.ravel(found[what])
+            if here.shape != data.shape or not (np.abs(here - data) <= slack).all():
+                numbers = (listed([f"{number:.6g}" for number in values], 3) for values in (here, data))
+                yield Defect("statistics", STATS, "{} of {} is {}; of the data {}".format(what, name, *numbers), True)
                 break
 
 
@@ -184,11 +184,10 @@ def mend(path: Path) -> list[str]:
     folder, done = Folder(path), []
     with guarded(path / "meta"):
         if folder.is_whole and list(_in_totals(folder)):
-            done.append(_replace(path / "meta" / "info.json", folder.info | folder.totals))
+            done.append(_replace(path / INFO, folder.info | folder.totals))
         if list(_in_statistics(folder)):
-            place = path / "meta" / "stats.json"
-            said = read_json(place)
-            done.append(_replace(place, said | stats.of_data(path / "data", said)))
+            said = read_json(path / STATS)
+            done.append(_replace(path / STATS, said | stats.of_data(path / "data", said)))
     return done
 
 

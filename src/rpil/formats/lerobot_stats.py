@@ -54,7 +54,8 @@ def of_data(data: Path, like: Mapping[str, Statistics]) -> dict[str, dict[str, P
 
     schema = pq.read_schema(next(data.rglob("*.parquet")))
     names = [name for name in like if name in schema.names and flat.kind_of_type(schema.field(name).type) != "nested"]
-    return of_table(pq.read_table(data, columns=names), like)
+    tables = (pq.read_table(data, columns=[name]) for name in names)  # of which one is in memory
+    return {name: one for table in tables for name, one in of_table(table, like).items()}
 
 
 def of_table(table: pa.Table, like: Mapping[str, Statistics]) -> dict[str, dict[str, Parsed]]:

@@ -18,7 +18,6 @@ from rpil.numerics.types import Array
 
 if TYPE_CHECKING:
     from av.container import InputContainer
-    from av.packet import Packet
 
 _FRESH = {"h264": (4, 0, (5,)), "hevc": (21, 1, (19, 20))}
 """Where the head of a codec says how long lengths are; the place of the type of a unit, and types of fresh frames."""
@@ -58,19 +57,19 @@ class Packets:
             stream = source.streams.video[0]
             codec, head = stream.codec_context.name, stream.codec_context.extradata or b""
             packets = (packet for packet in source.demux(stream) if packet.size)
-            found = [(p.pts, p.dts, p.is_keyframe and _is_fresh(p, codec, head), p.duration or 0) for p in packets]
+            found = [(p.pts, p.dts, p.is_keyframe and _is_fresh(bytes(p), codec, head), p.duration or 0) for p in packets]
             shown, decoded, is_key, length = np.array(found, dtype=np.int64).reshape(-1, 4).T
             if not len(shown) or not is_key[0]:
                 raise ValueError("it does not begin with a frame")
             return cls(shown, decoded, is_key.astype(bool), length, float(stream.time_base or 0))
 
 
-def _is_fresh(packet: Packet, codec: str, head: bytes) -> bool:
+def _is_fresh(data: bytes, codec: str, head: bytes) -> bool:
     """Whether a decoder forgets all frames before a key frame: in H.264 and HEVC some are followed by older ones."""
     if codec not in _FRESH or len(head) < 22:
         return True
     first, shift, fresh = _FRESH[codec]
-    data, size, place = bytes(packet), (head[first] & 3) + 1, 0  # of the number before each unit
+    size, place = (head[first] & 3) + 1, 0  # bytes of the number before each unit
     while place + size < len(data):
         if data[place + size] >> shift & (63 if shift else 31) in fresh:
             return True
