@@ -55,10 +55,8 @@ class Metadata:
         """What ``meta`` says otherwise than the data, or cannot be used of it, in sentences."""
         found = {"total_episodes": (n_demonstrations, "demonstrations"), "total_frames": (n_steps, "steps")}
         unusable = f"Left out of meta, because it cannot be used: {', '.join(self.unusable)}."
-        n = self.n_cameras
-        unseen = (
-            f"{n} camera{'s were' if n > 1 else ' was'} not used: where the object lies may be in the pictures alone."
-        )
+        n, were, them = self.n_cameras, *(("s were", "them") if self.n_cameras > 1 else (" was", "it"))
+        unseen = f"{n} camera{were} not used: where the object lies may be in {them} alone."
         strays = f"Left out, because meta does not list them: {quoted(self.strays, 5)}."
         said = (unusable, bool(self.unusable)), (strays, bool(self.strays)), (unseen, n > 0)
         return tuple(text for text, holds in said if holds) + tuple(

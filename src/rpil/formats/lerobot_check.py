@@ -7,12 +7,12 @@ import os
 import shutil
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 
 import numpy as np
 
-from rpil.data.errors import MissingExtraError
+from rpil.data.errors import DataError, MissingExtraError
 from rpil.data.files import replacing
 from rpil.data.guard import guarded
 from rpil.data.json_files import Parsed, read_json
@@ -20,7 +20,7 @@ from rpil.formats import lerobot_stats as stats
 from rpil.formats.description import listed
 from rpil.formats.lerobot import cameras, fill, frame_rate
 from rpil.formats.lerobot_episodes import read_episodes, read_lines
-from rpil.formats.lerobot_frames import Found, Shot, find_faults
+from rpil.formats.lerobot_frames import Shot, find_faults
 from rpil.formats.lerobot_kept import PATHS, video_place
 from rpil.formats.lerobot_video import load_av
 from rpil.formats.store import find_files
@@ -87,11 +87,6 @@ class Folder:
         """Whether the data hold the episodes that ``meta`` lists, and no others."""
         return self.data.keys() == self.episodes.keys()
 
-    @property
-    def totals(self) -> dict[str, int]:
-        """What ``info.json`` should say."""
-        return {"total_episodes": len(self.data), "total_frames": sum(n for n, _, _ in self.data.values())}
-
     def shots(self) -> list[Shot]:
         """Where the frames of each episode that is there are, by camera."""
         found, size = [], int(self.info.get("chunks_size", 1000))
@@ -109,27 +104,34 @@ class Folder:
 def find_defects(path: Path, look: bool) -> list[Defect]:
     """What of a folder does not agree with its data; `look` decodes the videos, which takes a while."""
     folder = Folder(path)
-    with guarded(path / "meta"):
-        found = [*_in_totals(folder), *_in_episodes(folder), *_in_statistics(folder)]
-        fps, shots = frame_rate(folder.info.get("fps")), folder.shots()
-        if fps and shots:
-            found += [Defect(*one) for one in _in_videos(shots, fps, look)]
-    return found
+    found: dict[Defect, None] = {}
+    for rule in (_in_totals, _in_episodes, _in_statistics, partial(_in_videos, look=look)):
+        try:
+            with guarded(path / "meta"):
+                found |= dict.fromkeys(rule(folder))
+        except DataError as error:
+            found[Defect("metadata", "meta", str(error).rstrip("."))] = None
+    return list(found)
 
 
-def _in_videos(shots: list[Shot], fps: float, look: bool) -> Found:
+def _in_videos(folder: Folder, look: bool) -> Iterator[Defect]:
     """Without the package for videos, only whether their files are there, unless they are to be looked at."""
+    fps, shots = frame_rate(folder.info.get("fps")), folder.shots()
     try:
         load_av()
     except MissingExtraError:
         if look:
             raise
         shots = [shot for shot in shots if not shot.path.is_file()]
-    return find_faults(shots, fps, look)
+    return (Defect(*one) for one in find_faults(shots, fps, look)) if fps else iter(())
+
+
+def _totals(folder: Folder) -> dict[str, int]:
+    return {"total_episodes": len(folder.data), "total_frames": sum(n for n, _, _ in folder.data.values())}
 
 
 def _in_totals(folder: Folder) -> Iterator[Defect]:
-    for name, number in folder.totals.items():
+    for name, number in _totals(folder).items():
         if folder.info.get(name, number) != number:
             said = f"{name} is {folder.info[name]}, and the data hold {number}"
             yield Defect("totals", INFO, said, folder.is_whole)
@@ -184,7 +186,7 @@ def mend(path: Path) -> list[str]:
     folder, done = Folder(path), []
     with guarded(path / "meta"):
         if folder.is_whole and list(_in_totals(folder)):
-            done.append(_replace(path / INFO, folder.info | folder.totals))
+            done.append(_replace(path / INFO, folder.info | _totals(folder)))
         if list(_in_statistics(folder)):
             said = read_json(path / STATS)
             done.append(_replace(path / STATS, said | stats.of_data(path / "data", said)))

@@ -57,7 +57,9 @@ class Packets:
             stream = source.streams.video[0]
             codec, head = stream.codec_context.name, stream.codec_context.extradata or b""
             packets = (packet for packet in source.demux(stream) if packet.size)
-            found = [(p.pts, p.dts, p.is_keyframe and _is_fresh(bytes(p), codec, head), p.duration or 0) for p in packets]
+            found = [
+                (p.pts, p.dts, p.is_keyframe and _is_fresh(bytes(p), codec, head), p.duration or 0) for p in packets
+            ]
             shown, decoded, is_key, length = np.array(found, dtype=np.int64).reshape(-1, 4).T
             if not len(shown) or not is_key[0]:
                 raise ValueError("it does not begin with a frame")
