@@ -64,9 +64,9 @@ def test_pointers_of_git_lfs_are_named(tmp_path, on_disk):
         file.write_bytes(POINTER)
     with pytest.raises(DataError, match=r"episode_000000\.parquet: it is a pointer of Git LFS"):
         formats.read_recording(root, on_disk=on_disk)
-    (tmp_path / "lift.hdf5").write_bytes(POINTER)
+    (tmp_path / "lift.npz").write_bytes(POINTER)
     with pytest.raises(DataError, match="pointer of Git LFS"):
-        rpil.read(tmp_path / "lift.hdf5")
+        rpil.read(tmp_path / "lift.npz")
 
 
 def test_numbers_as_text_and_nested_names_are_read(tmp_path):
