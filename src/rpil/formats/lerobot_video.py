@@ -158,6 +158,7 @@ def look(path: Path) -> tuple[Array, Array]:
     times, pictures = [], []
     with _opened(path) as source:
         stream = source.streams.video[0]
+        stream.codec_context.thread_count = 1  # which takes the least work
         for frame in source.decode(stream):
             if "yuv" not in frame.format.name or frame.format.components[0].bits != 8:
                 frame = frame.reformat(format="gray")
