@@ -246,11 +246,11 @@ def counted(path: Path) -> Iterator[Callable[[], int]]:
 
 
 MOST_OPENS = {
-    **dict.fromkeys(("CSV", "CSV of discrete actions", "CSV, semicolons, Windows", "TSV, UTF-16"), (3, 6)),
-    **dict.fromkeys(("CSV, compressed", "folder of CSV", "Minari, Arrow"), (3, 6)),
+    **dict.fromkeys(("CSV", "TSV, UTF-16", "folder of CSV", "Minari, Arrow"), (3, 6)),
+    **dict.fromkeys(("CSV of discrete actions", "CSV, semicolons, Windows", "CSV, compressed"), (4, 7)),
     "NPZ": (3, 5),
     **dict.fromkeys(("Parquet", "Parquet of lists", "folder of Parquet"), (3, 4)),
-    "LeRobot": (4, 6),
+    "LeRobot": (6, 15),
     "Minari, Parquet": (4, 7),
     "Minari, HDF5": (1, 2),
     "imitation": (1, 3),

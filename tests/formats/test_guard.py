@@ -226,7 +226,6 @@ LEROBOT = {
     ),
     "statistics nested deeply": (lambda path: (path / STATS).write_text(DEEP), STATS),
     "statistics as a list": (lambda path: (path / STATS).write_text("[1]"), STATS),
-    "statistics of a feature that is not there": (change_statistics({"images.front": {"min": [0]}}), STATS),
     "statistics of the quantile 9.99": (change_statistics({"action": {"q999": [0]}}), STATS),
     "statistics that are a number": (change_statistics({"action": 3}), STATS),
     "episodes missing": (lambda path: shutil.rmtree(path / "meta/episodes"), "episodes"),

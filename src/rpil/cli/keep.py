@@ -30,9 +30,10 @@ from rpil.cli.terminal import print_lines
 from rpil.data.errors import DataError
 
 if TYPE_CHECKING:
-    from rpil.data.demonstrations import Demonstrations
+    from rpil.data.arrays import Id
     from rpil.formats.columns import ColumnOptions
-    from rpil.formats.dataset import Dataset
+    from rpil.formats.recording import Recording
+    from rpil.formats.registry import Found
 
 
 @click.command()
@@ -49,14 +50,15 @@ if TYPE_CHECKING:
     metavar="FILE",
     help="Verdicts that rpil audit wrote, or labels: keep by these, and judge nothing.",
 )
+@click.option("--trim", is_flag=True, help="Cut idle heads and tails, as rpil check lists them: folders of LeRobot.")
 @with_judge_options
 def keep(
     file: str,
     output: str | None,
-    in_place: bool,
     share: float | None,
     at_least: float | None,
     verdicts: str | None,
+    trim: bool,
     **options: Any,
 ) -> None:
     """Write demonstrations to a new file of the same format, without those that an audit calls unlike or bad.
@@ -70,13 +72,8 @@ def keep(
     from rpil.data.id_values import check_ids
     from rpil.formats.registry import find
 
-    if in_place == (output is not None):
-        raise click.UsageError("--output NEW or --in-place says where they are written: give one of them")
     found = find(file)
-    if output is not None:
-        found.check_output(output)
-    else:
-        found.check_mask()
+    _check_output(found, output, options.pop("in_place"), trim)
     quiet, stream, scheduler = (options.pop(name) for name in ("quiet", "stream", "scheduler"))
     reference = options.pop("reference")
     columns = pop_columns(options)
@@ -92,31 +89,61 @@ def keep(
             demonstrations, why = read.demonstrations, f" ({audit.finding})"
         else:
             table, why = read_verdicts(verdicts), ""
-            demonstrations = _read_all(file, columns, progress, stream)
+            read = _read_all(file, columns, progress, stream)
+            demonstrations = read.demonstrations
             check_ids(table["id"], demonstrations.ids, verdicts, "the ids")
         kept = kept_ids(table, share, at_least)
         if not kept:
             raise DataError(f"{file}: no demonstration is left{why}; give labels, or choose with --share.")
         lost = () if quiet else lost_without(demonstrations, kept)
+        trims = _idle_ends(read, kept) if trim else {}
         progress(f"writing {output or file}")
         if output is None:
             found.mask(kept)
         else:
-            found.keep(output, kept, columns)
+            found.keep(output, kept, columns, trims)
     ids = demonstrations.ids
     click.echo(f"Kept {len(kept):,} of {len(ids):,} demonstrations: {output or file}")
+    if trim:
+        n = sum(int(demonstrations.lengths[ids.index(name)]) - end + first for name, (first, end) in trims.items())
+        click.echo(f"Trimmed {len(trims):,} of them by {n:,} steps in which nothing moves.")
     if not quiet:
         print_lines([*lost, *found.commands_to_keep(ids, kept, output or "")])
 
 
-def _read_all(
-    file: str, columns: ColumnOptions, progress: StageProgress, stream: bool | None
-) -> Demonstrations | Dataset:
-    """The demonstrations of a file, some of which may have missing values."""
+def _check_output(found: Found, output: str | None, in_place: bool, trim: bool) -> None:
+    """Refuse, before any work, an output that cannot be written."""
+    if in_place == (output is not None):
+        raise click.UsageError("--output NEW or --in-place says where they are written: give one of them")
+    if trim and in_place:
+        raise click.UsageError("--trim changes demonstrations: write them to a new folder with -o")
+    if output is None:
+        found.check_mask()
+    else:
+        found.check_output(output, trim)
+
+
+def _read_all(file: str, columns: ColumnOptions, progress: StageProgress, stream: bool | None) -> Recording:
+    """The recording in a file, of whose demonstrations some may have missing values."""
     from rpil.data.missing import allow_missing
 
     with allow_missing():
-        return open_recording(file, columns, progress, stream).demonstrations
+        read = open_recording(file, columns, progress, stream)
+        read.demonstrations  # noqa: B018  # are read here
+        return read
+
+
+def _idle_ends(read: Recording, kept: list[Id]) -> dict[Id, tuple[int, int]]:
+    """The steps to keep of the kept demonstrations with idle ends, by the rules of ``rpil check``."""
+    from rpil.faults.recorded import faults_of
+    from rpil.faults.settings import FaultSettings
+
+    names = set(map(str, kept))  # of a table of verdicts they are texts
+    return {
+        name: ends
+        for name, ends in faults_of(read, None, None, True, FaultSettings()).trims.items()
+        if str(name) in names
+    }
 
 
 @click.command()

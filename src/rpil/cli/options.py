@@ -131,6 +131,12 @@ COLUMN_OPTIONS = (
     ),
     click.option("--task", metavar="COLUMN", help="The column that names the task."),
     click.option(
+        "--embeddings",
+        type=click.Path(),
+        metavar="FILE",
+        help="More observations of each step, as of its images: Parquet or NPZ, joined on the column index.",
+    ),
+    click.option(
         "--action-kind",
         type=click.Choice(("auto", "discrete", "continuous")),
         default="auto",
@@ -226,7 +232,7 @@ def pop_columns(options: dict[str, Value]) -> ColumnOptions:
     from rpil.data.id_values import is_id_file
     from rpil.formats.columns import ColumnOptions
 
-    names = ("id", "action", "observations", "exclude", "order", "task", "action_kind")
+    names = ("id", "action", "observations", "exclude", "order", "task", "action_kind", "embeddings")
     operator = options["operator"]
     del options["memory"], options["fill_missing"]  # their callbacks have set them
     return ColumnOptions(

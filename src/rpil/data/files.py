@@ -24,6 +24,9 @@ _SYNCED_AT_ONCE = 32
 
 _TRIES, _PAUSE = 10, 0.1  # in seconds
 
+_POINTER = b"version https://git-lfs"
+_MOST_OF_POINTER = 1024  # bytes, by the definition of Git LFS
+
 StrPath = str | os.PathLike[str]
 
 
@@ -58,7 +61,16 @@ def check_readable(path: StrPath) -> Path:
         raise DataError(f"{path}: it may not be read; change its permissions.")
     if path.stat().st_size == 0:
         raise DataError(f"{path}: the file is empty; write it again.")
+    if path.stat().st_size < _MOST_OF_POINTER:
+        with path.open("rb") as file:
+            refuse_pointer(file.read(len(_POINTER)), path)
     return path
+
+
+def refuse_pointer(start: bytes, where: StrPath) -> None:
+    """A `DataError` where a file that begins with `start` stands for one that Git LFS has not brought yet."""
+    if start.startswith(_POINTER):
+        raise DataError(f"{where}: it is a pointer of Git LFS and not the data; bring them with git lfs pull.")
 
 
 def check_writable(path: StrPath) -> Path:

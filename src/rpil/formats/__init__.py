@@ -61,6 +61,7 @@ class ReadOptions(TypedDict, total=False):
     exclude: Names
     order: str | None
     action_kind: ActionKind
+    embeddings: str | None
 
 
 class OpenOptions(ReadOptions, total=False):
@@ -92,6 +93,8 @@ def read(
         Columns, or patterns such as ``joint_*``; those of `exclude` are not read.
     action_kind : {"auto", "discrete", "continuous"}
         Whether one column of whole numbers holds classes; "auto" decides by how many there are.
+    embeddings : path
+        A Parquet or NPZ file with more observations of each step, joined on the column ``index``.
     memory : int or str, optional
         Bytes that the data may take, as a number or as text such as "4GB"; by default half of the free memory.
     fill_missing : bool
@@ -146,7 +149,13 @@ def read_demonstrators(where: str, data: StrPath | Recording) -> dict[str, str]:
     return match_demonstrators(recording.operators, f"{recording.description.source}, {where!r}")
 
 
-def keep(path: StrPath, output: StrPath, ids: Sequence[Id], options: ColumnOptions = ColumnOptions()) -> None:
+def keep(
+    path: StrPath,
+    output: StrPath,
+    ids: Sequence[Id],
+    options: ColumnOptions = ColumnOptions(),
+    trims: Mapping[Id, tuple[int, int]] | None = None,
+) -> None:
     """Write some demonstrations of a file or folder, with all that it says of them, to a new one of the same format.
 
     Parameters
@@ -157,13 +166,15 @@ def keep(path: StrPath, output: StrPath, ids: Sequence[Id], options: ColumnOptio
         A file is replaced whole; a folder must not be there yet. What is at `path` is never changed.
     options : ColumnOptions
         Those with which `path` was read.
+    trims : mapping of id to pair of int, optional
+        The first step to keep, and the first after those to keep, of some demonstrations; of LeRobot's folders only.
 
     Raises
     ------
     DataError
         Where an id is unknown, the output cannot be written or is in `path`, or the format cannot be given back.
     """
-    find(path).keep(output, ids, options)
+    find(path).keep(output, ids, options, trims)
 
 
 def write_mask(path: StrPath, ids: Sequence[Id]) -> None:

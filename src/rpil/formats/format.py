@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence, Set
+from collections.abc import Callable, Iterable, Mapping, Sequence, Set
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -14,6 +14,9 @@ from rpil.data.names import natural_key, quoted
 from rpil.formats.columns import ColumnOptions
 from rpil.formats.recording import Recording
 from rpil.numerics.types import Array
+
+Trims = Mapping[str, tuple[int, int]]
+"""The first step to keep of some demonstrations, and the one after the last, by ids as text."""
 
 Keep = Callable[[Path, Path, Sequence[Id], ColumnOptions], None]
 """Writes the demonstrations of these ids, in the order of the file, with all that the first path says of them."""
@@ -38,6 +41,16 @@ def no_commands(path: Path, ids: Sequence[object], kept: Sequence[object], outpu
 
 
 @dataclass(frozen=True)
+class Defect:
+    """Something of a folder that does not agree with its data; `place` is a file, or an episode."""
+
+    what: str
+    place: str
+    sentence: str
+    can_be_mended: bool = False
+
+
+@dataclass(frozen=True)
 class Format:
     """What a format can do; what is left out of the record, it cannot.
 
@@ -58,6 +71,10 @@ class Format:
         Writes demonstrations, and true values for each, which `read` ignores.
     check_output : function of the path of the data and that of the output
         A `DataError` where `keep` cannot write to the output, before any work.
+    trim, check_trim : functions as `keep` and `check_output`, optional
+        Write demonstrations without some first and last steps: the fourth argument is the range to keep of some ids.
+    find_defects, mend : functions of a path, optional
+        What beside the demonstrations does not agree with them (with True, in videos too), and mending what is safe.
     mask : function of a path and ids, optional
         Lists some demonstrations in the file itself.
     commands_to_keep : function of a path, all ids, those kept, and the output of `keep`
@@ -77,6 +94,10 @@ class Format:
     suffixes: tuple[str, ...] = ()
     write: Callable[[Path, Demonstrations, Mapping[str, Array]], None] | None = None
     check_output: Callable[[Path, Path], object] = check_same_kind
+    trim: Callable[[Path, Path, Sequence[Id], Trims], None] | None = None
+    check_trim: Callable[[Path, Path], object] = check_same_kind
+    find_defects: Callable[[Path, bool], list[Defect]] | None = None
+    mend: Callable[[Path], Iterable[str]] | None = None
     mask: Callable[[Path, Sequence[Id]], None] | None = None
     commands_to_keep: Callable[[Path, Sequence[object], Sequence[object], StrPath], list[str]] = no_commands
     notes_on_weights: tuple[str, ...] = ()

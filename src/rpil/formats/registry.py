@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import zipfile
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -30,7 +30,8 @@ from rpil.formats import (
     zarr,
 )
 from rpil.formats.columns import ColumnOptions
-from rpil.formats.format import Format, not_a_folder
+from rpil.formats.embeddings import with_embeddings
+from rpil.formats.format import Defect, Format, not_a_folder
 from rpil.formats.recording import Recording
 from rpil.formats.store import may_be_many_files
 
@@ -83,18 +84,30 @@ class Found:
             else:
                 path = Path(self.path)
                 recording = self.format.read(check_readable(path) if path.is_file() else path, options)
+            if options.embeddings:
+                recording = with_embeddings(recording, options.embeddings)
             return replace(recording, options=options, write_some=lambda ids, new: self.keep(new, ids, options))
 
-    def keep(self, output: StrPath, ids: Sequence[Id], options: ColumnOptions = ColumnOptions()) -> None:
+    def keep(
+        self,
+        output: StrPath,
+        ids: Sequence[Id],
+        options: ColumnOptions = ColumnOptions(),
+        trims: Mapping[Id, tuple[int, int]] | None = None,
+    ) -> None:
         """Write some demonstrations to `output`; see `rpil.formats.keep`."""
         with guarded(str(self.path)):
-            new = self.check_output(output)
+            new = self.check_output(output, bool(trims))
             if not ids:
                 raise DataError(f"{self.path}: no demonstration is to be kept; choose others.")
-            self.format.keep(Path(self.path), new, ids, options)
+            if trims and self.format.trim is not None:
+                ends = {str(name): (int(first), int(end)) for name, (first, end) in trims.items()}
+                self.format.trim(Path(self.path), new, ids, ends)
+            else:
+                self.format.keep(Path(self.path), new, ids, options)
 
-    def check_output(self, output: StrPath) -> Path:
-        """The path of the `output`, or a `DataError`, before any work, where `keep` cannot write there."""
+    def check_output(self, output: StrPath, trim: bool = False) -> Path:
+        """The path of the `output`, or a `DataError`, before any work, where `keep` cannot write there, or `trim`."""
         if "://" in str(self.path):
             raise DataError(f"{self.path}: only files of this computer can be given back; download it first.")
         new, path = Path(output), check_exists(self.path)
@@ -105,8 +118,24 @@ class Found:
         with guarded(str(path)):
             if path.is_dir() and new.name.lower().endswith(tuple(suffixes())):
                 raise not_a_folder(new)
-            self.format.check_output(path, new)
+            if trim and self.format.trim is None:
+                able = " and ".join(one.name for one in FORMATS if one.trim is not None)
+                raise DataError(f"{self.path}: only folders of {able} can be trimmed; leave --trim out.")
+            (self.format.check_trim if trim else self.format.check_output)(path, new)
         return check_writable(new)
+
+    @property
+    def has_defects(self) -> bool:
+        """Whether the format has anything beside the demonstrations that may not agree with them."""
+        return self.format.find_defects is not None
+
+    def find_defects(self, look: bool) -> list[Defect]:
+        """What does not agree with the demonstrations; in videos too if `look`."""
+        return self.format.find_defects(Path(self.path), look) if self.format.find_defects is not None else []
+
+    def mend(self) -> Iterable[str]:
+        """Mend what is safe; sentences on what was done."""
+        return self.format.mend(Path(self.path)) if self.format.mend is not None else ()
 
     def check_mask(self) -> None:
         """A `DataError` where the format has no place for a list of demonstrations."""

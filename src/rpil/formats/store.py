@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rpil.data.errors import DataError
-from rpil.data.files import StrPath, check_exists
+from rpil.data.files import StrPath, check_exists, refuse_pointer
 from rpil.data.folders import check_folder, check_inside, is_hidden
 from rpil.data.guard import guard, guarded, one_line
 from rpil.data.names import is_data
@@ -23,7 +23,7 @@ from rpil.formats.column_search import find_columns
 from rpil.formats.columns import ColumnOptions, Columns, check_unique
 from rpil.formats.dialect import TEXT_SUFFIXES
 from rpil.formats.layout import Layout
-from rpil.formats.lerobot import Metadata, read_metadata
+from rpil.formats.lerobot import Metadata, choose_files, read_metadata
 from rpil.formats.parquet_pages import check_pages
 from rpil.formats.rows import BATCH_ROWS
 from rpil.formats.table import Place
@@ -116,7 +116,6 @@ def opened(filesystem: fs.FileSystem, path: str) -> Iterator[pq.ParquetFile]:
     import pyarrow as pa
     import pyarrow.parquet as pq
 
-    name = PurePosixPath(path).name
     try:
         # Neither mapped into memory, where mapped pages stay and count, nor fetched by whole row groups.
         options = {"buffer_size": _BUFFER_BYTES, "pre_buffer": False, "page_checksum_verification": True}
@@ -134,13 +133,14 @@ def opened(filesystem: fs.FileSystem, path: str) -> Iterator[pq.ParquetFile]:
         fault = "not a Parquet file, or a damaged or truncated one"
         if _is_unfinished(filesystem, path):
             fault = "a damaged or truncated Parquet file, which was never finished, as when a recording is cut off"
-        with guarded(name, fault, "write it again"):
+        with guarded(PurePosixPath(path).name, fault, "write it again"):
             raise
 
 
 def _is_unfinished(filesystem: fs.FileSystem, path: str) -> bool:
     """Whether a file begins as Parquet does, and lacks the end."""
     with filesystem.open_input_file(path) as stream:
+        refuse_pointer(stream.read_at(100, 0), PurePosixPath(path).name)
         size = stream.size()
         return bool(size > 8 and stream.read_at(4, 0) == b"PAR1" != stream.read_at(4, size - 4))
 
@@ -180,8 +180,7 @@ def find_files(path: StrPath) -> tuple[fs.FileSystem, list[str], list[str]]:
             raise DataError(f"{where}: there is no such file or folder; check the path.")
         if kind == fs.FileType.File:
             return filesystem, *_tables([place], place)
-        # LeRobot keeps the steps in data/, and tables of other things in meta/.
-        data = f"{place}/data"
+        data = f"{place}/data"  # of LeRobot, which has tables of other things in meta
         place = data if filesystem.get_file_info(data).type == fs.FileType.Directory else place
         entries = filesystem.get_file_info(fs.FileSelector(place, recursive=True))
     except ImportError as error:
@@ -191,7 +190,8 @@ def find_files(path: StrPath) -> tuple[fs.FileSystem, list[str], list[str]]:
         raise
     except (pa.ArrowException, OSError) as error:
         raise DataError(f"{where}: it cannot be listed ({one_line(error)}); check the path.") from error
-    return filesystem, *_tables(sorted(info.path for info in entries if info.type == fs.FileType.File), place)
+    files, texts = _tables(sorted(info.path for info in entries if info.type == fs.FileType.File), place)
+    return filesystem, choose_files(filesystem, where, place, files), texts
 
 
 def _matches(pattern: str) -> tuple[list[str], list[str]]:
