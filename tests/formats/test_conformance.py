@@ -250,7 +250,7 @@ MOST_OPENS = {
     **dict.fromkeys(("CSV of discrete actions", "CSV, semicolons, Windows", "CSV, compressed"), (4, 7)),
     "NPZ": (3, 5),
     **dict.fromkeys(("Parquet", "Parquet of lists", "folder of Parquet"), (3, 4)),
-    "LeRobot": (6, 15),
+    "LeRobot": (4, 7),
     "Minari, Parquet": (4, 7),
     "Minari, HDF5": (1, 2),
     "imitation": (1, 3),

@@ -14,9 +14,10 @@ from rpil.data.errors import DataError
 from rpil.data.folders import check_inside
 from rpil.data.guard import guarded
 from rpil.data.json_files import LARGEST_METADATA, LARGEST_TABLE, Parsed, parse, parse_lines
+from rpil.data.memory import check_memory
 from rpil.data.names import quoted
 from rpil.formats.columns import SPLITS
-from rpil.formats.parquet_pages import check_table
+from rpil.formats.parquet_pages import check_pages, check_table
 
 if TYPE_CHECKING:
     from pyarrow import fs
@@ -91,7 +92,8 @@ def choose_files(filesystem: fs.FileSystem, where: str, place: str, files: list[
     meta = (top.parent if top.name == "data" else top) / "meta"
     try:
         info = read_info(_read_start(filesystem, meta / "info.json"), meta.parent.name)
-        lengths = _lengths(filesystem, meta)
+        is_one_each = "episode_index" in str(info.get("data_path"))
+        lengths = _lengths(filesystem, meta) if is_one_each else {}
     except (FileNotFoundError, DataError):  # the reader names what is damaged, after the data
         return files
     own = [file for file in files if meta not in PurePosixPath(file).parents]
@@ -261,10 +263,11 @@ def _lengths(filesystem: fs.FileSystem, meta: PurePosixPath) -> dict[Id, int]:
         except FileNotFoundError:
             folder = fs.FileSelector(str(meta / "episodes"), recursive=True, allow_not_found=True)
             files = sorted(info.path for info in filesystem.get_file_info(folder) if info.path.endswith(".parquet"))
+            rows = []
             for file in files:
-                check_table(file, filesystem)
-            wanted = {"columns": ["episode_index", "length"], "filesystem": filesystem}
-            rows = [row for file in files for row in pq.read_table(file, **wanted).to_pylist()]
+                with filesystem.open_input_file(file) as stream, pq.ParquetFile(stream) as table:
+                    check_memory(check_pages(filesystem, file, table, table.schema_arrow.names), file)
+                    rows += table.read(columns=["episode_index", "length"]).to_pylist()
         return {int(row["episode_index"]): int(row["length"]) for row in rows}
 
 
