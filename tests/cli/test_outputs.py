@@ -21,6 +21,7 @@ from command_line import call, ok, refused
 from rpil.cli import outputs
 from rpil.data.demonstrations import Demonstrations
 from rpil.faults.check import find_faults
+from rpil.formats.recording import from_demonstrations
 
 
 def test_audit_writes_verdicts_and_the_list_to_keep(folder):

@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import errno
+import gc
+import pickle
 
 import numpy as np
+import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
@@ -12,6 +15,7 @@ import samples
 from rpil import Dataset, formats
 from rpil.data.errors import DataError
 from rpil.data.memory import limited
+from rpil.data.missing import allow_missing
 from rpil.formats import read_recording, rows
 from rpil.formats.columns import ColumnOptions
 
@@ -62,10 +66,13 @@ def table(ids, actions, decimal="."):
         (["a"] * 9 + ["b"] * 9, [0] * 17 + ["0.5"], "."),  # so is it with numbers
         (["a"] * 9 + ["b"] * 9, [0] * 17 + ["left"], "."),
         (["a"] * 9 + ["b"] * 9, ["0,25", 1, 2] * 6, ","),
+        (["a"] * 9 + ["b"] * 9, ["-0"] * 12 + ["0.5", "01", 2] * 2, "."),  # -0 alone would be no number that comes back
+        (["a"] * 9 + ["b"] * 9, ["-0"] * 12 + [1, 2, 3] * 2, "."),
+        (["a"] * 9 + ["b"] * 9, ["0.5"] * 12 + ["12345678901234567890"] * 6, "."),
     ],
 )
 def test_text_tables(tmp_path, monkeypatch, ids, actions, decimal):
-    monkeypatch.setattr("rpil.formats.csv._BLOCK_BYTES", 1 << 8)
+    monkeypatch.setattr("rpil.formats.csv._BLOCK_BYTES", 1 << 3)
     (tmp_path / "a.csv").write_text(table(ids, actions, decimal))
     both(tmp_path / "a.csv")
 
@@ -76,6 +83,52 @@ def test_folders_of_text_tables(tmp_path):
     memory, disk = both(tmp_path)
     assert memory.demonstrations.ids == ("run1", "run2")
     assert memory.facts.order.tolist() == disk.facts.order.tolist() == [0, 1]
+
+
+def test_files_of_one_name_are_not_one_demonstration(tmp_path):
+    for name in ("run.csv", "run.tsv"):
+        (tmp_path / name).write_text("x,action\n0.5,1\n0.25,0\n".replace(",", "," if "csv" in name else "\t"))
+    for on_disk in (False, True):
+        with pytest.raises(DataError, match=r"'run': it is both in run\.csv and in run\.tsv"):
+            read_recording(tmp_path, on_disk=on_disk)
+
+
+@pytest.mark.parametrize("on_disk", [False, True])
+@pytest.mark.parametrize("wrong", [float("nan"), float("inf")])
+def test_an_action_that_is_not_finite_is_refused(tmp_path, on_disk, wrong):
+    actions = np.array([0.0, 1, 2] * 8)
+    actions[7] = wrong
+    columns = {"episode": np.repeat([0, 1], 12), "action": actions, "observation.x": np.arange(24.0)}
+    pq.write_table(pa.table(columns), tmp_path / "a.parquet")
+    with pytest.raises(DataError, match="row 8: an action is not finite"):
+        read_recording(tmp_path / "a.parquet", on_disk=on_disk).demonstrations  # noqa: B018
+    with allow_missing():
+        found = read_recording(tmp_path / "a.parquet", on_disk=on_disk).demonstrations.select(slice(None))
+    assert not np.isfinite(found.actions.reshape(-1)[7])
+
+
+def test_types_that_change_are_said(tmp_path):
+    for name, times in (("a", "0123"), ("b", ["0", "0.5", "1", "1.5"])):
+        rows = [f"{name},{t},0.5,{k % 2}\n" for k, t in enumerate(times)]
+        (tmp_path / f"{name}.csv").write_text("".join(["episode,timestamp,x,action\n", *rows]))
+    assert read_recording(tmp_path).demonstrations.n_steps == 8
+    with pytest.raises(DataError, match="other types further on; read it into memory"):
+        read_recording(tmp_path, on_disk=True)
+
+
+def test_copies_are_removed_with_their_rows(tmp_path, monkeypatch):
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path / "temporary"))
+    (tmp_path / "temporary").mkdir()
+    (tmp_path / "a.csv").write_text(table(["a"] * 9, [0, 1, 1] * 3))
+    recording = read_recording(tmp_path / "a.csv", on_disk=True)
+    data = recording.demonstrations
+    del recording
+    assert len(list((tmp_path / "temporary").iterdir())) == 1
+    shard = pickle.loads(pickle.dumps(data.shards()[0]))  # noqa: S301
+    assert next(iter(shard)).observations.shape == (9, 1)
+    del data, shard
+    gc.collect()
+    assert not list((tmp_path / "temporary").iterdir())
 
 
 def test_a_fault_names_file_demonstration_and_row(tmp_path):
@@ -100,5 +153,5 @@ def test_a_full_disk_is_said(tmp_path, monkeypatch):
         raise OSError(errno.ENOSPC, "No space left on device")
 
     monkeypatch.setattr(pq.ParquetWriter, "write_table", full)
-    with pytest.raises(DataError, match=r"a\.csv: no space is left in .*; set TMPDIR"):
+    with pytest.raises(DataError, match=r"a\.csv: a copy of its rows cannot be written .*No space left.*set TMPDIR"):
         read_recording(tmp_path / "a.csv", on_disk=True)

@@ -162,8 +162,8 @@ def size(value):
 def test_files_that_workers_cannot_read_are_refused(cluster, tmp_path):
     formats.write(tmp_path / "a.parquet", demonstrations())
     data = open_dataset(tmp_path / "a.parquet")
-    groups = tuple(replace(group, path="/nowhere/a.parquet") for group in data.store.groups)
-    lost = replace(data, store=replace(data.store, groups=groups))
+    groups = tuple(replace(group, path="/nowhere/a.parquet") for group in data.rows.groups)
+    lost = replace(data, rows=replace(data.rows, groups=groups))
     placed = DaskEngine(cluster).place(lost.shards(2, SAMPLE.block_steps))
     with pytest.raises(
         DataError, match=r"A worker of the cluster cannot read the data .*/nowhere/a.parquet.*same path"

@@ -136,8 +136,6 @@ def read_reference(
 def resolve_stream(file: str, stream: bool | None, scheduler: str | None, reference: str | None = None) -> bool | None:
     """`stream` for `open_recording`: with a cluster the data stay on disk, because its workers read them; with a
     reference they are read into memory."""
-    from rpil.formats.store import has_parquet
-
     if reference is not None and (stream or scheduler):
         option = "--scheduler" if scheduler else "--stream"
         raise click.UsageError(f"--reference needs all data in memory: leave out {option}")
@@ -145,9 +143,13 @@ def resolve_stream(file: str, stream: bool | None, scheduler: str | None, refere
         return False
     if scheduler and stream is False:
         raise click.UsageError("--scheduler and --no-stream exclude each other: leave one out")
-    if scheduler and not has_parquet(file):
+    if scheduler is None:
+        return stream
+    from rpil.formats.store import has_parquet
+
+    if not has_parquet(file):
         raise DataError(f"{file}: a cluster reads Parquet files only; write one with rpil convert.")
-    return True if scheduler else stream
+    return True
 
 
 def load_into_memory(demonstrations: Demonstrations | Dataset) -> Demonstrations:

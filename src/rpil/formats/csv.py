@@ -24,7 +24,7 @@ from rpil.formats.columns import ColumnOptions, Columns, check_unique
 from rpil.formats.dialect import TEXT_SUFFIXES, Dialect, find_dialect, without_suffix
 from rpil.formats.format import Format, keep_one_file
 from rpil.formats.recording import Recording, from_batches, from_table
-from rpil.formats.spool import is_on_disk, spool
+from rpil.formats.spool import Copy, is_on_disk, spool
 from rpil.formats.store import copied_rows
 from rpil.formats.table import refuse_id_in_two_files
 from rpil.numerics.types import Array
@@ -39,6 +39,7 @@ FILE = "file"  # the column of the file's name, where nothing else names the dem
 _FAULT = "not a CSV file, or a damaged or truncated one", "write it again"
 _BLOCK_BYTES = 1 << 20
 _MAX_BLOCK_BYTES = (1 << 31) - 1
+_BLOCKS_ON_DISK = 32  # together, by which the types of columns are told where the table is never in memory
 
 
 @dataclass(frozen=True)
@@ -78,7 +79,7 @@ def _read(files: Sequence[Text], columns: Columns, source: str, format_name: str
     """The recording in text tables, one below the other."""
     decimal = files[0].dialect.decimal
     if is_on_disk():
-        sizes, batches = _copied(files, columns, decimal)
+        sizes, batches = _copied(files, columns, decimal, source)
         return from_batches(batches, columns, source, format_name, notes=notes, files=sizes)
     import pyarrow as pa
 
@@ -90,7 +91,9 @@ def _read(files: Sequence[Text], columns: Columns, source: str, format_name: str
     return from_table(table, columns, source, format_name, notes=notes, files=sizes)
 
 
-def _copied(files: Sequence[Text], columns: Columns, decimal: str) -> tuple[dict[str, int], Iterator[pa.Table]]:
+def _copied(
+    files: Sequence[Text], columns: Columns, decimal: str, source: str
+) -> tuple[dict[str, int], Iterator[pa.Table]]:
     """Numbers of rows by file, and all rows, which go through a temporary file: all texts decide what is a number."""
     copies = [(file, copied_rows(_read_table(file, columns, _copy), {})) for file in files]
     sizes = {file.name: rows.runs[-1][1] for file, rows in copies}
@@ -100,11 +103,16 @@ def _copied(files: Sequence[Text], columns: Columns, decimal: str) -> tuple[dict
             names = [name for name in columns.all if name in file.dialect.names]
             yield from (_named(table, file, columns) for _, table, _ in rows.tables(0, sizes[file.name], names))
 
-    kinds: dict[str, set[pa.DataType]] = {}
+    if columns.episode == FILE:
+        import pyarrow as pa
+
+        ids = [pa.chunked_array([[without_suffix(file.name)]]) for file in files]
+        refuse_id_in_two_files(ids, [file.name for file in files], source, False)
+    kinds: dict[str, set[str]] = {}
     for table in tables():
         for name, column in _texts(table, columns, decimal).items():
-            kinds.setdefault(name, set()).add(_exact_type(column, name in columns.actions))
-    types = {name: _joined(found) for name, found in kinds.items()}
+            kinds.setdefault(name, set()).update(_written_as(column, name in columns.actions))
+    types = {name: _exact_type(found) for name, found in kinds.items()}
     return sizes, (_exact(table, columns, decimal, types) for table in tables())
 
 
@@ -183,7 +191,15 @@ def _read_table(file: Text, columns: Columns, read: Callable[..., _Result]) -> _
             if "CSV conversion error" not in str(error):
                 raise
         # There is text, or true and false: read it as such, so that the message can say where.
-        return _parsed(file.path, file.dialect, lambda parsing: converted(parsing, types))
+        try:
+            return _parsed(file.path, file.dialect, lambda parsing: converted(parsing, types))
+        except pa.ArrowInvalid as error:
+            if "CSV conversion error" not in str(error):
+                raise
+            raise DataError(
+                f"{file.path.name}: a column holds values of another type further on; read it into memory with "
+                "--no-stream or rpil.read."
+            ) from error
 
 
 def _whole(path: Path, **options: object) -> pa.Table:
@@ -192,8 +208,8 @@ def _whole(path: Path, **options: object) -> pa.Table:
     return csv.read_csv(path, **options)
 
 
-def _copy(path: Path, **options: object) -> Path:
-    """The place of a copy of the columns, of which a block at a time is in memory."""
+def _copy(path: Path, **options: object) -> Copy:
+    """A copy of the columns, of which a block at a time is in memory: the first tells the types of other columns."""
     import pyarrow as pa
     from pyarrow import csv
 
@@ -215,7 +231,7 @@ def _parsed(path: Path, dialect: Dialect, read_table: Callable[[dict[str, object
         return "error"
 
     parse = csv.ParseOptions(delimiter=dialect.separator, newlines_in_values=True, invalid_row_handler=on_invalid)
-    block = _BLOCK_BYTES
+    block = (_BLOCKS_ON_DISK if is_on_disk() else 1) * _BLOCK_BYTES
     while True:
         reading = csv.ReadOptions(
             column_names=dialect.names,
@@ -245,7 +261,7 @@ def _parsed(path: Path, dialect: Dialect, read_table: Callable[[dict[str, object
 def _exact(table: pa.Table, columns: Columns, decimal: str, types: Mapping[str, pa.DataType] | None = None) -> pa.Table:
     """Ids, single actions, operators and tasks as the numbers that they are, if that loses nothing; or by `types`."""
     for name, column in _texts(table, columns, decimal).items():
-        kind = types[name] if types else _exact_type(column, name in columns.actions)
+        kind = types[name] if types else _exact_type(_written_as(column, name in columns.actions))
         table = table.set_column(table.column_names.index(name), name, column.cast(kind))
     return table
 
@@ -265,28 +281,37 @@ def _texts(table: pa.Table, columns: Columns, decimal: str) -> dict[str, pa.Chun
     return found
 
 
-def _exact_type(column: pa.ChunkedArray, floats: bool) -> pa.DataType:
-    """Integers if that loses nothing (01 does), else `floats` if allowed, else text.
+def _written_as(column: pa.ChunkedArray, floats: bool) -> set[str]:
+    """How the texts of a column are written, all together: as whole numbers that come back ("number"), that do not, as
+    01 and -0 do ("digits"), as decimals if `floats` ("decimal"), or otherwise ("text"); and whether any has more digits
+    than a float ("long")."""
+    import pyarrow as pa
+
+    with suppress(pa.ArrowInvalid):
+        return {"number" if column.cast(pa.int64()).cast(pa.string()).equals(column) else "digits", *_long(column)}
+    if floats:
+        with suppress(pa.ArrowInvalid):
+            column.cast(pa.float64())
+            return {"decimal", *_long(column)}
+    return {"text"}
+
+
+def _long(column: pa.ChunkedArray) -> tuple[str, ...]:
+    import pyarrow.compute as pc
+
+    return ("long",) if pc.any(pc.match_substring_regex(column, r"^[+-]?\d{19,}$")).as_py() else ()
+
+
+def _exact_type(written: set[str]) -> pa.DataType:
+    """Integers if that loses nothing, else floats where there are decimals, else text.
 
     Whole numbers of over 64 bits stay text, because several would become the same float.
     """
     import pyarrow as pa
-    import pyarrow.compute as pc
 
-    with suppress(pa.ArrowInvalid):
-        return pa.int64() if column.cast(pa.int64()).cast(pa.string()).equals(column) else pa.string()
-    if floats and not pc.any(pc.match_substring_regex(column, r"^[+-]?\d{19,}$")).as_py():
-        with suppress(pa.ArrowInvalid):
-            column.cast(pa.float64())
-            return pa.float64()
-    return pa.string()
-
-
-def _joined(kinds: set[pa.DataType]) -> pa.DataType:
-    """The type of a column whose pieces have these."""
-    import pyarrow as pa
-
-    return pa.string() if pa.string() in kinds else pa.float64() if pa.float64() in kinds else pa.int64()
+    if "text" in written or {"decimal", "long"} <= written:
+        return pa.string()
+    return pa.float64() if "decimal" in written else pa.string() if "digits" in written else pa.int64()
 
 
 def keep_text(path: Path, output: Path, ids: Set[str], options: ColumnOptions) -> set[str]:
@@ -297,7 +322,8 @@ def keep_text(path: Path, output: Path, ids: Set[str], options: ColumnOptions) -
     with _open(path, "rt", encoding) as source, _open(output, "wt", encoding) as target:
         target.writelines(itertools.islice(source, dialect.skip_rows))
         for lines, values in _rows(source, dialect.separator):
-            is_row = bool(values) and not lines.lstrip().startswith("#")
+            is_comment = lines.lstrip().startswith("#") and len(values) != len(dialect.names)
+            is_row = bool(values) and not is_comment
             name = from_cell(values[column].strip()) if is_row else ""
             if not is_row or name in ids:
                 target.write(lines)

@@ -23,7 +23,7 @@ from rpil.formats.scan import scan
 from rpil.formats.spool import is_on_disk
 from rpil.formats.store import columns_of_file, open_rows, opened
 from rpil.formats.table import refuse_id_in_two_files
-from rpil.formats.table_facts import Origin, file_names
+from rpil.formats.table_facts import Origin
 from rpil.numerics.types import Array
 
 if TYPE_CHECKING:
@@ -63,11 +63,11 @@ def read_files(
         found, origin = scan(rows, layout, columns, source), Origin(source, metadata=metadata)
         return from_scan(rows, columns, found, origin, format_name(metadata, len(paths)))
     check_memory(rows.n_bytes, source)
-    tables: dict[str, list[pa.Table]] = {name: [] for name in file_names(paths)}
+    tables: dict[str, list[pa.Table]] = {}
     for row, table, _ in rows.tables(0, rows.runs[-1][1], columns.all):
         table.validate(full=True)  # text from a damaged file need not be Unicode
-        tables[rows.files(np.array([row]))[0]].append(table)
-    whole = {name: pa.concat_tables(found, promote_options="permissive") for name, found in tables.items() if found}
+        tables.setdefault(rows.files(np.array([row]))[0], []).append(table)
+    whole = {name: pa.concat_tables(found, promote_options="permissive") for name, found in tables.items()}
     refuse_id_in_two_files([table[columns.episode] for table in whole.values()], list(whole), source)
     table = pa.concat_tables(whole.values(), promote_options="permissive")
     files = {name: len(found) for name, found in whole.items()}

@@ -194,9 +194,12 @@ def from_scan(
         actions = found.actions
         if actions.fault is not None and (actions.kind == "refused" or not are_allowed()):
             raise actions.fault
+        layout, classes = found.layout, actions.classes
+        if actions.fault is not None and layout.action.kind in "iu":  # numbers with gaps are no classes
+            layout, classes = replace(layout, action=np.dtype(np.float64), n_parts=1), np.empty(0)
         data = Dataset(
-            *(places.ids, places.offsets, origin.source, rows, found.layout),
-            *(actions.classes, actions.low, actions.high),
+            *(places.ids, places.offsets, origin.source, rows, layout),
+            *(classes, actions.low, actions.high),
         )
         return data.select(slice(None)) if in_memory else data
 

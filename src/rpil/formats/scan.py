@@ -73,6 +73,10 @@ class Actions:
             return
         values = flat.column_values(table, self.layout.actions[0][0], at).reshape(-1)
         if not self._is_text:
+            finite = np.isfinite(values)
+            if not finite.all():
+                fault = f"{at(int(np.argmin(finite)))}: an action is not finite"
+                self.fault = self.fault or DataError(f"{fault}; repair it or leave the demonstration out.")
             values = self._add_numbers(values)
             self._whole = self._whole and (values.dtype.kind != "f" or are_whole(values))
         if self._whole and (self._is_text or self.wanted == "discrete" or len(self.classes) <= MAX_CLASSES):

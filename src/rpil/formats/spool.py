@@ -1,13 +1,15 @@
 """Rows of formats other than Parquet on disk: copied once, in batches, to a temporary Parquet file.
 
 Passes over Parquet take less time than decoding text, HDF5 or Zarr again in each of them, and need one way of reading
-only. The file is removed when the process ends.
+only. The file is removed when its rows are no longer needed, or when the process ends.
 """
 
 from __future__ import annotations
 
-import errno
+import os
+import shutil
 import tempfile
+import weakref
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
@@ -15,14 +17,13 @@ from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from rpil.data.arrays import check_any
 from rpil.data.errors import DataError
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
 _wanted: ContextVar[bool] = ContextVar("rows are copied to disk", default=False)
-_folders: list[tempfile.TemporaryDirectory[str]] = []
-"""Removed when the process ends, as their finalizers are called then."""
 
 
 @contextmanager
@@ -40,24 +41,61 @@ def is_on_disk() -> bool:
     return _wanted.get()
 
 
-def spool(tables: Iterable[pa.Table], name: str) -> Path:
-    """A temporary Parquet file called `name` with the rows of `tables`; a `DataError` where the disk is full."""
+class Copy:
+    """A temporary file at `path`, which is removed with the object of the process that made it."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        weakref.finalize(self, _remove, path.parent, os.getpid())
+
+    def __reduce__(self) -> tuple[type[Path], tuple[str]]:
+        """Another process reads the file and never removes it."""
+        return Path, (str(self.path),)
+
+
+def _remove(folder: Path, process: int) -> None:
+    if os.getpid() == process:  # and not a process that was forked from it
+        shutil.rmtree(folder, ignore_errors=True)
+
+
+def spool(tables: Iterable[pa.Table], name: str) -> Copy:
+    """A temporary Parquet file called `name` with the rows of `tables`.
+
+    A `DataError` where it cannot be written, where there are no tables, or where they have columns of other types.
+    """
+    import pyarrow as pa
     import pyarrow.parquet as pq
 
-    folder = tempfile.TemporaryDirectory(prefix="rpil-")
-    _folders.append(folder)
-    path, waiting = Path(folder.name) / Path(name).name, iter(tables)
-    first = next(waiting)
+    waiting = iter(tables)
+    first = next(waiting, None)
+    if first is None:
+        check_any(0, name)
+    assert first is not None
+    with _writing(name):
+        copy = Copy(Path(tempfile.mkdtemp(prefix="rpil-")) / Path(name).name)
+        writer = pq.ParquetWriter(copy.path, first.schema, compression="lz4", write_statistics=False)
+    for table in chain([first], waiting):  # whose errors are those of the data
+        try:
+            table = table.cast(first.schema)
+        except (pa.ArrowInvalid, ValueError) as error:
+            raise DataError(
+                f"{name}: a column holds values of other types further on; read it into memory with --no-stream or "
+                "rpil.read."
+            ) from error
+        with _writing(name):
+            writer.write_table(table)
+    with _writing(name):
+        writer.close()
+    return copy
+
+
+@contextmanager
+def _writing(name: str) -> Iterator[None]:
+    """Name the folder of the copy in errors of writing."""
     try:
-        with pq.ParquetWriter(path, first.schema, compression="lz4", write_statistics=False) as writer:
-            for table in chain([first], waiting):
-                writer.write_table(table)
+        yield
     except OSError as error:
-        folder.cleanup()
-        if error.errno not in (errno.ENOSPC, errno.EDQUOT):
-            raise
         raise DataError(
-            f"{name}: no space is left in {tempfile.gettempdir()} for a copy of its rows; set TMPDIR to a folder with "
-            "more, or read the data into memory."
+            f"{name}: a copy of its rows cannot be written to {os.environ.get('TMPDIR', 'the temporary folder')} "
+            f"({error.strerror or 'it cannot be used'}); set TMPDIR to another folder, or read the data into memory."
         ) from error
-    return path

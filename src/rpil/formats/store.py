@@ -8,7 +8,7 @@ import os
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from pathlib import Path, PurePath, PurePosixPath
+from pathlib import PurePath, PurePosixPath
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -26,6 +26,7 @@ from rpil.formats.layout import Layout
 from rpil.formats.lerobot import Metadata, choose_files, read_metadata
 from rpil.formats.parquet_pages import check_pages
 from rpil.formats.rows import BATCH_ROWS
+from rpil.formats.spool import Copy
 from rpil.formats.table import Place
 from rpil.formats.table_facts import file_names
 from rpil.numerics.types import Array
@@ -59,6 +60,8 @@ class ParquetRows:
     n_bytes: int
     """Of all columns that are read, decoded, at most."""
     batch_rows: int = BATCH_ROWS
+    keeper: object = None
+    """What keeps a copy for as long as its rows are needed."""
     sizes: Mapping[str, int] | None = None
     """The numbers of rows from each file of which the rows are a copy; None where they are in their own files."""
 
@@ -233,17 +236,16 @@ def check_columns(file: pq.ParquetFile, columns: Columns, name: str, first: str)
         raise DataError(f"{name}: its columns are not those of {first}; give all files the same ones.")
 
 
-def copied_rows(path: Path, sizes: Mapping[str, int]) -> ParquetRows:
+def copied_rows(copy: Copy, sizes: Mapping[str, int]) -> ParquetRows:
     """The rows of a Parquet file of our own, which is a copy of files with so many rows."""
     from pyarrow import fs
 
-    with opened(fs.LocalFileSystem(), str(path)) as file:
+    path = str(copy.path)
+    with opened(fs.LocalFileSystem(), path) as file:
         counts = [file.metadata.row_group(number).num_rows for number in range(file.num_row_groups)]
     ends = np.cumsum(counts).tolist()
-    groups = (
-        RowGroup(str(path), k, end - n, end, end - n) for k, (n, end) in enumerate(zip(counts, ends, strict=True))
-    )
-    return ParquetRows(fs.LocalFileSystem(), tuple(groups), 0, sizes=sizes)
+    groups = (RowGroup(path, k, end - n, end, end - n) for k, (n, end) in enumerate(zip(counts, ends, strict=True)))
+    return ParquetRows(fs.LocalFileSystem(), tuple(groups), 0, keeper=copy, sizes=sizes)
 
 
 def open_rows(
@@ -276,7 +278,9 @@ def open_rows(
             this = Layout.of(pa.Table.from_batches([head]), columns, metadata.names)
             if layout is not None and this.shape != layout.shape:
                 raise DataError(f"{name}: its columns are not those of {first}; give all files the same ones.")
-            layout = replace(this, observation=np.result_type(this.observation, (layout or this).observation))
+            other = layout or this
+            action = np.result_type(this.action, other.action) if this.action.kind == "f" else this.action
+            layout = replace(this, observation=np.result_type(this.observation, other.observation), action=action)
     if columns is None or layout is None:
         raise DataError(f"{paths[0]}: there are no demonstrations; give at least one with at least one step.")
     return ParquetRows(filesystem, tuple(groups), n_bytes), columns, layout, metadata
