@@ -129,6 +129,7 @@ def label(ctx: click.Context, /, file: str, **options: Value) -> None:
         audit, _ = audit_by_task(file, read, FitOptions(**options), progress, engine)
     if not audit.columns.size:
         raise DataError(f"{file}: this audit keeps nothing to learn from answers; leave out --adversary.")
+    commands.tell_of_set_aside(read)
     terminal.print_lines([terminal.finding_sentence(audit), terminal.verdict_sentence(audit)])
     last = ask(Asking(audit), path, before, read.description.fps or read.times().fps)
     terminal.print_lines(_last_lines(last, path, before, shlex.join(command_words(ctx, "audit"))))

@@ -216,6 +216,7 @@ def fit(ctx: click.Context, /, file: str, output: str, method: str, trusted: int
                 model = RMEnt(trusted, options["features"], random_state=options["seed"])
             model.fit(commands.load_into_memory(demonstrations))
         save(model, output)
+    commands.tell_of_set_aside(recording)
     size = f"{len(demonstrations):,} demonstrations ({demonstrations.n_steps:,} steps)"
     if isinstance(model, RPIL):
         click.echo(f"{terminal.finding_sentence(model.audit_)}\n{terminal.verdict_sentence(model.audit_)}")

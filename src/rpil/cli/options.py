@@ -143,6 +143,9 @@ COLUMN_OPTIONS = (
         show_default=True,
         help="Whether one column of whole numbers holds classes or amounts.",
     ),
+    click.option("--only", metavar="IDS", multiple=True, help="Read these demonstrations alone, as 0-16,22."),
+    click.option("--without", metavar="IDS", multiple=True, help="Leave these demonstrations out, as 3,7."),
+    click.option("--skip-bad", is_flag=True, help="Set demonstrations with missing values aside, and go on."),
     click.option(
         "--memory",
         metavar="SIZE",
@@ -232,13 +235,14 @@ def pop_columns(options: dict[str, Value]) -> ColumnOptions:
     from rpil.data.id_values import is_id_file
     from rpil.formats.columns import ColumnOptions
 
-    names = ("id", "action", "observations", "exclude", "order", "task", "action_kind", "embeddings")
+    names = ("id", "action", "observations", "exclude", "order", "task", "action_kind", "embeddings", "only", "without")
     operator = options["operator"]
     del options["memory"], options["fill_missing"]  # their callbacks have set them
     return ColumnOptions(
         operator=None if operator is None or is_id_file(operator) else operator,
         outcome=options.pop("outcome", None),
         session=options.get("session"),
+        skip_bad=options.pop("skip_bad"),
         **{name: options.pop(name) for name in names},
     )
 
