@@ -25,6 +25,7 @@ from rpil.cli.options import (
     with_column_options,
     with_judge_options,
 )
+from rpil.cli.options_file import file_argument
 from rpil.cli.outputs import lost_without
 from rpil.cli.progress import StageProgress, show_stages
 from rpil.cli.terminal import print_lines
@@ -39,7 +40,7 @@ if TYPE_CHECKING:
 
 
 @click.command()
-@click.argument("file", type=click.Path())
+@file_argument
 @click.option("-o", "--output", type=click.Path(), metavar="NEW", help="A new file, or folder.")
 @click.option("--in-place", is_flag=True, help="Only list them in FILE itself, as mask/rpil_kept: HDF5 of robomimic.")
 @click.option("--share", metavar="S", type=click.FloatRange(0, 1, min_open=True), help="Keep this share, as .8.")
@@ -157,7 +158,7 @@ def _idle_ends(read: Recording, kept: list[Id]) -> dict[Id, tuple[int, int]]:
 
 
 @click.command()
-@click.argument("file", type=click.Path())
+@file_argument
 @click.option(
     "-o",
     "--output",

@@ -21,6 +21,7 @@ from rpil.cli.commands import (
     tell_if_interrupted,
 )
 from rpil.cli.options import FitOptions, Value, command_words, pop_columns, with_label_options
+from rpil.cli.options_file import file_argument
 from rpil.cli.progress import show_stages
 from rpil.data.errors import DataError
 
@@ -99,7 +100,7 @@ def rows_of(question: tuple[Hashable, ...], key: str) -> Rows:
 
 
 @click.command()
-@click.argument("file", type=click.Path())
+@file_argument
 @with_label_options
 @click.pass_context
 def label(ctx: click.Context, /, file: str, **options: Value) -> None:

@@ -117,6 +117,14 @@ json_option = click.option("--json", "json_wanted", is_flag=True, help="Print JS
 stream_option = click.option(
     "--stream/--no-stream", default=None, help="Leave data on disk, or read them; by default by size."
 )
+outcome_option = click.option(
+    "--outcome",
+    metavar="[-]COLUMN",
+    help="How each demonstration ended: a success, a return, rewards; or length, its steps; - where more is worse.",
+)
+session_option = click.option(
+    "--session", metavar="COLUMN|file", help="Judge within sessions: a column, or the file of each demonstration."
+)
 COLUMN_OPTIONS = (
     click.option("--id", metavar="COLUMN", help="The column that names the demonstration of a step."),
     click.option("--action", metavar="COLUMNS", multiple=True, help="The column of the action, or several."),
@@ -168,11 +176,7 @@ FIT_OPTIONS = (
         metavar="FILE",
         help="Answers: good, bad, better than ID; CSV (id,label) or JSON.",
     ),
-    click.option(
-        "--outcome",
-        metavar="[-]COLUMN",
-        help="How each demonstration ended: a success, a return, rewards; or length, its steps; - where more is worse.",
-    ),
+    outcome_option,
     click.option(
         "--features",
         type=FEATURE_CHOICE,
@@ -197,9 +201,7 @@ FIT_OPTIONS = (
 
 LABEL_OPTIONS = (
     *FIT_OPTIONS,
-    click.option(
-        "--session", metavar="COLUMN|file", help="Judge within sessions: a column, or the file of each demonstration."
-    ),
+    session_option,
 )
 JUDGE_OPTIONS = (
     *LABEL_OPTIONS,
