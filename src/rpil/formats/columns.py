@@ -86,6 +86,11 @@ class Columns:
     session: str | None = None  # or FILE_SESSION
     outcome: str | None = None  # or LENGTH; with a minus where more is worse
     outcomes: tuple[str, ...] = field(default=(), compare=False)  # columns that the user may name as the outcome
+    chosen_parts: Mapping[str, Names] = field(
+        default_factory=dict, compare=False
+    )  # of columns of which not all are read
+    excluded_parts: Mapping[str, bool] = field(default_factory=dict, compare=False)  # pattern -> also names columns
+    source: str = field(default="", compare=False)  # in messages
 
     @property
     def data(self) -> list[str]:

@@ -289,7 +289,7 @@ def _describe(
         operators=different(found.operators),
         task_column=columns.task,
         tasks=different(found.tasks, metadata.tasks),
-        ignored=ignored_columns(columns, places.order, metadata),
+        ignored={**ignored_columns(columns, places.order, metadata), **layout.left_out},
         missing=found.statistics.missing,
         ranges=found.statistics.ranges(names),
         outcomes=outcome_options([*metadata.split_outcomes, *columns.outcomes]),

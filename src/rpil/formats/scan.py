@@ -122,6 +122,7 @@ class Statistics:
     """
 
     columns: Sequence[str]
+    masks: Mapping[str, Array] = field(default_factory=dict)
     missing: dict[str, int] = field(default_factory=dict)
     low: dict[str, Array] = field(default_factory=dict)
     high: dict[str, Array] = field(default_factory=dict)
@@ -137,7 +138,9 @@ class Statistics:
         same = np.ones(len(table), dtype=bool)
         same[begins] = False
         for name in self.columns:
-            values = flat.numbers_or_missing(table[name])
+            values, mask = flat.numbers_or_missing(table[name]), self.masks.get(name)
+            if values is not None and mask is not None and values.shape[1] == len(mask):
+                values = values[:, mask]
             n_missing = table[name].null_count if values is None else int(np.isnan(values).sum())
             if n_missing:
                 self.missing[name] = self.missing.get(name, 0) + n_missing
@@ -146,7 +149,8 @@ class Statistics:
                 self._add(name, values, same)
             extremes = np.append(self.low.get(name, 0.0), self.high.get(name, 0.0))
             if n_missing or not is_like or not np.isfinite(extremes).all():
-                faulty = flat.faulty_rows(table[name], extremes.size // 2 if name in self.low else None)
+                width = extremes.size // 2 if name in self.low else None
+                faulty = flat.faulty_rows(table[name], width, mask)
                 self.faulty.update((self._n_begun - 1 + np.cumsum(~same)[faulty]).tolist())
         self._n_begun += len(begins)
         self._goes_on = self._goes_on or bool(same.any())
@@ -222,7 +226,7 @@ def scan(rows: Rows, layout: Layout, columns: Columns, source: str, places: Plac
         says where the rows of a demonstration lie apart or are out of order.
     """
     starts, orders = Starts(columns.episode), OrderCheck(columns)
-    actions, statistics = Actions(layout, columns.action_kind), Statistics(layout.columns)
+    actions, statistics = Actions(layout, columns.action_kind), Statistics(layout.columns, layout.masks)
     pairs: dict[str, dict[tuple[str, object], None]] = {name: {} for name in (columns.operator, columns.task) if name}
     names = list(dict.fromkeys([*columns.data, *pairs, *(() if places else (*columns.orders, *columns.parts))]))
     for row, table, at in rows.tables(0, rows.runs[-1][1], names, places.demonstration_of if places else _nowhere):

@@ -247,8 +247,11 @@ def numbers_or_missing(column: pa.ChunkedArray) -> Array | None:
     return np.reshape(floats.to_numpy(zero_copy_only=False), (n_rows, width))
 
 
-def faulty_rows(column: pa.ChunkedArray, width: int | None) -> Array:
-    """Whether each row, (N,), lacks a finite value, or has not `width` numbers, by default as many as the first."""
+def faulty_rows(column: pa.ChunkedArray, width: int | None, mask: Array | None = None) -> Array:
+    """Whether each row, (N,), lacks a finite value, or has not `width` numbers, by default as many as the first.
+
+    Of lists only the numbers of `mask` count, if there is one.
+    """
     import pyarrow as pa
     import pyarrow.compute as pc
 
@@ -257,11 +260,15 @@ def faulty_rows(column: pa.ChunkedArray, width: int | None) -> Array:
     owners = np.arange(len(column))
     if kind == "list":
         lengths = pc.fill_null(pc.list_value_length(column), 0).to_numpy()
-        faulty |= lengths != (width or lengths[np.argmin(faulty)])
+        faulty |= lengths != (len(mask) if mask is not None else width or lengths[np.argmin(faulty)])
+        within = np.arange(lengths.sum()) - np.repeat(np.cumsum(lengths) - lengths, lengths)
         owners, column = np.repeat(owners, lengths), column.combine_chunks().flatten()
     if kind in ("list", "number"):
         values = column.cast(pa.float64(), safe=False).to_numpy(zero_copy_only=False)
-        faulty[owners[~np.isfinite(values)]] = True
+        wrong = ~np.isfinite(values)
+        if mask is not None and kind == "list":
+            wrong &= mask[np.minimum(within, len(mask) - 1)]
+        faulty[owners[wrong]] = True
     return faulty
 
 
