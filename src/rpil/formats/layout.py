@@ -143,7 +143,7 @@ class _Chosen:
                     name: why for name, why, is_read in zip(own, reasons, mask, strict=True) if not is_read
                 }
             first += width
-        left = {column: len(parts) for column, parts in kept.items() if parts}
+        left = {column: len(parts) for column, parts in kept.items() if parts or column not in self.masks}
         return left, tuple(name for parts in kept.values() for name in parts)
 
     def _is_named(self, name: str, column: str, patterns: Iterable[str]) -> bool:
