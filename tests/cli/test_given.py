@@ -188,3 +188,99 @@ def test_a_reference_with_other_columns_is_refused(data):
     pq.write_table(columns.append_column("w", columns["x"]), "wider.parquet")
     refused("wider.parquet: its observations are not those of d.parquet: it has 'w' too", "audit", data, "-q",
             "--exclude", "half", "--reference", "wider.parquet")  # fmt: skip
+
+
+def with_missing(name, *bad):
+    """The `data`, in which values of the demonstrations `bad` are missing."""
+    write(name, 24, BAD, 1)
+    rows = pq.read_table(name)
+    x = np.where(np.isin(rows["episode_index"], bad) & (np.arange(len(rows)) % N_STEPS == 5), np.nan, rows["x"])
+    pq.write_table(rows.set_column(1, "x", pa.array(x)), name)
+    return name
+
+
+def test_every_command_reads_the_demonstrations_that_are_asked_for(data):
+    small = write("small.parquet", 16, {3, 5, 8, 9, 12}, 1)
+    few = ["--only", "0-15", "--without", "3,7", "--observations", "x,v"]
+    said = json.loads(ok("info", data, *few, "--json").stdout)
+    assert (said["demonstrations"], said["notes"]) == (14, ["14 of 24 demonstrations are read, as asked."])
+    assert json.loads(ok("check", data, *few, "--json").stdout)["demonstrations"] == 14
+    ids = [m for m in range(16) if m not in (3, 7)]
+    audit = json.loads(ok("audit", data, *few, "--json", "--weights", "w.csv").stdout)
+    assert sorted(one["id"] for one in audit["demonstrations"]) == ids
+    rows = np.genfromtxt("w.csv", delimiter=",", names=True)
+    assert [*dict.fromkeys(rows["episode_index"].astype(int).tolist())] == ids
+    ok("convert", data, *few, "-o", "some.csv")
+    assert list(formats.read("some.csv").ids) == ids
+    fitted = ok("fit", data, "-o", "policy", "--method", "cloning", *few).stdout
+    assert fitted.startswith("All of 14 demonstrations")
+    kept = ok("keep", data, *few, "-o", "kept.parquet").stdout
+    assert f"Kept {len(formats.read('kept.parquet'))} of 24 demonstrations" in kept
+    assert {*formats.read("kept.parquet").ids} <= {*ids}
+    assert audited(small, "--only", "0-15")["demonstrations"] == audited(small)["demonstrations"]
+    for command in (["info"], ["audit"], ["keep", "-o", "k.parquet"], ["convert", "-o", "k.csv"], ["label"]):
+        refused("no demonstration is called '77'", command[0], data, *command[1:], "--only", "77")
+
+
+def test_answers_about_demonstrations_that_are_left_out_do_not_count(data):
+    Path("labels.csv").write_text("id,label\n1,good\n3,bad\n2,better than 5\n8,bad\n")
+    Path("who.json").write_text(json.dumps({str(m): "Ann" for m in range(24)}))
+    said = audited(data, "--labels", "labels.csv", "--operator", "who.json", "--without", "3,5")
+    assert "3" not in {str(one["id"]) for one in said["demonstrations"]}
+    refused("no demonstration is called '99'", "audit", data, "--labels", wrong_labels(), "--without", "3")
+    ok("audit", data, "--without", "3", "--verdicts", "v.csv", "-q", "--observations", "x,v")
+    ok("audit", data, "--verdicts", "all.csv", "-q", "--observations", "x,v")
+    ok("keep", data, "--verdicts", "all.csv", "--only", "1,3,0", "-o", "k.parquet", "-q", "--share", "1")
+    assert formats.read("k.parquet").ids == (0, 1, 3)
+
+
+def wrong_labels():
+    Path("wrong.csv").write_text("id,label\n99,good\n")
+    return "wrong.csv"
+
+
+def test_a_reference_is_read_whole(data):
+    good = write("good.parquet", 4, set(), 2)
+    said = json.loads(ok("audit", data, "--reference", good, "--only", "5-20", "--json", "--exclude", "half").stdout)
+    assert len(said["demonstrations"]) == 16
+
+
+LINE = "Set aside: 4, 20, because a value is missing or infinite."
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        ["info"],
+        ["audit"],
+        ["fit", "-o", "policy", "--method", "cloning"],
+        ["keep", "-o", "k.parquet"],
+        ["convert", "-o", "k.csv"],
+    ],
+    ids=lambda words: words[0],
+)
+@pytest.mark.parametrize("stream", [[], ["--stream"]], ids=["memory", "disk"])
+def test_demonstrations_with_missing_values_never_stop_the_rest(command, stream):
+    data = with_missing("d.parquet", 4, 20)
+    if stream and command[0] in ("convert", "fit"):
+        pytest.skip("is done in memory")
+    words = [command[0], data, *command[1:], "--observations", "x,v", *stream]
+    if command != ["info"]:  # which describes them
+        refused("demonstration 4", *words)
+    result = ok(*words, "--skip-bad")
+    assert (result.stdout + result.stderr).count(LINE) == 1
+    if "-o" in command and command[2] != "policy":
+        assert not {4, 20} & {*formats.read(command[2]).ids}
+
+
+def test_what_has_missing_values_is_not_kept_whatever_its_verdict():
+    data = with_missing("d.parquet", 4, 20)
+    Path("labels.csv").write_text("id,label\n4,good\n7,good\n8,bad\n")
+    result = ok("keep", data, "-o", "k.parquet", "--verdicts", "labels.csv", "--skip-bad")
+    assert formats.read("k.parquet").ids == (7,)
+    assert LINE in result.stderr
+
+
+def test_check_names_what_is_missing_and_checks_the_rest():
+    said = json.loads(ok("check", with_missing("d.parquet", 4, 20), "--skip-bad", "--json", "--without", "20").stdout)
+    assert (said["set_aside"], said["counts"]["missing values"], said["demonstrations"]) == ([4], 1, 23)

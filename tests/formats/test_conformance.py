@@ -188,35 +188,93 @@ def test_a_truncated_file_is_one_sentence(name, path):
         output.unlink(missing_ok=True)
 
 
+MADE_FIRST = {"aloha": 2}
+"""The demonstration that a sample draws first, where that is not the first one."""
+
+
 class Holed:
-    """Random numbers of which the first of every array is missing."""
+    """Random numbers of which the very first is missing."""
+
+    first = np.nan
 
     def normal(self, size):
         values = np.random.Generator(np.random.PCG64(0)).normal(size=size)
-        values.flat[0] = np.nan
+        values.flat[0] += self.first
+        self.first = 0.0
         return values
 
 
-def test_a_missing_value_is_named_with_its_demonstration(name, tmp_path, monkeypatch, request):
+@pytest.fixture
+def holed(name, tmp_path, monkeypatch) -> Path:
+    """The sample, where values of the first demonstration are missing."""
     for array in ("STATES", "MOVES"):
         values = getattr(samples, array).copy()
         values[0] = np.nan
         monkeypatch.setattr(samples, array, values)
-    monkeypatch.setattr(samples, "_RNG", Holed())
-    monkeypatch.setattr(np.random, "default_rng", lambda seed: Holed())
+    numbers = Holed()
+    monkeypatch.setattr(samples, "_RNG", numbers)
+    monkeypatch.setattr(np.random, "default_rng", lambda seed: numbers)
     with allow_missing():  # `rpil.write` refuses it
         path = SAMPLES[name](tmp_path / "data")
     monkeypatch.undo()
+    monkeypatch.chdir(tmp_path)
+    return path
+
+
+def test_a_missing_value_is_named_with_its_demonstration(name, holed, request):
     if name == "NPZ":
         request.applymarker(pytest.mark.xfail(strict=True, reason="values are checked when it is opened, not later"))
-    opened = rpil.open(path, on_disk=False)
+    opened = rpil.open(holed, on_disk=False)
     assert opened.describe().missing
     with pytest.raises(DataError, match="demonstration ") as caught:
         opened.demonstrations  # noqa: B018
     assert is_sentence(caught.value)
     found = [finding for finding in opened.faults().findings if finding.rule == "missing values"]
     with allow_missing():
-        assert found[0].id == opened.load().ids[0]
+        assert [one.id for one in found] == [opened.load().ids[MADE_FIRST.get(name, 0)]]
+
+
+@pytest.mark.parametrize("on_disk", [False, True])
+def test_a_demonstration_with_missing_values_is_set_aside(name, holed, on_disk):
+    opened = rpil.open(holed, on_disk=on_disk, skip_bad=True)
+    bad = opened.ids[MADE_FIRST.get(name, 0)]
+    assert opened.set_aside == (bad,)
+    found = opened.demonstrations.select(slice(None))
+    assert found.ids == tuple(m for m in opened.ids if m != bad)
+    assert np.isfinite(found.observations).all()
+    assert not opened.describe().missing
+    assert opened.describe().notes[-1].startswith(f"Set aside: {bad}, because")
+    assert not [finding for finding in opened.faults().findings if finding.rule == "missing values"]
+
+
+@pytest.mark.parametrize("on_disk", [False, True])
+def test_chosen_demonstrations_are_as_in_the_whole(path, on_disk):
+    whole = rpil.open(path, on_disk=on_disk)
+    ids = whole.demonstrations.ids
+    chosen = rpil.open(path, on_disk=on_disk, only=[ids[2], str(ids[0])])
+    without = rpil.open(path, on_disk=on_disk, without=str(ids[1]))
+    assert chosen.describe() == without.describe()
+    assert {*chosen.describe().ignored} == {*whole.describe().ignored}
+    expected, found = whole.demonstrations.select([0, 2]), chosen.demonstrations.select(slice(None))
+    assert (found.ids, chosen.ids) == (expected.ids, ids)
+    for array in ("observations", "actions", "offsets"):
+        np.testing.assert_array_equal(getattr(found, array), getattr(expected, array))
+    assert chosen.tasks == {str(m): whole.tasks[str(m)] for m in expected.ids if str(m) in whole.tasks}
+    assert chosen.operators == [pair for pair in whole.operators if pair[0] in map(str, expected.ids)]
+    lengths = whole.demonstrations.lengths
+    rows = np.repeat([True, False, True], lengths)
+    for of, times in ((chosen, chosen.times()), (without, without.times())):
+        assert {*times.frames} <= {*of.demonstrations.ids}
+        if times.timestamps is not None:
+            np.testing.assert_array_equal(times.timestamps, whole.times().timestamps[rows])
+    own, every = chosen.step_columns(slice(1, found.n_steps)), whole.step_columns(slice(0, len(rows)))
+    for column in own.column_names:
+        steps = np.arange(1, len(rows) + 1) if every is None else every[column].to_numpy()
+        np.testing.assert_array_equal(own[column].to_numpy(), steps[rows][1:])
+    if whole.facts.order is not None:
+        np.testing.assert_array_equal(np.argsort(chosen.facts.order), np.argsort(whole.facts.order[[0, 2]]))
+    blocks = [block for shard in chosen.demonstrations.shards(2, 4) for block in shard]
+    np.testing.assert_array_equal(np.concatenate([block.observations for block in blocks]), expected.observations)
 
 
 IN_OPEN, IN_CLOSE = 0x20, 0x18

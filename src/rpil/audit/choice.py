@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping, Sequence, Set
+from itertools import compress
 from typing import cast
 
 import numpy as np
@@ -56,6 +57,12 @@ def kept_ids(table: Table, share: float | None = None, at_least: float | None = 
             [_side(verdict, name) != "lower" for name, verdict in zip(ids, table["verdict"], strict=True)]
         )
     return [name for name, kept in zip(ids, chosen.tolist(), strict=True) if kept]
+
+
+def rows_of(table: Table, ids: Set[str]) -> Table:
+    """The rows of a table of verdicts about the demonstrations `ids`, which are texts."""
+    there = [str(name) in ids for name in table["id"]]
+    return {column: list(compress(values, there)) for column, values in table.items()}
 
 
 def read_verdicts(path: StrPath) -> Table:

@@ -14,6 +14,7 @@ import click
 from rpil.cli import terminal
 from rpil.cli.commands import CommandSettings, check_paths, open_recording
 from rpil.cli.options import OutputFile, json_option, pop_columns, quiet_option, with_column_options
+from rpil.cli.options_file import file_argument
 from rpil.cli.progress import StageProgress, show_stages
 from rpil.data.files import replacing
 
@@ -30,7 +31,7 @@ MAX_REASONS = 10
 
 
 @click.command()
-@click.argument("file", type=click.Path())
+@file_argument
 @click.option(
     "-o", "--output", type=OutputFile(".csv", ".json"), metavar="OUT.csv|OUT.json", help="Also write all findings."
 )
@@ -41,7 +42,6 @@ MAX_REASONS = 10
     help="Findings that are expected, and left out: JSON, or YAML lines rule: [id, id].",
 )
 @click.option("--fail-on", metavar="RULE[,RULE]|any", help="Exit with code 1 where one of these rules finds a fault.")
-@click.option("--skip-bad", is_flag=True, help="Set demonstrations with missing values aside and check the others.")
 @click.option("--fps", type=click.FloatRange(0, min_open=True), help="Frames a second, if the recording does not say.")
 @click.option("--stream/--no-stream", default=None, help="Leave data on disk, or read them; by default by size.")
 @click.option("--video", is_flag=True, help="Also look at the videos of a folder of LeRobot; needs the extra video.")
@@ -71,11 +71,12 @@ def check(
 
         fatal = _rules(fail_on)
         suppressed = read_expected(expected) if expected else {}
+        skip_bad, options["skip_bad"] = options["skip_bad"], False  # their missing values are findings
         with allow_missing():
             read = open_recording(file, pop_columns(options), progress, options["stream"])
             read.demonstrations  # noqa: B018  # are read here
         progress("checking")
-        report = faults_of(read, options["fps"], suppressed, options["skip_bad"], FaultSettings())
+        report = faults_of(read, options["fps"], suppressed, skip_bad, FaultSettings())
         defects = _defects(file, options["video"], options["fix"], progress)
     if output:
         write_findings(output, report, defects)

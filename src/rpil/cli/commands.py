@@ -8,7 +8,7 @@ import sys
 import warnings
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
@@ -130,7 +130,7 @@ def read_reference(
         return None
     if os.path.realpath(reference) == os.path.realpath(file):
         raise DataError(f"{reference}: the reference is the data themselves; give other demonstrations.")
-    return open_recording(reference, columns, progress)
+    return open_recording(reference, replace(columns, only=(), without=()), progress)  # which are ids of the data
 
 
 def resolve_stream(file: str, stream: bool | None, scheduler: str | None, reference: str | None = None) -> bool | None:
@@ -150,6 +150,14 @@ def resolve_stream(file: str, stream: bool | None, scheduler: str | None, refere
     if not has_parquet(file):
         raise DataError(f"{file}: a cluster reads Parquet files only; write one with rpil convert.")
     return True
+
+
+def tell_of_set_aside(recording: Recording) -> None:
+    """Name the demonstrations that --skip-bad left out, for commands that do not print what was read."""
+    from rpil.formats.selection import set_aside_lines
+
+    for line in set_aside_lines(recording.set_aside):
+        click.echo(line, err=True)
 
 
 def load_into_memory(demonstrations: Demonstrations | Dataset) -> Demonstrations:

@@ -22,7 +22,8 @@ def read_known(recording: Recording, options: FitOptions, reference: Recording |
     from rpil.data.id_values import check_ids
     from rpil.estimators.within_tasks import Known
 
-    ids = recording.demonstrations.ids
+    read = recording.demonstrations.ids
+    ids = recording.ids or read  # files of answers may speak of those that are left out
     labels, pairs = formats.read_answers(options.labels) if options.labels else ({}, [])
     # The estimator checks these ids too, but cannot name the file.
     check_ids([*labels, *chain.from_iterable(pairs)], ids, str(options.labels), "the labels")
@@ -30,6 +31,7 @@ def read_known(recording: Recording, options: FitOptions, reference: Recording |
     check_ids(demonstrators, ids, str(options.operator), "the demonstrators")
     facts, source = recording.facts, recording.description.source
     known = Known(labels, pairs, demonstrators, facts, answers_source=str(options.labels))
+    known = known.select(range(len(read)), {*map(str, read)})
     if reference is not None:
         good = reference.demonstrations.select(slice(None))  # in memory
         known = replace(known, reference=good, reference_outcome=reference.facts.outcome)

@@ -8,15 +8,34 @@ import click
 
 from rpil.cli import terminal
 from rpil.cli.commands import open_recording
-from rpil.cli.options import json_option, pop_columns, stream_option, with_column_options
+from rpil.cli.options import (
+    json_option,
+    outcome_option,
+    pop_columns,
+    session_option,
+    stream_option,
+    with_column_options,
+)
+from rpil.cli.options_file import NAME, file_argument, write_options
 
 
 @click.command()
-@click.argument("file", type=click.Path())
+@file_argument
+@click.option(
+    "--write-options",
+    "write_options_wanted",
+    is_flag=True,
+    help=f"Write these options to {NAME} beside FILE, for every command.",
+)
 @json_option
 @stream_option
+@outcome_option
+@session_option
 @with_column_options
-def info(file: str, json_wanted: bool, stream: bool | None, **options: Any) -> None:
+@click.pass_context
+def info(
+    ctx: click.Context, /, file: str, write_options_wanted: bool, json_wanted: bool, stream: bool | None, **options: Any
+) -> None:
     """Print how a file is read: demonstrations, observations, actions, and what is ignored and why."""
     recording = open_recording(file, pop_columns(options), lambda _: None, stream)
     if json_wanted:
@@ -24,3 +43,5 @@ def info(file: str, json_wanted: bool, stream: bool | None, **options: Any) -> N
     else:
         terminal.print_lines(recording.description.lines())
     recording.demonstrations  # noqa: B018  # what cannot be audited is an error
+    if write_options_wanted:
+        click.echo(f"Options: {write_options(file, ctx.params)}", err=json_wanted)

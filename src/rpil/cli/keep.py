@@ -15,6 +15,7 @@ from rpil.cli.commands import (
     open_recording,
     read_reference,
     resolve_stream,
+    tell_of_set_aside,
 )
 from rpil.cli.options import (
     DataFile,
@@ -24,12 +25,14 @@ from rpil.cli.options import (
     with_column_options,
     with_judge_options,
 )
+from rpil.cli.options_file import file_argument
 from rpil.cli.outputs import lost_without
 from rpil.cli.progress import StageProgress, show_stages
 from rpil.cli.terminal import print_lines
 from rpil.data.errors import DataError
 
 if TYPE_CHECKING:
+    from rpil.audit.choice import Table
     from rpil.data.arrays import Id
     from rpil.formats.columns import ColumnOptions
     from rpil.formats.recording import Recording
@@ -37,7 +40,7 @@ if TYPE_CHECKING:
 
 
 @click.command()
-@click.argument("file", type=click.Path())
+@file_argument
 @click.option("-o", "--output", type=click.Path(), metavar="NEW", help="A new file, or folder.")
 @click.option("--in-place", is_flag=True, help="Only list them in FILE itself, as mask/rpil_kept: HDF5 of robomimic.")
 @click.option("--share", metavar="S", type=click.FloatRange(0, 1, min_open=True), help="Keep this share, as .8.")
@@ -67,9 +70,8 @@ def keep(
     """
     if share is not None and at_least is not None:
         raise click.UsageError("--share and --at-least exclude each other: leave one out")
-    from rpil.audit.choice import Table, kept_ids, read_verdicts
+    from rpil.audit.choice import kept_ids
     from rpil.audit.verdict_table import verdict_columns
-    from rpil.data.id_values import check_ids
     from rpil.formats.registry import find
 
     found = find(file)
@@ -88,10 +90,8 @@ def keep(
             table: Table = verdict_columns(audit, who)
             demonstrations, why = read.demonstrations, f" ({audit.finding})"
         else:
-            table, why = read_verdicts(verdicts), ""
-            read = _read_all(file, columns, progress, stream)
-            demonstrations = read.demonstrations
-            check_ids(table["id"], demonstrations.ids, verdicts, "the ids")
+            why, read = "", _read_all(file, columns, progress, stream)
+            table, demonstrations = _verdicts_on(read, verdicts), read.demonstrations
         kept = kept_ids(table, share, at_least)
         if not kept:
             raise DataError(f"{file}: no demonstration is left{why}; give labels, or choose with --share.")
@@ -102,13 +102,14 @@ def keep(
             found.mask(kept)
         else:
             found.keep(output, kept, columns, trims)
-    ids = demonstrations.ids
-    click.echo(f"Kept {len(kept):,} of {len(ids):,} demonstrations: {output or file}")
+    ids, whole = demonstrations.ids, read.ids
+    tell_of_set_aside(read)
+    click.echo(f"Kept {len(kept):,} of {len(whole):,} demonstrations: {output or file}")
     if trim:
         n = sum(int(demonstrations.lengths[ids.index(name)]) - end + first for name, (first, end) in trims.items())
         click.echo(f"Trimmed {len(trims):,} of them by {n:,} steps in which nothing moves.")
     if not quiet:
-        print_lines([*lost, *found.commands_to_keep(ids, kept, output or "")])
+        print_lines([*lost, *found.commands_to_keep(whole, kept, output or "")])
 
 
 def _check_output(found: Found, output: str | None, in_place: bool, trim: bool) -> None:
@@ -133,6 +134,16 @@ def _read_all(file: str, columns: ColumnOptions, progress: StageProgress, stream
         return read
 
 
+def _verdicts_on(read: Recording, path: str) -> Table:
+    """The rows of a file of verdicts about the demonstrations that are read; others in the same file have none."""
+    from rpil.audit.choice import read_verdicts, rows_of
+    from rpil.data.id_values import check_ids
+
+    table = read_verdicts(path)
+    check_ids(table["id"], read.ids, path, "the ids")
+    return rows_of(table, {*map(str, read.demonstrations.ids)})
+
+
 def _idle_ends(read: Recording, kept: list[Id]) -> dict[Id, tuple[int, int]]:
     """The steps to keep of the kept demonstrations with idle ends, by the rules of ``rpil check``."""
     from rpil.faults.recorded import faults_of
@@ -147,7 +158,7 @@ def _idle_ends(read: Recording, kept: list[Id]) -> dict[Id, tuple[int, int]]:
 
 
 @click.command()
-@click.argument("file", type=click.Path())
+@file_argument
 @click.option(
     "-o",
     "--output",
@@ -177,5 +188,6 @@ def convert(file: str, output: str, quiet: bool, **options: Any) -> None:
         truth = {what: [str(of.get(m, "")) for m in ids] for what, of in about.items() if of}
         progress(f"writing {output}")
         formats.write(output, demonstrations, truth)
+    tell_of_set_aside(recording)
     size = f"{len(demonstrations):,} demonstrations, {demonstrations.n_steps:,} steps"
     click.echo(f"{size}: {output}")

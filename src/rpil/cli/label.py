@@ -21,6 +21,7 @@ from rpil.cli.commands import (
     tell_if_interrupted,
 )
 from rpil.cli.options import FitOptions, Value, command_words, pop_columns, with_label_options
+from rpil.cli.options_file import file_argument
 from rpil.cli.progress import show_stages
 from rpil.data.errors import DataError
 
@@ -99,7 +100,7 @@ def rows_of(question: tuple[Hashable, ...], key: str) -> Rows:
 
 
 @click.command()
-@click.argument("file", type=click.Path())
+@file_argument
 @with_label_options
 @click.pass_context
 def label(ctx: click.Context, /, file: str, **options: Value) -> None:
@@ -129,6 +130,7 @@ def label(ctx: click.Context, /, file: str, **options: Value) -> None:
         audit, _ = audit_by_task(file, read, FitOptions(**options), progress, engine)
     if not audit.columns.size:
         raise DataError(f"{file}: this audit keeps nothing to learn from answers; leave out --adversary.")
+    commands.tell_of_set_aside(read)
     terminal.print_lines([terminal.finding_sentence(audit), terminal.verdict_sentence(audit)])
     last = ask(Asking(audit), path, before, read.description.fps or read.times().fps)
     terminal.print_lines(_last_lines(last, path, before, shlex.join(command_words(ctx, "audit"))))

@@ -40,6 +40,7 @@ from rpil.cli.options import (
     with_fit_options,
     with_judge_options,
 )
+from rpil.cli.options_file import file_argument
 from rpil.cli.outputs import OUTPUTS, Audited, judged_within, lines_after_output, tell_if_too_many, write_outputs
 from rpil.cli.progress import StageProgress, show_stages
 
@@ -83,7 +84,7 @@ for command in (check, info, label, keep, convert, evaluate):
 
 
 @main.command()
-@click.argument("file", type=click.Path())
+@file_argument
 @click.option("--report", type=OutputFile(".html"), metavar="OUT.html", help="Also write a report as a web page.")
 @click.option(
     "--weights",
@@ -173,7 +174,7 @@ def audit(
 
 
 @main.command()
-@click.argument("file", type=click.Path())
+@file_argument
 @click.option(
     "-o", "--output", type=click.Path(), metavar="POLICY", required=True, help="File for the policy, with any name."
 )
@@ -216,6 +217,7 @@ def fit(ctx: click.Context, /, file: str, output: str, method: str, trusted: int
                 model = RMEnt(trusted, options["features"], random_state=options["seed"])
             model.fit(commands.load_into_memory(demonstrations))
         save(model, output)
+    commands.tell_of_set_aside(recording)
     size = f"{len(demonstrations):,} demonstrations ({demonstrations.n_steps:,} steps)"
     if isinstance(model, RPIL):
         click.echo(f"{terminal.finding_sentence(model.audit_)}\n{terminal.verdict_sentence(model.audit_)}")
@@ -230,9 +232,8 @@ def fit(ctx: click.Context, /, file: str, output: str, method: str, trusted: int
 
 def _refuse_rpil_options(ctx: click.Context, method: str) -> None:
     """Refuse options that only --method rpil has."""
-    given = [name for name in ("labels", "operator", "outcome", "resume") if ctx.params[name]]
-    chosen = ("adversary",)
-    given += [name for name in chosen if ctx.get_parameter_source(name) is ParameterSource.COMMANDLINE]
+    names = "labels", "operator", "outcome", "resume", "adversary"
+    given = [name for name in names if ctx.get_parameter_source(name) is ParameterSource.COMMANDLINE]
     if given:
         message = f"--{min(given)} has no effect with --method {method}: leave it out, or use --method rpil"
         raise click.UsageError(message, ctx)

@@ -117,6 +117,14 @@ json_option = click.option("--json", "json_wanted", is_flag=True, help="Print JS
 stream_option = click.option(
     "--stream/--no-stream", default=None, help="Leave data on disk, or read them; by default by size."
 )
+outcome_option = click.option(
+    "--outcome",
+    metavar="[-]COLUMN",
+    help="How each demonstration ended: a success, a return, rewards; or length, its steps; - where more is worse.",
+)
+session_option = click.option(
+    "--session", metavar="COLUMN|file", help="Judge within sessions: a column, or the file of each demonstration."
+)
 COLUMN_OPTIONS = (
     click.option("--id", metavar="COLUMN", help="The column that names the demonstration of a step."),
     click.option("--action", metavar="COLUMNS", multiple=True, help="The column of the action, or several."),
@@ -143,6 +151,9 @@ COLUMN_OPTIONS = (
         show_default=True,
         help="Whether one column of whole numbers holds classes or amounts.",
     ),
+    click.option("--only", metavar="IDS", multiple=True, help="Read these demonstrations alone, as 0-16,22."),
+    click.option("--without", metavar="IDS", multiple=True, help="Leave these demonstrations out, as 3,7."),
+    click.option("--skip-bad", is_flag=True, help="Set demonstrations with missing values aside, and go on."),
     click.option(
         "--memory",
         metavar="SIZE",
@@ -165,11 +176,7 @@ FIT_OPTIONS = (
         metavar="FILE",
         help="Answers: good, bad, better than ID; CSV (id,label) or JSON.",
     ),
-    click.option(
-        "--outcome",
-        metavar="[-]COLUMN",
-        help="How each demonstration ended: a success, a return, rewards; or length, its steps; - where more is worse.",
-    ),
+    outcome_option,
     click.option(
         "--features",
         type=FEATURE_CHOICE,
@@ -194,9 +201,7 @@ FIT_OPTIONS = (
 
 LABEL_OPTIONS = (
     *FIT_OPTIONS,
-    click.option(
-        "--session", metavar="COLUMN|file", help="Judge within sessions: a column, or the file of each demonstration."
-    ),
+    session_option,
 )
 JUDGE_OPTIONS = (
     *LABEL_OPTIONS,
@@ -232,13 +237,14 @@ def pop_columns(options: dict[str, Value]) -> ColumnOptions:
     from rpil.data.id_values import is_id_file
     from rpil.formats.columns import ColumnOptions
 
-    names = ("id", "action", "observations", "exclude", "order", "task", "action_kind", "embeddings")
+    names = ("id", "action", "observations", "exclude", "order", "task", "action_kind", "embeddings", "only", "without")
     operator = options["operator"]
     del options["memory"], options["fill_missing"]  # their callbacks have set them
     return ColumnOptions(
         operator=None if operator is None or is_id_file(operator) else operator,
         outcome=options.pop("outcome", None),
         session=options.get("session"),
+        skip_bad=options.pop("skip_bad"),
         **{name: options.pop(name) for name in names},
     )
 

@@ -105,7 +105,11 @@ def lines_after_output(title: str, path: str, given: Audited) -> list[str]:
     if title == "weights":
         return [*find(given.source).format.notes_on_weights]
     ids = kept(given.audit) if title == "keep" else ()
-    return [*given.lost, *find(given.source).commands_to_keep(given.audit.ids, ids, path)] if ids else []
+    return (
+        [*given.lost, *find(given.source).commands_to_keep(given.recording.ids or given.audit.ids, ids, path)]
+        if ids
+        else []
+    )
 
 
 def tell_if_too_many(audit: Audit, limit: str | None) -> int:

@@ -11,9 +11,9 @@ _FILLED: ContextVar[bool] = ContextVar("missing chunks are filled", default=Fals
 
 
 @contextmanager
-def allow_missing() -> Iterator[None]:
-    """Within the block, data may hold NaN and infinite values. They must not reach a fit."""
-    token = _ALLOWED.set(True)
+def allow_missing(wanted: bool = True) -> Iterator[None]:
+    """Within the block, and if `wanted`, data may hold NaN and infinite values. They must not reach a fit."""
+    token = _ALLOWED.set(wanted or are_allowed())
     try:
         yield
     finally:

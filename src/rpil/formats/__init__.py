@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import warnings
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TypedDict, Unpack
@@ -27,10 +28,11 @@ from rpil.data.memory import Size, limited
 from rpil.data.missing import fill_chunks
 from rpil.data.names import is_data
 from rpil.formats.arrow import Frame, read_frame
-from rpil.formats.columns import ColumnOptions, Names
+from rpil.formats.columns import ColumnOptions, Ids, Names
 from rpil.formats.description import Description
 from rpil.formats.recording import Recording
 from rpil.formats.registry import find, writer_of
+from rpil.formats.selection import set_aside_lines
 from rpil.formats.weights import write_weights
 
 __all__ = [
@@ -62,6 +64,9 @@ class ReadOptions(TypedDict, total=False):
     order: str | None
     action_kind: ActionKind
     embeddings: str | None
+    only: Ids
+    without: Ids
+    skip_bad: bool
 
 
 class OpenOptions(ReadOptions, total=False):
@@ -95,6 +100,10 @@ def read(
         Whether one column of whole numbers holds classes; "auto" decides by how many there are.
     embeddings : path
         A Parquet or NPZ file with more observations of each step, joined on the column ``index``.
+    only, without : str, int or sequence of these
+        Ids of the demonstrations that alone are read, and of those that are not: ``"0-16,22"`` has a range.
+    skip_bad : bool
+        Leave demonstrations out in which a value is missing or infinite, with a warning that names them.
     memory : int or str, optional
         Bytes that the data may take, as a number or as text such as "4GB"; by default half of the free memory.
     fill_missing : bool
@@ -113,6 +122,8 @@ def read(
             return _of_trajectories(path, options)
         recording = read_frame(path, options) if isinstance(path, Frame) else read_recording(path, options)
         demonstrations = recording.demonstrations
+    for line in set_aside_lines(recording.set_aside):
+        warnings.warn(f"{recording.description.source}: {line}", stacklevel=2)
     assert isinstance(demonstrations, Demonstrations)
     return demonstrations
 

@@ -15,6 +15,7 @@ from rpil.formats import table as flat
 from rpil.formats.column_search import find_columns
 from rpil.formats.columns import ColumnOptions, check_unique
 from rpil.formats.recording import Recording, from_batches
+from rpil.formats.selection import with_chosen
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -43,7 +44,7 @@ def read_frame(frame: Frame, options: ColumnOptions = ColumnOptions()) -> Record
     with guarded(FRAME, "a column holds values of mixed types", "convert them"):
         # A table is none to convert: before pyarrow 25 the copy of a column of text views ended the process.
         table = frame if isinstance(frame, pa.Table) else pa.table(frame)
-    return from_arrow(table, options, FRAME, "data frame")
+    return with_chosen(from_arrow(table, options, FRAME, "data frame"), options)
 
 
 def from_arrow(

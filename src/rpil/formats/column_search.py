@@ -28,6 +28,7 @@ from rpil.data.names import (
     may_be_outcome,
     plain_name,
     quoted,
+    short_name,
 )
 from rpil.formats.columns import LENGTH, SPLITS, ColumnOptions, Columns, Kind, Names, check_unique
 
@@ -57,6 +58,8 @@ class _Search:
     ) -> None:
         self.names, self.kinds, self.source, self.options, self.default_id = names, kinds, source, options, default_id
         self.plain = {name: plain_name(name) for name in names}
+        self.chosen_parts: dict[str, list[str]] = {}
+        self.excluded_parts: dict[str, bool] = {}
         self.ignored = dict.fromkeys(self.matching(options.exclude, "exclude"), "excluded as asked")
         self.free = {name: plain for name, plain in self.plain.items() if name not in self.ignored}
 
@@ -92,6 +95,7 @@ class _Search:
             *(operator, task, ignored, options.action_kind, order is not None),
             tuple(name for name in times if self.kinds.get(name) in numbers),
             *(session, outcome, self.outcomes({*actions, *observations})),
+            *(self.chosen_parts, self.excluded_parts, self.source),
         )
 
     def take(self, *names: str) -> None:
@@ -132,7 +136,11 @@ class _Search:
         for text in [wanted] if isinstance(wanted, str) else wanted:
             for pattern in [text] if text in self.plain else text.split(","):
                 hits = list(self.named(pattern.strip()))
-                if not hits:
+                if option == "exclude":
+                    self.excluded_parts[pattern.strip()] = bool(hits)
+                elif not hits:
+                    hits = self.with_part(pattern.strip(), option)
+                if not hits and not (option == "exclude" and "list" in self.kinds.values()):
                     close = get_close_matches(pattern, self.names[:10_000], 3) or self.names
                     raise DataError(
                         f"{self.source}: no column is called {pattern.strip()!r}; correct {option} "
@@ -146,10 +154,31 @@ class _Search:
             yield pattern
             return
         lower, plain = pattern.lower(), plain_name(pattern)
+        is_pattern, found = any(sign in pattern for sign in "*?["), False
         for name in self.names:
-            is_pattern = any(sign in pattern for sign in "*?[")
             if fnmatchcase(name.strip().lower(), lower) if is_pattern else self.plain[name] == plain:
+                found = True
                 yield name
+        # As `rpil info` prints it, without the word observation.
+        yield from (name for name in self.names if not found and fnmatchcase(short_name(name).lower(), lower))
+
+    def with_part(self, pattern: str, option: str) -> list[str]:
+        """The columns of lists of which `pattern` may name a number; numbers have names when they are read."""
+        start, *more = re.split(r"[*?\[]", pattern.lower())
+        own = {name for pair in ACTION_COLUMNS for p in pair for name, plain in self.free.items() if p.fullmatch(plain)}
+        lists = ((name, f"{short_name(name)}.".lower().lstrip(".")) for name in self.free if self.is_list(name))
+        found = [
+            name
+            for name, prefix in lists
+            if start.startswith((prefix, f"{name.lower()}."))
+            or (more and prefix.startswith(start) and (option == "action") == (name in own))
+        ]
+        for name in found:
+            self.chosen_parts.setdefault(name, []).append(pattern)
+        return found
+
+    def is_list(self, name: str) -> bool:
+        return self.kinds.get(name) == "list"
 
     def one(self, wanted: str | None, option: str) -> str | None:
         """The one column that the user names for a role, if any."""

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Literal
 
-from rpil.data.arrays import ActionKind
+from rpil.data.arrays import ActionKind, Id
 from rpil.data.errors import DataError
 from rpil.data.facts import FILE_SESSION
 
@@ -17,6 +17,8 @@ Kind = Literal["number", "list", "text", "written list", "mixed", "time", "count
 Names = str | Sequence[str]
 """Names of columns, or patterns such as ``joint_*``; several may stand in one text, with commas between them."""
 
+Ids = Id | Sequence[Id]
+"""Ids of demonstrations; in a text there may be ranges such as ``0-16``, and several with commas between them."""
 
 LENGTH = "length"
 SPLITS = "splits."
@@ -42,6 +44,10 @@ class ColumnOptions:
         Whether one column of whole numbers holds classes; "auto" decides by how many there are.
     embeddings : str
         A Parquet or NPZ file with more observations of each step, by its ``index``.
+    only, without : str, int or sequence of these
+        Ids of the demonstrations that alone are read, and of those that are not: ``"0-16,22"`` has a range.
+    skip_bad : bool
+        Leave demonstrations out in which a value is missing or infinite.
     """
 
     id: str | None = None
@@ -55,6 +61,9 @@ class ColumnOptions:
     outcome: str | None = None
     action_kind: ActionKind = "auto"
     embeddings: str | None = None
+    only: Ids = ()
+    without: Ids = ()
+    skip_bad: bool = False
 
 
 @dataclass(frozen=True)
@@ -77,6 +86,11 @@ class Columns:
     session: str | None = None  # or FILE_SESSION
     outcome: str | None = None  # or LENGTH; with a minus where more is worse
     outcomes: tuple[str, ...] = field(default=(), compare=False)  # columns that the user may name as the outcome
+    chosen_parts: Mapping[str, Names] = field(
+        default_factory=dict, compare=False
+    )  # of columns of which not all are read
+    excluded_parts: Mapping[str, bool] = field(default_factory=dict, compare=False)  # pattern -> also names columns
+    source: str = field(default="", compare=False)  # in messages
 
     @property
     def data(self) -> list[str]:

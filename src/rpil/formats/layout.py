@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from difflib import get_close_matches
+from fnmatch import fnmatchcase
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
 from rpil.data.errors import DataError
 from rpil.data.guard import guarded
+from rpil.data.names import quoted, short_name
 from rpil.formats import table as flat
 from rpil.formats.columns import Columns
 from rpil.formats.table import Place
@@ -35,6 +38,10 @@ class Layout:
     observation, action : dtype
     n_parts : int
         Numbers of a continuous action; 0 where actions are discrete, and where a single number may yet be.
+    masks : mapping of str to array
+        Which numbers of a column are read, where not all are.
+    left_out : mapping of str to str
+        Names of those that are not, and why.
     """
 
     observations: Widths
@@ -44,25 +51,29 @@ class Layout:
     observation: np.dtype[np.generic]
     action: np.dtype[np.generic]
     n_parts: int = 0
+    masks: Mapping[str, Array] = field(default_factory=dict)
+    left_out: Mapping[str, str] = field(default_factory=dict)
 
     @classmethod
     def of(cls, table: pa.Table, columns: Columns, joints: Mapping[str, Sequence[str]]) -> Layout:
         """By the types of the columns, and the first lists in them; `joints` name the numbers of a list."""
-        observations, actions = (
-            {name: _width(table[name]) for name in names} for names in (columns.observations, columns.actions)
-        )
-        types = [_value_type(table[name].type) for name in columns.actions]
+        chosen = _Chosen(columns)
+        observations, observation_names = chosen.parts(table, columns.observations, joints)
+        actions, action_names = chosen.parts(table, columns.actions, joints)
+        chosen.check()
+        if not observations or not actions:
+            what = "action" if observations else "observations"
+            raise DataError(f"{columns.source}: --exclude or exclude= leaves nothing of the {what}; correct it.")
+        types = [_value_type(table[name].type) for name in actions]
         action, n_parts = _stacked(types), sum(actions.values())
-        if columns.one_action and n_parts == 1 and not (types[0].kind == "f" and _is_list(table, columns.actions[0])):
+        column = next(iter(actions))
+        is_one = columns.one_action and n_parts == 1 and column not in chosen.masks
+        if is_one and not (types[0].kind == "f" and _is_list(table, column)):
             n_parts, action = 0, action if types[0].kind == "f" else types[0]
         return cls(
-            tuple(observations.items()),
-            tuple(actions.items()),
-            flat.part_names(observations, joints),
-            flat.part_names(actions, joints),
-            _stacked([_value_type(table[name].type) for name in columns.observations]),
-            action,
-            n_parts,
+            *(tuple(observations.items()), tuple(actions.items()), observation_names, action_names),
+            *(_stacked([_value_type(table[name].type) for name in observations]), action, n_parts),
+            *(chosen.masks, chosen.left_out),
         )
 
     @property
@@ -96,24 +107,74 @@ class Layout:
     def fill(self, observations: Array, actions: Array, table: pa.Table, at: Place) -> None:
         """Write the rows of `table` to the two arrays; a `DataError` where a value is missing or of the wrong kind."""
         with guarded(at(0)):
-            _fill(observations, table, self.observations, at)
+            _fill(observations, table, self.observations, at, self.masks)
             self.fill_actions(actions, table, at)
 
     def fill_actions(self, actions: Array, table: pa.Table, at: Place) -> None:
         """Write the actions of `table`, which needs no other columns, to the array."""
-        _fill(actions.reshape(len(actions), -1), table, self.actions, at)
+        _fill(actions.reshape(len(actions), -1), table, self.actions, at, self.masks)
 
 
-def _fill(out: Array, table: pa.Table, widths: Widths, at: Place) -> None:
+class _Chosen:
+    """The numbers of columns that are read, by what the user says of their names, column by column."""
+
+    def __init__(self, columns: Columns) -> None:
+        self.columns, self.masks, self.left_out = columns, dict[str, Array](), dict[str, str]()
+        self.unknown = dict.fromkeys(pattern for found in columns.chosen_parts.values() for pattern in found)
+        self.unknown |= {pattern: None for pattern, is_known in columns.excluded_parts.items() if not is_known}
+        self.known: list[str] = []
+
+    def parts(
+        self, table: pa.Table, columns: Sequence[str], joints: Mapping[str, Sequence[str]]
+    ) -> tuple[dict[str, int], tuple[str, ...]]:
+        """The `columns` of which a number is read, with how many, and the names of these numbers."""
+        widths = {name: _width(table[name]) for name in columns}
+        names, first, kept = flat.part_names(widths, joints), 0, dict[str, list[str]]()
+        self.known += names
+        for column, width in widths.items():
+            own, chosen = names[first : first + width], self.columns.chosen_parts.get(column)
+            excluded = {name for name in own if self._is_named(name, column, self.columns.excluded_parts)}
+            named = {name for name in own if chosen is None or self._is_named(name, column, chosen)}
+            kept[column] = [name for name in own if name in named and (name not in excluded or width == 1)]
+            if len(kept[column]) < width:
+                mask = self.masks[column] = np.isin(own, kept[column])
+                reasons = ("excluded as asked" if name in excluded else "not among those named" for name in own)
+                self.left_out |= {
+                    name: why for name, why, is_read in zip(own, reasons, mask, strict=True) if not is_read
+                }
+            first += width
+        left = {column: len(parts) for column, parts in kept.items() if parts or column not in self.masks}
+        return left, tuple(name for parts in kept.values() for name in parts)
+
+    def _is_named(self, name: str, column: str, patterns: Iterable[str]) -> bool:
+        """Whether one of the `patterns` names a number, with the column's whole name or its short one."""
+        spellings = {name.lower(), f"{column}.{name.removeprefix(short_name(column)).lstrip('.')}".lower()}
+        found = [pattern for pattern in patterns if any(fnmatchcase(text, pattern.lower()) for text in spellings)]
+        for pattern in found:
+            self.unknown.pop(pattern, None)
+        return bool(found)
+
+    def check(self) -> None:
+        """A `DataError` where a name that the user gave is that of no column and of no part."""
+        for pattern in self.unknown:
+            close = get_close_matches(pattern, self.known, 3) or self.known
+            raise DataError(
+                f"{self.columns.source}: no column, nor a number in one, is called {pattern!r}; correct --exclude, "
+                f"--observations or --action, or exclude=, observations= or action= (found {quoted(close)})."
+            )
+
+
+def _fill(out: Array, table: pa.Table, widths: Widths, at: Place, masks: Mapping[str, Array]) -> None:
     start = 0
     for name, width in widths:
         block = flat.column_values(table, name, at)
         if block.dtype.kind == "U" and out.dtype.kind != "U":
             raise flat.no_numbers(block, name, at)
         block = block.reshape(len(block), -1)
-        if block.shape[1] != width:
-            raise DataError(f"{at(0)}: column {name!r} holds {block.shape[1]} numbers, not {width} as elsewhere.")
-        out[:, start : start + width] = block
+        mask = masks.get(name, np.ones(width, dtype=bool))
+        if block.shape[1] != len(mask):
+            raise DataError(f"{at(0)}: column {name!r} holds {block.shape[1]} numbers, not {len(mask)} as elsewhere.")
+        out[:, start : start + width] = block[:, mask] if name in masks else block
         start += width
 
 

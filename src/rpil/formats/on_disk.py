@@ -11,6 +11,7 @@ from rpil.formats import parquet, spool
 from rpil.formats.columns import ColumnOptions
 from rpil.formats.dataset import Dataset
 from rpil.formats.rows import BATCH_ROWS
+from rpil.formats.selection import with_chosen
 from rpil.formats.store import find_files
 
 
@@ -43,6 +44,6 @@ def open_dataset(path: StrPath, *, options: ColumnOptions = ColumnOptions(), bat
         )
     with spool.on_disk():
         recording = parquet.read_files(filesystem, paths, options, Path(str(path)).name or str(path), batch_rows)
-        data = recording.demonstrations
+        data = with_chosen(recording, options).demonstrations
     assert isinstance(data, Dataset)
     return data

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence, Set
 from dataclasses import dataclass, field, replace
-from functools import cache, cached_property
+from functools import cache, cached_property, partial
 from pathlib import PurePosixPath
 from typing import TYPE_CHECKING
 
@@ -63,6 +63,14 @@ class Recording:
         Those with which it was opened.
     write_some : function of ids and a path, optional
         Writes some of the demonstrations to a new file of the same format; None where no file was opened.
+    chosen : function of a mask of the M demonstrations, optional
+        The recording of those that it chooses.
+    ids : tuple
+        Of all demonstrations in the file, also of those that the options leave out.
+    faulty : set of int
+        Numbers of the demonstrations in which a value is missing or infinite.
+    set_aside : tuple of ids
+        The demonstrations that were left out because of these.
     """
 
     description: Description
@@ -74,6 +82,10 @@ class Recording:
     read_facts: Callable[[], Facts] = Facts
     options: ColumnOptions = ColumnOptions()
     write_some: Callable[[Sequence[Id], StrPath], None] | None = None
+    chosen: Callable[[Array], Recording] | None = None
+    ids: tuple[Id, ...] = ()
+    faulty: Set[int] = frozenset()
+    set_aside: tuple[Id, ...] = ()
 
     def describe(self) -> Description:
         """Counts, columns and their roles, as ``rpil info`` prints them."""
@@ -103,7 +115,10 @@ class Recording:
 
     def with_ignored(self, names: Mapping[str, str]) -> Recording:
         """The same, where parts of the file that are no columns are not read for the reasons in `names`."""
-        return replace(self, description=replace(self.description, ignored={**self.description.ignored, **names}))
+        description = replace(self.description, ignored={**self.description.ignored, **names})
+        some = self.chosen
+        chosen = None if some is None else (lambda mask: some(mask).with_ignored(names))
+        return replace(self, description=description, chosen=chosen)
 
 
 def from_table(
@@ -224,7 +239,20 @@ def from_scan(
         tasks_of(found.tasks, metadata),
         read_times,
         read_facts,
+        chosen=partial(_chosen, rows, columns, found, origin, format_name, notes),
+        ids=places.ids,
+        faulty=found.statistics.faulty,
     )
+
+
+def _chosen(
+    rows: Rows, columns: Columns, found: Scan, origin: Origin, format_name: str, notes: tuple[str, ...], mask: Array
+) -> Recording:
+    """The recording of the demonstrations of a mask (M,) alone, whose rows are scanned again."""
+    places, kept = found.places.only(mask)
+    part = rows.chosen(kept)
+    again = scan(part, found.actions.layout, columns, origin.source, places)
+    return from_scan(part, columns, again, origin.only(places.ids), format_name, notes)
 
 
 def read_columns(rows: Rows, names: list[str], steps: slice | None = None) -> pa.Table | None:
@@ -264,7 +292,7 @@ def _describe(
         operators=different(found.operators),
         task_column=columns.task,
         tasks=different(found.tasks, metadata.tasks),
-        ignored=ignored_columns(columns, places.order, metadata),
+        ignored={**ignored_columns(columns, places.order, metadata), **layout.left_out},
         missing=found.statistics.missing,
         ranges=found.statistics.ranges(names),
         outcomes=outcome_options([*metadata.split_outcomes, *columns.outcomes]),

@@ -14,6 +14,7 @@ from rpil.data.files import StrPath, check_exists, check_extension, check_readab
 from rpil.data.folders import check_folder
 from rpil.data.guard import guarded
 from rpil.data.memory import TooLargeError
+from rpil.data.missing import allow_missing
 from rpil.formats import (
     aloha,
     csv,
@@ -33,6 +34,7 @@ from rpil.formats.columns import ColumnOptions
 from rpil.formats.embeddings import with_embeddings
 from rpil.formats.format import Defect, Format, not_a_folder
 from rpil.formats.recording import Recording
+from rpil.formats.selection import with_chosen
 from rpil.formats.store import may_be_many_files
 
 FORMATS: tuple[Format, ...] = (
@@ -78,12 +80,13 @@ class Found:
         if on_disk is None and not self.format.stays_on_disk(self.path):
             with suppress(TooLargeError):
                 return self.read(options)
-        with guarded(str(self.path)), spool.on_disk(on_disk is not False):
+        with guarded(str(self.path)), spool.on_disk(on_disk is not False), allow_missing(options.skip_bad):
             if self.format.read_address is not None and not Path(self.path).exists():
                 recording = self.format.read_address(self.path, options)
             else:
                 path = Path(self.path)
                 recording = self.format.read(check_readable(path) if path.is_file() else path, options)
+            recording = with_chosen(recording, options)
             if options.embeddings:
                 recording = with_embeddings(recording, options.embeddings)
             return replace(recording, options=options, write_some=lambda ids, new: self.keep(new, ids, options))

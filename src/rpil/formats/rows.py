@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
 from rpil.formats.table import Place
-from rpil.numerics.types import Array
+from rpil.numerics.types import Array, Int
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -24,6 +25,9 @@ class Rows(Protocol):
     @property
     def runs(self) -> list[tuple[int, int]]:
         """First rows, and the rows after the last, of what is read together, as a row group is; in order."""
+
+    def chosen(self, runs: Int[Array, "K 2"]) -> Rows:
+        """The rows ``begin:end`` of each of the `runs`, which are in order, numbered anew from 0."""
 
     def between(self, first: int, last: int) -> Rows:
         """The same without what is not needed to read the rows ``first:last``; these keep their numbers."""
@@ -56,7 +60,7 @@ class TableRows:
     source : str
         Its name in messages.
     place : (N,) array, optional
-        The row of the table that comes at each place; None where all stay where they are.
+        The row of the table that comes at each place; None where all stay where they are, and none is left out.
     sizes : mapping of str to int
         The numbers of rows from each file; empty for formats in which files say nothing of demonstrations.
     """
@@ -68,7 +72,11 @@ class TableRows:
 
     @property
     def runs(self) -> list[tuple[int, int]]:
-        return [(0, len(self.table))]
+        return [(0, len(self.table) if self.place is None else len(self.place))]
+
+    def chosen(self, runs: Int[Array, "K 2"]) -> TableRows:
+        rows = np.concatenate([np.arange(begin, end) for begin, end in runs.tolist()])
+        return replace(self, place=rows if self.place is None else self.place[rows])
 
     def between(self, first: int, last: int) -> TableRows:
         return self
@@ -100,6 +108,64 @@ class TableRows:
         names, ends = list(self.sizes), np.cumsum(list(self.sizes.values()))
         there = rows if self.place is None else self.place[rows]
         return [names[k] for k in np.searchsorted(ends, there, side="right").tolist()] if names else []
+
+
+@dataclass(frozen=True, eq=False)
+class ChosenRows:
+    """Some rows of others that stay on disk: those ``begin:end`` of each of the `runs`."""
+
+    rows: Rows
+    bounds: Int[Array, "K 2"]
+
+    @cached_property
+    def _first(self) -> Int[Array, " _"]:
+        """The number here of the first row of each run, and of the one after the last."""
+        return np.append(0, np.cumsum(self.bounds[:, 1] - self.bounds[:, 0]))
+
+    def _there(self, rows: Array) -> Array:
+        """The numbers of `rows` among the others."""
+        k = np.searchsorted(self._first, rows, side="right") - 1
+        return np.asarray(self.bounds[k, 0] + rows - self._first[k])
+
+    def _here(self, row: int) -> int:
+        """How many of the chosen rows come before the row of this number among the others."""
+        k = max(int(np.searchsorted(self.bounds[:, 0], row, side="right")) - 1, 0)
+        return int(self._first[k] + np.clip(row - self.bounds[k, 0], 0, self.bounds[k, 1] - self.bounds[k, 0]))
+
+    @property
+    def runs(self) -> list[tuple[int, int]]:
+        return [(self._here(first), self._here(last)) for first, last in self.rows.runs]
+
+    def chosen(self, runs: Int[Array, "K 2"]) -> ChosenRows:
+        parts = [self._there(np.arange(begin, end)) for begin, end in runs.tolist()]
+        return ChosenRows(self.rows, np.array([[row, row + 1] for part in parts for row in part.tolist()]))
+
+    def between(self, first: int, last: int) -> ChosenRows:
+        begin, end = self._there(np.array([first, last - 1])).tolist()
+        return replace(self, rows=self.rows.between(begin, end + 1))
+
+    def tables(
+        self, first: int, last: int, columns: list[str], demonstration: Place = lambda _: ""
+    ) -> Iterator[tuple[int, pa.Table, Place]]:
+        begin, end = self._there(np.array([first, last - 1])).tolist()
+        others = self.rows.tables(begin, end + 1, columns, lambda row: demonstration(self._here(row)))
+        for row, table, at in others:
+            k, after = np.searchsorted(self.bounds[:, 1], row, side="right"), row + len(table)
+            while k < len(self.bounds) and (a := max(int(self.bounds[k, 0]), row)) < after:
+                b = min(int(self.bounds[k, 1]), after)
+                yield self._here(a), table.slice(a - row, b - a), shifted(at, a - row)
+                k += 1
+
+    def numbers(self, steps: slice) -> pa.Table:
+        import pyarrow as pa
+
+        return pa.table({"row": self._there(np.arange(steps.start, steps.stop)) + 1})
+
+    def file_of(self, row: int) -> str:
+        return self.rows.file_of(int(self._there(np.array(row))))
+
+    def files(self, rows: Array) -> list[str]:
+        return self.rows.files(self._there(rows))
 
 
 def shifted(at: Place, rows: int) -> Place:

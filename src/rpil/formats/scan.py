@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import compress
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -120,12 +121,17 @@ class Statistics:
         Missing values by column.
     low, high : dict of str to array
         Smallest and largest of the numbers (K,) of a column.
+    faulty : set of int
+        Numbers of the demonstrations in which a value is missing or infinite.
     """
 
     columns: Sequence[str]
+    masks: Mapping[str, Array] = field(default_factory=dict)
     missing: dict[str, int] = field(default_factory=dict)
     low: dict[str, Array] = field(default_factory=dict)
     high: dict[str, Array] = field(default_factory=dict)
+    faulty: set[int] = field(default_factory=set)
+    _n_begun: int = 0
     _last: dict[str, Array] = field(default_factory=dict)
     _within: dict[str, Array] = field(default_factory=dict)
     _always: dict[str, Array] = field(default_factory=dict)
@@ -136,12 +142,21 @@ class Statistics:
         same = np.ones(len(table), dtype=bool)
         same[begins] = False
         for name in self.columns:
-            values = flat.numbers_or_missing(table[name])
+            values, mask = flat.numbers_or_missing(table[name]), self.masks.get(name)
+            if values is not None and mask is not None and values.shape[1] == len(mask):
+                values = values[:, mask]
             n_missing = table[name].null_count if values is None else int(np.isnan(values).sum())
             if n_missing:
                 self.missing[name] = self.missing.get(name, 0) + n_missing
-            if values is not None and values.size and values.shape[1:] == self.low.get(name, values[0]).shape:
+            is_like = values is not None and values.shape[1:] == self.low.get(name, values[:1].reshape(-1)).shape
+            if values is not None and values.size and is_like:
                 self._add(name, values, same)
+            extremes = np.append(self.low.get(name, 0.0), self.high.get(name, 0.0))
+            if n_missing or not is_like or not np.isfinite(extremes).all():
+                width = extremes.size // 2 if name in self.low else None
+                faulty = flat.faulty_rows(table[name], width, mask)
+                self.faulty.update((self._n_begun - 1 + np.cumsum(~same)[faulty]).tolist())
+        self._n_begun += len(begins)
         self._goes_on = self._goes_on or bool(same.any())
 
     def _add(self, name: str, values: Array, same: Array) -> None:
@@ -179,6 +194,14 @@ class Places:
         """The demonstration of a row, for messages."""
         return f", demonstration {self.ids[int(np.searchsorted(self.offsets, row, side='right')) - 1]!r}"
 
+    def only(self, mask: Array) -> tuple[Places, Int[Array, "K 2"]]:
+        """The places of the demonstrations of a mask (M,) alone, one after the other, and the rows where they were."""
+        rows = np.stack([self.offsets[:-1], self.offsets[1:]], axis=1)[mask]
+        offsets = np.append(0, np.cumsum(rows[:, 1] - rows[:, 0]))
+        begins = np.append(True, rows[1:, 0] != rows[:-1, 1])
+        runs = np.stack([rows[begins, 0], rows[np.append(begins[1:], True), 1]], axis=1)
+        return Places(tuple(compress(self.ids, mask)), offsets, self.order), runs
+
     def begins(self, row: int, n_rows: int) -> Array:
         """The rows of a table of `n_rows` rows, the first of which is `row`, at which demonstrations begin."""
         first, last = np.searchsorted(self.offsets[:-1], [row, row + n_rows])
@@ -207,7 +230,7 @@ def scan(rows: Rows, layout: Layout, columns: Columns, source: str, places: Plac
         says where the rows of a demonstration lie apart or are out of order.
     """
     starts, orders = Starts(columns.episode), OrderCheck(columns)
-    actions, statistics = Actions(layout, columns.action_kind), Statistics(layout.columns)
+    actions, statistics = Actions(layout, columns.action_kind), Statistics(layout.columns, layout.masks)
     pairs: dict[str, dict[tuple[str, object], None]] = {name: {} for name in (columns.operator, columns.task) if name}
     names = list(dict.fromkeys([*columns.data, *pairs, *(() if places else (*columns.orders, *columns.parts))]))
     for row, table, at in rows.tables(0, rows.runs[-1][1], names, places.demonstration_of if places else _nowhere):

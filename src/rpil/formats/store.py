@@ -25,11 +25,11 @@ from rpil.formats.dialect import TEXT_SUFFIXES
 from rpil.formats.layout import Layout
 from rpil.formats.lerobot import Metadata, choose_files, read_metadata
 from rpil.formats.parquet_pages import check_pages
-from rpil.formats.rows import BATCH_ROWS
+from rpil.formats.rows import BATCH_ROWS, ChosenRows
 from rpil.formats.spool import Copy
 from rpil.formats.table import Place
 from rpil.formats.table_facts import file_names
-from rpil.numerics.types import Array
+from rpil.numerics.types import Array, Int
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -68,6 +68,11 @@ class ParquetRows:
     @property
     def runs(self) -> list[tuple[int, int]]:
         return [(group.first, group.last) for group in self.groups]
+
+    def chosen(self, runs: Int[Array, "K 2"]) -> ChosenRows:
+        begins, ends = runs.T  # row groups of which none is chosen are not read
+        there = [np.searchsorted(ends, g.first, "right") < np.searchsorted(begins, g.last) for g in self.groups]
+        return ChosenRows(replace(self, groups=tuple(itertools.compress(self.groups, there))), runs)
 
     def between(self, first: int, last: int) -> ParquetRows:
         return replace(self, groups=tuple(g for g in self.groups if g.first < last and first < g.last))

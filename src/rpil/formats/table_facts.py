@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import PurePosixPath
 from typing import TYPE_CHECKING
 
@@ -46,6 +46,11 @@ class Origin:
     source: str
     files: Sequence[str] = ()
     metadata: Metadata = Metadata()
+
+    def only(self, ids: Sequence[Id]) -> Origin:
+        """The same of the demonstrations `ids` alone; declared totals are of all, and so of no use."""
+        lengths = {m: self.metadata.lengths[m] for m in ids if m in self.metadata.lengths}
+        return replace(self, metadata=replace(self.metadata, sizes={}, lengths=lengths))
 
 
 def fact_columns(columns: Columns) -> list[str]:

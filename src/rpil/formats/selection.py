@@ -1,0 +1,70 @@
+"""The demonstrations of a recording that a user chooses, and those that are set aside because values are missing."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from rpil.data.arrays import Id
+from rpil.data.errors import DataError
+from rpil.data.id_values import check_ids
+from rpil.formats.columns import ColumnOptions, Ids
+from rpil.formats.description import listed
+from rpil.formats.recording import Recording
+
+_RANGE = re.compile(r"(\d{1,18})\s*-\s*(\d{1,18})")
+
+_MOST_NAMED = 30  # in one line
+
+
+def with_chosen(recording: Recording, options: ColumnOptions) -> Recording:
+    """The recording of the demonstrations that the options choose.
+
+    A `DataError` where an id is unknown, or none is left. On disk the rows of the others are skipped in each pass.
+    """
+    if recording.chosen is None or not (options.only or options.without or options.skip_bad):
+        return recording
+    ids, source = recording.ids, recording.description.source
+    mask = np.ones(len(ids), dtype=bool)
+    if options.only:
+        mask[:] = False
+        mask[[*_numbers(options.only, ids, source, "only")]] = True
+    mask[[*_numbers(options.without, ids, source, "without")]] = False
+    if not mask.any():
+        raise DataError(f"{source}: --only and --without, or only= and without=, leave no demonstration; correct them.")
+    n_asked = int(mask.sum())
+    aside = [m for m in sorted(recording.faulty) if options.skip_bad and mask[m]]
+    mask[aside] = False
+    if not mask.any():
+        raise DataError(f"{source}: in every demonstration a value is missing or infinite; exclude the column.")
+    if mask.all():
+        return recording
+    found, names = recording.chosen(mask), tuple(ids[m] for m in aside)
+    asked = f"{n_asked:,} of {len(ids):,} demonstrations are read, as asked."
+    notes = (*found.description.notes, *([asked] if n_asked < len(ids) else []), *set_aside_lines(names))
+    described = replace(found.description, notes=notes)
+    return replace(found, description=described, ids=ids, set_aside=names, chosen=None)
+
+
+def set_aside_lines(ids: Sequence[Id]) -> tuple[str, ...]:
+    """The line that names the demonstrations that were set aside; none where there are none."""
+    named = listed(list(map(str, ids)), _MOST_NAMED)
+    return (f"Set aside: {named}, because a value is missing or infinite.",) if ids else ()
+
+
+def _numbers(wanted: Ids, ids: Sequence[Id], source: str, option: str) -> Iterator[int]:
+    """The numbers of the demonstrations that a user names; a `DataError` naming those that are not there."""
+    places = {str(m): k for k, m in enumerate(ids)}
+    for given in map(str, [wanted] if isinstance(wanted, str | int) else wanted):
+        for name in [given] if given in places else map(str.strip, given.split(",")):
+            ends = _RANGE.fullmatch(name)
+            named = [name] if ends is None or name in places else sorted(ends.groups(), key=int)
+            check_ids(named, places, source, f"--{option} or {option}=")
+            low, high = named[0], named[-1]
+            if low == high:
+                yield places[low]
+            else:
+                yield from (k for m, k in places.items() if m.isdecimal() and int(low) <= int(m) <= int(high))
