@@ -16,6 +16,7 @@ from rpil.data.names import (
     EPISODE,
     EPISODE_COLUMNS,
     NEXT_STEP,
+    NOT_SEEN,
     OBSERVATION,
     OF_EPISODE,
     OPERATOR,
@@ -91,7 +92,7 @@ class _Search:
             *(episode, tuple(actions), tuple(observations), one_action, tuple(orders), index, parts),
             *(operator, task, ignored, options.action_kind, order is not None),
             tuple(name for name in times if self.kinds.get(name) in numbers),
-            *(session, outcome, self.outcomes({*actions, *observations})),
+            *(session, outcome, self.outcomes({*actions, *observations}), bool(asked)),
         )
 
     def take(self, *names: str) -> None:
@@ -247,6 +248,8 @@ class _Search:
             return kind
         if kind == "nested":
             return "images or nested values"
+        if unseen := next((why for pattern, why in NOT_SEEN if pattern.fullmatch(plain)), ""):
+            return unseen
         if prefixed:
             return ""
         if kind == "empty":

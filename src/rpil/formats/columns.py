@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence, Set
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 from rpil.data.arrays import ActionKind
@@ -77,6 +77,12 @@ class Columns:
     session: str | None = None  # or FILE_SESSION
     outcome: str | None = None  # or LENGTH; with a minus where more is worse
     outcomes: tuple[str, ...] = field(default=(), compare=False)  # columns that the user may name as the outcome
+    observations_given: bool = False
+
+    def without_observations(self, names: Set[str], reason: str) -> Columns:
+        """The same, where some columns are no observations for a `reason`."""
+        ignored = {**self.ignored, **dict.fromkeys(sorted(names), reason)}
+        return replace(self, observations=tuple(m for m in self.observations if m not in names), ignored=ignored)
 
     @property
     def data(self) -> list[str]:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Container, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
@@ -64,6 +64,12 @@ class Layout:
             action,
             n_parts,
         )
+
+    def without(self, columns: Container[str]) -> Layout:
+        """The same without some columns of observations."""
+        observations = tuple((name, width) for name, width in self.observations if name not in columns)
+        names = tuple(part for name, _ in observations for part in self.names[name])
+        return replace(self, observations=observations, observation_names=names)
 
     @property
     def names(self) -> dict[str, tuple[str, ...]]:

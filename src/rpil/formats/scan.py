@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping, Sequence, Set
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
@@ -140,6 +140,11 @@ class Statistics:
                 self._add(name, values, same)
         self._goes_on = self._goes_on or bool(same.any())
 
+    def leave_out(self, columns: Set[str]) -> None:
+        """Forget some columns."""
+        self.columns = [name for name in self.columns if name not in columns]
+        self.missing = {name: n for name, n in self.missing.items() if name not in columns}
+
     def _add(self, name: str, values: Array, same: Array) -> None:
         repeats = values == np.concatenate([self._last.get(name, values[:1]), values[:-1]])
         within, always = repeats[same].all(axis=0), repeats.all(axis=0)
@@ -161,6 +166,56 @@ class Statistics:
             return []
         found = ((names[m], (self._within[m] & ~self._always[m]).tolist()) for m in names if m in self._within)
         return [name for parts in found for name, is_constant in zip(*parts, strict=True) if is_constant]
+
+
+@dataclass(eq=False)
+class LastActions:
+    """Which columns of observations repeat the action of the step before, at every step but first ones.
+
+    Only a column as wide as the whole action is looked at, because a state may well be what one number of the last
+    action asked for. No column is named where no other would be left.
+    """
+
+    layout: Layout
+    columns: set[str]
+    _n_compared: int = 0
+    _changes: bool = False
+    _last: Array | None = None
+
+    @classmethod
+    def of(cls, layout: Layout, columns: Columns) -> LastActions:
+        """Nothing is looked at where the user named the observations, or actions are text."""
+        width = max(layout.n_parts, 1)
+        usable = not columns.observations_given and layout.action.kind != "U"
+        return cls(layout, {name for name, of_column in layout.observations if usable and of_column == width})
+
+    def add(self, table: pa.Table, begins: Array) -> None:
+        """Add a table, in which demonstrations begin at the rows `begins`."""
+        if not self.columns:
+            return
+        numbers = [flat.numbers_or_missing(table[name]) for name, _ in self.layout.actions]
+        if any(values is None for values in numbers):
+            self.columns = set()
+            return
+        actions = np.concatenate([np.asarray(values) for values in numbers], axis=1)
+        before = np.concatenate([actions[:1] if self._last is None else self._last, actions[:-1]])
+        same = np.ones(len(table), dtype=bool)
+        same[begins] = False
+        for name in list(self.columns):
+            values = flat.numbers_or_missing(table[name])
+            if values is None or not np.array_equal(values[same], before[same].astype(values.dtype)):
+                self.columns.remove(name)
+        self._n_compared += int(same.sum())
+        self._changes = self._changes or bool((before[same] != actions[same]).any())
+        self._last = actions[-1:]
+
+    def finish(self) -> set[str]:
+        """The columns that repeat the last action; none where too few steps tell, or where all actions are alike."""
+        told = self._changes and self._n_compared >= _COMPARED_STEPS and len(self.columns) < len(self.layout.observations)
+        return self.columns if told else set()
+
+
+_COMPARED_STEPS = 30
 
 
 @dataclass(frozen=True, eq=False)
@@ -191,6 +246,8 @@ class Scan:
     statistics: Statistics
     operators: list[tuple[str, object]]
     tasks: list[tuple[str, object]]
+    last_actions: Set[str]
+    """Columns that were to be observations, and repeat the last action."""
 
 
 def scan(rows: Rows, layout: Layout, columns: Columns, source: str, places: Places | None = None) -> Scan:
@@ -204,6 +261,7 @@ def scan(rows: Rows, layout: Layout, columns: Columns, source: str, places: Plac
     """
     starts, orders = Starts(columns.episode), OrderCheck(columns)
     actions, statistics = Actions(layout, columns.action_kind), Statistics(layout.columns)
+    last_actions = LastActions.of(layout, columns)
     pairs: dict[str, dict[tuple[str, object], None]] = {name: {} for name in (columns.operator, columns.task) if name}
     names = list(dict.fromkeys([*columns.data, *pairs, *(() if places else (*columns.orders, *columns.parts))]))
     for row, table, at in rows.tables(0, rows.runs[-1][1], names, places.demonstration_of if places else _nowhere):
@@ -215,11 +273,14 @@ def scan(rows: Rows, layout: Layout, columns: Columns, source: str, places: Plac
             orders.add(table, begins, at)
         actions.add(table, at)
         statistics.add(table, begins)
+        last_actions.add(table, begins)
         for name in pairs:
             pairs[name] |= dict.fromkeys(pairs_of(table, name, *flat.id_codes(table, columns.episode, at)))
     places = places or Places(*starts.finish(rows, columns.episode, source), orders.finish(source))
     found = (list(pairs.get(name or "", ())) for name in (columns.operator, columns.task))
-    return Scan(places, actions.finish(source), actions, statistics, *found)
+    repeated = last_actions.finish()
+    statistics.leave_out(repeated)
+    return Scan(places, actions.finish(source).without(repeated), actions, statistics, *found, repeated)
 
 
 def _nowhere(row: int) -> str:
