@@ -140,7 +140,7 @@ def test_a_file_as_robosuite_wrote_it():
     recording = formats.read_recording(Path(__file__).parent / "files" / "robosuite_stack.hdf5")
     assert recording.description.tasks == ("Stack",)
     assert recording.demonstrations.ids == ("demo_1",)
-    assert recording.demonstrations.observations.shape == (50, 45)
+    assert recording.demonstrations.observations.shape == (50, 44)  # without the time of the simulator
     assert recording.demonstrations.actions.shape == (50, 7)
     assert "joint_torques" in recording.description.ignored
 

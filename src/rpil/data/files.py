@@ -22,6 +22,7 @@ from rpil.data.errors import DataError
 _SYNCED_AT_ONCE = 32
 """Files: a disk writes many at once as fast as one."""
 
+_LONGEST_NAME = 200  # bytes; file systems take 255, and a temporary name has 27 more
 _TRIES, _PAUSE = 10, 0.1  # in seconds
 
 _POINTER = b"version https://git-lfs"
@@ -149,7 +150,9 @@ def beside(path: Path) -> Iterator[Path]:
     What killed processes of this computer left beside `path` is removed first.
     """
     # The suffix is kept, because some writers (numpy.savez) add their own to a name without it.
-    mark = f".{path.stem}.{zlib.crc32(platform.node().encode()):08x}-"
+    fits = len(os.fsencode(path.name)) <= _LONGEST_NAME
+    stem = path.stem if fits else f"{zlib.crc32(os.fsencode(path.stem)):08x}"
+    mark = f".{stem}.{zlib.crc32(platform.node().encode()):08x}-"
     temporary = path.with_name(f"{mark}{os.getpid()}-{uuid.uuid4().hex[:8]}{path.suffix}")
     _remove_abandoned(path.parent, mark, path.suffix)
     try:

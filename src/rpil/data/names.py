@@ -40,7 +40,7 @@ NOT_SEEN = (
     (re.compile(r"(?:.*_)?datagen_info(?:_.*)?"), "commands and labels of the program that made the data"),
     (re.compile(r"(?:observations?|obs)_actions?|(?:.*_)?(?:last|prev|previous)_actions?(?:_\d+)?"), "the last action"),
 )
-"""Names of columns that are called observations and that nobody saw, and what they are; the first that fits is right."""
+"""Names of columns that nobody saw, though they are called observations, and what they are; the first that fits."""
 NEXT_STEP = re.compile(r"next_.*|.*_next")
 _UNIT = r"(?:_(?:s|ms|us|ns|secs?|seconds?|msecs?|nsecs?|nanosec|ros|utc|unix|epoch|index))?"
 ORDER_COLUMNS = [

@@ -211,7 +211,9 @@ class LastActions:
 
     def finish(self) -> set[str]:
         """The columns that repeat the last action; none where too few steps tell, or where all actions are alike."""
-        told = self._changes and self._n_compared >= _COMPARED_STEPS and len(self.columns) < len(self.layout.observations)
+        told = (
+            self._changes and self._n_compared >= _COMPARED_STEPS and len(self.columns) < len(self.layout.observations)
+        )
         return self.columns if told else set()
 
 
@@ -277,10 +279,10 @@ def scan(rows: Rows, layout: Layout, columns: Columns, source: str, places: Plac
         for name in pairs:
             pairs[name] |= dict.fromkeys(pairs_of(table, name, *flat.id_codes(table, columns.episode, at)))
     places = places or Places(*starts.finish(rows, columns.episode, source), orders.finish(source))
-    found = (list(pairs.get(name or "", ())) for name in (columns.operator, columns.task))
+    operators, tasks = (list(pairs.get(name or "", ())) for name in (columns.operator, columns.task))
     repeated = last_actions.finish()
     statistics.leave_out(repeated)
-    return Scan(places, actions.finish(source).without(repeated), actions, statistics, *found, repeated)
+    return Scan(places, actions.finish(source).without(repeated), actions, statistics, operators, tasks, repeated)
 
 
 def _nowhere(row: int) -> str:
