@@ -29,7 +29,6 @@ from rpil.numerics.types import Array
 _NAME = "name of the file"
 _ABOUT = "meta.json"
 _FAULT = "not an NPZ file, or a damaged or truncated one", "write it again, or take it out of the folder"
-_MOST_ARRAYS = 1000
 
 
 def claims(path: Path) -> bool:
@@ -86,8 +85,6 @@ def _part(name: str, file: Path, about: Path | None) -> Part:
     where = f"{file.parent.name}/{file.name}"
     with guarded(where, *_FAULT), zipfile.ZipFile(file) as stored:
         members = [member for member in stored.namelist() if member.endswith(ARRAY)]
-        if len(members) > _MOST_ARRAYS:
-            raise DataError(f"{where}: it holds more than {_MOST_ARRAYS:,} arrays; write it again.")
         arrays = {m.removesuffix(ARRAY): _InFile(file, where, m, *declared(stored, m)) for m in members}
     actions = [array for array in arrays if plain_name(array) in ACTION and arrays[array].shape]
     actions += [array for array in arrays if ACTION_COLUMNS[1][0].fullmatch(plain_name(array)) and arrays[array].shape]

@@ -92,13 +92,6 @@ class _WithoutTime:
     def dtype(self) -> np.dtype[np.generic]:
         return self.states.dtype  # type: ignore[no-any-return]
 
-    @property
-    def chunks(self) -> tuple[int, ...] | None:
-        return self.states.chunks  # type: ignore[no-any-return]
-
-    def check(self) -> None:
-        self.states.check()
-
     def __getitem__(self, rows: slice) -> object:
         return self.states[rows][..., 1:]
 

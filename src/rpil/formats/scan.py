@@ -104,6 +104,10 @@ class Actions:
         return replace(layout, action=np.dtype(np.float32 if layout.action == np.float32 else np.float64), n_parts=1)
 
 
+_CHANGES = 10
+"""Steps with another action than the step before, at least, before a column is said to repeat the last action."""
+
+
 @dataclass(eq=False)
 class Statistics:
     """Ranges, missing values and constant parts of the columns of data, collected table by table.
@@ -112,6 +116,10 @@ class Statistics:
 
     Attributes
     ----------
+    columns, actions : sequence of str
+        All columns of data, and those of the actions.
+    repeats : set of str
+        Columns of observations, as wide as the action, that repeat the action of the step before.
     missing : dict of str to int
         Missing values by column.
     low, high : dict of str to array
@@ -119,6 +127,8 @@ class Statistics:
     """
 
     columns: Sequence[str]
+    actions: Sequence[str] = ()
+    repeats: set[str] = field(default_factory=set)
     missing: dict[str, int] = field(default_factory=dict)
     low: dict[str, Array] = field(default_factory=dict)
     high: dict[str, Array] = field(default_factory=dict)
@@ -126,11 +136,14 @@ class Statistics:
     _within: dict[str, Array] = field(default_factory=dict)
     _always: dict[str, Array] = field(default_factory=dict)
     _goes_on: bool = False
+    _action: Array | None = None
+    _n_changes: int = 0
 
     def add(self, table: pa.Table, begins: Array) -> None:
         """Add a table, in which demonstrations begin at the rows `begins`."""
         same = np.ones(len(table), dtype=bool)
         same[begins] = False
+        read = {}
         for name in self.columns:
             values = flat.numbers_or_missing(table[name])
             n_missing = table[name].null_count if values is None else int(np.isnan(values).sum())
@@ -138,12 +151,30 @@ class Statistics:
                 self.missing[name] = self.missing.get(name, 0) + n_missing
             if values is not None and values.size and values.shape[1:] == self.low.get(name, values[0]).shape:
                 self._add(name, values, same)
+                read[name] = values
+        if len(table):
+            self._compare(read, same)
         self._goes_on = self._goes_on or bool(same.any())
 
-    def leave_out(self, columns: Set[str]) -> None:
-        """Forget some columns."""
-        self.columns = [name for name in self.columns if name not in columns]
-        self.missing = {name: n for name, n in self.missing.items() if name not in columns}
+    def _compare(self, read: Mapping[str, Array], same: Array) -> None:
+        """Strike out `repeats` in which a step, that begins no demonstration, differs from the action before it."""
+        if not self.repeats.issubset(read) or not read.keys() >= {*self.actions}:
+            self.repeats = set()
+        if self.repeats:
+            actions = np.concatenate([read[name] for name in self.actions], axis=1)
+            before = np.concatenate([actions[:1] if self._action is None else self._action, actions[:-1]])[same]
+            same_values = ((name, read[name][same]) for name in self.repeats)
+            self.repeats = {name for name, now in same_values if np.array_equal(now, before.astype(now.dtype))}
+            self._n_changes += int((before != actions[same]).any(axis=1).sum())
+            self._action = actions[-1:]
+
+    def leave_out_repeats(self, n_observations: int) -> Set[str]:
+        """Forget the `repeats`, if enough changes tell and others of the `n_observations` columns are left; them."""
+        if self._n_changes < _CHANGES or len(self.repeats) == n_observations:
+            return set()
+        self.columns = [name for name in self.columns if name not in self.repeats]
+        self.missing = {name: n for name, n in self.missing.items() if name not in self.repeats}
+        return self.repeats
 
     def _add(self, name: str, values: Array, same: Array) -> None:
         repeats = values == np.concatenate([self._last.get(name, values[:1]), values[:-1]])
@@ -166,58 +197,6 @@ class Statistics:
             return []
         found = ((names[m], (self._within[m] & ~self._always[m]).tolist()) for m in names if m in self._within)
         return [name for parts in found for name, is_constant in zip(*parts, strict=True) if is_constant]
-
-
-@dataclass(eq=False)
-class LastActions:
-    """Which columns of observations repeat the action of the step before, at every step but first ones.
-
-    Only a column as wide as the whole action is looked at, because a state may well be what one number of the last
-    action asked for. No column is named where no other would be left.
-    """
-
-    layout: Layout
-    columns: set[str]
-    _n_compared: int = 0
-    _changes: bool = False
-    _last: Array | None = None
-
-    @classmethod
-    def of(cls, layout: Layout, columns: Columns) -> LastActions:
-        """Nothing is looked at where the user named the observations, or actions are text."""
-        width = max(layout.n_parts, 1)
-        usable = not columns.observations_given and layout.action.kind != "U"
-        return cls(layout, {name for name, of_column in layout.observations if usable and of_column == width})
-
-    def add(self, table: pa.Table, begins: Array) -> None:
-        """Add a table, in which demonstrations begin at the rows `begins`."""
-        if not self.columns:
-            return
-        numbers = [flat.numbers_or_missing(table[name]) for name, _ in self.layout.actions]
-        if any(values is None for values in numbers):
-            self.columns = set()
-            return
-        actions = np.concatenate([np.asarray(values) for values in numbers], axis=1)
-        before = np.concatenate([actions[:1] if self._last is None else self._last, actions[:-1]])
-        same = np.ones(len(table), dtype=bool)
-        same[begins] = False
-        for name in list(self.columns):
-            values = flat.numbers_or_missing(table[name])
-            if values is None or not np.array_equal(values[same], before[same].astype(values.dtype)):
-                self.columns.remove(name)
-        self._n_compared += int(same.sum())
-        self._changes = self._changes or bool((before[same] != actions[same]).any())
-        self._last = actions[-1:]
-
-    def finish(self) -> set[str]:
-        """The columns that repeat the last action; none where too few steps tell, or where all actions are alike."""
-        told = (
-            self._changes and self._n_compared >= _COMPARED_STEPS and len(self.columns) < len(self.layout.observations)
-        )
-        return self.columns if told else set()
-
-
-_COMPARED_STEPS = 30
 
 
 @dataclass(frozen=True, eq=False)
@@ -262,8 +241,12 @@ def scan(rows: Rows, layout: Layout, columns: Columns, source: str, places: Plac
         says where the rows of a demonstration lie apart or are out of order.
     """
     starts, orders = Starts(columns.episode), OrderCheck(columns)
-    actions, statistics = Actions(layout, columns.action_kind), Statistics(layout.columns)
-    last_actions = LastActions.of(layout, columns)
+    actions, statistics = (
+        Actions(layout, columns.action_kind),
+        Statistics(layout.columns, [name for name, _ in layout.actions]),
+    )
+    if not columns.observations_given:
+        statistics.repeats = {name for name, width in layout.observations if width == max(layout.n_parts, 1)}
     pairs: dict[str, dict[tuple[str, object], None]] = {name: {} for name in (columns.operator, columns.task) if name}
     names = list(dict.fromkeys([*columns.data, *pairs, *(() if places else (*columns.orders, *columns.parts))]))
     for row, table, at in rows.tables(0, rows.runs[-1][1], names, places.demonstration_of if places else _nowhere):
@@ -275,13 +258,11 @@ def scan(rows: Rows, layout: Layout, columns: Columns, source: str, places: Plac
             orders.add(table, begins, at)
         actions.add(table, at)
         statistics.add(table, begins)
-        last_actions.add(table, begins)
         for name in pairs:
             pairs[name] |= dict.fromkeys(pairs_of(table, name, *flat.id_codes(table, columns.episode, at)))
     places = places or Places(*starts.finish(rows, columns.episode, source), orders.finish(source))
     operators, tasks = (list(pairs.get(name or "", ())) for name in (columns.operator, columns.task))
-    repeated = last_actions.finish()
-    statistics.leave_out(repeated)
+    repeated = statistics.leave_out_repeats(len(layout.observations))
     return Scan(places, actions.finish(source).without(repeated), actions, statistics, operators, tasks, repeated)
 
 
