@@ -195,5 +195,6 @@ def _refuse(path: Path) -> Format:
     if path.suffix.lower() == ".zip":
         with guarded(path.name, "it is no ZIP file, or a damaged one", "copy or write it again"), zipfile.ZipFile(path):
             pass
+    folder.refuse_others(path, [path.name])
     check_extension(path, [suffix for suffix in suffixes() if suffix != path.suffix.lower()])
     raise AssertionError("an extension that is known is claimed")
