@@ -85,6 +85,7 @@ def test_names_of_images_lead_nowhere_else(tub, tmp_path):
     [
         (lambda record: record | {"user/angle": "left"}, "'user/angle' is not a number"),
         (lambda record: record | {"_index": "one"}, "a record has no number"),
+        (lambda record: record | {"_index": 0}, "numbers of its records do not rise"),
         (lambda record: [record], "no tub of Donkeycar, or a damaged one"),
     ],
 )

@@ -73,3 +73,12 @@ def test_two_files_in_one_folder_and_texts_that_are_no_json_are_refused(folder):
     shutil.copyfile(folder / "0" / "trajectory.npz", folder / "0" / "other.npz")
     with pytest.raises(DataError, match="it holds 2 NPZ files"):
         rpil.read(folder)
+
+
+def test_npz_files_beside_tables_are_not_read(tmp_path, folder):
+    (folder / "notes.txt").write_text("recorded on Monday")
+    assert len(rpil.read(folder)) == 3
+    (folder / "data").mkdir()
+    shutil.copyfile(samples.parquet_lists(tmp_path), folder / "data" / "lists.parquet")
+    shutil.copyfile(folder / "0" / "trajectory.npz", folder / "0" / "other.npz")
+    assert rpil.open(folder).describe().format == "Parquet"

@@ -151,6 +151,8 @@ def _tub(path: Path) -> _Tub:
                 if record[_INDEX] not in deleted:
                     records.append(record)
                     kept.append(line)
+    if any(b[_INDEX] <= a[_INDEX] for a, b in pairwise(records)):
+        raise DataError(f"{path.name}: the numbers of its records do not rise; copy or record it again.")
     return _Tub(manifest, records, kept, fields)
 
 

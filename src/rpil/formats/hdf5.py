@@ -120,8 +120,7 @@ def groups(group: h5py.Group) -> dict[str, h5py.Group]:
 
 def first_array(group: h5py.Group, names: Sequence[str]) -> h5py.Dataset | None:
     """The first of the arrays of these names in a group; None where there is none."""
-    found = (array_at(group, name) for name in names)
-    return next((array for array in found if array is not None and array.ndim), None)
+    return Arrays(group).first(names)
 
 
 def array_at(group: h5py.Group, path: str) -> h5py.Dataset | None:

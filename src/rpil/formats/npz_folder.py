@@ -20,10 +20,10 @@ from rpil.data.json_files import Parsed, read_json
 from rpil.data.names import ACTION, ACTION_COLUMNS, EPISODE, TASK, may_be_outcome, natural_key, plain_name
 from rpil.data.npy import ARRAY, declared, read_arrays
 from rpil.formats.columns import ColumnOptions
-from rpil.formats.dialect import TEXT_SUFFIXES
 from rpil.formats.format import Format, keep_by_own_ids
 from rpil.formats.parts import Part, from_parts
 from rpil.formats.recording import Recording
+from rpil.formats.store import find_files
 from rpil.numerics.types import Array
 
 _NAME = "name of the file"
@@ -32,8 +32,11 @@ _FAULT = "not an NPZ file, or a damaged or truncated one", "write it again, or t
 
 
 def claims(path: Path) -> bool:
-    """Whether `path` is a folder of NPZ files, and of no tables."""
-    return path.is_dir() and bool(_files(path)) and not any(_is_table(file) for file in path.iterdir())
+    """Whether `path` is a folder of NPZ files, and of no tables; texts may be notes."""
+    if not path.is_dir() or not (any(path.glob("*.npz")) or any(path.glob("*/*.npz"))):
+        return False
+    tables = (file.lower() for files in find_files(path)[1:] for file in files)
+    return all(file.endswith((".txt", ".txt.gz")) for file in tables) and bool(_files(path))
 
 
 def read(path: Path, options: ColumnOptions) -> Recording:
@@ -74,10 +77,6 @@ def _files(path: Path) -> dict[str, Path]:
 
 def _in_folder(folder: Path) -> list[Path]:
     return [file for file in folder.glob("*.npz") if not is_hidden(file.name) and file.is_file()]
-
-
-def _is_table(file: Path) -> bool:
-    return file.name.lower().endswith((".parquet", *TEXT_SUFFIXES))
 
 
 def _part(name: str, file: Path, about: Path | None) -> Part:
