@@ -22,7 +22,7 @@ from rpil.data.errors import DataError
 _SYNCED_AT_ONCE = 32
 """Files: a disk writes many at once as fast as one."""
 
-_LONGEST_NAME, _MOST_OF_NAME = 200, 255  # bytes that a temporary name repeats, and that file systems take
+_REPEATED_NAME, _MOST_OF_NAME = 200, 255  # bytes that a temporary name repeats, and that file systems take
 _TRIES, _PAUSE = 10, 0.1  # in seconds
 
 _POINTER = b"version https://git-lfs"
@@ -152,7 +152,7 @@ def beside(path: Path) -> Iterator[Path]:
     What killed processes of this computer left beside `path` is removed first.
     """
     # The suffix is kept, because some writers (numpy.savez) add their own to a name without it.
-    fits = len(os.fsencode(path.name)) <= _LONGEST_NAME
+    fits = len(os.fsencode(path.name)) <= _REPEATED_NAME
     stem = path.stem if fits else f"{zlib.crc32(os.fsencode(path.stem)):08x}"
     mark = f".{stem}.{zlib.crc32(platform.node().encode()):08x}-"
     temporary = path.with_name(f"{mark}{os.getpid()}-{uuid.uuid4().hex[:8]}{path.suffix}")

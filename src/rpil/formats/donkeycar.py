@@ -24,13 +24,13 @@ from rpil.formats.parts import Part, from_parts
 from rpil.formats.recording import Recording
 from rpil.numerics.types import Array
 
-_MANIFEST, _IMAGES = "manifest.json", "images"
-_INDEX, _TIME, _SESSION = "_index", "_timestamp_ms", "_session_id"
-_NAME = "records"
-_ACTIONS = "user/angle", "user/throttle"
-_LAST = "last "
-_COPIES = 20  # bytes in memory for each of the text
-_FAULT = "it is no tub of Donkeycar, or a damaged one", "copy or record it again"
+_TUB_MANIFEST, _IMAGE_FOLDER = "manifest.json", "images"
+_RECORD, _RECORD_TIME, _SESSION_ID = "_index", "_timestamp_ms", "_session_id"
+_RECORDS = "records"
+_COMMANDS = "user/angle", "user/throttle"
+_LAST_COMMAND = "last "
+_COPIES_OF_RECORDS = 20  # bytes in memory for each of the text
+_NO_TUB = "it is no tub of Donkeycar, or a damaged one", "copy or record it again"
 
 _STRETCHES = (
     "A demonstration is a stretch of records of one session without a gap, such as records that were deleted leave."
@@ -53,7 +53,7 @@ class _Tub:
     @property
     def stretches(self) -> dict[str, range]:
         """Where the consecutive records of each demonstration are, by their first and last numbers."""
-        keys = [(record[_INDEX], record.get(_SESSION)) for record in self.records]
+        keys = [(record[_RECORD], record.get(_SESSION_ID)) for record in self.records]
         breaks = [k + 1 for k, (a, b) in enumerate(pairwise(keys)) if b != (a[0] + 1, a[1])]
         found = [range(*ends) for ends in pairwise([0, *breaks, len(keys)])] if keys else []
         return {f"{keys[part[0]][0]}-{keys[part[-1]][0]}": part for part in found}
@@ -61,34 +61,34 @@ class _Tub:
 
 def claims(path: Path) -> bool:
     """Whether `path` is a folder with a manifest and a catalog."""
-    return path.is_dir() and (path / _MANIFEST).is_file() and any(path.glob("*.catalog"))
+    return path.is_dir() and (path / _TUB_MANIFEST).is_file() and any(path.glob("*.catalog"))
 
 
 def read(path: Path, options: ColumnOptions) -> Recording:
     """Read the records that were not deleted; images are ignored, and steps are told by the command before them."""
     tub = _tub(path)
     numbers = [name for name, kind in tub.fields.items() if kind in ("float", "int", "boolean", "bool")]
-    lost = [name for name in _ACTIONS if name not in numbers]
+    lost = [name for name in _COMMANDS if name not in numbers]
     if lost and not options.action:
         raise DataError(f"{path.name}: its records have no {lost[0]!r}; name the action with --action or action=.")
     sensors = [name for name in numbers if not name.startswith(("user/", "pilot/"))]
-    seen = sensors or [_LAST + name for name in _ACTIONS]
-    chosen = replace(options, action=options.action or _ACTIONS, observations=options.observations or seen)
+    seen = sensors or [_LAST_COMMAND + name for name in _COMMANDS]
+    chosen = replace(options, action=options.action or _COMMANDS, observations=options.observations or seen)
     parts = [_part(tub, name, part, numbers) for name, part in tub.stretches.items()]
     notes = (_STRETCHES,) if sensors or options.observations or options.embeddings else (_STRETCHES, _NO_SENSORS)
     images = {name: "images" for name, kind in tub.fields.items() if kind.endswith("_array")}
-    return from_parts(parts, _NAME, path.name, "Donkeycar tub", chosen, notes=notes).with_ignored(images)
+    return from_parts(parts, _RECORDS, path.name, "Donkeycar tub", chosen, notes=notes).with_ignored(images)
 
 
 def _part(tub: _Tub, name: str, part: range, numbers: Sequence[str]) -> Part:
     """A stretch without its first record, which no command comes before."""
     records = [tub.records[k] for k in part]
     arrays = {column: _numbers([record.get(column) for record in records], column, name) for column in numbers}
-    last = {_LAST + column: arrays[column][:-1] for column in _ACTIONS if column in arrays}
-    clock = {"timestamp_ms": np.array([record.get(_TIME, 0) for record in records], dtype=np.int64)}
-    clock["index"] = np.array([record[_INDEX] for record in records], dtype=np.int64)
-    about: dict[str, Id] = {_NAME: name}
-    if isinstance(session := records[0].get(_SESSION), str):
+    last = {_LAST_COMMAND + column: arrays[column][:-1] for column in _COMMANDS if column in arrays}
+    clock = {"timestamp_ms": np.array([record.get(_RECORD_TIME, 0) for record in records], dtype=np.int64)}
+    clock["index"] = np.array([record[_RECORD] for record in records], dtype=np.int64)
+    about: dict[str, Id] = {_RECORDS: name}
+    if isinstance(session := records[0].get(_SESSION_ID), str):
         about["session_id"] = session
     return Part(len(part) - 1, {**{one: array[1:] for one, array in (arrays | clock).items()}, **last}, about)
 
@@ -112,18 +112,18 @@ def keep(path: Path, output: Path, ids: Sequence[Id]) -> None:
     lines = [f"{tub.lines[k]}\r\n" for k in rows]  # as Donkeycar ends them
     catalog = "catalog_0.catalog"
     about = {"created_at": tub.manifest[3].get("created_at"), "path": f"{catalog}_manifest"}
-    about |= {"line_lengths": [*map(len, lines)], "start_index": tub.records[rows[0]][_INDEX]}
+    about |= {"line_lengths": [*map(len, lines)], "start_index": tub.records[rows[0]][_RECORD]}
     last = {**tub.manifest[4], "paths": [catalog], "deleted_indexes": []}
     images = [name for name, kind in tub.fields.items() if kind.endswith("_array")]
     with new_folder(output) as folder:
         _write(folder / catalog, "".join(lines))
         _write(folder / f"{catalog}_manifest", f"{json.dumps(about)}\r\n")
-        _write(folder / _MANIFEST, "".join(f"{json.dumps(line)}\r\n" for line in [*tub.manifest[:4], last]))
-        if (path / _IMAGES).is_dir():
-            (folder / _IMAGES).mkdir()
+        _write(folder / _TUB_MANIFEST, "".join(f"{json.dumps(line)}\r\n" for line in [*tub.manifest[:4], last]))
+        if (path / _IMAGE_FOLDER).is_dir():
+            (folder / _IMAGE_FOLDER).mkdir()
             names = [Path(str(tub.records[k].get(image))).name for k in rows for image in images]
-            for name in dict.fromkeys(name for name in names if (path / _IMAGES / name).is_file()):
-                shutil.copyfile(path / _IMAGES / name, folder / _IMAGES / name)
+            for name in dict.fromkeys(name for name in names if (path / _IMAGE_FOLDER / name).is_file()):
+                shutil.copyfile(path / _IMAGE_FOLDER / name, folder / _IMAGE_FOLDER / name)
 
 
 def _write(path: Path, text: str) -> None:
@@ -132,26 +132,26 @@ def _write(path: Path, text: str) -> None:
 
 def _tub(path: Path) -> _Tub:
     """What the tub at `path` holds; a `DataError` where a line of it cannot be read."""
-    with guarded(path / _MANIFEST, *_FAULT):
-        manifest = parse_lines(read_text(path / _MANIFEST, LARGEST_TABLE), str(path / _MANIFEST), LARGEST_TABLE)
+    with guarded(path / _TUB_MANIFEST, *_NO_TUB):
+        manifest = parse_lines(read_text(path / _TUB_MANIFEST, LARGEST_TABLE), str(path / _TUB_MANIFEST), LARGEST_TABLE)
         inputs, kinds, *_, of_catalogs = manifest[:5]
         deleted, names = {*map(int, of_catalogs["deleted_indexes"])}, [*map(str, of_catalogs["paths"])]
         fields = dict(zip(map(str, inputs), map(str, kinds), strict=True))
     catalogs = [path / Path(name).name for name in dict.fromkeys(names)]
-    check_memory(_COPIES * sum(file.stat().st_size for file in catalogs if file.is_file()), path.name)
+    check_memory(_COPIES_OF_RECORDS * sum(file.stat().st_size for file in catalogs if file.is_file()), path.name)
     records, kept = [], []
     for file in catalogs:
-        with guarded(file, *_FAULT):
+        with guarded(file, *_NO_TUB):
             lines = [line for line in read_text(file, LARGEST_TABLE).splitlines() if line.strip()]
             _check_number(file, len(lines))
             for line in lines:
                 record = parse(line, str(file), LARGEST_TABLE)
-                if not isinstance(record[_INDEX], int):
+                if not isinstance(record[_RECORD], int):
                     raise DataError(f"{file}: a record has no number; record it again.")
-                if record[_INDEX] not in deleted:
+                if record[_RECORD] not in deleted:
                     records.append(record)
                     kept.append(line)
-    if any(b[_INDEX] <= a[_INDEX] for a, b in pairwise(records)):
+    if any(b[_RECORD] <= a[_RECORD] for a, b in pairwise(records)):
         raise DataError(f"{path.name}: the numbers of its records do not rise; copy or record it again.")
     return _Tub(manifest, records, kept, fields)
 

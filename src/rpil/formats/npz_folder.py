@@ -26,9 +26,9 @@ from rpil.formats.recording import Recording
 from rpil.formats.store import find_files
 from rpil.numerics.types import Array
 
-_NAME = "name of the file"
-_ABOUT = "meta.json"
-_FAULT = "not an NPZ file, or a damaged or truncated one", "write it again, or take it out of the folder"
+_EPISODE_FILE = "name of the file"
+_TEXT_BESIDE = "meta.json"
+_NO_NPZ = "not an NPZ file, or a damaged or truncated one", "write it again, or take it out of the folder"
 
 
 def claims(path: Path) -> bool:
@@ -42,8 +42,10 @@ def claims(path: Path) -> bool:
 def read(path: Path, options: ColumnOptions) -> Recording:
     """Read the arrays of every file; images are ignored. The files are opened again for their values."""
     files = _files(path)
-    parts = [_part(name, file, file.parent / _ABOUT if file.parent != path else None) for name, file in files.items()]
-    return from_parts(parts, _NAME, path.name, "NPZ, a file for each demonstration", options)
+    parts = [
+        _part(name, file, file.parent / _TEXT_BESIDE if file.parent != path else None) for name, file in files.items()
+    ]
+    return from_parts(parts, _EPISODE_FILE, path.name, "NPZ, a file for each demonstration", options)
 
 
 def keep(path: Path, output: Path, ids: Sequence[Id]) -> None:
@@ -82,7 +84,7 @@ def _in_folder(folder: Path) -> list[Path]:
 def _part(name: str, file: Path, about: Path | None) -> Part:
     """The demonstration in one file, whose one array of actions says how many steps it has."""
     where = f"{file.parent.name}/{file.name}"
-    with guarded(where, *_FAULT), zipfile.ZipFile(file) as stored:
+    with guarded(where, *_NO_NPZ), zipfile.ZipFile(file) as stored:
         members = [member for member in stored.namelist() if member.endswith(ARRAY)]
         arrays = {m.removesuffix(ARRAY): _InFile(file, where, m, *declared(stored, m)) for m in members}
     actions = [array for array in arrays if plain_name(array) in ACTION and arrays[array].shape]
@@ -94,7 +96,7 @@ def _part(name: str, file: Path, about: Path | None) -> Part:
         raise DataError(f"{where}: {several[0]!r} says that it holds several demonstrations; give its path alone.")
     single = {one: array[:].reshape(-1)[0] for one, array in arrays.items() if may_be_outcome(one) and array.is_single}
     said = {one: value for one, value in _said(about).items() if one not in single} if about else {}
-    whole: dict[str, Id] = {_NAME: name, **said, **{one: value.item() for one, value in single.items()}}
+    whole: dict[str, Id] = {_EPISODE_FILE: name, **said, **{one: value.item() for one, value in single.items()}}
     return Part(n_steps, {one: array for one, array in arrays.items() if one not in whole}, whole)
 
 
@@ -128,7 +130,7 @@ class _InFile:
         return self.shape in ((), (1,)) and self.dtype.kind in "biuf"
 
     def __getitem__(self, rows: slice) -> Array:
-        with guarded(self.where, *_FAULT), zipfile.ZipFile(self.path) as stored:
+        with guarded(self.where, *_NO_NPZ), zipfile.ZipFile(self.path) as stored:
             values = read_arrays(stored, [self.member], self.where)[0]
         return values[rows] if values.ndim else values
 
