@@ -99,3 +99,10 @@ def test_catalogs_of_another_length_are_refused(tub):
     (tub / "catalog_1.catalog_manifest").write_text('{"line_lengths": [1, 2]}')
     with pytest.raises(DataError, match=r"it holds 15 records, and catalog_1.catalog_manifest says 2"):
         rpil.read(tub)
+
+
+def test_numbers_for_the_images_are_joined_by_the_number_of_the_record(tub, tmp_path):
+    np.savez(tmp_path / "seen.npz", index=np.arange(30), brightness=np.arange(30) / 10)
+    d = rpil.read(tub, embeddings=tmp_path / "seen.npz")
+    assert d.observation_names[-1] == "brightness"
+    np.testing.assert_allclose(d.observations[:5, -1], [0.1, 0.2, 0.3, 0.4, 0.8])
