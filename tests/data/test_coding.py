@@ -30,6 +30,17 @@ def test_continuous_actions_have_a_box():
         action_space(MOVES, (-1, 1))
 
 
+def test_actions_too_small_to_be_squared_are_refused():
+    """One part alone is enough, and an offset does not help; a part that never changes is no such one."""
+    still = np.zeros((4, 1))
+    for size in (1e-300, 1e-155):
+        actions = np.concatenate([still, MOVES.actions * size], axis=1)
+        with pytest.raises(DataError, match=r"part 1 of the actions varies by less than 1e-150.*use smaller units"):
+            action_space(Demonstrations.from_arrays(X, actions, OFFSETS, ids=["a", "b"]))
+    small = Demonstrations.from_arrays(X, MOVES.actions * 1e-100, OFFSETS, ids=["a", "b"])
+    assert action_space(small)[0].high.tolist() == [2e-100]
+
+
 @pytest.mark.parametrize("classes", [[0, 1, 2], [2, 5, 7]])
 def test_codes_are_places_among_the_classes(classes):
     classes = np.array(classes)

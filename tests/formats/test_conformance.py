@@ -30,8 +30,8 @@ BY_EXTENSION = {"HDF5", "NPZ", "a folder of tables"}
 NUMBERED_ANEW = {"LeRobot", "Zarr", "Minari", "imitation", "HDF5 of D4RL", "HDF5 of ALOHA"}
 """Formats whose demonstrations are called by their places in the file."""
 
-TASKS = {"LeRobot": "lift", "robomimic": "Lift"}
-RATES = {"LeRobot": 30, "Parquet of lists": 30, "folder of Parquet": 30, "robomimic": 20}
+TASKS = {"LeRobot": "lift", "robomimic": "Lift", "folder of NPZ": "lift"}
+RATES = {"LeRobot": 30, "Parquet of lists": 30, "folder of Parquet": 30, "robomimic": 20, "Donkeycar": 20}
 ACTION_NAMES = {"LeRobot": ("action.a", "action.b"), "aloha": tuple(f"action.{k}" for k in range(14))}
 UNICODE_IDS = {"CSV, semicolons, Windows", "TSV, UTF-16", "CSV, compressed"}
 
@@ -314,6 +314,8 @@ MOST_OPENS = {
     "imitation": (1, 3),
     **dict.fromkeys(("imitation, NPZ", "robomimic"), (3, 4)),
     **dict.fromkeys(("d4rl", "aloha"), (4, 5)),
+    "folder of NPZ": (4, 5),
+    "Donkeycar": (1, 2),
     **dict.fromkeys(("Zarr 2", "Zarr 3"), (3, 7)),
     **dict.fromkeys(("Zarr 2, ZIP", "Zarr 3, ZIP"), (2, 3)),
 }

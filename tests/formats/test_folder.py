@@ -41,3 +41,18 @@ def test_a_package_for_an_address_is_named(monkeypatch):
     monkeypatch.setitem(sys.modules, "huggingface_hub", None)
     with pytest.raises(DataError, match=r"hf://datasets/a/b: addresses of this kind need a package .*huggingface_hub"):
         formats.read_recording("hf://datasets/a/b")
+
+
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        ("drive_0.mcap", r"a recording of ROS or MCAP \(drive_0.mcap\) is not read.*choose one rate"),
+        ("drive.bag", "a recording of ROS or MCAP"),
+        ("kuka-train.tfrecord-00000-of-00002", "a data set of RLDS or TFDS .* with openx2lerobot"),
+    ],
+)
+def test_what_is_to_be_converted_first_is_named_with_the_way(tmp_path, name, message):
+    (tmp_path / name).write_bytes(b"x")
+    for path in (tmp_path, tmp_path / name):
+        with pytest.raises(DataError, match=message):
+            formats.read_recording(path)

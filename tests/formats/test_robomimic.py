@@ -8,6 +8,7 @@ from hdf5_files import h5py, robomimic
 from hostile import full_disk
 from rpil import formats
 from rpil.data.errors import DataError
+from rpil.formats import hdf5
 from rpil.formats.columns import ColumnOptions
 from rpil.formats.parts import NO_STEPS
 from rpil.formats.robomimic import write_mask
@@ -140,7 +141,7 @@ def test_a_file_as_robosuite_wrote_it():
     recording = formats.read_recording(Path(__file__).parent / "files" / "robosuite_stack.hdf5")
     assert recording.description.tasks == ("Stack",)
     assert recording.demonstrations.ids == ("demo_1",)
-    assert recording.demonstrations.observations.shape == (50, 45)
+    assert recording.demonstrations.observations.shape == (50, 44)  # without the time of the simulator
     assert recording.demonstrations.actions.shape == (50, 7)
     assert "joint_torques" in recording.description.ignored
 
@@ -170,3 +171,44 @@ def test_a_full_disk_is_not_blamed_on_the_data(tmp_path, write):
         write(path, output, ["demo_0", "demo_10"])
     assert len(str(caught.value)) < len(str(output)) + 100  # and no text of the library
     assert [file.name for file in tmp_path.iterdir()] == ["lift.hdf5"]
+
+
+def test_what_nobody_saw_is_no_observation(tmp_path):
+    """As Isaac Lab Mimic writes it: last actions, what made the data, and labels stand among the observations."""
+    path = robomimic(tmp_path / "isaac.hdf5")
+    unseen = ("actions", "datagen_info/target_eef_pose/franka", "datagen_info/subtask_term_signals/grasp")
+    with h5py.File(path, "r+") as file:
+        for demo in file["data"].values():
+            for name in unseen:
+                demo[f"obs/{name}"] = np.random.default_rng(1).normal(size=(len(demo["actions"]), 4))
+    said = formats.read_recording(path).describe()
+    assert said.observations == ("gripper", "robot/eef_pos.0", "robot/eef_pos.1", "robot/eef_pos.2")
+    reasons = ("the last action", "commands and labels of the program that made the data", "labels of subtasks")
+    for name, reason in zip(unseen, reasons, strict=True):
+        assert said.ignored[f"obs/{name}"] == reason
+    named = formats.read_recording(path, ColumnOptions(observations="obs/actions, obs/datagen_info/*"))
+    assert len(named.describe().observations) == 12
+
+
+def test_the_time_of_the_simulator_is_no_observation(tmp_path):
+    path = robomimic(tmp_path / "raw.hdf5", raw=True)
+    with h5py.File(path, "r+") as file:
+        for demo in file["data"].values():
+            demo["states"][:, 0] = 0.3 + 0.05 * np.arange(len(demo["actions"]))
+    for on_disk in (False, True):
+        recording = formats.read_recording(path, on_disk=on_disk)
+        assert recording.describe().observations == tuple(f"states.{k}" for k in range(1, 32))
+        assert recording.describe().ignored["states.0"] == "simulation time"
+        with h5py.File(path) as file:
+            found = recording.demonstrations.select(slice(0, 1)).observations
+            np.testing.assert_array_equal(found, file["data/demo_0/states"][:, 1:])
+    assert formats.read_recording(path, ColumnOptions(observations="states")).demonstrations.n_observations == 32
+
+
+def test_of_very_many_groups_each_is_opened_seldom(tmp_path, monkeypatch):
+    path = robomimic(tmp_path / "many.hdf5", [f"demo_{k}" for k in range(60)], raw=True)
+    opened, member = [], hdf5.member
+    monkeypatch.setattr(hdf5, "member", lambda group, name: opened.append(name) or member(group, name))
+    formats.read_recording(path).describe()
+    assert opened.count("demo_7") <= 1
+    assert len(opened) < 6 * 60  # it was 10 * 60

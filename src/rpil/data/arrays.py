@@ -25,7 +25,7 @@ ActionKind = Literal["auto", "discrete", "continuous"]
 FEW_CLASSES, MAX_CLASSES, STEPS_PER_CLASS = 10, 100, 10
 """Whole numbers are classes where at most `FEW_CLASSES` differ, or at most `MAX_CLASSES` with this many steps each."""
 
-LARGEST = 1e150
+SMALLEST, LARGEST = 1e-150, 1e150
 """Largest number that may be squared in double precision."""
 
 LONGEST_TEXT = 1_000

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rpil.data.arrays import LARGEST
+from rpil.data.arrays import LARGEST, SMALLEST
 from rpil.data.demonstrations import Demonstrations, DemonstrationSet
 from rpil.data.errors import DataError
 from rpil.data.id_values import Key, match_labels
@@ -22,7 +22,8 @@ def action_space(data: DemonstrationSet, box: Bounds | None = None) -> tuple[Spa
     """The space of the actions, and the K classes where they are discrete, else none.
 
     `box` holds declared bounds of continuous actions; without it, they are the smallest box that holds the actions. A
-    `DataError` where all actions are the same or too large to be squared, `box` is none, or does not hold the actions.
+    `DataError` where all actions are the same, or too large or too alike to be squared, or `box` is none, or does not
+    hold the actions.
     """
     source = data.source
     if data.is_discrete:
@@ -35,6 +36,12 @@ def action_space(data: DemonstrationSet, box: Bounds | None = None) -> tuple[Spa
         raise DataError(f"{source}: every action is the same; give demonstrations with two at least.")
     if np.abs(ends).max() > LARGEST:
         raise DataError(f"{source}: an action is beyond {LARGEST:g}, where its square is no number; use larger units.")
+    spread = ends[1] / 2 - ends[0] / 2
+    if ((spread > 0) & (spread < SMALLEST)).any():
+        raise DataError(
+            f"{source}: part {int(np.argmax((spread > 0) & (spread < SMALLEST)))} of the actions varies by less than "
+            f"{SMALLEST:g}, whose square is no number; use smaller units."
+        )
     space = Box.around(ends) if box is None else _declared_box(box, ends.shape[1], source)
     outside = np.argwhere((ends < space.low) | (ends > space.high))
     if len(outside):

@@ -22,6 +22,7 @@ from rpil.data.errors import DataError
 _SYNCED_AT_ONCE = 32
 """Files: a disk writes many at once as fast as one."""
 
+_REPEATED_NAME, _MOST_OF_NAME = 200, 255  # bytes that a temporary name repeats, and that file systems take
 _TRIES, _PAUSE = 10, 0.1  # in seconds
 
 _POINTER = b"version https://git-lfs"
@@ -79,6 +80,8 @@ def check_writable(path: StrPath) -> Path:
     folder = path.parent
     if not folder.is_dir():
         raise DataError(f"{path}: there is no folder {folder}; make it first.")
+    if len(os.fsencode(path.name)) > _MOST_OF_NAME:
+        raise DataError(f"{path}: its name is longer than {_MOST_OF_NAME} bytes; give a shorter one.")
     if path.exists() and not path.is_file():  # to replace /dev/null would break the machine
         raise DataError(f"{path}: it is a folder or a device; give the path of a file.")
     if not os.access(folder, os.W_OK) or (path.exists() and not os.access(path, os.W_OK)):
@@ -149,7 +152,9 @@ def beside(path: Path) -> Iterator[Path]:
     What killed processes of this computer left beside `path` is removed first.
     """
     # The suffix is kept, because some writers (numpy.savez) add their own to a name without it.
-    mark = f".{path.stem}.{zlib.crc32(platform.node().encode()):08x}-"
+    fits = len(os.fsencode(path.name)) <= _REPEATED_NAME
+    stem = path.stem if fits else f"{zlib.crc32(os.fsencode(path.stem)):08x}"
+    mark = f".{stem}.{zlib.crc32(platform.node().encode()):08x}-"
     temporary = path.with_name(f"{mark}{os.getpid()}-{uuid.uuid4().hex[:8]}{path.suffix}")
     _remove_abandoned(path.parent, mark, path.suffix)
     try:

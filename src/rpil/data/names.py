@@ -35,6 +35,12 @@ OUTCOME = re.compile(
     r"|(?:is_)?(?:experts?|good|bad|optimal|failed|failures?)|outcomes?|skills?(?:_levels?)?|advantages?|q_values?|splits?_\w+"
 )
 _OWN_COLUMN = re.compile(r"weights?|expert_proba|log_odds|labels?|verdicts?")  # as rpil and its users write them
+NOT_SEEN = (
+    (re.compile(r"(?:.*_)?subtask_(?:term|start)_signals?(?:_.*)?"), "labels of subtasks"),
+    (re.compile(r"(?:.*_)?datagen_info(?:_.*)?"), "commands and labels of the program that made the data"),
+    (re.compile(r"(?:observations?|obs)_actions?|(?:.*_)?(?:last|prev|previous)_actions?(?:_\d+)?"), "the last action"),
+)
+"""Names of columns that nobody saw, though they are called observations, and what they are; the first that fits."""
 NEXT_STEP = re.compile(r"next_.*|.*_next")
 _UNIT = r"(?:_(?:s|ms|us|ns|secs?|seconds?|msecs?|nsecs?|nanosec|ros|utc|unix|epoch|index))?"
 ORDER_COLUMNS = [

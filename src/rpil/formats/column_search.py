@@ -16,6 +16,7 @@ from rpil.data.names import (
     EPISODE,
     EPISODE_COLUMNS,
     NEXT_STEP,
+    NOT_SEEN,
     OBSERVATION,
     OF_EPISODE,
     OPERATOR,
@@ -95,7 +96,10 @@ class _Search:
             *(operator, task, ignored, options.action_kind, order is not None),
             tuple(name for name in times if self.kinds.get(name) in numbers),
             *(session, outcome, self.outcomes({*actions, *observations})),
-            *(self.chosen_parts, self.excluded_parts, self.source),
+            chosen_parts=self.chosen_parts,
+            excluded_parts=self.excluded_parts,
+            source=self.source,
+            observations_given=bool(asked),
         )
 
     def take(self, *names: str) -> None:
@@ -276,6 +280,8 @@ class _Search:
             return kind
         if kind == "nested":
             return "images or nested values"
+        if unseen := next((why for pattern, why in NOT_SEEN if pattern.fullmatch(plain)), ""):
+            return unseen
         if prefixed:
             return ""
         if kind == "empty":

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence, Set
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 from rpil.data.arrays import ActionKind, Id
@@ -91,6 +91,12 @@ class Columns:
     )  # of columns of which not all are read
     excluded_parts: Mapping[str, bool] = field(default_factory=dict, compare=False)  # pattern -> also names columns
     source: str = field(default="", compare=False)  # in messages
+    observations_given: bool = False
+
+    def without_observations(self, names: Set[str], reason: str) -> Columns:
+        """The same, where some columns are no observations for a `reason`."""
+        ignored = {**self.ignored, **dict.fromkeys(sorted(names), reason)}
+        return replace(self, observations=tuple(m for m in self.observations if m not in names), ignored=ignored)
 
     @property
     def data(self) -> list[str]:

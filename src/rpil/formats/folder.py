@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 from rpil.data.errors import DataError
@@ -21,11 +21,25 @@ def read(path: StrPath, options: ColumnOptions) -> Recording:
     filesystem, parquet_files, text_files = find_files(path)
     source = Path(str(path)).name or str(path)
     if not parquet_files and not text_files:
+        refuse_others(path, os.listdir(path) if os.path.isdir(path) else ())
         raise DataError(f"{path}: no .parquet or .csv file is there; check the path.")
     if not parquet_files:
         return csv.read_folder([Path(file) for file in text_files], options, source)
     recording = parquet.read_files(filesystem, parquet_files, options, source)
     return recording.with_ignored_files(text_files)
+
+
+def refuse_others(path: StrPath, names: Iterable[str]) -> None:
+    """A `DataError` with the way to go where files are called as recordings of ROS, or as data sets of RLDS are."""
+    for name in names:
+        if name.lower().endswith((".mcap", ".bag", ".db3")):
+            way = (
+                "its topics come at rates of their own: choose one rate, and write a table or a LeRobot folder with it"
+            )
+            raise DataError(f"{path}: a recording of ROS or MCAP ({name}) is not read, because {way}.")
+        if ".tfrecord" in name.lower():
+            way = "convert it to LeRobot with openx2lerobot of any4lerobot, then audit the new folder"
+            raise DataError(f"{path}: a data set of RLDS or TFDS ({name}) is not read; {way}.")
 
 
 def keep(path: Path, output: Path, ids: Sequence[object], options: ColumnOptions) -> None:

@@ -99,7 +99,9 @@ def member(group: h5py.Group, name: str) -> h5py.Group | h5py.Dataset | None:
     """What is called `name` in a group; None where nothing is, or a link. An array is checked when it is read."""
     import h5py
 
-    found = group[name] if isinstance(group.get(name, getlink=True), h5py.HardLink) else None
+    links, link = group.id.links, name.encode("utf-8", "surrogateescape")  # h5py's `get` is slow for very many groups
+    is_hard = links.exists(link) and links.get_info(link).type == h5py.h5l.TYPE_HARD
+    found = group[name] if is_hard else None
     return checked(found) if isinstance(found, h5py.Dataset) else found
 
 
@@ -118,8 +120,7 @@ def groups(group: h5py.Group) -> dict[str, h5py.Group]:
 
 def first_array(group: h5py.Group, names: Sequence[str]) -> h5py.Dataset | None:
     """The first of the arrays of these names in a group; None where there is none."""
-    found = (array_at(group, name) for name in names)
-    return next((array for array in found if array is not None and array.ndim), None)
+    return Arrays(group).first(names)
 
 
 def array_at(group: h5py.Group, path: str) -> h5py.Dataset | None:
@@ -136,21 +137,36 @@ class Arrays(Mapping[str, Any]):
     """The arrays in a group by path, each of which is looked up when it is asked for: there may be many groups."""
 
     def __init__(self, group: h5py.Group) -> None:
-        self._group = group
-        self._found: dict[str, h5py.Dataset | None] = {}
+        self.group = group
+        self._found: dict[str, Any] = {}
+
+    def first(self, names: Sequence[str]) -> h5py.Dataset | None:
+        """The first of the arrays of these names; None where there is none."""
+        found = (self.get(name) for name in names)
+        return next((array for array in found if array is not None and array.ndim), None)
+
+    def length(self, names: Sequence[str]) -> int:
+        """The rows of the first of the arrays of these names; 0 where there is none."""
+        array = self.first(names)
+        return 0 if array is None else int(array.shape[0])
+
+    def replace(self, path: str, view: Callable[[h5py.Dataset], object]) -> None:
+        """Give a `view` of an array from now on, where there is one."""
+        if path in self:
+            self._found[path] = view(self[path])
 
     def __getitem__(self, path: str) -> h5py.Dataset:
         if path not in self._found:
-            self._found[path] = array_at(self._group, path)
+            self._found[path] = array_at(self.group, path)
         if self._found[path] is None:
             raise KeyError(path)
         return self._found[path]
 
     def __iter__(self) -> Iterator[str]:
-        return iter(contents(self._group).arrays)
+        return iter(contents(self.group).arrays)
 
     def __len__(self) -> int:
-        return len(contents(self._group).arrays)
+        return len(contents(self.group).arrays)
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,7 +6,7 @@ import math
 import os
 import zlib
 from collections.abc import Iterator, Sequence
-from functools import cache
+from functools import cache, cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -36,6 +36,11 @@ def _checked_class() -> Any:
 
     class CheckedDataset(h5py.Dataset):  # type: ignore[misc]
         _is_checked, _is_whole = False, False
+
+        @cached_property
+        def shape(self) -> tuple[int, ...]:
+            """As the file says, which is asked once."""
+            return super().shape  # type: ignore[no-any-return]
 
         def check(self) -> None:
             """A `DataError` where some of its values are not in the file, unless such are filled in here."""

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Container, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from difflib import get_close_matches
 from fnmatch import fnmatchcase
 from typing import TYPE_CHECKING, Literal
@@ -75,6 +75,12 @@ class Layout:
             *(_stacked([_value_type(table[name].type) for name in observations]), action, n_parts),
             *(chosen.masks, chosen.left_out),
         )
+
+    def without(self, columns: Container[str]) -> Layout:
+        """The same without some columns of observations."""
+        observations = tuple((name, width) for name, width in self.observations if name not in columns)
+        names = tuple(part for name, _ in observations for part in self.names[name])
+        return replace(self, observations=observations, observation_names=names)
 
     @property
     def names(self) -> dict[str, tuple[str, ...]]:

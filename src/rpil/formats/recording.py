@@ -198,6 +198,7 @@ def from_scan(
 ) -> Recording:
     """The recording in rows that were read once; its demonstrations are in memory if the rows are."""
     places, metadata = found.places, origin.metadata
+    columns = columns.without_observations(found.last_actions, "it repeats the last action")
     in_memory = isinstance(rows, TableRows)
 
     @cache

@@ -19,12 +19,14 @@ from rpil.formats import (
     aloha,
     csv,
     d4rl,
+    donkeycar,
     folder,
     hdf5,
     imitation,
     lerobot_folder,
     minari,
     npz,
+    npz_folder,
     parquet,
     robomimic,
     spool,
@@ -48,6 +50,8 @@ FORMATS: tuple[Format, ...] = (
     robomimic.FORMAT,
     d4rl.FORMAT,
     aloha.FORMAT,
+    donkeycar.FORMAT,
+    npz_folder.FORMAT,
     hdf5.FORMAT,
     folder.FORMAT,
 )
@@ -194,5 +198,6 @@ def _refuse(path: Path) -> Format:
     if path.suffix.lower() == ".zip":
         with guarded(path.name, "it is no ZIP file, or a damaged one", "copy or write it again"), zipfile.ZipFile(path):
             pass
+    folder.refuse_others(path, [path.name])
     check_extension(path, [suffix for suffix in suffixes() if suffix != path.suffix.lower()])
     raise AssertionError("an extension that is known is claimed")

@@ -5,7 +5,8 @@ from __future__ import annotations
 import json
 import math
 import shutil
-from collections.abc import Container, Iterable, Mapping, Sequence
+from collections.abc import Container, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -15,7 +16,7 @@ from rpil.data.arrays import Id
 from rpil.data.errors import DataError
 from rpil.data.files import StrPath, replacing
 from rpil.data.id_values import check_ids
-from rpil.data.names import is_observation
+from rpil.data.names import is_observation, natural_key
 from rpil.formats import hdf5
 from rpil.formats.columns import ColumnOptions
 from rpil.formats.description import listed
@@ -30,6 +31,7 @@ if TYPE_CHECKING:
 MASK = "rpil_kept"
 """The filter key in ``mask`` under which `write_mask` lists demonstrations."""
 
+_STEPS_OF_TIME = 10
 _GROUP_NAME = "name of the group"
 _STATES = (
     "There are no observations (obs): the states of the simulator are used; robomimic's dataset_states_to_obs.py "
@@ -39,34 +41,65 @@ _STATES = (
 
 def claims(path: Path) -> bool:
     """Whether there is a group with actions in ``data``, or at the top of the file."""
-    return hdf5.has_layout(path, lambda file: bool(_demonstrations(file)))
+    return hdf5.has_layout(path, lambda file: next(_with_actions(file), None) is not None)
 
 
 def read(path: Path, options: ColumnOptions) -> Recording:
     """Read the arrays that the first group has; images and what describes a demonstration as a whole are ignored."""
     with hdf5.opened(path) as file:
-        groups, found, settings = hdf5.groups(_parent(file)), _demonstrations(file), _settings(file)
-        first = hdf5.contents(groups[next(iter(found))])
+        found, settings = dict(_with_actions(file)), _settings(file)
+        first = hdf5.contents(next(iter(found.values())).group)
         parts = [
-            Part(len(actions), hdf5.Arrays(groups[name]), {_GROUP_NAME: name, **_task(groups[name], settings)})
-            for name, actions in found.items()
+            Part(arrays.length(hdf5.ACTIONS), arrays, {_GROUP_NAME: name, **_task(arrays.group, settings)})
+            for name, arrays in found.items()
         ]
         in_data = _parent(file) != file
-        notes = first.notes
+        notes, names, ignored = first.notes, {}, {}
         if "states" in first.arrays and not options.observations and not any(map(is_observation, first.arrays)):
             notes = (*notes, _STATES)
-        if in_data and len(found) < len(groups):
-            without = listed([name for name in groups if name not in found])
+            if _begins_with_time(first.arrays["states"]):
+                names = {"states": tuple(map(str, range(1, first.arrays["states"].shape[1])))}
+                ignored = {"states.0": "simulation time"}
+                for arrays in found.values():
+                    arrays.replace("states", _WithoutTime)
+        if in_data and len(found) < len(_parent(file)):
+            without = listed([name for name in hdf5.groups(_parent(file)) if name not in found])
             notes = (*notes, f"Left out, because they hold no actions: {without}.")
         format_name = "HDF5 of robomimic's layout" if in_data else "HDF5, a group for each demonstration"
-        metadata = Metadata(fps=_steps_a_second(settings), lengths=_stated_lengths(groups, found))
-        return from_parts(parts, _GROUP_NAME, path.name, format_name, options, metadata, notes)
+        metadata = Metadata(fps=_steps_a_second(settings), names=names, lengths=_stated_lengths(found))
+        return from_parts(parts, _GROUP_NAME, path.name, format_name, options, metadata, notes).with_ignored(ignored)
 
 
-def _stated_lengths(groups: Mapping[str, h5py.Group], names: Iterable[str]) -> dict[Id, int]:
+def _begins_with_time(states: h5py.Dataset) -> bool:
+    """Whether the first of the numbers of a state is the time of the simulator: it rises by the same at every step."""
+    if states.ndim != 2 or states.shape[1] < 2 or states.dtype.kind != "f" or len(states) < _STEPS_OF_TIME:
+        return False
+    steps = np.diff(np.asarray(states[:_STEPS_OF_TIME])[:, 0])
+    return bool(steps[0] > 0 and np.allclose(steps, steps[0], rtol=1e-3, atol=0))
+
+
+@dataclass(frozen=True, eq=False)
+class _WithoutTime:
+    """States without their first number."""
+
+    states: h5py.Dataset
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        return (*self.states.shape[:-1], max(self.states.shape[-1] - 1, 0)) if self.states.shape else ()
+
+    @property
+    def dtype(self) -> np.dtype[np.generic]:
+        return self.states.dtype  # type: ignore[no-any-return]
+
+    def __getitem__(self, rows: slice) -> object:
+        return self.states[rows][..., 1:]
+
+
+def _stated_lengths(found: Mapping[str, hdf5.Arrays]) -> dict[Id, int]:
     """The steps that each demonstration says it has, in ``num_samples``, by the name of its group."""
-    found = {name: groups[name].attrs.get("num_samples") for name in names}
-    return {name: int(number) for name, number in found.items() if isinstance(number, int | np.integer)}
+    numbers = {name: arrays.group.attrs.get("num_samples") for name, arrays in found.items()}
+    return {name: int(number) for name, number in numbers.items() if isinstance(number, int | np.integer)}
 
 
 def keep(path: Path, output: Path, ids: Sequence[Id]) -> None:
@@ -130,13 +163,26 @@ def _checked(file: h5py.File, path: Path, ids: Sequence[Id]) -> list[str]:
 
 def _parent(file: h5py.File) -> h5py.Group:
     """The group of the demonstrations."""
-    return hdf5.groups(file).get("data", file)
+    import h5py
+
+    data = hdf5.member(file, "data") if "data" in list(file) else None
+    return data if isinstance(data, h5py.Group) else file
 
 
 def _demonstrations(file: h5py.File) -> dict[str, h5py.Dataset]:
     """The actions of each demonstration, by the name of its group, with the numbers in names in order."""
-    found = {name: hdf5.first_array(group, hdf5.ACTIONS) for name, group in hdf5.groups(_parent(file)).items()}
-    return {name: actions for name, actions in found.items() if actions is not None}
+    return {name: arrays.first(hdf5.ACTIONS) for name, arrays in _with_actions(file)}
+
+
+def _with_actions(file: h5py.File) -> Iterator[tuple[str, hdf5.Arrays]]:
+    """The groups that hold actions, in the order of their names; of very many, each is opened once."""
+    import h5py
+
+    parent = _parent(file)
+    for name in sorted(parent, key=natural_key):
+        group = hdf5.member(parent, name)
+        if isinstance(group, h5py.Group) and (arrays := hdf5.Arrays(group)).first(hdf5.ACTIONS) is not None:
+            yield name, arrays
 
 
 def _settings(file: h5py.File) -> Mapping[str, object]:

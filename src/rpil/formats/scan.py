@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping, Sequence, Set
 from dataclasses import dataclass, field, replace
 from itertools import compress
 from typing import TYPE_CHECKING
@@ -109,6 +109,10 @@ class Actions:
         return replace(layout, action=np.dtype(np.float32 if layout.action == np.float32 else np.float64), n_parts=1)
 
 
+_CHANGES = 10
+"""Steps with another action than the step before, at least, before a column is said to repeat the last action."""
+
+
 @dataclass(eq=False)
 class Statistics:
     """Ranges, missing values and constant parts of the columns of data, collected table by table.
@@ -117,6 +121,10 @@ class Statistics:
 
     Attributes
     ----------
+    columns, actions : sequence of str
+        All columns of data, and those of the actions.
+    repeats : set of str
+        Columns of observations, as wide as the action, that repeat the action of the step before.
     missing : dict of str to int
         Missing values by column.
     low, high : dict of str to array
@@ -126,7 +134,9 @@ class Statistics:
     """
 
     columns: Sequence[str]
+    actions: Sequence[str] = ()
     masks: Mapping[str, Array] = field(default_factory=dict)
+    repeats: set[str] = field(default_factory=set)
     missing: dict[str, int] = field(default_factory=dict)
     low: dict[str, Array] = field(default_factory=dict)
     high: dict[str, Array] = field(default_factory=dict)
@@ -136,11 +146,14 @@ class Statistics:
     _within: dict[str, Array] = field(default_factory=dict)
     _always: dict[str, Array] = field(default_factory=dict)
     _goes_on: bool = False
+    _action: Array | None = None
+    _n_changes: int = 0
 
     def add(self, table: pa.Table, begins: Array) -> None:
         """Add a table, in which demonstrations begin at the rows `begins`."""
         same = np.ones(len(table), dtype=bool)
         same[begins] = False
+        read = {}
         for name in self.columns:
             values, mask = flat.numbers_or_missing(table[name]), self.masks.get(name)
             if values is not None and mask is not None and values.shape[1] == len(mask):
@@ -151,13 +164,36 @@ class Statistics:
             is_like = values is not None and values.shape[1:] == self.low.get(name, values[:1].reshape(-1)).shape
             if values is not None and values.size and is_like:
                 self._add(name, values, same)
+                read[name] = values
             extremes = np.append(self.low.get(name, 0.0), self.high.get(name, 0.0))
             if n_missing or not is_like or not np.isfinite(extremes).all():
                 width = extremes.size // 2 if name in self.low else None
                 faulty = flat.faulty_rows(table[name], width, mask)
                 self.faulty.update((self._n_begun - 1 + np.cumsum(~same)[faulty]).tolist())
         self._n_begun += len(begins)
+        if len(table):
+            self._compare(read, same)
         self._goes_on = self._goes_on or bool(same.any())
+
+    def _compare(self, read: Mapping[str, Array], same: Array) -> None:
+        """Strike out `repeats` in which a step, that begins no demonstration, differs from the action before it."""
+        if not self.repeats.issubset(read) or not read.keys() >= {*self.actions}:
+            self.repeats = set()
+        if self.repeats:
+            actions = np.concatenate([read[name] for name in self.actions], axis=1)
+            before = np.concatenate([actions[:1] if self._action is None else self._action, actions[:-1]])[same]
+            same_values = ((name, read[name][same]) for name in self.repeats)
+            self.repeats = {name for name, now in same_values if np.array_equal(now, before.astype(now.dtype))}
+            self._n_changes += int((before != actions[same]).any(axis=1).sum())
+            self._action = actions[-1:]
+
+    def leave_out_repeats(self, n_observations: int) -> Set[str]:
+        """Forget the `repeats`, if enough changes tell and others of the `n_observations` columns are left; them."""
+        if self._n_changes < _CHANGES or len(self.repeats) == n_observations:
+            return set()
+        self.columns = [name for name in self.columns if name not in self.repeats]
+        self.missing = {name: n for name, n in self.missing.items() if name not in self.repeats}
+        return self.repeats
 
     def _add(self, name: str, values: Array, same: Array) -> None:
         repeats = values == np.concatenate([self._last.get(name, values[:1]), values[:-1]])
@@ -218,6 +254,8 @@ class Scan:
     statistics: Statistics
     operators: list[tuple[str, object]]
     tasks: list[tuple[str, object]]
+    last_actions: Set[str]
+    """Columns that were to be observations, and repeat the last action."""
 
 
 def scan(rows: Rows, layout: Layout, columns: Columns, source: str, places: Places | None = None) -> Scan:
@@ -230,7 +268,10 @@ def scan(rows: Rows, layout: Layout, columns: Columns, source: str, places: Plac
         says where the rows of a demonstration lie apart or are out of order.
     """
     starts, orders = Starts(columns.episode), OrderCheck(columns)
-    actions, statistics = Actions(layout, columns.action_kind), Statistics(layout.columns, layout.masks)
+    actions = Actions(layout, columns.action_kind)
+    statistics = Statistics(layout.columns, [name for name, _ in layout.actions], layout.masks)
+    if not columns.observations_given:
+        statistics.repeats = {name for name, width in layout.observations if width == max(layout.n_parts, 1)}
     pairs: dict[str, dict[tuple[str, object], None]] = {name: {} for name in (columns.operator, columns.task) if name}
     names = list(dict.fromkeys([*columns.data, *pairs, *(() if places else (*columns.orders, *columns.parts))]))
     for row, table, at in rows.tables(0, rows.runs[-1][1], names, places.demonstration_of if places else _nowhere):
@@ -245,8 +286,9 @@ def scan(rows: Rows, layout: Layout, columns: Columns, source: str, places: Plac
         for name in pairs:
             pairs[name] |= dict.fromkeys(pairs_of(table, name, *flat.id_codes(table, columns.episode, at)))
     places = places or Places(*starts.finish(rows, columns.episode, source), orders.finish(source))
-    found = (list(pairs.get(name or "", ())) for name in (columns.operator, columns.task))
-    return Scan(places, actions.finish(source), actions, statistics, *found)
+    operators, tasks = (list(pairs.get(name or "", ())) for name in (columns.operator, columns.task))
+    repeated = statistics.leave_out_repeats(len(layout.observations))
+    return Scan(places, actions.finish(source).without(repeated), actions, statistics, operators, tasks, repeated)
 
 
 def _nowhere(row: int) -> str:

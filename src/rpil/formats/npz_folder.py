@@ -1,0 +1,144 @@
+"""A folder of NPZ files with a demonstration in each, in the folder itself or each in a folder of its own."""
+
+from __future__ import annotations
+
+import zipfile
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from rpil.data.arrays import Id
+from rpil.data.errors import DataError
+from rpil.data.files import new_folder
+from rpil.data.folders import copy_folder, is_hidden
+from rpil.data.guard import guarded
+from rpil.data.id_values import check_ids
+from rpil.data.json_files import Parsed, read_json
+from rpil.data.names import ACTION, ACTION_COLUMNS, EPISODE, TASK, may_be_outcome, natural_key, plain_name
+from rpil.data.npy import ARRAY, declared, read_arrays
+from rpil.formats.columns import ColumnOptions
+from rpil.formats.format import Format, keep_by_own_ids
+from rpil.formats.parts import Part, from_parts
+from rpil.formats.recording import Recording
+from rpil.formats.store import find_files
+from rpil.numerics.types import Array
+
+_EPISODE_FILE = "name of the file"
+_TEXT_BESIDE = "meta.json"
+_NO_NPZ = "not an NPZ file, or a damaged or truncated one", "write it again, or take it out of the folder"
+
+
+def claims(path: Path) -> bool:
+    """Whether `path` is a folder of NPZ files, and of no tables; texts may be notes."""
+    if not path.is_dir() or not (any(path.glob("*.npz")) or any(path.glob("*/*.npz"))):
+        return False
+    tables = (file.lower() for files in find_files(path)[1:] for file in files)
+    return all(file.endswith((".txt", ".txt.gz")) for file in tables) and bool(_files(path))
+
+
+def read(path: Path, options: ColumnOptions) -> Recording:
+    """Read the arrays of every file; images are ignored. The files are opened again for their values."""
+    files = _files(path)
+    parts = [
+        _part(name, file, file.parent / _TEXT_BESIDE if file.parent != path else None) for name, file in files.items()
+    ]
+    return from_parts(parts, _EPISODE_FILE, path.name, "NPZ, a file for each demonstration", options)
+
+
+def keep(path: Path, output: Path, ids: Sequence[Id]) -> None:
+    """Copy the files called `ids`, or the folders in which they lie, with all that is beside them, to a new folder."""
+    files = _files(path)
+    check_ids(ids, files, path.name, "the ids")
+    wanted = {*map(str, ids)}
+    with new_folder(output) as folder:
+        for name, file in files.items():
+            if name in wanted and file.parent != path:
+                copy_folder(file.parent, folder / file.parent.name)
+            elif name in wanted:
+                (folder / file.name).write_bytes(file.read_bytes())
+
+
+def _files(path: Path) -> dict[str, Path]:
+    """The NPZ files by their names, or by those of the folders that hold one each; with the numbers in names in order.
+
+    A `DataError` where one of these folders holds several.
+    """
+    found = {file.stem: file for file in _in_folder(path)}
+    for folder in path.iterdir() if not found else ():
+        inside = _in_folder(folder) if folder.is_dir() and not is_hidden(folder.name) else []
+        if len(inside) > 1:
+            raise DataError(
+                f"{folder}: it holds {len(inside):,} NPZ files; give each demonstration a folder of its own."
+            )
+        found |= dict(zip([folder.name], inside, strict=False))
+    return {name: found[name] for name in sorted(found, key=natural_key)}
+
+
+def _in_folder(folder: Path) -> list[Path]:
+    return [file for file in folder.glob("*.npz") if not is_hidden(file.name) and file.is_file()]
+
+
+def _part(name: str, file: Path, about: Path | None) -> Part:
+    """The demonstration in one file, whose one array of actions says how many steps it has."""
+    where = f"{file.parent.name}/{file.name}"
+    with guarded(where, *_NO_NPZ), zipfile.ZipFile(file) as stored:
+        members = [member for member in stored.namelist() if member.endswith(ARRAY)]
+        arrays = {m.removesuffix(ARRAY): _InFile(file, where, m, *declared(stored, m)) for m in members}
+    actions = [array for array in arrays if plain_name(array) in ACTION and arrays[array].shape]
+    actions += [array for array in arrays if ACTION_COLUMNS[1][0].fullmatch(plain_name(array)) and arrays[array].shape]
+    if not actions:
+        raise DataError(f"{where}: no array holds the actions of its steps; save one as {ACTION[1]!r}.")
+    n_steps = arrays[actions[0]].shape[0]
+    if several := [one for one in arrays if plain_name(one) in EPISODE and arrays[one].shape[:1] == (n_steps,)]:
+        raise DataError(f"{where}: {several[0]!r} says that it holds several demonstrations; give its path alone.")
+    single = {one: array[:].reshape(-1)[0] for one, array in arrays.items() if may_be_outcome(one) and array.is_single}
+    said = {one: value for one, value in _said(about).items() if one not in single} if about else {}
+    whole: dict[str, Id] = {_EPISODE_FILE: name, **said, **{one: value.item() for one, value in single.items()}}
+    return Part(n_steps, {one: array for one, array in arrays.items() if one not in whole}, whole)
+
+
+def _said(about: Path) -> dict[str, Any]:
+    """What the text beside a file says of the task and the outcome of its demonstration."""
+    if not about.is_file():
+        return {}
+    with guarded(about, "no JSON, or damaged", "write it again"):
+        found: Parsed = read_json(about)
+    found = found if isinstance(found, dict) else {}
+    tasks = {
+        name: value for name, value in found.items() if TASK.fullmatch(plain_name(name)) and isinstance(value, str)
+    }
+    ends = {name: value for name, value in found.items() if may_be_outcome(name) and isinstance(value, int | float)}
+    return {**tasks, **{name: float(value) for name, value in ends.items()}}
+
+
+@dataclass(frozen=True, eq=False)
+class _InFile:
+    """An array in a file that is closed, because there may be more files than a process may have open."""
+
+    path: Path
+    where: str
+    member: str
+    shape: tuple[int, ...]
+    dtype: np.dtype[Any]
+
+    @property
+    def is_single(self) -> bool:
+        """Whether it holds one number, for the demonstration as a whole."""
+        return self.shape in ((), (1,)) and self.dtype.kind in "biuf"
+
+    def __getitem__(self, rows: slice) -> Array:
+        with guarded(self.where, *_NO_NPZ), zipfile.ZipFile(self.path) as stored:
+            values = read_arrays(stored, [self.member], self.where)[0]
+        return values[rows] if values.ndim else values
+
+
+FORMAT = Format(
+    name="NPZ, a file for each demonstration",
+    claims=claims,
+    read=read,
+    keep=keep_by_own_ids(keep),
+    check_output=lambda path, output: None,
+)
