@@ -24,7 +24,7 @@ ALONE = "Not judged: it is the only demonstration of its task or session."
 _FINDINGS = tuple(FINDINGS)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class AuditOfTasks(AuditOfPart):
     """The audits of several tasks or sessions as one; each sentence and number is that of the demonstration's own."""
 
