@@ -58,7 +58,7 @@ def test_rows_without_groups_are_refused_unless_each_is_a_demonstration(kind):
     with pytest.raises(DataError, match=rf"pass groups=, .* {kind.__name__}\(groups='rows'\)") as error:
         kind().fit(toy.observations, toy.actions)
     assert one_sentence(error)
-    with pytest.raises(DataError, match="groups='row' in .* is unknown; leave it out, or give 'rows'") as error:
+    with pytest.raises(DataError, match=r"groups='row' in .* is unknown; leave it out, or give 'rows'") as error:
         kind(groups="row").fit(toy.observations, toy.actions)
     assert one_sentence(error)
     kind().fit(toy.observations, toy.actions, groups=toy.groups)

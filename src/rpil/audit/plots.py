@@ -175,6 +175,7 @@ class SessionsDisplay(_AuditDisplay):
         """
         audit, size = self.audit, len(self.audit.ids)
         ax = self._prepare_axes(ax, (9.0, 2.8))
+        ax.set_yscale("symlog", linthresh=10)
         place = np.arange(size) if audit.order is None else np.argsort(np.argsort(audit.order, kind="stable"))
         names = audit.sessions or ("",) * size
         first: dict[str, int] = {}
@@ -194,7 +195,6 @@ class SessionsDisplay(_AuditDisplay):
         if 1 < len(starts) <= MAX_NAMED_SESSIONS:
             centres = (starts + np.append(starts[1:], size) - 1) / 2
             ax.set_xticks(centres, [printable(name) for name in first], parse_math=False)
-        ax.set_yscale("symlog", linthresh=10)
         ax.axhline(0, color=COLOURS["open"], linewidth=0.8)
         by = "Place in the data" if audit.order is None else "Order of recording"
         ax.set(xlabel=f"Session, and {by[:1].lower()}{by[1:]}" if len(starts) > 1 else by, ylabel="Log-odds (nats)")

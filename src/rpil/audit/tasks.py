@@ -7,7 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rpil.audit.record import Audit, Interval
+from rpil.audit.record import Audit
+from rpil.audit.result import Interval
 from rpil.audit.settings import AuditSettings
 from rpil.audit.subset import AuditOfPart
 from rpil.audit.text import listed

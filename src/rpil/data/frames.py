@@ -25,7 +25,7 @@ def data_frame(columns: Mapping[str, Sequence[object]], backend: Backend | None)
     names = get_args(Backend)
     if backend is not None and backend not in names:
         raise DataError(f"backend={backend!r} is unknown; choose one of {', '.join(map(repr, names))}.")
-    chosen = backend or next(name for name in names if find_spec(name) is not None)
+    chosen: str = backend or next(name for name in names if find_spec(name) is not None)
     try:
         make: Callable[[dict[str, list[object]]], DataFrame] = getattr(import_module(chosen), _MAKERS[chosen])
     except ImportError as error:

@@ -108,8 +108,9 @@ def _a_group_for_each_row(estimator: BaseEstimator, n_rows: int) -> Array:
         raise DataError(f"groups={given!r} in {name}() is unknown; leave it out, or give {ROWS!r}.")
     if given is None:
         raise DataError(
-            "No groups were given, so it is not known which rows are one demonstration; pass groups=, the demonstration "
-            f"of each row (in cross-validation by metadata routing, {name}().set_fit_request(groups=True)), or "
+            "No groups were given, so it is not known which rows are one demonstration; pass groups=, the "
+            "demonstration of each row (in cross-validation by metadata routing, "
+            f"{name}().set_fit_request(groups=True)), or "
             f"{name}(groups={ROWS!r}) where each row is one."
         )
     return np.arange(n_rows)

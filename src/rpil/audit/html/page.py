@@ -116,7 +116,9 @@ def _template_values(audit: AuditResult, prefix: str) -> dict[str, object]:
     }
 
 
-def _rows(audit: AuditResult, parts: Mapping[str, np.ndarray], timelines: Timelines, prefix: str) -> list[dict[str, object]]:
+def _rows(
+    audit: AuditResult, parts: Mapping[str, np.ndarray], timelines: Timelines, prefix: str
+) -> list[dict[str, object]]:
     """The rows of the ranking, the most trusted first; `parts` are those of the log-odds."""
     letters = {name: letter for letter, group in audit.groups.items() for name in group}
     order = audit.ranking().tolist()
