@@ -344,8 +344,4 @@ class Demonstrations(DemonstrationSet):
         return self._described(self.n_observations, self.is_discrete, self.source)
 
     def _repr_html_(self) -> str:
-        names = self.action_names or tuple(map(str, range(self.n_actions)))
-        ranges = zip(names, self.low, self.high, strict=True) if self.n_actions else ()
-        actions = [f"{name} from {low:.4g} to {high:.4g}" for name, low, high in ranges]
-        classes = [str(value) for value in self.classes.tolist()]
-        return demonstrations_html(repr(self), self.ids, self.lengths, self.observation_names, actions or classes)
+        return demonstrations_html(self)

@@ -21,7 +21,7 @@ from rpil.estimators.rment import RMEnt
 from rpil.estimators.rpil import RPIL
 from rpil.numerics.types import Array, Bool, Float, Int
 
-N_RESAMPLES = 2000
+N_BOOTSTRAP = 2000
 """Of the bootstrap: enough for two digits of a 95 % interval."""
 
 Method = RPIL | RMEnt | BehavioralCloning | Callable[[Demonstrations], ArrayLike]
@@ -73,8 +73,8 @@ def compare_methods(
         score than a bad one; auroc_low and auroc_high, its 95 % interval by the bootstrap over good and over bad
         demonstrations, the same resamples for all methods; right and wrong, the demonstrations with a word that is
         true, and false; open, those without; seconds, of the fit. A method that makes no mistake has an interval
-        without width, which says little where there are few demonstrations. `RMEnt` trusts a number that was given, so each
-        demonstration has a word; `BehavioralCloning` and functions give none.
+        without width, which says little where there are few demonstrations. `RMEnt` trusts a number that was given, so
+        each demonstration has a word; `BehavioralCloning` and functions give none.
 
     Raises
     ------
@@ -172,7 +172,7 @@ def _auroc(
 def _resamples(is_good: Bool[Array, " K"], seed: int) -> Iterator[Int[Array, " K"]]:
     """How often each demonstration is drawn in each resample, of the good and of the bad ones by themselves."""
     rng = np.random.default_rng(seed)
-    for _ in range(N_RESAMPLES):
+    for _ in range(N_BOOTSTRAP):
         count = np.zeros(len(is_good), dtype=int)
         for side in (is_good, ~is_good):
             n = int(side.sum())

@@ -9,7 +9,7 @@ from rpil.audit.result import AuditResult
 from rpil.audit.words import SIDES
 from rpil.inference.findings import FINDINGS
 
-N_ROWS = 10
+N_LOWEST_ROWS = 10
 """Demonstrations in the table."""
 
 
@@ -26,7 +26,7 @@ def overview_html(audit: AuditResult) -> str:
             "n_steps": f"{audit.lengths[m]:,}",
             "reason": audit.reasons[m],
         }
-        for m in audit.ranking()[::-1][:N_ROWS].tolist()
+        for m in audit.ranking()[::-1][:N_LOWEST_ROWS].tolist()
     ]
     return (
         html_environment("rpil.audit", "html")
