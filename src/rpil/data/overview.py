@@ -58,7 +58,7 @@ def demonstrations_html(shown: Shown) -> str:
 def _actions(shown: Shown) -> Sequence[object]:
     """The discrete actions, or each part of continuous ones with its range."""
     if not shown.n_actions:
-        return shown.classes.tolist()
+        return list(shown.classes.tolist())
     names = shown.action_names or tuple(map(str, range(shown.n_actions)))
     ranges = zip(names, shown.low, shown.high, strict=True)
     return [f"{name} from {low:.4g} to {high:.4g}" for name, low, high in ranges]
