@@ -23,6 +23,7 @@ _HOME = {
     "SoftmaxPolicy": "rpil.policies.softmax",
     "TorchPolicy": "rpil.policies.torch",
     "compare": "rpil.simulation.comparison",
+    "compare_methods": "rpil.estimators.methods",
     "load": "rpil.estimators.persistence",
     "open": "rpil.faults.recorded",
     "open_dataset": "rpil.formats.on_disk",
@@ -52,6 +53,7 @@ __all__ = [
     "TorchPolicy",
     "__version__",
     "compare",
+    "compare_methods",
     "load",
     "open",
     "open_dataset",
@@ -70,6 +72,7 @@ if TYPE_CHECKING:
     from rpil.data.demonstrations import Demonstrations
     from rpil.data.errors import DataError
     from rpil.estimators.cloning import BehavioralCloning
+    from rpil.estimators.methods import compare_methods
     from rpil.estimators.persistence import load, save
     from rpil.estimators.reweight import reweight
     from rpil.estimators.rment import RMEnt

@@ -18,7 +18,9 @@ from rpil.audit import plots
 from rpil.audit.words import SIDES
 from rpil.data.errors import DataError
 
-AUDIT_DISPLAYS = [plots.RankingDisplay, plots.LengthDisplay, plots.TimelineDisplay, plots.HistoryDisplay]
+AUDIT_DISPLAYS = [
+    *(plots.RankingDisplay, plots.LengthDisplay, plots.TimelineDisplay, plots.SessionsDisplay, plots.HistoryDisplay)
+]
 
 
 @pytest.fixture(autouse=True)
@@ -146,3 +148,40 @@ def test_names_are_text_and_not_formulas(display: type, tmp_path: Path) -> None:
     for ending in ("png", "svg"):
         shown.figure_.savefig(tmp_path / f"picture.{ending}")
     assert "cost $5$" in (tmp_path / "picture.svg").read_text(encoding="utf-8")
+
+
+def drawn(display: plots.SessionsDisplay) -> dict[float, float]:
+    """The log-odds at each place."""
+    dots = [line for line in display.ax_.lines if line.get_marker() == "o"]
+    return {x: y for line in dots for x, y in zip(*line.get_data(), strict=True)}
+
+
+def test_sessions_are_drawn_one_after_the_other_in_the_order_of_recording() -> None:
+    sessions = ("late",) * 3 + ("early", "late") + ("early",) * 5
+    order = np.array([9.0, 7.5, 8.0, 1.0, 7.0, 2.0, 3.0, 4.0, 5.0, 6.0])
+    audit = make_audit(sessions=sessions, order=order)
+    shown = plots.SessionsDisplay.from_audit(audit)
+    by_place = [3, 5, 6, 7, 8, 9, 4, 1, 2, 0]
+    assert drawn(shown) == dict(enumerate(audit.log_odds[by_place].tolist()))
+    bounds = [line.get_xdata()[0] for line in shown.ax_.lines if line.get_linestyle() == ":"]
+    assert bounds == [5.5]
+    assert [text.get_text() for text in shown.ax_.get_xticklabels()] == ["early", "late"]
+
+
+def test_without_sessions_the_order_of_the_data_is_drawn() -> None:
+    audit = make_audit()
+    shown = plots.SessionsDisplay.from_audit(audit)
+    assert drawn(shown) == dict(enumerate(audit.log_odds.tolist()))
+    assert shown.ax_.get_xlabel() == "Place in the data"
+    assert not [line for line in shown.ax_.lines if line.get_linestyle() == ":"]
+
+
+def test_an_audit_draws_its_pictures() -> None:
+    audit, ax = make_audit(ids=list("abcdefghij")), Figure().subplots()
+    assert isinstance(audit.plot.ranking(quantity="log_odds"), plots.RankingDisplay)
+    shown = audit.plot.steps("d", ax=ax)
+    assert shown.ax_ is ax
+    assert ax.get_title() == "Demonstration d"
+    assert isinstance(audit.plot.sessions(), plots.SessionsDisplay)
+    with pytest.raises(DataError, match="No demonstration is called 'z'"):
+        audit.plot.steps("z")

@@ -1,51 +1,74 @@
-"""The audit: its methods give what its fields hold."""
+"""The audit of users: a row for each demonstration in a frame, the report, and every field described."""
 
 from __future__ import annotations
 
-import json
-from dataclasses import replace
+import re
+from dataclasses import fields, replace
 
 import numpy as np
+import pyarrow as pa
 import pytest
 
 from audits import make_audit
+from html_page import Page
+from problems import make
+from rpil.audit.record import Audit, Demonstrator, Interval
+from rpil.audit.subset import select
+from rpil.audit.tasks import join_audits
 from rpil.data.errors import DataError
+from rpil.estimators.rpil import RPIL
 
 
-def test_worst_steps_are_the_most_negative_and_never_positive():
-    ratio = np.concatenate([[1.0, -2.0, 0.0], [5.0], [-1.0, -3.0, 2.0, -1.0], [-np.inf, 0.5], [-6, -2, -4, -3, -5]])
-    audit = make_audit(("typical",) * 5, lengths=[3, 1, 4, 2, 5], step_log_ratio=ratio)
-    assert [audit.worst_steps(m) for m in range(5)] == [[1], [], [1, 0, 3], [0], [0, 4, 2, 3, 1]]
-    assert audit.worst_steps(4, k=2) == [0, 4]
-    np.testing.assert_array_equal(audit.step_log_ratio[audit.steps(2)], [-1.0, -3.0, 2.0, -1.0])
-
-
-def test_to_dict_has_the_documented_keys_and_is_json():
-    log_odds = np.array([1.0, 2.0, -30.0, 0.0, -1.0])
-    audit = make_audit(("typical",) * 5, ids=list("abcde"), lengths=[3, 1, 4, 2, 5], log_odds=log_odds)
-    content = json.loads(json.dumps(audit.to_dict(), allow_nan=False))
-    keys = {"n_demonstrations", "n_steps", "finding", "anchor", "adversary", "prior", "identifiable", "demonstrations"}
-    assert set(content) == keys | {
-        *("groups", "pair", "question", "notes", "doubts", "contradicting", "assumptions", "demonstrators")
-    }
-    assert set(content["prior"]) == {"mean", "low", "high"}
-    keys = {"id", "n_steps", "log_odds", "evidence", "expert_proba", "reliability", "verdict", "reason", "worst_steps"}
-    assert all(set(entry) == keys | {"facts"} for entry in content["demonstrations"])
-    assert [entry["id"] for entry in content["demonstrations"]] == ["b", "a", "d", "e", "c"]  # the most trusted first
-    assert content["groups"] == []
-    assert (content["n_demonstrations"], content["n_steps"]) == (5, 15)
-    assert [entry["n_steps"] for entry in content["demonstrations"]] == [1, 3, 2, 5, 4]
-
-
-def test_index_of_an_id():
+def test_a_frame_has_the_demonstrations_in_the_order_of_the_data():
     audit = make_audit(ids=list("abcdefghij"))
-    assert audit.index("c") == 2
-    with pytest.raises(DataError, match="No demonstration is called 'z'"):
-        audit.index("z")
+    table = audit.to_frame("pyarrow")
+    assert table["id"].to_pylist() == list(audit.ids)
+    assert table["verdict"].to_pylist() == list(audit.verdicts)
+    assert table["reason"].to_pylist() == list(audit.reasons)
+    np.testing.assert_array_equal(table["log_odds"].to_numpy(), audit.log_odds)
+    np.testing.assert_array_equal(table["n_steps"].to_numpy(), audit.lengths)
+    assert not {"faults", "task", "run", "demonstrator", "session"} & {*table.column_names}
 
 
-def test_a_copy_of_what_is_labelled_has_its_reason():
-    made = make_audit(("good",) * 4 + ("bad",) * 4, anchor="answers", finding="answered", labels={0: 1})
-    copied = replace(made, copy_of=np.array([0, 0, *range(2, 8)]))
-    assert copied.reasons[1].startswith("Labelled good")
-    assert not made.reasons[1].startswith("Labelled good")
+def test_a_frame_has_demonstrators_and_sessions_where_they_are_known():
+    who = (Demonstrator("ann", Interval(0.5, 0.1, 0.9), (0, 2)), Demonstrator("bob", Interval(0.5, 0.1, 0.9), (1,)))
+    audit = make_audit(("typical",) * 3, demonstrators=who, sessions=("mon", "mon", "tue"))
+    table = audit.to_frame("pyarrow")
+    assert table["demonstrator"].to_pylist() == ["ann", "bob", "ann"]
+    assert table["session"].to_pylist() == ["mon", "mon", "tue"]
+
+
+@pytest.mark.parametrize("backend", ["pandas", "polars"])
+def test_a_fitted_audit_becomes_a_frame_with_its_facts(backend):
+    pytest.importorskip(backend)
+    audit = RPIL().fit(make("random", 0).demonstrations).audit_
+    frame = audit.to_frame(backend)
+    assert {"fact_length", "fact_pauses"} & {*pa.table(frame).column_names}
+    assert len(frame) == len(audit.ids)
+
+
+def test_to_html_writes_the_report(tmp_path):
+    audit = make_audit(ids=list("abcdefghij"))
+    audit.to_html(tmp_path / "report.html", title="Drives of May")
+    text = (tmp_path / "report.html").read_text()
+    assert "<title>Drives of May</title>" in text
+    assert audit.run_id in text
+    assert Page(text)
+    with pytest.raises(DataError):
+        audit.to_html(tmp_path / "missing" / "report.html")
+
+
+def test_parts_and_joined_audits_show_themselves_in_lines_too():
+    audit = make_audit()
+    joined = join_audits({"t": audit}, {"t": range(10)}, audit.ids, audit.offsets)
+    for shown in (audit, select(audit, [1, 2, 3]), joined, replace(audit, doubts=("A reason.",))):
+        assert repr(shown).startswith("Audit: some are unlike. ")
+        assert len(repr(shown).splitlines()) <= 9
+        assert "<table>" in shown._repr_html_()
+
+
+def test_every_field_is_described():
+    described = {
+        name for line in re.findall(r"^    (\w[\w, ]*) :", Audit.__doc__ or "", re.M) for name in line.split(", ")
+    }
+    assert described == {field.name for field in fields(Audit)}

@@ -51,6 +51,35 @@ def test_episodes():
         d.episode(2)
 
 
+def test_a_position_is_an_episode_and_more_are_demonstrations():
+    d = small()
+    for m in (1, -1, np.int64(1)):
+        observations, actions = d[m]
+        assert observations.tolist() == X[2:].tolist()
+        assert actions.tolist() == [1, 0, 2]
+    assert [list(part.ids) for part in (d[1:], d[::-1], d[[1]], d[np.array([True, False])])] == [
+        *(["b"], ["b", "a"], ["b"], ["a"])
+    ]
+    assert isinstance(d[1:], Demonstrations)
+    assert d[::-1].actions.tolist() == [1, 0, 2, 0, 1]
+    with pytest.raises(IndexError):
+        d[2]
+    refused(r"x.npz: \['b'\] takes a position; that of an id is .ids.index\('b'\)", d.__getitem__, "b")
+
+
+def test_thousands_are_told_apart_in_text():
+    many = Demonstrations.from_arrays(np.zeros((25518, 1)), np.zeros(25518), [0, 25518])
+    assert "1 demonstrations, 25,518 steps" in repr(many)
+
+
+@pytest.mark.parametrize("groups", [[0, 0, 1, 1, 1], ["a", "a", "b", "b", "b"], [0.0, 0.0, 1.0, 1.0, 1.0]])
+def test_groups_in_the_place_of_offsets_are_sent_to_from_groups(groups):
+    refused("has a value for each of the 5 rows, .*; use Demonstrations.from_groups", small, offsets=groups)
+    assert Demonstrations.from_groups(X, Y, groups).offsets.tolist() == OFFSETS
+    one_step_and_more = [0, 1, 2, 3, 5]  # five offsets of five rows
+    assert small(offsets=one_step_and_more, ids=None).lengths.tolist() == [1, 1, 1, 2]
+
+
 def test_arrays_are_read_only_and_the_callers_stay_writable():
     x = X.copy()
     d = small(observations=x)

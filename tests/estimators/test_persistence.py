@@ -6,7 +6,7 @@ from sklearn.base import clone
 from sklearn.linear_model import LogisticRegression
 
 from archives import LOST, mountain_car, npy, refused, rewrite
-from problems import make_continuous
+from problems import make, make_continuous
 from rpil import RPIL, BehavioralCloning, Confusion, Demonstrations, RMEnt, Settings, load, save
 from rpil.audit.settings import AuditSettings
 from rpil.data.errors import DataError
@@ -205,3 +205,10 @@ def test_continuous_models_come_back_bit_for_bit(estimator, tmp_path):
         assert loaded.audit_.to_dict() == replace(model.audit_, beside={}).to_dict()  # files hold no facts beside
     save(loaded, tmp_path / "again")
     assert (tmp_path / "again").read_bytes() == (tmp_path / "p").read_bytes()
+
+
+def test_that_rows_are_demonstrations_is_kept(tmp_path):
+    toy = make("random", 0, steps=(2, 4))
+    model = RMEnt(groups="rows", n_starts=2).fit(toy.observations, toy.actions)
+    save(model, tmp_path / "model.rpil")
+    assert load(tmp_path / "model.rpil").groups == "rows"

@@ -32,8 +32,7 @@ STEPS = (40, 60)
 PAPER = {"adversary": "complement", "settings": mixture(m_step="expert_only", prior=0.5)}
 
 
-@parametrize_with_checks([BehavioralCloning(), RMEnt(), RPIL(settings=FAST)])
-@pytest.mark.filterwarnings("ignore:No groups:UserWarning")
+@parametrize_with_checks([BehavioralCloning(), RMEnt(groups="rows"), RPIL(settings=FAST, groups="rows")])
 def test_estimator_checks_of_scikit_learn(estimator, check):
     """All of them: repeated rows and weights are the same to `BehavioralCloning`, the others take no weights. How well
     `RMEnt` predicts is not among them, see the next test."""
@@ -200,7 +199,7 @@ def test_clone_and_parameters():
     assert clone(model).get_params() == model.get_params()
     assert model.set_params(C=2.0).C == 2.0
     assert {"features", "adversary", "C", "labels", "settings", "random_state"} <= set(RPIL().get_params())
-    assert len(RPIL().get_params()) == 11
+    assert len(RPIL().get_params()) == 12
     toy = make("random", 0)
     assert not hasattr(clone(model.fit(toy.demonstrations)), "audit_")
     np.testing.assert_array_equal(pickle.loads(pickle.dumps(model)).log_odds_, model.log_odds_)  # noqa: S301
@@ -219,11 +218,11 @@ def test_in_a_pipeline():
     np.testing.assert_array_equal(routed[-1].log_odds_, scaled[-1].log_odds_)
 
 
-def test_cross_validate_without_groups_warns():
+def test_cross_validate_without_groups_is_an_error():
     toy = make("random", 0)
     model, splits = RPIL(adversary="uniform"), GroupKFold(3)
     arguments = model, toy.observations, toy.actions
-    with pytest.warns(UserWarning, match="No groups: every row is taken for a demonstration of its own"):
+    with pytest.raises(ValueError, match=r"All the 3 fits failed(.|\n)*RPIL\(\)\.set_fit_request\(groups=True\)"):
         cross_validate(*arguments, groups=toy.groups, cv=splits)
     with config_context(enable_metadata_routing=True), warnings.catch_warnings():
         warnings.simplefilter("error")

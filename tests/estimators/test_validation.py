@@ -52,6 +52,48 @@ def test_invalid_continuous_actions_are_refused_in_one_sentence(estimator):
         clone(estimator).fit(toy.observations, spoiled)
 
 
+@pytest.mark.parametrize("kind", [RPIL, RMEnt])
+def test_rows_without_groups_are_refused_unless_each_is_a_demonstration(kind):
+    toy = make("random", 0)
+    with pytest.raises(DataError, match=rf"pass groups=, .* {kind.__name__}\(groups='rows'\)") as error:
+        kind().fit(toy.observations, toy.actions)
+    assert one_sentence(error)
+    with pytest.raises(DataError, match=r"groups='row' in .* is unknown; leave it out, or give 'rows'") as error:
+        kind(groups="row").fit(toy.observations, toy.actions)
+    assert one_sentence(error)
+    kind().fit(toy.observations, toy.actions, groups=toy.groups)
+
+
+def test_each_row_is_a_demonstration_for_who_says_so():
+    toy = make("random", 0, steps=(2, 4))
+    said, given = RMEnt(groups="rows", n_starts=2), RMEnt(n_starts=2)
+    said.fit(toy.observations, toy.actions)
+    given.fit(toy.observations, toy.actions, groups=np.arange(len(toy.actions)))
+    np.testing.assert_array_equal(said.weights_, given.weights_)
+    # Groups that are given count, also where the constructor says "rows".
+    said.fit(toy.observations, toy.actions, groups=toy.groups)
+    assert len(said.weights_) == len(toy.is_good)
+
+
+def test_demonstrations_to_score_need_groups_too():
+    toy = make("random", 0)
+    model = RPIL(adversary="uniform").fit(toy.demonstrations)
+    with pytest.raises(DataError, match="No groups were given"):
+        model.score_demonstrations(toy.observations, toy.actions)
+
+
+@pytest.mark.parametrize(("good", "bad"), [("good", "bad"), ("expert", "adversary"), ("Good", "BAD")])
+def test_labels_take_the_same_words_as_files(good, bad):
+    toy = make("random", 0)
+    named = {"d0": good, "d1": good, "d11": bad}
+    plain = RPIL(adversary="uniform", labels={"d0": "good", "d1": "good", "d11": "bad"}).fit(toy.demonstrations)
+    for model in (
+        RPIL(adversary="uniform", labels=named).fit(toy.demonstrations),
+        RPIL(adversary="uniform").fit(toy.demonstrations, labels=named),
+    ):
+        np.testing.assert_array_equal(model.log_odds_, plain.log_odds_)
+
+
 def test_action_box_for_discrete_actions_is_refused_in_one_sentence():
     with pytest.raises(DataError, match="the actions are discrete, which no action_box fits; leave it out") as error:
         RPIL(action_box=(0, 1)).fit(make("random", 0).demonstrations)

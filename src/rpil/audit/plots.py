@@ -21,12 +21,13 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure, SubFigure
 
-    from rpil.audit.record import Audit
+    from rpil.audit.result import AuditResult
 
 
 # The palette of Okabe and Ito, which readers with any of the common colour deficiencies can distinguish.
 COLOURS: dict[Side, str] = {"upper": "#0072b2", "open": "#7f8790", "lower": "#d55e00"}
 MAX_NAMED_ROWS = 40
+MAX_NAMED_SESSIONS = 12
 
 
 def running_mean(values: Float[Array, " N"], window: int | None = None) -> Float[Array, " N"]:
@@ -48,7 +49,7 @@ def _add_legend(ax: Axes) -> None:
 class _AuditDisplay(ABC):
     """A picture of an audit, on the axes of the caller or on new ones."""
 
-    audit: Audit
+    audit: AuditResult
     ax_: Axes = field(init=False, repr=False)
     figure_: Figure | SubFigure = field(init=False, repr=False)
 
@@ -57,7 +58,7 @@ class _AuditDisplay(ABC):
         """Draw the picture."""
 
     @classmethod
-    def from_audit(cls, audit: Audit, *, ax: Axes | None = None, **options: Any) -> Self:
+    def from_audit(cls, audit: AuditResult, *, ax: Axes | None = None, **options: Any) -> Self:
         """Draw the picture from an `Audit`; `options` are those of ``plot``."""
         return cls(audit).plot(ax, **options)
 
@@ -164,6 +165,43 @@ class TimelineDisplay(_AuditDisplay):
         return self
 
 
+class SessionsDisplay(_AuditDisplay):
+    """Log-odds in the order of recording, session by session: sessions with another set-up stand out together."""
+
+    def plot(self, ax: Axes | None = None) -> Self:
+        """Draw one dot for each demonstration, and lines between sessions.
+
+        Where the order of recording is not known it is that of the data; where sessions are not, there are no lines.
+        """
+        audit, size = self.audit, len(self.audit.ids)
+        ax = self._prepare_axes(ax, (9.0, 2.8))
+        ax.set_yscale("symlog", linthresh=10)
+        place = np.arange(size) if audit.order is None else np.argsort(np.argsort(audit.order, kind="stable"))
+        names = audit.sessions or ("",) * size
+        first: dict[str, int] = {}
+        for m in np.argsort(place).tolist():
+            first.setdefault(names[m], len(first))
+        session = np.array([first[name] for name in names])
+        order = np.lexsort([place, session])
+        rows, verdicts = np.arange(size), np.array(audit.verdicts)[order]
+        for verdict in audit.verdict_counts():
+            mask, colour = verdicts == verdict, COLOURS[SIDES[verdict]]
+            if mask.any():
+                values = audit.log_odds[order][mask]
+                ax.plot(rows[mask], values, "o", color=colour, markersize=4.5, label=f"{verdict} ({mask.sum()})")
+        starts = np.flatnonzero(np.diff(session[order], prepend=-1))
+        for start in starts[1:].tolist():
+            ax.axvline(start - 0.5, color=COLOURS["open"], linewidth=0.8, linestyle=":")
+        if 1 < len(starts) <= MAX_NAMED_SESSIONS:
+            centres = (starts + np.append(starts[1:], size) - 1) / 2
+            ax.set_xticks(centres, [printable(name) for name in first], parse_math=False)
+        ax.axhline(0, color=COLOURS["open"], linewidth=0.8)
+        by = "Place in the data" if audit.order is None else "Order of recording"
+        ax.set(xlabel=f"Session, and {by[:1].lower()}{by[1:]}" if len(starts) > 1 else by, ylabel="Log-odds (nats)")
+        _add_legend(ax)
+        return self
+
+
 class HistoryDisplay(_AuditDisplay):
     """The objective of each round: the log-likelihood of the training group, or the objective of EM."""
 
@@ -176,3 +214,30 @@ class HistoryDisplay(_AuditDisplay):
         ax.xaxis.set_major_locator(MaxNLocator(integer=True))
         ax.set(xlabel="Round", ylabel="Objective (nats)")
         return self
+
+
+@dataclass(frozen=True, eq=False)
+class AuditPlots:
+    """The pictures of an audit, each drawn on the axes `ax` or on new ones; see `rpil.audit.record.Audit.plot`."""
+
+    audit: AuditResult = field(repr=False)
+
+    def ranking(
+        self, *, quantity: Literal["reliability", "log_odds"] = "reliability", ax: Axes | None = None
+    ) -> RankingDisplay:
+        """Every demonstration, the most trusted at the top."""
+        return RankingDisplay.from_audit(self.audit, ax=ax, quantity=quantity)
+
+    def steps(self, demonstration: Hashable = None, *, ax: Axes | None = None) -> TimelineDisplay:
+        """The log-ratio of each step of the demonstration with this id, by default of the least trusted one.
+
+        Raises
+        ------
+        DataError
+            If there is none.
+        """
+        return TimelineDisplay.from_audit(self.audit, ax=ax, demonstration=demonstration)
+
+    def sessions(self, *, ax: Axes | None = None) -> SessionsDisplay:
+        """Log-odds in the order of recording, session by session, as far as these are known."""
+        return SessionsDisplay.from_audit(self.audit, ax=ax)

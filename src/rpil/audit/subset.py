@@ -11,7 +11,7 @@ import numpy as np
 from rpil.audit.record import Audit
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class AuditOfPart(Audit):
     """An audit whose reasons compare with demonstrations that are not in it."""
 

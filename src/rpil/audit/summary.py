@@ -10,7 +10,8 @@ from scipy.special import expit
 from rpil.audit.answering import doubts_of_answers, verdicts_of
 from rpil.audit.facts import ranks_beside
 from rpil.audit.groups import groups_differ
-from rpil.audit.record import MAX_LOG_ODDS, Audit, Demonstrator, Interval
+from rpil.audit.record import Audit
+from rpil.audit.result import MAX_LOG_ODDS, Demonstrator, Interval
 from rpil.audit.settings import AuditSettings
 from rpil.audit.step_weights import step_weight
 from rpil.audit.text import printable

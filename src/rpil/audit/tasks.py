@@ -7,7 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rpil.audit.record import Audit, Interval
+from rpil.audit.record import Audit
+from rpil.audit.result import Interval
 from rpil.audit.settings import AuditSettings
 from rpil.audit.subset import AuditOfPart
 from rpil.audit.text import listed
@@ -24,7 +25,7 @@ ALONE = "Not judged: it is the only demonstration of its task or session."
 _FINDINGS = tuple(FINDINGS)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class AuditOfTasks(AuditOfPart):
     """The audits of several tasks or sessions as one; each sentence and number is that of the demonstration's own."""
 

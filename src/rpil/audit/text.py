@@ -16,6 +16,11 @@ def printable(name: object) -> str:
     return text if text.isprintable() else "".join(map(_escape_invisible, text))
 
 
+def one_line(name: object) -> str:
+    """The `printable` text of a name with spaces in the place of lines and tabs."""
+    return " ".join(printable(name).split())
+
+
 def listed(names: Sequence[object]) -> str:
     """Some names in one line, and how many more there are."""
     texts = [printable(name) for name in names[:MAX_LISTED_NAMES]]

@@ -7,7 +7,7 @@ from collections.abc import Hashable, Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
 
-from rpil.audit.record import Audit
+from rpil.audit.result import AuditResult
 from rpil.audit.words import SIDES
 from rpil.data.files import StrPath, check_extension, replacing
 from rpil.faults.record import Finding
@@ -17,7 +17,7 @@ TABLE_EXTENSIONS = (".csv", ".parquet", ".json")
 
 
 def verdict_columns(
-    audit: Audit,
+    audit: AuditResult,
     demonstrators: Mapping[str, str],
     findings: Sequence[Finding] = (),
     tasks: Mapping[str, str] = MappingProxyType({}),
@@ -45,7 +45,7 @@ def verdict_columns(
 
 def write_verdicts(
     path: StrPath,
-    audit: Audit,
+    audit: AuditResult,
     demonstrators: Mapping[str, str],
     findings: Sequence[Finding] = (),
     tasks: Mapping[str, str] = MappingProxyType({}),
@@ -79,12 +79,12 @@ def write_verdicts(
     writer.write_tables(path, iter([pa.table(columns)]))
 
 
-def kept(audit: Audit) -> list[Hashable]:
+def kept(audit: AuditResult) -> list[Hashable]:
     """The ids of all demonstrations but those that are called unlike, bad or adversary, in the order of the data."""
     return [name for name, verdict in zip(audit.ids, audit.verdicts, strict=True) if SIDES[verdict] != "lower"]
 
 
-def write_kept(path: StrPath, audit: Audit) -> None:
+def write_kept(path: StrPath, audit: AuditResult) -> None:
     """Write ``{"episodes": [...], "run": ...}``: the `kept` ids, and the run id.
 
     Ids are in the order of the data. Whole numbers are written as such: then the list is what LeRobot takes as the

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -14,6 +15,7 @@ from rpil.data import arrays
 from rpil.data.arrays import ActionKind, Id, Indices
 from rpil.data.episodes import lay_end_to_end
 from rpil.data.errors import DataError
+from rpil.data.overview import demonstrations_html
 from rpil.numerics.types import Array
 
 SOURCE = "the demonstrations"
@@ -92,7 +94,7 @@ class DemonstrationSet:
 
     def _described(self, n_observations: int, is_discrete: bool, source: str) -> str:
         return (
-            f"<{type(self).__name__} from {source}: {self.n_demonstrations} demonstrations, {self.n_steps} steps, "
+            f"<{type(self).__name__} from {source}: {self.n_demonstrations:,} demonstrations, {self.n_steps:,} steps, "
             f"{n_observations} observations, {'discrete' if is_discrete else 'continuous'} actions>"
         )
 
@@ -177,11 +179,19 @@ class Demonstrations(DemonstrationSet):
         source: str = SOURCE,
         action_kind: ActionKind = "auto",
     ) -> Demonstrations:
-        """From rows laid end to end; see the class for shapes and errors."""
-        return cls(
+        """From rows laid end to end; see the class for shapes and errors.
+
+        Where the demonstration of each row is known instead of offsets, see `from_groups`.
+        """
+        rows, bounds = (
             arrays.as_array(observations, "observations", source),
-            arrays.as_array(actions, "actions", source),
             arrays.as_array(offsets, "offsets", source),
+        )
+        arrays.check_no_groups(bounds, len(np.atleast_1d(rows)), source)
+        return cls(
+            rows,
+            arrays.as_array(actions, "actions", source),
+            bounds,
             () if ids is None else arrays.as_ids(ids, source),
             arrays.as_names(observation_names, source),
             source,
@@ -320,5 +330,18 @@ class Demonstrations(DemonstrationSet):
     def __iter__(self) -> Iterator[Episode]:
         return (self.episode(m) for m in range(self.n_demonstrations))
 
+    @overload
+    def __getitem__(self, index: int) -> Episode: ...
+    @overload
+    def __getitem__(self, index: slice | Sequence[int] | NDArray[np.generic]) -> Demonstrations: ...
+    def __getitem__(self, index: int | Indices) -> Episode | Demonstrations:
+        """`episode` of a position, as iteration gives it, or `select` of a slice, positions or a mask."""
+        if isinstance(index, str):
+            raise DataError(f"{self.source}: [{index!r}] takes a position; that of an id is .ids.index({index!r}).")
+        return self.episode(index) if isinstance(index, int | np.integer) else self.select(index)
+
     def __repr__(self) -> str:
         return self._described(self.n_observations, self.is_discrete, self.source)
+
+    def _repr_html_(self) -> str:
+        return demonstrations_html(self)

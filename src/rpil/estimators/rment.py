@@ -18,6 +18,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from math import ceil
 from operator import index
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -145,6 +146,8 @@ class RMEnt(PolicyEstimator):
         Same seed, same bits.
     settings : ConcentrationSettings, optional
         The search for the best demonstrations.
+    groups : {"rows"}, optional
+        "rows" takes every row for a demonstration where `fit` gets no groups; by default that is an error.
 
     Attributes
     ----------
@@ -183,6 +186,7 @@ class RMEnt(PolicyEstimator):
         tol: float = 1e-6,
         random_state: int = 0,
         settings: ConcentrationSettings | None = None,
+        groups: Literal["rows"] | None = None,
     ) -> None:
         self.n_trusted = n_trusted
         self.features = features
@@ -192,6 +196,7 @@ class RMEnt(PolicyEstimator):
         self.tol = tol
         self.random_state = random_state
         self.settings = settings
+        self.groups = groups
 
     def fit(self, X: ArrayLike | Demonstrations, y: ArrayLike | None = None, groups: ArrayLike | None = None) -> RMEnt:
         """Learn from observations X (N, D), actions y (N,) and the demonstration of each step, groups (N,).
@@ -201,7 +206,7 @@ class RMEnt(PolicyEstimator):
         Raises
         ------
         DataError
-            One sentence: constant actions, a single demonstration, an impossible `n_trusted`.
+            One sentence: rows without groups, constant actions, a single demonstration, an impossible `n_trusted`.
         """
         demonstrations = as_demonstrations(self, X, y, groups)
         task = Task.of(demonstrations)
@@ -233,7 +238,7 @@ class RMEnt(PolicyEstimator):
 
     def __sklearn_tags__(self) -> Tags:
         tags = super().__sklearn_tags__()
-        # without groups every row is a demonstration, and the half that one policy explains best leaves out a class
+        # where every row is a demonstration, the half that one policy explains best leaves out a class
         tags.classifier_tags.poor_score = True
         return tags
 

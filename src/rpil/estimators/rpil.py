@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import fields, replace
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -82,6 +83,8 @@ class RPIL(PolicyEstimator):
     checkpoint : path, optional
         File of the state of the final policy's fit to large data, written after every pass and removed at the end. A
         fit goes on from an existing file.
+    groups : {"rows"}, optional
+        "rows" takes every row for a demonstration where `fit` gets no groups; by default that is an error.
 
     Attributes
     ----------
@@ -134,6 +137,7 @@ class RPIL(PolicyEstimator):
         progress: Callable[[str], None] | None = None,
         engine: Engine | None = None,
         checkpoint: StrPath | None = None,
+        groups: Literal["rows"] | None = None,
     ) -> None:
         self.features = features
         self.policy = policy
@@ -146,6 +150,7 @@ class RPIL(PolicyEstimator):
         self.progress = progress
         self.engine = engine
         self.checkpoint = checkpoint
+        self.groups = groups
 
     def fit(
         self,
@@ -169,7 +174,7 @@ class RPIL(PolicyEstimator):
         y : (N,) or (N, A) array
             Actions.
         groups : (N,) array
-            The demonstration of each step.
+            The demonstration of each step; needed where X is an array, see the parameter of the constructor.
         labels : mapping of id to {"good", "bad", "better than ID"}, or sequence of such pairs, optional
             Answers about demonstrations, in the place of the constructor's.
         demonstrators : mapping of id to name, or sequence of M names, optional
@@ -184,9 +189,9 @@ class RPIL(PolicyEstimator):
         Raises
         ------
         DataError
-            One sentence: constant actions, an action outside the box, a single demonstration, an unknown id, a wrong
-            number of `demonstrators`, outcomes or places, an outcome that is the same for all, or only demonstrations
-            labelled bad.
+            One sentence: rows without groups, constant actions, an action outside the box, a single demonstration, an
+            unknown id, a wrong number of `demonstrators`, outcomes or places, an outcome that is the same for all, or
+            only demonstrations labelled bad.
         """
         if isinstance(X, Recording):
             known = Known.of(X, labels if labels is not None else self.labels, demonstrators, outcome, order)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Iterator
 from typing import cast
 
@@ -18,6 +17,9 @@ from rpil.data.errors import DataError
 from rpil.formats import read
 from rpil.formats.arrow import Frame
 from rpil.numerics.types import Array
+
+ROWS = "rows"
+"""The constructor parameter `groups` of those to whom each row is a demonstration."""
 
 Given = Demonstrations | Frame | list[object] | Iterator[object]
 """Demonstrations, or what they are read from: a data frame, or trajectories."""
@@ -83,7 +85,10 @@ def as_demonstrations(
     groups: ArrayLike | None,
     reset: bool = True,
 ) -> Demonstrations:
-    """`Demonstrations` from observations (N, D), actions and groups (N,); without groups every row is one."""
+    """`Demonstrations` from observations (N, D), actions and groups (N,).
+
+    Every row is one only where the estimator has the parameter ``groups="rows"``; else a `DataError` without groups.
+    """
     X = as_given(X, y)
     observations, actions = observations_and_actions(estimator, X, y, reset)
     if isinstance(X, Demonstrations):
@@ -91,16 +96,24 @@ def as_demonstrations(
     if np.asarray(actions).dtype.kind not in "fc":
         check_classification_targets(actions)
     if groups is None:
-        warnings.warn(
-            "No groups: every row is taken for a demonstration of its own; pass groups=, the demonstration of each row "
-            "(in cross_validate and the like that needs metadata routing: "
-            f"{type(estimator).__name__}().set_fit_request(groups=True)).",
-            UserWarning,
-            stacklevel=3,
-        )
-        groups = np.arange(len(observations))
+        groups = _a_group_for_each_row(estimator, len(observations))
     kind = _kind_of_targets(actions)
     return Demonstrations.from_groups(observations, actions, groups, action_kind=kind)
+
+
+def _a_group_for_each_row(estimator: BaseEstimator, n_rows: int) -> Array:
+    """The number of each row, where the estimator was told that every row is a demonstration; else a `DataError`."""
+    given, name = estimator.groups, type(estimator).__name__
+    if given not in (None, ROWS):
+        raise DataError(f"groups={given!r} in {name}() is unknown; leave it out, or give {ROWS!r}.")
+    if given is None:
+        raise DataError(
+            "No groups were given, so it is not known which rows are one demonstration; pass groups=, the "
+            "demonstration of each row (in cross-validation by metadata routing, "
+            f"{name}().set_fit_request(groups=True)), or "
+            f"{name}(groups={ROWS!r}) where each row is one."
+        )
+    return np.arange(n_rows)
 
 
 def one_step_each(observations: Array, actions: Array) -> Demonstrations:

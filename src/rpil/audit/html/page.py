@@ -16,7 +16,7 @@ from rpil.audit.answering import NEXT_STEPS
 from rpil.audit.html.number_format import format_count, format_number, format_percent
 from rpil.audit.html.pictures import Timelines, inline_svg
 from rpil.audit.plots import HistoryDisplay, LengthDisplay
-from rpil.audit.record import Audit
+from rpil.audit.result import AuditResult
 from rpil.audit.text import printable
 from rpil.audit.words import SIDES
 from rpil.data.files import replacing
@@ -31,7 +31,7 @@ class Article:
     """One audit on a page; before its ranking, `sections` of a heading and a body, which is `Markup` or is escaped."""
 
     title: str
-    audit: Audit
+    audit: AuditResult
     source: str  # a file name or another name for the data
     summary: str = ""  # one sentence for the list of articles at the top of a page
     sections: Sequence[tuple[str, str | Markup]] = ()
@@ -90,7 +90,7 @@ def write_page(path: str | os.PathLike[str], articles: Sequence[Article], **text
         stream.write(page)
 
 
-def _template_values(audit: Audit, prefix: str) -> dict[str, object]:
+def _template_values(audit: AuditResult, prefix: str) -> dict[str, object]:
     """The values that article.html inserts; `prefix` starts every id."""
     parts, timelines, size = audit.evidence_columns(), Timelines(audit), (4.6, 3)
     reliability = "Reliability of each demonstration against its number of steps, coloured by verdict."
@@ -116,7 +116,9 @@ def _template_values(audit: Audit, prefix: str) -> dict[str, object]:
     }
 
 
-def _rows(audit: Audit, parts: Mapping[str, np.ndarray], timelines: Timelines, prefix: str) -> list[dict[str, object]]:
+def _rows(
+    audit: AuditResult, parts: Mapping[str, np.ndarray], timelines: Timelines, prefix: str
+) -> list[dict[str, object]]:
     """The rows of the ranking, the most trusted first; `parts` are those of the log-odds."""
     letters = {name: letter for letter, group in audit.groups.items() for name in group}
     order = audit.ranking().tolist()

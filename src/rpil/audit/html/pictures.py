@@ -12,7 +12,7 @@ from markupsafe import Markup, escape
 
 from rpil.audit.html.number_format import format_number
 from rpil.audit.plots import COLOURS, running_mean
-from rpil.audit.record import Audit
+from rpil.audit.result import AuditResult
 from rpil.audit.words import SIDES, Side
 from rpil.numerics.types import Array, Float, Int
 
@@ -85,7 +85,7 @@ def returns_figure(rows: Sequence[tuple[str, float, float, float]]) -> Markup:
     return _FIGURE.format(inline_svg(draw, (5, 0.7 + 0.4 * len(rows)), f"Mean returns: {intervals}", "returns"))
 
 
-def score_figure(audit: Audit, score: Float[Array, " M"], name: str) -> Markup:
+def score_figure(audit: AuditResult, score: Float[Array, " M"], name: str) -> Markup:
     """Log-odds of each demonstration against a score that the audit did not see; `name` is the label of its axis."""
 
     def draw(ax: Axes) -> None:
@@ -132,7 +132,7 @@ class Timelines:
     The scale covers the log-ratios between the 2 % and the 98 % quantile; steps beyond are drawn at its edges.
     """
 
-    def __init__(self, audit: Audit) -> None:
+    def __init__(self, audit: AuditResult) -> None:
         self.audit = audit
         low, high = np.quantile(audit.step_log_ratio, [0.02, 0.98])
         self.low, self.high = min(float(low), -0.1), max(float(high), 0.1)

@@ -1,0 +1,51 @@
+"""What an audit holds: its methods give what its fields say."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from audits import make_audit
+from rpil.data.errors import DataError
+
+
+def test_worst_steps_are_the_most_negative_and_never_positive():
+    ratio = np.concatenate([[1.0, -2.0, 0.0], [5.0], [-1.0, -3.0, 2.0, -1.0], [-np.inf, 0.5], [-6, -2, -4, -3, -5]])
+    audit = make_audit(("typical",) * 5, lengths=[3, 1, 4, 2, 5], step_log_ratio=ratio)
+    assert [audit.worst_steps(m) for m in range(5)] == [[1], [], [1, 0, 3], [0], [0, 4, 2, 3, 1]]
+    assert audit.worst_steps(4, k=2) == [0, 4]
+    np.testing.assert_array_equal(audit.step_log_ratio[audit.steps(2)], [-1.0, -3.0, 2.0, -1.0])
+
+
+def test_to_dict_has_the_documented_keys_and_is_json():
+    log_odds = np.array([1.0, 2.0, -30.0, 0.0, -1.0])
+    audit = make_audit(("typical",) * 5, ids=list("abcde"), lengths=[3, 1, 4, 2, 5], log_odds=log_odds)
+    content = json.loads(json.dumps(audit.to_dict(), allow_nan=False))
+    keys = {"n_demonstrations", "n_steps", "finding", "anchor", "adversary", "prior", "identifiable", "demonstrations"}
+    assert set(content) == keys | {
+        *("groups", "pair", "question", "notes", "doubts", "contradicting", "assumptions", "demonstrators")
+    }
+    assert set(content["prior"]) == {"mean", "low", "high"}
+    keys = {"id", "n_steps", "log_odds", "evidence", "expert_proba", "reliability", "verdict", "reason", "worst_steps"}
+    assert all(set(entry) == keys | {"facts"} for entry in content["demonstrations"])
+    assert [entry["id"] for entry in content["demonstrations"]] == ["b", "a", "d", "e", "c"]  # the most trusted first
+    assert content["groups"] == []
+    assert (content["n_demonstrations"], content["n_steps"]) == (5, 15)
+    assert [entry["n_steps"] for entry in content["demonstrations"]] == [1, 3, 2, 5, 4]
+
+
+def test_index_of_an_id():
+    audit = make_audit(ids=list("abcdefghij"))
+    assert audit.index("c") == 2
+    with pytest.raises(DataError, match="No demonstration is called 'z'"):
+        audit.index("z")
+
+
+def test_a_copy_of_what_is_labelled_has_its_reason():
+    made = make_audit(("good",) * 4 + ("bad",) * 4, anchor="answers", finding="answered", labels={0: 1})
+    copied = replace(made, copy_of=np.array([0, 0, *range(2, 8)]))
+    assert copied.reasons[1].startswith("Labelled good")
+    assert not made.reasons[1].startswith("Labelled good")
