@@ -77,9 +77,8 @@ def _read(path: Path) -> tuple[tuple[str, ...], Array, Array]:
         index = _checked_index(columns.pop(_INDEX), path)
         for name, values in columns.items():
             if len(values) != len(index):
-                raise DataError(
-                    f"{path}: {name!r} has {len(values):,} rows, and 'index' has {len(index):,}; write one for each step."
-                )
+                said = f"{name!r} has {len(values):,} rows, and 'index' has {len(index):,}"
+                raise DataError(f"{path}: {said}; write one row for each step.")
         blocks = {name: np.reshape(values, (len(index), -1)) for name, values in columns.items()}
         order = np.argsort(index, kind="stable")
         index, values = index[order], np.concatenate(list(blocks.values()), axis=1)[order].astype(np.float32)
