@@ -68,10 +68,8 @@ class Folder:
             table = pq.read_table(file, columns=columns)
             numbers, starts, counts = np.unique(table["episode_index"], return_index=True, return_counts=True)
             for m, row, n in zip(numbers.tolist(), starts.tolist(), counts.tolist(), strict=True):
-                first, start = (
-                    table[name][row].as_py() if name in columns else without
-                    for name, without in (("index", -1), ("timestamp", 0.0))
-                )
+                first = table["index"][row].as_py() if "index" in columns else -1
+                start = table["timestamp"][row].as_py() if "timestamp" in columns else 0.0
                 found[m] = Rows(n, first, os.path.relpath(file, self.path), start)
         return found
 

@@ -154,7 +154,8 @@ def _copy(path: Path, new: Path, packets: Packets, runs: Sequence[_Run]) -> None
         out.time_base = stream.time_base
         for place, packet in enumerate(packet for packet in source.demux(stream) if packet.size):
             if wanted[place]:
-                packet.pts, packet.dts = packet.pts + int(shift[place]), packet.dts + int(shift[place])
+                packet.pts = int(packets.shown[place] + shift[place])
+                packet.dts = int(packets.decoded[place] + shift[place])
                 packet.stream = out
                 target.mux(packet)
 
