@@ -88,7 +88,7 @@ def test_a_size_of_chunks_that_is_none_is_named(tmp_path, size):
     root = folders.write(tmp_path / "drive", LENGTHS, "v2.1")
     change_info(root, chunks_size=size)
     (note,) = [text for text in formats.read_recording(root).description.notes if "meta" in text]
-    assert f"cannot be used: chunks_size = {size}" in note
+    assert "cannot be used: chunks_size." in note
     (defect,) = find_defects(root, False)
     assert f"info.json: chunks_size is {size}, no whole number above 0" in defect.sentence
     with pytest.raises(DataError, match=r"info\.json: it cannot be read .*chunks_size"):

@@ -140,13 +140,11 @@ def read_metadata(filesystem: fs.FileSystem, paths: Sequence[str]) -> Metadata:
         unusable.append(f"features {quoted(wrong, 5)}" if wrong else "features")
     sizes: dict[str, float] = {name: info[name] for name in _SIZES if _is_size(info.get(name))}
     unusable += [name for name in _SIZES if name in info and name not in sizes]
-    if chunk_size(info) is None:
-        unusable.append(f"chunks_size = {str(info['chunks_size'])[:40]}")
+    unusable += ["chunks_size"] * (chunk_size(info) is None)
     lengths = _lengths(filesystem, meta)
     strays, are_all = _strays(filesystem, data, info, lengths, paths)
     tasks = _tasks(filesystem, meta)
-    if tasks is None:
-        unusable.append("tasks")
+    unusable += ["tasks"] * (tasks is None)
     return Metadata(
         version=str(info.get("codebase_version", ""))[:40],
         fps=fps,

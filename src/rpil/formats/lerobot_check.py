@@ -25,7 +25,7 @@ from rpil.formats.lerobot_episodes import read_episodes, read_lines
 from rpil.formats.lerobot_frames import Shot, find_faults
 from rpil.formats.lerobot_kept import PATHS, video_place
 from rpil.formats.lerobot_video import load_av
-from rpil.formats.parquet_pages import check_columns
+from rpil.formats.parquet_pages import check_column_sizes
 from rpil.formats.store import find_files
 
 INFO, STATS = "meta/info.json", "meta/stats.json"
@@ -64,7 +64,7 @@ class Folder:
         for file in find_files(self.path)[1]:
             names = pq.read_schema(file).names
             columns = ["episode_index", *(name for name in ("index", "timestamp") if name in names)]
-            check_columns([file], columns, Path(file).name)
+            check_column_sizes([file], columns, Path(file).name)
             table = pq.read_table(file, columns=columns)
             numbers, starts, counts = np.unique(table["episode_index"], return_index=True, return_counts=True)
             for m, row, n in zip(numbers.tolist(), starts.tolist(), counts.tolist(), strict=True):

@@ -19,7 +19,7 @@ from rpil.data.names import quoted
 from rpil.formats.columns import ColumnOptions
 from rpil.formats.lerobot import fill
 from rpil.formats.parquet import keep_rows
-from rpil.formats.parquet_pages import check_columns
+from rpil.formats.parquet_pages import check_column_sizes
 from rpil.formats.store import find_files
 from rpil.formats.table import numbers_or_missing
 from rpil.numerics.types import Array
@@ -104,7 +104,7 @@ class Kept:
         if not own:
             return []
         columns = ["episode_index", "frame_index", *own]
-        check_columns([file], columns, file.name)
+        check_column_sizes([file], columns, file.name)
         table = pq.read_table(file, columns=columns)
         old, frames = (table[name].to_numpy() for name in columns[:2])
         rewards, rewarded = numbers_or_missing(table[REWARD]) if REWARD in own else None, []

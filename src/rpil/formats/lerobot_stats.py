@@ -10,7 +10,7 @@ import numpy as np
 
 from rpil.data.json_files import Parsed
 from rpil.formats import table as flat
-from rpil.formats.parquet_pages import check_columns
+from rpil.formats.parquet_pages import check_column_sizes
 from rpil.numerics.types import Array
 
 if TYPE_CHECKING:
@@ -58,7 +58,7 @@ def of_data(data: Path, like: Mapping[str, Statistics]) -> dict[str, dict[str, P
     names = [name for name in like if name in schema.names and flat.kind_of_type(schema.field(name).type) != "nested"]
     found: dict[str, dict[str, Parsed]] = {}
     for name in names:  # of which one is in memory
-        check_columns(files, [name], f"{data}, column {name!r}")
+        check_column_sizes(files, [name], f"{data}, column {name!r}")
         found |= of_table(pq.read_table(data, columns=[name]), like)
     return found
 

@@ -73,7 +73,7 @@ def check_table(path: Path | str, filesystem: fs.FileSystem | None = None) -> No
     check_memory(_table_bytes(path, filesystem), Path(path).name)
 
 
-def check_columns(paths: Iterable[Path | str], columns: Collection[str], where: str) -> None:
+def check_column_sizes(paths: Iterable[Path | str], columns: Collection[str], where: str) -> None:
     """A `DataError` where these columns of Parquet files, which are read together, would not fit in memory."""
     check_memory(sum(_table_bytes(path, columns=columns) for path in paths), where)
 
