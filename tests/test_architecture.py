@@ -210,7 +210,6 @@ WITHOUT_TESTS = {
     "formats/on_disk.py": "tests/formats/test_dataset.py",
     "formats/lerobot_episodes.py": "tests/formats/test_lerobot_kept.py",
     "formats/lerobot_stats.py": "tests/formats/test_lerobot_kept.py",
-    "formats/lerobot_video.py": "tests/formats/test_lerobot_kept.py",
     "formats/lerobot_frames.py": "tests/formats/test_lerobot_check.py",
     "formats/order.py": "as dialect.py",
     "formats/starts.py": "as store.py",

@@ -307,7 +307,7 @@ MOST_OPENS = {
     **dict.fromkeys(("CSV", "TSV, UTF-16", "folder of CSV", "Minari, Arrow"), (3, 6)),
     **dict.fromkeys(("CSV of discrete actions", "CSV, semicolons, Windows", "CSV, compressed"), (4, 7)),
     "NPZ": (3, 5),
-    **dict.fromkeys(("Parquet", "Parquet of lists", "folder of Parquet"), (3, 4)),
+    **dict.fromkeys(("Parquet", "Parquet of lists", "folder of Parquet"), (3, 5)),
     "LeRobot": (4, 7),
     "Minari, Parquet": (4, 7),
     "Minari, HDF5": (1, 2),

@@ -45,6 +45,12 @@ def test_they_become_observations_of_the_step_with_their_index(tmp_path, name, o
         ({"index": range(N), "e": [np.nan] * N}, "missing"),
         ({"e": range(N)}, "needs a column 'index'"),
         ({"index": range(N)}, "others of numbers"),
+        ({"index": range(N), "e": np.zeros((2, N))}, rf"e\.npz: 'e' has 2 rows, and 'index' has {N}"),
+        ({"index": range(N), "e": np.zeros((3, N, 2))}, "'e' has 3 rows"),
+        ({"index": np.arange(N) + 0.7, "e": range(N)}, r"e\.npz: 'index' needs one whole number in each row"),
+        ({"index": [np.nan, *range(1, N)], "e": range(N)}, "one whole number"),
+        ({"index": [np.inf, *range(1, N)], "e": range(N)}, "one whole number"),
+        ({"index": np.zeros((N, 2)), "e": range(N)}, "one whole number"),
     ],
 )
 def test_files_that_do_not_fit_are_refused(tmp_path, columns, message):
@@ -52,6 +58,17 @@ def test_files_that_do_not_fit_are_refused(tmp_path, columns, message):
     np.savez(file, **{name: np.array(values) for name, values in columns.items()})
     with pytest.raises(DataError, match=message):
         rpil.read(root, embeddings=file)
+
+
+@pytest.mark.parametrize("damage", [None, [1.0]])
+def test_a_list_that_is_missing_or_short_is_not_left_out(tmp_path, damage):
+    root, rows = lerobot(tmp_path), [[1.0, 2.0]] * (N - 1)
+    table = pa.table({"index": range(N), "e": [damage, *rows], "other": range(N), "text": ["a"] * N})
+    pq.write_table(table, tmp_path / "e.parquet")
+    with pytest.raises(DataError, match=r"e\.parquet: column 'e' needs a list of as many numbers in each row"):
+        rpil.read(root, embeddings=tmp_path / "e.parquet")
+    pq.write_table(table.drop_columns(["e"]), tmp_path / "e.parquet")
+    assert rpil.read(root, embeddings=tmp_path / "e.parquet").observation_names[-1] == "other"
 
 
 def test_data_without_an_index_cannot_be_joined(tmp_path):

@@ -8,6 +8,7 @@ import pytest
 
 import lerobot_folders as folders
 from rpil import formats
+from rpil.data.errors import DataError
 from rpil.formats.lerobot_check import find_defects, mend
 
 pytest.importorskip("av", reason="needs the extra video")
@@ -50,6 +51,48 @@ def test_totals_and_statistics_are_mended_after_a_backup(tmp_path):
     change_info(root, total_episodes=99)
     mend(root)
     assert (root / "meta" / "info.json.bak2").is_file()
+
+
+@pytest.mark.parametrize("name", ["info.json", "stats.json"])
+def test_a_file_that_is_a_link_is_not_mended(tmp_path, name):
+    """In the Hub's cache another snapshot may have the same file."""
+    root = folders.write(tmp_path / "datasets--me--drive" / "snapshots" / "1f2e", LENGTHS, cameras=())
+    stats = json.loads((root / "meta" / "stats.json").read_text())
+    (root / "meta" / "stats.json").write_text(json.dumps(stats | {"action": stats["action"] | {"std": [20.0, 20.0]}}))
+    change_info(root, total_frames=7)
+    blob = tmp_path / "datasets--me--drive" / "blobs" / "0a1b"
+    blob.parent.mkdir()
+    (root / "meta" / name).rename(blob)
+    (root / "meta" / name).symlink_to(blob)
+    before = {file: file.read_bytes() for file in tmp_path.rglob("*.*") if file.is_file()} | {blob: blob.read_bytes()}
+    with pytest.raises(DataError, match=f"{name}: it is a link, and is not mended; mend a copy"):
+        mend(root)
+    assert {file: file.read_bytes() for file in before} == before
+    assert not [*tmp_path.rglob("*.bak")]
+
+
+def test_frames_before_the_rows_of_a_trimmed_episode_are_no_fault(tmp_path):
+    root = folders.write(tmp_path / "drive", LENGTHS, "v2.1", options={"g": "4", "crf": "30"})
+    formats.keep(root, tmp_path / "kept", [1, 2], trims={1: (7, 20)})
+    file = tmp_path / "kept" / "data" / "chunk-000" / "episode_000000.parquet"
+    assert pq.read_table(file)["timestamp"][0].as_py() > 0
+    assert found(tmp_path / "kept", look=True) == []
+    table = pq.read_table(file)
+    later = folders.pa.array(table["timestamp"].to_numpy() + np.float32(2 / folders.FPS))
+    pq.write_table(table.set_column(table.column_names.index("timestamp"), "timestamp", later), file)
+    assert ("frame count", "0") in found(tmp_path / "kept")
+
+
+@pytest.mark.parametrize("size", [0.5, 0, -3, 1.5, "many", True, None])
+def test_a_size_of_chunks_that_is_none_is_named(tmp_path, size):
+    root = folders.write(tmp_path / "drive", LENGTHS, "v2.1")
+    change_info(root, chunks_size=size)
+    (note,) = [text for text in formats.read_recording(root).description.notes if "meta" in text]
+    assert "cannot be used: chunks_size." in note
+    (defect,) = find_defects(root, False)
+    assert f"info.json: chunks_size is {size}, no whole number above 0" in defect.sentence
+    with pytest.raises(DataError, match=r"info\.json: it cannot be read .*chunks_size"):
+        formats.keep(root, tmp_path / "kept", [1])
 
 
 def test_totals_of_a_partial_download_are_named_and_left(tmp_path):

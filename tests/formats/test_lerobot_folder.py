@@ -129,6 +129,13 @@ def test_episodes_that_are_not_there_are_not_kept(dataset, output, ids):
     assert not dataset.with_name(output).exists()
 
 
+@pytest.mark.parametrize("trims", [None, {1: (0, 2)}])
+def test_ids_of_a_column_are_not_taken_for_numbers_of_episodes(dataset, trims):
+    with pytest.raises(DataError, match="it is given back by its own ids; leave id out"):
+        formats.keep(dataset, dataset.with_name("kept"), [1], formats.ColumnOptions(id="task_index"), trims)
+    assert not dataset.with_name("kept").exists()
+
+
 def test_long_lists_of_tasks_are_read(dataset):
     (dataset / "meta" / "tasks.parquet").unlink()
     lines = [json.dumps({"task_index": k, "task": f"{k}: {'x' * 10**6}"}) for k in range(20)]

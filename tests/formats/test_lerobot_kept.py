@@ -87,6 +87,30 @@ def test_idle_ends_are_cut_with_their_frames(tmp_path, version, coded):
 
 
 @pytest.mark.parametrize("version", ["v3.0", "v2.1"])
+@pytest.mark.parametrize("as_list", [False, True])
+def test_what_the_last_row_says_of_the_end_is_not_cut(tmp_path, monkeypatch, version, as_list):
+    monkeypatch.setattr("rpil.formats.parquet.BATCH_ROWS", 5)  # the old and the new last row are not read together
+    root = folders.write(tmp_path / "drive", LENGTHS, version, ())
+    for file in (root / "data").rglob("*.parquet"):
+        table = pq.read_table(file)
+        m, frame = (table[name].to_numpy() for name in ("episode_index", "frame_index"))
+        ends = frame == np.array(LENGTHS)[m] - 1
+        columns = {"next.done": ends, "next.success": ends & (m != 2), "next.reward": np.where(ends & (m == 1), 1.0, 0)}
+        for name, values in columns.items():
+            own = values[:, None].tolist() if as_list and name == "next.done" else values
+            table = table.append_column(name, folders.pa.array(own))
+        pq.write_table(table, file)
+    with pytest.warns(UserWarning, match=r"'next\.reward' of rows that are cut .* demonstrations '1'\.") as told:
+        formats.keep(root, tmp_path / "kept", [0, 1, 2, 4], trims={1: (3, 9), 2: (1, 3), 4: (2, 8)})
+    assert len(told) == 1
+    table = pq.read_table(tmp_path / "kept" / "data").to_pydict()
+    last = np.cumsum([9, 6, 2, 6]) - 1
+    assert np.flatnonzero(table["next.done"]).tolist() == last.tolist()
+    assert np.flatnonzero(table["next.success"]).tolist() == last[[0, 1, 3]].tolist()
+    assert not any(table["next.reward"])
+
+
+@pytest.mark.parametrize("version", ["v3.0", "v2.1"])
 def test_statistics_are_those_of_the_kept(tmp_path, version):
     root, ids = folders.write(tmp_path / "drive", LENGTHS, version), [1, 3, 6]
     expected = folders.image_statistics([one for m in ids for one in folders.pictures(m, LENGTHS[m])])

@@ -1,15 +1,20 @@
 """The numbers in lists are counted as pyarrow decodes them, whatever the footer says."""
 
+import json
+
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 from pyarrow import fs
 
+import lerobot_folders as folders
 import rpil
 from hostile import write_long_list
+from rpil import formats
 from rpil.data.errors import DataError
 from rpil.data.memory import limited
+from rpil.formats.lerobot_check import find_defects
 from rpil.formats.parquet_pages import page_sizes
 
 ROWS = 500
@@ -91,3 +96,35 @@ def test_damaged_files_are_refused_and_end_no_process(tmp_path):
             assert "x.parquet" in str(error)  # noqa: PT017
         else:
             assert all(chunk.n_values >= 0 and chunk.n_bytes >= 0 for chunks in groups for chunk in chunks)
+
+
+def test_columns_that_are_kept_and_not_read_are_checked(tmp_path):
+    path, rows = tmp_path / "x.parquet", 4 * ROWS
+    data = {"episode_index": np.repeat(range(4), ROWS), "action": np.arange(rows), "observation.x": np.arange(rows)}
+    table = pa.table(data | {"images": [{"bytes": bytes([k % 256]) * 1000} for k in range(rows)]})
+    how = {"use_dictionary": False, "compression": "zstd"}
+    pq.write_table(table, path, row_group_size=ROWS, **how)  # each row group alone fits
+    with limited("1MB"):
+        formats.keep(path, tmp_path / "kept.parquet", [1])
+    assert len(pq.read_table(tmp_path / "kept.parquet")) == ROWS
+    pq.write_table(table, path, **how)
+    with limited("1MB"), pytest.raises(DataError, match=r"x\.parquet: .* 2\.\d MB of memory"):
+        formats.keep(path, tmp_path / "other.parquet", [1])
+    assert not (tmp_path / "other.parquet").exists()
+
+
+@pytest.mark.parametrize("is_trim", [False, True])
+def test_columns_that_statistics_name_are_checked(tmp_path, is_trim):
+    root = folders.write(tmp_path / "drive", (4, 5), "v3.0", ())
+    file = root / "data" / "chunk-000" / "file-000.parquet"
+    table = pq.read_table(file)
+    values = pa.array([[0.0] * 30_000] * len(table), pa.list_(pa.float64()))
+    pq.write_table(table.append_column("huge", values), file, compression="zstd")
+    stats = json.loads((root / "meta" / "stats.json").read_text()) | {"huge": {"min": [0], "mean": [0]}}
+    (root / "meta" / "stats.json").write_text(json.dumps(stats))
+    with limited("1MB"):
+        (defect,) = [one for one in find_defects(root, False) if one.what == "metadata"]
+        assert "column 'huge': to read it would take" in defect.sentence
+        with pytest.raises(DataError, match="MB of memory"):
+            formats.keep(root, tmp_path / "kept", [1], trims={1: (0, 4)} if is_trim else None)
+    assert not [one for one in find_defects(root, False) if one.what == "metadata"]

@@ -18,7 +18,7 @@ from rpil.formats.parquet_pages import check_table
 from rpil.formats.recording import Recording
 from rpil.numerics.types import Array
 
-_INDEX = "index"
+_INDEX, _MOST = "index", 2.0**53  # up to which a float can be any whole number
 
 
 def with_embeddings(recording: Recording, path: StrPath) -> Recording:
@@ -67,14 +67,29 @@ def _read(path: Path) -> tuple[tuple[str, ...], Array, Array]:
 
             check_table(path)
             table = pq.read_table(path)
-            read = {name: flat.numbers_or_missing(table[name]) for name in table.column_names}
+            wanted = [name for name in table.column_names if flat.kind_of_type(table[name].type) in ("list", "number")]
+            read = {name: flat.numbers_or_missing(table[name]) for name in wanted}
             columns = {name: values for name, values in read.items() if values is not None}
+            for name in read.keys() - columns.keys():
+                raise DataError(f"{path}: column {name!r} needs a list of as many numbers in each row; write it again.")
         if _INDEX not in columns or len(columns) < 2:
             raise DataError(f"{path}: it needs a column 'index', and others of numbers; write them.")
-        index = columns.pop(_INDEX).reshape(-1).astype(np.int64)
+        index = _checked_index(columns.pop(_INDEX), path)
+        for name, values in columns.items():
+            if len(values) != len(index):
+                said = f"{name!r} has {len(values):,} rows, and 'index' has {len(index):,}"
+                raise DataError(f"{path}: {said}; write one row for each step.")
         blocks = {name: np.reshape(values, (len(index), -1)) for name, values in columns.items()}
         order = np.argsort(index, kind="stable")
         index, values = index[order], np.concatenate(list(blocks.values()), axis=1)[order].astype(np.float32)
         if not len(index) or (np.diff(index) == 0).any() or not np.isfinite(values).all():
             raise DataError(f"{path}: a step is there twice, or a number is missing, or there is none; write it again.")
         return flat.part_names({name: block.shape[1] for name, block in blocks.items()}, {}), index, values
+
+
+def _checked_index(values: Array, path: Path) -> Array:
+    """The numbers of steps (N,); a `DataError` where they are not one whole number in each row."""
+    is_number = values.size == len(values) and values.dtype.kind in "iuf"
+    if not is_number or not ((np.floor(values) == values) & (np.abs(values) < _MOST)).all():
+        raise DataError(f"{path}: 'index' needs one whole number in each row; write it again.")
+    return values.reshape(-1).astype(np.int64)

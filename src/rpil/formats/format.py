@@ -109,13 +109,16 @@ def keep_by_own_ids(keep: Callable[[Path, Path, Sequence[Id]], None]) -> Keep:
     """The `Keep` of a format whose demonstrations have ids of their own, which refuses a column of ids."""
 
     def checked(path: Path, output: Path, ids: Sequence[Id], options: ColumnOptions) -> None:
-        if options.id:
-            raise DataError(
-                f"{path}: it is given back by its own ids; leave id out, or write a table with rpil convert."
-            )
+        check_own_ids(path, options)
         keep(path, output, ids)
 
     return checked
+
+
+def check_own_ids(path: Path, options: ColumnOptions) -> None:
+    """A `DataError` where the demonstrations were read with a column of ids, and are kept by ids of their own."""
+    if options.id:
+        raise DataError(f"{path}: it is given back by its own ids; leave id out, or write a table with rpil convert.")
 
 
 def keep_one_file(keep: Callable[[Path, Path, Set[str], ColumnOptions], set[str]]) -> Keep:

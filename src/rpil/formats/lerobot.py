@@ -140,11 +140,11 @@ def read_metadata(filesystem: fs.FileSystem, paths: Sequence[str]) -> Metadata:
         unusable.append(f"features {quoted(wrong, 5)}" if wrong else "features")
     sizes: dict[str, float] = {name: info[name] for name in _SIZES if _is_size(info.get(name))}
     unusable += [name for name in _SIZES if name in info and name not in sizes]
+    unusable += ["chunks_size"] * (chunk_size(info) is None)
     lengths = _lengths(filesystem, meta)
     strays, are_all = _strays(filesystem, data, info, lengths, paths)
     tasks = _tasks(filesystem, meta)
-    if tasks is None:
-        unusable.append("tasks")
+    unusable += ["tasks"] * (tasks is None)
     return Metadata(
         version=str(info.get("codebase_version", ""))[:40],
         fps=fps,
@@ -236,16 +236,22 @@ def cameras(info: Mapping[str, Parsed], *kinds: str) -> tuple[str, ...]:
     return tuple(name for name, of in features.items() if isinstance(of, dict) and of.get("dtype") in kinds)
 
 
+def chunk_size(info: Mapping[str, Parsed]) -> int | None:
+    """Files in a folder of data; None where ``info.json`` has no whole number above 0 for it."""
+    size = _number(info.get("chunks_size", 1000))
+    return int(size) if _is_size(size) and size >= 1 and size == int(size) else None
+
+
 def listed_files(info: Mapping[str, Parsed], lengths: Mapping[Id, int], present: Sequence[str]) -> list[str]:
     """Those of the data files `present` that ``meta`` lists; all where it does not say, or lists none of them.
 
     Before version 3 each episode has a file, so that files of episodes which ``meta`` does not name are strays.
     """
-    template, size = info.get("data_path"), _number(info.get("chunks_size", 1000))
-    if not isinstance(template, str) or "episode_index" not in template or not _is_size(size) or not size:
+    template, size = info.get("data_path"), chunk_size(info)
+    if not isinstance(template, str) or "episode_index" not in template or size is None:
         return list(present)
     with suppress(KeyError, ValueError):
-        chunks = {m: int(m) // int(size) for m in lengths}
+        chunks = {m: int(m) // size for m in lengths}
         names = {fill(template, episode_index=m, episode_chunk=c, chunk_index=c) for m, c in chunks.items()}
         return [place for place in present if place in names] or list(present)
     return list(present)

@@ -9,6 +9,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property, partial
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -19,11 +20,12 @@ from rpil.data.json_files import Parsed, read_json
 from rpil.formats import lerobot_stats as stats
 from rpil.formats.description import listed
 from rpil.formats.format import Defect
-from rpil.formats.lerobot import cameras, fill, frame_rate
+from rpil.formats.lerobot import cameras, chunk_size, fill, frame_rate
 from rpil.formats.lerobot_episodes import read_episodes, read_lines
 from rpil.formats.lerobot_frames import Shot, find_faults
 from rpil.formats.lerobot_kept import PATHS, video_place
 from rpil.formats.lerobot_video import load_av
+from rpil.formats.parquet_pages import check_column_sizes
 from rpil.formats.store import find_files
 
 INFO, STATS = "meta/info.json", "meta/stats.json"
@@ -31,6 +33,15 @@ INFO, STATS = "meta/info.json", "meta/stats.json"
 TOLERANCE, SHARES = 1e-3, (1e-5, 1e-3)
 """Standard deviations, and shares of the largest value, the second for a standard deviation, by which a statistic may
 differ: LeRobot subtracts squares of short floats."""
+
+
+class Rows(NamedTuple):
+    """Those of an episode: how many, the first ``index`` or -1, the file, and the seconds at which they begin."""
+
+    n: int
+    first: int
+    file: str
+    start: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,18 +56,21 @@ class Folder:
         return dict(read_json(self.path / INFO))
 
     @cached_property
-    def data(self) -> dict[int, tuple[int, int, str]]:
-        """Rows, the smallest ``index`` and the file of each episode, by the data."""
+    def data(self) -> dict[int, Rows]:
+        """The rows of each episode, by the data."""
         import pyarrow.parquet as pq
 
-        found: dict[int, tuple[int, int, str]] = {}
+        found: dict[int, Rows] = {}
         for file in find_files(self.path)[1]:
-            has_index = "index" in pq.read_schema(file).names
-            table = pq.read_table(file, columns=["episode_index", *["index"] * has_index])
+            names = pq.read_schema(file).names
+            columns = ["episode_index", *(name for name in ("index", "timestamp") if name in names)]
+            check_column_sizes([file], columns, Path(file).name)
+            table = pq.read_table(file, columns=columns)
             numbers, starts, counts = np.unique(table["episode_index"], return_index=True, return_counts=True)
             for m, row, n in zip(numbers.tolist(), starts.tolist(), counts.tolist(), strict=True):
-                first = table["index"][row].as_py() if has_index else -1
-                found[m] = n, first, os.path.relpath(file, self.path)
+                first = table["index"][row].as_py() if "index" in columns else -1
+                start = table["timestamp"][row].as_py() if "timestamp" in columns else 0.0
+                found[m] = Rows(n, first, os.path.relpath(file, self.path), start)
         return found
 
     @cached_property
@@ -80,15 +94,19 @@ class Folder:
 
     def shots(self) -> list[Shot]:
         """Where the frames of each episode that is there are, by camera."""
-        found, size = [], int(self.info.get("chunks_size", 1000))
+        found, size = [], chunk_size(self.info)
+        if size is None:
+            said = str(self.info["chunks_size"])[:20]
+            raise DataError(f"{self.path / INFO}: chunks_size is {said}, no whole number above 0; correct it.")
         for camera in cameras(self.info, "video"):
             for m in sorted(self.data.keys() & self.episodes.keys()):
                 row, names = self.episodes[m], [f"videos/{camera}/{name}" for name in ("chunk_index", "file_index")]
                 chunk, file = (row[name] for name in names) if names[0] in row else (m // size, m)
-                start = row.get(f"videos/{camera}/from_timestamp", 0.0)
+                # Version 2 has no such column: there, frames before the first row's time belong to no row.
+                start = row.get(f"videos/{camera}/from_timestamp", self.data[m].start)
                 end = row.get(f"videos/{camera}/to_timestamp", np.inf)
                 place = video_place(self.path, self.info, camera, chunk, file)
-                found.append(Shot(camera, m, place, start, end, self.data[m][0]))
+                found.append(Shot(camera, m, place, start, end, self.data[m].n))
         return found
 
 
@@ -118,7 +136,7 @@ def _in_videos(folder: Folder, look: bool) -> Iterator[Defect]:
 
 
 def _totals(folder: Folder) -> dict[str, int]:
-    return {"total_episodes": len(folder.data), "total_frames": sum(n for n, _, _ in folder.data.values())}
+    return {"total_episodes": len(folder.data), "total_frames": sum(rows.n for rows in folder.data.values())}
 
 
 def _in_totals(folder: Folder) -> Iterator[Defect]:
@@ -136,7 +154,7 @@ def _in_episodes(folder: Folder) -> Iterator[Defect]:
     if lost:
         said = f"{len(lost)} of the {len(folder.episodes)} episodes that it lists are not in the data"
         yield Defect("episode table", "meta", f"{said}, the first is {min(lost)}")
-    for m, (n, first, file) in folder.data.items():
+    for m, (n, first, file, _) in folder.data.items():
         row = folder.episodes.get(m)
         if row is None:
             yield Defect("episode table", str(m), "meta does not list it")
@@ -174,14 +192,22 @@ def mend(path: Path) -> list[str]:
 
     A backup of each file lies beside it, with the extension .bak, or .bak2 and so on.
     """
-    folder, done = Folder(path), []
+    folder, new = Folder(path), {}
     with guarded(path / "meta"):
         if folder.is_whole and list(_in_totals(folder)):
-            done.append(_replace(path / INFO, folder.info | _totals(folder)))
+            new[INFO] = folder.info | _totals(folder)
         if list(_in_statistics(folder)):
             said = read_json(path / STATS)
-            done.append(_replace(path / STATS, said | stats.of_data(path / "data", said)))
-    return done
+            new[STATS] = said | stats.of_data(path / "data", said)
+        for name in new:
+            _refuse_link(path, name)
+    return [_replace(path / name, content) for name, content in new.items()]
+
+
+def _refuse_link(path: Path, name: str) -> None:
+    """A `DataError` where a file of the folder is a link, as in the Hub's cache, where all snapshots share a file."""
+    if os.path.realpath(path / name) != os.path.join(os.path.realpath(path), *name.split("/")):
+        raise DataError(f"{path / name}: it is a link, and is not mended; mend a copy of the folder (cp -rL).")
 
 
 def _replace(place: Path, content: Mapping[str, Parsed]) -> str:

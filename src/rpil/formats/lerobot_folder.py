@@ -23,7 +23,7 @@ from rpil.data.names import quoted
 from rpil.formats import folder
 from rpil.formats import lerobot_stats as stats
 from rpil.formats.format import Format, keep_by_own_ids
-from rpil.formats.lerobot import cameras, read_info
+from rpil.formats.lerobot import cameras, chunk_size, read_info
 from rpil.formats.lerobot_check import find_defects, mend
 from rpil.formats.lerobot_episodes import EpisodeLines, EpisodeTable
 from rpil.formats.lerobot_kept import PATHS, Kept, Trims
@@ -64,10 +64,14 @@ def check_output(path: Path, output: Path, trim: bool = False) -> dict[str, Pars
     with guarded(place):
         seen = cameras(info, "video")
         wrong = [name for name in seen if not re.fullmatch(r"\w[\w.-]*", name)]
-        info["chunks_size"], fps = int(info.get("chunks_size", 1000)), float(info["fps"])
+        info["chunks_size"], fps = chunk_size(info) or 0, float(info["fps"])
         info["fps"] = int(fps) if fps.is_integer() else fps
         if wrong or info["chunks_size"] < 1 or not 0 < fps < 1e9:
-            raise ValueError(f"{wrong[0]!r} is no name of a camera" if wrong else "chunks_size or fps is not above 0")
+            raise ValueError(
+                f"{wrong[0]!r} is no name of a camera"
+                if wrong
+                else "chunks_size is no whole number above 0, or fps none"
+            )
     if seen and (trim or version == "v3.0") and (path / "videos").is_dir():
         load_av()
     return info

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -14,10 +15,13 @@ import numpy as np
 from rpil.data.errors import DataError
 from rpil.data.folders import check_inside
 from rpil.data.json_files import Parsed
+from rpil.data.names import quoted
 from rpil.formats.columns import ColumnOptions
 from rpil.formats.lerobot import fill
 from rpil.formats.parquet import keep_rows
+from rpil.formats.parquet_pages import check_column_sizes
 from rpil.formats.store import find_files
+from rpil.formats.table import numbers_or_missing
 from rpil.numerics.types import Array
 
 if TYPE_CHECKING:
@@ -25,6 +29,11 @@ if TYPE_CHECKING:
 
 Trims = Mapping[str, tuple[int, int]]
 """First frame to keep, and the first after those to keep, by episode."""
+
+END_MARKS = "next.done", "next.success", "next.terminated", "next.truncated"
+"""Columns that say in the last row how an episode ends."""
+
+REWARD = "next.reward"
 
 PATHS = {
     "v3.0": (
@@ -55,6 +64,7 @@ class Kept:
     lengths: Counter[int] = field(default_factory=Counter)
     n_steps: int = 0
     skipped: dict[int, float] = field(default_factory=dict)  # seconds that rows lose at their head, by the old number
+    marks: dict[str, dict[int, Parsed]] = field(default_factory=dict)  # of the last rows of trimmed episodes, by column
     place: tuple[int, int] = (0, 0)
 
     @property
@@ -67,8 +77,12 @@ class Kept:
 
     def copy_data(self) -> None:
         """Write the data files that hold any of the episodes."""
-        size, n_files = int(self.info["chunks_size"]), 0
-        for file in map(Path, find_files(self.path)[1]):
+        size, n_files, files = int(self.info["chunks_size"]), 0, [*map(Path, find_files(self.path)[1])]
+        rewarded = [name for file in files if self.trims for name in self._read_marks(file)]
+        if rewarded:
+            message = f"{self.path}: {REWARD!r} of rows that are cut is not in the new folder, of the demonstrations "
+            warnings.warn(f"{message}{quoted(rewarded, 5)}.", stacklevel=1)
+        for file in files:
             self.place = divmod(n_files, size) if self.is_v3 else (n_files // size, n_files)
             target = self.new / self.target(0, *self.place)
             target.parent.mkdir(parents=True, exist_ok=True)
@@ -82,6 +96,40 @@ class Kept:
             if name in self.wanted and self.lengths[self.numbers.get(int(name), -1)] != end - first:
                 raise DataError(f"{self.path}, demonstration {name}: its frame_index does not count from 0; trim none.")
 
+    def _read_marks(self, file: Path) -> list[str]:
+        """Find what the last row of each trimmed episode says of its end; those of which a cut row has a reward."""
+        import pyarrow.parquet as pq
+
+        own = [name for name in (*END_MARKS, REWARD) if name in pq.read_schema(file).names]
+        if not own:
+            return []
+        columns = ["episode_index", "frame_index", *own]
+        check_column_sizes([file], columns, file.name)
+        table = pq.read_table(file, columns=columns)
+        old, frames = (table[name].to_numpy() for name in columns[:2])
+        rewards, rewarded = numbers_or_missing(table[REWARD]) if REWARD in own else None, []
+        for name in sorted(self.trims.keys() & self.wanted & set(map(str, np.unique(old).tolist())), key=int):
+            first, end = self.trims[name]
+            rows = np.flatnonzero(old == int(name))
+            for column in own:
+                if column != REWARD:
+                    self.marks.setdefault(column, {})[int(name)] = table[column][int(rows[-1])].as_py()
+            cut = rows[(frames[rows] < first) | (frames[rows] >= end)]
+            if rewards is not None and np.nan_to_num(rewards[cut]).any():
+                rewarded.append(name)
+        return rewarded
+
+    def _with_marks(self, table: pa.Table) -> pa.Table:
+        """The rows, of which the last to keep of each trimmed episode says of its end what the old last one said."""
+        old, frames = (table[name].to_numpy() for name in ("episode_index", "frame_index")) if self.marks else ((), ())
+        for column, of_episode in self.marks.items():
+            values = table[column].to_pylist() if column in table.column_names else []
+            for m in of_episode.keys() & set(np.unique(old).tolist()) if values else ():
+                for row in np.flatnonzero((old == m) & (frames == self.trims[str(m)][1] - 1)):
+                    values[row] = of_episode[m]
+            table = with_column(table, column, values) if values else table
+        return table
+
     def target(self, of_videos: int, chunk: int, file: int, camera: str = "") -> str:
         """The place of a new file."""
         return _place(PATHS[self.info["codebase_version"]][of_videos], camera, chunk, file)
@@ -90,6 +138,7 @@ class Kept:
         """Rows with new numbers of episode and step, without those that are trimmed."""
         import pyarrow as pa
 
+        table = self._with_marks(table)
         old = table["episode_index"].to_numpy()
         for name in self.trims.keys() & set(map(str, np.unique(old).tolist())):
             first, end = self.trims[name]

@@ -10,6 +10,7 @@ import numpy as np
 
 from rpil.data.json_files import Parsed
 from rpil.formats import table as flat
+from rpil.formats.parquet_pages import check_column_sizes
 from rpil.numerics.types import Array
 
 if TYPE_CHECKING:
@@ -52,10 +53,14 @@ def of_data(data: Path, like: Mapping[str, Statistics]) -> dict[str, dict[str, P
     """Those of the columns of numbers in the Parquet files of a folder that are named in `like`."""
     import pyarrow.parquet as pq
 
-    schema = pq.read_schema(next(data.rglob("*.parquet")))
+    files = sorted(data.rglob("*.parquet"))
+    schema = pq.read_schema(files[0])
     names = [name for name in like if name in schema.names and flat.kind_of_type(schema.field(name).type) != "nested"]
-    tables = (pq.read_table(data, columns=[name]) for name in names)  # of which one is in memory
-    return {name: one for table in tables for name, one in of_table(table, like).items()}
+    found: dict[str, dict[str, Parsed]] = {}
+    for name in names:  # of which one is in memory
+        check_column_sizes(files, [name], f"{data}, column {name!r}")
+        found |= of_table(pq.read_table(data, columns=[name]), like)
+    return found
 
 
 def of_table(table: pa.Table, like: Mapping[str, Statistics]) -> dict[str, dict[str, Parsed]]:

@@ -81,9 +81,15 @@ def _is_fresh(data: bytes, codec: str, head: bytes) -> bool:
 
 @contextmanager
 def _opened(path: Path) -> Iterator[InputContainer]:
-    av, fault = load_av(), ("it is no video, or a damaged one", "copy or download it again")
-    with guarded(path, *fault), av.open(str(check_readable(path))) as source:
+    fault = "it is no video, or a damaged one", "copy or download an MP4 file again"
+    with guarded(path, *fault), _open_mp4(check_readable(path)) as source:
         yield source
+
+
+def _open_mp4(path: Path) -> InputContainer:
+    """The open file: a guess at its kind might take it for a list of other files, which would be opened."""
+    source: InputContainer = load_av().open(str(path.absolute()), format="mp4")
+    return source
 
 
 class _Run(NamedTuple):
@@ -142,13 +148,14 @@ def _copy(path: Path, new: Path, packets: Packets, runs: Sequence[_Run]) -> None
     for first, end, by in runs:
         shift[first:end], wanted[first:end] = by, packets.shown[first:end] >= packets.shown[first]
     av = load_av()
-    with av.open(str(path)) as source, av.open(str(new), "w", format="mp4") as target:
+    with _open_mp4(path) as source, av.open(str(new), "w", format="mp4") as target:
         stream = source.streams.video[0]
         out = target.add_stream_from_template(stream, opaque=True)  # no encoder is needed
         out.time_base = stream.time_base
         for place, packet in enumerate(packet for packet in source.demux(stream) if packet.size):
             if wanted[place]:
-                packet.pts, packet.dts = packet.pts + int(shift[place]), packet.dts + int(shift[place])
+                packet.pts = int(packets.shown[place] + shift[place])
+                packet.dts = int(packets.decoded[place] + shift[place])
                 packet.stream = out
                 target.mux(packet)
 

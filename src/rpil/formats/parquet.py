@@ -17,6 +17,7 @@ from rpil.formats import table as flat
 from rpil.formats.columns import ColumnOptions
 from rpil.formats.format import Format, keep_one_file
 from rpil.formats.lerobot import format_name
+from rpil.formats.parquet_pages import check_groups
 from rpil.formats.recording import Recording, from_scan, from_table
 from rpil.formats.rows import BATCH_ROWS
 from rpil.formats.scan import scan
@@ -120,6 +121,7 @@ def _kept_tables(path: Path, ids: Set[str], options: ColumnOptions, found: set[s
         schema = file.schema.to_arrow_schema()
         nested = any(flat.kind_of_type(field.type) == "nested" for field in schema)
         column = columns_of_file(filesystem, str(path), file, options).episode
+        check_groups(filesystem, str(path), file)
         yield schema.empty_table()
         for batch in file.iter_batches(_NESTED_ROWS if nested else BATCH_ROWS):
             rows = pa.Table.from_batches([batch])

@@ -7,7 +7,7 @@ their headers, and to ask it for a column of a damaged footer may end the proces
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -40,7 +40,18 @@ def check_pages(filesystem: fs.FileSystem, path: str, file: pq.ParquetFile, colu
     in lists, which may all be in one list, and they do not fit in memory, are not as many in each row, or are more than
     a step has.
     """
-    name, n_bytes = path.rpartition("/")[2], 0
+    return sum(_group_bytes(filesystem, path, file, columns))
+
+
+def check_groups(filesystem: fs.FileSystem, path: str, file: pq.ParquetFile) -> None:
+    """A `DataError` as of `check_pages`, or where the columns of one row group do not fit in memory."""
+    sizes = _group_bytes(filesystem, path, file, file.schema_arrow.names)
+    check_memory(max(sizes, default=0), path.rpartition("/")[2])
+
+
+def _group_bytes(filesystem: fs.FileSystem, path: str, file: pq.ParquetFile, columns: Collection[str]) -> list[int]:
+    """The bytes that `columns` take in memory in each row group; errors are those of `check_pages`."""
+    name, found = path.rpartition("/")[2], []
     for number, chunks in enumerate(page_sizes(filesystem, path, file, columns)):
         if any(chunk.largest > _LARGEST_PAGE for chunk in chunks):
             raise DataError(f"{name}: a page of it has over {_LARGEST_PAGE // 2**20} MiB; write it with smaller pages.")
@@ -53,18 +64,30 @@ def check_pages(filesystem: fs.FileSystem, path: str, file: pq.ParquetFile, colu
                     f"{name}: lists hold {n:,} numbers in {n_rows:,} rows; write as many in every row, and "
                     f"{_LONGEST_LIST:,} at most, or leave them out with --exclude or exclude=."
                 )
-        n_bytes += sum(max(BYTES_PER_NUMBER * chunk.n_values, chunk.n_bytes) for chunk in chunks)
-    return n_bytes
+        found.append(sum(max(BYTES_PER_NUMBER * chunk.n_values, chunk.n_bytes) for chunk in chunks))
+    return found
 
 
 def check_table(path: Path | str, filesystem: fs.FileSystem | None = None) -> None:
     """A `DataError` where a Parquet file that describes data would not fit in memory; errors of pyarrow as they are."""
+    check_memory(_table_bytes(path, filesystem), Path(path).name)
+
+
+def check_column_sizes(paths: Iterable[Path | str], columns: Collection[str], where: str) -> None:
+    """A `DataError` where these columns of Parquet files, which are read together, would not fit in memory."""
+    check_memory(sum(_table_bytes(path, columns=columns) for path in paths), where)
+
+
+def _table_bytes(
+    path: Path | str, filesystem: fs.FileSystem | None = None, columns: Collection[str] | None = None
+) -> int:
+    """What `check_pages` says of a local file, or of one in a `filesystem`; of all columns by default."""
     import pyarrow.parquet as pq
     from pyarrow import fs
 
     filesystem = filesystem or fs.LocalFileSystem()
     with filesystem.open_input_file(str(path)) as stream, pq.ParquetFile(stream) as file:
-        check_memory(check_pages(filesystem, str(path), file, file.schema_arrow.names), Path(path).name)
+        return check_pages(filesystem, str(path), file, file.schema_arrow.names if columns is None else columns)
 
 
 class Chunk(NamedTuple):

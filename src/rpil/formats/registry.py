@@ -34,7 +34,7 @@ from rpil.formats import (
 )
 from rpil.formats.columns import ColumnOptions
 from rpil.formats.embeddings import with_embeddings
-from rpil.formats.format import Defect, Format, not_a_folder
+from rpil.formats.format import Defect, Format, check_own_ids, not_a_folder
 from rpil.formats.recording import Recording
 from rpil.formats.selection import with_chosen
 from rpil.formats.store import may_be_many_files
@@ -108,6 +108,7 @@ class Found:
             if not ids:
                 raise DataError(f"{self.path}: no demonstration is to be kept; choose others.")
             if trims and self.format.trim is not None:
+                check_own_ids(Path(self.path), options)
                 ends = {str(name): (int(first), int(end)) for name, (first, end) in trims.items()}
                 self.format.trim(Path(self.path), new, ids, ends)
             else:
