@@ -71,7 +71,7 @@ def find_faults(
         labels = column_labels(demonstrations)
         sample = pilot(demonstrations, labels, settings)
         columns = describe_columns(sample, labels, settings)
-        pairs = find_pairs(columns.of(sample), sample.offsets, columns, settings)
+        pairs, related = find_pairs(columns.of(sample), sample.offsets, columns, settings)
         measured, kept, missing = measure(demonstrations, columns, pairs, settings)
     found = [*missing, *find_frame_counts(times, demonstrations), *find_frame_times(times, demonstrations, settings)]
     seconds = frame_time(times, demonstrations)

@@ -24,57 +24,93 @@ class Pair:
     memory : (P,) array
         How the action follows from its last P values. It is taken out of both series (Box and Jenkins 1970,
         prewhitening), without which a slow action is correlated with what happens at many lags.
+    lag : int
+        Steps after which the state follows the action; negative where the action follows the state.
     usual : (2 L + 1,) array
-        Usual cross-correlation at the lags -L to L steps; at a positive lag the state is later.
+        Usual cross-correlation at the lags -L to L steps from `lag`; at a positive lag the state is later.
     """
 
     action: int
     state: int
     of_change: bool
     memory: Float[Array, " P"]
+    lag: int
     usual: Float[Array, " K"]
-
-    @property
-    def lag(self) -> int:
-        """Steps after which the state follows the action; negative where the action follows the state."""
-        return int(np.argmax(np.abs(self.usual))) - len(self.usual) // 2
 
     @property
     def correlation(self) -> float:
         """At that lag, without its sign."""
-        return float(np.abs(self.usual).max())
+        return float(np.abs(self.usual[len(self.usual) // 2]))
 
 
 def find_pairs(
     values: Float[Array, "C T"], offsets: Int[Array, " _"], columns: Columns, settings: FaultSettings
-) -> tuple[Pair, ...]:
-    """The state column that is best aligned with each action, for the actions that have one.
+) -> tuple[tuple[Pair, ...], Float[Array, " S"]]:
+    """The state column that is best aligned with each action, for the actions that have one; and the largest
+    correlation of each state column with an action, at any lag.
 
-    The longest memory with which there is one tells the lag best.
+    The longest memory with which there is one tells the lag best. All lags of all columns come from one transform of
+    each column; only the lags of the best state are then computed step by step.
     """
-    if columns.is_action.all():
-        return ()
-    found = []
-    for action in np.flatnonzero(columns.is_action).tolist():
-        for order in settings.memories:
-            pair = _best_pair(values, offsets, columns, action, order, settings.max_lag)
+    action, state = np.flatnonzero(columns.is_action), np.flatnonzero(~columns.is_action)
+    related = np.zeros(len(state))
+    if not len(action) or not len(state):
+        return (), related
+    change = segments.changes(values[state], offsets)
+    responses = np.concatenate([[centred(column, offsets) for column in values[state]], change])
+    found: dict[int, Pair] = {}
+    for order in settings.memories:
+        memories = [_memory(values[a], offsets, order) for a in action]
+        table = _table(values[action], responses, memories, offsets, settings)
+        related = np.maximum(related, table.max(axis=(0, 2)).reshape(2, -1).max(axis=0))
+        for number, memory, row in zip(action.tolist(), memories, table, strict=True):
+            r, k = np.unravel_index(int(np.argmax(row)), row.shape)
+            s, lag, of_change = int(state[r % len(state)]), int(k) - settings.farthest_lag, bool(r >= len(state))
+            driver = whitened(values[number], memory, offsets)
+            response = whitened(change[r % len(state)] if of_change else values[s], memory, offsets)
+            usual = _correlations(driver, response, np.array([0, offsets[-1]]), offsets, lag, settings.max_lag)[0]
+            shift = int(np.argmax(np.abs(usual))) - settings.max_lag
+            if shift:  # the transform knows no ends of demonstrations
+                lag += shift
+                whole = np.array([0, offsets[-1]])
+                usual = _correlations(driver, response, whole, offsets, lag, settings.max_lag)[0]
+            pair = Pair(number, s, of_change, memory, lag, usual)
             if pair.correlation >= settings.min_correlation:
-                found.append(pair)
-                break
-    return tuple(found)
+                found.setdefault(number, pair)
+    best = sorted(found.values(), key=lambda pair: -pair.correlation)
+    return tuple(best[: settings.max_pairs]), related
 
 
-def _best_pair(values: Array, offsets: Array, columns: Columns, action: int, order: int, max_lag: int) -> Pair:
-    state = np.flatnonzero(~columns.is_action)
-    memory = _memory(values[action], offsets, order)
-    driver = whitened(values[action], memory, offsets)
-    candidates = []
-    for of_change, series in ((False, values[state]), (True, segments.changes(values[state], offsets))):
-        responses = np.stack([whitened(column, memory, offsets) for column in series])
-        usual = _correlations(driver, responses, offsets, max_lag)
-        s = int(np.argmax(np.abs(usual).max(axis=1)))
-        candidates.append(Pair(action, int(state[s]), of_change, memory, usual[s]))
-    return max(candidates, key=lambda pair: pair.correlation)
+def _table(drivers: Array, responses: Array, memories: list[Array], offsets: Array, s: FaultSettings) -> Array:
+    """Size of the correlation of each action with each response at the lags up to `farthest_lag`, (A, R, 2 L + 1).
+
+    Both are prewhitened by the memory of the action: the action twice, <H x, H y> = <H' H x, y>. Pieces of the series
+    are multiplied by their transforms. Lags beyond `max_lag` count for less, as motion that repeats has many.
+    """
+    reach, order = s.farthest_lag, len(memories[0])
+    twice = []
+    for values, memory in zip(drivers, memories, strict=True):
+        own = whitened(values, memory, offsets)
+        twice.append(own - sum(w * np.append(own[back:], np.zeros(back)) for back, w in enumerate(memory, start=1)))
+    first, _ = _padded(np.stack(twice), offsets, reach)
+    other, _ = _padded(responses, offsets, reach)
+    size = 4 * reach
+    n_pieces = -(-first.shape[1] // size)
+    first = np.pad(first, ((0, 0), (0, n_pieces * size - first.shape[1])))
+    other = np.pad(other, ((0, 0), (reach, reach + n_pieces * size - other.shape[1])))
+    pieces = np.fft.rfft(first.reshape(len(first), n_pieces, size), size + 2 * reach)
+    windows = np.lib.stride_tricks.sliding_window_view(other, size + 2 * reach, axis=1)[:, ::size]
+    cross = np.matmul(pieces.conj().transpose(2, 0, 1), np.fft.rfft(windows).transpose(2, 1, 0))
+    sums = np.fft.irfft(cross.transpose(1, 2, 0), size + 2 * reach)[:, :, : 2 * reach + 1]
+    filters = np.column_stack([np.ones(len(memories)), -np.stack(memories)])
+    back = [np.einsum("rt,rt->r", responses[:, k:], responses[:, : responses.shape[1] - k]) for k in range(order + 1)]
+    power = sum(
+        np.outer(filters[:, i] * filters[:, j], back[abs(i - j)]) for i in range(order + 1) for j in range(order + 1)
+    )
+    own_power = np.array([np.sum(whitened(x, m, offsets) ** 2) for x, m in zip(drivers, memories, strict=True)])
+    size_of = np.abs(sums) / np.sqrt(np.maximum(power * own_power[:, None], 1e-300))[:, :, None]
+    far = np.abs(np.arange(2 * reach + 1) - reach) > s.max_lag
+    return np.asarray(np.where(far, s.far_lag * size_of, size_of))
 
 
 def shifts(
@@ -89,7 +125,7 @@ def shifts(
     for pair in pairs:
         driver = whitened(values[pair.action], pair.memory, offsets)
         response = whitened((change if pair.of_change else values)[pair.state], pair.memory, offsets)
-        own = _own_correlations(driver, response, offsets, settings.max_lag)
+        own = _correlations(driver, response, offsets, offsets, pair.lag, settings.max_lag)
         middle = pair.usual[largest:-largest]
         for k in range(2 * largest + 1):
             agreement[:, k] += own[:, k : k + len(middle)] @ middle
@@ -136,21 +172,16 @@ def _padded(values: Array, offsets: Array, n_zeros: int) -> tuple[Array, Array]:
     return out, offsets[:-1] + n_zeros * (1 + np.arange(n_demonstrations))
 
 
-def _correlations(driver: Array, change: Array, offsets: Array, max_lag: int) -> Array:
-    """Cross-correlation of the driver with each change, over all demonstrations, (C, 2 L + 1)."""
-    norm = np.sqrt((driver @ driver) * np.einsum("ct,ct->c", change, change)) + 1e-300
-    first, _ = _padded(driver, offsets, max_lag)
-    other, _ = _padded(change, offsets, max_lag)
-    middle = first[max_lag:-max_lag]
-    lags = [other[:, k : k + len(middle)] @ middle for k in range(2 * max_lag + 1)]
-    return np.asarray(np.stack(lags, axis=1) / norm[:, None])
+def _correlations(driver: Array, response: Array, groups: Array, offsets: Array, lag: int, reach: int) -> Array:
+    """Cross-correlation at `lag` and `reach` lags on each side, over each group of demonstrations, (G, 2 L + 1).
 
-
-def _own_correlations(driver: Array, change: Array, offsets: Array, max_lag: int) -> Array:
-    """Cross-correlation of the driver with the change, of each demonstration, (M, 2 L + 1)."""
-    power = np.add.reduceat(driver**2, offsets[:-1]) * np.add.reduceat(change**2, offsets[:-1])
-    first, starts = _padded(driver, offsets, max_lag)
-    other, _ = _padded(change, offsets, max_lag)
-    middle, starts = first[max_lag:-max_lag], starts - max_lag
-    lags = [np.add.reduceat(middle * other[k : k + len(middle)], starts) for k in range(2 * max_lag + 1)]
+    `groups` begin and end where demonstrations do.
+    """
+    power = np.add.reduceat(driver**2, groups[:-1]) * np.add.reduceat(response**2, groups[:-1])
+    margin = reach + abs(lag)
+    first, starts = _padded(driver, offsets, margin)
+    other, _ = _padded(response, offsets, margin)
+    middle, starts = first[margin:-margin], starts[np.searchsorted(offsets, groups[:-1])] - margin
+    begin = margin + lag - reach
+    lags = [np.add.reduceat(middle * other[k : k + len(middle)], starts) for k in range(begin, begin + 2 * reach + 1)]
     return np.asarray(np.stack(lags, axis=1) / np.sqrt(power + 1e-300)[:, None])

@@ -60,8 +60,11 @@ class FaultSettings:
         Steps. Shorter idle heads and tails are no fault.
     idle_factor : float
         Times the usual idle head, or tail.
-    max_lag : int
-        Steps. Lags between action and state that are looked at, in both directions.
+    farthest_lag, max_lag, far_lag : int, int, float
+        Steps. Lags between action and state at which the usual one is sought, in both directions; lags beside it that
+        are compared; and the share for which correlations count at lags beyond these.
+    max_pairs : int
+        Actions, those with the largest correlations, whose lags are compared.
     max_shift, min_shift : int
         Steps by which a lag may differ from the usual one at most, and from which on that is a fault.
         benchmarks/faults.py.
@@ -111,7 +114,10 @@ class FaultSettings:
     idle_motion: float = 0.05
     min_idle: int = 10
     idle_factor: float = 3.0
+    farthest_lag: int = 64
     max_lag: int = 20
+    far_lag: float = 0.8
+    max_pairs: int = 4
     max_shift: int = 10
     min_shift: int = 2
     memories: tuple[int, ...] = (3, 1)
