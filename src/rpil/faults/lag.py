@@ -49,68 +49,54 @@ def find_pairs(
     """The state column that is best aligned with each action, for the actions that have one; and the largest
     correlation of each state column with an action, at any lag.
 
-    The longest memory with which there is one tells the lag best. All lags of all columns come from one transform of
-    each column; only the lags of the best state are then computed step by step.
+    The longest memory with which there is one tells the lag best. Where to look comes from one transform of each
+    column; only the lags of the best state are then computed step by step.
     """
     action, state = np.flatnonzero(columns.is_action), np.flatnonzero(~columns.is_action)
-    related = np.zeros(len(state))
     if not len(action) or not len(state):
-        return (), related
-    change = segments.changes(values[state], offsets)
-    responses = np.concatenate([[centred(column, offsets) for column in values[state]], change])
-    found: dict[int, Pair] = {}
-    for order in settings.memories:
-        memories = [_memory(values[a], offsets, order) for a in action]
-        table = _table(values[action], responses, memories, offsets, settings)
-        related = np.maximum(related, table.max(axis=(0, 2)).reshape(2, -1).max(axis=0))
-        for number, memory, row in zip(action.tolist(), memories, table, strict=True):
-            r, k = np.unravel_index(int(np.argmax(row)), row.shape)
-            s, lag, of_change = int(state[r % len(state)]), int(k) - settings.farthest_lag, bool(r >= len(state))
+        return (), np.zeros(len(state))
+    change, level = segments.changes(values, offsets), np.stack([centred(a, offsets) for a in values[action]])
+    table = _table(np.concatenate([change[action], level]), change[state], offsets, settings)
+    found, whole = [], np.array([0, offsets[-1]])
+    for a, number in enumerate(action.tolist()):
+        for order in settings.memories:
+            memory, pairs = _memory(values[number], offsets, order), []
             driver = whitened(values[number], memory, offsets)
-            response = whitened(change[r % len(state)] if of_change else values[s], memory, offsets)
-            usual = _correlations(driver, response, np.array([0, offsets[-1]]), offsets, lag, settings.max_lag)[0]
-            shift = int(np.argmax(np.abs(usual))) - settings.max_lag
-            if shift:  # the transform knows no ends of demonstrations
-                lag += shift
-                whole = np.array([0, offsets[-1]])
-                usual = _correlations(driver, response, whole, offsets, lag, settings.max_lag)[0]
-            pair = Pair(number, s, of_change, memory, lag, usual)
-            if pair.correlation >= settings.min_correlation:
-                found.setdefault(number, pair)
-    best = sorted(found.values(), key=lambda pair: -pair.correlation)
-    return tuple(best[: settings.max_pairs]), related
+            for of_change, row in ((False, table[a]), (True, table[len(action) + a])):
+                s, k = np.unravel_index(int(np.argmax(row)), row.shape)
+                lag = int(k) - settings.farthest_lag
+                response = whitened((change if of_change else values)[state[s]], memory, offsets)
+                for _ in range(2):  # around the coarse lag, and where that is another one, the best
+                    usual = _correlations(driver, response, whole, offsets, lag, settings.max_lag)[0]
+                    off = int(np.argmax(np.abs(usual))) - settings.max_lag
+                    if not off:
+                        break
+                    lag += off
+                pairs.append(Pair(number, int(state[s]), of_change, memory, lag, usual))
+            best = max(pairs, key=lambda pair: pair.correlation)
+            if best.correlation >= settings.min_correlation:
+                found.append(best)
+                break
+    found.sort(key=lambda pair: -pair.correlation)
+    return tuple(found[: settings.max_pairs]), np.asarray(table.max(axis=(0, 2)))
 
 
-def _table(drivers: Array, responses: Array, memories: list[Array], offsets: Array, s: FaultSettings) -> Array:
-    """Size of the correlation of each action with each response at the lags up to `farthest_lag`, (A, R, 2 L + 1).
-
-    Both are prewhitened by the memory of the action: the action twice, <H x, H y> = <H' H x, y>. Pieces of the series
-    are multiplied by their transforms. Lags beyond `max_lag` count for less, as motion that repeats has many.
-    """
-    reach, order = s.farthest_lag, len(memories[0])
-    twice = []
-    for values, memory in zip(drivers, memories, strict=True):
-        own = whitened(values, memory, offsets)
-        twice.append(own - sum(w * np.append(own[back:], np.zeros(back)) for back, w in enumerate(memory, start=1)))
-    first, _ = _padded(np.stack(twice), offsets, reach)
-    other, _ = _padded(responses, offsets, reach)
-    size = 4 * reach
+def _table(drivers: Array, responses: Array, offsets: Array, s: FaultSettings) -> Array:
+    """Size of the correlation of each driver with each response at the lags up to `farthest_lag`, (A, R, 2 L + 1), from
+    transforms of pieces of the series. Lags beyond `max_lag` count for less: motion that repeats has many."""
+    reach, size = s.farthest_lag, 4 * s.farthest_lag
+    power = np.outer((drivers**2).sum(axis=1), (responses**2).sum(axis=1))
+    first, other = (_padded(series, offsets, reach)[0] for series in (drivers, responses))
     n_pieces = -(-first.shape[1] // size)
     first = np.pad(first, ((0, 0), (0, n_pieces * size - first.shape[1])))
     other = np.pad(other, ((0, 0), (reach, reach + n_pieces * size - other.shape[1])))
-    pieces = np.fft.rfft(first.reshape(len(first), n_pieces, size), size + 2 * reach)
     windows = np.lib.stride_tricks.sliding_window_view(other, size + 2 * reach, axis=1)[:, ::size]
-    cross = np.matmul(pieces.conj().transpose(2, 0, 1), np.fft.rfft(windows).transpose(2, 1, 0))
-    sums = np.fft.irfft(cross.transpose(1, 2, 0), size + 2 * reach)[:, :, : 2 * reach + 1]
-    filters = np.column_stack([np.ones(len(memories)), -np.stack(memories)])
-    back = [np.einsum("rt,rt->r", responses[:, k:], responses[:, : responses.shape[1] - k]) for k in range(order + 1)]
-    power = sum(
-        np.outer(filters[:, i] * filters[:, j], back[abs(i - j)]) for i in range(order + 1) for j in range(order + 1)
-    )
-    own_power = np.array([np.sum(whitened(x, m, offsets) ** 2) for x, m in zip(drivers, memories, strict=True)])
-    size_of = np.abs(sums) / np.sqrt(np.maximum(power * own_power[:, None], 1e-300))[:, :, None]
+    spectra = np.fft.rfft(first.reshape(len(first), n_pieces, size), size + 2 * reach).conj(), np.fft.rfft(windows)
+    own, others = (np.ascontiguousarray(spectrum.transpose(2, 0, 1)) for spectrum in spectra)
+    cross = np.matmul(own, others.transpose(0, 2, 1)).transpose(1, 2, 0)
+    sums = np.fft.irfft(cross, size + 2 * reach)[:, :, : 2 * reach + 1]
     far = np.abs(np.arange(2 * reach + 1) - reach) > s.max_lag
-    return np.asarray(np.where(far, s.far_lag * size_of, size_of))
+    return np.asarray(np.abs(sums) / np.sqrt(power + 1e-300)[:, :, None] * np.where(far, s.far_lag, 1.0))
 
 
 def shifts(
