@@ -13,7 +13,7 @@ diagonal of B G B', and a fault that is linear in z is undone by a change of the
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -111,7 +111,7 @@ def fit_maps(moments: Float[Array, "M D D"], fold: Int[Array, " M"], frame: Fram
         left = np.log([misfit(maps[f], g) for f, g in zip(fold, moments, strict=True)])
         off = (left - np.median(left, axis=0)).mean(axis=1)
         usual = off <= np.quantile(off, s.map_trim)
-    target = replace(frame).places()
+    target = frame.places()
     mean, n = moments[usual].mean(axis=0), frame.n_states
     step = mean[target[:n, 2], target[:n, 2]] + mean[target[:n, 1], target[:n, 1]]
     step -= 2 * mean[target[:n, 1], target[:n, 2]]

@@ -16,6 +16,7 @@ from rpil.faults.expected import leave_out
 from rpil.faults.frames import find_frame_counts, find_frame_times, frame_time
 from rpil.faults.lag import find_pairs
 from rpil.faults.measure import measure
+from rpil.faults.naming import learn
 from rpil.faults.record import RULES, FaultReport, Finding
 from rpil.faults.rules import COMPARISONS, Evidence, is_lag_known
 from rpil.faults.settings import FaultSettings
@@ -69,10 +70,11 @@ def find_faults(
     """
     with allow_missing():
         labels = column_labels(demonstrations)
-        sample = pilot(demonstrations, labels, settings)
+        sample, numbers = pilot(demonstrations, labels, settings)
         columns = describe_columns(sample, labels, settings)
         pairs, related = find_pairs(columns.of(sample), sample.offsets, columns, settings)
-        measured, kept, missing = measure(demonstrations, columns, pairs, settings)
+        namer = learn(sample, numbers, columns, pairs, related, len(demonstrations), settings)
+        measured, kept, missing = measure(demonstrations, columns, pairs, namer, settings)
     found = [*missing, *find_frame_counts(times, demonstrations), *find_frame_times(times, demonstrations, settings)]
     seconds = frame_time(times, demonstrations)
     why, unknown, usual, trims = _no_times(times), {}, {}, {}

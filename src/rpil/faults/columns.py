@@ -67,9 +67,9 @@ def column_labels(demonstrations: Demonstrations | Dataset) -> tuple[str, ...]:
     return (*(f"observation {name!r}" for name in demonstrations.observation_names), *actions)
 
 
-def pilot(demonstrations: Demonstrations | Dataset, labels: tuple[str, ...], settings: FaultSettings) -> Block:
-    """Demonstrations spread evenly over the data, of at most so many steps that the settings allow; those with missing
-    values are left out, unless all have some."""
+def pilot(demonstrations: Demonstrations | Dataset, labels: tuple[str, ...], settings: FaultSettings) -> tuple[Block, Array]:
+    """Demonstrations spread evenly over the data, of at most so many steps that the settings allow, and their numbers;
+    those with missing values are left out, unless all have some."""
     size = min(len(demonstrations), settings.pilot_demonstrations)
     spread = np.unique(np.linspace(0, len(demonstrations) - 1, size).astype(int))
     share = settings.pilot_steps / max(int(demonstrations.lengths[spread].sum()), 1)
@@ -78,7 +78,7 @@ def pilot(demonstrations: Demonstrations | Dataset, labels: tuple[str, ...], set
     sample = demonstrations.select(spread)
     block = Block(0, sample.observations, sample.actions, sample.offsets)
     kept, mask, _ = set_aside(block, sample.ids, labels)
-    return kept if mask.any() else block
+    return (kept, spread[mask]) if mask.any() else (block, spread)
 
 
 def describe_columns(sample: Block, labels: tuple[str, ...], settings: FaultSettings) -> Columns:

@@ -12,6 +12,7 @@ from rpil.faults import segments
 from rpil.faults.columns import Columns
 from rpil.faults.lag import Pair, shifts
 from rpil.faults.missing import set_aside
+from rpil.faults.naming import Namer, name_block
 from rpil.faults.record import Finding
 from rpil.faults.settings import FaultSettings
 from rpil.formats.dataset import Dataset
@@ -50,6 +51,8 @@ class Measured:
     tail: Int[Array, " M"]
     shift: Int[Array, " M"]  # of the lag from the usual one
     shift_gain: Float[Array, " M"]
+    named: Int[Array, " M"]  # the fault that `Namer` names, or -1
+    gain: Float[Array, "M 2"]  # of undoing it, and the offset of its column
     signature: Float[Array, "M S"]
     digest: Shaped[Array, " M"]
 
@@ -58,6 +61,7 @@ def measure(
     demonstrations: Demonstrations | Dataset,
     columns: Columns,
     pairs: tuple[Pair, ...],
+    namer: Namer | None,
     settings: FaultSettings,
 ) -> tuple[Measured | None, Bool[Array, " M"], list[Finding]]:
     """What was measured of the demonstrations without missing values, block by block; None where none is.
@@ -73,13 +77,20 @@ def measure(
             masks.append(kept)
             missing += found
             if kept.any():
-                parts.append(_measure_block(block, columns, pairs, directions, settings))
+                numbers = whole.first + np.flatnonzero(kept)
+                parts.append(_measure_block(block, numbers, columns, pairs, namer, directions, settings))
     joined = {f.name: np.concatenate([getattr(part, f.name) for part in parts]) for f in fields(Measured) if parts}
     return Measured(**joined) if parts else None, np.concatenate(masks), missing
 
 
 def _measure_block(
-    block: Block, columns: Columns, pairs: tuple[Pair, ...], directions: Array, settings: FaultSettings
+    block: Block,
+    numbers: Array,
+    columns: Columns,
+    pairs: tuple[Pair, ...],
+    namer: Namer | None,
+    directions: Array,
+    settings: FaultSettings,
 ) -> Measured:
     values, offsets = columns.of(block), block.offsets
     change = segments.changes(values, offsets)
@@ -112,6 +123,7 @@ def _measure_block(
         tail,
         shift,
         gain,
+        *name_block(namer, values, block, numbers),
         _signatures(values, offsets, directions),
         digests(block.observations, block.actions, block.offsets),
     )

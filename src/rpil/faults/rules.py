@@ -9,6 +9,7 @@ import numpy as np
 
 from rpil.data.arrays import Id
 from rpil.faults.columns import Columns
+from rpil.faults.fences import fence, two_fences
 from rpil.faults.lag import Pair
 from rpil.faults.measure import Measured
 from rpil.faults.record import Finding
@@ -84,23 +85,6 @@ class Comparison:
             yield Finding(
                 self.rule, ids[m], *at, self.names[c], value, threshold, float(severity[m, c]), self.say(m, c) + also
             )
-
-
-def fence(values: Array, factor: float, least: Array | float, settings: FaultSettings) -> Array:
-    """Where values (M, ...) of demonstrations begin to be unusual; infinite where they differ too much to tell.
-
-    With quartiles q1 and q3 over the demonstrations, and s = `least`, the size below which values do not differ:
-
-        (q3 + s) max(factor, r),    r = ((q3 + s) / (q1 + s))^fence,    for r up to `max_spread`.
-    """
-    low, high = np.quantile(values, [0.25, 0.75], axis=0, method="lower") + least
-    spread = (high / np.maximum(low, 1e-300)) ** settings.fence
-    return np.asarray(np.where(spread <= settings.max_spread, high * np.maximum(factor, spread), np.inf))
-
-
-def two_fences(values: Array, factor: float, settings: FaultSettings) -> tuple[Array, Array]:
-    """Where positive values (M, ...) begin to be unusually small, and unusually large."""
-    return 1.0 / fence(1.0 / values, factor, 0.0, settings), fence(values, factor, 0.0, settings)
 
 
 def compare_leaps(seen: Evidence) -> Iterator[Comparison]:

@@ -78,6 +78,21 @@ class FaultSettings:
     shift_factor, smallest_gain : float
         Times the usual gain in agreement by a shift, and gain by which demonstrations do not differ; gains are relative
         to the usual agreement of the cross-correlations. benchmarks/faults.py.
+    map_columns, map_rows, map_folds, map_ridge : int, int, int, float
+        States, and actions, of the map between them; windows of a demonstration that are looked at; parts of the
+        demonstrations, each judged by maps of the others; and the penalty of least squares, of variance 1.
+    map_trim, map_unknown : float, float
+        Share of the demonstrations that shape the maps, and of the variance that a map leaves over where it tells
+        nothing.
+    lag_sample, map_sample, map_tail : int, int, float
+        Demonstrations that choose the lag of the map, and in which faults are planted, and the quantile by which gains with and without must differ.
+    map_screen, map_tested : float, int
+        Quantile of misfit from which on faults are tried, and demonstrations, about, in which they are at most.
+    least_gain : float
+        Logarithm of likelihood for each step that undoing a fault gains at least. benchmarks/faults.py.
+    offset_factor, smallest_offset, least_offset : float
+        Times the usual offset, offset by which demonstrations do not differ, and that is no fault, in standard
+        deviations. benchmarks/faults.py.
     length_factor : float
         Times the usual length, or its inverse. benchmarks/faults.py.
     scale_factor : float
@@ -125,6 +140,21 @@ class FaultSettings:
     min_agreement: float = 0.75
     shift_factor: float = 3.0
     smallest_gain: float = 0.03
+    map_columns: int = 24
+    map_rows: int = 256
+    map_folds: int = 5
+    map_ridge: float = 1e-4
+    map_trim: float = 0.7
+    map_unknown: float = 0.8
+    lag_sample: int = 6
+    map_sample: int = 40
+    map_tail: float = 0.85
+    map_screen: float = 0.3
+    map_tested: int = 500
+    least_gain: float = 0.75
+    offset_factor: float = 2.0
+    smallest_offset: float = 0.03
+    least_offset: float = 0.25
     length_factor: float = 2.0
     scale_factor: float = 8.0
     near_share: float = 0.005

@@ -109,11 +109,16 @@ def scores(
     place = np.column_stack([place[tried.pairs[:, 0], :3], place[tried.pairs[:, 1]]])
     first, second = _products(weights.other, seen, moments, place)
     undone.append(left[:, None] + 2 * first + second)
-    for kind in WHOLE:
-        other = frame.moments(undo(kind, values, frame.n_states))
-        undone.append((left if other is None else misfit(maps, other))[:, None])
     gain = np.log(left[:, None] / np.maximum(np.concatenate(undone, axis=1), FLOOR)).sum(axis=0) / 2
-    return gain, off
+    return np.append(gain, [whole_gain(kind, values, maps, frame) for kind in WHOLE]), off
+
+
+def whole_gain(kind: str, values: Float[Array, "T C"], maps: Float[Array, "K D"], frame: Frame) -> float:
+    """What undoing a fault of all columns gains."""
+    moments = frame.moments(values), frame.moments(undo(kind, values, frame.n_states))
+    if moments[0] is None or moments[1] is None:
+        return 0.0
+    return float(np.log(misfit(maps, moments[0]) / misfit(maps, moments[1])).sum() / 2)
 
 
 def _products(weights: Array, seen: Array, moments: Array, place: Array) -> tuple[Array, Array]:

@@ -1,0 +1,148 @@
+"""Which fault, when undone, makes a demonstration fit the maps of the others: limits from a sample, then each block.
+
+For a fault of columns, the gain of undoing it where it is follows from the gain of undoing it where it is not; faults
+of time are planted into the sample. Where the two gains overlap, that fault of that column is not known.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from rpil.data.demonstrations import Block
+from rpil.faults.alignment import Frame, fit_maps, misfit
+from rpil.faults.columns import Columns
+from rpil.faults.fences import fence
+from rpil.faults.lag import Pair
+from rpil.faults.settings import FaultSettings
+from rpil.faults.undo import UNITS, WHOLE, Tried, Weights, plant, scores, whole_gain
+from rpil.numerics.types import Array, Float, Int
+
+
+@dataclass(frozen=True, eq=False)
+class Namer:
+    """What names the fault of a demonstration; `limit` (H,) are gains from which a fault is named, NaN where nothing is
+    known, and `far` (C,) the offsets, in standard deviations."""
+
+    frame: Frame
+    tried: Tried
+    weights: tuple[Weights, ...]
+    limit: Float[Array, " H"]
+    far: Float[Array, " C"]
+    screen: float  # what a demonstration leaves over beyond the usual, from which on faults are tried
+
+    def name(self, number: int, values: Float[Array, "T C"]) -> tuple[int, float, float]:
+        """The fault tried that a demonstration has, or -1; what undoing it gains; and the offset of its column."""
+        weights = self.weights[number % len(self.weights)]
+        moments = self.frame.moments(values)
+        if moments is None:
+            return -1, 0.0, 0.0
+        excess = float(np.log(misfit(weights.maps, moments) / weights.usual).sum() / 2)
+        if excess <= self.screen:
+            return -1, 0.0, 0.0
+        found = scores(values, weights, self.frame, self.tried)
+        if found is None:
+            return -1, 0.0, 0.0
+        gain, off = found
+        is_far = np.ones(len(gain), dtype=bool)
+        is_far[self.tried.kind == "offset"] = np.abs(off) > self.far
+        # A fault explains most of what is odd.
+        gain = np.where(is_far & (gain > np.maximum(self.limit, excess / 2)), gain, 0.0)
+        best = int(np.argmax(gain))
+        column = self.tried.columns[best, 0]
+        return (best, float(gain[best]), float(off[column])) if gain[best] > 0 else (-1, 0.0, 0.0)
+
+
+def name_block(namer: Namer | None, values: Float[Array, "C T"], block: Block, numbers: Array) -> tuple[Array, Array]:
+    """`Namer.name` of each demonstration of a block: faults, (M,), and gains and offsets, (M, 2)."""
+    found = np.tile([-1.0, 0.0, 0.0], (len(numbers), 1))
+    if namer is not None:
+        rows = values[namer.frame.column].T
+        for m, (number, first, end) in enumerate(zip(numbers, block.offsets, block.offsets[1:], strict=False)):
+            found[m] = namer.name(int(number), rows[first:end])
+    return found[:, 0].astype(int), found[:, 1:]
+
+
+def learn(
+    sample: Block, numbers: Int[Array, " M"], columns: Columns, pairs: tuple[Pair, ...], related: Array, n_all: int,
+    s: FaultSettings,
+) -> Namer | None:  # fmt: skip
+    """The maps of a sample, and the limits of the gains in it; None where no map tells anything."""
+    action = np.flatnonzero(columns.is_action)[: s.map_columns]
+    state = np.flatnonzero(~columns.is_action)
+    state = state[np.sort(np.argsort(-related, kind="stable")[: s.map_columns])]
+    if not len(action) or not len(state) or len(numbers) < s.min_demonstrations:
+        return None
+    values, own = columns.of(sample), np.concatenate([state, action])
+    values = values[own]
+    rows = [values[:, a:b].T for a, b in zip(sample.offsets, sample.offsets[1:], strict=False)]
+    spread = values.std(axis=1)
+    best = None
+    for lag in dict.fromkeys([0, 1, 2, *(pair.lag for pair in pairs[:1])]):
+        frame = Frame(own, len(state), lag, np.median(values, axis=1), np.where(spread > 0, spread, 1.0), s.map_rows)
+        seen = [frame.moments(x) for x in rows]
+        kept = [m for m, g in enumerate(seen) if g is not None]
+        if len(kept) < s.min_demonstrations:
+            continue
+        fold = numbers[kept] % s.map_folds
+        moments = np.stack([g for g in seen if g is not None])
+        maps = fit_maps(moments, fold, frame, s)
+        left = np.log([misfit(maps[f], g) for f, g in zip(fold, moments, strict=True)])
+        usual = np.median(left, axis=0)
+        apart = _apart([rows[m] for m in kept[:: -(-len(kept) // s.lag_sample)]], maps[0], frame)
+        if best is None or apart > best[0]:
+            best = apart, frame, maps, np.exp(usual), left - usual, kept
+    if best is None or not best[2].any():
+        return None
+    _, frame, maps, usual, excess, kept = best
+    tried = Tried.of(frame)
+    weights = tuple(Weights.of(b, usual, frame, tried.pairs) for b in maps)
+    screen = float(np.quantile(excess.sum(axis=1) / 2, max(s.map_screen, 1.0 - s.map_tested / n_all)))
+    chosen = [kept[k] for k in np.unique(np.linspace(0, len(kept) - 1, s.map_sample).astype(int))]
+    clean, planted, off = _gains([rows[m] for m in chosen], numbers[chosen] % s.map_folds, weights, frame, tried)
+    limit = _limits(clean, planted, s)
+    far = np.maximum(fence(np.abs(off), s.offset_factor, s.smallest_offset, s), s.least_offset)
+    limit[tried.kind == "offset"] = np.where(np.isfinite(far) & maps.any(axis=(0, 1))[frame.places()[:, 1]], s.least_gain, np.nan)
+    return Namer(frame, tried, weights, limit, far, screen)
+
+
+def _apart(rows: list[Array], maps: Array, frame: Frame) -> float:
+    """How far apart the gains of undoing faults of all columns are, without and with the fault."""
+    return sum(
+        float(np.median([whole_gain(kind, plant(kind, x, frame.n_states), maps, frame) for x in rows]))
+        - float(np.median([whole_gain(kind, x, maps, frame) for x in rows]))
+        for kind in WHOLE
+    )
+
+
+def _gains(
+    rows: list[Array], fold: Array, weights: tuple[Weights, ...], frame: Frame, tried: Tried
+) -> tuple[Array, Array, Array]:
+    """Gains of undoing each fault in demonstrations without, and with it, (M, H), and offsets, (M, C)."""
+    clean, planted, offsets = [], [], []
+    whole = {kind: int(np.flatnonzero(tried.kind == kind)[0]) for kind in WHOLE}
+    for x, f in zip(rows, fold.tolist(), strict=True):
+        found = scores(x, weights[f], frame, tried)
+        assert found is not None
+        gain, off = found
+        with_fault = -gain
+        scale = np.flatnonzero(tried.kind == "scale").reshape(len(UNITS) // 2, 2, -1)
+        with_fault[scale] = -gain[scale[:, ::-1]]  # the other unit is the inverse
+        for kind, h in whole.items():
+            with_fault[h] = whole_gain(kind, plant(kind, x, frame.n_states), weights[f].maps, frame)
+        clean.append(gain)
+        planted.append(with_fault)
+        offsets.append(off)
+    return np.array(clean), np.array(planted), np.array(offsets)
+
+
+def _limits(clean: Array, planted: Array, s: FaultSettings) -> Array:
+    """Between the gains without and with a fault, as far from both in their spreads; NaN where they overlap."""
+    middle, high = np.quantile(clean, [0.5, s.map_tail], axis=0)
+    low, other = np.quantile(planted, [1 - s.map_tail, 0.5], axis=0)
+    wide = np.maximum(high - middle, 1e-9), np.maximum(other - low, 1e-9)
+    limit = (middle * wide[1] + other * wide[0]) / (wide[0] + wide[1])
+    limit = np.maximum(limit, s.least_gain)
+    is_known = (high + s.least_gain < limit) & (low > limit)
+    return np.asarray(np.where(is_known, limit, np.nan))
