@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from itertools import chain
 
 import numpy as np
@@ -15,31 +15,29 @@ from rpil.faults.duplicates import find_duplicates
 from rpil.faults.expected import leave_out
 from rpil.faults.frames import find_frame_counts, find_frame_times, frame_time
 from rpil.faults.lag import find_pairs
-from rpil.faults.measure import measure
+from rpil.faults.maprules import session
+from rpil.faults.measure import Learned, measure
 from rpil.faults.naming import learn
-from rpil.faults.record import RULES, FaultReport, Finding
-from rpil.faults.rules import COMPARISONS, Evidence, is_lag_known
+from rpil.faults.record import RULES, FaultReport, Finding, Rule
+from rpil.faults.rules import Evidence, is_lag_known
 from rpil.faults.settings import FaultSettings
+from rpil.faults.whole import learn_ends
 from rpil.formats.dataset import Dataset
 from rpil.formats.times import Times
 
 FAULT_SETTINGS = FaultSettings()
 """The default."""
 
-TOO_DIFFERENT = {
-    "": "demonstrations differ too much in this to know what is usual",
-    "lag": "the lag between action and state is not the same in most demonstrations",
-    "frozen action": "actions rest for long, or demonstrations differ too much in this",
-    "frozen sensor": "observations rest for long, or demonstrations differ too much in this",
-    "saturation": "columns rest for long, or demonstrations differ too much in this",
+CODES = "no {} measures something: they are constant, codes or pixels"
+NEEDS: dict[str, Callable[[Evidence], str | None]] = {
+    "observations": lambda seen: CODES.format("observation") if seen.columns.is_action.all() else None,
+    "actions": lambda seen: None if seen.columns.is_action.any() else CODES.format("action"),
+    "columns": lambda seen: None if seen.columns.names else CODES.format("observation or action"),
+    "pairs": lambda seen: None if seen.learned.pairs else "no observation goes with an action",
+    "map": lambda seen: "no state corresponds to an action" if seen.learned.namer is None else None,
+    "several": lambda seen: _too_few(seen),
 }
-"""Why a rule that applies says nothing."""
-
-COLUMN_RULES = ("frozen sensor", "frozen action", "saturation", "spike", "jump", "scale", "idle head", "idle tail")
-"""Rules that compare columns which measure something."""
-
-WHOLE_RULES = ("lag", "length", "repeated frames")
-"""Rules that compare demonstrations as a whole."""
+"""Why a rule does not apply, by what it needs."""
 
 
 def find_faults(
@@ -74,7 +72,8 @@ def find_faults(
         columns = describe_columns(sample, labels, settings)
         pairs, related = find_pairs(columns.of(sample), sample.offsets, columns, settings)
         namer = learn(sample, numbers, columns, pairs, related, len(demonstrations), settings)
-        measured, kept, missing = measure(demonstrations, columns, pairs, namer, settings)
+        learned = Learned(pairs, namer, learn_ends(sample, columns, settings))
+        measured, kept, missing = measure(demonstrations, columns, learned, settings)
     found = [*missing, *find_frame_counts(times, demonstrations), *find_frame_times(times, demonstrations, settings)]
     seconds = frame_time(times, demonstrations)
     why, unknown, usual, trims = _no_times(times), {}, {}, {}
@@ -83,15 +82,16 @@ def find_faults(
         why |= dict.fromkeys(others, "values are missing; set these demonstrations aside with --skip-bad")
     else:
         ids = tuple(name for name, keep in zip(demonstrations.ids, kept, strict=True) if keep)
-        seen = Evidence(measured, columns, pairs, ids, demonstrations.lengths[kept], seconds, settings)
-        why |= _not_applicable(seen)
+        seen = Evidence(measured, columns, learned, ids, demonstrations.lengths[kept], seconds, settings)
+        why |= {name: reason for name, rule in RULES.items() if (reason := _reason(rule, seen))}
         found += find_duplicates(seen)
-        for comparison in chain.from_iterable(compare(seen) for compare in COMPARISONS):
+        finders = dict.fromkeys(rule.find for rule in RULES.values() if rule.find)
+        for comparison in chain.from_iterable(find(seen) for find in finders):
             if comparison.rule not in why:
                 found += comparison.findings(ids)
-                unknown[comparison.rule] = comparison.unknown
+                unknown.setdefault(comparison.rule, comparison.unknown)
                 if len(comparison.unknown) == len(comparison.names):
-                    why[comparison.rule] = TOO_DIFFERENT.get(comparison.rule, TOO_DIFFERENT[""])
+                    why[comparison.rule] = RULES[comparison.rule].unknown
         usual, trims = _usual(seen), _trims(seen) if seen.columns.names else {}
     found, n_expected = leave_out(without_consequences(found), expected or {})
     return FaultReport(
@@ -108,11 +108,22 @@ def find_faults(
 
 
 def without_consequences(found: Iterable[Finding]) -> list[Finding]:
-    """The findings without the jumps at the ends of frozen and saturated stretches, which end with a leap."""
-    found = list(found)
+    """The worst finding of each rule and demonstration, without what follows from another: jumps at the ends of frozen
+    and saturated stretches and where two episodes meet, and lags and lengths that a change of time explains."""
+    worst: dict[tuple[str, Id], Finding] = {}
+    for f in sorted(found, key=lambda f: -f.severity):
+        worst.setdefault((f.rule, f.id), f)
+    found = list(worst.values())
     held = [f for f in found if f.rule in ("frozen sensor", "frozen action", "saturation")]
     ends = {(f.id, f.column, step) for f in held for step in (f.first, f.last + 1)}
-    return [f for f in found if f.rule != "jump" or (f.id, f.column, f.last) not in ends]
+    meet = {(f.id, f.last) for f in found if f.rule == "two episodes"}
+    timed = {f.id for f in found if f.rule in ("shifted action", "reversed", "frame rate", "two episodes")}
+    return [
+        f
+        for f in found
+        if not (f.rule == "jump" and ((f.id, f.column, f.last) in ends or (f.id, f.last) in meet))
+        and not (f.rule in ("lag", "length") and f.id in timed)
+    ]
 
 
 def _trims(seen: Evidence) -> dict[Id, tuple[int, int]]:
@@ -133,34 +144,27 @@ def _no_times(times: Times) -> dict[str, str]:
     return why
 
 
-def _not_applicable(seen: Evidence) -> dict[str, str]:
-    """The rules that do not apply to such data, and why."""
-    columns, n_actions = seen.columns, int(seen.columns.is_action.sum())
-    codes = "no {} measures something: they are constant, codes or pixels"
-    why = {}
-    if len(columns.names) == n_actions:
-        why["frozen sensor"] = codes.format("observation")
-    if not n_actions:
-        why["frozen action"] = codes.format("action")
-    if not columns.names:
-        why |= dict.fromkeys(COLUMN_RULES, codes.format("observation or action"))
-    if not seen.pairs:
-        why["lag"] = "no observation goes with an action"
-    if len(seen.ids) < seen.settings.min_demonstrations:
-        few = f"it takes {seen.settings.min_demonstrations} demonstrations to know what is usual"
-        why |= {rule: few for rule in (*COLUMN_RULES, *WHOLE_RULES) if rule not in why}
-    return why
+def _reason(rule: Rule, seen: Evidence) -> str | None:
+    """Why a rule does not apply to such data."""
+    return next((reason for need in rule.needs if (reason := NEEDS[need](seen))), None)
+
+
+def _too_few(seen: Evidence) -> str | None:
+    least = seen.settings.min_demonstrations
+    return f"it takes {least} demonstrations to know what is usual" if len(seen.ids) < least else None
 
 
 def _usual(seen: Evidence) -> dict[str, str]:
     """What is usual in these data."""
     usual = {}
     if is_lag_known(seen):
-        best, names = max(seen.pairs, key=lambda pair: pair.correlation), seen.columns.names
+        best, names = max(seen.learned.pairs, key=lambda pair: pair.correlation), seen.columns.names
         first, second = names[best.action], names[best.state]
         if best.lag < 0:
             first, second = second, first
         usual["lag"] = f"{second} follows {first} after {seen.duration(abs(best.lag))}"
+    if changed := session(seen):
+        usual["session"] = changed
     if seen.seconds is not None:
         usual["dropped frames"] = f"a frame every {1e3 * seen.seconds:.4g} ms"
     return usual

@@ -3,7 +3,8 @@ usually move."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+import re
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -44,6 +45,12 @@ class Columns:
     motion: float = 1.0
     labels: tuple[str, ...] = ()
     """Of all columns, `column_labels`."""
+    numbered: Int[Array, " N"] = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+    """Of the columns that move at all, codes included."""
+    rotations: tuple[int, ...] = ()
+    """The first of four observations that are a quaternion."""
+    towards: Float[Array, "Q 4"] = field(default_factory=lambda: np.zeros((0, 4)))
+    """Of each quaternion, a rotation whose sign the others take: q and -q are the same."""
 
     def of(self, block: Block) -> Float[Array, "C T"]:
         """Their values in a block."""
@@ -51,7 +58,10 @@ class Columns:
         own = block.observations.T[self.number[~self.is_action]]
         if self.is_action.any():
             own = np.concatenate([own, block.actions.T[self.number[self.is_action] - n]])
-        return np.ascontiguousarray(own, dtype=np.float64)
+        own = np.ascontiguousarray(own, dtype=np.float64)
+        for first, towards in zip(self.rotations, self.towards, strict=True):
+            own[(self.number >= first) & (self.number < first + 4)] *= _signs(block, first, towards)
+        return own
 
     def motion_of(self, size: Float[Array, "C T"]) -> Float[Array, " T"]:
         """Mean over the columns of the size of their change, relative to their usual one and at most 3."""
@@ -88,11 +98,18 @@ def describe_columns(sample: Block, labels: tuple[str, ...], settings: FaultSett
     everything = list(zip(labels, sample.observations.T[:width], strict=False))
     if sample.actions.ndim == 2:
         everything += zip(labels[n_observations:], sample.actions.T, strict=True)
-    measured = [k for k, (_, column) in enumerate(everything) if _is_measurement(column, settings)]
+    driven = _is_driven([name for name, _ in everything], [column for _, column in everything], settings)
+    measured = [k for k, (_, x) in enumerate(everything) if driven[k] and _is_measurement(x, settings)]
+    moving = [k for k, (_, column) in enumerate(everything) if column.min() < column.max()]
     number = np.array([k if k < width else k - width + n_observations for k in measured], dtype=np.int64)
     chosen = tuple(everything[k][0] for k in measured)
     ones = np.ones(len(number))
-    empty = Columns(chosen, number, number >= n_observations, ones, ones, ones, labels=labels)
+    numbered = np.array([k if k < width else k - width + n_observations for k in moving], dtype=np.int64)
+    turns = _rotations(sample.observations[:, :width])
+    towards = np.array([sample.observations[0, k : k + 4] for k in turns]).reshape(-1, 4)
+    empty = Columns(
+        chosen, number, number >= n_observations, ones, ones, ones, 1.0, labels, numbered, turns, towards
+    )
     if not chosen:
         return empty
     values = empty.of(sample)
@@ -103,6 +120,39 @@ def describe_columns(sample: Block, labels: tuple[str, ...], settings: FaultSett
     usual = _median_or_one(motion[motion > 0])
     moves = motion > settings.idle_motion * usual
     return replace(columns, moving=(size > 0)[:, moves].mean(axis=1) if moves.any() else ones, motion=usual)
+
+
+def _signs(block: Block, first: int, towards: Array) -> Float[Array, " T"]:
+    """1 or -1 for each step: with it, a quaternion goes on from the step before, and begins near `towards`."""
+    turned = block.observations[:, first : first + 4].astype(np.float64)
+    before = np.roll(turned, 1, axis=0)
+    before[block.offsets[:-1]] = towards
+    same = np.where((turned * before).sum(axis=1) < 0, -1.0, 1.0)
+    sign = np.cumprod(same)
+    lengths = np.diff(block.offsets)
+    return sign * np.repeat(sign[block.offsets[:-1]] * same[block.offsets[:-1]], lengths)
+
+
+def _rotations(observations: Array) -> tuple[int, ...]:
+    """The first of each four columns of length 1 that turn."""
+    found: list[int] = []
+    size = observations.astype(np.float64) ** 2
+    for k in range(observations.shape[1] - 3):
+        is_free = not found or k >= found[-1] + 4
+        if is_free and np.allclose(size[:, k : k + 4].sum(axis=1), 1.0, atol=1e-3) and size[:, k : k + 4].std() > 0:
+            found.append(k)
+    return tuple(found)
+
+
+def _is_driven(names: list[str], values: list[Array], settings: FaultSettings) -> list[bool]:
+    """Whether a column moves, beside its siblings: those whose names differ from its own by numbers."""
+    kinds = [re.sub(r"\d+", "#", name) for name in names]
+    wide = np.array([float(np.ptp(column)) for column in values])
+    usual = {kind: float(np.median(wide[[k == kind for k in kinds]])) for kind in set(kinds)}
+    return [
+        not re.search("'.*[a-z]", kind) or size >= settings.least_driven * usual[kind]
+        for kind, size in zip(kinds, wide, strict=True)
+    ] if names else []  # fmt: skip
 
 
 def _spread(values: Float[Array, "C T"]) -> Float[Array, " C"]:

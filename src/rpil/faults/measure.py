@@ -15,6 +15,7 @@ from rpil.faults.missing import set_aside
 from rpil.faults.naming import Namer, name_block
 from rpil.faults.record import Finding
 from rpil.faults.settings import FaultSettings
+from rpil.faults.whole import Ends, next_state, ranges
 from rpil.formats.dataset import Dataset
 from rpil.numerics.types import Array, Bool, Float, Int, Shaped
 
@@ -24,6 +25,15 @@ CACHE_STEPS = 8_192
 PARTS, DIRECTIONS, LENGTH_WEIGHT = 8, 8, 10.0
 """Of a signature: parts of a demonstration, random directions of its columns, and standard deviations of a column to
 which a length e times longer amounts."""
+
+
+@dataclass(frozen=True, eq=False)
+class Learned:
+    """What a sample of the demonstrations tells, beside the columns."""
+
+    pairs: tuple[Pair, ...]
+    namer: Namer | None
+    ends: Ends | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,6 +63,9 @@ class Measured:
     shift_gain: Float[Array, " M"]
     named: Int[Array, " M"]  # the fault that `Namer` names, or -1
     gain: Float[Array, "M 2"]  # of undoing it, and the offset of its column
+    boundary: Float[Array, "M 2"]  # how unlike one between two demonstrations the best step is, and that step
+    next_state: Float[Array, " M"]  # share of the moving actions that are the next state
+    ranges: Float[Array, "M N"]  # of `Columns.numbered`
     signature: Float[Array, "M S"]
     digest: Shaped[Array, " M"]
 
@@ -60,8 +73,7 @@ class Measured:
 def measure(
     demonstrations: Demonstrations | Dataset,
     columns: Columns,
-    pairs: tuple[Pair, ...],
-    namer: Namer | None,
+    learned: Learned,
     settings: FaultSettings,
 ) -> tuple[Measured | None, Bool[Array, " M"], list[Finding]]:
     """What was measured of the demonstrations without missing values, block by block; None where none is.
@@ -78,7 +90,7 @@ def measure(
             missing += found
             if kept.any():
                 numbers = whole.first + np.flatnonzero(kept)
-                parts.append(_measure_block(block, numbers, columns, pairs, namer, directions, settings))
+                parts.append(_measure_block(block, numbers, columns, learned, directions, settings))
     joined = {f.name: np.concatenate([getattr(part, f.name) for part in parts]) for f in fields(Measured) if parts}
     return Measured(**joined) if parts else None, np.concatenate(masks), missing
 
@@ -87,8 +99,7 @@ def _measure_block(
     block: Block,
     numbers: Array,
     columns: Columns,
-    pairs: tuple[Pair, ...],
-    namer: Namer | None,
+    learned: Learned,
     directions: Array,
     settings: FaultSettings,
 ) -> Measured:
@@ -100,8 +111,8 @@ def _measure_block(
     motion = columns.motion_of(size)
     moves = motion > settings.idle_motion * columns.motion
     still, run_step, run = segments.longest_runs(changed, moves, offsets)
-    head, tail = _idle_ends(moves, offsets)
-    shift, gain = shifts(values, change, offsets, pairs, settings)
+    head, tail = _idle_ends(motion, moves, offsets, settings)
+    shift, gain = shifts(values, change, offsets, learned.pairs, settings)
     return Measured(
         *segments.largest(spike, offsets),
         *segments.largest(jump, offsets),
@@ -123,7 +134,10 @@ def _measure_block(
         tail,
         shift,
         gain,
-        *name_block(namer, values, block, numbers),
+        *name_block(learned.namer, values, block, numbers),
+        _boundaries(learned.ends, values[~columns.is_action], offsets),
+        next_state(block),
+        ranges(block, columns),
         _signatures(values, offsets, directions),
         digests(block.observations, block.actions, block.offsets),
     )
@@ -142,14 +156,28 @@ def _spikes_and_jumps(change: Array, size: Array, offsets: Array) -> tuple[Array
     return np.maximum(spike, 0.0), jump
 
 
-def _idle_ends(moves: Array, offsets: Array) -> tuple[Array, Array]:
-    """Steps before the first and after the last step that moves, of each demonstration."""
+def _idle_ends(motion: Array, moves: Array, offsets: Array, s: FaultSettings) -> tuple[Array, Array]:
+    """Steps before the first and after the last step that moves, of each demonstration. A controller that settles, whose
+    motion goes on to decay, is not idle."""
     n, steps = len(moves), np.arange(len(moves))
     first = np.minimum.reduceat(np.where(moves, steps, n), offsets[:-1])
     last = np.maximum.reduceat(np.where(moves, steps, -1), offsets[:-1])
     nothing = first == n
     head = np.where(nothing, np.diff(offsets), np.maximum(first - 1 - offsets[:-1], 0))
-    return head, np.where(nothing, 0, offsets[1:] - 1 - last)
+    tail = np.where(nothing, 0, offsets[1:] - 1 - last)
+    for m in np.flatnonzero(tail >= s.min_idle).tolist():
+        third = int(tail[m]) // 3
+        end = int(offsets[m + 1])
+        sizes = motion[end - int(tail[m]) : end - 2 * third].mean(), motion[end - third : end].mean()
+        tail[m] = 0 if 0 < s.settling * sizes[1] < sizes[0] else tail[m]
+    return head, tail
+
+
+def _boundaries(ends: Ends | None, values: Array, offsets: Array) -> Array:
+    """`Ends.boundary` of each demonstration, (M, 2)."""
+    if ends is None or np.isnan(ends.limit):
+        return np.tile([np.inf, 0.0], (len(offsets) - 1, 1))
+    return np.array([ends.boundary(values[:, a:b]) for a, b in zip(offsets[:-1], offsets[1:], strict=True)])
 
 
 def _repeats(changed: Array, moves: Array, offsets: Array) -> tuple[Array, Array, Array]:

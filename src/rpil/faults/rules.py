@@ -10,9 +10,8 @@ import numpy as np
 from rpil.data.arrays import Id
 from rpil.faults.columns import Columns
 from rpil.faults.fences import fence, two_fences
-from rpil.faults.lag import Pair
-from rpil.faults.measure import Measured
-from rpil.faults.record import Finding
+from rpil.faults.measure import Learned, Measured
+from rpil.faults.record import Finding, finds
 from rpil.faults.settings import FaultSettings
 from rpil.numerics.types import Array, Float
 
@@ -23,7 +22,7 @@ class Evidence:
 
     measured: Measured
     columns: Columns
-    pairs: tuple[Pair, ...]
+    learned: Learned
     ids: tuple[Id, ...]
     lengths: Array
     seconds: float | None  # between two frames, if that is known
@@ -87,6 +86,7 @@ class Comparison:
             )
 
 
+@finds("spike", "jump")
 def compare_leaps(seen: Evidence) -> Iterator[Comparison]:
     """Spikes and jumps: larger than usual, than the usual largest change, and than a share of the column's spread."""
     by, s, columns = seen.measured, seen.settings, seen.columns
@@ -118,16 +118,24 @@ def compare_leaps(seen: Evidence) -> Iterator[Comparison]:
     )
 
 
+@finds("frozen sensor", "frozen action", "saturation")
 def compare_constant_runs(seen: Evidence) -> Iterator[Comparison]:
     """Frozen sensors, frozen actions and saturation: one value for long, while others move."""
     by, s, columns = seen.measured, seen.settings, seen.columns
     limits = np.maximum(fence(by.still, s.frozen_factor, s.smallest_run, s), s.min_frozen)
     limits = np.where(columns.moving >= s.min_moving, limits, np.inf)
-    is_extreme = (by.run_value == by.low.min(axis=0)) | (by.run_value == by.high.max(axis=0))
+    bottom, top = by.low.min(axis=0), by.high.max(axis=0)
+    near = 0.01 * (top - bottom)
+    at_bottom, at_top = by.run_value <= bottom + near, by.run_value >= top - near
+    # Where many demonstrations reach a limit it is the robot's own.
+    usual_bottom = (by.low <= bottom + near).mean(axis=0) >= s.common_limit
+    usual_top = (by.high >= top - near).mean(axis=0) >= s.common_limit
+    at_limit = (at_bottom & usual_bottom) | (at_top & usual_top)
+    is_extreme = (by.run_value == bottom) | (by.run_value == top)
     for rule, own, is_fault in (
-        ("saturation", np.arange(len(columns.names)), is_extreme),
-        ("frozen sensor", np.flatnonzero(~columns.is_action), ~is_extreme),
-        ("frozen action", np.flatnonzero(columns.is_action), ~is_extreme),
+        ("saturation", np.arange(len(columns.names)), is_extreme & ~at_limit),
+        ("frozen sensor", np.flatnonzero(~columns.is_action), ~is_extreme & ~at_limit),
+        ("frozen action", np.flatnonzero(columns.is_action), ~is_extreme & ~at_limit),
     ):
 
         def steps(m: int, k: int, own: Array = own) -> tuple[int, int]:
@@ -143,6 +151,7 @@ def compare_constant_runs(seen: Evidence) -> Iterator[Comparison]:
         yield Comparison.above(rule, names, np.where(is_fault, by.still, 0)[:, own], limits[own], steps, say)
 
 
+@finds("repeated frames")
 def compare_repeated_rows(seen: Evidence) -> Iterator[Comparison]:
     """Rows that repeat the one before while everything moves."""
     by, s = seen.measured, seen.settings
@@ -160,6 +169,7 @@ def compare_repeated_rows(seen: Evidence) -> Iterator[Comparison]:
     )
 
 
+@finds("idle head", "idle tail")
 def compare_idle_ends(seen: Evidence) -> Iterator[Comparison]:
     """Idle beginnings and ends, which may be trimmed."""
     s, lengths = seen.settings, seen.lengths.astype(int)
@@ -178,6 +188,7 @@ def compare_idle_ends(seen: Evidence) -> Iterator[Comparison]:
         yield Comparison.above(rule, ("",), idle, np.asarray(limit), steps, say)
 
 
+@finds("length")
 def compare_lengths(seen: Evidence) -> Iterator[Comparison]:
     """Demonstrations far longer or shorter than the others."""
     lengths = seen.lengths.astype(float)[:, None]
@@ -195,6 +206,7 @@ def compare_lengths(seen: Evidence) -> Iterator[Comparison]:
     )
 
 
+@finds("scale")
 def compare_scales(seen: Evidence) -> Iterator[Comparison]:
     """Columns whose values and changes are both many times larger, or smaller, than elsewhere.
 
@@ -220,6 +232,7 @@ def compare_scales(seen: Evidence) -> Iterator[Comparison]:
     yield Comparison("scale", columns.names, ratio, limits, severity, lambda m, _: (0, int(seen.lengths[m]) - 1), say)
 
 
+@finds("lag")
 def compare_lags(seen: Evidence) -> Iterator[Comparison]:
     """Demonstrations whose state follows the action sooner or later than elsewhere."""
     by, s = seen.measured, seen.settings
@@ -242,16 +255,4 @@ def is_lag_known(seen: Evidence) -> bool:
     """Whether most demonstrations have the same lag."""
     s, by = seen.settings, seen.measured
     agree = ((np.abs(by.shift) < s.min_shift) | (by.shift_gain < s.smallest_gain)).mean() >= s.min_agreement
-    return bool(seen.pairs and agree and np.isfinite(fence(by.shift_gain, s.shift_factor, s.smallest_gain, s)))
-
-
-COMPARISONS: tuple[Callable[[Evidence], Iterator[Comparison]], ...] = (
-    compare_repeated_rows,
-    compare_constant_runs,
-    compare_leaps,
-    compare_scales,
-    compare_lags,
-    compare_idle_ends,
-    compare_lengths,
-)
-"""The rules that compare demonstrations."""
+    return bool(seen.learned.pairs and agree and np.isfinite(fence(by.shift_gain, s.shift_factor, s.smallest_gain, s)))

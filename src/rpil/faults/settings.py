@@ -24,6 +24,8 @@ class FaultSettings:
         have fewer.
     max_columns : int
         Observation columns beyond which observations are images, whose columns no rule compares.
+    least_driven : float
+        Range of a column, relative to the columns whose names differ by numbers only, below which nothing drives it.
     fence : float
         Distances of the upper quartile from the lower one, in logarithms, that a value may lie above the upper
         quartile. benchmarks/faults.py.
@@ -102,6 +104,14 @@ class FaultSettings:
     near_duplicate : tuple of float
         Distance of two demonstrations below which, whatever that share, they are near duplicates, and above which they
         are not; relative to the median distance from the nearest other one.
+    least_range : float
+        Range of a column, relative to a low one of the others, below which it never moves.
+    common_limit : float
+        Share of the demonstrations that reach the lowest or highest value of a column, from which that is a limit of
+        the robot, where it may rest.
+    settling : float
+        Times by which motion decays from the first to the last third of an idle end which is no idle one, but that of
+        a controller that settles.
     min_duplicate : int
         Steps from which equal demonstrations of codes alone are duplicates: shorter ones are equal by chance.
     """
@@ -111,6 +121,7 @@ class FaultSettings:
     pilot_steps: int = 50_000
     min_distinct: int = 20
     max_columns: int = 1_000
+    least_driven: float = 0.05
     fence: float = 2.0
     max_spread: float = 5.0
     spike_factor: float = 2.0
@@ -159,4 +170,7 @@ class FaultSettings:
     scale_factor: float = 8.0
     near_share: float = 0.005
     near_duplicate: tuple[float, float] = (0.02, 0.2)
+    least_range: float = 0.05
+    common_limit: float = 0.25
+    settling: float = 3.0
     min_duplicate: int = 50

@@ -1,0 +1,94 @@
+"""What is measured of demonstrations as they are: two in one, actions that are the next state, columns that never move."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from rpil.data.demonstrations import Block
+from rpil.faults.columns import Columns
+from rpil.faults.settings import FaultSettings
+from rpil.numerics.types import Array, Float
+
+LARGEST = 25.0
+"""Squared distance in one column, in spreads, at most."""
+
+
+@dataclass(frozen=True, eq=False)
+class Ends:
+    """How demonstrations begin and end, (2, C) for first and last steps, and how long they are; and what the best
+    boundary within a demonstration is like where it is one (`limit`; NaN where that cannot be known)."""
+
+    centre: Float[Array, "2 C"]
+    spread: Float[Array, "2 C"]
+    lengths: tuple[float, float]
+    leap: float
+    limit: float = np.nan
+
+    def boundary(self, values: Float[Array, "C T"]) -> tuple[float, int]:
+        """How unlike a boundary of two demonstrations the best step of one is, and that step."""
+        n = values.shape[1]
+        low, high = self.lengths
+        first, end = int(max(low, n - high)), int(min(high, n - low))
+        if first < 1 or first >= end:
+            return np.inf, 0
+        rows = [values[:, first:end], values[:, first - 1 : end - 1]]  # a beginning, after an end
+        far = [
+            np.minimum(((x - c[:, None]) / s[:, None]) ** 2, LARGEST).mean(axis=0)
+            for x, c, s in zip(rows, self.centre, self.spread, strict=True)
+        ]
+        leaps = np.log1p(np.sqrt(((rows[0] - rows[1]) ** 2 / self.spread.max(axis=0)[:, None] ** 2).mean(axis=0)) / self.leap)
+        unlike = far[0] + far[1] - 2.0 * leaps
+        at = int(np.argmin(unlike))
+        return float(unlike[at]), first + at
+
+
+def learn_ends(sample: Block, columns: Columns, s: FaultSettings) -> Ends | None:
+    """Of a sample; the limit lies between its demonstrations and pairs of them, joined."""
+    if len(sample.offsets) <= s.min_demonstrations or columns.is_action.all():
+        return None
+    values, offsets = columns.of(sample)[~columns.is_action], sample.offsets
+    least = 0.02 * columns.spread[~columns.is_action][:, None]
+    ends = [values[:, offsets[:-1]], values[:, offsets[1:] - 1]]
+    centre = [np.median(x, axis=1, keepdims=True) for x in ends]
+    spread = [np.median(np.abs(x - c), axis=1, keepdims=True) / 0.6745 + least for x, c in zip(ends, centre, strict=True)]
+    wide = np.maximum(*spread)
+    change = np.sqrt(((np.diff(values, axis=1) / wide) ** 2).mean(axis=0))
+    lengths = np.quantile(np.diff(offsets), [0.05, 0.95])
+    fitted = Ends(
+        np.stack(centre)[:, :, 0], np.stack(spread)[:, :, 0], (0.7 * lengths[0], 1.3 * lengths[1]),
+        float(np.quantile(change, 0.99)) + 1e-12,
+    )  # fmt: skip
+    each = [values[:, a:b] for a, b in zip(offsets[:-1], offsets[1:], strict=True)][: s.map_sample]
+    clean = np.minimum([fitted.boundary(x)[0] for x in each], 1e3)
+    joined = [fitted.boundary(np.concatenate([x, y], axis=1))[0] for x, y in zip(each, each[1:], strict=False)]
+    low, high = np.quantile(clean, 1 - s.map_tail), np.quantile(joined, s.map_tail)
+    limit = high + 0.25 * (min(low, high + 2 * LARGEST) - high)
+    return Ends(fitted.centre, fitted.spread, fitted.lengths, fitted.leap, float(limit) if low > high + 0.5 else np.nan)
+
+
+def next_state(block: Block, n_steps: int = 16) -> Float[Array, " M"]:
+    """Share of the actions that move which are a state at the next step, at some steps of each demonstration."""
+    out = np.zeros(len(block.offsets) - 1)
+    if block.actions.ndim != 2:
+        return out
+    for m, (first, end) in enumerate(zip(block.offsets, block.offsets[1:], strict=False)):
+        at = np.unique(np.linspace(first, end - 2, n_steps).astype(int)) if end - first > 2 else np.arange(0)
+        actions, after = block.actions[at], block.observations[at + 1]
+        moves = np.ptp(actions, axis=0) > 0 if len(at) else np.zeros(0, dtype=bool)
+        if moves.any():
+            near = np.abs(actions[:, moves, None] - after[:, None, :]) <= 1e-6 * np.ptp(actions, axis=0)[moves, None]
+            out[m] = near.all(axis=0).any(axis=1).mean()
+    return out
+
+
+def ranges(block: Block, columns: Columns) -> Float[Array, "M C"]:
+    """Of all columns that are compared or are codes: the largest value less the smallest."""
+    out = []
+    for k in columns.numbered:
+        n = block.observations.shape[1]
+        column = block.observations[:, k] if k < n else block.actions[:, k - n]
+        top, low = (f.reduceat(column, block.offsets[:-1]) for f in (np.maximum, np.minimum))
+        out.append(np.subtract(top, low, dtype=np.float64))
+    return np.array(out).reshape(len(columns.numbered), -1).T
