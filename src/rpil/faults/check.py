@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Callable, Collection, Iterable, Mapping
 from itertools import chain
 
@@ -77,6 +78,7 @@ def find_faults(
     found = [*missing, *find_frame_counts(times, demonstrations), *find_frame_times(times, demonstrations, settings)]
     seconds = frame_time(times, demonstrations)
     why, unknown, usual, trims = _no_times(times), {}, {}, {}
+    known: dict[str, bool] = defaultdict(bool)
     if measured is None or (missing and not skip_bad):
         others = (rule for rule in RULES if rule not in ("missing values", "frame count", "dropped frames"))
         why |= dict.fromkeys(others, "values are missing; set these demonstrations aside with --skip-bad")
@@ -89,9 +91,10 @@ def find_faults(
         for comparison in chain.from_iterable(find(seen) for find in finders):
             if comparison.rule not in why:
                 found += comparison.findings(ids)
-                unknown.setdefault(comparison.rule, comparison.unknown)
-                if len(comparison.unknown) == len(comparison.names):
-                    why[comparison.rule] = RULES[comparison.rule].unknown
+                silent = unknown.get(comparison.rule, comparison.names)
+                unknown[comparison.rule] = tuple(name for name in silent if name in comparison.unknown)
+                known[comparison.rule] |= len(comparison.unknown) < len(comparison.names)
+        why |= {name: RULES[name].unknown for name, is_known in known.items() if not is_known}
         usual, trims = _usual(seen), _trims(seen) if seen.columns.names else {}
     found, n_expected = leave_out(without_consequences(found), expected or {})
     return FaultReport(

@@ -80,8 +80,10 @@ def compare_boundaries(seen: Evidence) -> Iterator[Comparison]:
 @finds("next state")
 def compare_next_states(seen: Evidence) -> Iterator[Comparison]:
     """Demonstrations whose actions are the next state, where those of others are not."""
-    share = seen.measured.next_state
-    limit = 0.5 if np.median(share) < 0.25 else np.inf
+    moves, same = seen.measured.next_state.transpose(2, 0, 1)
+    is_usual = 2 * same.sum(axis=0) > moves.sum(axis=0)
+    share = (same * ~is_usual).sum(axis=1) / np.maximum((moves * ~is_usual).sum(axis=1), 1.0)
+    limit = np.inf if is_usual.all() else 0.5
     yield Comparison.above(
         "next state",
         ("",),
@@ -97,9 +99,9 @@ def compare_ranges(seen: Evidence) -> Iterator[Comparison]:
     """Columns, codes such as an open gripper included, that move in the others and never in this one."""
     by, s, columns = seen.measured, seen.settings, seen.columns
     names = tuple(columns.labels[k] for k in columns.numbered)
-    low = np.quantile(by.ranges, 1 - s.map_tail, axis=0) if len(names) else np.zeros(0)
+    low, usual = np.quantile(by.ranges, [0.25, 0.5], axis=0) if len(names) else np.zeros((2, 0))
     still = by.ranges <= s.least_range * low
-    least = np.where(low > 0, 0.5, np.inf)
+    least = np.where(low > s.steady_range * usual, 0.5, np.inf)
     yield Comparison.above(
         "never moves",
         names,

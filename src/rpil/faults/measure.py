@@ -64,7 +64,7 @@ class Measured:
     named: Int[Array, " M"]  # the fault that `Namer` names, or -1
     gain: Float[Array, "M 2"]  # of undoing it, and the offset of its column
     boundary: Float[Array, "M 2"]  # how unlike one between two demonstrations the best step is, and that step
-    next_state: Float[Array, " M"]  # share of the moving actions that are the next state
+    next_state: Float[Array, "M A 2"]  # whether each action moves, and is then the next state
     ranges: Float[Array, "M N"]  # of `Columns.numbered`
     signature: Float[Array, "M S"]
     digest: Shaped[Array, " M"]

@@ -13,7 +13,6 @@ import numpy as np
 from rpil.data.demonstrations import Block
 from rpil.faults.alignment import Frame, fit_maps, misfit
 from rpil.faults.columns import Columns
-from rpil.faults.fences import fence
 from rpil.faults.lag import Pair
 from rpil.faults.settings import FaultSettings
 from rpil.faults.undo import UNITS, WHOLE, Tried, Weights, plant, scores, whole_gain
@@ -45,13 +44,22 @@ class Namer:
         if found is None:
             return -1, 0.0, 0.0
         gain, off = found
-        is_far = np.ones(len(gain), dtype=bool)
-        is_far[self.tried.kind == "offset"] = np.abs(off) > self.far
-        # A fault explains most of what is odd.
-        gain = np.where(is_far & (gain > np.maximum(self.limit, excess / 2)), gain, 0.0)
+        fits = np.ones(len(gain), dtype=bool)
+        fits[self.tried.kind == "offset"] = np.abs(off) > self.far
+        fits[self.tried.kind == "scale"] = self._has_size(moments).ravel()
+        gain = np.where(fits & (gain > self.limit), gain, 0.0)
         best = int(np.argmax(gain))
         column = self.tried.columns[best, 0]
         return (best, float(gain[best]), float(off[column])) if gain[best] > 0 else (-1, 0.0, 0.0)
+
+
+    def _has_size(self, moments: Array) -> Array:
+        """Whether each column has about the size that it would have in each other unit, (U, C)."""
+        now, frame = self.frame.places()[:, 1], self.frame
+        square = frame.spread**2 * moments[now, now] + 2 * frame.spread * frame.centre * moments[now, -1]
+        size = np.log(np.maximum(square + frame.centre**2, 1e-300)) - np.log(frame.spread**2 + frame.centre**2)
+        factor = np.log(UNITS)[:, None]
+        return np.asarray(np.abs(size / 2 + factor) < np.abs(factor) / 2)
 
 
 def name_block(namer: Namer | None, values: Float[Array, "C T"], block: Block, numbers: Array) -> tuple[Array, Array]:
@@ -102,8 +110,9 @@ def learn(
     chosen = [kept[k] for k in np.unique(np.linspace(0, len(kept) - 1, s.map_sample).astype(int))]
     clean, planted, off = _gains([rows[m] for m in chosen], numbers[chosen] % s.map_folds, weights, frame, tried)
     limit = _limits(clean, planted, s)
-    far = np.maximum(fence(np.abs(off), s.offset_factor, s.smallest_offset, s), s.least_offset)
-    limit[tried.kind == "offset"] = np.where(np.isfinite(far) & maps.any(axis=(0, 1))[frame.places()[:, 1]], s.least_gain, np.nan)
+    far = np.maximum(s.offset_factor * np.quantile(np.abs(off), 0.75, axis=0), s.least_offset)
+    is_known = (far < s.largest_offset) & maps.any(axis=(0, 1))[frame.places()[:, 1]]
+    limit[tried.kind == "offset"] = np.where(is_known, s.least_gain, np.nan)
     return Namer(frame, tried, weights, limit, far, screen)
 
 
@@ -139,10 +148,9 @@ def _gains(
 
 def _limits(clean: Array, planted: Array, s: FaultSettings) -> Array:
     """Between the gains without and with a fault, as far from both in their spreads; NaN where they overlap."""
-    middle, high = np.quantile(clean, [0.5, s.map_tail], axis=0)
-    low, other = np.quantile(planted, [1 - s.map_tail, 0.5], axis=0)
-    wide = np.maximum(high - middle, 1e-9), np.maximum(other - low, 1e-9)
-    limit = (middle * wide[1] + other * wide[0]) / (wide[0] + wide[1])
+    below, middle = np.quantile(clean, [0.75, 0.5], axis=0), np.median(planted, axis=0)
+    wide = below[0] - below[1], middle - np.quantile(planted, 0.25, axis=0)
+    limit = (below[1] * wide[1] + middle * wide[0]) / np.maximum(wide[0] + wide[1], 1e-9)
     limit = np.maximum(limit, s.least_gain)
-    is_known = (high + s.least_gain < limit) & (low > limit)
+    is_known = (below[1] + s.map_tail * wide[0] < limit) & (middle - s.map_tail * wide[1] > limit)
     return np.asarray(np.where(is_known, limit, np.nan))

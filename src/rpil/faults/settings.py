@@ -87,13 +87,14 @@ class FaultSettings:
         Share of the demonstrations that shape the maps, and of the variance that a map leaves over where it tells
         nothing.
     lag_sample, map_sample, map_tail : int, int, float
-        Demonstrations that choose the lag of the map, and in which faults are planted, and the quantile by which gains with and without must differ.
+        Demonstrations that choose the lag of the map, and in which faults are planted, and quartile distances from the medians by which gains with and
+        without must differ.
     map_screen, map_tested : float, int
         Quantile of misfit from which on faults are tried, and demonstrations, about, in which they are at most.
     least_gain : float
         Logarithm of likelihood for each step that undoing a fault gains at least. benchmarks/faults.py.
-    offset_factor, smallest_offset, least_offset : float
-        Times the usual offset, offset by which demonstrations do not differ, and that is no fault, in standard
+    offset_factor, least_offset, largest_offset : float
+        Times the usual offset, offset that is no fault, and limit from which on nothing is known, in standard
         deviations. benchmarks/faults.py.
     length_factor : float
         Times the usual length, or its inverse. benchmarks/faults.py.
@@ -105,7 +106,9 @@ class FaultSettings:
         Distance of two demonstrations below which, whatever that share, they are near duplicates, and above which they
         are not; relative to the median distance from the nearest other one.
     least_range : float
-        Range of a column, relative to a low one of the others, below which it never moves.
+        Range of a column, relative to the lower quartile, below which it never moves.
+    steady_range : float
+        Lower quartile of the range of a column, relative to the median, from which on it always moves.
     common_limit : float
         Share of the demonstrations that reach the lowest or highest value of a column, from which that is a limit of
         the robot, where it may rest.
@@ -159,18 +162,19 @@ class FaultSettings:
     map_unknown: float = 0.8
     lag_sample: int = 6
     map_sample: int = 40
-    map_tail: float = 0.85
+    map_tail: float = 1.5
     map_screen: float = 0.3
     map_tested: int = 500
     least_gain: float = 0.75
-    offset_factor: float = 2.0
-    smallest_offset: float = 0.03
+    offset_factor: float = 2.5
     least_offset: float = 0.25
+    largest_offset: float = 0.5
     length_factor: float = 2.0
     scale_factor: float = 8.0
     near_share: float = 0.005
     near_duplicate: tuple[float, float] = (0.02, 0.2)
     least_range: float = 0.05
+    steady_range: float = 0.25
     common_limit: float = 0.25
     settling: float = 3.0
     min_duplicate: int = 50

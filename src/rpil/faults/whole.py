@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -63,23 +63,24 @@ def learn_ends(sample: Block, columns: Columns, s: FaultSettings) -> Ends | None
     each = [values[:, a:b] for a, b in zip(offsets[:-1], offsets[1:], strict=True)][: s.map_sample]
     clean = np.minimum([fitted.boundary(x)[0] for x in each], 1e3)
     joined = [fitted.boundary(np.concatenate([x, y], axis=1))[0] for x, y in zip(each, each[1:], strict=False)]
-    low, high = np.quantile(clean, 1 - s.map_tail), np.quantile(joined, s.map_tail)
-    limit = high + 0.25 * (min(low, high + 2 * LARGEST) - high)
-    return Ends(fitted.centre, fitted.spread, fitted.lengths, fitted.leap, float(limit) if low > high + 0.5 else np.nan)
+    low, other = np.quantile(clean, [0.25, 0.5])
+    middle, high = np.quantile(joined, [0.5, 0.75])
+    low, high = low - 0.5 * (other - low), high + 0.5 * (high - middle)
+    limit = high + 0.25 * (min(low, high + LARGEST) - high)
+    return replace(fitted, limit=float(limit) if low > high + 1.0 else np.nan)
 
 
-def next_state(block: Block, n_steps: int = 16) -> Float[Array, " M"]:
-    """Share of the actions that move which are a state at the next step, at some steps of each demonstration."""
-    out = np.zeros(len(block.offsets) - 1)
-    if block.actions.ndim != 2:
-        return out
+def next_state(block: Block, n_steps: int = 16) -> Float[Array, "M A 2"]:
+    """Whether each action moves, and is then a state at the next step, at some steps of each demonstration."""
+    n_actions = block.actions.shape[1] if block.actions.ndim == 2 else 0
+    out = np.zeros((len(block.offsets) - 1, n_actions, 2))
     for m, (first, end) in enumerate(zip(block.offsets, block.offsets[1:], strict=False)):
-        at = np.unique(np.linspace(first, end - 2, n_steps).astype(int)) if end - first > 2 else np.arange(0)
-        actions, after = block.actions[at], block.observations[at + 1]
-        moves = np.ptp(actions, axis=0) > 0 if len(at) else np.zeros(0, dtype=bool)
-        if moves.any():
-            near = np.abs(actions[:, moves, None] - after[:, None, :]) <= 1e-6 * np.ptp(actions, axis=0)[moves, None]
-            out[m] = near.all(axis=0).any(axis=1).mean()
+        if n_actions and end - first > 2:
+            at = np.unique(np.linspace(first, end - 2, n_steps).astype(int))
+            actions, after = block.actions[at], block.observations[at + 1]
+            wide = np.ptp(actions, axis=0)
+            near = np.abs(actions[:, :, None] - after[:, None, :]) <= 1e-6 * wide[:, None]
+            out[m] = np.column_stack([wide > 0, (wide > 0) & near.all(axis=0).any(axis=1)])
     return out
 
 
