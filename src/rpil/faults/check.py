@@ -120,12 +120,14 @@ def without_consequences(found: Iterable[Finding]) -> list[Finding]:
     held = [f for f in found if f.rule in ("frozen sensor", "frozen action", "saturation")]
     ends = {(f.id, f.column, step) for f in held for step in (f.first, f.last + 1)}
     meet = {(f.id, f.last) for f in found if f.rule == "two episodes"}
+    remade = {f.id for f in found if f.rule in ("never moves", "next state", "two episodes")}
     timed = {f.id for f in found if f.rule in ("shifted action", "reversed", "frame rate", "two episodes")}
     return [
         f
         for f in found
         if not (f.rule == "jump" and ((f.id, f.column, f.last) in ends or (f.id, f.last) in meet))
         and not (f.rule in ("lag", "length") and f.id in timed)
+        and not ("map" in RULES[f.rule].needs and f.id in remade)
     ]
 
 

@@ -81,7 +81,7 @@ def compare_boundaries(seen: Evidence) -> Iterator[Comparison]:
 def compare_next_states(seen: Evidence) -> Iterator[Comparison]:
     """Demonstrations whose actions are the next state, where those of others are not."""
     moves, same = seen.measured.next_state.transpose(2, 0, 1)
-    is_usual = 2 * same.sum(axis=0) > moves.sum(axis=0)
+    is_usual = 4 * same.sum(axis=0) >= moves.sum(axis=0)
     share = (same * ~is_usual).sum(axis=1) / np.maximum((moves * ~is_usual).sum(axis=1), 1.0)
     limit = np.inf if is_usual.all() else 0.5
     yield Comparison.above(
@@ -99,9 +99,11 @@ def compare_ranges(seen: Evidence) -> Iterator[Comparison]:
     """Columns, codes such as an open gripper included, that move in the others and never in this one."""
     by, s, columns = seen.measured, seen.settings, seen.columns
     names = tuple(columns.labels[k] for k in columns.numbered)
-    low, usual = np.quantile(by.ranges, [0.25, 0.5], axis=0) if len(names) else np.zeros((2, 0))
-    still = by.ranges <= s.least_range * low
-    least = np.where(low > s.steady_range * usual, 0.5, np.inf)
+    usual = np.median(by.ranges, axis=0)
+    still = by.ranges <= s.least_range * usual
+    low = np.where(still, np.inf, by.ranges).min(axis=0)
+    is_known = (usual > 0) & (still.mean(axis=0) < 0.25) & (low >= s.steady_range * usual)
+    least = np.where(is_known, 0.5, np.inf)
     yield Comparison.above(
         "never moves",
         names,

@@ -47,7 +47,9 @@ class Namer:
         fits = np.ones(len(gain), dtype=bool)
         fits[self.tried.kind == "offset"] = np.abs(off) > self.far
         fits[self.tried.kind == "scale"] = self._has_size(moments).ravel()
-        gain = np.where(fits & (gain > self.limit), gain, 0.0)
+        # A fault of some columns explains a part of what is odd.
+        least = np.where(np.isin(self.tried.kind, WHOLE), 0.0, excess / 3)
+        gain = np.where(fits & (gain > np.maximum(self.limit, least)), gain, 0.0)
         best = int(np.argmax(gain))
         column = self.tried.columns[best, 0]
         return (best, float(gain[best]), float(off[column])) if gain[best] > 0 else (-1, 0.0, 0.0)
@@ -59,7 +61,7 @@ class Namer:
         square = frame.spread**2 * moments[now, now] + 2 * frame.spread * frame.centre * moments[now, -1]
         size = np.log(np.maximum(square + frame.centre**2, 1e-300)) - np.log(frame.spread**2 + frame.centre**2)
         factor = np.log(UNITS)[:, None]
-        return np.asarray(np.abs(size / 2 + factor) < np.abs(factor) / 2)
+        return np.asarray(np.abs(size / 2 + factor) < 0.75 * np.abs(factor))
 
 
 def name_block(namer: Namer | None, values: Float[Array, "C T"], block: Block, numbers: Array) -> tuple[Array, Array]:

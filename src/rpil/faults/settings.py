@@ -46,6 +46,8 @@ class FaultSettings:
         Steps by which such runs do not differ.
     min_frozen : int
         Steps. Shorter runs of one value are no fault.
+    least_moving : float
+        Share of the steps in motion in which a column changes, from which its leaps are looked at.
     min_moving : float
         Share of the steps in motion in which a column changes, from which it may be frozen: a gripper, a switch or a
         controller that is on or off rests for long.
@@ -108,7 +110,7 @@ class FaultSettings:
     least_range : float
         Range of a column, relative to the lower quartile, below which it never moves.
     steady_range : float
-        Lower quartile of the range of a column, relative to the median, from which on it always moves.
+        Range of a column, relative to the median, that demonstrations have at least in which it moves at all.
     common_limit : float
         Share of the demonstrations that reach the lowest or highest value of a column, from which that is a limit of
         the robot, where it may rest.
@@ -135,6 +137,7 @@ class FaultSettings:
     frozen_factor: float = 2.5
     smallest_run: float = 2.0
     min_frozen: int = 10
+    least_moving: float = 0.1
     min_moving: float = 0.5
     frame_gap: float = 0.5
     repeat_motion: float = 0.5
@@ -154,7 +157,7 @@ class FaultSettings:
     min_agreement: float = 0.75
     shift_factor: float = 3.0
     smallest_gain: float = 0.03
-    map_columns: int = 24
+    map_columns: int = 16
     map_rows: int = 256
     map_folds: int = 5
     map_ridge: float = 1e-4
@@ -173,7 +176,7 @@ class FaultSettings:
     scale_factor: float = 8.0
     near_share: float = 0.005
     near_duplicate: tuple[float, float] = (0.02, 0.2)
-    least_range: float = 0.05
+    least_range: float = 0.005
     steady_range: float = 0.25
     common_limit: float = 0.25
     settling: float = 3.0

@@ -63,9 +63,7 @@ def learn_ends(sample: Block, columns: Columns, s: FaultSettings) -> Ends | None
     each = [values[:, a:b] for a, b in zip(offsets[:-1], offsets[1:], strict=True)][: s.map_sample]
     clean = np.minimum([fitted.boundary(x)[0] for x in each], 1e3)
     joined = [fitted.boundary(np.concatenate([x, y], axis=1))[0] for x, y in zip(each, each[1:], strict=False)]
-    low, other = np.quantile(clean, [0.25, 0.5])
-    middle, high = np.quantile(joined, [0.5, 0.75])
-    low, high = low - 0.5 * (other - low), high + 0.5 * (high - middle)
+    low, high = np.quantile(clean, 0.25), np.quantile(joined, 0.75)
     limit = high + 0.25 * (min(low, high + LARGEST) - high)
     return replace(fitted, limit=float(limit) if low > high + 1.0 else np.nan)
 
