@@ -15,12 +15,12 @@ from rpil.faults.columns import column_labels, describe_columns, pilot
 from rpil.faults.duplicates import find_duplicates
 from rpil.faults.expected import leave_out
 from rpil.faults.frames import find_frame_counts, find_frame_times, frame_time
-from rpil.faults.lag import find_pairs
+from rpil.faults.lag import find_lag
 from rpil.faults.maprules import session
 from rpil.faults.measure import Learned, measure
 from rpil.faults.naming import learn
 from rpil.faults.record import RULES, FaultReport, Finding, Rule
-from rpil.faults.rules import Evidence, is_lag_known
+from rpil.faults.rules import Evidence
 from rpil.faults.settings import FaultSettings
 from rpil.faults.whole import learn_ends
 from rpil.formats.dataset import Dataset
@@ -34,7 +34,6 @@ NEEDS: dict[str, Callable[[Evidence], str | None]] = {
     "observations": lambda seen: CODES.format("observation") if seen.columns.is_action.all() else None,
     "actions": lambda seen: None if seen.columns.is_action.any() else CODES.format("action"),
     "columns": lambda seen: None if seen.columns.names else CODES.format("observation or action"),
-    "pairs": lambda seen: None if seen.learned.pairs else "no observation goes with an action",
     "map": lambda seen: "no state corresponds to an action" if seen.learned.namer is None else None,
     "several": lambda seen: _too_few(seen),
 }
@@ -71,9 +70,9 @@ def find_faults(
         labels = column_labels(demonstrations)
         sample, numbers = pilot(demonstrations, labels, settings)
         columns = describe_columns(sample, labels, settings)
-        pairs, related = find_pairs(columns.of(sample), sample.offsets, columns, settings)
-        namer = learn(sample, numbers, columns, pairs, related, len(demonstrations), settings)
-        learned = Learned(pairs, namer, learn_ends(sample, columns, settings))
+        lag = find_lag(columns.of(sample), sample.offsets, columns, settings)
+        namer = learn(sample, numbers, columns, lag, len(demonstrations), settings)
+        learned = Learned(lag, namer, learn_ends(sample, columns, settings))
         measured, kept, missing = measure(demonstrations, columns, learned, settings)
     found = [*missing, *find_frame_counts(times, demonstrations), *find_frame_times(times, demonstrations, settings)]
     seconds = frame_time(times, demonstrations)
@@ -121,12 +120,12 @@ def without_consequences(found: Iterable[Finding]) -> list[Finding]:
     ends = {(f.id, f.column, step) for f in held for step in (f.first, f.last + 1)}
     meet = {(f.id, f.last) for f in found if f.rule == "two episodes"}
     remade = {f.id for f in found if f.rule in ("never moves", "next state", "two episodes")}
-    timed = {f.id for f in found if f.rule in ("shifted action", "reversed", "frame rate", "two episodes")}
+    timed = {f.id for f in found if f.rule in ("frame rate", "two episodes")}
     return [
         f
         for f in found
         if not (f.rule == "jump" and ((f.id, f.column, f.last) in ends or (f.id, f.last) in meet))
-        and not (f.rule in ("lag", "length") and f.id in timed)
+        and not (f.rule == "length" and f.id in timed)
         and not ("map" in RULES[f.rule].needs and f.id in remade)
     ]
 
@@ -162,12 +161,12 @@ def _too_few(seen: Evidence) -> str | None:
 def _usual(seen: Evidence) -> dict[str, str]:
     """What is usual in these data."""
     usual = {}
-    if is_lag_known(seen):
-        best, names = max(seen.learned.pairs, key=lambda pair: pair.correlation), seen.columns.names
-        first, second = names[best.action], names[best.state]
-        if best.lag < 0:
+    lag, names = seen.learned.lag, seen.columns.names
+    if lag.is_known and seen.learned.namer is not None:
+        first, second = names[lag.action], names[lag.state]
+        if lag.steps < 0:
             first, second = second, first
-        usual["lag"] = f"{second} follows {first} after {seen.duration(abs(best.lag))}"
+        usual["lag"] = f"{second} follows {first} after {seen.duration(abs(lag.steps))}"
     if changed := session(seen):
         usual["session"] = changed
     if seen.seconds is not None:

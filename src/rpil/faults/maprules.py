@@ -9,7 +9,7 @@ from scipy.stats import mannwhitneyu
 
 from rpil.faults.record import finds
 from rpil.faults.rules import Comparison, Evidence
-from rpil.faults.undo import UNITS
+from rpil.faults.undo import SHIFTS, UNITS
 from rpil.numerics.types import Array
 
 KINDS = {
@@ -17,14 +17,15 @@ KINDS = {
     "scale": ("scale",),
     "offset": ("offset",),
     "exchanged": ("exchanged",),
-    "shifted action": ("early", "late"),
+    "shifted action": ("+1", "-1"),
+    "lag": SHIFTS[2:],
     "reversed": ("reversed",),
     "frame rate": ("frame rate",),
 }
 """Rule to the faults that are tried."""
 
 
-@finds("sign", "offset", "exchanged", "shifted action", "reversed", "frame rate")
+@finds("lag", "sign", "offset", "exchanged", "shifted action", "reversed", "frame rate")
 def compare_maps(seen: Evidence) -> Iterator[Comparison]:
     """Demonstrations that fit the map between states and actions of the others once a fault is undone."""
     namer, by = seen.learned.namer, seen.measured
@@ -44,12 +45,15 @@ def compare_maps(seen: Evidence) -> Iterator[Comparison]:
             h, off = own[k], by.gain[m, 1]
             by_factor = UNITS[k // len(names)] if rule == "scale" else 1.0
             spread = namer.frame.spread[tried.columns[h, 0]]
+            steps = int(tried.kind[h]) if rule == "lag" else 0
+            way = "sooner" if steps > 0 else "later"
             words = {
                 "sign": f"{called[k]} has the other sign",
                 "scale": f"{called[k]} has {1 / by_factor:.3g} times its usual size: perhaps another unit",
                 "offset": f"{called[k]} is off by {-off * spread:.3g}, {abs(off):.2g} of its standard deviations",
                 "exchanged": f"{called[k]} are exchanged",
-                "shifted action": f"the actions are one step {tried.kind[h]}",
+                "shifted action": f"the actions are one step {'late' if tried.kind[h] == '+1' else 'early'}",
+                "lag": f"the state follows the action {seen.duration(abs(steps))} {way} than is usual",
                 "reversed": "time is reversed: it runs backwards",
                 "frame rate": "it has half the frame rate of the others: every other step is missing",
             }
@@ -102,7 +106,8 @@ def compare_ranges(seen: Evidence) -> Iterator[Comparison]:
     usual = np.median(by.ranges, axis=0)
     still = by.ranges <= s.least_range * usual
     low = np.where(still, np.inf, by.ranges).min(axis=0)
-    is_known = (usual > 0) & (still.mean(axis=0) < 0.25) & (low >= s.steady_range * usual)
+    steady = np.isin(columns.numbered, columns.number[columns.moving >= s.min_moving])  # or as far each time
+    is_known = (usual > 0) & (still.mean(axis=0) < 0.25) & (steady | (low >= s.steady_range * usual))
     least = np.where(is_known, 0.5, np.inf)
     yield Comparison.above(
         "never moves",

@@ -10,7 +10,7 @@ from rpil.data.copies import digests
 from rpil.data.demonstrations import Block, Demonstrations
 from rpil.faults import segments
 from rpil.faults.columns import Columns
-from rpil.faults.lag import Pair, shifts
+from rpil.faults.lag import Lag
 from rpil.faults.missing import set_aside
 from rpil.faults.naming import Namer, name_block
 from rpil.faults.record import Finding
@@ -31,7 +31,7 @@ which a length e times longer amounts."""
 class Learned:
     """What a sample of the demonstrations tells, beside the columns."""
 
-    pairs: tuple[Pair, ...]
+    lag: Lag
     namer: Namer | None
     ends: Ends | None
 
@@ -59,8 +59,6 @@ class Measured:
     repeat_run: Int[Array, " M"]
     head: Int[Array, " M"]  # idle steps at the beginning
     tail: Int[Array, " M"]
-    shift: Int[Array, " M"]  # of the lag from the usual one
-    shift_gain: Float[Array, " M"]
     named: Int[Array, " M"]  # the fault that `Namer` names, or -1
     gain: Float[Array, "M 2"]  # of undoing it, and the offset of its column
     boundary: Float[Array, "M 2"]  # how unlike one between two demonstrations the best step is, and that step
@@ -112,7 +110,6 @@ def _measure_block(
     moves = motion > settings.idle_motion * columns.motion
     still, run_step, run = segments.longest_runs(changed, moves, offsets)
     head, tail = _idle_ends(motion, moves, offsets, settings)
-    shift, gain = shifts(values, change, offsets, learned.pairs, settings)
     return Measured(
         *segments.largest(spike, offsets),
         *segments.largest(jump, offsets),
@@ -132,8 +129,6 @@ def _measure_block(
         ),
         head,
         tail,
-        shift,
-        gain,
         *name_block(learned.namer, values, block, numbers),
         _boundaries(learned.ends, values[~columns.is_action], offsets),
         next_state(block),

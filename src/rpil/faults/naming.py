@@ -13,7 +13,7 @@ import numpy as np
 from rpil.data.demonstrations import Block
 from rpil.faults.alignment import Frame, fit_maps, misfit
 from rpil.faults.columns import Columns
-from rpil.faults.lag import Pair
+from rpil.faults.lag import Lag
 from rpil.faults.settings import FaultSettings
 from rpil.faults.undo import UNITS, WHOLE, Tried, Weights, plant, scores, whole_gain
 from rpil.numerics.types import Array, Float, Int
@@ -48,7 +48,7 @@ class Namer:
         fits[self.tried.kind == "offset"] = np.abs(off) > self.far
         fits[self.tried.kind == "scale"] = self._has_size(moments).ravel()
         # A fault of some columns explains a part of what is odd.
-        least = np.where(np.isin(self.tried.kind, WHOLE), 0.0, excess / 3)
+        least = np.where(np.isin(self.tried.kind, WHOLE), 0.0, excess / 5)
         gain = np.where(fits & (gain > np.maximum(self.limit, least)), gain, 0.0)
         best = int(np.argmax(gain))
         column = self.tried.columns[best, 0]
@@ -75,13 +75,13 @@ def name_block(namer: Namer | None, values: Float[Array, "C T"], block: Block, n
 
 
 def learn(
-    sample: Block, numbers: Int[Array, " M"], columns: Columns, pairs: tuple[Pair, ...], related: Array, n_all: int,
+    sample: Block, numbers: Int[Array, " M"], columns: Columns, lag: Lag, n_all: int,
     s: FaultSettings,
 ) -> Namer | None:  # fmt: skip
     """The maps of a sample, and the limits of the gains in it; None where no map tells anything."""
     action = np.flatnonzero(columns.is_action)[: s.map_columns]
     state = np.flatnonzero(~columns.is_action)
-    state = state[np.sort(np.argsort(-related, kind="stable")[: s.map_columns])]
+    state = state[np.sort(np.argsort(-lag.related, kind="stable")[: s.map_columns])]
     if not len(action) or not len(state) or len(numbers) < s.min_demonstrations:
         return None
     values, own = columns.of(sample), np.concatenate([state, action])
@@ -89,8 +89,8 @@ def learn(
     rows = [values[:, a:b].T for a, b in zip(sample.offsets, sample.offsets[1:], strict=False)]
     spread = values.std(axis=1)
     best = None
-    for lag in dict.fromkeys([0, 1, 2, *(pair.lag for pair in pairs[:1])]):
-        frame = Frame(own, len(state), lag, np.median(values, axis=1), np.where(spread > 0, spread, 1.0), s.map_rows)
+    for steps in dict.fromkeys([0, 1, 2, *[lag.steps] * lag.is_known]):
+        frame = Frame(own, len(state), steps, np.median(values, axis=1), np.where(spread > 0, spread, 1.0), s.map_rows)
         seen = [frame.moments(x) for x in rows]
         kept = [m for m, g in enumerate(seen) if g is not None]
         if len(kept) < s.min_demonstrations:
@@ -123,7 +123,7 @@ def _apart(rows: list[Array], maps: Array, frame: Frame) -> float:
     return sum(
         float(np.median([whole_gain(kind, plant(kind, x, frame.n_states), maps, frame) for x in rows]))
         - float(np.median([whole_gain(kind, x, maps, frame) for x in rows]))
-        for kind in WHOLE
+        for kind in ("reversed", "frame rate", "+1", "-1")
     )
 
 

@@ -57,11 +57,7 @@ RULES = {
     "spike": Rule("one value is far from both its neighbours", COLUMNS),
     "jump": Rule("a column leaps from one step to the next and stays there", COLUMNS),
     "scale": Rule("a column has another unit or scale than elsewhere", COLUMNS),
-    "lag": Rule(
-        "the state follows the action sooner or later than elsewhere",
-        ("pairs", "several"),
-        "the lag between action and state is not the same in most demonstrations",
-    ),
+    "lag": Rule("the state follows the action sooner or later than elsewhere", MAPS, UNTOLD),
     "sign": Rule("a column has the other sign", MAPS, UNTOLD),
     "offset": Rule("a column is off by a constant, as by another calibration", MAPS, UNTOLD),
     "exchanged": Rule("two columns are exchanged", MAPS, UNTOLD),

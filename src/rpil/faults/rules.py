@@ -230,29 +230,3 @@ def compare_scales(seen: Evidence) -> Iterator[Comparison]:
 
     limits = np.where(larger > smaller, high, low) / np.median(levels, axis=0)
     yield Comparison("scale", columns.names, ratio, limits, severity, lambda m, _: (0, int(seen.lengths[m]) - 1), say)
-
-
-@finds("lag")
-def compare_lags(seen: Evidence) -> Iterator[Comparison]:
-    """Demonstrations whose state follows the action sooner or later than elsewhere."""
-    by, s = seen.measured, seen.settings
-    steps = np.abs(by.shift)
-    least_gain = float(fence(by.shift_gain, s.shift_factor, s.smallest_gain, s))
-    severity = np.where(steps >= s.min_shift, by.shift_gain / least_gain, 0.0)
-    if not is_lag_known(seen):
-        severity = np.full(len(steps), np.nan)
-
-    def say(m: int, _: int) -> str:
-        off = seen.duration(int(steps[m]))
-        return f"the state follows the action {off} {'later' if by.shift[m] > 0 else 'sooner'} than is usual"
-
-    limit = np.full((len(steps), 1), float(s.min_shift))
-    whole = "lag", ("",), steps[:, None].astype(float), limit, severity[:, None]
-    yield Comparison(*whole, lambda m, _: (0, int(seen.lengths[m]) - 1), say)
-
-
-def is_lag_known(seen: Evidence) -> bool:
-    """Whether most demonstrations have the same lag."""
-    s, by = seen.settings, seen.measured
-    agree = ((np.abs(by.shift) < s.min_shift) | (by.shift_gain < s.smallest_gain)).mean() >= s.min_agreement
-    return bool(seen.learned.pairs and agree and np.isfinite(fence(by.shift_gain, s.shift_factor, s.smallest_gain, s)))

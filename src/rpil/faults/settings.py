@@ -65,23 +65,10 @@ class FaultSettings:
     idle_factor : float
         Times the usual idle head, or tail.
     farthest_lag, max_lag, far_lag : int, int, float
-        Steps. Lags between action and state at which the usual one is sought, in both directions; lags beside it that
-        are compared; and the share for which correlations count at lags beyond these.
-    max_pairs : int
-        Actions, those with the largest correlations, whose lags are compared.
-    max_shift, min_shift : int
-        Steps by which a lag may differ from the usual one at most, and from which on that is a fault.
-        benchmarks/faults.py.
-    memories : tuple of int
-        Steps that an action remembers, which are taken out before it is correlated with the state; the first with
-        which there is a correlation. benchmarks/faults.py.
+        Steps. Lags between action and state at which the usual one is sought, in both directions; and from where on,
+        and for which share, correlations count for less: motion that repeats has many.
     min_correlation : float
-        Correlation of an action with the state, in the pilot, from which their lag is looked at. benchmarks/faults.py.
-    min_agreement : float
-        Share of the demonstrations that must have the usual lag.
-    shift_factor, smallest_gain : float
-        Times the usual gain in agreement by a shift, and gain by which demonstrations do not differ; gains are relative
-        to the usual agreement of the cross-correlations. benchmarks/faults.py.
+        Correlation of an action with the state, in the pilot, from which their lag is known.
     map_columns, map_rows, map_folds, map_ridge : int, int, int, float
         States, and actions, of the map between them; windows of a demonstration that are looked at; parts of the
         demonstrations, each judged by maps of the others; and the penalty of least squares, of variance 1.
@@ -149,14 +136,7 @@ class FaultSettings:
     farthest_lag: int = 64
     max_lag: int = 20
     far_lag: float = 0.8
-    max_pairs: int = 4
-    max_shift: int = 10
-    min_shift: int = 2
-    memories: tuple[int, ...] = (3, 1)
     min_correlation: float = 0.3
-    min_agreement: float = 0.75
-    shift_factor: float = 3.0
-    smallest_gain: float = 0.03
     map_columns: int = 16
     map_rows: int = 256
     map_folds: int = 5
@@ -171,13 +151,13 @@ class FaultSettings:
     least_gain: float = 0.75
     offset_factor: float = 2.5
     least_offset: float = 0.25
-    largest_offset: float = 0.5
+    largest_offset: float = 0.4
     length_factor: float = 2.0
     scale_factor: float = 8.0
     near_share: float = 0.005
     near_duplicate: tuple[float, float] = (0.02, 0.2)
     least_range: float = 0.005
-    steady_range: float = 0.25
+    steady_range: float = 0.5
     common_limit: float = 0.25
     settling: float = 3.0
     min_duplicate: int = 50

@@ -16,28 +16,31 @@ from rpil.numerics.types import Array, Float, Int
 UNITS = (180 / np.pi, np.pi / 180, 1e3, 1e-3)
 """Degrees for radians, millimetres for metres, and the inverse."""
 
-WHOLE = ("early", "late", "reversed", "frame rate")
-"""Faults of all columns."""
+SHIFTS = tuple(f"{steps:+d}" for size in (1, 2, 3, 4, 5, 6, 8, 10) for steps in (size, -size))
+WHOLE = ("reversed", "frame rate", *SHIFTS)
+"""Faults of all columns; shifts are the steps by which actions are late."""
 
 
 def moved(values: Float[Array, "T C"], n_states: int, steps: int) -> Float[Array, "_ C"]:
     """The actions beside the states so many steps later."""
-    size = len(values) - abs(steps)
+    size = max(len(values) - abs(steps), 0)
     states, actions = values[max(steps, 0) :, :n_states], values[max(-steps, 0) :, n_states:]
     return np.concatenate([states[:size], actions[:size]], axis=1)
 
 
 def plant(kind: str, values: Float[Array, "T C"], n_states: int) -> Float[Array, "_ C"]:
     """A demonstration with one of the faults `WHOLE`."""
-    if kind in ("early", "late"):
-        return moved(values, n_states, -1 if kind == "early" else 1)
+    if kind in SHIFTS:
+        return moved(values, n_states, int(kind))
     return values[::-1] if kind == "reversed" else values[::2]
 
 
 def undo(kind: str, values: Float[Array, "T C"], n_states: int) -> Float[Array, "_ C"]:
     """A demonstration without it."""
-    if kind != "frame rate":
-        return plant({"early": "late", "late": "early"}.get(kind, kind), values, n_states)
+    if kind in SHIFTS:
+        return moved(values, n_states, -int(kind))
+    if kind == "reversed":
+        return values[::-1]
     out = np.repeat(values, 2, axis=0)[:-1].astype(float)
     out[1::2] = (values[1:] + values[:-1]) / 2
     return out
