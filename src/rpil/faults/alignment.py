@@ -23,6 +23,9 @@ from rpil.numerics.types import Array, Float, Int
 WIDTH = 3
 """Steps of a window."""
 
+LEFT_OUT = 0.1
+"""Share of the windows that may be left out; where more leap, that is how the columns are."""
+
 FLOOR = 1e-7
 """Added to mean squares, of columns of variance 1: rounding of 32-bit numbers."""
 
@@ -39,6 +42,8 @@ class Frame:
     lag : int
         Steps after which the states follow the actions.
     centre, spread : (C,) arrays
+    leap : (C,) array
+        Change from one step to the next beyond which a single window is left out.
     rows : int
         Windows of a demonstration that are looked at, at most.
     """
@@ -48,6 +53,7 @@ class Frame:
     lag: int
     centre: Float[Array, " C"]
     spread: Float[Array, " C"]
+    leap: Float[Array, " C"]
     rows: int
 
     def places(self) -> Int[Array, "C 3"]:
@@ -64,7 +70,11 @@ class Frame:
         size = min(len(states), len(actions)) - WIDTH + 1
         if size < 2 * WIDTH:
             return None
-        at = np.arange(size) if size <= self.rows else np.linspace(0, size - 1, self.rows).astype(int)
+        states, actions = states[: size + 2], actions[: size + 2]
+        wild = (np.abs(np.diff(np.concatenate([states, actions], axis=1), axis=0)) > self.leap).any(axis=1)
+        is_wild = wild[:-1] | wild[1:]
+        at = np.flatnonzero(~is_wild) if is_wild.mean() < LEFT_OUT else np.arange(size)
+        at = at if len(at) <= self.rows else at[np.linspace(0, len(at) - 1, self.rows).astype(int)]
         states, actions = (states - self.centre[:n]) / self.spread[:n], (actions - self.centre[n:]) / self.spread[n:]
         parts = [side[at + k] for side in (states, actions) for k in range(WIDTH)]
         window = np.column_stack([*parts, np.ones(len(at))])

@@ -106,7 +106,7 @@ def describe_columns(sample: Block, labels: tuple[str, ...], settings: FaultSett
     ones = np.ones(len(number))
     numbered = np.array([k if k < width else k - width + n_observations for k in moving], dtype=np.int64)
     turns = _rotations(sample.observations[:, :width])
-    towards = np.array([sample.observations[0, k : k + 4] for k in turns]).reshape(-1, 4)
+    towards = np.array([sample.observations[0, k : k + 4] for k in turns]).reshape(len(turns), 4)
     empty = Columns(
         chosen, number, number >= n_observations, ones, ones, ones, 1.0, labels, numbered, turns, towards
     )

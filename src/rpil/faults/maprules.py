@@ -59,7 +59,10 @@ def compare_maps(seen: Evidence) -> Iterator[Comparison]:
             }
             return f"{words[rule]}; undone, it fits the others"
 
-        yield Comparison.above(rule, called, value, limit, lambda m, _: whole[m], say)
+        severity = np.where(np.isfinite(limit), value / limit, np.nan)
+        if rule == "lag":
+            value = np.abs([int(kind) for kind in tried.kind[own]]) * np.ones_like(value)
+        yield Comparison(rule, called, value, np.broadcast_to(limit, value.shape), severity, lambda m, _: whole[m], say)
 
 
 @finds("two episodes")

@@ -87,10 +87,10 @@ def learn(
     values, own = columns.of(sample), np.concatenate([state, action])
     values = values[own]
     rows = [values[:, a:b].T for a, b in zip(sample.offsets, sample.offsets[1:], strict=False)]
-    spread = values.std(axis=1)
-    best = None
+    spread, best = values.std(axis=1), None
+    leap = 3 * np.quantile(np.abs(np.diff(values, axis=1)), 0.99, axis=1) + 1e-12
     for steps in dict.fromkeys([0, 1, 2, *[lag.steps] * lag.is_known]):
-        frame = Frame(own, len(state), steps, np.median(values, axis=1), np.where(spread > 0, spread, 1.0), s.map_rows)
+        frame = Frame(own, len(state), steps, np.median(values, axis=1), np.where(spread > 0, spread, 1.0), leap, s.map_rows)
         seen = [frame.moments(x) for x in rows]
         kept = [m for m, g in enumerate(seen) if g is not None]
         if len(kept) < s.min_demonstrations:

@@ -55,16 +55,16 @@ def learn_ends(sample: Block, columns: Columns, s: FaultSettings) -> Ends | None
     spread = [np.median(np.abs(x - c), axis=1, keepdims=True) / 0.6745 + least for x, c in zip(ends, centre, strict=True)]
     wide = np.maximum(*spread)
     change = np.sqrt(((np.diff(values, axis=1) / wide) ** 2).mean(axis=0))
-    lengths = np.quantile(np.diff(offsets), [0.05, 0.95])
+    lengths = np.quantile(np.diff(offsets), [0.02, 0.98])
     fitted = Ends(
-        np.stack(centre)[:, :, 0], np.stack(spread)[:, :, 0], (0.7 * lengths[0], 1.3 * lengths[1]),
+        np.stack(centre)[:, :, 0], np.stack(spread)[:, :, 0], (0.9 * lengths[0], 1.1 * lengths[1]),
         float(np.quantile(change, 0.99)) + 1e-12,
     )  # fmt: skip
     each = [values[:, a:b] for a, b in zip(offsets[:-1], offsets[1:], strict=True)][: s.map_sample]
     clean = np.minimum([fitted.boundary(x)[0] for x in each], 1e3)
     joined = [fitted.boundary(np.concatenate([x, y], axis=1))[0] for x, y in zip(each, each[1:], strict=False)]
     low, high = np.quantile(clean, 0.25), np.quantile(joined, 0.75)
-    limit = high + 0.25 * (min(low, high + LARGEST) - high)
+    limit = high + 0.1 * (min(low, high + LARGEST) - high)
     return replace(fitted, limit=float(limit) if low > high + 1.0 else np.nan)
 
 
@@ -90,4 +90,4 @@ def ranges(block: Block, columns: Columns) -> Float[Array, "M C"]:
         column = block.observations[:, k] if k < n else block.actions[:, k - n]
         top, low = (f.reduceat(column, block.offsets[:-1]) for f in (np.maximum, np.minimum))
         out.append(np.subtract(top, low, dtype=np.float64))
-    return np.array(out).reshape(len(columns.numbered), -1).T
+    return np.array(out).reshape(len(columns.numbered), len(block.offsets) - 1).T
