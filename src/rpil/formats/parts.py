@@ -109,8 +109,8 @@ def from_parts(
     columns = replace(columns, ignored={**columns.ignored, **without})
     for part in parts:
         _check(part, parts[0], columns.all, _place(part, id_column, source))
-    _check_stored(parts, columns.all)
-    pieces = [_pieces(parts, BATCH_ROWS)] if is_on_disk() else [[Piece(part, 0, part.n_steps) for part in parts]]
+    _check_size(parts, columns.all, source)
+    table = pa.table({name: _column(parts, name, source) for name in columns.all})
     longer = [name for name in columns.all if any(_rows(part, name) > part.n_steps for part in parts)]
     if longer:
         notes = (*notes, f"The last value of {listed(longer)}, which comes after the last action, is left out.")
