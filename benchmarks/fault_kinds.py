@@ -77,7 +77,7 @@ class Clean:
         about_actions = rule in ("frozen action", "lag")
         if about_actions and self.demonstrations.is_discrete:
             return None
-        if rule not in ("frozen sensor", "frozen action", "saturation", "spike", "jump", "scale"):
+        if rule not in (*HELD, "spike", "jump", "scale", "sign", "offset", "never moves"):
             return float(rule not in self.report.not_checked or rule == "dropped frames")
         kind = {"frozen sensor": "observation", "frozen action": "action"}.get(rule, "")
         n_columns = sum(d and name.startswith(kind) for d, name in zip(self.distinct, self.names, strict=True))
@@ -211,12 +211,52 @@ def lengthen(episode: Array, clean: Clean, size: float, rng: np.random.Generator
     return longer
 
 
+def _column(rule: str, change: Callable[[Array, float], Array]) -> Fault:
+    """A column is changed; the size is in its standard deviations."""
+
+    def make(episode: Array, clean: Clean, size: float, rng: np.random.Generator) -> Array | None:
+        column, other = _pick(clean.columns(rule), rng), episode.copy()
+        if column is None:
+            return None
+        other[:, column] = change(episode[:, column], size * clean.spread[column])
+        return other
+
+    return make
+
+
+def exchange(episode: Array, clean: Clean, size: float, rng: np.random.Generator) -> Array | None:
+    """Two actions are exchanged, or two observations where there is one action."""
+    known, other = clean.columns("exchanged"), episode.copy()
+    own = next((c for c in (known[known >= clean.n_observations], known) if len(c) > 1), None)
+    if own is None:
+        return None
+    pair = rng.choice(own, 2, replace=False)
+    other[:, pair] = episode[:, pair[::-1]]
+    return other
+
+
+def _rows(change: Callable[[Array, int, Array], Array]) -> Fault:
+    """All rows are changed, given the number of observations and another demonstration; the clock goes on."""
+
+    def make(episode: Array, clean: Clean, size: float, rng: np.random.Generator) -> Array | None:
+        if clean.demonstrations.is_discrete:
+            return None
+        other = change(episode[:, :-1], clean.n_observations, clean.episodes[int(rng.integers(len(clean.episodes)))])
+        return np.column_stack([other, np.arange(len(other)) / FPS])
+
+    return make
+
+
+def _next(e: Array, n: int, _: Array) -> Array:
+    return np.column_stack([e[:-1, :n], np.resize(e[1:, :n].T, (e.shape[1] - n, len(e) - 1)).T])
+
+
 @dataclass(frozen=True)
 class Kind:
     """A kind of fault: how it is made, its sizes with their unit, and the rule that should find it."""
 
     make: Fault
-    sizes: tuple[float, float, float]
+    sizes: tuple[float, ...]
     unit: str
     rule: str
     alike: tuple[str, ...] = ()  # rules that name the same fault as well
@@ -238,6 +278,15 @@ KINDS: dict[str, Kind] = {
     "idle head": Kind(_idle(True), (1, 2, 3), IDLE_UNIT, "idle head"),
     "idle tail": Kind(_idle(False), (1, 2, 3), IDLE_UNIT, "idle tail"),
     "length, cut": Kind(cut, (4, 7, 10), "times shorter", "length"),
+    "sign": Kind(_column("sign", lambda x, _: -x), (1,), "column", "sign"),
+    "offset": Kind(_column("offset", np.add), (0.5,), "standard deviations", "offset"),
+    "exchanged": Kind(exchange, (1,), "pair", "exchanged"),
+    "action early": Kind(_rows(lambda e, n, _: np.column_stack([e[:-1, :n], e[1:, n:]])), (1,), "step", "shifted action"),
+    "next state": Kind(_rows(_next), (1,), "step", "next state"),
+    "never moves": Kind(_column("never moves", lambda x, _: np.full_like(x, x[0])), (1,), "column", "never moves"),
+    "frame rate": Kind(_rows(lambda e, n, _: e[::2]), (0.5,), "times the rate", "frame rate"),
+    "two episodes": Kind(_rows(lambda e, n, other: np.concatenate([e, other])), (2,), "in one", "two episodes"),
+    "reversed": Kind(_rows(lambda e, n, _: e[::-1]), (1,), "time", "reversed"),
     "length, run on": Kind(lengthen, (4, 7, 10), "times longer", "length"),
 }
 

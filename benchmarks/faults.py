@@ -49,7 +49,7 @@ SEED = 0
 MARKS = ("<!-- recall and false alarms, printed by benchmarks/faults.py -->", "<!-- end -->")
 
 
-def clean_sets(folder: Path | None, n_simulated: int, quick: bool) -> Iterator[tuple[str, str, Clean]]:
+def clean_sets(folder: Path | None, files: list[Path], n_simulated: int, quick: bool) -> Iterator[tuple[str, str, Clean]]:
     """Group, name and demonstrations of each clean set."""
     for group, names in SIMULATIONS.items():
         for name in names[:1] if quick else names:
@@ -58,6 +58,8 @@ def clean_sets(folder: Path | None, n_simulated: int, quick: bool) -> Iterator[t
     for group, files in RECORDINGS.items() if folder is not None else ():
         for path in npz_files(folder, list(files)):
             yield group, path.stem, Clean(read(path).good_half().demonstrations)
+    for path in files:
+        yield "seen", path.name, Clean(formats.read(path))
 
 
 def score(report: FaultReport, planted: Planted, rule: str, alike: tuple[str, ...]) -> dict[str, int]:
@@ -78,11 +80,15 @@ def _false(accused: np.ndarray, planted: Planted) -> dict[str, int]:
     return {"clean": int((~planted.has_fault).sum()), "accused": int((accused & ~planted.has_fault).sum())}
 
 
-def run(folder: Path | None, seeds: int, n_simulated: int, quick: bool = False) -> list[dict[str, Any]]:
+def run(
+    folder: Path | None, files: list[Path], seeds: int, n_simulated: int, quick: bool = False
+) -> list[dict[str, Any]]:
     """One row for each set, kind, size and seed."""
     rows = []
-    for group, name, clean in clean_sets(folder, n_simulated, quick):
-        start = time.perf_counter()
+    for group, name, clean in clean_sets(folder, files, n_simulated, quick):
+        start, found = time.perf_counter(), clean.report
+        row = {"group": group, "set": name, "kind": "clean", "size": 0, "checked": True, "known": None, "faults": 0}
+        rows.append(row | {"found": 0, "clean": len(clean.episodes), "accused": len(found.findings)})
         for seed in range(seeds):
             for kind, k in KINDS.items():
                 for size in k.sizes:
@@ -135,7 +141,8 @@ def render(rows: list[dict[str, Any]]) -> str:
                 recall, alarms = n["found"] / n["faults"], n["accused"] / max(n["clean"], 1)
                 cells += [f"{recall:.2f} of {n['faults']:,}", f"{100 * alarms:.1f} %"]
         lines.append(f"| {kind} | {size:g} {units[kind]} | {' | '.join(cells)} | {coverage(rows, kind)} |")
-    return "\n".join([*lines, "", line(provenance(SEED))])
+    clean = ", ".join(f"{r['set']} {100 * r['accused'] / r['clean']:.0f}" for r in rows if r["kind"] == "clean")
+    return "\n".join([*lines, "", f"Findings in 100 clean demonstrations: {clean}.", "", line(provenance(SEED))])
 
 
 def speed(n_steps: int = 1_000_000, length: int = 300, joints: int = 7) -> str:
@@ -169,12 +176,14 @@ def splice(text: str, table: str) -> str:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--data", type=Path, metavar="DIR", help="folder of the NPZ files; by default simulations only")
+    parser.add_argument("--files", type=Path, nargs="*", default=[], help="also these recordings, of any format")
     parser.add_argument("--seeds", type=int, default=3)
     parser.add_argument("--quick", action="store_true", help="few simulated demonstrations, one seed")
     parser.add_argument("--json", type=Path, help="also write every row")
     parser.add_argument("--docs", type=Path, help="a file whose table to replace")
     options = parser.parse_args()
-    rows = run(options.data, 1, 10, quick=True) if options.quick else run(options.data, options.seeds, 40)
+    sets = options.data, options.files
+    rows = run(*sets, 1, 10, quick=True) if options.quick else run(*sets, options.seeds, 40)
     text = f"{render(rows)}\n\n{speed(20_000 if options.quick else 1_000_000)}"
     if options.json:
         options.json.write_text(json.dumps(rows, indent=1))

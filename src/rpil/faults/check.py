@@ -119,6 +119,8 @@ def without_consequences(found: Iterable[Finding]) -> list[Finding]:
     held = [f for f in found if f.rule in ("frozen sensor", "frozen action", "saturation")]
     ends = {(f.id, f.column, step) for f in held for step in (f.first, f.last + 1)}
     meet = {(f.id, f.last) for f in found if f.rule == "two episodes"}
+    exchanged = {f.id for f in found if f.rule == "exchanged"}
+    found = [f for f in found if f.rule != "never moves" or f.id not in exchanged]
     remade = {f.id for f in found if f.rule in ("never moves", "next state", "two episodes")}
     timed = {f.id for f in found if f.rule in ("frame rate", "two episodes")}
     return [

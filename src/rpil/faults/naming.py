@@ -108,7 +108,8 @@ def learn(
     _, frame, maps, usual, excess, kept = best
     tried = Tried.of(frame)
     weights = tuple(Weights.of(b, usual, frame, tried.pairs) for b in maps)
-    screen = float(np.quantile(excess.sum(axis=1) / 2, max(s.map_screen, 1.0 - s.map_tested / n_all)))
+    share = max(1.0 - s.map_tested / n_all, 0.0)
+    screen = float(np.quantile(excess.sum(axis=1) / 2, share)) if share else -np.inf
     chosen = [kept[k] for k in np.unique(np.linspace(0, len(kept) - 1, s.map_sample).astype(int))]
     clean, planted, off = _gains([rows[m] for m in chosen], numbers[chosen] % s.map_folds, weights, frame, tried)
     limit = _limits(clean, planted, s)

@@ -78,8 +78,8 @@ class FaultSettings:
     lag_sample, map_sample, map_tail : int, int, float
         Demonstrations that choose the lag of the map, and in which faults are planted, and quartile distances from the medians by which gains with and
         without must differ.
-    map_screen, map_tested : float, int
-        Quantile of misfit from which on faults are tried, and demonstrations, about, in which they are at most.
+    map_tested : int
+        Demonstrations, about, those with the most misfit, in which faults are tried at most.
     least_gain : float
         Logarithm of likelihood for each step that undoing a fault gains at least. benchmarks/faults.py.
     offset_factor, least_offset, largest_offset : float
@@ -146,7 +146,6 @@ class FaultSettings:
     lag_sample: int = 6
     map_sample: int = 40
     map_tail: float = 1.5
-    map_screen: float = 0.3
     map_tested: int = 500
     least_gain: float = 0.75
     offset_factor: float = 2.5
