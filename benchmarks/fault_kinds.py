@@ -143,34 +143,29 @@ def _hold(rule: str) -> Fault:
     return hold
 
 
-def spike(episode: Array, clean: Clean, size: float, rng: np.random.Generator) -> Array | None:
-    """One value is off by so many times the largest usual change of its column."""
-    start, column = _place(episode, 1, rng), _pick(clean.columns("spike"), rng)
-    if start is None or column is None:
-        return None
-    off = episode.copy()
-    off[start, column] += size * clean.leap[column] * rng.choice([-1.0, 1.0])
-    return off
+def _leap(rule: str) -> Fault:
+    """One value, or all values of a column from a step on, are off by so many times its largest usual change."""
+
+    def leap(episode: Array, clean: Clean, size: float, rng: np.random.Generator) -> Array | None:
+        start, column, off = _place(episode, 1, rng), _pick(clean.columns(rule), rng), episode.copy()
+        if start is None or column is None:
+            return None
+        off[start : start + 1 if rule == "spike" else None, column] += size * clean.leap[column] * rng.choice([-1, 1])
+        return off
+
+    return leap
 
 
-def jump(episode: Array, clean: Clean, size: float, rng: np.random.Generator) -> Array | None:
-    """All values of a column after a step are off by so many times its largest usual change."""
-    start, column = _place(episode, 1, rng), _pick(clean.columns("jump"), rng)
-    if start is None or column is None:
-        return None
-    off = episode.copy()
-    off[start:, column] += size * clean.leap[column] * rng.choice([-1.0, 1.0])
-    return off
+def _column(rule: str, change: Callable[[Array, float, float, int], Array]) -> Fault:
+    """A column is changed, given the size, its standard deviation and a sign."""
 
+    def make(episode: Array, clean: Clean, size: float, rng: np.random.Generator) -> Array | None:
+        column, other = _pick(clean.columns(rule), rng), episode.copy()
+        if column is not None:
+            other[:, column] = change(episode[:, column], size, clean.spread[column], int(rng.choice([-1, 1])))
+        return None if column is None else other
 
-def scale(episode: Array, clean: Clean, size: float, rng: np.random.Generator) -> Array | None:
-    """A column is in another unit, larger or smaller."""
-    column = _pick(clean.columns("scale"), rng)
-    if column is None:
-        return None
-    other = episode.copy()
-    other[:, column] *= size ** rng.choice([-1.0, 1.0])
-    return other
+    return make
 
 
 def delay(episode: Array, clean: Clean, size: float, rng: np.random.Generator) -> Array | None:
@@ -211,28 +206,14 @@ def lengthen(episode: Array, clean: Clean, size: float, rng: np.random.Generator
     return longer
 
 
-def _column(rule: str, change: Callable[[Array, float], Array]) -> Fault:
-    """A column is changed; the size is in its standard deviations."""
-
-    def make(episode: Array, clean: Clean, size: float, rng: np.random.Generator) -> Array | None:
-        column, other = _pick(clean.columns(rule), rng), episode.copy()
-        if column is None:
-            return None
-        other[:, column] = change(episode[:, column], size * clean.spread[column])
-        return other
-
-    return make
-
-
 def exchange(episode: Array, clean: Clean, size: float, rng: np.random.Generator) -> Array | None:
     """Two actions are exchanged, or two observations where there is one action."""
     known, other = clean.columns("exchanged"), episode.copy()
-    own = next((c for c in (known[known >= clean.n_observations], known) if len(c) > 1), None)
-    if own is None:
-        return None
-    pair = rng.choice(own, 2, replace=False)
+    own = known[known >= clean.n_observations]
+    own = own if len(own) > 1 else known[known < clean.n_observations]
+    pair = rng.choice(own, 2, replace=False) if len(own) > 1 else own
     other[:, pair] = episode[:, pair[::-1]]
-    return other
+    return other if len(pair) > 1 else None
 
 
 def _rows(change: Callable[[Array, int, Array], Array]) -> Fault:
@@ -271,19 +252,25 @@ KINDS: dict[str, Kind] = {
     "frozen sensor": Kind(_hold("frozen sensor"), (1, 2, 3), HELD_UNIT, "frozen sensor", HELD),
     "frozen action": Kind(_hold("frozen action"), (1, 2, 3), HELD_UNIT, "frozen action", HELD),
     "saturation": Kind(_hold("saturation"), (1, 2, 3), HELD_UNIT, "saturation", HELD),
-    "spike": Kind(spike, (3, 6, 12), "times the 99.9 % quantile of changes", "spike"),
-    "jump": Kind(jump, (3, 6, 12), "times the 99.9 % quantile of changes", "jump"),
-    "scale": Kind(scale, (25.4, 57.3, 1000), "times or the inverse", "scale"),
+    "spike": Kind(_leap("spike"), (3, 6, 12), "times the 99.9 % quantile of changes", "spike"),
+    "jump": Kind(_leap("jump"), (3, 6, 12), "times the 99.9 % quantile of changes", "jump"),
+    "scale": Kind(
+        _column("scale", lambda x, size, _, way: x * size**way), (25.4, 57.3, 1000), "times or the inverse", "scale"
+    ),
     "lag": Kind(delay, (3, 5, 8), "steps late or early", "lag"),
     "idle head": Kind(_idle(True), (1, 2, 3), IDLE_UNIT, "idle head"),
     "idle tail": Kind(_idle(False), (1, 2, 3), IDLE_UNIT, "idle tail"),
     "length, cut": Kind(cut, (4, 7, 10), "times shorter", "length"),
-    "sign": Kind(_column("sign", lambda x, _: -x), (1,), "column", "sign"),
-    "offset": Kind(_column("offset", np.add), (0.5,), "standard deviations", "offset"),
+    "sign": Kind(_column("sign", lambda x, *_: -x), (1,), "column", "sign"),
+    "offset": Kind(
+        _column("offset", lambda x, size, sd, way: x + way * size * sd), (0.5,), "standard deviations", "offset"
+    ),
     "exchanged": Kind(exchange, (1,), "pair", "exchanged"),
-    "action early": Kind(_rows(lambda e, n, _: np.column_stack([e[:-1, :n], e[1:, n:]])), (1,), "step", "shifted action"),
+    "action early": Kind(
+        _rows(lambda e, n, _: np.column_stack([e[:-1, :n], e[1:, n:]])), (1,), "step", "shifted action"
+    ),
     "next state": Kind(_rows(_next), (1,), "step", "next state"),
-    "never moves": Kind(_column("never moves", lambda x, _: np.full_like(x, x[0])), (1,), "column", "never moves"),
+    "never moves": Kind(_column("never moves", lambda x, *_: np.full_like(x, x[0])), (1,), "column", "never moves"),
     "frame rate": Kind(_rows(lambda e, n, _: e[::2]), (0.5,), "times the rate", "frame rate"),
     "two episodes": Kind(_rows(lambda e, n, other: np.concatenate([e, other])), (2,), "in one", "two episodes"),
     "reversed": Kind(_rows(lambda e, n, _: e[::-1]), (1,), "time", "reversed"),

@@ -49,7 +49,9 @@ SEED = 0
 MARKS = ("<!-- recall and false alarms, printed by benchmarks/faults.py -->", "<!-- end -->")
 
 
-def clean_sets(folder: Path | None, files: list[Path], n_simulated: int, quick: bool) -> Iterator[tuple[str, str, Clean]]:
+def clean_sets(
+    folder: Path | None, files: list[Path], n_simulated: int, quick: bool
+) -> Iterator[tuple[str, str, Clean]]:
     """Group, name and demonstrations of each clean set."""
     for group, names in SIMULATIONS.items():
         for name in names[:1] if quick else names:

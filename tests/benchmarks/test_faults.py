@@ -43,7 +43,7 @@ def test_counts():
 
 @pytest.mark.slow
 def test_quick_run_finds_most_faults():
-    sums = faults.summarise(faults.run(None, 1, 12, quick=True)).values()
+    sums = faults.summarise(faults.run(None, [], 1, 12, quick=True)).values()
     assert sum(n["found"] for n in sums) > 0.8 * sum(n["faults"] for n in sums)
     assert sum(n["accused"] for n in sums) < 0.05 * sum(n["clean"] for n in sums)
 

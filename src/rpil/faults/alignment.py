@@ -23,8 +23,8 @@ from rpil.numerics.types import Array, Float, Int
 WIDTH = 3
 """Steps of a window."""
 
-LEFT_OUT = 0.1
-"""Share of the windows that may be left out; where more leap, that is how the columns are."""
+LEFT_OUT = 4
+"""Windows of a demonstration that may be left out, as of two spikes; where more leap, that is how the columns are."""
 
 FLOOR = 1e-7
 """Added to mean squares, of columns of variance 1: rounding of 32-bit numbers."""
@@ -72,8 +72,8 @@ class Frame:
             return None
         states, actions = states[: size + 2], actions[: size + 2]
         wild = (np.abs(np.diff(np.concatenate([states, actions], axis=1), axis=0)) > self.leap).any(axis=1)
-        is_wild = wild[:-1] | wild[1:]
-        at = np.flatnonzero(~is_wild) if is_wild.mean() < LEFT_OUT else np.arange(size)
+        is_wild: Array = np.logical_or(wild[:-1], wild[1:])
+        at = np.flatnonzero(~is_wild) if is_wild.sum() <= LEFT_OUT else np.arange(size)
         at = at if len(at) <= self.rows else at[np.linspace(0, len(at) - 1, self.rows).astype(int)]
         states, actions = (states - self.centre[:n]) / self.spread[:n], (actions - self.centre[n:]) / self.spread[n:]
         parts = [side[at + k] for side in (states, actions) for k in range(WIDTH)]

@@ -76,8 +76,9 @@ def find_faults(
         measured, kept, missing = measure(demonstrations, columns, learned, settings)
     found = [*missing, *find_frame_counts(times, demonstrations), *find_frame_times(times, demonstrations, settings)]
     seconds = frame_time(times, demonstrations)
-    why, unknown, usual, trims = _no_times(times), {}, {}, {}
+    why, usual, trims = _no_times(times), {}, {}
     known: dict[str, bool] = defaultdict(bool)
+    unknown: dict[str, tuple[str, ...]] = {}
     if measured is None or (missing and not skip_bad):
         others = (rule for rule in RULES if rule not in ("missing values", "frame count", "dropped frames"))
         why |= dict.fromkeys(others, "values are missing; set these demonstrations aside with --skip-bad")

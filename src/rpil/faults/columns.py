@@ -77,7 +77,9 @@ def column_labels(demonstrations: Demonstrations | Dataset) -> tuple[str, ...]:
     return (*(f"observation {name!r}" for name in demonstrations.observation_names), *actions)
 
 
-def pilot(demonstrations: Demonstrations | Dataset, labels: tuple[str, ...], settings: FaultSettings) -> tuple[Block, Array]:
+def pilot(
+    demonstrations: Demonstrations | Dataset, labels: tuple[str, ...], settings: FaultSettings
+) -> tuple[Block, Array]:
     """Demonstrations spread evenly over the data, of at most so many steps that the settings allow, and their numbers;
     those with missing values are left out, unless all have some."""
     size = min(len(demonstrations), settings.pilot_demonstrations)
@@ -107,9 +109,7 @@ def describe_columns(sample: Block, labels: tuple[str, ...], settings: FaultSett
     numbered = np.array([k if k < width else k - width + n_observations for k in moving], dtype=np.int64)
     turns = _rotations(sample.observations[:, :width])
     towards = np.array([sample.observations[0, k : k + 4] for k in turns]).reshape(len(turns), 4)
-    empty = Columns(
-        chosen, number, number >= n_observations, ones, ones, ones, 1.0, labels, numbered, turns, towards
-    )
+    empty = Columns(chosen, number, number >= n_observations, ones, ones, ones, 1.0, labels, numbered, turns, towards)
     if not chosen:
         return empty
     values = empty.of(sample)

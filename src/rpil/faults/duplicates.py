@@ -12,6 +12,7 @@ from rpil.faults.rules import Evidence
 from rpil.faults.settings import FaultSettings
 from rpil.numerics.types import Array
 
+
 def find_duplicates(seen: Evidence) -> Iterator[Finding]:
     """Of each demonstration that is the same as an earlier one, or nearly: the earlier one."""
     exact = _exact(seen)

@@ -1,4 +1,4 @@
-"""From where on a value is unusual among demonstrations: a fence above the quartiles (Tukey 1977), on a scale of ratios."""
+"""From where on a value is unusual among demonstrations: a fence above the quartiles (Tukey 1977), of ratios."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The rules that ask what demonstrations are as a whole: whether undoing a fault mends them, and what they are made of."""
+"""The rules about whole demonstrations: whether undoing a fault mends them, and what they are made of."""
 
 from __future__ import annotations
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass, fields
 
 import numpy as np
@@ -152,8 +153,8 @@ def _spikes_and_jumps(change: Array, size: Array, offsets: Array) -> tuple[Array
 
 
 def _idle_ends(motion: Array, moves: Array, offsets: Array, s: FaultSettings) -> tuple[Array, Array]:
-    """Steps before the first and after the last step that moves, of each demonstration. A controller that settles, whose
-    motion goes on to decay, is not idle."""
+    """Steps before the first and after the last step that moves, of each demonstration. A controller that settles,
+    whose motion goes on to decay, is not idle."""
     n, steps = len(moves), np.arange(len(moves))
     first = np.minimum.reduceat(np.where(moves, steps, n), offsets[:-1])
     last = np.maximum.reduceat(np.where(moves, steps, -1), offsets[:-1])
@@ -161,10 +162,9 @@ def _idle_ends(motion: Array, moves: Array, offsets: Array, s: FaultSettings) ->
     head = np.where(nothing, np.diff(offsets), np.maximum(first - 1 - offsets[:-1], 0))
     tail = np.where(nothing, 0, offsets[1:] - 1 - last)
     for m in np.flatnonzero(tail >= s.min_idle).tolist():
-        third = int(tail[m]) // 3
-        end = int(offsets[m + 1])
-        sizes = motion[end - int(tail[m]) : end - 2 * third].mean(), motion[end - third : end].mean()
-        tail[m] = 0 if 0 < s.settling * sizes[1] < sizes[0] else tail[m]
+        end, third = int(offsets[m + 1]), int(tail[m]) // 3
+        begins, goes_on = (motion[end - k * third : end - (k - 1) * third].mean() for k in (3, 2))
+        tail[m] = 0 if 0 < s.settling * goes_on < begins else tail[m]
     return head, tail
 
 
@@ -172,7 +172,7 @@ def _boundaries(ends: Ends | None, values: Array, offsets: Array) -> Array:
     """`Ends.boundary` of each demonstration, (M, 2)."""
     if ends is None or np.isnan(ends.limit):
         return np.tile([np.inf, 0.0], (len(offsets) - 1, 1))
-    return np.array([ends.boundary(values[:, a:b]) for a, b in zip(offsets[:-1], offsets[1:], strict=True)])
+    return np.array([ends.boundary(values[:, a:b]) for a, b in itertools.pairwise(offsets)])
 
 
 def _repeats(changed: Array, moves: Array, offsets: Array) -> tuple[Array, Array, Array]:

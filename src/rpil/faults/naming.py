@@ -15,7 +15,7 @@ from rpil.faults.alignment import Frame, fit_maps, misfit
 from rpil.faults.columns import Columns
 from rpil.faults.lag import Lag
 from rpil.faults.settings import FaultSettings
-from rpil.faults.undo import UNITS, WHOLE, Tried, Weights, plant, scores, whole_gain
+from rpil.faults.undo import SHIFTS, UNITS, WHOLE, Tried, Weights, plant, scores, whole_gain
 from rpil.numerics.types import Array, Float, Int
 
 
@@ -47,13 +47,12 @@ class Namer:
         fits = np.ones(len(gain), dtype=bool)
         fits[self.tried.kind == "offset"] = np.abs(off) > self.far
         fits[self.tried.kind == "scale"] = self._has_size(moments).ravel()
-        # A fault of some columns explains a part of what is odd.
-        least = np.where(np.isin(self.tried.kind, WHOLE), 0.0, excess / 5)
-        gain = np.where(fits & (gain > np.maximum(self.limit, least)), gain, 0.0)
+        # A fault explains what is odd; of one column, with noise, a part of it.
+        share = np.select([np.isin(self.tried.kind, SHIFTS), self.tried.kind == "frame rate"], [0.5, 0.0], 0.2)
+        gain = np.where(fits & (gain > np.maximum(self.limit, share * excess)), gain, 0.0)
         best = int(np.argmax(gain))
         column = self.tried.columns[best, 0]
         return (best, float(gain[best]), float(off[column])) if gain[best] > 0 else (-1, 0.0, 0.0)
-
 
     def _has_size(self, moments: Array) -> Array:
         """Whether each column has about the size that it would have in each other unit, (U, C)."""
@@ -88,9 +87,11 @@ def learn(
     values = values[own]
     rows = [values[:, a:b].T for a, b in zip(sample.offsets, sample.offsets[1:], strict=False)]
     spread, best = values.std(axis=1), None
-    leap = 3 * np.quantile(np.abs(np.diff(values, axis=1)), 0.99, axis=1) + 1e-12
+    leap = 2 * np.quantile([np.abs(np.diff(x, axis=0)).max(axis=0, initial=0) for x in rows], 0.75, axis=0) + 1e-12
     for steps in dict.fromkeys([0, 1, 2, *[lag.steps] * lag.is_known]):
-        frame = Frame(own, len(state), steps, np.median(values, axis=1), np.where(spread > 0, spread, 1.0), leap, s.map_rows)
+        frame = Frame(
+            own, len(state), steps, np.median(values, axis=1), np.where(spread > 0, spread, 1.0), leap, s.map_rows
+        )
         seen = [frame.moments(x) for x in rows]
         kept = [m for m, g in enumerate(seen) if g is not None]
         if len(kept) < s.min_demonstrations:
@@ -114,7 +115,8 @@ def learn(
     clean, planted, off = _gains([rows[m] for m in chosen], numbers[chosen] % s.map_folds, weights, frame, tried)
     limit = _limits(clean, planted, s)
     far = np.maximum(s.offset_factor * np.quantile(np.abs(off), 0.75, axis=0), s.least_offset)
-    is_known = (far < s.largest_offset) & maps.any(axis=(0, 1))[frame.places()[:, 1]]
+    used: Array = np.any(maps, axis=(0, 1))
+    is_known = (far < s.largest_offset) & used[frame.places()[:, 1]]
     limit[tried.kind == "offset"] = np.where(is_known, s.least_gain, np.nan)
     return Namer(frame, tried, weights, limit, far, screen)
 

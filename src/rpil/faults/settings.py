@@ -76,8 +76,8 @@ class FaultSettings:
         Share of the demonstrations that shape the maps, and of the variance that a map leaves over where it tells
         nothing.
     lag_sample, map_sample, map_tail : int, int, float
-        Demonstrations that choose the lag of the map, and in which faults are planted, and quartile distances from the medians by which gains with and
-        without must differ.
+        Demonstrations that choose the lag of the map, and in which faults are planted, and quartile distances from the
+        medians by which gains with and without must differ.
     map_tested : int
         Demonstrations, about, those with the most misfit, in which faults are tried at most.
     least_gain : float
@@ -102,8 +102,7 @@ class FaultSettings:
         Share of the demonstrations that reach the lowest or highest value of a column, from which that is a limit of
         the robot, where it may rest.
     settling : float
-        Times by which motion decays from the first to the last third of an idle end which is no idle one, but that of
-        a controller that settles.
+        Times by which motion decays from the first to the second third of a tail of a controller that settles.
     min_duplicate : int
         Steps from which equal demonstrations of codes alone are duplicates: shorter ones are equal by chance.
     """

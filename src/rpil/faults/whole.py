@@ -1,7 +1,8 @@
-"""What is measured of demonstrations as they are: two in one, actions that are the next state, columns that never move."""
+"""What is measured of whole demonstrations: two in one, actions that are the next state, columns that never move."""
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -38,7 +39,9 @@ class Ends:
             np.minimum(((x - c[:, None]) / s[:, None]) ** 2, LARGEST).mean(axis=0)
             for x, c, s in zip(rows, self.centre, self.spread, strict=True)
         ]
-        leaps = np.log1p(np.sqrt(((rows[0] - rows[1]) ** 2 / self.spread.max(axis=0)[:, None] ** 2).mean(axis=0)) / self.leap)
+        leaps = np.log1p(
+            np.sqrt(((rows[0] - rows[1]) ** 2 / self.spread.max(axis=0)[:, None] ** 2).mean(axis=0)) / self.leap
+        )
         unlike = far[0] + far[1] - 2.0 * leaps
         at = int(np.argmin(unlike))
         return float(unlike[at]), first + at
@@ -52,7 +55,9 @@ def learn_ends(sample: Block, columns: Columns, s: FaultSettings) -> Ends | None
     least = 0.02 * columns.spread[~columns.is_action][:, None]
     ends = [values[:, offsets[:-1]], values[:, offsets[1:] - 1]]
     centre = [np.median(x, axis=1, keepdims=True) for x in ends]
-    spread = [np.median(np.abs(x - c), axis=1, keepdims=True) / 0.6745 + least for x, c in zip(ends, centre, strict=True)]
+    spread = [
+        np.median(np.abs(x - c), axis=1, keepdims=True) / 0.6745 + least for x, c in zip(ends, centre, strict=True)
+    ]
     wide = np.maximum(*spread)
     change = np.sqrt(((np.diff(values, axis=1) / wide) ** 2).mean(axis=0))
     lengths = np.quantile(np.diff(offsets), [0.02, 0.98])
@@ -60,9 +65,9 @@ def learn_ends(sample: Block, columns: Columns, s: FaultSettings) -> Ends | None
         np.stack(centre)[:, :, 0], np.stack(spread)[:, :, 0], (0.9 * lengths[0], 1.1 * lengths[1]),
         float(np.quantile(change, 0.99)) + 1e-12,
     )  # fmt: skip
-    each = [values[:, a:b] for a, b in zip(offsets[:-1], offsets[1:], strict=True)][: s.map_sample]
+    each = [values[:, a:b] for a, b in itertools.pairwise(offsets)][: s.map_sample]
     clean = np.minimum([fitted.boundary(x)[0] for x in each], 1e3)
-    joined = [fitted.boundary(np.concatenate([x, y], axis=1))[0] for x, y in zip(each, each[1:], strict=False)]
+    joined = [fitted.boundary(np.concatenate([x, y], axis=1))[0] for x, y in itertools.pairwise(each)]
     low, high = np.quantile(clean, 0.25), np.quantile(joined, 0.75)
     limit = high + 0.1 * (min(low, high + LARGEST) - high)
     return replace(fitted, limit=float(limit) if low > high + 1.0 else np.nan)
@@ -72,7 +77,7 @@ def next_state(block: Block, n_steps: int = 16) -> Float[Array, "M A 2"]:
     """Whether each action moves, and is then a state at the next step, at some steps of each demonstration."""
     n_actions = block.actions.shape[1] if block.actions.ndim == 2 else 0
     out = np.zeros((len(block.offsets) - 1, n_actions, 2))
-    for m, (first, end) in enumerate(zip(block.offsets, block.offsets[1:], strict=False)):
+    for m, (first, end) in enumerate(itertools.pairwise(block.offsets)):
         if n_actions and end - first > 2:
             at = np.unique(np.linspace(first, end - 2, n_steps).astype(int))
             actions, after = block.actions[at], block.observations[at + 1]

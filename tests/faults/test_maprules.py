@@ -1,0 +1,80 @@
+"""Faults of the map between states and actions, and of whole demonstrations, are named."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from recordings import changed, demonstrations, recording
+from rpil.data.demonstrations import Demonstrations
+from rpil.faults.check import find_faults
+
+CLEAN = recording()
+M = 5  # the demonstration with the fault
+X, A = CLEAN[M]
+T = len(X)
+SIGN = np.array([1, -1, 1])
+
+PLANTED = {
+    "sign": ({"observations": X * SIGN}, "observation '1'"),
+    "offset": ({"actions": A + 0.5 * A.std(axis=0) * (SIGN < 0)}, "action 1"),
+    "exchanged": ({"actions": A[:, [2, 1, 0]]}, "action 0 and action 2"),
+    "shifted action": ({"observations": X[:-1], "actions": A[1:]}, ""),
+    "lag": ({"observations": X[5:], "actions": A[:-5]}, ""),
+    "next state": ({"observations": X[:-1], "actions": X[1:]}, ""),
+    "never moves": ({"actions": np.where(SIGN < 0, A[:1], A)}, "action 1"),
+    "two episodes": ({"observations": np.vstack([X, CLEAN[3][0]]), "actions": np.vstack([A, CLEAN[3][1]])}, ""),
+    "reversed": ({"observations": X[::-1], "actions": A[::-1]}, ""),
+}
+
+
+@pytest.mark.parametrize("rule", PLANTED)
+def test_planted_fault_is_named_and_nobody_else_is_accused(rule):
+    arrays, column = PLANTED[rule]
+    report = find_faults(demonstrations(changed(CLEAN, M, **arrays)))
+    assert {f.id for f in report.findings} == {M}
+    (found,) = [f for f in report.findings if f.rule == rule]
+    if column.startswith("action") and rule in ("sign", "offset"):
+        assert found.column.split()[1].strip("'") == column.split()[1]  # the state of an action is as good
+    elif rule != "two episodes":
+        assert found.column in (column, column.replace("action ", "observation "))
+
+
+def test_half_the_frame_rate_is_named_where_the_state_is_late():
+    slow = recording(joints=2, seed=3)
+    # A motor that follows its command at a third of the distance in each step.
+    driven = []
+    for _, command in slow:
+        position = np.zeros_like(command)
+        for t in range(1, len(command)):
+            position[t] = position[t - 1] + (command[t - 1] - position[t - 1]) / 3
+        driven.append((position, command))
+    x, a = driven[M]
+    report = find_faults(demonstrations(changed(driven, M, observations=x[::2], actions=a[::2])))
+    assert ("frame rate", M) in {(f.rule, f.id) for f in report.findings}
+
+
+def test_without_a_state_that_goes_with_an_action_maps_are_not_checked():
+    rng = np.random.default_rng(0)
+    episodes = [(rng.normal(size=(60, 2)), rng.normal(size=(60, 1))) for _ in range(12)]
+    report = find_faults(Demonstrations.from_episodes(episodes))
+    assert report.findings == ()
+    assert {"sign", "reversed", "exchanged"} <= set(report.not_checked)
+
+
+def test_quaternions_that_change_sign_are_no_faults():
+    rng, turned = np.random.default_rng(1), []
+    for x, a in CLEAN:
+        angle = np.cumsum(rng.normal(size=len(x))) * 0.02
+        quaternion = np.column_stack([np.cos(angle), np.sin(angle), 0 * angle, 0 * angle])
+        flips = np.where(np.arange(len(x)) // 40 % 2, -1.0, 1.0)[:, None] * rng.choice([-1, 1])
+        turned.append((np.column_stack([x, quaternion * flips]), a))
+    assert find_faults(demonstrations(turned)).findings == ()
+
+
+def test_sessions_are_said_and_nobody_is_accused():
+    late = [(x + (m >= 6) * 0.2, a + (m >= 6) * 0.2) for m, (x, a) in enumerate(recording(40))]
+    moved = [(x * 0 + x + (0.5 if m >= 20 else 0), a) for m, (x, a) in enumerate(late)]
+    report = find_faults(demonstrations([(abs(x) + 1, a) for x, a in moved]))
+    assert "session" in report.usual
+    assert "session" not in find_faults(demonstrations(CLEAN)).usual
