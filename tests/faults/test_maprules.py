@@ -24,7 +24,6 @@ PLANTED = {
     "next state": ({"observations": X[:-1], "actions": X[1:]}, ""),
     "never moves": ({"actions": np.where(SIGN < 0, A[:1], A)}, "action 1"),
     "two episodes": ({"observations": np.vstack([X, CLEAN[3][0]]), "actions": np.vstack([A, CLEAN[3][1]])}, ""),
-    "reversed": ({"observations": X[::-1], "actions": A[::-1]}, ""),
 }
 
 
@@ -34,24 +33,21 @@ def test_planted_fault_is_named_and_nobody_else_is_accused(rule):
     report = find_faults(demonstrations(changed(CLEAN, M, **arrays)))
     assert {f.id for f in report.findings} == {M}
     (found,) = [f for f in report.findings if f.rule == rule]
-    if column.startswith("action") and rule in ("sign", "offset"):
-        assert found.column.split()[1].strip("'") == column.split()[1]  # the state of an action is as good
-    elif rule != "two episodes":
-        assert found.column in (column, column.replace("action ", "observation "))
+    places = [[c for c in name if c.isdigit()] for name in (found.column, column)]
+    assert rule == "two episodes" or places[0] == places[1]  # the state of an action is as good
 
 
-def test_half_the_frame_rate_is_named_where_the_state_is_late():
-    slow = recording(joints=2, seed=3)
-    # A motor that follows its command at a third of the distance in each step.
+@pytest.mark.parametrize(("rule", "rows"), [("frame rate", slice(None, None, 2)), ("reversed", slice(None, None, -1))])
+def test_other_times_are_named_where_a_motor_is_slow(rule, rows):
     driven = []
-    for _, command in slow:
+    for _, command in recording(joints=2, seed=3):
         position = np.zeros_like(command)
         for t in range(1, len(command)):
             position[t] = position[t - 1] + (command[t - 1] - position[t - 1]) / 3
         driven.append((position, command))
     x, a = driven[M]
-    report = find_faults(demonstrations(changed(driven, M, observations=x[::2], actions=a[::2])))
-    assert ("frame rate", M) in {(f.rule, f.id) for f in report.findings}
+    report = find_faults(demonstrations(changed(driven, M, observations=x[rows], actions=a[rows])))
+    assert (rule, M) in {(f.rule, f.id) for f in report.findings}
 
 
 def test_without_a_state_that_goes_with_an_action_maps_are_not_checked():

@@ -71,7 +71,8 @@ class Frame:
         if size < 2 * WIDTH:
             return None
         states, actions = states[: size + 2], actions[: size + 2]
-        wild = (np.abs(np.diff(np.concatenate([states, actions], axis=1), axis=0)) > self.leap).any(axis=1)
+        leaps: Array = np.abs(np.diff(np.concatenate([states, actions], axis=1), axis=0)) > self.leap
+        wild: Array = np.any(leaps, axis=1)
         is_wild: Array = np.logical_or(wild[:-1], wild[1:])
         at = np.flatnonzero(~is_wild) if is_wild.sum() <= LEFT_OUT else np.arange(size)
         at = at if len(at) <= self.rows else at[np.linspace(0, len(at) - 1, self.rows).astype(int)]
