@@ -83,7 +83,7 @@ def _false(accused: np.ndarray, planted: Planted) -> dict[str, int]:
 
 
 def run(
-    folder: Path | None, files: list[Path], seeds: int, n_simulated: int, quick: bool = False
+    folder: Path | None, files: list[Path], seeds: int, n_simulated: int, quick: bool = False, kinds: tuple[str, ...] = ()
 ) -> list[dict[str, Any]]:
     """One row for each set, kind, size and seed."""
     rows = []
@@ -186,7 +186,7 @@ def main() -> None:
     parser.add_argument("--docs", type=Path, help="a file whose table to replace")
     options = parser.parse_args()
     sets = options.data, options.files
-    rows = run(*sets, 1, 10, quick=True) if options.quick else run(*sets, options.seeds, 40, False, options.kinds)
+    rows = run(*sets, 1, 10, quick=True) if options.quick else run(*sets, options.seeds, 40, False, tuple(options.kinds))
     text = f"{render(rows)}\n\n{speed(20_000 if options.quick else 1_000_000)}"
     if options.json:
         options.json.write_text(json.dumps(rows, indent=1))
