@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from rpil.data.demonstrations import Demonstrations
 from rpil.faults.check import find_faults
+from rpil.faults.columns import column_labels
 from rpil.formats.times import Times
 
 Array = NDArray[Any]
@@ -22,17 +23,8 @@ FPS = 30.0
 class Clean:
     """Clean demonstrations, and how their columns usually move: observations first, then actions.
 
-    Attributes
-    ----------
-    episodes : list of (T, C) arrays
-    n_observations : int
-    spread, leap : (C,) arrays
-        Standard deviation, and 99.9 % quantile of the changes from one step to the next, at least .05 spreads.
-    idle : (2,)
-        Upper quartile of the steps at the beginning, and at the end, in which nothing moves.
-    run : (C,) array
-        Upper quartile over the demonstrations of the longest run of one value.
-    high : (C,) array
+    `spread` are standard deviations, `leap` the 99.9 % quantiles of changes from one step to the next, at least .05
+    spreads, and `run` and `idle` the upper quartiles of the longest run of one value and of the idle ends.
     """
 
     demonstrations: Demonstrations
@@ -51,16 +43,15 @@ class Clean:
         self.leap = np.maximum(np.quantile(changes, 0.999, axis=0), 0.05 * self.spread)
         self.run = np.quantile([_longest_runs(e) for e in self.episodes], 0.75, axis=0)
         still = [(np.abs(np.diff(e, axis=0)) <= 0.05 * self.leap).all(axis=1) for e in self.episodes]
-        self.idle = tuple(np.quantile([_leading(s[::step]) for s in still], 0.75) for step in (1, -1))
+        heads = [[np.argmin(np.append(s[::k], False)) for s in still] for k in (1, -1)]
+        self.idle = tuple(np.quantile(heads, 0.75, axis=1))
         self.distinct = np.array([len(np.unique(column)) >= 20 for column in rows.T])
         self.report = find_faults(demonstrations)
 
     @property
     def names(self) -> list[str]:
         """Names of the columns, as in the findings."""
-        n_actions = len(self.spread) - self.n_observations
-        observations = [f"observation {name!r}" for name in self.demonstrations.observation_names]
-        return observations + [f"action {a}" for a in range(n_actions)]
+        return list(column_labels(self.demonstrations))
 
     def columns(self, rule: str) -> Array:
         """Numbers of the columns that measure something and of which the rule says that it can know."""
@@ -74,18 +65,13 @@ class Clean:
     def known(self, rule: str) -> float | None:
         """Share of the columns that measure something, or 1 or 0 for the data as a whole, about which a rule says that
         it can know; None where the rule is about actions and these are discrete."""
-        about_actions = rule in ("frozen action", "lag")
-        if about_actions and self.demonstrations.is_discrete:
+        if rule in ("frozen action", "lag") and self.demonstrations.is_discrete:
             return None
         if rule not in (*HELD, "spike", "jump", "scale", "sign", "offset", "never moves"):
             return float(rule not in self.report.not_checked or rule == "dropped frames")
         kind = {"frozen sensor": "observation", "frozen action": "action"}.get(rule, "")
         n_columns = sum(d and name.startswith(kind) for d, name in zip(self.distinct, self.names, strict=True))
         return len(self.columns(rule)) / n_columns if n_columns else None
-
-
-def _leading(still: Array) -> int:
-    return int(np.argmin(np.append(still, False)))
 
 
 def _longest_runs(episode: Array) -> list[int]:
@@ -99,7 +85,7 @@ None where it is too short or nothing in it moves."""
 
 
 def _place(episode: Array, steps: int, rng: np.random.Generator) -> int | None:
-    """A random first step for a fault of so many steps, which leaves at least two before and after."""
+    """A first step for a fault of so many steps, with at least two before and after."""
     room = len(episode) - steps - 4
     return int(2 + rng.integers(room + 1)) if room >= 0 else None
 
@@ -194,8 +180,7 @@ def _idle(at_head: bool) -> Fault:
 
 def cut(episode: Array, clean: Clean, size: float, rng: np.random.Generator) -> Array | None:
     """Only the first 1 / size of the demonstration is there."""
-    steps = int(len(episode) / size)
-    return episode[:steps] if steps >= 3 else None
+    return episode[: int(len(episode) / size)] if len(episode) >= 3 * size else None
 
 
 def lengthen(episode: Array, clean: Clean, size: float, rng: np.random.Generator) -> Array | None:
@@ -226,10 +211,6 @@ def _rows(change: Callable[[Array, int, Array], Array]) -> Fault:
         return np.column_stack([other, np.arange(len(other)) / FPS])
 
     return make
-
-
-def _next(e: Array, n: int, _: Array) -> Array:
-    return np.column_stack([e[:-1, :n], np.resize(e[1:, :n].T, (e.shape[1] - n, len(e) - 1)).T])
 
 
 @dataclass(frozen=True)
@@ -269,7 +250,12 @@ KINDS: dict[str, Kind] = {
     "action early": Kind(
         _rows(lambda e, n, _: np.column_stack([e[:-1, :n], e[1:, n:]])), (1,), "step", "shifted action"
     ),
-    "next state": Kind(_rows(_next), (1,), "step", "next state"),
+    "next state": Kind(
+        _rows(lambda e, n, _: np.column_stack([e[:-1, :n], np.resize(e[1:, :n].T, (e.shape[1] - n, len(e) - 1)).T])),
+        (1,),
+        "step",
+        "next state",
+    ),
     "never moves": Kind(_column("never moves", lambda x, *_: np.full_like(x, x[0])), (1,), "column", "never moves"),
     "frame rate": Kind(_rows(lambda e, n, _: e[::2]), (0.5,), "times the rate", "frame rate"),
     "two episodes": Kind(_rows(lambda e, n, other: np.concatenate([e, other])), (2,), "in one", "two episodes"),

@@ -35,7 +35,7 @@ MAX_REASONS = 10
     "-o", "--output", type=OutputFile(".csv", ".json"), metavar="OUT.csv|OUT.json", help="Also write all findings."
 )
 @click.option(
-    "--expected", type=click.Path(), metavar="FILE", help="What is so on purpose: JSON, or YAML lines rule: [id, id]."
+    "--expected", type=click.Path(), metavar="FILE", help="What is so on purpose: JSON, or TOML: rule = [id, id]."
 )
 @click.option("--fail-on", metavar="RULE[,RULE]|any", help="Exit with code 1 where one of these rules finds a fault.")
 @click.option("--skip-bad", is_flag=True, help="Set demonstrations with missing values aside and check the others.")

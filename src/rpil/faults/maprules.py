@@ -12,7 +12,7 @@ from rpil.faults.rules import Comparison, Evidence
 from rpil.faults.undo import SHIFTS, UNITS
 from rpil.numerics.types import Array
 
-KINDS = {
+TRIED = {
     "sign": ("sign",),
     "scale": ("scale",),
     "offset": ("offset",),
@@ -33,7 +33,7 @@ def compare_maps(seen: Evidence) -> Iterator[Comparison]:
         return
     tried, whole = namer.tried, [(0, length - 1) for length in seen.lengths.astype(int).tolist()]
     names = np.array(seen.columns.names)[namer.frame.column]
-    for rule, kinds in KINDS.items():
+    for rule, kinds in TRIED.items():
         own = np.flatnonzero(np.isin(tried.kind, kinds))
         if not len(own):
             continue

@@ -15,7 +15,7 @@ from rpil.faults.alignment import Frame, fit_maps, misfit
 from rpil.faults.columns import Columns
 from rpil.faults.lag import Lag
 from rpil.faults.settings import FaultSettings
-from rpil.faults.undo import SHIFTS, UNITS, WHOLE, Tried, Weights, plant, scores, whole_gain
+from rpil.faults.undo import OF_ROWS, SHIFTS, UNITS, Tried, Weights, plant, scores, whole_gain
 from rpil.numerics.types import Array, Float, Int
 
 
@@ -135,7 +135,7 @@ def _gains(
 ) -> tuple[Array, Array, Array]:
     """Gains of undoing each fault in demonstrations without, and with it, (M, H), and offsets, (M, C)."""
     clean, planted, offsets = [], [], []
-    whole = {kind: int(np.flatnonzero(tried.kind == kind)[0]) for kind in WHOLE}
+    whole = {kind: int(np.flatnonzero(tried.kind == kind)[0]) for kind in OF_ROWS}
     for x, f in zip(rows, fold.tolist(), strict=True):
         found = scores(x, weights[f], frame, tried)
         assert found is not None

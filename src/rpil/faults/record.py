@@ -6,13 +6,17 @@ import math
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import asdict, dataclass, field
-from typing import Any, TypeVar
+from typing import Any
 
 from rpil.data.arrays import Id
 
 DIFFER = "demonstrations differ too much in this to know what is usual"
 RESTS = "{} rest for long, or demonstrations differ too much in this"
 UNTOLD = "undone, clean demonstrations fit the map between states and actions as well"
+
+
+Finder = Callable[..., Iterator[Any]]
+"""From what was measured to comparisons of demonstrations."""
 
 
 @dataclass(eq=False)
@@ -34,7 +38,7 @@ class Rule:
     words: str
     needs: tuple[str, ...] = ()
     unknown: str = DIFFER
-    find: Callable[[Any], Iterator[Any]] | None = None
+    find: Finder | None = None
 
 
 COLUMNS, MAPS = ("columns", "several"), ("map", "several")
@@ -76,13 +80,11 @@ RULES = {
 }
 """Every rule."""
 
-Compare = TypeVar("Compare", bound=Callable[..., Iterator[Any]])
 
-
-def finds(*names: str) -> Callable[[Compare], Compare]:
+def finds(*names: str) -> Callable[[Finder], Finder]:
     """The function below compares demonstrations for these rules."""
 
-    def register(find: Compare) -> Compare:
+    def register(find: Finder) -> Finder:
         for name in names:
             RULES[name].find = find
         return find

@@ -17,7 +17,7 @@ UNITS = (180 / np.pi, np.pi / 180, 1e3, 1e-3)
 """Degrees for radians, millimetres for metres, and the inverse."""
 
 SHIFTS = tuple(f"{steps:+d}" for size in (1, 2, 3, 4, 5, 6, 8, 10) for steps in (size, -size))
-WHOLE = ("reversed", "frame rate", *SHIFTS)
+OF_ROWS = ("reversed", "frame rate", *SHIFTS)
 """Faults of all columns; shifts are the steps by which actions are late."""
 
 
@@ -29,7 +29,7 @@ def moved(values: Float[Array, "T C"], n_states: int, steps: int) -> Float[Array
 
 
 def plant(kind: str, values: Float[Array, "T C"], n_states: int) -> Float[Array, "_ C"]:
-    """A demonstration with one of the faults `WHOLE`."""
+    """A demonstration with one of the faults `OF_ROWS`."""
     if kind in SHIFTS:
         return moved(values, n_states, int(kind))
     return values[::-1] if kind == "reversed" else values[::2]
@@ -62,8 +62,8 @@ class Tried:
         exchanged = np.array(pairs, dtype=int).reshape(-1, 2)
         alone = np.column_stack([np.arange(width), np.full(width, -1)])
         kinds = ["sign", *["scale"] * len(UNITS), "offset"]
-        kind = [*np.repeat(kinds, width), *["exchanged"] * len(exchanged), *WHOLE]
-        whole = np.full((len(WHOLE), 2), -1)
+        kind = [*np.repeat(kinds, width), *["exchanged"] * len(exchanged), *OF_ROWS]
+        whole = np.full((len(OF_ROWS), 2), -1)
         return cls(np.array(kind), np.concatenate([*[alone] * len(kinds), exchanged, whole]), exchanged)
 
 
@@ -113,7 +113,7 @@ def scores(
     first, second = _products(weights.other, seen, moments, place)
     undone.append(left[:, None] + 2 * first + second)
     gain = np.log(left[:, None] / np.maximum(np.concatenate(undone, axis=1), FLOOR)).sum(axis=0) / 2
-    return np.append(gain, [whole_gain(kind, values, maps, frame) for kind in WHOLE]), off
+    return np.append(gain, [whole_gain(kind, values, maps, frame) for kind in OF_ROWS]), off
 
 
 def whole_gain(kind: str, values: Float[Array, "T C"], maps: Float[Array, "K D"], frame: Frame) -> float:

@@ -12,7 +12,7 @@ from rpil.faults.columns import Columns
 from rpil.faults.settings import FaultSettings
 from rpil.numerics.types import Array, Float
 
-LARGEST = 25.0
+FARTHEST = 25.0
 """Squared distance in one column, in spreads, at most."""
 
 
@@ -36,7 +36,7 @@ class Ends:
             return np.inf, 0
         rows = [values[:, first:end], values[:, first - 1 : end - 1]]  # a beginning, after an end
         far = [
-            np.minimum(((x - c[:, None]) / s[:, None]) ** 2, LARGEST).mean(axis=0)
+            np.minimum(((x - c[:, None]) / s[:, None]) ** 2, FARTHEST).mean(axis=0)
             for x, c, s in zip(rows, self.centre, self.spread, strict=True)
         ]
         leaps = np.log1p(
@@ -69,7 +69,7 @@ def learn_ends(sample: Block, columns: Columns, s: FaultSettings) -> Ends | None
     clean = np.minimum([fitted.boundary(x)[0] for x in each], 1e3)
     joined = [fitted.boundary(np.concatenate([x, y], axis=1))[0] for x, y in itertools.pairwise(each)]
     low, high = np.quantile(clean, 0.25), np.quantile(joined, 0.75)
-    limit = high + 0.1 * (min(low, high + LARGEST) - high)
+    limit = high + 0.1 * (min(low, high + FARTHEST) - high)
     return replace(fitted, limit=float(limit) if low > high + 1.0 else np.nan)
 
 
