@@ -57,8 +57,8 @@ def clean_sets(
         for name in names[:1] if quick else names:
             made = simulate(name, "random", n_good=n_simulated, n_bad=0, seed=SEED)
             yield group, name, Clean(Demonstrations.from_episodes(made.episodes, source=name))
-    for group, files in RECORDINGS.items() if folder is not None else ():
-        for path in npz_files(folder, list(files)):
+    for group, stems in RECORDINGS.items() if folder is not None else ():
+        for path in npz_files(folder, list(stems)):
             yield group, path.stem, Clean(read(path).good_half().demonstrations)
     for path in files:
         yield "seen", path.name, Clean(formats.read(path))
