@@ -15,12 +15,12 @@ from rpil.numerics.types import Array, Float, Int
 @dataclass(frozen=True, eq=False)
 class Lag:
     """The action and the state, numbers of `Columns`, whose changes, or the action and the change of the state, are
-    most correlated, and after how many steps; and the largest correlation of each state with an action, (S,)."""
+    most correlated, and after how many steps; and the largest correlation of each action with each state, (A, S)."""
 
     action: int
     state: int
     steps: int
-    related: Float[Array, " S"]
+    related: Float[Array, "A S"]
 
     @property
     def is_known(self) -> bool:
@@ -32,10 +32,10 @@ def find_lag(values: Float[Array, "C T"], offsets: Int[Array, " _"], columns: Co
     """The usual lag, from one transform of each column."""
     action, state = np.flatnonzero(columns.is_action), np.flatnonzero(~columns.is_action)
     if not len(action) or not len(state):
-        return Lag(-1, -1, 0, np.zeros(len(state)))
+        return Lag(-1, -1, 0, np.zeros((len(action), len(state))))
     change, level = segments.changes(values, offsets), np.stack([centred(a, offsets) for a in values[action]])
     table = _table(np.concatenate([change[action], level]), change[state], offsets, s)
-    related = np.asarray(table.max(axis=(0, 2)))
+    related = table.max(axis=2).reshape(2, len(action), len(state)).max(axis=0)
     a, b, k = np.unravel_index(int(np.argmax(table)), table.shape)
     is_known = table[a, b, k] >= s.min_correlation
     return Lag(int(action[a % len(action)]), int(state[b]) if is_known else -1, int(k) - s.farthest_lag, related)

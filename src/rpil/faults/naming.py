@@ -78,9 +78,11 @@ def learn(
     s: FaultSettings,
 ) -> Namer | None:  # fmt: skip
     """The maps of a sample, and the limits of the gains in it; None where no map tells anything."""
-    action = np.flatnonzero(columns.is_action)[: s.map_columns]
-    state = np.flatnonzero(~columns.is_action)
-    state = state[np.sort(np.argsort(-lag.related, kind="stable")[: s.map_columns])]
+    action, state = np.flatnonzero(columns.is_action), np.flatnonzero(~columns.is_action)
+    if len(action) and len(state):
+        chosen_actions = np.sort(np.argsort(-lag.related.max(axis=1), kind="stable")[: s.map_columns])
+        follows = lag.related[chosen_actions].max(axis=0)
+        action, state = action[chosen_actions], state[np.sort(np.argsort(-follows, kind="stable")[: s.map_columns])]
     if not len(action) or not len(state) or len(numbers) < s.min_demonstrations:
         return None
     values, own = columns.of(sample), np.concatenate([state, action])

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
+import typing
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import asdict, dataclass, field
-from typing import Any
 
 from rpil.data.arrays import Id
 
@@ -15,7 +15,7 @@ RESTS = "{} rest for long, or demonstrations differ too much in this"
 UNTOLD = "undone, clean demonstrations fit the map between states and actions as well"
 
 
-Finder = Callable[..., Iterator[Any]]
+Finder = Callable[..., Iterator[typing.Any]]
 """From what was measured to comparisons of demonstrations."""
 
 
