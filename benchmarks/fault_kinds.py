@@ -62,6 +62,9 @@ class Clean:
         known = [name not in unknown and name.startswith(kind) for name in self.names]
         return np.flatnonzero(self.distinct & np.array(known))
 
+    def pick(self, rule: str, rng: np.random.Generator) -> int | None:
+        return int(rng.choice(columns)) if len(columns := self.columns(rule)) else None
+
     def known(self, rule: str) -> float | None:
         """Share of the columns that measure something, or 1 or 0 for the data as a whole, about which a rule says that
         it can know; None where the rule is about actions and these are discrete."""
@@ -90,10 +93,6 @@ def _place(episode: Array, steps: int, rng: np.random.Generator) -> int | None:
     return int(2 + rng.integers(room + 1)) if room >= 0 else None
 
 
-def _pick(columns: Array, rng: np.random.Generator) -> int | None:
-    return int(rng.choice(columns)) if len(columns) else None
-
-
 def drop(episode: Array, clean: Clean, size: float, rng: np.random.Generator) -> Array | None:
     """Frames are missing."""
     start = _place(episode, int(size), rng)
@@ -117,7 +116,7 @@ def repeat(episode: Array, clean: Clean, size: float, rng: np.random.Generator) 
 
 def _hold(rule: str) -> Fault:
     def hold(episode: Array, clean: Clean, size: float, rng: np.random.Generator) -> Array | None:
-        column = _pick(clean.columns(rule), rng)
+        column = clean.pick(rule, rng)
         steps = 0 if column is None else int(size * max(15, 4 * clean.run[column]))
         start = _place(episode, steps, rng)
         if start is None or column is None:
@@ -133,7 +132,7 @@ def _leap(rule: str) -> Fault:
     """One value, or all values of a column from a step on, are off by so many times its largest usual change."""
 
     def leap(episode: Array, clean: Clean, size: float, rng: np.random.Generator) -> Array | None:
-        start, column, off = _place(episode, 1, rng), _pick(clean.columns(rule), rng), episode.copy()
+        start, column, off = _place(episode, 1, rng), clean.pick(rule, rng), episode.copy()
         if start is None or column is None:
             return None
         off[start : start + 1 if rule == "spike" else None, column] += size * clean.leap[column] * rng.choice([-1, 1])
@@ -146,7 +145,7 @@ def _column(rule: str, change: Callable[[Array, float, float, int], Array]) -> F
     """A column is changed, given the size, its standard deviation and a sign."""
 
     def make(episode: Array, clean: Clean, size: float, rng: np.random.Generator) -> Array | None:
-        column, other = _pick(clean.columns(rule), rng), episode.copy()
+        column, other = clean.pick(rule, rng), episode.copy()
         if column is not None:
             other[:, column] = change(episode[:, column], size, clean.spread[column], int(rng.choice([-1, 1])))
         return None if column is None else other
@@ -225,8 +224,7 @@ class Kind:
 
 
 HELD = ("frozen sensor", "frozen action", "saturation")
-HELD_UNIT = "times 15 steps, or 4 usual longest runs"
-IDLE_UNIT = "times 15 steps, or 4 usual idle ends"
+HELD_UNIT, IDLE_UNIT = (f"times 15 steps, or 4 usual {what}" for what in ("longest runs", "idle ends"))
 KINDS: dict[str, Kind] = {
     "dropped frames": Kind(drop, (1, 3, 10), "frames", "dropped frames"),
     "repeated frames": Kind(repeat, (1, 3, 10), "frames, without timestamps", "repeated frames"),
