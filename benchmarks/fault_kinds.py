@@ -4,17 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rpil.data.demonstrations import Demonstrations
 from rpil.faults.check import find_faults
 from rpil.faults.columns import column_labels
 from rpil.formats.times import Times
-
-Array = NDArray[Any]
+from rpil.numerics.types import Array
 
 FPS = 30.0
 

@@ -26,7 +26,7 @@ from rpil import formats
 from rpil.data.demonstrations import Demonstrations
 from rpil.faults.check import find_faults
 from rpil.faults.record import FaultReport
-from rpil.formats.dataset import open_dataset
+from rpil.formats.on_disk import open_dataset
 from rpil.simulation.simulate import simulate
 from worlds.recorded import npz_files, read
 

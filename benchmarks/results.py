@@ -7,7 +7,8 @@
 Tracked files must be as committed. Figures are kept in a folder, and those of the same commit are not made again, so
 that a run that was broken off goes on; with `--only` other sections are of figures that are there. At the end the lines
 of the page that changed are printed. Figures of policy_value.py take days; where its cells lie in the folder as
-`value.jsonl`, they get a section. With `--quick` the page is printed, and figures are kept in a folder of their own.
+`value.jsonl`, or as `value TITLE.jsonl`, each file is a section. With `--quick` the page is printed, and figures are
+kept in a folder of their own.
 """
 
 from __future__ import annotations
@@ -64,7 +65,7 @@ def main(arguments: list[str] | None = None) -> int:
         found = {name: figures(name, options, run=name in names) for name in SECTIONS}
         found = {name: each for name, each in found.items() if each}
         check_clean(options.quick, {each["provenance"]["commit"] for each in found.values()})
-        text = page(found, policy_value.read(options.folder / "value.jsonl"))
+        text = page(found, sorted(options.folder.glob("value*.jsonl"), key=lambda path: path.stem))
         if options.quick:
             print(text)
         else:
@@ -124,14 +125,15 @@ def read(path: Path) -> Result:
 # ---- the page --------------------------------------------------------------------------------------------------------
 
 
-def page(found: dict[str, Result], cells: Sequence[Result]) -> str:
-    """The whole page: a section for each script, in the order of `SECTIONS`, and one of driven policies."""
+def page(found: dict[str, Result], driven: Sequence[Path]) -> str:
+    """The whole page: a section for each script, in the order of `SECTIONS`, and one for each file of cells."""
     parts = [HEAD]
     for name, render in SECTIONS.items():
         if name in found:
             parts += [render(found[name]), line(found[name]["provenance"])]
-    if cells:
-        parts += [f"## Policies\n\n`benchmarks/policy_value.py`, {len(cells)} cells.", report(cells)]
+    for path in driven:
+        cells, title = policy_value.read(path), path.stem.replace("value", "Policies", 1)
+        parts += [f"## {title}\n\n`benchmarks/policy_value.py`, {len(cells)} cells.", report(cells)]
     return "\n\n".join(parts) + "\n"
 
 

@@ -6,10 +6,8 @@ import sys
 import warnings
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from sklearn.exceptions import ConvergenceWarning
 from sklearn.linear_model import LogisticRegression
 from sklearn.metrics import roc_auc_score
@@ -18,10 +16,10 @@ from rpil import Settings
 from rpil.data.demonstrations import Demonstrations
 from rpil.estimators.rpil import RPIL
 from rpil.numerics import blocks as passes
+from rpil.numerics.types import Array
 from rpil.policies.features import FeatureMap, FeatureSettings, ridge_of
 from speed_common import Measured, Planted, in_turns, lander, one_core, softmax_expert
 
-Array = NDArray[Any]
 _ROWS = 1 << 16
 _STARTS = 20
 ENOUGH = 2.0

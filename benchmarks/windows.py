@@ -7,8 +7,9 @@
 Half of the demonstrations of a world have one window of bad steps, which are known: a robot arm pauses, goes astray,
 is late, drops and recovers, or is shaky for a third of an episode; a game's expert acts at random for half of it. The
 first table is of single steps: AUROC of good against bad, in all demonstrations and in those with a window, and the
-weight of a bad step, in weights of a good one. With ``--drive`` policies are trained by rules and driven. Needs
-``pip install 'rpil[value]'``. Figures are means and standard errors over seeds.
+weight of a bad step, in weights of a good one; P(step) is also made with other constants ("stay .8"). With ``--drive``
+policies are trained by rules and driven. Needs ``pip install 'rpil[value]'``. Figures are means and standard errors
+over seeds.
 """
 
 from __future__ import annotations
@@ -22,13 +23,14 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from sklearn.metrics import roc_auc_score
 
 from rpil.audit.reasons import MAX_LOG_RATIO
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
+from rpil.inference.settings import StepSettings
 from rpil.inference.step_trust import step_proba
+from rpil.numerics.types import Array
 from rpil.simulation.corruptions import window
 from rpil.simulation.experts import expert
 from rpil.simulation.rollouts import record
@@ -38,7 +40,6 @@ from value.operators import GOOD, INTERLUDES, TYPICAL, Kind, Operator
 from value.rules import Judged, best
 from value.worlds import GENTLE, Episode, drive, record_arm
 
-Array = NDArray[Any]
 LENGTH = TYPICAL // 3
 """Steps of the window of an arm."""
 WINDOWS = {
@@ -51,6 +52,12 @@ WINDOWS = {
 ARM_TASKS = ("reach", "button-press-topdown", "drawer-open", "push", "pick-place")
 GAME_TASKS = ("LunarLander-v3", "LunarLanderContinuous-v3", "MountainCar-v0", "Acrobot-v1", "Pendulum-v1")
 RANDOM = "random"
+OTHERS = {
+    "stay .8": StepSettings(stay=0.8),
+    "stay .99": StepSettings(stay=0.99),
+    "alone": StepSettings(p_stretches=1e-9),
+}
+"""What the constants of P(step) are worth."""
 WORLDS = [(task, kind) for task in ARM_TASKS for kind in WINDOWS] + [(task, RANDOM) for task in GAME_TASKS]
 TRIES = 20
 """An operator who fails, or is done before the window, begins again, at most so many times."""
@@ -139,15 +146,17 @@ def scores_of(judged: Judged) -> dict[str, Array]:
     """What the audit says of each step, (N,); larger is better."""
     audit = judged.audit
     bounded = np.clip(audit.step_log_ratio, -MAX_LOG_RATIO, MAX_LOG_RATIO)
-    proba = step_proba(audit.reliability, bounded, judged.lengths)
-    return {"log-ratio": audit.step_log_ratio, "P(step)": proba, "weight": audit.step_weight}
+    of_trust = audit.reliability, bounded, judged.lengths
+    proba = {name: step_proba(*of_trust, settings) for name, settings in ({"P(step)": StepSettings()} | OTHERS).items()}
+    return {"log-ratio": audit.step_log_ratio} | proba | {"weight": audit.step_weight}
 
 
 def of_steps(world: World, judged: Judged) -> dict[str, float]:
     good, some = ~world.is_bad, judged.per_step(world.has_window) > 0
     found = {}
     for name, score in scores_of(judged).items():
-        found[f"{name}, all"] = float(roc_auc_score(good, score))
+        if name not in OTHERS:
+            found[f"{name}, all"] = float(roc_auc_score(good, score))
         found[f"{name}, windowed"] = float(roc_auc_score(good[some], score[some]))
     weight = judged.audit.step_weight
     found["bad weight"] = float(weight[world.is_bad].mean() / max(weight[good].mean(), 1e-12))

@@ -15,11 +15,15 @@ import numpy as np
 import pytest
 from sklearn.base import BaseEstimator, ClassifierMixin
 
+import rpil
 from audits import make_audit
+from command_line import ok
 from problems import make
 from rpil import RPIL, Demonstrations, formats, load, save
 from rpil.audit.html.page import Article, render_page
 from rpil.data.archive import CLASSES
+from rpil.data.errors import DataError
+from rpil.formats import registry
 from rpil.mixture.adversaries.named import ADVERSARIES
 from rpil.numerics.blocks import add
 from rpil.scale.memory import InMemory
@@ -81,15 +85,23 @@ class MostlyZero(Adversary):
 
 JSON_LINES = """
 import json
+
 from rpil import Demonstrations
 from rpil.data.files import replacing
-from rpil.formats import Recording
+from rpil.formats.format import Format, keep_one_file
+from rpil.formats.recording import from_demonstrations
 
 
 def read(path, options):
     rows = [json.loads(line) for line in path.read_text().splitlines()]
     columns = ([row[name] for row in rows] for name in ("observation", "action", "episode"))
-    return Recording.of(Demonstrations.from_groups(*columns, source=path.name), "JSON lines")
+    return from_demonstrations(Demonstrations.from_groups(*columns, source=path.name), "JSON lines")
+
+
+def keep(path, output, ids, options):
+    found = {line: str(json.loads(line)["episode"]) for line in path.read_text().splitlines()}
+    output.write_text("".join(f"{line}\\n" for line, name in found.items() if name in ids))
+    return ids & {*found.values()}
 
 
 def write(path, demonstrations, truth):
@@ -100,6 +112,16 @@ def write(path, demonstrations, truth):
             for x, a, m in zip(demonstrations.observations, demonstrations.actions, demonstrations.groups)
         )
         temporary.write_text("".join(json.dumps(row) + "\\n" for row in rows))
+
+
+FORMAT = Format(
+    name="JSON lines",
+    claims=lambda path: path.is_file() and path.suffix == ".jsonl",
+    read=read,
+    keep=keep_one_file(keep),
+    suffixes=(".jsonl",),
+    write=write,
+)
 """
 
 
@@ -131,14 +153,34 @@ def test_adversary_recipe(package, monkeypatch, tmp_path):
 
 
 def test_format_recipe(package, monkeypatch, tmp_path):
-    monkeypatch.setitem(formats.FORMATS, ".jsonl", package("json_lines"))
+    monkeypatch.setattr(registry, "FORMATS", (*registry.FORMATS, package("json_lines").FORMAT))
     toy = make("random", 0, n_good=2, n_bad=2, steps=(4, 6)).demonstrations
-    formats.write(tmp_path / "toy.jsonl", toy, {"is_good": [1, 1, 0, 0]})
-    again = formats.read(tmp_path / "toy.jsonl")
+    path, kept = tmp_path / "toy.jsonl", tmp_path / "kept.jsonl"
+    formats.write(path, toy, {"is_good": [1, 1, 0, 0]})
+    again = formats.read(path)
     np.testing.assert_array_equal(again.observations, toy.observations)
     np.testing.assert_array_equal(again.actions, toy.actions)
     assert again.ids == toy.ids
-    assert json.loads((tmp_path / "toy.jsonl").read_text().splitlines()[-1])["is_good"] == 0
+    assert json.loads(path.read_text().splitlines()[-1])["is_good"] == 0
+    formats.keep(path, kept, ["d3", "d1"])
+    assert formats.read(kept).ids == ("d1", "d3")
+    assert {*kept.read_text().splitlines()} < {*path.read_text().splitlines()}
+    with pytest.raises(DataError, match=r"give it the extension \.jsonl"):
+        formats.keep(path, tmp_path / "kept.csv", ["d1"])
+    with pytest.raises(DataError, match="no demonstration is called '9'"):
+        formats.keep(path, tmp_path / "none.jsonl", [9])
+
+
+def test_format_in_commands_recipe(package, monkeypatch, tmp_path):
+    monkeypatch.setattr(registry, "FORMATS", (*registry.FORMATS, package("json_lines").FORMAT))
+    toy, path = make("random", 0, n_good=2, n_bad=2, steps=(4, 6)).demonstrations, tmp_path / "toy.jsonl"
+    rpil.write(tmp_path / "toy.csv", toy)
+    (tmp_path / "labels.csv").write_text("id,label\nd2,good\n")
+    ok("convert", tmp_path / "toy.csv", "-o", path)
+    assert "JSON lines" in ok("info", path).stdout
+    assert "4 demonstrations" in ok("check", path).stdout
+    ok("keep", path, "-o", tmp_path / "kept.jsonl", "--verdicts", tmp_path / "labels.csv")
+    assert formats.read(tmp_path / "kept.jsonl").ids == ("d2",)
 
 
 @dataclass(frozen=True)

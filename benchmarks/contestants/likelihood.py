@@ -36,18 +36,23 @@ def trimmed(data: Demonstrations, seed: int) -> Array:
 def cleanlab(data: Demonstrations, seed: int) -> Array:
     """Confident learning (Northcutt et al., 2021), by its own package: actions are labels that may be wrong.
 
-    As published: the label quality score (self-confidence) on out-of-sample probabilities. Adapted: folds are whole
-    demonstrations, and the score of a demonstration is the mean of its steps'.
+    As published: the label quality score on out-of-sample predictions, self-confidence where actions are discrete, and
+    else the package's score of numbers, averaged over the columns. Adapted: folds are whole demonstrations, and the
+    score of a demonstration is the mean of its steps'.
     """
-    from cleanlab.rank import get_label_quality_scores
+    from cleanlab import rank, regression
 
+    everybody, folds = np.ones(data.n_steps, dtype=bool), folds_of(data, seed)[data.groups]
+    if not data.is_discrete:
+        columns = zip(scaled(data.actions).T, errors(data, everybody, folds).T, strict=True)
+        quality = [regression.rank.get_label_quality_scores(column, column - error) for column, error in columns]
+        return step_mean(data, np.mean(quality, axis=0))
     classes, codes = class_codes(data.actions, data.source)
     proba = np.empty((data.n_steps, len(classes)))
-    everybody = np.ones(data.n_steps, dtype=bool)
-    for teach, asked in splits(everybody, folds_of(data, seed)[data.groups]):
+    for teach, asked in splits(everybody, folds):
         policy = BehavioralCloning().fit(data, sample_weight=teach.astype(float))
         proba[asked] = policy.predict_proba(data.observations[asked])
-    return step_mean(data, get_label_quality_scores(codes, proba))
+    return step_mean(data, rank.get_label_quality_scores(codes, proba))
 
 
 def folds_of(data: Demonstrations, seed: int) -> Array:
@@ -84,15 +89,22 @@ def discrete(data: Demonstrations, taught: Array, folds: Array) -> Array:
 
 def continuous(data: Demonstrations, taught: Array, folds: Array) -> Array:
     """Log-likelihood of each step, (N,), under ridge regressions with Student errors of one scale for each column."""
-    states, actions = (scaled(np.asarray(rows, dtype=float)) for rows in (data.observations, data.actions))
-    error = np.empty_like(actions)
-    for teach, asked in splits(taught, folds):
-        policy = Ridge(1.0).fit(states[teach], actions[teach])
-        error[asked] = actions[asked] - policy.predict(states[asked]).reshape(-1, actions.shape[1])
+    error = errors(data, taught, folds)
     # 0.741 is the median size of a Student error of scale 1; the second part keeps a perfect fit from being infinite
     scale = np.median(np.abs(error[taught]), axis=0) / 0.741 + 0.03
     return student.logpdf(error, FREEDOM, scale=scale).sum(axis=1)
 
 
+def errors(data: Demonstrations, taught: Array, folds: Array) -> Array:
+    """What ridge regressions of the other folds are off by, (N, A), in standard deviations of the actions."""
+    states, actions = scaled(data.observations), scaled(data.actions)
+    error = np.empty_like(actions)
+    for teach, asked in splits(taught, folds):
+        policy = Ridge(1.0).fit(states[teach], actions[teach])
+        error[asked] = actions[asked] - policy.predict(states[asked]).reshape(-1, actions.shape[1])
+    return error
+
+
 def scaled(rows: Array) -> Array:
+    rows = np.asarray(rows, dtype=float)
     return (rows - rows.mean(axis=0)) / (rows.std(axis=0) + 1e-9)

@@ -6,16 +6,13 @@ score demonstrations as DemInf does (Hejna et al. 2025). States are reduced to a
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import KDTree
 from scipy.special import digamma
 
 from rpil.data.demonstrations import Demonstrations
+from rpil.numerics.types import Array
 
-Array = NDArray[Any]
 NEIGHBOURS = 5
 COMPONENTS = 8
 MAX_STEPS = 6000

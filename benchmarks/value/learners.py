@@ -8,12 +8,11 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rpil import BehavioralCloning
 from rpil.data.demonstrations import Demonstrations
+from rpil.numerics.types import Array
 
-Array = NDArray[Any]
 MAX_SCALED = 5.0
 """Scaled observations are cut off here: a network need not go on beyond what it was shown."""
 

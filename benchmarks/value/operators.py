@@ -10,9 +10,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[Any]
+from rpil.numerics.types import Array
+
 HAND, OBJECT, GOAL = slice(0, 3), slice(4, 7), slice(36, 39)
 """Places in an observation; the hand is also that of the motion in an action."""
 TYPICAL = 60

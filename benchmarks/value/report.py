@@ -4,18 +4,18 @@ from __future__ import annotations
 
 from collections import Counter, defaultdict
 from collections.abc import Callable, Iterable, Sequence
+from itertools import product
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import t as student
 
+from rpil.numerics.types import Array
 from tables import table
 from value.rules import ALL, RULES
 from value.worlds import family
 
-Array = NDArray[Any]
 Row = dict[str, Any]
 LEVEL = 0.05
 FEWEST_SEEDS = 3
@@ -25,19 +25,24 @@ CURVE = ("best 40 %", "best 60 %", "best 80 %", ALL)
 
 def report(rows: Sequence[Row]) -> str:
     """All tables in Markdown."""
-    learners = list(dict.fromkeys(row["learner"] for row in rows))
-    parts = [comparison(rows, "All learners")] if len(learners) > 1 else []
-    for learner in learners:
-        own = [row for row in rows if row["learner"] == learner]
-        parts.append(comparison(own, f"Learner: {learner}"))
+    groups = sorted({group(row) for row in rows})
+    parts = [comparison(rows, "All worlds and learners")] if len(groups) > 1 else []
+    for each in groups:
+        own = [row for row in rows if group(row) == each]
+        parts.append(comparison(own, "{}, {}".format(*each)))
         parts.append(by_group(own, lambda row: f"{row['n']}, {row['share']:.0%} bad", "by number and share"))
         parts.append(by_group(own, lambda row: row["task"], "by task"))
     return "\n\n".join([*parts, never_hurts(rows), commits(rows)])
 
 
+def group(row: Row) -> tuple[str, str]:
+    return family(row["task"]), row["learner"]
+
+
 def comparison(rows: Sequence[Row], title: str) -> str:
     """Each rule against training on all demonstrations, paired over tasks and seeds."""
-    names = rules_of(rows)
+    names, present = rules_of(rows), sorted({family(row["task"]) for row in rows})
+    present = present if len(present) > 1 else []
     differences = {name: paired(rows, name) for name in names}
     compared = [name for name in names if name != ALL]
     worse = dict(zip(compared, holm([p_lower(differences[name]) for name in compared]), strict=True))
@@ -45,7 +50,7 @@ def comparison(rows: Sequence[Row], title: str) -> str:
     cells = []
     for name in names:
         own = [row for row in rows if row["rule"] == name]
-        families = [[row for row in own if family(row["task"]) == each] for each in ("arm", "games")]
+        families = [[row for row in own if family(row["task"]) == each] for each in present]
         means = [percent(np.mean([row["success"] for row in each])) if each else "" for each in (own, *families)]
         tests = [f"{found[name]:.3f}" if name in found else "" for found in (worse, better)]
         steps = [row["mean_steps"] for row in own if row.get("mean_steps") is not None]
@@ -53,7 +58,7 @@ def comparison(rows: Sequence[Row], title: str) -> str:
         cells.append(
             [name, *means, *difference(differences[name]), *tests, *shares, f"{np.mean(steps):.0f}" if steps else ""]
         )
-    header = ["rule", "success", "arm", "games", "minus all", "standard error", "sets"]
+    header = ["rule", "success", *present, "minus all", "standard error", "sets"]
     header += ["P worse", "P better", "steps kept", "weight on good", "steps"]
     said = [name for name in compared if worse[name] < LEVEL]
     note = f"Credibly worse than all (Holm, {LEVEL:.0%}): {', '.join(said) or 'none'}."
@@ -105,12 +110,12 @@ def commits(rows: Sequence[Row]) -> str:
     return f"*Cells by commit: {', '.join(names)}.*"
 
 
-def by_group(rows: Sequence[Row], group: Callable[[Row], str], title: str) -> str:
+def by_group(rows: Sequence[Row], place: Callable[[Row], str], title: str) -> str:
     """Mean success of each rule in each group."""
     found: dict[tuple[str, str], list[float]] = defaultdict(list)
     for row in rows:
-        found[row["rule"], group(row)].append(row["success"])
-    groups = list(dict.fromkeys(group(row) for row in sorted(rows, key=lambda row: (row["n"], row["share"]))))
+        found[row["rule"], place(row)].append(row["success"])
+    groups = list(dict.fromkeys(place(row) for row in sorted(rows, key=lambda row: (row["n"], row["share"]))))
     cells = [
         [name, *(percent(np.mean(found[name, each])) if found[name, each] else "" for each in groups)]
         for name in rules_of(rows)
@@ -162,19 +167,22 @@ def percent(value: Any) -> str:
 
 
 def picture(rows: Sequence[Row], path: Path) -> None:
-    """Success against the share of the steps kept, by family and share of bad demonstrations; a line joins the rules
-    that keep the best."""
+    """Success against the share of the steps kept: a row of panels for each learner, a column for each family and share
+    of bad demonstrations; a line joins the rules that keep the best."""
     import matplotlib
 
     matplotlib.use("agg")
     import matplotlib.pyplot as plt
 
-    group = lambda row: (family(row["task"]), row["share"])  # noqa: E731
-    groups = sorted({group(row) for row in rows})
-    figure, axes = plt.subplots(1, len(groups), figsize=(3.6 * len(groups), 3.6), sharey=True, layout="constrained")
+    learners = sorted({row["learner"] for row in rows})
+    places = sorted({(family(row["task"]), row["share"]) for row in rows})
+    size = (2.9 * len(places), 2.9 * len(learners) + 0.7)
+    figure, axes = plt.subplots(len(learners), len(places), figsize=size, sharex=True, sharey=True, squeeze=False)
+    figure.set_layout_engine("constrained")
     colours = dict(zip(rules_of(rows), plt.get_cmap("tab20").colors, strict=False))  # type: ignore[attr-defined]
-    for axis, each in zip(np.atleast_1d(axes), groups, strict=True):
-        own = [row for row in rows if group(row) == each]
+    for axis, (learner, (kind, share)) in zip(axes.flat, product(learners, places), strict=True):
+        own = [row for row in rows if group(row) == (kind, learner) and row["share"] == share]
+        axis.set_visible(bool(own))
         points = {
             name: [100 * np.mean([row[what] for row in own if row["rule"] == name]) for what in ("kept", "success")]
             for name in rules_of(own)
@@ -184,11 +192,9 @@ def picture(rows: Sequence[Row], path: Path) -> None:
         for name, (kept, success) in points.items():
             marker = "o" if RULES[name].needs else "s"
             axis.plot(kept, success, marker, color=colours[name], label=name, markersize=8)
-        axis.set(title=f"{each[0]}, {each[1]:.0%} bad", xlabel="steps kept, %")
-    np.atleast_1d(axes)[0].set_ylabel("success, %")
-    labelled = {
-        text: mark for axis in np.atleast_1d(axes) for mark, text in zip(*axis.get_legend_handles_labels(), strict=True)
-    }
-    figure.legend(labelled.values(), labelled.keys(), loc="outside lower center", ncols=6, frameon=False)
+        axis.set(title=f"{kind}, {share:.0%} bad", xlabel="steps kept, %", ylabel=f"{learner}: success, %")
+        axis.label_outer()
+    labelled = {text: mark for axis in axes.flat for mark, text in zip(*axis.get_legend_handles_labels(), strict=True)}
+    figure.legend(labelled.values(), labelled.keys(), loc="outside lower center", ncols=8, frameon=False)
     figure.savefig(path, dpi=80)
     plt.close(figure)

@@ -5,15 +5,15 @@ A rule that needs no outcome, answer or truth is given none (`told`).
 
 from __future__ import annotations
 
+import itertools
 import warnings
 from collections.abc import Callable, Hashable
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from contestants.likelihood import cleanlab
 from rpil import RPIL, Audit
 from rpil.audit.answering import with_answers
 from rpil.audit.choice import kept_ids
@@ -21,12 +21,14 @@ from rpil.audit.verdict_table import verdict_columns
 from rpil.audit.words import SIDES
 from rpil.data.demonstrations import Demonstrations
 from rpil.inference.answers import Answers
-from value.information import information
+from rpil.numerics.types import Array
+from value.information import information, scaled
 from value.worlds import World
 
-Array = NDArray[Any]
 SHORT = 0.6
 """Share of the demonstrations that count as short, or as informative."""
+IDLE = 0.01
+"""Standard deviations of a column; what changes less from step to step stands still."""
 
 
 class Judged:
@@ -81,10 +83,21 @@ def weights_of(rule: Rule, world: World, judged: Judged, seed: int) -> Array:
     return weight / weight.max() if weight.max() > 0 else np.ones(len(weight))
 
 
-def same_total(judged: Judged, weight: Array) -> Array:
-    """The same weights with the same total for every demonstration that has any."""
-    total = np.add.reduceat(weight, np.append(0, np.cumsum(judged.lengths)[:-1]))
-    return weight / np.repeat(np.maximum(total, 1e-12), judged.lengths)
+def trimmed(known: Known) -> Array:
+    """Without idle heads and tails: the state stands still, and the action is still the first or already the last."""
+    data, weights = known.judged.demonstrations, []
+    states, actions = (scaled(np.column_stack([each])) for each in (data.observations, data.actions))
+    for begin, end in itertools.pairwise(data.offsets):
+        rests = still(states[begin + 1 : end], states[begin : end - 1])
+        rests = np.append(rests, rests[-1:])
+        head, tail = (rests & still(actions[begin:end], actions[k]) for k in (begin, end - 1))
+        idle = np.logical_and.accumulate(head) | np.logical_and.accumulate(tail[::-1])[::-1]
+        weights.append(~idle)
+    return np.concatenate(weights).astype(float)
+
+
+def still(rows: Array, others: Array) -> Array:
+    return (np.abs(rows - others) < IDLE).all(axis=1)
 
 
 def keep(known: Known, share: float | None = None) -> Array:
@@ -142,15 +155,18 @@ def best(score: Array, share: float) -> Array:
 ALL, ORACLE = "all", "oracle"
 RULES: dict[str, Rule] = {
     ALL: Rule(lambda known: np.ones(known.judged.demonstrations.n_steps)),
-    "same total": Rule(lambda known: known.judged.per_step(1 / known.judged.lengths)),
     "keep": Rule(keep),
     "step weights": Rule(lambda known: known.judged.audit.step_weight),
-    "step weights, same total": Rule(lambda known: same_total(known.judged, known.judged.audit.step_weight)),
+    "trimmed": Rule(trimmed),
+    "trimmed step weights": Rule(lambda known: trimmed(known) * known.judged.audit.step_weight),
     "probability": Rule(lambda known: known.judged.per_step(known.judged.audit.expert_proba)),
     "best 40 %": Rule(partial(keep, share=0.4)),
     "best 60 %": Rule(partial(keep, share=0.6)),
     "best 80 %": Rule(partial(keep, share=0.8)),
     "information 60 %": Rule(lambda known: known.judged.per_step(best(known.judged.information, SHORT))),
+    "cleanlab 60 %": Rule(
+        lambda known: known.judged.per_step(best(cleanlab(known.judged.demonstrations, known.seed), SHORT))
+    ),
     "shortest 60 %": Rule(lambda known: known.judged.per_step(best(-known.judged.lengths, SHORT))),
     "successes": Rule(successes, ("success",)),
     "short successes": Rule(short_successes, ("success",)),

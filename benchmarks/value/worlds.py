@@ -13,14 +13,14 @@ from functools import lru_cache, partial
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rpil import rollout, simulate
 from rpil.data.demonstrations import Demonstrations
+from rpil.numerics.types import Array
 from rpil.simulation.corruptions import KINDS
+from rpil.simulation.environments import make
 from value.operators import BAD, GOOD, Operator
 
-Array = NDArray[Any]
 Episode = tuple[Array, Array]
 Made = tuple[list[Episode], list[str], list[bool]]
 NO_GRASP = ("reach", "door-open", "drawer-open", "button-press-topdown", "window-open")
@@ -31,9 +31,16 @@ GAMES = {
     "Acrobot-v1": (-500, -100),
     "LunarLander-v3": (-200, 200),
     "LunarLanderContinuous-v3": (-200, 200),
+    "Pendulum-v1": (-1200, -200),
 }
-"""The return of a policy that does nothing useful, about, and that from which Gymnasium calls a game solved."""
-TASKS = (*ARM_TASKS, *GAMES)
+"""The return of a policy that does nothing useful, about, and that from which Gymnasium calls a game solved; of the
+pendulum, for which it names none, a little less than its expert's."""
+IDLE = "idle "
+"""Tasks of this name have demonstrations that wait before and after the task, and are the same else."""
+WAIT = 20
+"""Steps at most of each wait."""
+TASKS = (*ARM_TASKS, *(IDLE + task for task in ("reach", "push", "pick-place", "drawer-open")), *GAMES)
+FAMILIES = ("arm", "idle arm", "games")
 KINDS_OF_A_WORLD = 3
 """Kinds of bad demonstrations in one data set, as of a few operators."""
 GENTLE = 0.3
@@ -60,19 +67,28 @@ class World:
 
 
 def family(task: str) -> str:
-    return "games" if task in GAMES else "arm"
+    return FAMILIES[2] if task in GAMES else FAMILIES[1] if task.startswith(IDLE) else FAMILIES[0]
 
 
 def make_world(task: str, n: int, share_bad: float, seed: int) -> World:
     """`n` demonstrations in random order, `share_bad` of them bad: of three kinds that the seed draws."""
+    waits, task = task.startswith(IDLE), task.removeprefix(IDLE)
     rng = np.random.default_rng([seed, zlib.crc32(task.encode())])
     n_bad = round(n * share_bad)
-    make = _game_demonstrations if task in GAMES else _arm_demonstrations
-    episodes, kinds, success = make(task, n - n_bad, n_bad, rng)
+    recorded = _game_demonstrations if task in GAMES else _arm_demonstrations
+    episodes, kinds, success = recorded(task, n - n_bad, n_bad, rng)
     order = rng.permutation(n)
     is_good = (np.arange(n) < n - n_bad)[order]
+    if waits:
+        episodes = [waiting(episode, rng.integers(WAIT + 1, size=2)) for episode in episodes]
     demonstrations = Demonstrations.from_episodes([episodes[m] for m in order])
     return World(demonstrations, is_good, np.array(success)[order], tuple(kinds[m] for m in order))
+
+
+def waiting(episode: Episode, steps: Array) -> Episode:
+    """With so many steps before and after in which nothing is done and nothing moves."""
+    observations, actions = episode
+    return np.pad(observations, (steps, (0, 0)), mode="edge"), np.pad(actions, (steps, (0, 0)))
 
 
 def drive(task: str, policy: Any, n_episodes: int, seed: int) -> tuple[Array, float | None]:
@@ -84,7 +100,7 @@ def drive(task: str, policy: Any, n_episodes: int, seed: int) -> tuple[Array, fl
     if task in GAMES:
         found = rollout(policy, task, n_episodes=n_episodes, seed=seed + 1_000_000)
         return scaled_return(task, found.returns), None
-    ended = [_drive_arm(task, policy, 1_000_000 + 1000 * seed + k) for k in range(n_episodes)]
+    ended = [_drive_arm(task.removeprefix(IDLE), policy, 1_000_000 + 1000 * seed + k) for k in range(n_episodes)]
     return np.array([success for success, _ in ended]), float(np.mean([steps for _, steps in ended]))
 
 
@@ -119,19 +135,9 @@ def _game_demonstrations(task: str, n_good: int, n_bad: int, rng: np.random.Gene
 @lru_cache(maxsize=2)
 def _arm(task: str) -> tuple[Any, Callable[[], Any]]:
     """The environment of a task and its script."""
-    from metaworld.env_dict import ALL_V3_ENVIRONMENTS_GOAL_OBSERVABLE
     from metaworld.policies import ENV_POLICY_MAP
 
-    env = ALL_V3_ENVIRONMENTS_GOAL_OBSERVABLE[f"{task}-v3-goal-observable"](seed=0)
-    env._freeze_rand_vec = False  # a new goal at each reset
-    env.seeded_rand_vec = True  # else goals come from NumPy's global stream
-    return env, ENV_POLICY_MAP[f"{task}-v3"]
-
-
-def _start(env: Any, seed: int) -> Array:
-    """The first observation: goal and object depend on the seed alone."""
-    env.seed(seed)
-    return np.asarray(env.reset()[0])
+    return make(f"metaworld:{task}-v3"), ENV_POLICY_MAP[f"{task}-v3"]
 
 
 def _arm_demonstrations(task: str, n_good: int, n_bad: int, rng: np.random.Generator) -> Made:
@@ -155,7 +161,7 @@ def _arm_demonstrations(task: str, n_good: int, n_bad: int, rng: np.random.Gener
 def record_arm(task: str, employed: Callable[[Any], Operator], seed: int) -> tuple[Episode, bool]:
     """One episode of the operator that is `employed` with the script, and whether it succeeded."""
     env, script = _arm(task)
-    observation = _start(env, seed)
+    observation, _ = env.reset(seed=seed)
     observations, actions, since = [], [], -1
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # scripts say that they ask for more than 1
@@ -174,7 +180,7 @@ def record_arm(task: str, employed: Callable[[Any], Operator], seed: int) -> tup
 def _drive_arm(task: str, policy: Any, seed: int) -> tuple[bool, int]:
     """Whether the policy succeeds, and after how many steps."""
     env, _ = _arm(task)
-    observation = _start(env, seed)
+    observation, _ = env.reset(seed=seed)
     for n in range(DRIVE_LIMIT):
         action = np.clip(policy.predict(observation[None])[0], -1, 1)
         observation, _, _, _, info = env.step(action)

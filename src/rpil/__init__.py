@@ -24,7 +24,8 @@ _HOME = {
     "TorchPolicy": "rpil.policies.torch",
     "compare": "rpil.simulation.comparison",
     "load": "rpil.estimators.persistence",
-    "open_dataset": "rpil.formats.dataset",
+    "open": "rpil.faults.recorded",
+    "open_dataset": "rpil.formats.on_disk",
     "read": "rpil.formats",
     "reweight": "rpil.estimators.reweight",
     "rollout": "rpil.simulation.rollouts",
@@ -52,6 +53,7 @@ __all__ = [
     "__version__",
     "compare",
     "load",
+    "open",
     "open_dataset",
     "read",
     "reweight",
@@ -73,8 +75,10 @@ if TYPE_CHECKING:
     from rpil.estimators.rment import RMEnt
     from rpil.estimators.rpil import RPIL
     from rpil.estimators.settings import Settings
+    from rpil.faults.recorded import open
     from rpil.formats import read, write
-    from rpil.formats.dataset import Dataset, open_dataset
+    from rpil.formats.dataset import Dataset
+    from rpil.formats.on_disk import open_dataset
     from rpil.inference.settings import JudgeSettings
     from rpil.mixture.adversaries.discrete import Confusion
     from rpil.mixture.settings import MixtureSettings

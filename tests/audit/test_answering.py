@@ -9,11 +9,12 @@ import pytest
 
 from audits import make_audit
 from problems import make, one_sentence
-from rpil import RPIL, DataError, Demonstrations, load, save
+from rpil import RPIL, DataError, Demonstrations, Settings, load, save
 from rpil.audit.answering import NEXT_STEPS, NOT_USED, question
 from rpil.audit.record import Audit
 from rpil.audit.words import WORDS
 from rpil.inference.findings import FINDINGS
+from rpil.inference.settings import JudgeSettings, StepSettings
 
 TOY = make("random", 3, n_good=7, n_bad=4, steps=(13, 13))
 LABELS = {"d0": "good", "d1": "good", "d9": "bad", "d10": "bad"}
@@ -52,6 +53,16 @@ def test_answers_to_an_audit_are_those_of_a_fit(audit, labels, pairs):
         (fitted.prior.low, fitted.prior.mean, fitted.prior.high)
     )
     assert (later.step_weight <= np.repeat(later.expert_proba, later.lengths) + 1e-12).all()
+
+
+def test_steps_are_weighed_after_answers_as_the_fit_was_told_to(audit, tmp_path):
+    settings = Settings(judge=JudgeSettings(steps=StepSettings(stay=0.3, p_stretches=0.9)))
+    fitted = RPIL(settings=settings).fit(TOY.demonstrations)
+    save(fitted, tmp_path / "model.rpil")
+    together = RPIL(settings=settings).fit(TOY.demonstrations, labels=LABELS).audit_
+    for unanswered in (fitted.audit_, load(tmp_path / "model.rpil").audit_):
+        np.testing.assert_allclose(unanswered.answered(LABELS).step_weight, together.step_weight, atol=1e-9)
+    assert np.abs(audit.answered(LABELS).step_weight - together.step_weight).max() > 0.01
 
 
 def test_answers_in_turn_are_answers_at_once(audit):

@@ -16,7 +16,7 @@ from contestants.ileed import ileed_loss, ileed_shapes
 from problems import make, make_continuous
 from rpil.data.errors import DataError
 
-DISCRETE_ONLY = {"ILEED", "cleanlab"}
+DISCRETE_ONLY = {"ILEED"}
 RANKS = sorted(set(CONTESTANTS) - {"length"})
 SHAPE = {"n_good": 10, "n_bad": 4, "steps": (40, 60), "sharpness": 10.0}
 RANDOM, RANDOM_TOO = (make("random", seed, **SHAPE) for seed in (0, 1))

@@ -56,13 +56,34 @@ def test_a_rule_is_told_no_more_than_it_says(car, name):
 @pytest.mark.slow
 def test_weights_by_hand(car):
     world, lengths = car.world, car.world.demonstrations.lengths
-    kept = {name: weights_of(RULES[name], world, car.judged, 0) for name in (ALL, "same total", ORACLE, "best 40 %")}
+    kept = {name: weights_of(RULES[name], world, car.judged, 0) for name in (ALL, ORACLE, "best 40 %")}
     assert kept[ALL].all()
     np.testing.assert_array_equal(kept[ORACLE], np.repeat(world.is_good, lengths))
-    totals = np.add.reduceat(kept["same total"], world.demonstrations.offsets[:-1])
-    np.testing.assert_allclose(totals, lengths.min())
     best = np.argsort(-car.judged.audit.log_odds, kind="stable")[:5]
     np.testing.assert_array_equal(kept["best 40 %"], np.repeat(np.isin(np.arange(12), best), lengths))
+
+
+def test_idle_heads_and_tails_are_cut():
+    """The state rests and the action is still the first, or already the last; a pause in between stays."""
+    from rpil.data.demonstrations import Demonstrations
+
+    moves = np.array([0, 0, 0, 1, 2, 2, 3, 3, 3.0])
+    acts = np.array([0, 0, 1, 1, 0, 1, 2, 0, 0.0])
+    busy = np.arange(9.0)
+    demonstrations = Demonstrations.from_episodes([(moves[:, None], acts[:, None]), (busy[:, None], np.ones((9, 1)))])
+    weight = RULES["trimmed"].weights(told(RULES["trimmed"], None, Judged(demonstrations), 0))
+    np.testing.assert_array_equal(weight, [0, 0, 1, 1, 1, 1, 1, 0, 0, *np.ones(9)])
+
+
+@pytest.mark.slow
+@needs_arm
+@pytest.mark.filterwarnings("ignore")  # of packages that the arm comes with
+def test_an_idle_world_is_the_same_but_for_waits():
+    plain, idle = (make_world(task, 4, 0.5, 0) for task in ("reach", "idle reach"))
+    assert idle.kinds == plain.kinds
+    assert (idle.demonstrations.lengths > plain.demonstrations.lengths).all()
+    weight = weights_of(RULES["trimmed"], idle, Judged(idle.demonstrations), 0) > 0
+    np.testing.assert_array_equal(idle.demonstrations.actions[weight], plain.demonstrations.actions)
 
 
 @pytest.mark.slow

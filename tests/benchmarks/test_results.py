@@ -156,13 +156,16 @@ def test_broken_figures_give_a_message(made, capsys):
     assert "claims.json: no figures (JSONDecodeError); remove it and run again." in capsys.readouterr().err
 
 
-def test_driven_policies_have_a_section_where_there_are_cells():
+def test_each_file_of_driven_policies_has_a_section(tmp_path):
     cell = {"seed": 0, "n": 20, "share": 0.1, "task": "MountainCar-v0", "learner": "linear", "episodes": 5, "steps": 5}
     cell |= {"kept": 1.0, "weight_on_good": 0.9}
     cells = [cell | {"rule": rule, "success": success} for rule, success in (("all", 0.5), ("keep", 0.75))]
-    page = results.page({}, cells)
-    assert "## Policies" in page
-    assert "2 cells" in page
+    paths = [tmp_path / "value.jsonl", tmp_path / "value of few.jsonl"]
+    for path in paths:
+        path.write_text("".join(json.dumps(cell) + "\n" for cell in cells))
+    page = results.page({}, paths)
+    assert [line for line in page.splitlines() if line.startswith("## ")] == ["## Policies", "## Policies of few"]
+    assert page.count("2 cells") == 2
     assert "| keep | 75.0 |" in page
 
 

@@ -8,8 +8,10 @@ import numpy as np
 import pytest
 
 import windows
+from problems import make
 from rpil.data.errors import DataError
 from value.operators import GOOD
+from value.rules import Judged
 
 needs_arm = pytest.mark.skipif(
     importlib.util.find_spec("metaworld") is None, reason="pip install 'rpil[value]': metaworld is missing"
@@ -60,6 +62,13 @@ def test_an_operator_who_never_succeeds_is_refused(monkeypatch):
 def test_figures_are_means_and_standard_errors():
     assert windows.figures(np.array([[1.0, 5.0], [3.0, 5.0]])) == ["2.00 ± 1.00", "5.00 ± 0.00"]
     assert windows.figures(np.array([[0.25]])) == ["0.25 ± nan"]
+
+
+def test_other_constants_give_other_probabilities_of_steps():
+    toy = make("random", 3, n_good=7, n_bad=4, steps=(13, 13))
+    found = windows.scores_of(Judged(toy.demonstrations))
+    assert found.keys() > windows.OTHERS.keys()
+    assert all(np.abs(found[name] - found["P(step)"]).max() > 1e-4 for name in windows.OTHERS)
 
 
 @pytest.mark.slow

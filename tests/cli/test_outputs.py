@@ -21,7 +21,6 @@ from command_line import call, ok, refused
 from rpil.cli import outputs
 from rpil.data.demonstrations import Demonstrations
 from rpil.faults.check import find_faults
-from rpil.formats import Recording
 
 
 def test_audit_writes_verdicts_and_the_list_to_keep(folder):
@@ -43,13 +42,34 @@ def test_audit_writes_verdicts_and_the_list_to_keep(folder):
 
 
 def test_nothing_to_keep_is_said(folder):
-    given = outputs.Audited("x", SimpleNamespace(step_columns=None), None, {})
+    given = outputs.Audited(make_audit(("unlike",) * 3), "x", SimpleNamespace(step_columns=None), None, {})
     paths = dict.fromkeys(outputs.OUTPUTS) | {"keep": "k.json"}
     with click.Context(click.Command("audit")), pytest.warns(UserWarning, match=r"k\.json: every .* is unlike, so"):
-        outputs.write_outputs(paths, make_audit(("unlike",) * 3), given, 1.0, lambda _: None)
+        outputs.write_outputs(paths, given, 1.0, lambda _: None)
     assert json.loads(Path("k.json").read_text())["episodes"] == []
     ok("audit", folder / "shifted.parquet", "--keep", "k.json", "--quiet")
     assert json.loads(Path("k.json").read_text())["episodes"] == [*range(12)]
+
+
+@pytest.mark.slow
+def test_what_is_lost_is_said_beside_the_list_to_keep_and_in_the_report():
+    rng = np.random.default_rng(0)
+    starts = [*rng.normal(size=12), 90.0]
+    rows = [f"{m},{start + rng.normal():.3f},{n % 2}" for m, start in enumerate(starts) for n in range(10)]
+    Path("drive.csv").write_text("\n".join(["episode,side,action", *rows]) + "\n")
+    Path("labels.csv").write_text("id,label\n12,bad\n" + "".join(f"{m},good\n" for m in range(12)))
+    words = ["audit", "drive.csv", "--labels", "labels.csv"]
+    said = ok(*words, "--keep", "k.json", "--report", "r.html").stdout.splitlines()
+    assert json.loads(Path("k.json").read_text())["episodes"] == [*range(12)]
+    lost = said[said.index("Keep: k.json") + 1]
+    assert re.fullmatch(r"No kept demonstration starts with side above .*; 12 does\.", lost)
+    page = Path("r.html").read_text()
+    assert page.index("What is lost without the bad ones") < page.index(lost)
+    assert lost not in ok(*words, "--keep", "k.json", "--quiet").stdout
+    assert lost not in ok(*words).stdout
+    Path("labels.csv").write_text("id,label\n" + "".join(f"{m},good\n" for m in range(13)))
+    assert "No kept demonstration" not in ok(*words, "--keep", "k.json", "--report", "r.html").stdout
+    assert "What is lost" not in Path("r.html").read_text()
 
 
 @pytest.mark.parametrize(
@@ -110,9 +130,9 @@ def test_every_output_has_a_writer(tmp_path, monkeypatch):
     paths = {"weights": "w.parquet", "verdicts": "v.parquet", "keep": "k.json", "report": "r.html"}
     assert tuple(paths) == outputs.OUTPUTS
     stages: list[str] = []
-    recording = Recording.of(Demonstrations(np.ones((2, 1)), np.array([0, 1]), np.array([0, 2])), "arrays")
-    given = outputs.Audited("data.csv", recording, find_faults(recording.demonstrations), {})
-    outputs.write_outputs(paths, make_audit(), given, 1.0, stages.append)
+    recording = from_demonstrations(Demonstrations(np.ones((2, 1)), np.array([0, 1]), np.array([0, 2])), "arrays")
+    given = outputs.Audited(make_audit(), "data.csv", recording, find_faults(recording.demonstrations), {})
+    outputs.write_outputs(paths, given, 1.0, stages.append)
     assert stages == [f"writing {path}" for path in paths.values()]
     assert all(Path(path).stat().st_size > 0 for path in paths.values())
 

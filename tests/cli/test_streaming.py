@@ -49,7 +49,7 @@ def test_a_large_file_is_read_block_by_block(tmp_path):
 
     def read(stream):
         path = str(tmp_path / "a.parquet")
-        return commands.read_recording(path, ColumnOptions(), lambda _: None, stream).demonstrations
+        return commands.open_recording(path, ColumnOptions(), lambda _: None, stream).demonstrations
 
     assert isinstance(read(None), Demonstrations)
     with limited("100kB"):
@@ -67,11 +67,14 @@ def test_a_large_file_is_read_block_by_block(tmp_path):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["audit", "a.csv", "--stream"], "a.csv: no .parquet file is there; only Parquet files make a data set"),
+        (
+            ["audit", "a.csv", "--scheduler", "x"],
+            "a.csv: a cluster reads Parquet files only; write one with rpil convert",
+        ),
         (["audit", "a.parquet", "--scheduler", "tcp://127.0.0.1:9"], "tcp://127.0.0.1:9: no Dask scheduler answers"),
         (["audit", "a.parquet", "--memory", "much"], "'much' is no amount of memory; give one such as 4GB"),
-        (["audit", "a.csv", "--memory", "1kB"], "a.csv: to read it would take"),
-        (["info", "a.csv", "--memory", "1kB"], "a.csv: to read it would take"),
+        (["audit", "a.csv", "--memory", "1kB", "--no-stream"], "a.csv: to read it would take"),
+        (["check", "a.csv", "--memory", "1kB", "--no-stream"], "a.csv: to read it would take"),
         (["audit", "a.parquet", "--scheduler", "x", "--no-stream"], "--scheduler and --no-stream exclude each other"),
         (["fit", "a.parquet", "-o", "p", "--method", "cloning", "--stream"], "needs all data in memory: leave out"),
     ],

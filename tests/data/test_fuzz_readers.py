@@ -9,8 +9,6 @@ from pathlib import Path
 import pytest
 
 from rpil.data.errors import DataError
-from rpil.formats.registry import LAYOUTS, find_layout
-from samples import SAMPLES
 
 spec = spec_from_file_location("fuzz_readers", Path(__file__).parents[2] / "tools" / "fuzz_readers.py")
 fuzz = module_from_spec(spec)
@@ -25,18 +23,6 @@ def test_a_hundred_mutants(name):
     assert sum(counts.values()) == 100
     assert counts["refused"] >= 10
     assert growth < 100e6
-
-
-def test_every_layout_has_a_sample(tmp_path):
-    pytest.importorskip("h5py")
-    pytest.importorskip("zarr")
-    found = set()
-    for name, make in SAMPLES.items():
-        (tmp_path / name).mkdir()
-        layout = find_layout(make(tmp_path / name))
-        found.add(layout.__name__ if layout else "table")
-    known = {layout.__name__ for layout in LAYOUTS} - {"rpil.formats.hdf5"}  # which reads nothing
-    assert found == {*known, "table"}
 
 
 def test_mutants_depend_on_the_seed_alone(tmp_path):

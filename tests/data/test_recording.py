@@ -10,11 +10,11 @@ import pyarrow.csv
 import pyarrow.parquet as pq
 import pytest
 
-from rpil import formats
+from rpil import formats, open_dataset
 from rpil.data.arrays import as_actions
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
-from rpil.formats import ColumnOptions, open_dataset, read_recording, write_weights
+from rpil.formats import ColumnOptions, read_recording, write_weights
 
 M, T = 6, 30
 N = M * T

@@ -6,6 +6,7 @@ import importlib
 import re
 from pathlib import Path
 
+from rpil.audit.settings import AuditSettings
 from rpil.inference import settings
 from rpil.inference.channels import CHANNELS
 from rpil.inference.groups import CLUSTER_DISTANCE
@@ -59,6 +60,16 @@ def test_constants_of_rivals_are_those_of_the_judge():
     assert "found in at most three rounds" in FLAT
     assert rivals.max_shared_gain == 0.5
     assert r"< \tfrac12 \operatorname*{median}" in FLAT
+
+
+def test_constants_of_steps_are_those_of_the_judge():
+    judge, audit = settings.JudgeSettings(), AuditSettings()
+    assert f"stays with probability {judge.steps.stay},".replace("0.", ".") in FLAT
+    assert judge.steps.p_stretches == 0.5
+    assert "both have probability 1/2 at first" in FLAT
+    assert f"uniform on {judge.reliability_nodes} values" in FLAT
+    assert f"is at least {audit.full_weight_reliability} of a typical one".replace("0.", ".") in FLAT
+    assert audit.steps == judge.steps
 
 
 def test_modules_on_the_page_exist():

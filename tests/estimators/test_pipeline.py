@@ -10,9 +10,10 @@ from sklearn.linear_model import LogisticRegression, Ridge
 from sklearn.metrics import roc_auc_score
 
 from problems import make, make_continuous, two_styles
-from rpil import RPIL, DataError, load, save
+from rpil import RPIL, DataError, Settings, load, save
 from rpil.data.demonstrations import Demonstrations
 from rpil.inference.findings import FINDINGS
+from rpil.inference.settings import AnswerSettings, ClaimSettings, JudgeSettings
 
 STEPS = (40, 60)
 
@@ -190,3 +191,10 @@ def test_a_saved_audit_knows_its_copies(tmp_path):
     assert kept.copy_of.tolist() == [*range(18), 0, 17]
     answers = {"copy 0": "good", "d17": "bad", "d1": "good"}
     np.testing.assert_array_equal(kept.answered(answers).log_odds, model.audit_.answered(answers).log_odds)
+
+
+def test_the_audit_carries_the_thresholds_of_its_judge():
+    judge = JudgeSettings(claims=ClaimSettings(min_proba=0.6), answers=AnswerSettings(min_proba=0.7))
+    settings = RPIL(settings=Settings(judge=judge))._options().audit_settings
+    thresholds = [settings.min_proba(anchor) for anchor in ("none", "answers", "named adversary")]
+    assert thresholds == [0.6, 0.7, 0.9]

@@ -79,9 +79,6 @@ def test_a_file_of_another_layout_is_named(tmp_path):
     robomimic(folder / "lift.hdf5")
     with pytest.raises(DataError, match=r"lift.hdf5: it is no file of one demonstration"):
         formats.read(folder)
-    with pytest.raises(DataError, match="no demonstration is called 'episode_9'"):
-        formats.keep(folder, tmp_path / "kept", ["episode_9"])
-    assert not (tmp_path / "kept").exists()
 
 
 def test_a_folder_of_tables_is_read_as_tables(tmp_path):

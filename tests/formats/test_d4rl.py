@@ -88,19 +88,6 @@ def test_kept_steps_are_as_they_were_and_end_where_they_did(tmp_path, form):
         np.testing.assert_array_equal(new["metadata/weights"], old["metadata/weights"])
 
 
-def test_unknown_ids_leave_no_file(tmp_path):
-    with pytest.raises(DataError, match="no demonstration is called '3'"):
-        formats.keep(d4rl(tmp_path / "all.hdf5"), tmp_path / "kept.hdf5", [3])
-    assert not (tmp_path / "kept.hdf5").exists()
-
-
-def test_ids_of_another_column_are_not_taken_for_those_of_the_file(tmp_path):
-    path = change(d4rl(tmp_path / "all.hdf5"), of_mine=np.repeat([1, 2, 3], 12))
-    with pytest.raises(DataError, match=r"all.hdf5: it is given back by its own ids"):
-        formats.keep(path, tmp_path / "kept.hdf5", [1], ColumnOptions(id="of_mine"))
-    assert not (tmp_path / "kept.hdf5").exists()
-
-
 def test_columns_of_flat_arrays_can_be_named(tmp_path):
     path = d4rl(tmp_path / "hopper.hdf5")
     read = formats.read_recording(path, ColumnOptions(observations="infos/qpos")).demonstrations

@@ -14,7 +14,7 @@ from recorded import demonstrations, write_files, written
 from rpil import formats
 from rpil.data.errors import DataError
 from rpil.formats import table as flat
-from rpil.formats.dataset import open_dataset
+from rpil.formats.on_disk import open_dataset
 
 BLOCK_STEPS = 700
 

@@ -20,7 +20,8 @@ import rpil
 from command_line import call
 from rpil import formats
 from rpil.data.errors import DataError
-from rpil.formats import registry
+from rpil.formats import Recording, registry
+from rpil.formats.format import Format
 from samples import SAMPLES
 
 DEEP, HUGE = "[" * 100_000, 10**400
@@ -84,45 +85,37 @@ def test_archives_with_a_damaged_directory(name, damage):
         archive.open(archive.namelist()[0])
     if path.suffix == ".zip":  # nothing but Zarr is read from such a file
         with pytest.raises(DataError, match="damaged"):
-            registry.find_layout(path)
+            registry.find_format(path)
     else:
-        assert registry.find_layout(path) is None
+        assert registry.find(path).format.name == "NPZ"
     for command in ("info", "audit", "check"):
         assert "damaged" in refused(path.name, command, path)
     with pytest.raises(DataError, match=re.escape(path.name)):
         formats.keep(path, f"kept{path.suffix}", [0])
 
 
-def test_layouts_that_fail_to_tell_are_not_asked_to_read(tmp_path, monkeypatch):
-    class Broken:
-        def is_mine(self, path):
-            raise OverflowError("never seen before")
+def test_formats_that_fail_to_tell_are_not_asked_to_read(tmp_path, monkeypatch):
+    def fail(*_):
+        raise OverflowError("never seen before")
 
     path = sample("CSV")
-    monkeypatch.setattr(registry, "LAYOUTS", (Broken(), *registry.LAYOUTS))
-    assert registry.find_layout(path) is None
+    monkeypatch.setattr(registry, "FORMATS", (Format("broken", fail, fail, fail), *registry.FORMATS))
+    assert registry.find(path).format.name == "CSV"
     assert len(rpil.read(path)) == 3
 
 
 @pytest.mark.parametrize("name", ["read", "load", "keep"])
-def test_layouts_that_fail_otherwise_are_one_sentence(tmp_path, monkeypatch, name):
+def test_formats_that_fail_otherwise_are_one_sentence(tmp_path, monkeypatch, name):
     recording = formats.read_recording(sample("CSV"))
 
     def fail(*_):
         raise OverflowError("never seen before")
 
-    class Layout:
-        def is_mine(self, path):
-            return path.name == "mine"
-
-        def read(self, path, options):
-            return fail() if name == "read" else type(recording)(recording.description, fail)
-
-        def keep(self, path, output, ids):
-            fail()
+    def read(path, options):
+        return fail() if name == "read" else Recording(recording.description, fail)
 
     Path("mine").write_text("x")
-    monkeypatch.setattr(registry, "LAYOUTS", (Layout(),))
+    monkeypatch.setattr(registry, "FORMATS", (Format("mine", lambda path: path.name == "mine", read, fail),))
     where = "a.csv" if name == "load" else "mine"  # a recording names its source
     with pytest.raises(DataError, match=f"^{where}: .*OverflowError: never seen before.*;.*[.]$"):
         formats.keep("mine", "out", [0]) if name == "keep" else rpil.read("mine")
@@ -233,7 +226,6 @@ LEROBOT = {
     ),
     "statistics nested deeply": (lambda path: (path / STATS).write_text(DEEP), STATS),
     "statistics as a list": (lambda path: (path / STATS).write_text("[1]"), STATS),
-    "statistics of a feature that is not there": (change_statistics({"images.front": {"min": [0]}}), STATS),
     "statistics of the quantile 9.99": (change_statistics({"action": {"q999": [0]}}), STATS),
     "statistics that are a number": (change_statistics({"action": 3}), STATS),
     "episodes missing": (lambda path: shutil.rmtree(path / "meta/episodes"), "episodes"),

@@ -127,11 +127,7 @@ def test_damaged_imitation(tmp_path):
         with pytest.raises(DataError, match=message):
             rpil.read(tmp_path / "bad.npz")
     path = write_folder(tmp_path / "set", trajectories())
-    file = path / "data-00001-of-00002.arrow"
-    file.write_bytes(file.read_bytes()[:300])
-    with pytest.raises(DataError, match=r"^set: it is damaged or truncated"):
-        rpil.read(path)
-    file.unlink()
+    (path / "data-00001-of-00002.arrow").unlink()
     with pytest.raises(DataError, match=r"^set: it is damaged or truncated"):
         rpil.read(path)
 

@@ -1,28 +1,44 @@
-from types import SimpleNamespace
-
 import pytest
 
 import rpil
 from rpil import formats
+from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
 from rpil.formats import registry
+from rpil.formats.format import Format, keep_by_own_ids
+from rpil.formats.recording import from_demonstrations
 
 
 def test_a_layout_comes_before_the_extension(tmp_path, monkeypatch):
-    kept = []
-    layout = SimpleNamespace(
-        is_mine=lambda path: path.read_text() == "mine",
-        read=lambda path, options: SimpleNamespace(demonstrations="read"),
-        keep=lambda path, output, ids: kept.append((path, output, ids)),
+    kept, toy = [], Demonstrations.from_episodes([([[1.0], [2.0]], [0, 1])])
+    own = Format(
+        "mine",
+        claims=lambda path: path.read_text() == "mine",
+        read=lambda path, options: from_demonstrations(toy, "mine"),
+        keep=keep_by_own_ids(lambda *given: kept.append(given)),
     )
-    monkeypatch.setattr(registry, "LAYOUTS", (layout,))
+    monkeypatch.setattr(registry, "FORMATS", (own, *registry.FORMATS))
     mine, other = tmp_path / "mine.csv", tmp_path / "other.csv"
     mine.write_text("mine")
     other.write_text("episode_index,action,observation.x\n0,a,1\n")
-    assert formats.read_recording(mine).demonstrations == "read"
-    formats.keep(mine, tmp_path / "out", [1])
-    assert kept == [(mine, tmp_path / "out", [1])]
+    assert formats.read_recording(mine).description.format == "mine"
+    formats.keep(mine, tmp_path / "out.csv", [1])
+    assert kept == [(mine, tmp_path / "out.csv", [1])]
     assert rpil.read(other).ids == (0,)
-    assert registry.find_layout(tmp_path / "missing.csv") is None
+
+
+def test_what_no_format_claims_is_refused(tmp_path):
+    assert registry.find_format(tmp_path / "missing.csv") is None
+    (tmp_path / "a.xlsx").write_text("x")
+    assert registry.find_format(tmp_path / "a.xlsx") is None
     with pytest.raises(DataError, match="no such file"):
         formats.read_recording(tmp_path / "missing.csv")
+    with pytest.raises(DataError, match=r"unknown extension '\.xlsx'; use one of \.parquet, \.csv, \.npz"):
+        formats.read_recording(tmp_path / "a.xlsx")
+
+
+def test_every_format_has_a_name_of_its_own():
+    names = [one.name for one in registry.FORMATS]
+    assert len(set(names)) == len(names)
+    written = [one.suffixes[0] for one in registry.FORMATS if one.write is not None]
+    assert len(set(written)) == len(written)

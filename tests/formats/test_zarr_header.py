@@ -12,7 +12,7 @@ from rpil import formats
 from rpil.data.errors import DataError
 from rpil.formats.zarr_header import parse_header
 
-TOOLS = Path(__file__).parents[3] / "tools"
+TOOLS = Path(__file__).parents[2] / "tools"
 FORMAT_2 = {
     "zarr_format": 2,
     "shape": [11, 2],

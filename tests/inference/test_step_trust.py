@@ -10,8 +10,8 @@ from scipy.special import expit
 
 from rpil.data.fit_data import FitData
 from rpil.data.spaces import Discrete
-from rpil.inference.settings import JudgeSettings
-from rpil.inference.step_trust import STAY, step_proba, step_trust
+from rpil.inference.settings import JudgeSettings, StepSettings
+from rpil.inference.step_trust import step_proba, step_trust
 
 
 def test_reliability_is_the_share_of_steps_that_follow_the_policy():
@@ -31,11 +31,15 @@ def test_reliability_is_the_share_of_steps_that_follow_the_policy():
     assert (np.ptp(wide, axis=1) > np.ptp(trust.interval, axis=1)).all()
 
 
-def summed_over_paths(share: float, log_ratio: np.ndarray) -> np.ndarray:
+DEFAULT = StepSettings()
+
+
+def summed_over_paths(share: float, log_ratio: np.ndarray, settings: StepSettings) -> np.ndarray:
     """P(each step is an expert's), by a sum over all sequences of good and bad steps, in stretches and alone."""
     total, good = 0.0, np.zeros(len(log_ratio))
-    for stay, *path in product((STAY, 0.0), *[(0, 1)] * len(log_ratio)):
-        weight = 1.0
+    priors = {settings.stay: settings.p_stretches, 0.0: 1 - settings.p_stretches}
+    for stay, *path in product(priors, *[(0, 1)] * len(log_ratio)):
+        weight = priors[stay]
         for n, z in enumerate(path):
             anew = share if z else 1 - share
             weight *= (stay * (z == path[n - 1]) + (1 - stay) * anew if n else anew) * np.exp(z * log_ratio[n])
@@ -44,17 +48,18 @@ def summed_over_paths(share: float, log_ratio: np.ndarray) -> np.ndarray:
     return good / total
 
 
-def test_steps_are_judged_as_a_sum_over_all_sequences_does():
+@pytest.mark.parametrize("settings", [DEFAULT, StepSettings(stay=0.6, p_stretches=0.9)])
+def test_steps_are_judged_as_a_sum_over_all_sequences_does(settings):
     """In demonstrations of different lengths side by side."""
     lengths, share = np.array([3, 7, 1, 5]), np.array([0.3, 0.9, 0.5, 0.02])
     log_ratio = 2 * np.random.default_rng(0).normal(size=lengths.sum())
-    found = np.split(step_proba(share, log_ratio, lengths), np.cumsum(lengths)[:-1])
+    found = np.split(step_proba(share, log_ratio, lengths, settings), np.cumsum(lengths)[:-1])
     for m, own in enumerate(np.split(log_ratio, np.cumsum(lengths)[:-1])):
-        np.testing.assert_allclose(found[m], summed_over_paths(share[m], own), rtol=1e-12)
+        np.testing.assert_allclose(found[m], summed_over_paths(share[m], own, settings), rtol=1e-12)
 
 
 def test_one_step_alone_is_judged_by_the_reliability_and_its_ratio():
-    found = step_proba(np.array([0.5, 0.5]), np.array([1.0, -50.0]), np.array([1, 1]))
+    found = step_proba(np.array([0.5, 0.5]), np.array([1.0, -50.0]), np.array([1, 1]), DEFAULT)
     assert found == pytest.approx([expit(1.0), 0.0], abs=1e-12)
 
 
@@ -62,7 +67,7 @@ def test_a_window_of_bad_steps_is_found_although_single_steps_overlap():
     rng = np.random.default_rng(0)
     is_bad = (np.arange(300) >= 100) & (np.arange(300) < 150)
     log_ratio = rng.normal(np.where(is_bad, -1.0, 1.0), 1.5)
-    found = step_proba(np.array([0.8]), log_ratio, np.array([300]))
+    found = step_proba(np.array([0.8]), log_ratio, np.array([300]), DEFAULT)
     alone = expit(np.log(0.8 / 0.2) + log_ratio)
     assert ((found < 0.5) == is_bad).mean() > 0.97
     assert ((alone < 0.5) == is_bad).mean() < 0.9
@@ -72,11 +77,11 @@ def test_bad_steps_that_come_alone_are_judged_alone():
     rng = np.random.default_rng(0)
     is_bad = rng.random(300) < 0.3
     log_ratio = rng.normal(np.where(is_bad, -1.0, 1.0), 1.0)
-    found = step_proba(np.array([0.7]), log_ratio, np.array([300]))
+    found = step_proba(np.array([0.7]), log_ratio, np.array([300]), DEFAULT)
     np.testing.assert_allclose(found, expit(np.log(0.7 / 0.3) + log_ratio), atol=1e-3)
 
 
 @pytest.mark.parametrize("share", [0.0, 1.0])
 def test_certain_demonstrations_and_steps_give_finite_weights(share):
-    found = step_proba(np.array([share]), np.array([50.0, -50.0, 50.0, -50.0]), np.array([4]))
+    found = step_proba(np.array([share]), np.array([50.0, -50.0, 50.0, -50.0]), np.array([4]), DEFAULT)
     assert ((found >= 0) & (found <= 1)).all()

@@ -103,7 +103,7 @@ def with_answers(audit: A, labels: Mapping[Id, str], pairs: Sequence[tuple[Id, I
     log_odds = found.log_odds + audit.from_demonstrator
     proba, words = expit(log_odds), found.words * (np.sign(log_odds) == found.words)
     log_ratio = np.clip(audit.step_log_ratio, -MAX_LOG_RATIO, MAX_LOG_RATIO)
-    step = step_proba(audit.reliability, log_ratio, audit.lengths)
+    step = step_proba(audit.reliability, log_ratio, audit.lengths, audit.settings.steps)
     return replace(  # type: ignore[type-var]  # every audit is a dataclass
         audit,
         finding="answered",

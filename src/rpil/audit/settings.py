@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
-from rpil.data.archive import stored
-from rpil.inference.settings import AnswerSettings
+from rpil.data.archive import NOT_STORED, stored
+from rpil.inference.settings import AnswerSettings, ClaimSettings, JudgeSettings, StepSettings
 
 
 @stored()
@@ -24,3 +24,17 @@ class AuditSettings:
     tuned."""
     answers: AnswerSettings = AnswerSettings()
     """Of answers to an audit; a fit puts those of the judge here."""
+    steps: StepSettings = StepSettings()
+    """Of the steps of an audit after answers; a fit puts those of the judge here."""
+    claims: ClaimSettings = field(default=ClaimSettings(), metadata=NOT_STORED)
+    """Of words without answers; a fit puts those of the judge here."""
+
+    def min_proba(self, anchor: str) -> float:
+        """The probability from which an audit with this `anchor` says that a demonstration is of the upper group."""
+        if anchor == "named adversary":
+            return self.min_verdict_proba
+        return self.answers.min_proba if anchor == "answers" else self.claims.min_proba
+
+    def of(self, judge: JudgeSettings) -> AuditSettings:
+        """The settings of an audit that answers, uses words and weighs steps as the judge does."""
+        return replace(self, answers=judge.answers, claims=judge.claims, steps=judge.steps)

@@ -5,22 +5,22 @@ from __future__ import annotations
 import csv
 import shlex
 import sys
-from collections.abc import Collection, Mapping
-from dataclasses import replace
+from collections.abc import Sequence
+from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 import click
 
 from rpil.cli import terminal
-from rpil.cli.commands import CommandSettings, read_recording
+from rpil.cli.commands import CommandSettings, check_paths, open_recording
 from rpil.cli.options import OutputFile, json_option, pop_columns, quiet_option, with_column_options
-from rpil.cli.progress import show_stages
-from rpil.data.files import check_outputs, replacing
+from rpil.cli.progress import StageProgress, show_stages
+from rpil.data.files import replacing
 
 if TYPE_CHECKING:
     from rpil.audit.record import Audit
     from rpil.faults.record import FaultReport
-    from rpil.formats.recording import Recording
+    from rpil.formats.format import Defect
 
 MAX_FINDINGS = 30
 """Findings that are printed."""
@@ -35,12 +35,17 @@ MAX_REASONS = 10
     "-o", "--output", type=OutputFile(".csv", ".json"), metavar="OUT.csv|OUT.json", help="Also write all findings."
 )
 @click.option(
-    "--expected", type=click.Path(), metavar="FILE", help="What is so on purpose: JSON, or TOML: rule = [id, id]."
+    "--expected",
+    type=click.Path(),
+    metavar="FILE",
+    help="Findings that are expected, and left out: JSON, or TOML: rule = [id, id].",
 )
 @click.option("--fail-on", metavar="RULE[,RULE]|any", help="Exit with code 1 where one of these rules finds a fault.")
 @click.option("--skip-bad", is_flag=True, help="Set demonstrations with missing values aside and check the others.")
 @click.option("--fps", type=click.FloatRange(0, min_open=True), help="Frames a second, if the recording does not say.")
 @click.option("--stream/--no-stream", default=None, help="Leave data on disk, or read them; by default by size.")
+@click.option("--video", is_flag=True, help="Also look at the videos of a folder of LeRobot; needs the extra video.")
+@click.option("--fix", is_flag=True, help="Write wrong totals and statistics of LeRobot again, after a backup.")
 @json_option
 @quiet_option
 @with_column_options
@@ -57,39 +62,57 @@ def check(
 
     Rules compare each demonstration with the others; no model is fitted. docs/faults.md describes each rule.
     """
-    check_outputs((file, expected), output)
+    check_paths((file, expected), output)
     with show_stages(quiet, CommandSettings.current().timing) as progress:
         from rpil.data.missing import allow_missing
         from rpil.faults.expected import read_expected
+        from rpil.faults.recorded import faults_of
+        from rpil.faults.settings import FaultSettings
 
         fatal = _rules(fail_on)
-        on_purpose = read_expected(expected) if expected else {}
+        suppressed = read_expected(expected) if expected else {}
         with allow_missing():
-            read = read_recording(file, pop_columns(options), progress, options["stream"])
+            read = open_recording(file, pop_columns(options), progress, options["stream"])
             read.demonstrations  # noqa: B018  # are read here
         progress("checking")
-        report = check_recording(read, options["fps"], on_purpose, options["skip_bad"])
+        report = faults_of(read, options["fps"], suppressed, options["skip_bad"], FaultSettings())
+        defects = _defects(file, options["video"], options["fix"], progress)
     if output:
-        write_findings(output, report)
-    click.echo(terminal.to_json(report.to_dict()) if json_wanted else "\n".join(fault_lines(report)))
+        write_findings(output, report, defects)
+    lines = [*fault_lines(report), *defect_lines(defects)]
+    click.echo(terminal.to_json(_as_dict(report, defects)) if json_wanted else "\n".join(lines))
     if output:
         click.echo(f"Findings: {output}", err=json_wanted)
-    if fatal & set(report.counts):
+    if fatal & set(report.counts) or (defects and fail_on == "any"):
         sys.exit(1)
 
 
-def check_recording(
-    recording: Recording,
-    fps: float | None = None,
-    expected: Mapping[str, Collection[str]] | None = None,
-    skip_bad: bool = False,
-) -> FaultReport:
-    """The faults of a recording; `fps` are the frames a second where the recording does not say."""
-    from rpil.faults.check import find_faults
+def _as_dict(report: FaultReport, defects: Sequence[Defect]) -> dict[str, object]:
+    """All findings, as plain numbers and text."""
+    return report.to_dict() | {"folder": [asdict(one) for one in defects]}
 
-    times = recording.times()
-    stated = replace(times, fps=fps or recording.description.fps or times.fps)
-    return find_faults(recording.demonstrations, stated, expected, skip_bad)
+
+def _defects(file: str, look: bool, fix: bool, progress: StageProgress) -> list[Defect]:
+    """What of a folder of LeRobot does not agree with its data; none of other formats."""
+    from rpil.formats.registry import find
+
+    found = find(file)
+    if not found.has_defects:
+        if look or fix:
+            raise click.UsageError("--video and --fix are for folders of LeRobot: leave them out")
+        return []
+    for line in found.mend() if fix else ():
+        click.echo(line, err=True)
+    progress("looking at the videos" if look else "checking the files")
+    return found.find_defects(look)
+
+
+def defect_lines(defects: Sequence[Defect]) -> list[str]:
+    """What of a folder does not agree with its data, in lines."""
+    lines = [f"  {one.what}, {terminal.printable(one.place)}: {terminal.to_one_line(one.sentence)}" for one in defects]
+    more = [f"  ... and {len(lines) - MAX_FINDINGS:,} more; --json prints all"] * (len(lines) > MAX_FINDINGS)
+    mendable = ["rpil check --fix writes totals and statistics again."] * any(one.can_be_mended for one in defects)
+    return ["", "The folder does not agree with its data:", *lines[:MAX_FINDINGS], *more, *mendable] if lines else []
 
 
 def audit_fault_lines(report: FaultReport, audit: Audit, file: str) -> list[str]:
@@ -117,13 +140,13 @@ def _rules(fail_on: str | None) -> set[str]:
     return set(RULES) if "any" in words else {rule_name(word, "--fail-on") for word in words}
 
 
-def write_findings(path: str, report: FaultReport) -> None:
+def write_findings(path: str, report: FaultReport, defects: Sequence[Defect] = ()) -> None:
     """Write all findings as a table, or the whole report as JSON."""
     from rpil.data.cells import to_cell
 
     with replacing(path) as temporary:
         if str(path).lower().endswith(".json"):
-            temporary.write_text(terminal.to_json(report.to_dict()) + "\n", encoding="utf-8")
+            temporary.write_text(terminal.to_json(_as_dict(report, defects)) + "\n", encoding="utf-8")
             return
         with temporary.open("w", newline="", encoding="utf-8") as file:
             names = ("id", "rule", "first", "last", "column", "value", "threshold", "severity", "sentence")

@@ -6,27 +6,28 @@ import io
 import os
 import sys
 import warnings
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
 import click
 
 from rpil.cli import INTERRUPTED, tell_of_interruption
-from rpil.cli.given import Given
+from rpil.cli.given import read_known
 from rpil.cli.options import FitOptions
 from rpil.cli.progress import ProgressTiming, StageProgress
 from rpil.cli.terminal import print_warnings, to_one_line
 from rpil.data.errors import DataError, MissingExtraError
-from rpil.data.memory import budget
+from rpil.data.files import StrPath
 
 if TYPE_CHECKING:
     from rpil.audit.record import Audit
     from rpil.data.demonstrations import Demonstrations
     from rpil.estimators.rpil import RPIL
     from rpil.estimators.settings import Settings
+    from rpil.estimators.within_tasks import Known
     from rpil.formats.columns import ColumnOptions
     from rpil.formats.dataset import Dataset
     from rpil.formats.recording import Recording
@@ -103,20 +104,21 @@ def _exit_with_error(sentence: str) -> NoReturn:
     sys.exit(2)
 
 
-def read_recording(
+def check_paths(inputs: Iterable[StrPath | None], *outputs: StrPath | None) -> None:
+    """A `DataError`, before any work, where an output cannot be written, or is or joins an input."""
+    from rpil.data import files
+    from rpil.formats.registry import suffixes
+
+    files.check_outputs(inputs, outputs, suffixes())
+
+
+def open_recording(
     file: str, columns: ColumnOptions, progress: StageProgress, stream: bool | None = False
 ) -> Recording:
     """What a file holds; on disk if `stream`, or if `stream` is None and it is large, or many Parquet files."""
     from rpil import formats
-    from rpil.formats import lerobot_folder
-    from rpil.formats.registry import find_layout
-    from rpil.formats.store import find_files, may_be_many_files
 
     progress(f"reading {file}")
-    if stream is None and find_layout(file) not in (None, lerobot_folder):
-        stream = False  # only Parquet files can stay on disk
-    elif stream is None:
-        stream = bool(find_files(file)[1]) if may_be_many_files(file) else _exceeds_budget(file)
     return formats.read_recording(file, columns, on_disk=stream)
 
 
@@ -128,12 +130,14 @@ def read_reference(
         return None
     if os.path.realpath(reference) == os.path.realpath(file):
         raise DataError(f"{reference}: the reference is the data themselves; give other demonstrations.")
-    return read_recording(reference, columns, progress)
+    return open_recording(reference, columns, progress)
 
 
-def resolve_stream(stream: bool | None, scheduler: str | None, reference: str | None = None) -> bool | None:
-    """`stream` for `read_recording`: with a cluster the data stay on disk, because its workers read them; with a
+def resolve_stream(file: str, stream: bool | None, scheduler: str | None, reference: str | None = None) -> bool | None:
+    """`stream` for `open_recording`: with a cluster the data stay on disk, because its workers read them; with a
     reference they are read into memory."""
+    from rpil.formats.store import has_parquet
+
     if reference is not None and (stream or scheduler):
         option = "--scheduler" if scheduler else "--stream"
         raise click.UsageError(f"--reference needs all data in memory: leave out {option}")
@@ -141,6 +145,8 @@ def resolve_stream(stream: bool | None, scheduler: str | None, reference: str | 
         return False
     if scheduler and stream is False:
         raise click.UsageError("--scheduler and --no-stream exclude each other: leave one out")
+    if scheduler and not has_parquet(file):
+        raise DataError(f"{file}: a cluster reads Parquet files only; write one with rpil convert.")
     return True if scheduler else stream
 
 
@@ -149,22 +155,6 @@ def load_into_memory(demonstrations: Demonstrations | Dataset) -> Demonstrations
     from rpil.formats.dataset import Dataset
 
     return demonstrations.select(slice(None)) if isinstance(demonstrations, Dataset) else demonstrations
-
-
-def _exceeds_budget(file: str) -> bool:
-    """Whether a Parquet file would take more memory than it may."""
-    if Path(file).suffix.lower() != ".parquet" or not os.path.isfile(file) or not os.path.getsize(file):
-        return False
-    from pyarrow import fs
-
-    from rpil.formats.parquet_pages import check_pages
-    from rpil.formats.store import opened
-    from rpil.formats.table import kind_of_type
-
-    filesystem, path = fs.LocalFileSystem(), os.path.abspath(file)
-    with opened(filesystem, path) as opened_file:
-        columns = [field.name for field in opened_file.schema_arrow if kind_of_type(field.type) != "nested"]
-        return check_pages(filesystem, path, opened_file, columns) > budget()
 
 
 @contextmanager
@@ -193,9 +183,8 @@ def fit_rpil(
     if n_tasks > 1:
         message = f"{file}: its {n_tasks} tasks are judged and learned as one; rpil audit judges each by itself."
         warnings.warn(message, stacklevel=1)
-    given = Given.read(recording, options)
-    model = _fit(file, recording.demonstrations, given, options, progress, engine)
-    return model, given.demonstrators
+    known = read_known(recording, options)
+    return _fit(file, recording.demonstrations, known, options, progress, engine), _names(known)
 
 
 def audit_by_task(
@@ -208,111 +197,47 @@ def audit_by_task(
 ) -> tuple[Audit, Mapping[str, str]]:
     """The audit of the demonstrations in `file`, each judged within its task and session, beside those of a
     `reference`; and the demonstrators as `fit_rpil`."""
-    from rpil.audit.tasks import join_audits, split_by_task
+    from rpil.estimators.within_tasks import judge_within_tasks
+    from rpil.formats.dataset import Dataset
 
-    demonstrations, given = recording.demonstrations, Given.read(recording, options, reference)
-    if options.session:
-        from rpil.data.facts import check_sessions
+    known = read_known(recording, options, reference)
 
-        check_sessions(given.facts.sessions, options.session, recording.description.source)
-    places = split_by_task(demonstrations.ids, recording.tasks, given.facts.sessions)
-    fit_options = options, progress, engine
-    if len(places) == 1:
-        audit = _audit(file, demonstrations, given, *fit_options)
-        return _with_facts(audit, given), given.demonstrators
-    what = "sessions" if options.session else "tasks"
-    what = f"tasks and {what}" if options.session and len({*recording.tasks.values()}) > 1 else what
-    audits: dict[str, Audit] = {}
-    n_pairs = 0
-    for group, rows in places.items():
-        _warn_of_few(file, group, len(rows), recording, options)
-        own = given.select(rows, {str(demonstrations.ids[m]) for m in rows})
-        n_pairs += len(own.pairs)
-        if len(rows) > 1 or reference is not None:
-            audits[group] = _audit(file, demonstrations.select(rows), own, options, progress, None)
-    _warn_of_pairs(options, len(given.pairs) - n_pairs, what)
-    joined = join_audits(audits, places, demonstrations.ids, demonstrations.offsets, what)
-    return _with_facts(joined, given), given.demonstrators
+    def judge(demonstrations: Demonstrations | Dataset, own: Known) -> Audit:
+        there = engine if isinstance(demonstrations, Dataset) else None
+        return _fit(file, demonstrations, own, options, progress, there).audit_
+
+    return judge_within_tasks(recording, known, judge), _names(known)
 
 
-def _with_facts(audit: Audit, given: Given) -> Audit:
-    """The audit with the sessions and the order of its demonstrations."""
-    return replace(audit, sessions=given.facts.sessions, order=given.facts.order)
-
-
-def _warn_of_pairs(options: FitOptions, n: int, what: str) -> None:
-    """Warn where `n` pairs compare demonstrations that are not judged together."""
-    if n:
-        pairs = f"{n} pairs compare" if n > 1 else "1 pair compares"
-        text = f"{options.labels}: {pairs} demonstrations of different {what}, and {'are' if n > 1 else 'is'} left out."
-        warnings.warn(text, stacklevel=1)
-
-
-def _warn_of_few(file: str, group: str, n: int, recording: Recording, options: FitOptions) -> None:
-    """Warn where a task or session has too few demonstrations."""
-    from rpil.audit.tasks import MIN_DEMONSTRATIONS
-
-    if n < MIN_DEMONSTRATIONS:
-        what = "session" if options.session else "task"
-        remedy = "leave out --session" if options.session else f"add --exclude {recording.description.task_column}"
-        warnings.warn(
-            f"{file}: the {what} {group!r} has {n} demonstrations, too few to judge them well; to judge all {what}s as "
-            f"one, {remedy}.",
-            stacklevel=1,
-        )
-
-
-def _audit(
-    file: str,
-    demonstrations: Demonstrations | Dataset,
-    given: Given,
-    options: FitOptions,
-    progress: StageProgress,
-    engine: Engine | None,
-) -> Audit:
-    """The audit of the demonstrations, which are judged together with those of the reference if there is one."""
-    if given.reference is None:
-        return _fit(file, demonstrations, given, options, progress, engine).audit_
-    from rpil.audit.subset import select
-    from rpil.data.reference import with_reference
-
-    n, own = len(demonstrations), load_into_memory(demonstrations)
-    both = with_reference(own, given.reference)
-    given = given.with_good([str(name) for name in both.ids[n:]])
-    return select(_fit(file, both, given, options, progress, engine).audit_, range(n), own.ids)
+def _names(known: Known) -> dict[str, str]:
+    """The demonstrators by the ids of their demonstrations."""
+    return {name: str(who) for name, who in known.demonstrators.items()}
 
 
 def _fit(
     file: str,
     demonstrations: Demonstrations | Dataset,
-    given: Given,
+    known: Known,
     options: FitOptions,
     progress: StageProgress,
     engine: Engine | None,
 ) -> RPIL:
     progress("starting")
-    from rpil.data.facts import tells
     from rpil.estimators.rpil import RPIL
 
     checkpoint = _checkpoint_path(file, options.resume)
     model = RPIL(
         features=options.features,
         adversary=options.adversary,
-        labels=given.answers or None,
+        labels=known.answers or None,
         random_state=options.seed,
         progress=progress,
         checkpoint=checkpoint,
         engine=engine,
         settings=CommandSettings.current().fit,
     )
-    outcome = given.facts.outcome if tells(given.facts.outcome) else None  # of a session it may be the same for all
     try:
-        return model.fit(
-            demonstrations,
-            demonstrators=given.demonstrators or None,
-            outcome=outcome,
-            order=given.facts.order,
-        )
+        return model.fit(demonstrations, **known.arguments)
     except KeyboardInterrupt:
         if checkpoint.exists():
             tell_if_interrupted(f"the work so far is in {checkpoint}; run the command again with --resume")

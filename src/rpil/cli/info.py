@@ -7,7 +7,7 @@ from typing import Any
 import click
 
 from rpil.cli import terminal
-from rpil.cli.commands import read_recording
+from rpil.cli.commands import open_recording
 from rpil.cli.options import json_option, pop_columns, stream_option, with_column_options
 
 
@@ -18,7 +18,7 @@ from rpil.cli.options import json_option, pop_columns, stream_option, with_colum
 @with_column_options
 def info(file: str, json_wanted: bool, stream: bool | None, **options: Any) -> None:
     """Print how a file is read: demonstrations, observations, actions, and what is ignored and why."""
-    recording = read_recording(file, pop_columns(options), lambda _: None, stream)
+    recording = open_recording(file, pop_columns(options), lambda _: None, stream)
     if json_wanted:
         click.echo(terminal.to_json(recording.description.to_dict()))
     else:

@@ -12,11 +12,17 @@ from typing import TYPE_CHECKING
 import click
 
 from rpil.cli import commands, terminal
-from rpil.cli.commands import CommandSettings, audit_by_task, connect_engine, read_recording, tell_if_interrupted
+from rpil.cli.commands import (
+    CommandSettings,
+    audit_by_task,
+    check_paths,
+    connect_engine,
+    open_recording,
+    tell_if_interrupted,
+)
 from rpil.cli.options import FitOptions, Value, command_words, pop_columns, with_label_options
 from rpil.cli.progress import show_stages
 from rpil.data.errors import DataError
-from rpil.data.files import check_outputs
 
 if TYPE_CHECKING:
     from rpil.audit.record import Audit
@@ -103,7 +109,7 @@ def label(ctx: click.Context, /, file: str, **options: Value) -> None:
     answer is written at once.
     """
     path = options["labels"] or LABELS_FILE
-    check_outputs((file, options["operator"]), path)
+    check_paths((file, options["operator"]), path)
     from rpil import formats
 
     formats.check_labels_file(path)
@@ -119,7 +125,7 @@ def label(ctx: click.Context, /, file: str, **options: Value) -> None:
         show_stages(quiet, CommandSettings.current().timing) as progress,
         connect_engine(scheduler, progress) as engine,
     ):
-        read = read_recording(file, columns, progress, commands.resolve_stream(stream, scheduler))
+        read = open_recording(file, columns, progress, commands.resolve_stream(file, stream, scheduler))
         audit, _ = audit_by_task(file, read, FitOptions(**options), progress, engine)
     if not audit.columns.size:
         raise DataError(f"{file}: this audit keeps nothing to learn from answers; leave out --adversary.")

@@ -12,12 +12,20 @@ import click
 from click.core import ParameterSource
 
 from rpil.cli import commands, terminal
-from rpil.cli.check import audit_fault_lines, check, check_recording
-from rpil.cli.commands import Commands, CommandSettings, audit_by_task, connect_engine, fit_rpil, read_recording
+from rpil.cli.check import audit_fault_lines, check
+from rpil.cli.commands import (
+    Commands,
+    CommandSettings,
+    audit_by_task,
+    check_paths,
+    connect_engine,
+    fit_rpil,
+    open_recording,
+)
 from rpil.cli.completion import install_completion
 from rpil.cli.evaluate import evaluate
-from rpil.cli.give_back import convert, keep
 from rpil.cli.info import info
+from rpil.cli.keep import convert, keep
 from rpil.cli.label import LABELS_FILE, label
 from rpil.cli.options import (
     ERROR_CHOICE,
@@ -34,7 +42,6 @@ from rpil.cli.options import (
 )
 from rpil.cli.outputs import OUTPUTS, Audited, judged_within, lines_after_output, tell_if_too_many, write_outputs
 from rpil.cli.progress import StageProgress, show_stages
-from rpil.data.files import check_outputs
 
 if TYPE_CHECKING:
     from rpil.audit.record import Audit
@@ -125,19 +132,23 @@ def audit(
     outputs = {title: options.pop(title) for title in OUTPUTS}
     quiet, stream, scheduler = (options.pop(name) for name in ("quiet", "stream", "scheduler"))
     reference = options.pop("reference")
-    check_outputs((file, options["labels"], options["operator"], reference), *outputs.values())
-    stream = commands.resolve_stream(stream, scheduler, reference)
+    check_paths((file, options["labels"], options["operator"], reference), *outputs.values())
+    stream = commands.resolve_stream(file, stream, scheduler, reference)
     if options["features"] == "auto":
         options["features"] = "folded"  # the judge's features; no final policy is kept, so none need be chosen
     with _show_stages(quiet) as progress:
         columns = pop_columns(options)
         with connect_engine(scheduler, progress) as engine:
-            read = read_recording(file, columns, progress, stream)
+            read = open_recording(file, columns, progress, stream)
             good = commands.read_reference(reference, file, columns, progress)
             result, who = audit_by_task(file, read, FitOptions(**options), progress, engine, good)
         progress("looking for recording faults")
-        faults = check_recording(read)
-        write_outputs(outputs, result, Audited(file, read, faults, who), time.perf_counter() - start, progress)
+        from rpil.faults.recorded import faults_of
+        from rpil.faults.settings import FaultSettings
+
+        faults = faults_of(read, None, None, False, FaultSettings())
+        audited = Audited(result, file, read, faults, who)
+        write_outputs(outputs, audited, time.perf_counter() - start, progress)
     if json_wanted:
         suggested = {"suggested": result.suggest_labels(suggest)} if suggest else {}
         click.echo(
@@ -157,7 +168,7 @@ def audit(
         if path is not None:
             click.echo(f"{title.capitalize()}: {path}", err=json_wanted)
             if not json_wanted and not quiet:
-                terminal.print_lines(lines_after_output(title, path, file, result))
+                terminal.print_lines(lines_after_output(title, path, audited))
     return tell_if_too_many(result, fail_on)
 
 
@@ -183,10 +194,10 @@ def fit(ctx: click.Context, /, file: str, output: str, method: str, trusted: int
         _refuse_rpil_options(ctx, method)
     if (method == "rment") != (trusted is not None):
         raise click.UsageError("--method rment and --trusted N need each other: give both or neither", ctx)
-    check_outputs((file, options["labels"], options["operator"]), output)
-    stream = commands.resolve_stream(stream, scheduler)
+    check_paths((file, options["labels"], options["operator"]), output)
+    stream = commands.resolve_stream(file, stream, scheduler)
     with _show_stages(quiet) as progress, connect_engine(scheduler, progress) as engine:
-        recording = read_recording(file, pop_columns(options), progress, stream)
+        recording = open_recording(file, pop_columns(options), progress, stream)
         demonstrations = recording.demonstrations
         progress("starting")
         from rpil.estimators.cloning import BehavioralCloning
@@ -245,7 +256,7 @@ def simulate(env: str, kind: str, good: int, bad: int, output: str, seed: int, q
 
     Good and bad are in a random order. The columns is_good and episode_return hold the truth, which no method reads.
     """
-    check_outputs((), output)
+    check_paths((), output)
     with _show_stages(quiet) as progress:
         from rpil import formats
 
@@ -283,7 +294,7 @@ def demo(episodes: int, output: str, json_wanted: bool, seed: int, quiet: bool) 
 
     One is of people who play a cooking game, the other of a lunar lander.
     """
-    check_outputs((), output)
+    check_paths((), output)
     with _show_stages(quiet) as progress:
         from rpil.cli.demo import run
 

@@ -68,6 +68,18 @@ class OutputFile(click.Path):
         return str(check_extension(value, self.extensions, param.opts[-1] if param else ""))
 
 
+class DataFile(click.Path):
+    """A file of demonstrations to write, in one of the formats that are written."""
+
+    def __init__(self) -> None:
+        super().__init__(path_type=str)
+
+    def convert(self, value: StrPath, param: click.Parameter | None, ctx: click.Context | None) -> str:
+        from rpil.formats import check_format
+
+        return str(check_format(value))
+
+
 if TYPE_CHECKING:
     TextType = click.ParamType[str]
 else:
@@ -118,6 +130,12 @@ COLUMN_OPTIONS = (
         help="Who gave each demonstration: a column of FILE, a CSV file (id,demonstrator), or JSON.",
     ),
     click.option("--task", metavar="COLUMN", help="The column that names the task."),
+    click.option(
+        "--embeddings",
+        type=click.Path(),
+        metavar="FILE",
+        help="More observations of each step, as of its images: Parquet or NPZ, joined on the column index.",
+    ),
     click.option(
         "--action-kind",
         type=click.Choice(("auto", "discrete", "continuous")),
@@ -214,7 +232,7 @@ def pop_columns(options: dict[str, Value]) -> ColumnOptions:
     from rpil.data.id_values import is_id_file
     from rpil.formats.columns import ColumnOptions
 
-    names = ("id", "action", "observations", "exclude", "order", "task", "action_kind")
+    names = ("id", "action", "observations", "exclude", "order", "task", "action_kind", "embeddings")
     operator = options["operator"]
     del options["memory"], options["fill_missing"]  # their callbacks have set them
     return ColumnOptions(

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -15,7 +16,9 @@ from rpil.cli.progress import StageProgress
 
 if TYPE_CHECKING:
     from rpil.audit.record import Audit
+    from rpil.data.demonstrations import Demonstrations
     from rpil.faults.record import FaultReport
+    from rpil.formats.dataset import Dataset
     from rpil.formats.recording import Recording
 
 OUTPUTS = ("weights", "verdicts", "keep", "report")
@@ -24,20 +27,36 @@ OUTPUTS = ("weights", "verdicts", "keep", "report")
 
 @dataclass(frozen=True, eq=False)
 class Audited:
-    """What an audit was given: the path of the data, their recording, its faults, and the demonstrators."""
+    """An audit and what it was given: the path of the data, their recording, its faults, and the demonstrators."""
 
+    audit: Audit
     source: str
     recording: Recording
     faults: FaultReport
     demonstrators: Mapping[str, str]
 
+    @cached_property
+    def lost(self) -> tuple[str, ...]:
+        """What is lost without those that `--keep` does not list; see `lost_without`."""
+        from rpil.audit.verdict_table import kept
 
-def write_outputs(
-    paths: Mapping[str, str | None], audit: Audit, given: Audited, seconds: float, progress: StageProgress
-) -> None:
+        return lost_without(self.recording.demonstrations, kept(self.audit))
+
+
+def lost_without(demonstrations: Demonstrations | Dataset, kept: Collection[object]) -> tuple[str, ...]:
+    """What only demonstrations that are not kept visit, where their observations are in memory."""
+    from rpil.audit.lost import lost_places
+    from rpil.data.demonstrations import Demonstrations
+
+    return lost_places(demonstrations, kept) if isinstance(demonstrations, Demonstrations) else ()
+
+
+def write_outputs(paths: Mapping[str, str | None], given: Audited, seconds: float, progress: StageProgress) -> None:
     """Write the files of `OUTPUTS` whose paths are given; the audit took so many `seconds`."""
     from rpil.audit.verdict_table import kept, write_kept, write_verdicts
     from rpil.formats.weights import write_weights
+
+    audit = given.audit
 
     def write_report(path: str) -> None:
         from markupsafe import Markup
@@ -45,8 +64,14 @@ def write_outputs(
         from rpil.audit.html.faults import faults_section
         from rpil.audit.html.page import Article, write_page
 
-        read = "What was read", Markup("<p>%s</p>") % Markup("<br>").join(given.recording.description.short())
-        title, sections = f"Audit of {Path(given.source).name}", [read, faults_section(given.faults)]
+        def lines(text: Sequence[str]) -> Markup:
+            return Markup("<p>%s</p>") % Markup("<br>").join(text)
+
+        title = f"Audit of {Path(given.source).name}"
+        sections = [("What was read", lines(given.recording.description.short()))]
+        if given.lost:
+            sections.append((f"What is lost without the {audit.words.lower} ones", lines(given.lost)))
+        sections.append(faults_section(given.faults))
         write_page(path, [Article(title, audit, given.source, sections=sections, seconds=seconds)])
 
     def write_keep(path: str) -> None:
@@ -71,15 +96,16 @@ def write_outputs(
             tell_if_interrupted(f"{path} is written")
 
 
-def lines_after_output(title: str, path: str, source: str, audit: Audit) -> list[str]:
-    """What to do with the file at `path`, an output, where the tool that wrote the data at `source` takes it."""
-    from rpil import formats
+def lines_after_output(title: str, path: str, given: Audited) -> list[str]:
+    """What the file at `path`, an output, leaves out, and what to do with it where the tool that wrote the data takes
+    it."""
     from rpil.audit.verdict_table import kept
+    from rpil.formats.registry import find
 
     if title == "weights":
-        return formats.notes_on_weights(source)
-    ids = kept(audit)
-    return formats.commands_to_keep(source, audit.ids, ids, path) if title == "keep" and ids else []
+        return [*find(given.source).format.notes_on_weights]
+    ids = kept(given.audit) if title == "keep" else ()
+    return [*given.lost, *find(given.source).commands_to_keep(given.audit.ids, ids, path)] if ids else []
 
 
 def tell_if_too_many(audit: Audit, limit: str | None) -> int:

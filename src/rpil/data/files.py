@@ -19,13 +19,13 @@ from pathlib import Path
 
 from rpil.data.errors import DataError
 
-_TABLES = (".parquet", ".csv", ".npz")
-"""Extensions of files that are read as data where they lie in a folder of data."""
-
 _SYNCED_AT_ONCE = 32
 """Files: a disk writes many at once as fast as one."""
 
 _TRIES, _PAUSE = 10, 0.1  # in seconds
+
+_POINTER = b"version https://git-lfs"
+_MOST_OF_POINTER = 1024  # bytes, by the definition of Git LFS
 
 StrPath = str | os.PathLike[str]
 
@@ -61,7 +61,16 @@ def check_readable(path: StrPath) -> Path:
         raise DataError(f"{path}: it may not be read; change its permissions.")
     if path.stat().st_size == 0:
         raise DataError(f"{path}: the file is empty; write it again.")
+    if path.stat().st_size < _MOST_OF_POINTER:
+        with path.open("rb") as file:
+            refuse_pointer(file.read(len(_POINTER)), path)
     return path
+
+
+def refuse_pointer(start: bytes, where: StrPath) -> None:
+    """A `DataError` where a file that begins with `start` stands for one that Git LFS has not brought yet."""
+    if start.startswith(_POINTER):
+        raise DataError(f"{where}: it is a pointer of Git LFS and not the data; bring them with git lfs pull.")
 
 
 def check_writable(path: StrPath) -> Path:
@@ -82,7 +91,8 @@ def replacing(path: StrPath) -> Iterator[Path]:
     """Yield a path beside `path` to write to, which replaces `path` if the block ends without an error.
 
     A `DataError` where `path` cannot be written; a file that was there stays as it was, and a file that is replaced
-    gives its permissions to the new one. What killed processes of this computer left of earlier tries is removed.
+    gives its permissions to the new one. Temporary files of dead processes on this
+    computer are deleted.
     """
     # A link stays a link: what it points to is replaced.
     target = Path(os.path.realpath(check_writable(path)))
@@ -191,10 +201,11 @@ def _sync(path: Path) -> None:
         os.close(opened)
 
 
-def check_outputs(inputs: Iterable[StrPath | None], *outputs: StrPath | None) -> None:
+def check_outputs(inputs: Iterable[StrPath | None], outputs: Iterable[StrPath | None], data: Collection[str]) -> None:
     """A `DataError`, before any work, naming an output that cannot be written, is named twice, or is or joins an input.
 
-    An input may be a folder or a pattern: then a table in the folder, or a file that the pattern matches, joins it.
+    An input may be a folder or a pattern: then a file in the folder with one of the extensions of
+    `data`, or one that the pattern matches, joins it.
     """
     sources = [Path(os.path.abspath(path)).resolve() for path in inputs if path]
     taken = set(sources)
@@ -204,6 +215,6 @@ def check_outputs(inputs: Iterable[StrPath | None], *outputs: StrPath | None) ->
             raise DataError(f"{path}: it is named twice in the command; give every file a name of its own.")
         taken.add(place)
         for source in sources:
-            in_folder = place.suffix.lower() in _TABLES and source.is_dir() and source in place.parents
+            in_folder = place.suffix.lower() in data and source.is_dir() and source in place.parents
             if in_folder or fnmatch(str(place), str(source)):
                 raise DataError(f"{path}: it would join the data in {source}; write it to another folder.")

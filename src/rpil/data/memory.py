@@ -56,12 +56,16 @@ def budget() -> float:
     return FREE_SHARE * free_memory() if given is None else given
 
 
+class TooLargeError(DataError):
+    """Data that would take more than the `budget`."""
+
+
 def check_memory(n_bytes: float, where: str) -> None:
-    """Raise a `DataError` with the figures where data of `n_bytes` would take more than the `budget`."""
+    """Raise a `TooLargeError` with the figures where data of `n_bytes` would take more than the `budget`."""
     if n_bytes > budget():
-        raise DataError(
+        raise TooLargeError(
             f"{where}: to read it would take {_written(n_bytes)} of memory, more than the {_written(budget())} that it "
-            "may; allow more with --memory or memory=, or read less of it (Parquet files can stay on disk)."
+            "may; allow more with --memory or memory=, or leave it on disk with --stream or rpil.open."
         )
 
 

@@ -27,8 +27,8 @@ from rpil.numerics.types import Array
 
 ESTIMATOR_SCHEMA = "rpil fitted estimator"
 
-Estimator = RPIL | RMEnt | BehavioralCloning
-ESTIMATORS: dict[str, type[Estimator]] = {"RPIL": RPIL, "RMEnt": RMEnt, "BehavioralCloning": BehavioralCloning}
+SavedEstimator = RPIL | RMEnt | BehavioralCloning
+ESTIMATORS: dict[str, type[SavedEstimator]] = {"RPIL": RPIL, "RMEnt": RMEnt, "BehavioralCloning": BehavioralCloning}
 _POLICY = ("space_", "features_", "policy_")
 _FIT = ("n_iter_", "converged_")
 FITTED = {
@@ -42,7 +42,7 @@ FITTED_ARRAYS = {"weights_": "M", "log_likelihood_": "M"}
 _NAMES = ("feature_names_in_", "observation_names_")  # from data frames, and from `Demonstrations`
 
 
-def save(estimator: Estimator, path: StrPath) -> None:
+def save(estimator: SavedEstimator, path: StrPath) -> None:
     """Write a fitted estimator to a file of any name.
 
     `load` returns the same estimator, bit for bit, without `progress`, `engine` and `checkpoint`.
@@ -62,6 +62,10 @@ def save(estimator: Estimator, path: StrPath) -> None:
     if ESTIMATORS.get(kind) is not type(estimator):
         raise DataError(f"{path}: a {kind} cannot be saved; save one of {', '.join(ESTIMATORS)}.")
     check_is_fitted(estimator)
+    if isinstance(estimator, RPIL) and estimator.judge_ is None and estimator.state_ is None:
+        raise DataError(
+            f"{path}: several tasks, each judged by itself, cannot be saved as one; fit and save each task."
+        )
     if stored_name(estimator.policy_) is None:
         made_of = getattr(estimator.policy_, "estimator", estimator.policy_)
         raise DataError(
@@ -90,7 +94,7 @@ def save(estimator: Estimator, path: StrPath) -> None:
     write_archive(path, header, arrays)
 
 
-def load(path: StrPath) -> Estimator:
+def load(path: StrPath) -> SavedEstimator:
     """Read what `save` wrote; nothing is ever unpickled.
 
     Raises
@@ -126,7 +130,7 @@ def _plain(classes: Array, path: StrPath) -> Array:
     return classes
 
 
-def _params(estimator: Estimator, arrays: dict[str, Array]) -> dict[str, Any]:
+def _params(estimator: SavedEstimator, arrays: dict[str, Array]) -> dict[str, Any]:
     """The constructor parameters that can be encoded; others are dropped."""
     params = {}
     given = estimator.get_params(deep=False)
@@ -139,11 +143,11 @@ def _params(estimator: Estimator, arrays: dict[str, Array]) -> dict[str, Any]:
     return params
 
 
-def _restore(header: dict[str, Any], decoder: Decoder) -> Estimator:
+def _restore(header: dict[str, Any], decoder: Decoder) -> SavedEstimator:
     kind = header["class"]
     classes = decoder.array(header["classes"], "K")
     params = {name: decoder.value(node) for name, node in header["params"].items()}
-    estimator: Estimator = ESTIMATORS[kind](**params)
+    estimator: SavedEstimator = ESTIMATORS[kind](**params)
     estimator.classes_ = classes
     if header["fitted"].keys() != set(FITTED[kind]):
         raise KeyError("fitted")
@@ -153,8 +157,7 @@ def _restore(header: dict[str, Any], decoder: Decoder) -> Estimator:
     if isinstance(estimator, RPIL):
         estimator.state_ = decoder.value(header["state"])
         settings = params.get("settings") or Settings()
-        of_audit = replace(settings.audit, answers=settings.judge.answers)
-        estimator.audit_ = replace(estimator.audit_, settings=of_audit)
+        estimator.audit_ = replace(estimator.audit_, settings=settings.audit.of(settings.judge))
     estimator.n_features_in_ = decoder.sizes["D"]
     for name, texts in header["names"].items():
         if name not in _NAMES or len(texts) != estimator.n_features_in_:
@@ -165,7 +168,7 @@ def _restore(header: dict[str, Any], decoder: Decoder) -> Estimator:
     return estimator
 
 
-def _try_out(estimator: Estimator) -> None:
+def _try_out(estimator: SavedEstimator) -> None:
     """Use the estimator on one step, so that parts of different shapes fail here and not later."""
     observation, classes = np.zeros((1, estimator.n_features_in_)), estimator.classes_
     outputs = estimator.policy_.outputs(estimator.features_.design(observation))

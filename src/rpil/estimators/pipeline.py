@@ -61,7 +61,7 @@ class Options:
     @property
     def audit_settings(self) -> AuditSettings:
         """The settings of the audit, which answers like the judge."""
-        return replace(self.settings.audit, answers=self.settings.judge.answers)
+        return self.settings.audit.of(self.settings.judge)
 
     @property
     def judges(self) -> bool:
@@ -314,3 +314,15 @@ class FullFit:
         # Cross-fitted again by the final weights: the temperature of the policy comes from held-out steps.
         start, _ = self.options.cross_fitted(data.space, len(weight)).fit(data, weight)
         return posed.features, start.fit_all(data, weight)
+
+
+def learn(task: Task, options: Options, audit: Audit) -> Fitted:
+    """The final policy of demonstrations, in memory, that were judged before, by the weights of their `audit`."""
+    source = task.source
+    demonstrations = source if isinstance(source, Demonstrations) else source.select(slice(None))
+    features = options.judge_features(demonstrations)
+    posed = JudgeInput(demonstrations, task.data(demonstrations, features), features, task.answers)
+    options.progress("the policy")
+    decision = TrustDecision(audit, audit.step_weight, None, None, 0, 0.0)
+    kind, policy, _ = FullFit(task, options).fit_policy(posed, decision)
+    return Fitted(decision, features, kind, policy)

@@ -14,16 +14,19 @@ from rpil.audit import assumptions
 from rpil.audit.record import Audit
 from rpil.data.coding import encode_demonstrations
 from rpil.data.demonstrations import Demonstrations
+from rpil.data.errors import DataError
 from rpil.data.facts import Outcome
 from rpil.data.files import StrPath
 from rpil.data.fit_data import FitData
 from rpil.estimators.cloning import PolicyEstimator
 from rpil.estimators.passes import SampledFit, is_sampled
-from rpil.estimators.pipeline import Fitted, FullFit, Options, fit
+from rpil.estimators.pipeline import Fitted, FullFit, Options, fit, learn
 from rpil.estimators.settings import Settings
-from rpil.estimators.task import ActionBox, Features, Labels, Names, Task
+from rpil.estimators.task import ActionBox, DemonstratorNames, Features, Labels, Task
 from rpil.estimators.validation import Given, as_demonstrations
+from rpil.estimators.within_tasks import Known, groups_of, judge_within_tasks
 from rpil.formats.dataset import Dataset
+from rpil.formats.recording import Recording
 from rpil.inference.fitted_judge import FittedJudge
 from rpil.inference.settings import JudgeSettings
 from rpil.mixture.adversaries.protocol import Adversary
@@ -91,7 +94,7 @@ class RPIL(PolicyEstimator):
     coef_, intercept_ : arrays
         Of a linear policy.
     judge_ : FittedJudge or None
-        Scores demonstrations that were not fitted.
+        Scores demonstrations that were not fitted; None where several tasks were judged, each by itself.
     state_ : State or None
         Of the mixture with a named adversary.
     lower_bound_ : float
@@ -114,6 +117,9 @@ class RPIL(PolicyEstimator):
     judge_features_: Features
     judge_: FittedJudge | None
     state_: State | None
+    n_iter_: int
+    lower_bound_: float
+    converged_: bool
 
     def __init__(
         self,
@@ -143,11 +149,11 @@ class RPIL(PolicyEstimator):
 
     def fit(
         self,
-        X: ArrayLike | Given | Dataset,
+        X: ArrayLike | Given | Dataset | Recording,
         y: ArrayLike | None = None,
         groups: ArrayLike | None = None,
         labels: Labels | None = None,
-        demonstrators: Names | None = None,
+        demonstrators: DemonstratorNames | None = None,
         outcome: Outcome | None = None,
         order: Sequence[float] | Array | None = None,
     ) -> RPIL:
@@ -155,8 +161,11 @@ class RPIL(PolicyEstimator):
 
         Parameters
         ----------
-        X : (N, D) array, Demonstrations, Dataset, frame or list of trajectories
+        X : (N, D) array, Recording, Demonstrations, Dataset, frame or list of trajectories
             Observations; all but an array hold actions and groups as well. A frame without `y` is read by `rpil.read`.
+            The demonstrations of a `Recording` (`rpil.open`) are judged within their tasks and sessions, as ``rpil
+            audit`` does, and outcomes, order and demonstrators are those that it states; of several tasks, which are
+            read into memory, one policy is learned.
         y : (N,) or (N, A) array
             Actions.
         groups : (N,) array
@@ -179,6 +188,9 @@ class RPIL(PolicyEstimator):
             number of `demonstrators`, outcomes or places, an outcome that is the same for all, or only demonstrations
             labelled bad.
         """
+        if isinstance(X, Recording):
+            known = Known.of(X, labels if labels is not None else self.labels, demonstrators, outcome, order)
+            return self._fit_recording(X, known)
         options = self._options()
         source = X if isinstance(X, Dataset) else as_demonstrations(self, X, y, groups)
         labels = labels if labels is not None else self.labels
@@ -188,6 +200,28 @@ class RPIL(PolicyEstimator):
             fitted = fit(SampledFit(task, options) if is_sampled(task, options) else FullFit(task, options), options)
         self._keep(task, fitted)
         self._explain(task, options, fitted)
+        return self
+
+    def _fit_recording(self, recording: Recording, known: Known) -> RPIL:
+        """Fit each task and session by itself, and one policy by the weights of all."""
+        models: list[RPIL] = []
+        several = len(groups_of(recording, known)) > 1
+
+        def judge(demonstrations: Demonstrations | Dataset, own: Known) -> Audit:
+            given = self.get_params(deep=False) | {"labels": None, "engine": None}
+            models.append(RPIL(**given) if several else self)
+            return models[-1].fit(demonstrations, labels=own.answers or None, **own.arguments).audit_
+
+        audit = judge_within_tasks(recording, known, judge)
+        if several:
+            options = self._options()
+            demonstrations = recording.demonstrations.select(slice(None))
+            task = Task.of(as_demonstrations(self, demonstrations, None, None), self.action_box)
+            self._keep(task, learn(task, options, audit))
+            self.n_iter_ = sum(model.n_iter_ for model in models)
+            self.lower_bound_ = float(np.mean([model.lower_bound_ for model in models]))
+            self.converged_ = all(model.converged_ for model in models)
+        self.audit_ = audit
         return self
 
     def _explain(self, task: Task, options: Options, fitted: Fitted) -> None:
@@ -249,6 +283,8 @@ class RPIL(PolicyEstimator):
             Where an action is not among `classes_`.
         """
         check_is_fitted(self)
+        if self.judge_ is None and self.state_ is None:
+            raise DataError("This RPIL judged several tasks, each by itself, and no task is given here; fit one task.")
         demonstrations = as_demonstrations(self, X, y, groups, reset=False)
         codes = encode_demonstrations(self.classes_, self.space_.n_parts, demonstrations)
         design = self.judge_features_.design(demonstrations.observations)

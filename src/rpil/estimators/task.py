@@ -27,7 +27,7 @@ ActionBox = tuple[ArrayLike, ArrayLike]
 Features = FeatureMap | IdentityMap
 FinalPolicy = Policy | CrossFittedPolicy
 Labels = Mapping[Any, str] | Sequence[tuple[Hashable, str]]
-Names = Mapping[Any, Hashable] | Sequence[Hashable]
+DemonstratorNames = Mapping[Any, Hashable] | Sequence[Hashable]
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,7 +60,7 @@ class Task:
         source: Demonstrations | Dataset,
         action_box: ActionBox | None = None,
         labels: Labels | None = None,
-        demonstrators: Names | None = None,
+        demonstrators: DemonstratorNames | None = None,
         outcome: Outcome | None = None,
         order: Sequence[float] | Array | None = None,
     ) -> Task:

@@ -20,6 +20,7 @@ from rpil.data.id_values import check_ids
 from rpil.data.names import natural_key
 from rpil.formats import d4rl, hdf5
 from rpil.formats.columns import ColumnOptions
+from rpil.formats.format import Format, keep_by_own_ids
 from rpil.formats.parts import Part, from_parts
 from rpil.formats.recording import Recording
 
@@ -29,7 +30,7 @@ LINK_TABLE = "kept.csv"
 _FILE_NAME = "name of the file"
 
 
-def is_mine(path: Path) -> bool:
+def claims(path: Path) -> bool:
     """Whether `path` is a folder of HDF5 files, and of no tables, or one file of an action and a group observations."""
     if path.is_dir():
         names = {file.name.lower() for file in path.iterdir()} - {LINK_TABLE}
@@ -118,3 +119,8 @@ class _InFile:
             if array is None:
                 raise DataError(f"{self.path.name}: it has changed while it was read; read it again.")
             return array[rows]
+
+
+FORMAT = Format(
+    name="HDF5 of ALOHA", claims=claims, read=read, keep=keep_by_own_ids(keep), check_output=lambda path, output: None
+)

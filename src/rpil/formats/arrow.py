@@ -14,7 +14,7 @@ from rpil.data.memory import check_memory
 from rpil.formats import table as flat
 from rpil.formats.column_search import find_columns
 from rpil.formats.columns import ColumnOptions, check_unique
-from rpil.formats.recording import Recording, from_table
+from rpil.formats.recording import Recording, from_batches
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -58,7 +58,7 @@ def from_arrow(
     columns = find_columns(table.column_names, kinds, source, options)
     chosen = table.select(columns.all)
     check_memory(2 * chosen.nbytes, source)
-    return from_table(chosen, columns, source, format_name, notes=notes)
+    return from_batches([chosen], columns, source, format_name, notes=notes)
 
 
 def _plain(table: pa.Table) -> pa.Table:

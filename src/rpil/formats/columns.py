@@ -40,6 +40,8 @@ class ColumnOptions:
         Any number of columns, or patterns such as ``joint_*``; those of `exclude` are not read.
     action_kind : {"auto", "discrete", "continuous"}
         Whether one column of whole numbers holds classes; "auto" decides by how many there are.
+    embeddings : str
+        A Parquet or NPZ file with more observations of each step, by its ``index``.
     """
 
     id: str | None = None
@@ -52,6 +54,7 @@ class ColumnOptions:
     session: str | None = None
     outcome: str | None = None
     action_kind: ActionKind = "auto"
+    embeddings: str | None = None
 
 
 @dataclass(frozen=True)

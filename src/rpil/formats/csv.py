@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import csv
+import gzip
 import itertools
 import os
-from collections.abc import Callable, Iterator, Mapping, Sequence
+import shutil
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence, Set
 from contextlib import suppress
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import IO, TYPE_CHECKING, TypeVar, cast
 
-from rpil.data.cells import from_cells, to_cell, to_cells
+from rpil.data.cells import from_cell, from_cells, to_cell, to_cells
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
 from rpil.data.files import replacing
@@ -17,8 +21,11 @@ from rpil.data.guard import guarded
 from rpil.formats import table as flat
 from rpil.formats.column_search import find_columns
 from rpil.formats.columns import ColumnOptions, Columns, check_unique
-from rpil.formats.dialect import Dialect, find_dialect, without_suffix
-from rpil.formats.recording import Recording, from_table
+from rpil.formats.dialect import TEXT_SUFFIXES, Dialect, find_dialect, without_suffix
+from rpil.formats.format import Format, keep_one_file
+from rpil.formats.recording import Recording, from_batches, from_table
+from rpil.formats.spool import is_on_disk, spool
+from rpil.formats.store import copied_rows
 from rpil.formats.table import refuse_id_in_two_files
 from rpil.numerics.types import Array
 
@@ -26,7 +33,7 @@ if TYPE_CHECKING:
     import pyarrow as pa
     from pyarrow import csv as pacsv
 
-_Reader = Callable[[dict[str, object]], "pa.Table"]
+_Result = TypeVar("_Result")
 
 FILE = "file"  # the column of the file's name, where nothing else names the demonstration
 _FAULT = "not a CSV file, or a damaged or truncated one", "write it again"
@@ -34,35 +41,78 @@ _BLOCK_BYTES = 1 << 20
 _MAX_BLOCK_BYTES = (1 << 31) - 1
 
 
+@dataclass(frozen=True)
+class Text:
+    """A text table; its name in messages, which may hold the folder."""
+
+    path: Path
+    name: str
+    dialect: Dialect
+
+
+def claims(path: Path) -> bool:
+    """Whether `path` is a file whose name is that of a text table, which may be compressed."""
+    return path.is_file() and path.name.lower().endswith(TEXT_SUFFIXES)
+
+
 def read(path: Path, options: ColumnOptions) -> Recording:
     """Read the columns that hold data, and the numbers of the rows."""
     dialect = find_dialect(path)
     columns = find_text_columns(path, dialect, options)
-    table = _exact(_read_table(path, dialect, columns), columns, dialect.decimal)
     note = () if dialect.encoding in ("utf-8", "utf-16") else (f"Text is not UTF-8: read as {dialect.encoding}.",)
-    return from_table(table, columns, path.name, dialect.words, notes=note, files={path.name: len(table)})
+    return _read([Text(path, path.name, dialect)], columns, path.name, dialect.words, note)
 
 
 def read_folder(paths: Sequence[Path], options: ColumnOptions, source: str) -> Recording:
     """Read files with the same columns; where no column names the demonstration, each file is one."""
-    first = find_dialect(paths[0])
-    columns = find_text_columns(paths[0], first, options, FILE)
-    names = names_in_folder(paths)
-    tables = []
-    for path, name in zip(paths, names, strict=True):
-        dialect = find_dialect(path)
-        if set(dialect.names) != set(first.names):
-            raise DataError(f"{name}: its columns are not those of {names[0]}; give all files the same ones.")
-        table = _read_table(path, dialect, columns)
-        if columns.episode == FILE:
-            table = table.append_column(FILE, [[without_suffix(name)] * len(table)])
-        tables.append(table)
-    refuse_id_in_two_files([table[columns.episode] for table in tables], names, source, columns.episode != FILE)
+    files = [Text(path, name, find_dialect(path)) for path, name in zip(paths, names_in_folder(paths), strict=True)]
+    first = files[0]
+    for file in files:
+        if set(file.dialect.names) != set(first.dialect.names):
+            raise DataError(f"{file.name}: its columns are not those of {first.name}; give all files the same ones.")
+    columns = find_text_columns(first.path, first.dialect, options, FILE)
+    return _read(files, columns, source, f"{first.dialect.words}, {len(paths):,} files", ())
+
+
+def _read(files: Sequence[Text], columns: Columns, source: str, format_name: str, notes: tuple[str, ...]) -> Recording:
+    """The recording in text tables, one below the other."""
+    decimal = files[0].dialect.decimal
+    if is_on_disk():
+        sizes, batches = _copied(files, columns, decimal)
+        return from_batches(batches, columns, source, format_name, notes=notes, files=sizes)
     import pyarrow as pa
 
-    table = _exact(pa.concat_tables(tables, promote_options="permissive"), columns, first.decimal)
-    files = dict(zip(names, map(len, tables), strict=True))
-    return from_table(table, columns, source, f"{first.words}, {len(paths):,} files", files=files)
+    tables = [_named(_read_table(file, columns, _whole), file, columns) for file in files]
+    may_go_on = columns.episode != FILE
+    refuse_id_in_two_files([table[columns.episode] for table in tables], [f.name for f in files], source, may_go_on)
+    table = _exact(pa.concat_tables(tables, promote_options="permissive"), columns, decimal)
+    sizes = {file.name: len(table) for file, table in zip(files, tables, strict=True)}
+    return from_table(table, columns, source, format_name, notes=notes, files=sizes)
+
+
+def _copied(files: Sequence[Text], columns: Columns, decimal: str) -> tuple[dict[str, int], Iterator[pa.Table]]:
+    """Numbers of rows by file, and all rows, which go through a temporary file: all texts decide what is a number."""
+    copies = [(file, copied_rows(_read_table(file, columns, _copy), {})) for file in files]
+    sizes = {file.name: rows.runs[-1][1] for file, rows in copies}
+
+    def tables() -> Iterator[pa.Table]:
+        for file, rows in copies:
+            names = [name for name in columns.all if name in file.dialect.names]
+            yield from (_named(table, file, columns) for _, table, _ in rows.tables(0, sizes[file.name], names))
+
+    kinds: dict[str, set[pa.DataType]] = {}
+    for table in tables():
+        for name, column in _texts(table, columns, decimal).items():
+            kinds.setdefault(name, set()).add(_exact_type(column, name in columns.actions))
+    types = {name: _joined(found) for name, found in kinds.items()}
+    return sizes, (_exact(table, columns, decimal, types) for table in tables())
+
+
+def _named(table: pa.Table, file: Text, columns: Columns) -> pa.Table:
+    """The table with a column of the file's name where this names the demonstration."""
+    if columns.episode != FILE:
+        return table
+    return table.append_column(FILE, [[without_suffix(file.name)] * len(table)])
 
 
 def write(path: Path, demonstrations: Demonstrations, truth: Mapping[str, Array]) -> None:
@@ -107,35 +157,51 @@ def find_text_columns(path: Path, dialect: Dialect, options: ColumnOptions, defa
     return find_columns(dialect.names, kinds, path.name, options, default_id)
 
 
-def _read_table(path: Path, dialect: Dialect, columns: Columns) -> pa.Table:
-    """The columns to read, ids and single actions as text."""
+def _read_table(file: Text, columns: Columns, read: Callable[..., _Result]) -> _Result:
+    """What `read` makes of the columns to read, ids and single actions as text."""
     import pyarrow as pa
     from pyarrow import csv
 
     # By default the reader takes the ids 01 and 1 for the same number, and -0 for the integer 0.
     named = columns.episode, columns.operator, columns.task, columns.session
     texts = {*named, *(columns.actions if columns.one_action else ())} - {None}
-    names = [name for name in columns.all if name in dialect.names]
+    names = [name for name in columns.all if name in file.dialect.names]
     types = {name: pa.string() for name in names if name in texts}
     floats = {name: pa.float64() for name in (*columns.observations, *columns.actions) if name not in texts}
 
-    def read_table(parsing: dict[str, object], column_types: Mapping[str, pa.DataType] = types | floats) -> pa.Table:
+    def converted(parsing: dict[str, object], column_types: Mapping[str, pa.DataType] = types | floats) -> _Result:
+        decimal = file.dialect.decimal
         convert = csv.ConvertOptions(
-            decimal_point=dialect.decimal, include_columns=names, column_types=column_types, strings_can_be_null=False
+            decimal_point=decimal, include_columns=names, column_types=column_types, strings_can_be_null=False
         )
-        return csv.read_csv(path, convert_options=convert, **parsing)
+        return read(file.path, convert_options=convert, **parsing)
 
-    with guarded(path.name, *_FAULT):
+    with guarded(file.path.name, *_FAULT):
         try:
-            return _parsed(path, dialect, read_table)
+            return _parsed(file.path, file.dialect, converted)
         except pa.ArrowInvalid as error:
             if "CSV conversion error" not in str(error):
                 raise
         # There is text, or true and false: read it as such, so that the message can say where.
-        return _parsed(path, dialect, lambda parsing: read_table(parsing, types))
+        return _parsed(file.path, file.dialect, lambda parsing: converted(parsing, types))
 
 
-def _parsed(path: Path, dialect: Dialect, read_table: _Reader) -> pa.Table:
+def _whole(path: Path, **options: object) -> pa.Table:
+    from pyarrow import csv
+
+    return csv.read_csv(path, **options)
+
+
+def _copy(path: Path, **options: object) -> Path:
+    """The place of a copy of the columns, of which a block at a time is in memory."""
+    import pyarrow as pa
+    from pyarrow import csv
+
+    with csv.open_csv(path, **options) as reader:
+        return spool((pa.Table.from_batches([batch]) for batch in reader), path.name)
+
+
+def _parsed(path: Path, dialect: Dialect, read_table: Callable[[dict[str, object]], _Result]) -> _Result:
     """What `read_table` gives with the options for parsing, the block larger where a field does not fit in."""
     import pyarrow as pa
     from pyarrow import csv
@@ -176,34 +242,97 @@ def _parsed(path: Path, dialect: Dialect, read_table: _Reader) -> pa.Table:
             block = min(block * 32, _MAX_BLOCK_BYTES)
 
 
-def _exact(table: pa.Table, columns: Columns, decimal: str) -> pa.Table:
-    """Ids, single actions, operators and tasks as the numbers that they are, if that loses nothing."""
-    import pyarrow as pa
-    import pyarrow.compute as pc
-
-    for name in table.column_names:
-        if name not in columns.observations and pa.types.is_string(table[name].type):
-            is_action = name in columns.actions
-            column = from_cells(pc.utf8_trim_whitespace(table[name]))
-            if is_action and decimal == ",":
-                column = pc.replace_substring(column, ",", ".")
-            table = table.set_column(table.column_names.index(name), name, _parse(column, is_action))
+def _exact(table: pa.Table, columns: Columns, decimal: str, types: Mapping[str, pa.DataType] | None = None) -> pa.Table:
+    """Ids, single actions, operators and tasks as the numbers that they are, if that loses nothing; or by `types`."""
+    for name, column in _texts(table, columns, decimal).items():
+        kind = types[name] if types else _exact_type(column, name in columns.actions)
+        table = table.set_column(table.column_names.index(name), name, column.cast(kind))
     return table
 
 
-def _parse(column: pa.ChunkedArray, floats: bool) -> pa.ChunkedArray:
-    """Text as integers if that loses nothing (01 does), else as `floats` if allowed, else as it is; "" as null.
+def _texts(table: pa.Table, columns: Columns, decimal: str) -> dict[str, pa.ChunkedArray]:
+    """The columns of text but observations, without spaces around; "" as null."""
+    import pyarrow as pa
+    import pyarrow.compute as pc
+
+    found = {}
+    for name in table.column_names:
+        if name not in columns.observations and flat.kind_of_type(table[name].type) == "text":
+            column = from_cells(pc.utf8_trim_whitespace(table[name].cast(pa.string())))
+            if name in columns.actions and decimal == ",":
+                column = pc.replace_substring(column, ",", ".")
+            found[name] = pc.if_else(pc.equal(column, ""), None, column)
+    return found
+
+
+def _exact_type(column: pa.ChunkedArray, floats: bool) -> pa.DataType:
+    """Integers if that loses nothing (01 does), else `floats` if allowed, else text.
 
     Whole numbers of over 64 bits stay text, because several would become the same float.
     """
     import pyarrow as pa
     import pyarrow.compute as pc
 
-    column = pc.if_else(pc.equal(column, ""), None, column)
     with suppress(pa.ArrowInvalid):
-        numbers = column.cast(pa.int64())
-        return numbers if numbers.cast(pa.string()).equals(column) else column
+        return pa.int64() if column.cast(pa.int64()).cast(pa.string()).equals(column) else pa.string()
     if floats and not pc.any(pc.match_substring_regex(column, r"^[+-]?\d{19,}$")).as_py():
         with suppress(pa.ArrowInvalid):
-            return column.cast(pa.float64())
-    return column
+            column.cast(pa.float64())
+            return pa.float64()
+    return pa.string()
+
+
+def _joined(kinds: set[pa.DataType]) -> pa.DataType:
+    """The type of a column whose pieces have these."""
+    import pyarrow as pa
+
+    return pa.string() if pa.string() in kinds else pa.float64() if pa.float64() in kinds else pa.int64()
+
+
+def keep_text(path: Path, output: Path, ids: Set[str], options: ColumnOptions) -> set[str]:
+    """Write the lines of the demonstrations `ids` of a text table, and its comments; return the ids found."""
+    dialect = find_dialect(path)
+    column = dialect.names.index(find_text_columns(path, dialect, options).episode)
+    encoding, found = dialect.encoding, set()
+    with _open(path, "rt", encoding) as source, _open(output, "wt", encoding) as target:
+        target.writelines(itertools.islice(source, dialect.skip_rows))
+        for lines, values in _rows(source, dialect.separator):
+            is_row = bool(values) and not lines.lstrip().startswith("#")
+            name = from_cell(values[column].strip()) if is_row else ""
+            if not is_row or name in ids:
+                target.write(lines)
+                found.add(name)
+    return found & ids
+
+
+def keep_text_or_file(path: Path, output: Path, ids: Set[str], options: ColumnOptions, name: str) -> set[str]:
+    """The same for a file of a folder: it is the demonstration `name` where no column names the demonstration."""
+    if find_text_columns(path, find_dialect(path), options, FILE).episode != FILE:
+        return keep_text(path, output, ids, options)
+    if name in ids:
+        shutil.copyfile(path, output)
+    return {name} & ids
+
+
+def _open(path: Path, mode: str, encoding: str) -> IO[str]:
+    opener = gzip.open if path.suffix.lower() == ".gz" else open
+    return cast(IO[str], opener(path, mode, encoding=encoding, newline=""))
+
+
+def _rows(lines: Iterable[str], separator: str) -> Iterator[tuple[str, list[str]]]:
+    """The text of each row, which may have several lines, and its values."""
+    taken: list[str] = []
+    for values in csv.reader(_tee(lines, taken), delimiter=separator):
+        yield "".join(taken), values
+        taken.clear()
+
+
+def _tee(lines: Iterable[str], taken: list[str]) -> Iterator[str]:
+    for line in lines:
+        taken.append(line)
+        yield line
+
+
+FORMAT = Format(
+    name="CSV", claims=claims, read=read, keep=keep_one_file(keep_text), suffixes=TEXT_SUFFIXES, write=write
+)

@@ -16,6 +16,7 @@ from rpil.data.missing import are_chunks_filled, fill_chunks
 from rpil.data.names import EPISODE, is_outcome
 from rpil.formats import hdf5
 from rpil.formats.columns import ColumnOptions
+from rpil.formats.format import Format, keep_by_own_ids
 from rpil.formats.parts import NUMBERED, Part, Stored, from_parts
 from rpil.formats.recording import Recording
 from rpil.numerics.types import Array
@@ -27,7 +28,7 @@ _TERMINALS, _TIMEOUTS, _NEXT = "terminals", "timeouts", "next_observations"
 _ROWS_AT_ONCE = 1 << 16  # at a time
 
 
-def is_mine(path: Path) -> bool:
+def claims(path: Path) -> bool:
     """Whether actions are at the top of the file, beside terminals, timeouts or ids of demonstrations."""
     return hdf5.has_layout(path, _fits)
 
@@ -176,3 +177,8 @@ def _copy_rows(array: h5py.Dataset, new: h5py.Group, name: str, rows: Array) -> 
             block = run[first : first + _ROWS_AT_ONCE]
             with fill_chunks(are_chunks_filled() or is_outcome(name)):  # rewards may be left out as zeros
                 copy[block[0] : block[-1] + 1] = array[rows[block[0]] : rows[block[-1]] + 1]
+
+
+FORMAT = Format(
+    name="HDF5 of D4RL", claims=claims, read=read, keep=keep_by_own_ids(keep), check_output=hdf5.check_output
+)

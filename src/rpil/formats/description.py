@@ -1,4 +1,4 @@
-"""What was read from a file, in figures and in words, before anything is judged."""
+"""Summary of a recording: counts, columns and their roles."""
 
 from __future__ import annotations
 

@@ -7,11 +7,13 @@ import csv
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import chain
 from pathlib import Path
 
 from rpil.data.errors import DataError
 from rpil.data.guard import guarded
 from rpil.data.memory import check_memory
+from rpil.formats.spool import is_on_disk
 
 TEXT_SUFFIXES = (".csv", ".tsv", ".txt", ".csv.gz", ".tsv.gz", ".txt.gz")
 _SUFFIX = re.compile(r"\.(?:csv|tsv|txt)(?:\.gz)?$", re.IGNORECASE)
@@ -50,9 +52,9 @@ def find_dialect(path: Path) -> Dialect:
 
     damaged = guarded(path.name, "a damaged or truncated compressed file", "write it again")
     with damaged, pa.input_stream(str(path)) as stream:
-        encoding = _encoding(_checked(iter(lambda: stream.read(_CHUNK), b""), path.name))
-    with pa.input_stream(str(path)) as stream:
-        head = stream.read(_CHUNK)
+        chunks = _checked(iter(lambda: stream.read(_CHUNK), b""), path.name)
+        head = next(chunks, b"")
+        encoding = _encoding(chain([head], chunks))
     text = codecs.getincrementaldecoder(encoding)("strict").decode(head)
     lines = text.removeprefix("\ufeff").splitlines()[:_HEAD_LINES]
     if "\0" in text or not any(line.strip() for line in lines):
@@ -81,7 +83,7 @@ def _checked(chunks: Iterator[bytes], source: str) -> Iterator[bytes]:
     n_bytes = 0
     for chunk in chunks:
         n_bytes += len(chunk)
-        check_memory(_MEMORY_PER_BYTE * n_bytes, source)
+        check_memory(0 if is_on_disk() else _MEMORY_PER_BYTE * n_bytes, source)
         yield chunk
 
 

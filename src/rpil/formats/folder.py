@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import os
+from collections.abc import Sequence
 from pathlib import Path
 
 from rpil.data.errors import DataError
-from rpil.data.files import StrPath
+from rpil.data.files import StrPath, new_folder
 from rpil.formats import csv, parquet
 from rpil.formats.columns import ColumnOptions
+from rpil.formats.dialect import without_suffix
+from rpil.formats.format import Format, check_found
 from rpil.formats.recording import Recording
 from rpil.formats.store import find_files
 
@@ -22,3 +26,37 @@ def read(path: StrPath, options: ColumnOptions) -> Recording:
         return csv.read_folder([Path(file) for file in text_files], options, source)
     recording = parquet.read_files(filesystem, parquet_files, options, source)
     return recording.with_ignored_files(text_files)
+
+
+def keep(path: Path, output: Path, ids: Sequence[object], options: ColumnOptions) -> None:
+    """Write the demonstrations `ids` of a folder to the new folder `output`, in files of the same names.
+
+    Files of other demonstrations are left out, and so is all that is not read.
+    """
+    parquet_files, text_files = find_files(path)[1:]
+    files = [Path(file) for file in parquet_files or text_files]
+    if not files:
+        raise DataError(f"{path}: no .parquet or .csv file is there; check the path.")
+    wanted, found = set(map(str, ids)), set()
+    with new_folder(output) as folder:
+        for file, name in zip(files, csv.names_in_folder(files), strict=True):
+            target = folder / file.relative_to(os.path.abspath(path))
+            target.parent.mkdir(parents=True, exist_ok=True)
+            if parquet_files:
+                in_file = parquet.keep_rows(file, target, wanted, options)
+            else:
+                in_file = csv.keep_text_or_file(file, target, wanted, options, without_suffix(name))
+            if not in_file:
+                target.unlink(missing_ok=True)
+            found |= in_file
+        check_found(wanted, found, path)
+
+
+def holds_parquet(path: StrPath) -> bool:
+    """Whether there are Parquet files, which stay on disk where they are many."""
+    return bool(find_files(path)[1])
+
+
+FORMAT = Format(
+    name="a folder of tables", claims=Path.is_dir, read=read, keep=keep, read_address=read, stays_on_disk=holds_parquet
+)

@@ -23,6 +23,7 @@ from rpil.data.memory import BYTES_PER_NUMBER, check_memory
 from rpil.data.names import natural_key
 from rpil.formats.columns import ColumnOptions
 from rpil.formats.description import listed
+from rpil.formats.format import Format, keep_by_own_ids
 from rpil.formats.hdf5_storage import checked
 from rpil.formats.recording import Recording
 from rpil.numerics.types import Array
@@ -199,7 +200,7 @@ def load(array: h5py.Dataset, source: str) -> Array:
     return np.asarray(array[()])
 
 
-def is_mine(path: Path) -> bool:
+def claims(path: Path) -> bool:
     """Whether `path` is an HDF5 file, of whatever layout."""
     return is_hdf5(path)
 
@@ -218,3 +219,14 @@ def read(path: Path, options: ColumnOptions) -> Recording:
 def keep(path: Path, output: Path, ids: Sequence[Id]) -> None:
     """A `DataError`, see `read`."""
     read(path, ColumnOptions())
+
+
+def check_output(path: Path, output: Path) -> None:
+    """A `DataError` where the name of the `output` is not that of an HDF5 file, nor like that of the data."""
+    if output.suffix.lower() not in (*SUFFIXES, path.suffix.lower()):
+        raise DataError(
+            f"{output}: give it the extension {path.suffix or SUFFIXES[0]}, or write another format with rpil convert."
+        )
+
+
+FORMAT = Format(name="HDF5", claims=claims, read=read, keep=keep_by_own_ids(keep), suffixes=SUFFIXES)

@@ -25,6 +25,7 @@ from rpil.data.npy import read_arrays, write_npz
 from rpil.formats import table as flat
 from rpil.formats.arrow import read_ipc
 from rpil.formats.columns import ColumnOptions
+from rpil.formats.format import Format, keep_by_own_ids
 from rpil.formats.parts import NO_STEPS, NUMBERED, Part, from_parts
 from rpil.formats.recording import Recording
 from rpil.numerics.types import Array
@@ -39,7 +40,7 @@ _NPZ = ("obs", "acts", "indices", "terminal")
 _STATE, _INFO, _STREAM = "state.json", "dataset_info.json", "data-00000-of-00001.arrow"
 
 
-def is_mine(path: Path) -> bool:
+def claims(path: Path) -> bool:
     """Whether `path` is such a folder or NPZ file; or a pickle, which is refused."""
     if path.is_dir():
         return all((path / name).is_file() for name in (_STATE, _INFO)) and {"obs", "acts"} <= _features(path)
@@ -167,3 +168,6 @@ def _keep_npz(path: Path, output: Path, ids: Sequence[Id]) -> None:
     infos = np.full(len(kept["acts"]), "{}")  # the library wants one for each step
     with replacing(output) as temporary:
         write_npz(temporary, {**kept, "indices": starts, "infos": infos})
+
+
+FORMAT = Format(name="imitation", claims=claims, read=read, keep=keep_by_own_ids(keep))

@@ -7,12 +7,13 @@ from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import PurePosixPath
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from rpil.data.arrays import Id
+from rpil.data.errors import DataError
 from rpil.data.folders import check_inside
 from rpil.data.guard import guarded
-from rpil.data.json_files import LARGEST_METADATA, LARGEST_TABLE, parse, parse_lines
+from rpil.data.json_files import LARGEST_METADATA, LARGEST_TABLE, Parsed, parse, parse_lines
 from rpil.data.names import quoted
 from rpil.formats.columns import SPLITS
 from rpil.formats.parquet_pages import check_table
@@ -22,6 +23,7 @@ if TYPE_CHECKING:
 
 
 _SIZES = "total_episodes", "total_frames"
+_PLACE = re.compile(r"\{(\w+)(?::(0\dd))?\}")
 _BAD_SPLIT = re.compile(r"drop.*|bad|fail.*|exclu.*|reject.*|discard.*")
 _GOOD_SPLIT = re.compile(r"keep|kept|good|success.*|accept.*|curated")
 
@@ -35,6 +37,8 @@ class Metadata:
     names: Mapping[str, tuple[str, ...]] = field(default_factory=dict)  # of the numbers in a column of lists
     tasks: Mapping[str, str] = field(default_factory=dict)  # by task_index, as text
     videos: tuple[str, ...] = ()  # observations that lie beside the table
+    n_cameras: int = 0  # of videos and of images
+    strays: tuple[str, ...] = ()  # data files that ``meta`` does not list
     sizes: Mapping[str, float] = field(default_factory=dict)  # declared numbers of demonstrations and steps
     lengths: Mapping[Id, int] = field(default_factory=dict)  # declared steps of each demonstration
     unusable: tuple[str, ...] = ()  # what ``meta`` says and cannot be used
@@ -51,7 +55,11 @@ class Metadata:
         """What ``meta`` says otherwise than the data, or cannot be used of it, in sentences."""
         found = {"total_episodes": (n_demonstrations, "demonstrations"), "total_frames": (n_steps, "steps")}
         unusable = f"Left out of meta, because it cannot be used: {', '.join(self.unusable)}."
-        return (unusable,) * bool(self.unusable) + tuple(
+        n, were, them = self.n_cameras, *(("s were", "them") if self.n_cameras > 1 else (" was", "it"))
+        unseen = f"{n} camera{were} not used: where the object lies may be in {them} alone."
+        strays = f"Left out, because meta does not list them: {quoted(self.strays, 5)}."
+        said = (unusable, bool(self.unusable)), (strays, bool(self.strays)), (unseen, n > 0)
+        return tuple(text for text, holds in said if holds) + tuple(
             f"meta/info.json says {name} = {self.sizes[name]}, but the data hold {n:,} {what}; the data are believed."
             for name, (n, what) in found.items()
             if self.sizes.get(name, n) != n
@@ -64,7 +72,7 @@ def format_name(metadata: Metadata, n_files: int) -> str:
     return name if n_files == 1 else f"{name}, {n_files:,} files"
 
 
-def read_info(text: str | bytes, folder: str) -> dict[str, Any]:
+def read_info(text: str | bytes, folder: str) -> dict[str, Parsed]:
     """The content of ``meta/info.json`` in a `folder`; a `DataError` that names the file, if it is damaged."""
     where = f"{folder}/meta/info.json", "it does not describe a data set", "write it again, or move it away"
     with guarded(*where):
@@ -72,6 +80,29 @@ def read_info(text: str | bytes, folder: str) -> dict[str, Any]:
         if isinstance(info, dict):
             return info
         raise TypeError("no object")
+
+
+def choose_files(filesystem: fs.FileSystem, where: str, place: str, files: list[str]) -> list[str]:
+    """The data among the Parquet `files` in the folder `place`, which may be LeRobot's ``data``, without strays.
+
+    A `DataError` that names `where` if ``meta`` is there and the data are not.
+    """
+    top = PurePosixPath(place)
+    meta = (top.parent if top.name == "data" else top) / "meta"
+    try:
+        info = read_info(_read_start(filesystem, meta / "info.json"), meta.parent.name)
+        lengths = _lengths(filesystem, meta)
+    except (FileNotFoundError, DataError):  # the reader names what is damaged, after the data
+        return files
+    own = [file for file in files if meta not in PurePosixPath(file).parents]
+    if not own and "codebase_version" in info:
+        n = str(info.get("total_episodes", "?"))[:20]
+        raise DataError(
+            f"{where}: meta/info.json describes a data set of LeRobot of {n} episodes, and no Parquet file is in data; "
+            "download it again, or record some."
+        )
+    by_place = {str(PurePosixPath(file).relative_to(meta.parent)): file for file in own}
+    return [by_place[file] for file in listed_files(info, lengths, list(by_place))]
 
 
 def read_metadata(filesystem: fs.FileSystem, paths: Sequence[str]) -> Metadata:
@@ -96,7 +127,8 @@ def read_metadata(filesystem: fs.FileSystem, paths: Sequence[str]) -> Metadata:
     except FileNotFoundError:
         return Metadata()
     info, unusable = read_info(text, data.parent.name), []
-    fps = _frame_rate(info.get("fps"))
+    info |= {name: _number(info[name]) for name in ("fps", *_SIZES) if name in info}
+    fps = frame_rate(info.get("fps"))
     if fps != info.get("fps"):
         unusable.append(f"fps = {str(info['fps'])[:40]!r}")
     given = info.get("features", {})
@@ -106,6 +138,8 @@ def read_metadata(filesystem: fs.FileSystem, paths: Sequence[str]) -> Metadata:
         unusable.append(f"features {quoted(wrong, 5)}" if wrong else "features")
     sizes: dict[str, float] = {name: info[name] for name in _SIZES if _is_size(info.get(name))}
     unusable += [name for name in _SIZES if name in info and name not in sizes]
+    lengths = _lengths(filesystem, meta)
+    strays, are_all = _strays(filesystem, data, info, lengths, paths)
     tasks = _tasks(filesystem, meta)
     if tasks is None:
         unusable.append("tasks")
@@ -114,9 +148,11 @@ def read_metadata(filesystem: fs.FileSystem, paths: Sequence[str]) -> Metadata:
         fps=fps,
         names={name: parts for name, feature in features.items() if (parts := _part_names(feature))},
         tasks=tasks or {},
-        videos=tuple(name for name, feature in features.items() if feature.get("dtype") == "video"),
+        videos=cameras(info, "video"),
+        n_cameras=len(cameras(info, "video", "image")),
+        strays=strays,
         sizes=sizes,
-        lengths=_lengths(filesystem, meta) if _are_all(filesystem, data, paths) else {},
+        lengths=lengths if are_all else {},
         unusable=tuple(unusable),
         splits=_splits(info.get("splits")),
     )
@@ -154,20 +190,63 @@ def _is_size(value: object) -> bool:
     return isinstance(value, int | float) and not isinstance(value, bool) and 0 <= value < 1e15
 
 
-def _frame_rate(value: object) -> float | None:
+def frame_rate(value: object) -> float | None:
     """Frames a second; None where it is no number above 0."""
     if not isinstance(value, int | float) or isinstance(value, bool):
         return None
     return float(value) if 0 < value < 1e9 else None
 
 
-def _are_all(filesystem: fs.FileSystem, data: PurePosixPath, paths: Sequence[str]) -> bool:
-    """Whether `paths` are all the files of the folder `data`."""
+def _strays(
+    filesystem: fs.FileSystem,
+    data: PurePosixPath,
+    info: Mapping[str, Parsed],
+    lengths: Mapping[Id, int],
+    paths: Sequence[str],
+) -> tuple[tuple[str, ...], bool]:
+    """The data files that are not among `paths` nor listed by ``meta``, and whether `paths` are all the others."""
     from pyarrow import fs
 
     infos = filesystem.get_file_info(fs.FileSelector(str(data), recursive=True))
-    names = (PurePosixPath(info.path).name for info in infos)
-    return len(paths) == sum(name.endswith(".parquet") and not name.startswith((".", "_")) for name in names)
+    places = (PurePosixPath(info.path).relative_to(data.parent) for info in infos)
+    present = [str(file) for file in places if file.suffix == ".parquet" and not file.name.startswith((".", "_"))]
+    others = set(present) - {str(PurePosixPath(path).relative_to(data.parent)) for path in paths}
+    strays = others - set(listed_files(info, lengths, present))
+    return tuple(sorted(strays)), others == strays
+
+
+def _number(value: Parsed) -> Parsed:
+    """The number that a text says; any other value as it is."""
+    with suppress(ValueError, TypeError):
+        return float(value) if isinstance(value, str) else value
+    return value
+
+
+def fill(template: str, **values: object) -> str:
+    """A path of ``info.json``, as data/chunk-{chunk_index:03d}, with these `values` in it."""
+    return _PLACE.sub(lambda found: format(values[found[1]], found[2] or ""), template)
+
+
+def cameras(info: Mapping[str, Parsed], *kinds: str) -> tuple[str, ...]:
+    """The features of these kinds, "video" or "image", that ``info.json`` names."""
+    features = info.get("features")
+    features = features if isinstance(features, dict) else {}
+    return tuple(name for name, of in features.items() if isinstance(of, dict) and of.get("dtype") in kinds)
+
+
+def listed_files(info: Mapping[str, Parsed], lengths: Mapping[Id, int], present: Sequence[str]) -> list[str]:
+    """Those of the data files `present` that ``meta`` lists; all where it does not say, or lists none of them.
+
+    Before version 3 each episode has a file, so that files of episodes which ``meta`` does not name are strays.
+    """
+    template, size = info.get("data_path"), _number(info.get("chunks_size", 1000))
+    if not isinstance(template, str) or "episode_index" not in template or not _is_size(size) or not size:
+        return list(present)
+    with suppress(KeyError, ValueError):
+        chunks = {m: int(m) // int(size) for m in lengths}
+        names = {fill(template, episode_index=m, episode_chunk=c, chunk_index=c) for m, c in chunks.items()}
+        return [place for place in present if place in names] or list(present)
+    return list(present)
 
 
 def _lengths(filesystem: fs.FileSystem, meta: PurePosixPath) -> dict[Id, int]:
@@ -193,6 +272,8 @@ def _part_names(feature: Mapping[str, object]) -> tuple[str, ...]:
     names = feature.get("names")
     if isinstance(names, dict):  # version 2 has {"motors": [...]}
         names = next(iter(names.values()), None)
+    if isinstance(names, list) and len(names) == 1 and isinstance(names[0], list):  # of Unitree's converter
+        names = names[0]
     return tuple(map(str, names)) if isinstance(names, list) and feature.get("shape") == [len(names)] else ()
 
 

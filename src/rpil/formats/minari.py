@@ -21,6 +21,7 @@ from rpil.formats import hdf5
 from rpil.formats.arrow import end_to_end, from_arrow, read_ipc
 from rpil.formats.columns import ColumnOptions
 from rpil.formats.description import listed
+from rpil.formats.format import Format, keep_by_own_ids
 from rpil.formats.parquet_pages import check_table
 from rpil.formats.parts import MAX_MATRIX, NUMBERED, Part, from_parts, without_steps
 from rpil.formats.recording import Recording
@@ -39,7 +40,7 @@ _Leaf = tuple[tuple[str, ...], "pa.DataType"]
 _FOLDERS = ("arrow", "parquet")
 
 
-def is_mine(path: Path) -> bool:
+def claims(path: Path) -> bool:
     """Whether this is the folder of a data set, its ``data``, or the HDF5 file in it."""
     return _find(path) is not None
 
@@ -229,3 +230,6 @@ def _copy_folders(data: Path, new: Path, ids: Sequence[Id], source: str) -> list
         with _opened(folders[i], _json(data / _METADATA)["data_format"], source) as stored:
             lengths.append(_n_steps(folders[i], stored.count_rows()))
     return lengths
+
+
+FORMAT = Format(name="Minari", claims=claims, read=read, keep=keep_by_own_ids(keep))

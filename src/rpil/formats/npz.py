@@ -3,29 +3,31 @@
 from __future__ import annotations
 
 import zipfile
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence, Set
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
-from rpil.data.arrays import are_whole, group_rows
+from rpil.data.arrays import group_rows
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
-from rpil.data.facts import Facts
 from rpil.data.files import replacing
 from rpil.data.guard import guarded
 from rpil.data.names import ACTION, EPISODE, TIMESTAMP, may_be_outcome, quoted
 from rpil.data.npy import ARRAY, declared, read_arrays, write_npz
 from rpil.formats.columns import ColumnOptions, Columns, as_list
-from rpil.formats.description import outcome_options
-from rpil.formats.recording import Recording
-from rpil.formats.table_facts import Origin, fact_columns, find_facts
-from rpil.formats.times import Times
+from rpil.formats.format import Format, keep_one_file
+from rpil.formats.recording import Recording, from_demonstrations
 from rpil.numerics.types import Array
 
 SPELLINGS = ("observations", "observation"), ACTION[::-1], ("episode_ids", *EPISODE)
 _OPTIONAL = "observation_names"
+
+
+def claims(path: Path) -> bool:
+    """Whether `path` is a file that ends in .npz."""
+    return path.is_file() and path.suffix.lower() == ".npz"
 
 
 def read(path: Path, options: ColumnOptions) -> Recording:
@@ -48,22 +50,13 @@ def read(path: Path, options: ColumnOptions) -> Recording:
         action_kind=options.action_kind,
     )
     ignored = dict.fromkeys((name for name in found if name not in arrays), "no array of demonstrations")
-    recording = Recording.of(demonstrations, "NPZ", ignored | dict.fromkeys(columns.facts, "session or outcome"))
-    recording = replace(
-        recording,
-        description=replace(recording.description, outcomes=outcome_options(columns.outcomes)),
-        read_facts=lambda: _facts(arrays, replace(columns, times=(clock,) if clock else ()), demonstrations),
-    )
-    times = next(
-        (Times(_in_order(arrays[name], steps).astype(np.float64)) for name in TIMESTAMP if name in arrays), Times()
-    )
-    recording = replace(recording, times=lambda: times)
-    if options.operator is None:
-        return recording
-    if options.operator not in arrays:
+    columns = replace(columns, ignored=ignored | dict.fromkeys(columns.facts, "session or outcome"))
+    if options.operator and options.operator not in arrays:
         raise DataError(f"{source}: it holds no {options.operator!r}; name one of {quoted(found)}.")
-    pairs = _pairs(arrays[options.operator], steps, demonstrations.ids, f"{source}: {options.operator!r}")
-    return replace(recording, operators=pairs)
+    columns = replace(columns, operator=options.operator, times=(clock,) if clock else ())
+    others = dict.fromkeys([*columns.times, *columns.facts, *([options.operator] if options.operator else [])])
+    per_step = {name: _per_step(arrays[name], name, steps, demonstrations) for name in others}
+    return from_demonstrations(demonstrations, "NPZ", columns, per_step)
 
 
 def _find_arrays(found: Iterable[str], options: ColumnOptions, source: str) -> list[str]:
@@ -98,20 +91,14 @@ def _fact_columns(found: Iterable[str], wanted: Sequence[str], options: ColumnOp
     return columns
 
 
-def _facts(arrays: Mapping[str, Array], columns: Columns, demonstrations: Demonstrations) -> Facts:
-    """The facts from arrays of one value for each step, or for each demonstration."""
-    import pyarrow as pa
-
-    d, table = demonstrations, {}
-    for name in fact_columns(columns):
-        values = arrays[name]
-        if values.ndim != 1 or len(values) not in (d.n_steps, len(d)):
-            raise DataError(
-                f"{d.source}: {name!r} has the shape {values.shape}; give one value for each step or demonstration."
-            )
-        per_step = len(values) == d.n_steps
-        table[name] = _in_order(values, arrays[columns.episode]) if per_step else np.repeat(values, d.lengths)
-    return find_facts(pa.table(table), columns, d.offsets, d.ids, Origin(d.source, [d.source] * len(d)))
+def _per_step(values: Array, name: str, steps: Array, demonstrations: Demonstrations) -> Array:
+    """Values of steps, or of demonstrations, as one for each step, in the order of the demonstrations."""
+    d = demonstrations
+    if values.ndim != 1 or len(values) not in (d.n_steps, len(d)):
+        raise DataError(
+            f"{d.source}: {name!r} has the shape {values.shape}; give one value for each step or demonstration."
+        )
+    return _in_order(values, steps) if len(values) == d.n_steps else np.repeat(values, d.lengths)
 
 
 def _timestamps(stored: zipfile.ZipFile, found: Mapping[str, str], steps: str) -> str | None:
@@ -132,17 +119,6 @@ def _in_order(values: Array, steps: Array) -> Array:
     return np.asarray(values if rows is None else values[rows])
 
 
-def _pairs(who: Array, steps: Array, ids: Sequence[object], what: str) -> list[tuple[str, object]]:
-    """The different pairs of id, as text, and operator; `who` has one for each step, or for each demonstration."""
-    if who.ndim != 1 or len(who) not in (len(steps), len(ids)):
-        raise DataError(f"{what} has the shape {who.shape}; give one for each step or demonstration.")
-    if who.dtype.kind == "f" and are_whole(who):
-        who = who.astype(np.int64)
-    keys = steps.astype(np.int64) if steps.dtype.kind == "f" else steps
-    owners = (keys if len(who) == len(keys) else np.array(ids)).tolist()
-    return list(dict.fromkeys(zip(map(str, owners), who.tolist(), strict=True)))
-
-
 def write(path: Path, demonstrations: Demonstrations, truth: Mapping[str, Array]) -> None:
     """Write the arrays that `read` reads, and each `truth` (M,) under its own name."""
     arrays = {
@@ -153,3 +129,28 @@ def write(path: Path, demonstrations: Demonstrations, truth: Mapping[str, Array]
     }
     with replacing(path) as temporary:
         write_npz(temporary, {**truth, **arrays})
+
+
+def _keep_arrays(path: Path, output: Path, ids: Set[str], options: ColumnOptions) -> set[str]:
+    """Write the arrays of an NPZ file with the rows, or the values, of the demonstrations `ids`; return the ids found.
+
+    An array with one value for each step or demonstration is cut, any other is written whole; what is no array is not.
+    """
+    order = [str(name) for name in read(path, options).demonstrations.ids]
+    with zipfile.ZipFile(path) as stored:
+        members = [name for name in stored.namelist() if name.endswith(ARRAY)]
+        values = read_arrays(stored, members, path.name)
+    arrays = dict(zip((name.removesuffix(ARRAY) for name in members), values, strict=True))
+    column = next(name for name in as_list(options.id or ()) or SPELLINGS[-1] if name in arrays)
+    owners = arrays[column]
+    owners = owners.astype(np.int64) if owners.dtype.kind == "f" else owners
+    steps = np.array([str(name) in ids for name in owners.tolist()])
+    demonstrations = np.array([name in ids for name in order])
+    for name, array in arrays.items():
+        mask = next((m for m in (steps, demonstrations) if array.ndim and len(array) == len(m)), None)
+        arrays[name] = array if mask is None or name == "observation_names" else array[mask]
+    write_npz(output, arrays)
+    return {*order} & ids
+
+
+FORMAT = Format(name="NPZ", claims=claims, read=read, keep=keep_one_file(_keep_arrays), suffixes=(".npz",), write=write)

@@ -2,27 +2,42 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence, Set
+from dataclasses import replace
 from itertools import chain
-from pathlib import Path, PurePosixPath
+from pathlib import Path
 from typing import TYPE_CHECKING
+
+import numpy as np
 
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.files import replacing
 from rpil.data.memory import check_memory
 from rpil.formats import table as flat
-from rpil.formats.columns import ColumnOptions, Columns
-from rpil.formats.lerobot import format_name, read_metadata
-from rpil.formats.parquet_pages import check_pages
-from rpil.formats.recording import Recording, from_table
-from rpil.formats.store import check_columns, columns_of_file, opened
+from rpil.formats.columns import ColumnOptions
+from rpil.formats.format import Format, keep_one_file
+from rpil.formats.lerobot import format_name
+from rpil.formats.recording import Recording, from_scan, from_table
+from rpil.formats.rows import BATCH_ROWS
+from rpil.formats.scan import scan
+from rpil.formats.spool import is_on_disk
+from rpil.formats.store import columns_of_file, open_rows, opened
 from rpil.formats.table import refuse_id_in_two_files
-from rpil.formats.table_facts import file_names
+from rpil.formats.table_facts import Origin, file_names
 from rpil.numerics.types import Array
 
 if TYPE_CHECKING:
     import pyarrow as pa
     from pyarrow import fs
+
+_NESTED_ROWS = 1000  # read at a time where there are images
+
+Change = Callable[["pa.Table"], "pa.Table"]
+
+
+def claims(path: Path) -> bool:
+    """Whether `path` is a file that ends in .parquet."""
+    return path.is_file() and path.suffix.lower() == ".parquet"
 
 
 def read(path: Path, options: ColumnOptions) -> Recording:
@@ -32,26 +47,30 @@ def read(path: Path, options: ColumnOptions) -> Recording:
     return read_files(fs.LocalFileSystem(), [str(path.absolute())], options, path.name)
 
 
-def read_files(filesystem: fs.FileSystem, paths: Sequence[str], options: ColumnOptions, source: str) -> Recording:
-    """Read files with the same columns into memory."""
+def read_files(
+    filesystem: fs.FileSystem,
+    paths: Sequence[str],
+    options: ColumnOptions,
+    source: str,
+    batch_rows: int = BATCH_ROWS,
+) -> Recording:
+    """Read files with the same columns into memory; within `rpil.formats.spool.on_disk` they stay where they are."""
     import pyarrow as pa
 
-    names = [PurePosixPath(path).name for path in paths]
-    columns: Columns | None = None
-    tables, n_bytes = [], 0
-    for path, name in zip(paths, names, strict=True):
-        with opened(filesystem, path) as file:
-            columns = columns or columns_of_file(filesystem, path, file, options)
-            check_columns(file, columns, name, names[0])
-            n_bytes += check_pages(filesystem, path, file, columns.all)
-            check_memory(n_bytes, source)
-            tables.append(file.read(columns=columns.all))
-            tables[-1].validate(full=True)  # text from a damaged file need not be Unicode
-    assert columns is not None
-    refuse_id_in_two_files([table[columns.episode] for table in tables], names, source)
-    metadata = read_metadata(filesystem, paths)
-    table = pa.concat_tables(tables, promote_options="permissive")
-    files = dict(zip(file_names(paths), map(len, tables), strict=True))
+    rows, columns, layout, metadata = open_rows(filesystem, paths, options)
+    if is_on_disk():
+        rows = replace(rows, batch_rows=batch_rows)
+        found, origin = scan(rows, layout, columns, source), Origin(source, metadata=metadata)
+        return from_scan(rows, columns, found, origin, format_name(metadata, len(paths)))
+    check_memory(rows.n_bytes, source)
+    tables: dict[str, list[pa.Table]] = {name: [] for name in file_names(paths)}
+    for row, table, _ in rows.tables(0, rows.runs[-1][1], columns.all):
+        table.validate(full=True)  # text from a damaged file need not be Unicode
+        tables[rows.files(np.array([row]))[0]].append(table)
+    whole = {name: pa.concat_tables(found, promote_options="permissive") for name, found in tables.items() if found}
+    refuse_id_in_two_files([table[columns.episode] for table in whole.values()], list(whole), source)
+    table = pa.concat_tables(whole.values(), promote_options="permissive")
+    files = {name: len(found) for name, found in whole.items()}
     return from_table(table, columns, source, format_name(metadata, len(paths)), metadata, files=files)
 
 
@@ -74,3 +93,48 @@ def write_tables(path: Path, tables: Iterator[pa.Table]) -> None:
     ):
         for table in chain([first], tables):
             writer.write_table(table)
+
+
+def keep_rows(
+    path: Path, output: Path, ids: Set[str], options: ColumnOptions, change: Change = lambda table: table
+) -> set[str]:
+    """Write the rows of the demonstrations `ids` of a Parquet file, after a `change`; return the ids found."""
+    import pyarrow.parquet as pq
+
+    found: set[str] = set()
+    tables = _kept_tables(path, ids, options, found)
+    schema = next(tables).schema
+    with pq.ParquetWriter(output, schema) as writer:  # whose errors must not be taken for those of the file
+        for table in tables:
+            writer.write_table(change(table).cast(schema))
+    return found
+
+
+def _kept_tables(path: Path, ids: Set[str], options: ColumnOptions, found: set[str]) -> Iterator[pa.Table]:
+    """An empty table of a Parquet file's columns, and then its rows of the demonstrations `ids`, which `found` gets."""
+    import pyarrow as pa
+    from pyarrow import fs
+
+    filesystem = fs.LocalFileSystem()
+    with opened(filesystem, str(path)) as file:
+        schema = file.schema.to_arrow_schema()
+        nested = any(flat.kind_of_type(field.type) == "nested" for field in schema)
+        column = columns_of_file(filesystem, str(path), file, options).episode
+        yield schema.empty_table()
+        for batch in file.iter_batches(_NESTED_ROWS if nested else BATCH_ROWS):
+            rows = pa.Table.from_batches([batch])
+            names, codes = flat.id_codes(rows, column, lambda _: path.name)
+            kept = np.array([str(name) in ids for name in names])
+            found |= {str(name) for name in names} & ids
+            if kept.any():
+                yield rows.filter(pa.array(kept[codes]))
+
+
+FORMAT = Format(
+    name="Parquet",
+    claims=claims,
+    read=read,
+    keep=keep_one_file(keep_rows),
+    suffixes=(".parquet",),
+    write=write,
+)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
@@ -19,7 +19,9 @@ from rpil.formats.column_search import find_columns
 from rpil.formats.columns import ColumnOptions, Kind
 from rpil.formats.description import listed
 from rpil.formats.lerobot import Metadata
-from rpil.formats.recording import Recording, from_table
+from rpil.formats.recording import Recording, from_batches
+from rpil.formats.rows import BATCH_ROWS
+from rpil.formats.spool import is_on_disk
 from rpil.numerics.types import Array
 
 if TYPE_CHECKING:
@@ -85,6 +87,15 @@ class Part:
         return bool(shape) and shape[0] - self.n_steps in (0, 1) and math.prod(shape[1:]) > 0
 
 
+@dataclass(frozen=True)
+class Piece:
+    """The steps ``first:last`` of a part."""
+
+    part: Part
+    first: int
+    last: int
+
+
 def from_parts(
     parts: Sequence[Part],
     id_column: str,
@@ -110,12 +121,16 @@ def from_parts(
     for part in parts:
         _check(part, parts[0], columns.all, _place(part, id_column, source))
     _check_size(parts, columns.all, source)
-    table = pa.table({name: _column(parts, name, source) for name in columns.all})
+    types = {name: _type_of_all(parts, name) for name in columns.all}
+    batches = _batches(parts, BATCH_ROWS if is_on_disk() else sum(part.n_steps for part in parts))
+    tables = (
+        pa.table({name: _column(pieces, name, source, dtype) for name, dtype in types.items()}) for pieces in batches
+    )
     longer = [name for name in columns.all if any(_rows(part, name) > part.n_steps for part in parts)]
     if longer:
         notes = (*notes, f"The last value of {listed(longer)}, which comes after the last action, is left out.")
     notes = (*notes, *without_steps(empty))
-    return from_table(table, columns, source, format_name, metadata, notes)
+    return from_batches(tables, columns, source, format_name, metadata, notes)
 
 
 def without_steps(ids: Sequence[object]) -> tuple[str, ...]:
@@ -178,7 +193,7 @@ def _check_size(parts: Sequence[Part], names: Sequence[str], source: str) -> Non
     """A `DataError` where the arrays `names` would not fit in memory, or are not stored whole, before any is read."""
     arrays = [part.arrays[name] for part in parts for name in names if name in part.arrays]
     n_bytes = sum(max(BYTES_PER_NUMBER, array.dtype.itemsize) * math.prod(array.shape) for array in arrays)
-    check_memory(n_bytes + _chunk_bytes(arrays), source)
+    check_memory((0 if is_on_disk() else n_bytes) + _chunk_bytes(arrays), source)
     for array in arrays:
         if isinstance(array, Checked):
             array.check()
@@ -190,36 +205,60 @@ def _chunk_bytes(arrays: Sequence[Stored]) -> int:
     return max((math.prod(shape) * size for shape, size in chunks), default=0)
 
 
-def _column(parts: Sequence[Part], name: str, source: str) -> pa.Array:
-    """One column of all steps, lists of numbers where it has several a step."""
+def _batches(parts: Sequence[Part], size: int) -> Iterator[list[Piece]]:
+    """Pieces of parts in their order, `size` steps together."""
+    batch: list[Piece] = []
+    room = size
+    for part in parts:
+        first = 0
+        while first < part.n_steps:
+            last = min(part.n_steps, first + room)
+            batch.append(Piece(part, first, last))
+            first, room = last, room - (last - first)
+            if not room:
+                yield batch
+                batch, room = [], size
+    if batch:
+        yield batch
+
+
+def _type_of_all(parts: Sequence[Part], name: str) -> np.dtype[np.generic] | None:
+    """The type that holds a column of all parts; None for texts, and for what is said of a part as a whole."""
+    if name not in parts[0].arrays or parts[0].arrays[name].dtype.kind in "SUT":
+        return None
+    return np.result_type(*{_native_type(part.arrays[name].dtype) for part in parts})
+
+
+def _column(pieces: Sequence[Piece], name: str, source: str, dtype: np.dtype[np.generic] | None) -> pa.Array:
+    """One column of some steps, lists of numbers where it has several a step."""
     import pyarrow as pa
 
-    if name not in parts[0].arrays:
-        return pa.concat_arrays([pa.repeat(part.about[name], part.n_steps) for part in parts])
-    arrays = [part.arrays[name] for part in parts]
-    if arrays[0].dtype.kind in "SUT":
-        return pa.concat_arrays(_texts(parts, name, source))
-    dtype = np.result_type(*{_native_type(array.dtype) for array in arrays})
-    values = np.empty((sum(part.n_steps for part in parts), *arrays[0].shape[1:]), dtype)
+    if name not in pieces[0].part.arrays:
+        return pa.concat_arrays([pa.repeat(piece.part.about[name], piece.last - piece.first) for piece in pieces])
+    if dtype is None:
+        return pa.concat_arrays(_texts(pieces, name, source))
+    shape = pieces[0].part.arrays[name].shape[1:]
+    values = np.empty((sum(piece.last - piece.first for piece in pieces), *shape), dtype)
     row = 0
-    for array, part in zip(arrays, parts, strict=True):
-        values[row : row + part.n_steps] = array[: part.n_steps]
-        row += part.n_steps
+    for piece in pieces:
+        after = row + piece.last - piece.first
+        values[row:after] = piece.part.arrays[name][piece.first : piece.last]
+        row = after
     column = pa.array(values.reshape(-1))
-    return column if values.ndim == 1 else pa.FixedSizeListArray.from_arrays(column, math.prod(values.shape[1:]))
+    return column if values.ndim == 1 else pa.FixedSizeListArray.from_arrays(column, math.prod(shape))
 
 
-def _texts(parts: Sequence[Part], name: str, source: str) -> list[pa.Array]:
+def _texts(pieces: Sequence[Piece], name: str, source: str) -> list[pa.Array]:
     """The texts of a column, some steps at a time: how long they are is known only when they are read."""
     import pyarrow as pa
 
     found, n_bytes = [pa.array([], pa.string())], 0
-    for part in parts:
-        array = part.arrays[name]
+    for piece in pieces:
+        array = piece.part.arrays[name]
         size = (getattr(array, "chunks", None) or (1,))[0]
         step = max(_TEXTS_AT_ONCE // size, 1) * size
-        for first in range(0, part.n_steps, step):
-            values = np.asarray(array[first : min(first + step, part.n_steps)]).tolist()
+        for first in range(piece.first, piece.last, step):
+            values = np.asarray(array[first : min(first + step, piece.last)]).tolist()
             found.append(pa.array([_text(value, name, source) for value in values], pa.string()))
             n_bytes += found[-1].nbytes
             check_memory(_COPIES_OF_TEXTS * n_bytes, source)

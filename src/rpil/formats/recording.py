@@ -2,38 +2,39 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cache, cached_property
 from pathlib import PurePosixPath
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rpil.data.arrays import action_kind, check_any, group_rows, number_reason
+from rpil.data.arrays import Id, check_any, group_rows
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
 from rpil.data.facts import Facts
+from rpil.data.files import StrPath
 from rpil.data.guard import guarded
+from rpil.data.missing import are_allowed
 from rpil.formats import table as flat
-from rpil.formats.columns import Columns
+from rpil.formats.columns import ColumnOptions, Columns
 from rpil.formats.dataset import Dataset
 from rpil.formats.description import Description, listed, outcome_options
+from rpil.formats.layout import Layout
 from rpil.formats.lerobot import Metadata
 from rpil.formats.order import Order, check_one_id, find_order
-from rpil.formats.table_facts import (
-    Origin,
-    different,
-    fact_columns,
-    find_facts,
-    pairs_of,
-    tasks_of,
-)
-from rpil.formats.times import Clock, Times, find_clock
-from rpil.numerics.types import Array
+from rpil.formats.rows import Rows, TableRows
+from rpil.formats.scan import Places, Scan, scan
+from rpil.formats.spool import is_on_disk, spool
+from rpil.formats.store import copied_rows
+from rpil.formats.table_facts import Origin, different, fact_columns, find_facts, tasks_of
+from rpil.formats.times import Clock, Times, clock_columns, find_clock
 
 if TYPE_CHECKING:
     import pyarrow as pa
+
+    from rpil.numerics.types import Array
 
 StepColumns = Callable[[slice], "pa.Table | None"]
 """The columns of some steps by which a file itself numbers its rows, if it does."""
@@ -58,6 +59,10 @@ class Recording:
         Reads what the file says of its own times and lengths.
     read_facts : function
         Reads what the file says of order, sessions and outcomes.
+    options : ColumnOptions
+        Those with which it was opened.
+    write_some : function of ids and a path, optional
+        Writes some of the demonstrations to a new file of the same format; None where no file was opened.
     """
 
     description: Description
@@ -67,6 +72,18 @@ class Recording:
     tasks: Mapping[str, str] = field(default_factory=dict)
     times: Callable[[], Times] = Times
     read_facts: Callable[[], Facts] = Facts
+    options: ColumnOptions = ColumnOptions()
+    write_some: Callable[[Sequence[Id], StrPath], None] | None = None
+
+    def describe(self) -> Description:
+        """Counts, columns and their roles, as ``rpil info`` prints them."""
+        return self.description
+
+    def keep(self, ids: Sequence[Id], output: StrPath) -> None:
+        """Write some demonstrations to a new file or folder of the same format; see `rpil.formats.keep`."""
+        if self.write_some is None:
+            raise DataError(f"{self.description.source}: it was not opened from a file; write it with rpil.write.")
+        self.write_some(ids, output)
 
     @cached_property
     def facts(self) -> Facts:
@@ -87,28 +104,6 @@ class Recording:
     def with_ignored(self, names: Mapping[str, str]) -> Recording:
         """The same, where parts of the file that are no columns are not read for the reasons in `names`."""
         return replace(self, description=replace(self.description, ignored={**self.description.ignored, **names}))
-
-    @classmethod
-    def of(cls, demonstrations: Demonstrations, name: str, ignored: Mapping[str, str] | None = None) -> Recording:
-        """Of demonstrations in memory, from a format called `name` that has no table of columns."""
-        d = demonstrations
-        n_parts = 0 if d.is_discrete else d.actions.shape[1]
-        actions = tuple(f"action.{a}" for a in range(n_parts)) or ("action",)
-        description = Description(
-            source=d.source,
-            format=name,
-            demonstrations=len(d),
-            steps=d.n_steps,
-            observations=d.observation_names,
-            actions=actions,
-            action_kind=d.action_kind,
-            action_reason=number_reason(n_parts) if n_parts else action_kind(d.actions, d.source, "auto")[1],
-            id_column="episode_ids",
-            ignored=ignored or {},
-            ranges=_ranges(d.observation_names, d.observations) | (_ranges(actions, d.actions) if n_parts else {}),
-            notes=_constant_note(constant_parts(d.observation_names, d.observations, d.offsets)),
-        )
-        return cls(description, lambda: demonstrations)
 
 
 def from_table(
@@ -132,128 +127,146 @@ def from_table(
 
     order = find_order(table, columns, group, at)
     check_one_id(table, columns, group, order, at)
-    chosen, offsets, rows = group_rows(group, order.values)
-    ids = tuple(names[g] for g in chosen.tolist())
-
-    def load() -> Demonstrations:
-        actions, action_names = _actions(table, columns, at, metadata.names)
-        observations, parts = flat.stack_columns(table, columns.observations, at, metadata.names)
-        if rows is not None:
-            observations, actions = observations[rows], actions[rows]
-        return Demonstrations(observations, actions, offsets, ids, parts, source, columns.action_kind, action_names)
-
-    numbers = _numbers_of_rows(table, own_numbers(columns, order), rows)
-    clock = find_clock(table, columns, rows, offsets)
-    described = _describe(table, columns, order, rows, offsets, metadata, clock)
-    all_notes = (*described.notes, *notes, *metadata.notes(len(ids), len(table)))
-    description = replace(described, source=source, format=format_name, notes=all_notes)
-    operators, tasks = (pairs_of(table, name, names, group) for name in (columns.operator, columns.task))
-    description = replace(description, operators=different(operators), tasks=different(tasks, metadata.tasks))
-    times = times_of(clock, metadata)
-    own = table.select(fact_columns(columns))
-
-    def read_facts() -> Facts:
-        firsts = offsets[:-1] if rows is None else rows[offsets[:-1]]
-        origin = Origin(source, files_of(firsts, files or {}), metadata)
-        return find_facts(own if rows is None else own.take(rows), columns, offsets, ids, origin)
-
-    return Recording(description, load, numbers, operators, tasks_of(tasks, metadata), lambda: times, read_facts)
+    chosen, offsets, place = group_rows(group, order.values)
+    places = Places(tuple(names[g] for g in chosen.tolist()), offsets, order)
+    rows = TableRows(table, source, place, files or {})
+    found = scan(rows, Layout.of(table, columns, metadata.names), columns, source, places)
+    return from_scan(rows, columns, found, Origin(source, metadata=metadata), format_name, notes)
 
 
-def files_of(firsts: Array, files: Mapping[str, int]) -> list[str]:
-    """The file of each demonstration by its first row in a table, which has so many rows of each of the `files`."""
-    names, ends = list(files), np.cumsum(list(files.values()))
-    return [names[k] for k in np.searchsorted(ends, firsts, side="right").tolist()] if names else []
-
-
-def times_of(clock: Clock | None, metadata: Metadata) -> Times:
-    return Times(None if clock is None else clock.timestamps, metadata.fps, metadata.lengths)
-
-
-def own_numbers(columns: Columns, order: Order) -> list[str]:
-    return list(dict.fromkeys([*columns.index, *([order.column] if order.column else [])]))
-
-
-def _actions(
-    table: pa.Table, columns: Columns, at: flat.Place, joints: Mapping[str, Sequence[str]]
-) -> tuple[Array, tuple[str, ...]]:
-    """Actions, and names of their parts."""
-    if not columns.one_action:
-        return flat.stack_columns(table, columns.actions, at, joints)
-    actions = flat.column_values(table, columns.actions[0], at)
-    names = flat.part_names({columns.actions[0]: actions[:1].size}, joints)
-    several = actions.ndim == 2 and actions.shape[1] > 1
-    return actions.astype(np.result_type(actions, np.float32), copy=False) if several else actions, names
-
-
-def _numbers_of_rows(table: pa.Table, names: list[str], rows: Array | None) -> StepColumns:
-    """The file's own numbers of its rows, in the order of the steps; where it has none, and rows moved, their place."""
+def from_batches(
+    tables: Iterable[pa.Table],
+    columns: Columns,
+    source: str,
+    format_name: str,
+    metadata: Metadata = Metadata(),
+    notes: tuple[str, ...] = (),
+    files: Mapping[str, int] | None = None,
+) -> Recording:
+    """`from_table` of tables one below the other; within `rpil.formats.spool.on_disk` they never are in memory all."""
     import pyarrow as pa
 
-    numbers = table.select(names)
-    if rows is not None:
-        numbers = numbers.take(rows) if names else pa.table({"row": rows + 1})
-    return lambda steps: numbers.slice(steps.start, steps.stop - steps.start) if numbers.num_columns else None
+    if not is_on_disk():
+        table = pa.concat_tables(tables, promote_options="permissive")
+        return from_table(table, columns, source, format_name, metadata, notes, files)
+    rows = copied_rows(spool(tables, source), files or {})
+    head = next(rows.tables(0, 1, columns.data))[1]
+    found = scan(rows, Layout.of(head, columns, metadata.names), columns, source)
+    return from_scan(rows, columns, found, Origin(source, metadata=metadata), format_name, notes)
 
 
-def _describe(
-    table: pa.Table,
-    columns: Columns,
-    order: Order,
-    rows: Array | None,
-    offsets: Array,
-    metadata: Metadata,
-    clock: Clock | None,
-) -> Description:
-    """All of a description but the names of file and format."""
-    missing: dict[str, int] = {}
-    ranges: dict[str, tuple[float, float]] = {}
-    names: dict[str, tuple[str, ...]] = {}
-    constant: list[str] = []
-    for name in (*columns.observations, *columns.actions):
-        values = flat.numbers_or_missing(table[name])
-        n_missing = table[name].null_count if values is None else int(np.isnan(values).sum())
-        missing |= {name: n_missing} if n_missing else {}
-        names[name] = flat.part_names({name: 1 if values is None else values.shape[1]}, metadata.names)
-        ranges |= {} if values is None else _ranges(names[name], values)
-        if values is not None and name in columns.observations:
-            constant += constant_parts(names[name], values if rows is None else values[rows], offsets)
-    seconds, fps = clock.seconds(offsets) if clock else (None, None)
-    if metadata.fps:
-        seconds, fps = len(table) / metadata.fps, metadata.fps
-    actions = tuple(part for name in columns.actions for part in names[name])
-    kind, reason = _kind_of_action(table, columns, len(actions))
-    return Description(
-        source="",
-        format="",
-        demonstrations=len(offsets) - 1,
-        steps=len(table),
-        observations=tuple(part for name in columns.observations for part in names[name]),
-        actions=actions,
-        action_kind=kind,
-        action_reason=reason,
-        id_column=columns.episode,
-        order_column=order.column,
-        order=order.words,
-        seconds=seconds,
-        fps=fps,
-        operator_column=columns.operator,
-        task_column=columns.task,
-        ignored=ignored_columns(columns, order, metadata),
-        missing=missing,
-        ranges=ranges,
-        outcomes=outcome_options([*metadata.split_outcomes, *columns.outcomes]),
-        notes=_constant_note(constant),
+def from_demonstrations(
+    demonstrations: Demonstrations, format_name: str, columns: Columns | None = None, others: Mapping[str, Array] = {}
+) -> Recording:
+    """The recording in demonstrations in memory, of a format that has no table of columns.
+
+    `others` have a value for each step, in the order of the demonstrations, and `columns` name them.
+    """
+    import pyarrow as pa
+
+    d, names = demonstrations, demonstrations.observation_names
+    observation = "observation" if len(names) > 1 else f"observation.{names[0]}"
+    columns = replace(columns or Columns("episode", (), (), True), observations=(observation,), actions=("action",))
+    actions = pa.array(d.actions.reshape(-1))
+    table = {
+        columns.episode: np.repeat(np.array(d.ids), d.lengths),
+        observation: pa.FixedSizeListArray.from_arrays(pa.array(d.observations.reshape(-1)), len(names)),
+        "action": actions if d.is_discrete else pa.FixedSizeListArray.from_arrays(actions, d.actions.shape[1]),
+    }
+    files, metadata = {d.source: d.n_steps}, Metadata(names={observation: names})
+    recording = from_batches([pa.table({**others, **table})], columns, d.source, format_name, metadata, files=files)
+    return recording if is_on_disk() else replace(recording, load=lambda: d)
+
+
+def from_scan(
+    rows: Rows, columns: Columns, found: Scan, origin: Origin, format_name: str, notes: tuple[str, ...] = ()
+) -> Recording:
+    """The recording in rows that were read once; its demonstrations are in memory if the rows are."""
+    places, metadata = found.places, origin.metadata
+    in_memory = isinstance(rows, TableRows)
+
+    @cache
+    def read_clock() -> Clock | None:
+        table = read_columns(rows, clock_columns(columns))
+        return None if table is None else find_clock(table, columns, None, places.offsets)
+
+    def load() -> Demonstrations | Dataset:
+        actions = found.actions
+        if actions.fault is not None and (actions.kind == "refused" or not are_allowed()):
+            raise actions.fault
+        data = Dataset(
+            *(places.ids, places.offsets, origin.source, rows, found.layout),
+            *(actions.classes, actions.low, actions.high),
+        )
+        return data.select(slice(None)) if in_memory else data
+
+    def step_columns(steps: slice) -> pa.Table | None:
+        names = list(dict.fromkeys([*columns.index, *([places.order.column] if places.order.column else [])]))
+        return read_columns(rows, names, steps) if names else rows.numbers(steps)
+
+    def read_facts() -> Facts:
+        table = read_columns(rows, fact_columns(columns))
+        files = replace(origin, files=rows.files(places.offsets[:-1]))
+        return find_facts(table, columns, places.offsets, places.ids, files)
+
+    def read_times() -> Times:
+        clock = read_clock()
+        return Times(None if clock is None else clock.timestamps, metadata.fps, metadata.lengths)
+
+    return Recording(
+        _describe(columns, found, origin, format_name, notes, read_clock()),
+        load,
+        step_columns,
+        found.operators,
+        tasks_of(found.tasks, metadata),
+        read_times,
+        read_facts,
     )
 
 
-def constant_parts(names: tuple[str, ...], values: Array, offsets: Array) -> list[str]:
-    """Names of the numbers (N, K) that differ between demonstrations, and never within one."""
-    same = np.ones(len(values) - 1, dtype=bool)
-    same[offsets[1:-1] - 1] = False
-    repeats = values[1:] == values[:-1]
-    chosen = repeats[same].all(axis=0) & ~repeats.all(axis=0) & same.any()
-    return [name for name, is_constant in zip(names, chosen.tolist(), strict=True) if is_constant]
+def read_columns(rows: Rows, names: list[str], steps: slice | None = None) -> pa.Table | None:
+    """Some columns of some of the rows, or of all; None where there are no columns."""
+    import pyarrow as pa
+
+    first, last = (0, rows.runs[-1][1]) if steps is None else (steps.start, steps.stop)
+    tables = [table for _, table, _ in rows.tables(first, last, names)] if names else []
+    return pa.concat_tables(tables, promote_options="permissive") if tables else None
+
+
+def _describe(
+    columns: Columns, found: Scan, origin: Origin, format_name: str, notes: tuple[str, ...], clock: Clock | None
+) -> Description:
+    places, metadata, layout = found.places, origin.metadata, found.layout
+    n_steps = int(places.offsets[-1])
+    seconds, fps = clock.seconds(places.offsets) if clock else (None, None)
+    if metadata.fps:
+        seconds, fps = n_steps / metadata.fps, metadata.fps
+    names = layout.names
+    constant = found.statistics.constant({name: names[name] for name, _ in layout.observations})
+    return Description(
+        source=origin.source,
+        format=format_name,
+        demonstrations=len(places.ids),
+        steps=n_steps,
+        observations=layout.observation_names,
+        actions=layout.action_names,
+        action_kind=found.actions.kind,
+        action_reason=found.actions.reason,
+        id_column=columns.episode,
+        order_column=places.order.column,
+        order=places.order.words,
+        seconds=seconds,
+        fps=fps,
+        operator_column=columns.operator,
+        operators=different(found.operators),
+        task_column=columns.task,
+        tasks=different(found.tasks, metadata.tasks),
+        ignored=ignored_columns(columns, places.order, metadata),
+        missing=found.statistics.missing,
+        ranges=found.statistics.ranges(names),
+        outcomes=outcome_options([*metadata.split_outcomes, *columns.outcomes]),
+        notes=(*_constant_note(constant), *notes, *metadata.notes(len(places.ids), n_steps)),
+    )
 
 
 def _constant_note(names: list[str]) -> tuple[str, ...]:
@@ -261,33 +274,8 @@ def _constant_note(names: list[str]) -> tuple[str, ...]:
     return (text,) if names else ()
 
 
-def _ranges(names: tuple[str, ...], values: Array) -> dict[str, tuple[float, float]]:
-    """Smallest and largest of the numbers (N, K) that are there."""
-    low, high = np.fmin.reduce(values, axis=0).tolist(), np.fmax.reduce(values, axis=0).tolist()
-    return {name: (a, b) for name, a, b in zip(names, low, high, strict=True) if a == a}
-
-
 def ignored_columns(columns: Columns, order: Order, metadata: Metadata) -> dict[str, str]:
     """What is not read, and why: also columns of time that are read for other things than the order of the steps."""
     times = [name for name in (*columns.orders, *columns.index) if name != order.column]
     videos = dict.fromkeys(metadata.videos, "video")
     return {**columns.ignored, **dict.fromkeys(times, "time or number of the step"), **videos}
-
-
-def _kind_of_action(table: pa.Table, columns: Columns, n_parts: int) -> tuple[str, str]:
-    """Whether the action of `n_parts` numbers is discrete, and why, leaving missing values out."""
-    import pyarrow as pa
-
-    column = table[columns.actions[0]]
-    if not columns.one_action or flat.kind_of_type(column.type) == "list":
-        values = flat.numbers_or_missing(column)
-        if values is None or not columns.one_action or values.shape[1] != 1:
-            return "continuous", number_reason(n_parts)
-        present = values[:, 0]
-    else:
-        present = flat.column_values(pa.table({"action": column.drop_null()}), "action", lambda _: "")
-    present = present[~np.isnan(present)] if present.dtype.kind == "f" else present
-    try:
-        return action_kind(present, "", columns.action_kind)
-    except DataError as error:
-        return "refused", str(error).removeprefix(": ").rstrip(".")

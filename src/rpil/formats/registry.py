@@ -1,54 +1,195 @@
-"""The formats that are recognised by their layout: each is one module, and one line here."""
+"""The formats that are read: each is a module, and a line here."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import zipfile
+from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Protocol
 
 from rpil.data.arrays import Id
 from rpil.data.errors import DataError, MissingExtraError
-from rpil.data.files import StrPath, check_exists
+from rpil.data.files import StrPath, check_exists, check_extension, check_readable, check_writable
 from rpil.data.folders import check_folder
-from rpil.formats import aloha, d4rl, hdf5, imitation, lerobot_folder, minari, robomimic, zarr
+from rpil.data.guard import guarded
+from rpil.data.memory import TooLargeError
+from rpil.formats import (
+    aloha,
+    csv,
+    d4rl,
+    folder,
+    hdf5,
+    imitation,
+    lerobot_folder,
+    minari,
+    npz,
+    parquet,
+    robomimic,
+    spool,
+    zarr,
+)
 from rpil.formats.columns import ColumnOptions
+from rpil.formats.embeddings import with_embeddings
+from rpil.formats.format import Defect, Format, not_a_folder
 from rpil.formats.recording import Recording
+from rpil.formats.store import may_be_many_files
+
+FORMATS: tuple[Format, ...] = (
+    parquet.FORMAT,
+    csv.FORMAT,
+    lerobot_folder.FORMAT,
+    zarr.FORMAT,
+    minari.FORMAT,
+    imitation.FORMAT,
+    npz.FORMAT,
+    robomimic.FORMAT,
+    d4rl.FORMAT,
+    aloha.FORMAT,
+    hdf5.FORMAT,
+    folder.FORMAT,
+)
+"""The formats, in the order in which a path is shown to them: extensions of one format come first, because no file
+is opened for them; what any HDF5 file or folder may be comes last."""
 
 
-class Layout(Protocol):
-    """What the module of a format offers."""
-
-    def is_mine(self, path: Path, /) -> bool:
-        """Whether the file or folder at `path`, which exists, has this layout; any error means that it has not."""
-
-    def read(self, path: Path, options: ColumnOptions, /) -> Recording:
-        """The recording in it; a `DataError` where it cannot be read."""
-
-    def keep(self, path: Path, output: Path, ids: Sequence[Id], /) -> None:
-        """Write the demonstrations `ids` (as `read` gives them, or as text), in the order of the file, to `output`."""
-
-
-LAYOUTS: tuple[Layout, ...] = (lerobot_folder, zarr, minari, imitation, robomimic, d4rl, aloha, hdf5)
-"""The formats, in the order in which a path is shown to them."""
-
-
-def find_layout(path: StrPath) -> Layout | None:
-    """The format of a file or folder by its layout; None for tables, arrays of NumPy, and what is not there.
+def find_format(path: StrPath) -> Format | None:
+    """The format that claims a file, a folder, a pattern or an address; None for what is not there or not known.
 
     A `DataError`, before anything is opened, where `check_folder` raises one.
     """
     place = Path(path)
     if not place.exists():
-        return None
+        many = may_be_many_files(path)
+        return next((one for one in FORMATS if many and one.read_address is not None), None)
     check_folder(check_exists(place))
-    return next((layout for layout in LAYOUTS if _is_mine(layout, place)), None)
+    return next((one for one in FORMATS if _claims(one, place)), None)
 
 
-def _is_mine(layout: Layout, path: Path) -> bool:
-    """Whether `path` has the `layout`: not so where it is too damaged to tell. What must not be opened is refused."""
+@dataclass(frozen=True)
+class Found:
+    """A path and the format that claims what is there, so that formats are asked once."""
+
+    path: StrPath
+    format: Format
+
+    def read(self, options: ColumnOptions = ColumnOptions(), *, on_disk: bool | None = False) -> Recording:
+        """The recording; see `rpil.formats.read_recording`."""
+        if on_disk is None and not self.format.stays_on_disk(self.path):
+            with suppress(TooLargeError):
+                return self.read(options)
+        with guarded(str(self.path)), spool.on_disk(on_disk is not False):
+            if self.format.read_address is not None and not Path(self.path).exists():
+                recording = self.format.read_address(self.path, options)
+            else:
+                path = Path(self.path)
+                recording = self.format.read(check_readable(path) if path.is_file() else path, options)
+            if options.embeddings:
+                recording = with_embeddings(recording, options.embeddings)
+            return replace(recording, options=options, write_some=lambda ids, new: self.keep(new, ids, options))
+
+    def keep(
+        self,
+        output: StrPath,
+        ids: Sequence[Id],
+        options: ColumnOptions = ColumnOptions(),
+        trims: Mapping[Id, tuple[int, int]] | None = None,
+    ) -> None:
+        """Write some demonstrations to `output`; see `rpil.formats.keep`."""
+        with guarded(str(self.path)):
+            new = self.check_output(output, bool(trims))
+            if not ids:
+                raise DataError(f"{self.path}: no demonstration is to be kept; choose others.")
+            if trims and self.format.trim is not None:
+                ends = {str(name): (int(first), int(end)) for name, (first, end) in trims.items()}
+                self.format.trim(Path(self.path), new, ids, ends)
+            else:
+                self.format.keep(Path(self.path), new, ids, options)
+
+    def check_output(self, output: StrPath, trim: bool = False) -> Path:
+        """The path of the `output`, or a `DataError`, before any work, where `keep` cannot write there, or `trim`."""
+        if "://" in str(self.path):
+            raise DataError(f"{self.path}: only files of this computer can be given back; download it first.")
+        new, path = Path(output), check_exists(self.path)
+        if path.resolve() in (new.resolve(), *new.resolve().parents):
+            raise DataError(f"{new}: it is the data themselves, or in them; give another path.")
+        if new.is_dir():
+            raise DataError(f"{new}: it is there already; give the path of a new folder.")
+        with guarded(str(path)):
+            if path.is_dir() and new.name.lower().endswith(tuple(suffixes())):
+                raise not_a_folder(new)
+            if trim and self.format.trim is None:
+                able = " and ".join(one.name for one in FORMATS if one.trim is not None)
+                raise DataError(f"{self.path}: only folders of {able} can be trimmed; leave --trim out.")
+            (self.format.check_trim if trim else self.format.check_output)(path, new)
+        return check_writable(new)
+
+    @property
+    def has_defects(self) -> bool:
+        """Whether the format has anything beside the demonstrations that may not agree with them."""
+        return self.format.find_defects is not None
+
+    def find_defects(self, look: bool) -> list[Defect]:
+        """What does not agree with the demonstrations; in videos too if `look`."""
+        return self.format.find_defects(Path(self.path), look) if self.format.find_defects is not None else []
+
+    def mend(self) -> Iterable[str]:
+        """Mend what is safe; sentences on what was done."""
+        return self.format.mend(Path(self.path)) if self.format.mend is not None else ()
+
+    def check_mask(self) -> None:
+        """A `DataError` where the format has no place for a list of demonstrations."""
+        if self.format.mask is None:
+            able = " and ".join(one.name for one in FORMATS if one.mask is not None)
+            raise DataError(f"{self.path}: only {able} can list demonstrations to keep; write a new file with -o.")
+
+    def mask(self, ids: Sequence[Id]) -> None:
+        """List some demonstrations in the file itself."""
+        self.check_mask()
+        assert self.format.mask is not None
+        with guarded(str(self.path)):
+            self.format.mask(Path(self.path), ids)
+
+    def commands_to_keep(self, ids: Sequence[object], kept: Sequence[object], output: StrPath = "") -> list[str]:
+        """What to give the tool that wrote the data; see `rpil.formats.commands_to_keep`."""
+        return self.format.commands_to_keep(Path(self.path), ids, kept, output)
+
+
+def find(path: StrPath) -> Found:
+    """`path` with its format; a `DataError` where there is nothing, or nothing that is known."""
+    known = find_format(path)
+    return Found(path, known if known is not None else _refuse(check_exists(path)))
+
+
+def writer_of(path: StrPath) -> Format:
+    """The format that is written to files with the extension of `path`; a `DataError` that names these extensions."""
+    writers = {one.suffixes[0]: one for one in FORMATS if one.write is not None}
+    return writers[check_extension(path, writers).suffix.lower()]
+
+
+def suffixes() -> list[str]:
+    """The extensions of files of all formats, those of formats that are written first."""
+    order = sorted(FORMATS, key=lambda one: one.write is None)
+    return [
+        *dict.fromkeys(one.suffixes[0] for one in order if one.suffixes),
+        *(s for one in order for s in one.suffixes[1:]),
+    ]
+
+
+def _claims(one: Format, path: Path) -> bool:
+    """Whether `path` has the format `one`: not so where it is too damaged to tell."""
     try:
-        return layout.is_mine(path)
+        return one.claims(path)
     except (DataError, MissingExtraError):
         raise
     except Exception:  # damaged files make libraries raise errors of very many types
         return False
+
+
+def _refuse(path: Path) -> Format:
+    """The `DataError` on a file that no format claims: a damaged ZIP file, or another extension."""
+    if path.suffix.lower() == ".zip":
+        with guarded(path.name, "it is no ZIP file, or a damaged one", "copy or write it again"), zipfile.ZipFile(path):
+            pass
+    check_extension(path, [suffix for suffix in suffixes() if suffix != path.suffix.lower()])
+    raise AssertionError("an extension that is known is claimed")

@@ -19,6 +19,7 @@ from rpil.data.names import is_observation
 from rpil.formats import hdf5
 from rpil.formats.columns import ColumnOptions
 from rpil.formats.description import listed
+from rpil.formats.format import Format, keep_by_own_ids
 from rpil.formats.lerobot import Metadata
 from rpil.formats.parts import Part, from_parts
 from rpil.formats.recording import Recording
@@ -36,7 +37,7 @@ _STATES = (
 )
 
 
-def is_mine(path: Path) -> bool:
+def claims(path: Path) -> bool:
     """Whether there is a group with actions in ``data``, or at the top of the file."""
     return hdf5.has_layout(path, lambda file: bool(_demonstrations(file)))
 
@@ -169,3 +170,13 @@ def _task(group: h5py.Group, of_file: Mapping[str, object]) -> dict[str, str]:
 def _steps_a_second(of_file: Mapping[str, object]) -> float | None:
     found = of_file.get("control_freq")
     return float(found) if isinstance(found, int | float) and math.isfinite(found) and found > 0 else None
+
+
+FORMAT = Format(
+    name="HDF5 of robomimic",
+    claims=claims,
+    read=read,
+    keep=keep_by_own_ids(keep),
+    check_output=hdf5.check_output,
+    mask=lambda path, ids: write_mask(path, path, ids),
+)

@@ -13,7 +13,7 @@ from rpil.data.memory import check_memory
 from rpil.formats import table as flat
 from rpil.formats.columns import Columns
 from rpil.formats.order import NO_NUMBERS, REPEATS, Order, order_values, order_words, several_in_one
-from rpil.formats.store import Store
+from rpil.formats.rows import Rows
 from rpil.formats.table import Place
 from rpil.numerics.types import Array
 
@@ -45,17 +45,16 @@ class Starts:
         check_memory(_BYTES_PER_ID * len(self._ids), at(0))
         return begins
 
-    def finish(self, store: Store, source: str) -> tuple[tuple[Id, ...], NDArray[np.int64]]:
+    def finish(self, rows: Rows, column: str, source: str) -> tuple[tuple[Id, ...], NDArray[np.int64]]:
         """The ids, and the offsets, once all rows were added."""
         starts = np.concatenate(self._starts)
         seen: dict[Id, int] = {}
         for m, name in enumerate(self._ids):
             k = seen.setdefault(name, m)
             if k != m:
-                first, second = (store.file_of(int(starts[n])) for n in (k, m))
+                first, second = (rows.file_of(int(starts[n])) for n in (k, m))
                 remedy = f"it is both in {first} and in {second}; give each demonstration its own id, in one file"
                 if first == second:
-                    column = store.columns.episode
                     remedy = (
                         f"its rows lie apart in {first}; sort them by {column}, or read them into memory with "
                         "--no-stream or rpil.read; if they are several demonstrations, give each its own id"

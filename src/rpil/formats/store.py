@@ -5,16 +5,16 @@ from __future__ import annotations
 import glob
 import itertools
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field, replace
-from pathlib import PurePath, PurePosixPath
-from typing import TYPE_CHECKING, Literal
+from dataclasses import dataclass, replace
+from pathlib import Path, PurePath, PurePosixPath
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from rpil.data.errors import DataError
-from rpil.data.files import StrPath, check_exists
+from rpil.data.files import StrPath, check_exists, refuse_pointer
 from rpil.data.folders import check_folder, check_inside, is_hidden
 from rpil.data.guard import guard, guarded, one_line
 from rpil.data.names import is_data
@@ -22,9 +22,12 @@ from rpil.formats import table as flat
 from rpil.formats.column_search import find_columns
 from rpil.formats.columns import ColumnOptions, Columns, check_unique
 from rpil.formats.dialect import TEXT_SUFFIXES
-from rpil.formats.lerobot import Metadata, read_metadata
+from rpil.formats.layout import Layout
+from rpil.formats.lerobot import Metadata, choose_files, read_metadata
 from rpil.formats.parquet_pages import check_pages
+from rpil.formats.rows import BATCH_ROWS
 from rpil.formats.table import Place
+from rpil.formats.table_facts import file_names
 from rpil.numerics.types import Array
 
 if TYPE_CHECKING:
@@ -32,7 +35,6 @@ if TYPE_CHECKING:
     import pyarrow.parquet as pq
     from pyarrow import fs
 
-BATCH_ROWS = 65_536  # decoded at a time
 _HEAD_COLUMNS = 2000  # whose first values are looked at
 _BUFFER_BYTES = 1 << 18  # of a column, read at a time: a row group need not fit in memory
 
@@ -49,44 +51,43 @@ class RowGroup:
 
 
 @dataclass(frozen=True, eq=False)
-class Store:
-    """The row groups of a data set, in order, and the columns to read, which are the same in all files."""
+class ParquetRows:
+    """The rows of Parquet files, which stay on disk: their row groups in order."""
 
     filesystem: fs.FileSystem
     groups: tuple[RowGroup, ...]
-    columns: Columns
-    names: tuple[str, ...]  # of the D observations
-    widths: tuple[int, ...]  # number of observations that each column holds
-    observation: np.dtype[np.generic]
-    action: np.dtype[np.generic]
-    n_parts: int = 0  # numbers of a continuous action, 0 where actions are discrete
+    n_bytes: int
+    """Of all columns that are read, decoded, at most."""
     batch_rows: int = BATCH_ROWS
+    sizes: Mapping[str, int] | None = None
+    """The numbers of rows from each file of which the rows are a copy; None where they are in their own files."""
 
-    def between(self, first: int, last: int) -> Store:
-        """The store of the row groups that hold the rows ``first:last``."""
+    @property
+    def runs(self) -> list[tuple[int, int]]:
+        return [(group.first, group.last) for group in self.groups]
+
+    def between(self, first: int, last: int) -> ParquetRows:
         return replace(self, groups=tuple(g for g in self.groups if g.first < last and first < g.last))
 
-    @property
-    def layout(self) -> tuple[object, ...]:
-        """What must be the same in all files."""
-        return self.columns, self.names, self.widths, np.dtype(self.action).kind, self.n_parts
-
-    @property
-    def data_columns(self) -> list[str]:
-        """The columns that a block holds."""
-        return [*self.columns.actions, *self.columns.observations]
+    def numbers(self, steps: slice) -> None:
+        return None
 
     def file_of(self, row: int) -> str:
-        """Name of the file that holds a row."""
+        if self.sizes:
+            return self.files(np.array([row]))[0]
         return next(PurePosixPath(g.path).name for g in self.groups if row < g.last)
+
+    def files(self, rows: Array) -> list[str]:
+        names, ends = file_names(group.path for group in self.groups), [group.last for group in self.groups]
+        if self.sizes is not None:
+            names, ends = list(self.sizes), np.cumsum(list(self.sizes.values())).tolist()
+        if not names:
+            return []
+        return [names[k] for k in np.searchsorted(ends, rows, side="right").tolist()]
 
     def tables(
         self, first: int, last: int, columns: list[str], demonstration: Place = lambda _: ""
     ) -> Iterator[tuple[int, pa.Table, Place]]:
-        """Rows ``first:last`` in tables: the first row of each, the table, and the place of a row of it for messages.
-
-        `demonstration` names the demonstration of a row of the data set.
-        """
         import pyarrow as pa
 
         for path, groups in itertools.groupby(self.between(first, last).groups, key=lambda group: group.path):
@@ -108,48 +109,6 @@ class Store:
                     if row != group.last:
                         raise ValueError(f"{row - group.first} of {n_rows} rows are there")
 
-    def statistics(self) -> Statistics:
-        """The ranges of the columns that hold data, and their missing values, from one reading of all rows."""
-        found = Statistics()
-        for _, table, _ in self.tables(0, self.groups[-1].last, self.columns.data):
-            found.add(table)
-        return found
-
-    def empty(self, n_steps: int) -> tuple[Array, Array]:
-        """Uninitialised observations (n_steps, D) and actions, (n_steps,) or (n_steps, A)."""
-        # As in the files, so that nothing is transposed.
-        order: Literal["F", "C"] = "F" if max(self.widths) == 1 else "C"
-        shape = (n_steps, self.n_parts) if self.n_parts else (n_steps,)
-        return np.empty((n_steps, len(self.names)), self.observation, order), np.empty(shape, self.action)
-
-    def fill(self, observations: Array, actions: Array, table: pa.Table, at: Place) -> None:
-        """Write the rows of `table` to the two arrays."""
-        with guarded(at(0)):
-            _fill(observations, table, self.columns.observations, self.widths, at)
-            self.fill_actions(actions, table, at)
-
-    def fill_actions(self, actions: Array, table: pa.Table, at: Place) -> None:
-        """Write the actions of `table`, which needs no other columns, to the array."""
-        n_columns = len(self.columns.actions)
-        per_column = self.n_parts // n_columns if self.n_parts else 1
-        _fill(actions.reshape(len(actions), -1), table, self.columns.actions, (per_column,) * n_columns, at)
-
-
-def _fill(out: Array, table: pa.Table, names: Sequence[str], widths: Sequence[int], at: Place) -> None:
-    start = 0
-    for name, width in zip(names, widths, strict=True):
-        block = flat.column_values(table, name, at)
-        block = block.reshape(len(block), -1)
-        if block.shape[1] != width:
-            raise DataError(f"{at(0)}: column {name!r} holds {block.shape[1]} numbers, not {width} as elsewhere.")
-        out[:, start : start + width] = block
-        start += width
-
-
-def shifted(at: Place, rows: int) -> Place:
-    """`at` for a table without its first `rows`."""
-    return lambda row: at(rows + row)
-
 
 @contextmanager
 def opened(filesystem: fs.FileSystem, path: str) -> Iterator[pq.ParquetFile]:
@@ -157,7 +116,6 @@ def opened(filesystem: fs.FileSystem, path: str) -> Iterator[pq.ParquetFile]:
     import pyarrow as pa
     import pyarrow.parquet as pq
 
-    name = PurePosixPath(path).name
     try:
         # Neither mapped into memory, where mapped pages stay and count, nor fetched by whole row groups.
         options = {"buffer_size": _BUFFER_BYTES, "pre_buffer": False, "page_checksum_verification": True}
@@ -175,13 +133,14 @@ def opened(filesystem: fs.FileSystem, path: str) -> Iterator[pq.ParquetFile]:
         fault = "not a Parquet file, or a damaged or truncated one"
         if _is_unfinished(filesystem, path):
             fault = "a damaged or truncated Parquet file, which was never finished, as when a recording is cut off"
-        with guarded(name, fault, "write it again"):
+        with guarded(PurePosixPath(path).name, fault, "write it again"):
             raise
 
 
 def _is_unfinished(filesystem: fs.FileSystem, path: str) -> bool:
     """Whether a file begins as Parquet does, and lacks the end."""
     with filesystem.open_input_file(path) as stream:
+        refuse_pointer(stream.read_at(100, 0), PurePosixPath(path).name)
         size = stream.size()
         return bool(size > 8 and stream.read_at(4, 0) == b"PAR1" != stream.read_at(4, size - 4))
 
@@ -189,6 +148,11 @@ def _is_unfinished(filesystem: fs.FileSystem, path: str) -> bool:
 def may_be_many_files(path: StrPath) -> bool:
     """Whether `path` may name several files: a folder, a pattern, an address."""
     return "://" in str(path) or os.path.isdir(path) or (not os.path.exists(path) and glob.has_magic(str(path)))
+
+
+def has_parquet(path: StrPath) -> bool:
+    """Whether `path` is a Parquet file, or names several files of which one is."""
+    return bool(find_files(path)[1]) if may_be_many_files(path) else str(path).lower().endswith(".parquet")
 
 
 @guard
@@ -216,8 +180,7 @@ def find_files(path: StrPath) -> tuple[fs.FileSystem, list[str], list[str]]:
             raise DataError(f"{where}: there is no such file or folder; check the path.")
         if kind == fs.FileType.File:
             return filesystem, *_tables([place], place)
-        # LeRobot keeps the steps in data/, and tables of other things in meta/.
-        data = f"{place}/data"
+        data = f"{place}/data"  # of LeRobot, which has tables of other things in meta
         place = data if filesystem.get_file_info(data).type == fs.FileType.Directory else place
         entries = filesystem.get_file_info(fs.FileSelector(place, recursive=True))
     except ImportError as error:
@@ -227,7 +190,8 @@ def find_files(path: StrPath) -> tuple[fs.FileSystem, list[str], list[str]]:
         raise
     except (pa.ArrowException, OSError) as error:
         raise DataError(f"{where}: it cannot be listed ({one_line(error)}); check the path.") from error
-    return filesystem, *_tables(sorted(info.path for info in entries if info.type == fs.FileType.File), place)
+    files, texts = _tables(sorted(info.path for info in entries if info.type == fs.FileType.File), place)
+    return filesystem, choose_files(filesystem, where, place, files), texts
 
 
 def _matches(pattern: str) -> tuple[list[str], list[str]]:
@@ -244,30 +208,6 @@ def _tables(paths: list[str], top: str) -> tuple[list[str], list[str]]:
     shown = [p for p in paths if not PurePosixPath(p).name.startswith((".", "_"))]
     shown = [p for p in shown if not is_hidden(p.removeprefix(top).lstrip("/"))]
     return [p for p in shown if p.lower().endswith(".parquet")], [p for p in shown if p.lower().endswith(TEXT_SUFFIXES)]
-
-
-@dataclass(eq=False)
-class Statistics:
-    """Smallest and largest values and numbers of missing ones by column.
-
-    They are those of the values: to read what the footer of a damaged file says of them would end the process.
-    """
-
-    ranges: dict[str, tuple[float, float]] = field(default_factory=dict)
-    missing: dict[str, int] = field(default_factory=dict)
-
-    def add(self, table: pa.Table) -> None:
-        """Add the values of a table."""
-        for name in table.column_names:
-            values = flat.numbers_or_missing(table[name])
-            if values is None or not values.size:
-                continue
-            n_missing = int(np.isnan(values).sum())
-            if n_missing:
-                self.missing[name] = self.missing.get(name, 0) + n_missing
-            if n_missing < values.size:
-                low, high = self.ranges.get(name, (np.inf, -np.inf))
-                self.ranges[name] = float(min(low, np.nanmin(values))), float(max(high, np.nanmax(values)))
 
 
 def columns_of_file(filesystem: fs.FileSystem, path: str, file: pq.ParquetFile, options: ColumnOptions) -> Columns:
@@ -293,57 +233,53 @@ def check_columns(file: pq.ParquetFile, columns: Columns, name: str, first: str)
         raise DataError(f"{name}: its columns are not those of {first}; give all files the same ones.")
 
 
-def describe(
-    filesystem: fs.FileSystem, paths: list[str], options: ColumnOptions = ColumnOptions()
-) -> tuple[Store, Metadata]:
-    """The store of the files `paths`, and what they say of themselves; a `DataError` where their columns differ."""
-    with opened(filesystem, paths[0]):  # damaged data are named before damaged metadata
-        metadata = read_metadata(filesystem, paths)
+def copied_rows(path: Path, sizes: Mapping[str, int]) -> ParquetRows:
+    """The rows of a Parquet file of our own, which is a copy of files with so many rows."""
+    from pyarrow import fs
+
+    with opened(fs.LocalFileSystem(), str(path)) as file:
+        counts = [file.metadata.row_group(number).num_rows for number in range(file.num_row_groups)]
+    ends = np.cumsum(counts).tolist()
+    groups = (
+        RowGroup(str(path), k, end - n, end, end - n) for k, (n, end) in enumerate(zip(counts, ends, strict=True))
+    )
+    return ParquetRows(fs.LocalFileSystem(), tuple(groups), 0, sizes=sizes)
+
+
+def open_rows(
+    filesystem: fs.FileSystem, paths: Sequence[str], options: ColumnOptions
+) -> tuple[ParquetRows, Columns, Layout, Metadata]:
+    """The rows of the files `paths`, their columns, and what they say of themselves.
+
+    A `DataError` where the columns of the files differ.
+    """
+    import pyarrow as pa
+
     groups: list[RowGroup] = []
-    columns, first, store, begins = None, "", None, 0
+    columns, layout, metadata, first, begins, n_bytes = None, None, Metadata(), PurePosixPath(paths[0]).name, 0, 0
     for path in paths:
         name = PurePosixPath(path).name
         with opened(filesystem, path) as file:
+            if path == paths[0]:  # so that damaged data are named before damaged metadata
+                metadata = read_metadata(filesystem, paths)
             row = 0
             for number in range(file.num_row_groups):
                 n_rows = file.metadata.row_group(number).num_rows
                 groups.append(RowGroup(path, number, begins + row, begins + row + n_rows, row))
                 row += n_rows
             begins += row
-            columns, first = columns or columns_of_file(filesystem, path, file, options), first or name
+            columns = columns or columns_of_file(filesystem, path, file, options)
             check_columns(file, columns, name, first)
-            check_pages(filesystem, path, file, columns.all)
+            n_bytes += check_pages(filesystem, path, file, columns.all)
             head = next(file.iter_batches(1, columns=columns.data), None)
         if head is not None:
-            this = _store_of_row(filesystem, columns, head, name, metadata)
-            if store is None:
-                store = this
-            elif this.layout != store.layout:
+            this = Layout.of(pa.Table.from_batches([head]), columns, metadata.names)
+            if layout is not None and this.shape != layout.shape:
                 raise DataError(f"{name}: its columns are not those of {first}; give all files the same ones.")
-            else:
-                store = replace(store, observation=np.result_type(store.observation, this.observation))
-    if store is None:
+            layout = replace(this, observation=np.result_type(this.observation, (layout or this).observation))
+    if columns is None or layout is None:
         raise DataError(f"{paths[0]}: there are no demonstrations; give at least one with at least one step.")
-    return replace(store, groups=tuple(groups)), metadata
-
-
-def _store_of_row(
-    filesystem: fs.FileSystem, columns: Columns, head: pa.RecordBatch, name: str, metadata: Metadata
-) -> Store:
-    """The store of a file by its first row; later, all rows decide whether single floats are discrete actions."""
-    import pyarrow as pa
-
-    table = pa.Table.from_batches([head])
-    observations, names = flat.stack_columns(table, columns.observations, lambda _: name, metadata.names)
-    widths = tuple(flat.column_values(table, column, lambda _: name).size for column in columns.observations)
-    first = flat.column_values(table, columns.actions[0], lambda _: name)
-    n_parts = 0
-    if columns.one_action and (first.dtype.kind != "f" or first.ndim == 1) and first.size == 1:
-        action = first.dtype if first.dtype.kind in "fU" else np.dtype(np.int64)
-    else:
-        actions = flat.stack_columns(table, columns.actions, lambda _: name)[0]
-        action, n_parts = actions.dtype, actions.shape[1]
-    return Store(filesystem, (), columns, names, widths, observations.dtype, action, n_parts)
+    return ParquetRows(filesystem, tuple(groups), n_bytes), columns, layout, metadata
 
 
 def _place(path: str, first: int, shift: int, demonstration: Place) -> Place:

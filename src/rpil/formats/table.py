@@ -92,27 +92,13 @@ def step_columns(ids: Sequence[object], offsets: Array) -> dict[str, Array]:
     }
 
 
-def stack_columns(
-    table: pa.Table, names: Sequence[str], at: Place, joints: Mapping[str, Sequence[str]] | None = None
-) -> tuple[Array, tuple[str, ...]]:
-    """Columns of numbers side by side, (N, D), and a name for each; a column of lists counts as several.
-
-    `joints` are the names of the numbers in the lists of a column.
-    """
-    blocks = {}
-    for name in names:
-        block = column_values(table, name, at)
-        if block.dtype.kind == "U":
-            row = next((row for row, text in enumerate(block) if not _is_number(text)), 0)
-            text = str(block[row])[:40]
-            raise DataError(
-                f"{at(row)}: column {name!r} holds text ({text!r}) where numbers are due; write numbers, or leave the "
-                "column out with --exclude or exclude=."
-            )
-        blocks[name] = block.reshape(len(block), -1)
-    single = all(block.dtype == np.float32 for block in blocks.values())
-    stacked = np.concatenate(list(blocks.values()), axis=1, dtype=np.float32 if single else np.float64)
-    return stacked, part_names({name: block.shape[1] for name, block in blocks.items()}, joints or {})
+def no_numbers(texts: Array, name: str, at: Place) -> DataError:
+    """The error that a column holds `texts`, at the first that is no number."""
+    row = next((row for row, text in enumerate(texts) if not _is_number(text)), 0)
+    return DataError(
+        f"{at(row)}: column {name!r} holds text ({str(texts[row])[:40]!r}) where numbers are due; write numbers, or "
+        "leave the column out with --exclude or exclude=."
+    )
 
 
 def part_names(widths: Mapping[str, int], joints: Mapping[str, Sequence[str]]) -> tuple[str, ...]:

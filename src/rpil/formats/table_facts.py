@@ -53,11 +53,14 @@ def fact_columns(columns: Columns) -> list[str]:
     return list(dict.fromkeys([*clock_columns(columns), *columns.facts]))
 
 
-def find_facts(table: pa.Table, columns: Columns, offsets: Array, ids: Sequence[Id], origin: Origin) -> Facts:
-    """The facts about the M demonstrations of a table, whose rows are in their order.
+def find_facts(table: pa.Table | None, columns: Columns, offsets: Array, ids: Sequence[Id], origin: Origin) -> Facts:
+    """The facts about the M demonstrations of a table, whose rows are in their order; None stands for no columns.
 
     A `DataError` where the column of the session or of the outcome, which the user names, cannot be one.
     """
+    import pyarrow as pa
+
+    table = pa.table({}) if table is None else table
     order, order_source = _order(table, columns, offsets, ids, origin)
     sessions = () if columns.session is None else _sessions(table, columns.session, offsets, ids, origin)
     outcome = None if columns.outcome is None else _outcome(table, columns, offsets, ids, origin)

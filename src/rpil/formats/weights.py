@@ -65,7 +65,7 @@ def write_weights(
                 name: np.repeat(values[block], lengths) for name, values in repeated.items()
             }
             own = step_columns(steps)
-            taken = {*names, *weights} - {STEP}  # a file that numbers its steps knows better
+            taken = {*names, *weights} - {STEP}  # the file's own step column is kept
             numbers = dict(zip(own.column_names, own.columns, strict=True)) if own else {}
             numbers = {f"file.{name}" if name in taken else name: column for name, column in numbers.items()}
             yield pa.table(names | numbers | weights, metadata=metadata)

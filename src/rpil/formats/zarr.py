@@ -24,6 +24,7 @@ from rpil.data.names import is_outcome
 from rpil.formats import umi, zarr_files
 from rpil.formats.columns import ColumnOptions
 from rpil.formats.description import listed
+from rpil.formats.format import Format, keep_by_own_ids
 from rpil.formats.parts import NUMBERED, Part, Stored, from_parts, without_steps
 from rpil.formats.recording import Recording
 from rpil.formats.zarr_array import ZarrArray
@@ -51,7 +52,7 @@ class _Numbers:
         return np.searchsorted(self.ends, np.arange(*rows.indices(self.shape[0])), side="right")
 
 
-def is_mine(path: Path) -> bool:
+def claims(path: Path) -> bool:
     """Whether there is a ``meta/episode_ends`` in the folder, or in the file, whose name says that it is a ZIP file.
 
     A `DataError` where the ZIP file is damaged, or has none at its top.
@@ -232,3 +233,6 @@ def _copy_chunks(files: Files, old: ZarrArray, folder: Path, rows: Array) -> Non
             target = new / old.header.file_name((row, *place[1:]))
             target.parent.mkdir(parents=True, exist_ok=True)
             target.write_bytes(old.stored(file))
+
+
+FORMAT = Format(name="Zarr", claims=claims, read=read, keep=keep_by_own_ids(keep), suffixes=(zarr_files.ZIP,))

@@ -258,6 +258,21 @@ class AnswerSettings:
 
 @stored()
 @dataclass(frozen=True)
+class StepSettings:
+    """Whose step it is (`rpil.inference.step_trust`)."""
+
+    stay: float = 0.95
+    """Probability that the next step of a stretch is the same one's: stretches have 20 steps or more on average.
+    benchmarks/windows.py ("stay .8", "stay .99")."""
+    p_stretches: float = 0.5
+    """Prior probability that the bad steps of a demonstration come in stretches. benchmarks/windows.py ("alone")."""
+
+    def __post_init__(self) -> None:
+        check_settings(self, stay="[0, 1)", p_stretches="(0, 1)")
+
+
+@stored()
+@dataclass(frozen=True)
 class JudgeSettings:
     """Everything that the judge (`rpil.inference.trust`) assumes: the settings of its stages, and its own.
 
@@ -273,6 +288,7 @@ class JudgeSettings:
     channels: ChannelSettings = ChannelSettings()
     answers: AnswerSettings = AnswerSettings()
     demonstrators: DemonstratorSettings = DemonstratorSettings()
+    steps: StepSettings = StepSettings()
     variance_steps: float = 20.0
     """Steps that the variance pooled over demonstrations is worth in the variance of one demonstration's steps."""
     min_standard_errors: float = 2.0

@@ -5,9 +5,10 @@
 rho_m, the reliability of demonstration m, is the share of its steps that are an expert's. Bad steps come alone or in
 stretches. In stretches, whose step it is, z_n, is a Markov chain, so each step is judged by its neighbours too:
 
-    z_{n+1} = z_n with probability STAY, else drawn anew,      P(z_n is an expert) = rho_m
+    z_{n+1} = z_n with probability `stay`, else drawn anew,      P(z_n is an expert) = rho_m
 
-Which of the two holds is summed out for each demonstration; both have the prior probability 1/2.
+Which of the two holds is summed out for each demonstration. `StepSettings` has `stay` and the prior probability of
+stretches.
 """
 
 from __future__ import annotations
@@ -18,11 +19,9 @@ import numpy as np
 from scipy.special import expit, log_expit, logit, softmax
 
 from rpil.data.fit_data import FitData
-from rpil.inference.settings import JudgeSettings
+from rpil.inference.settings import JudgeSettings, StepSettings
 from rpil.numerics.types import Array, Float, Int
 
-STAY = 0.95
-"""Stretches have 20 steps or more on average. Results depend little on it: 5 to 100 steps do about as well."""
 _LEAST_SHARE = 1e-9
 """Reliabilities stay so far from 0 and 1, which no step could change."""
 
@@ -59,12 +58,12 @@ def step_trust(
     cumulated = softmax(temperature[:, None] * evidence, axis=1).cumsum(axis=1)
     ends = [nodes[np.minimum((cumulated < q).sum(axis=1), n_nodes - 1)] for q in (0.025, 0.975)]
     reliability = softmax(evidence, axis=1) @ nodes
-    step = step_proba(reliability, clipped, data.lengths)
+    step = step_proba(reliability, clipped, data.lengths, settings.steps)
     return StepTrust(reliability, np.stack(ends, axis=1), step)
 
 
 def step_proba(
-    reliability: Float[Array, " M"], log_ratio: Float[Array, " N"], lengths: Int[Array, " M"]
+    reliability: Float[Array, " M"], log_ratio: Float[Array, " N"], lengths: Int[Array, " M"], settings: StepSettings
 ) -> Float[Array, " N"]:
     """P(step n is an expert's | all steps of its demonstration), from bounded log-ratios.
 
@@ -73,10 +72,11 @@ def step_proba(
     """
     share = np.clip(reliability, _LEAST_SHARE, 1 - _LEAST_SHARE)
     prior = np.repeat(logit(share), lengths)
-    forward = filtered(share, log_ratio, lengths)
-    backward = filtered(share[::-1], log_ratio[::-1], lengths[::-1])[::-1]
+    forward = filtered(share, log_ratio, lengths, settings.stay)
+    backward = filtered(share[::-1], log_ratio[::-1], lengths[::-1], settings.stay)[::-1]
     gain = _log_evidence(forward - log_ratio, log_ratio) - _log_evidence(prior, log_ratio)
-    in_stretches = expit(np.bincount(np.repeat(np.arange(len(lengths)), lengths), gain))
+    gains = np.bincount(np.repeat(np.arange(len(lengths)), lengths), gain)
+    in_stretches = expit(logit(settings.p_stretches) + gains)
     chain, alone = expit(forward + backward - log_ratio - prior), expit(prior + log_ratio)
     return np.asarray(alone + np.repeat(in_stretches, lengths) * (chain - alone))
 
@@ -86,7 +86,9 @@ def _log_evidence(before: Float[Array, " N"], log_ratio: Float[Array, " N"]) -> 
     return np.asarray(np.logaddexp(log_expit(before) + log_ratio, log_expit(-before)))
 
 
-def filtered(share: Float[Array, " M"], log_ratio: Float[Array, " N"], lengths: Int[Array, " M"]) -> Float[Array, " N"]:
+def filtered(
+    share: Float[Array, " M"], log_ratio: Float[Array, " N"], lengths: Int[Array, " M"], stay: float
+) -> Float[Array, " N"]:
     """Log-odds that each step is an expert's, given the steps up to it, of demonstrations of which the `share` is."""
     longest = np.argsort(-lengths, kind="stable")
     first, share = (np.cumsum(lengths) - lengths)[longest], share[longest]
@@ -96,5 +98,5 @@ def filtered(share: Float[Array, " M"], log_ratio: Float[Array, " N"], lengths: 
     for n, count in enumerate(running.tolist()):
         steps = first[:count] + n
         log_odds[steps] += logit(before[:count])
-        before = STAY * expit(log_odds[steps]) + (1 - STAY) * share[:count]
+        before = stay * expit(log_odds[steps]) + (1 - stay) * share[:count]
     return log_odds

@@ -28,6 +28,7 @@ from rpil.audit.settings import AuditSettings
 from rpil.audit.words import WORDS
 from rpil.data.errors import DataError
 from rpil.inference.findings import FINDINGS
+from rpil.inference.settings import AnswerSettings, ClaimSettings
 
 
 def render(audit: Audit, **options: object) -> str:
@@ -97,10 +98,23 @@ def test_parts_of_the_log_odds_are_columns_that_add_up(page: Page) -> None:
     assert "Log-odds P(typical)" in page.text  # one part alone is the log-odds
 
 
-def test_thresholds_of_verdicts_are_those_of_the_audit() -> None:
-    text = Page(render(make_audit(settings=AuditSettings(min_verdict_proba=0.6)))).text
+@pytest.mark.parametrize(
+    ("anchor", "settings"),
+    [
+        ("none", AuditSettings(claims=ClaimSettings(min_proba=0.6))),
+        ("answers", AuditSettings(answers=AnswerSettings(min_proba=0.6))),
+        ("named adversary", AuditSettings(min_verdict_proba=0.6)),
+    ],
+)
+def test_thresholds_of_verdicts_are_those_of_the_audit(anchor: str, settings: AuditSettings) -> None:
+    one, other = make_audit(anchor=anchor, settings=settings), make_audit(anchor=anchor)
+    text = Page(render(one)).text
     assert "at least 60 %" in text
     assert "at most 40 %" in text
+    assert "90 %" not in text
+    both = Page(render_page([Article("a", one, "a.csv"), Article("b", other, "b.csv")])).text
+    assert "at least 60 %" in both
+    assert "at least 90 %" in both
 
 
 def test_page_needs_no_network(audit: Audit) -> None:

@@ -76,8 +76,10 @@ def render_page(articles: Sequence[Article], *, title: str = "", headline: str =
         headline=headline,
         introduction=introduction,
         articles=rendered,
-        threshold=articles[0].audit.settings.min_verdict_proba,
-        vocabularies=list({article.audit.anchor: article.audit.words for article in articles}.values()),
+        vocabularies=list({one.audit.anchor: one.audit.words for one in articles}.values()),
+        thresholds=list(
+            dict.fromkeys((one.audit.words, one.audit.settings.min_proba(one.audit.anchor)) for one in articles)
+        ),
     )
 
 

@@ -9,30 +9,31 @@ import click
 from rpil.cli.commands import (
     CommandSettings,
     audit_by_task,
+    check_paths,
     connect_engine,
     load_into_memory,
-    read_recording,
+    open_recording,
     read_reference,
     resolve_stream,
 )
 from rpil.cli.options import (
+    DataFile,
     FitOptions,
-    OutputFile,
     pop_columns,
     quiet_option,
     with_column_options,
     with_judge_options,
 )
+from rpil.cli.outputs import lost_without
 from rpil.cli.progress import StageProgress, show_stages
 from rpil.cli.terminal import print_lines
 from rpil.data.errors import DataError
-from rpil.data.files import check_outputs
 
 if TYPE_CHECKING:
     from rpil.data.arrays import Id
-    from rpil.data.demonstrations import Demonstrations
     from rpil.formats.columns import ColumnOptions
-    from rpil.formats.dataset import Dataset
+    from rpil.formats.recording import Recording
+    from rpil.formats.registry import Found
 
 
 @click.command()
@@ -49,14 +50,15 @@ if TYPE_CHECKING:
     metavar="FILE",
     help="Verdicts that rpil audit wrote, or labels: keep by these, and judge nothing.",
 )
+@click.option("--trim", is_flag=True, help="Cut idle heads and tails, as rpil check lists them: folders of LeRobot.")
 @with_judge_options
 def keep(
     file: str,
     output: str | None,
-    in_place: bool,
     share: float | None,
     at_least: float | None,
     verdicts: str | None,
+    trim: bool,
     **options: Any,
 ) -> None:
     """Write demonstrations to a new file of the same format, without those that an audit calls unlike or bad.
@@ -65,17 +67,13 @@ def keep(
     """
     if share is not None and at_least is not None:
         raise click.UsageError("--share and --at-least exclude each other: leave one out")
-    from rpil import formats
     from rpil.audit.choice import Table, kept_ids, read_verdicts
     from rpil.audit.verdict_table import verdict_columns
     from rpil.data.id_values import check_ids
+    from rpil.formats.registry import find
 
-    if in_place == (output is not None):
-        raise click.UsageError("--output NEW or --in-place says where they are written: give one of them")
-    if output is not None:
-        formats.check_keep(file, output)
-    else:
-        formats.check_mask(file)
+    found = find(file)
+    _check_output(found, output, options.pop("in_place"), trim)
     quiet, stream, scheduler = (options.pop(name) for name in ("quiet", "stream", "scheduler"))
     reference = options.pop("reference")
     columns = pop_columns(options)
@@ -84,46 +82,68 @@ def keep(
     with show_stages(quiet, CommandSettings.current().timing) as progress:
         if verdicts is None:
             with connect_engine(scheduler, progress) as engine:
-                read = read_recording(file, columns, progress, resolve_stream(stream, scheduler, reference))
+                read = open_recording(file, columns, progress, resolve_stream(file, stream, scheduler, reference))
                 good = read_reference(reference, file, columns, progress)
                 audit, who = audit_by_task(file, read, FitOptions(**options), progress, engine, reference=good)
             table: Table = verdict_columns(audit, who)
             demonstrations, why = read.demonstrations, f" ({audit.finding})"
         else:
             table, why = read_verdicts(verdicts), ""
-            demonstrations = _read_all(file, columns, progress, stream)
+            read = _read_all(file, columns, progress, stream)
+            demonstrations = read.demonstrations
             check_ids(table["id"], demonstrations.ids, verdicts, "the ids")
         kept = kept_ids(table, share, at_least)
         if not kept:
             raise DataError(f"{file}: no demonstration is left{why}; give labels, or choose with --share.")
-        lost = () if quiet else _lost_places(demonstrations, kept)
+        lost = () if quiet else lost_without(demonstrations, kept)
+        trims = _idle_ends(read, kept) if trim else {}
         progress(f"writing {output or file}")
         if output is None:
-            formats.write_mask(file, kept)
+            found.mask(kept)
         else:
-            formats.keep(file, output, kept, columns)
+            found.keep(output, kept, columns, trims)
     ids = demonstrations.ids
     click.echo(f"Kept {len(kept):,} of {len(ids):,} demonstrations: {output or file}")
+    if trim:
+        n = sum(int(demonstrations.lengths[ids.index(name)]) - end + first for name, (first, end) in trims.items())
+        click.echo(f"Trimmed {len(trims):,} of them by {n:,} steps in which nothing moves.")
     if not quiet:
-        print_lines([*lost, *formats.commands_to_keep(file, ids, kept, output or "")])
+        print_lines([*lost, *found.commands_to_keep(ids, kept, output or "")])
 
 
-def _read_all(
-    file: str, columns: ColumnOptions, progress: StageProgress, stream: bool | None
-) -> Demonstrations | Dataset:
-    """The demonstrations of a file, some of which may have missing values."""
+def _check_output(found: Found, output: str | None, in_place: bool, trim: bool) -> None:
+    """Refuse, before any work, an output that cannot be written."""
+    if in_place == (output is not None):
+        raise click.UsageError("--output NEW or --in-place says where they are written: give one of them")
+    if trim and in_place:
+        raise click.UsageError("--trim changes demonstrations: write them to a new folder with -o")
+    if output is None:
+        found.check_mask()
+    else:
+        found.check_output(output, trim)
+
+
+def _read_all(file: str, columns: ColumnOptions, progress: StageProgress, stream: bool | None) -> Recording:
+    """The recording in a file, of whose demonstrations some may have missing values."""
     from rpil.data.missing import allow_missing
 
     with allow_missing():
-        return read_recording(file, columns, progress, stream).demonstrations
+        read = open_recording(file, columns, progress, stream)
+        read.demonstrations  # noqa: B018  # are read here
+        return read
 
 
-def _lost_places(demonstrations: Demonstrations | Dataset, kept: list[Id]) -> tuple[str, ...]:
-    """What only demonstrations that are not kept visit, where their observations are in memory."""
-    from rpil.audit.lost import lost_places
-    from rpil.data.demonstrations import Demonstrations
+def _idle_ends(read: Recording, kept: list[Id]) -> dict[Id, tuple[int, int]]:
+    """The steps to keep of the kept demonstrations with idle ends, by the rules of ``rpil check``."""
+    from rpil.faults.recorded import faults_of
+    from rpil.faults.settings import FaultSettings
 
-    return lost_places(demonstrations, kept) if isinstance(demonstrations, Demonstrations) else ()
+    names = set(map(str, kept))  # of a table of verdicts they are texts
+    return {
+        name: ends
+        for name, ends in faults_of(read, None, None, True, FaultSettings()).trims.items()
+        if str(name) in names
+    }
 
 
 @click.command()
@@ -131,7 +151,7 @@ def _lost_places(demonstrations: Demonstrations | Dataset, kept: list[Id]) -> tu
 @click.option(
     "-o",
     "--output",
-    type=OutputFile(".parquet", ".csv", ".npz"),
+    type=DataFile(),
     metavar="OUT.parquet|OUT.csv|OUT.npz",
     required=True,
     help="The file to write.",
@@ -143,13 +163,13 @@ def convert(file: str, output: str, quiet: bool, **options: Any) -> None:
 
     It holds the observations, the actions, and for each demonstration its operator and task, where the file names them.
     """
-    check_outputs((file, options["operator"]), output)
+    check_paths((file, options["operator"]), output)
     operator = options["operator"]
     columns = pop_columns(options)
     with show_stages(quiet, CommandSettings.current().timing) as progress:
         from rpil import formats
 
-        recording = read_recording(file, columns, progress)
+        recording = open_recording(file, columns, progress)
         demonstrations = load_into_memory(recording.demonstrations)
         operators = formats.read_demonstrators(operator, recording) if operator else dict(recording.operators)
         about = {"operator": operators, "task": recording.tasks}

@@ -2,7 +2,6 @@
 
 import gzip
 import zipfile
-from pathlib import Path
 
 import numpy as np
 import pyarrow as pa
@@ -12,7 +11,6 @@ import pytest
 import rpil
 from rpil import formats
 from rpil.data.demonstrations import Demonstrations
-from rpil.data.errors import DataError
 from rpil.formats import ColumnOptions
 
 KEPT = [3, 0]
@@ -105,30 +103,6 @@ def test_a_folder_with_a_file_for_each_demonstration(tmp_path):
     formats.keep(path, tmp_path / "some", ["run2"])
     assert [file.name for file in (tmp_path / "some").iterdir()] == ["run2.csv"]
     assert (tmp_path / "some" / "run2.csv").read_bytes() == (path / "run2.csv").read_bytes()
-
-
-def test_nothing_is_written_where_something_is_wrong(tmp_path, demonstrations):
-    path, folder = tmp_path / "all.csv", tmp_path / "folder"
-    formats.write(path, demonstrations)
-    folder.mkdir()
-    formats.write(folder / "a.csv", demonstrations)
-    before = path.read_bytes()
-    for source, output, ids, message in (
-        (path, "some.csv", [9], "no demonstration is called '9'"),
-        (folder, "some", [9], "no demonstration is called '9'"),
-        (path, "some.csv", [], "no demonstration is to be kept"),
-        (path, "some.parquet", [1], "give it the extension .csv"),
-        (path, "all.csv", [1], "it is the data themselves"),
-        (folder, "folder/some", [1], "it is the data themselves, or in them"),
-        (folder, "folder", [1], "it is the data themselves"),
-        (Path("s3://bucket/data"), "some", [1], "no such file"),
-    ):
-        with pytest.raises(DataError, match=message):
-            formats.keep(source, tmp_path / output, ids)
-    with pytest.raises(DataError, match="only files of this computer"):
-        formats.keep("s3://bucket/data", tmp_path / "some", [1])
-    assert path.read_bytes() == before
-    assert sorted(file.name for file in tmp_path.rglob("*")) == ["a.csv", "all.csv", "folder"]
 
 
 def test_what_is_no_array_is_not_read(tmp_path, demonstrations):

@@ -10,8 +10,9 @@ import pyarrow.csv
 import pyarrow.parquet as pq
 import pytest
 
+import lerobot_folders as folders
 import rpil
-from command_line import ok, refused
+from command_line import call, ok, refused
 from rpil import formats
 
 
@@ -58,7 +59,8 @@ def test_demonstrations_without_a_label_are_left_out_by_lerobot_too(tmp_path):
     Path("labels.csv").write_text("id,label\n2,expert\n1,bad\n")
     printed = ok("keep", robot, "-o", "keep.json", "--verdicts", "labels.csv").stdout
     assert printed.startswith("Kept 1 of 4 demonstrations")
-    assert "--dataset.exclude_episodes='[0, 1, 3]'" in printed
+    assert "--dataset.episodes='[2]'" in printed
+    assert "lerobot-edit-dataset" not in printed  # which cannot read version 2.1
     quiet = ok("keep", robot, "-o", "keep.json", "--verdicts", "labels.csv", "-q").stdout
     assert quiet == "Kept 1 of 4 demonstrations: keep.json\n"
     for output in ("x.csv", "x.parquet", "x.hdf5", "x.zarr.zip"):
@@ -68,7 +70,7 @@ def test_demonstrations_without_a_label_are_left_out_by_lerobot_too(tmp_path):
 
 
 def test_keep_refuses_before_it_judges(folder, monkeypatch):
-    monkeypatch.setattr("rpil.cli.give_back.audit_by_task", lambda *_: pytest.fail("judged"))
+    monkeypatch.setattr("rpil.cli.keep.audit_by_task", lambda *_: pytest.fail("judged"))
     data = folder / "good.parquet"
     Path("there").mkdir()
     Path("all_bad.csv").write_text("id,label\n1,bad\n")
@@ -168,3 +170,42 @@ def test_ids_that_look_like_formulas(folder):
         for table in ("named.parquet", "t.csv"):
             ok("keep", table, "-o", f"k{Path(table).suffix}", "--verdicts", verdicts)
             assert list(rpil.read(f"k{Path(table).suffix}").ids) == kept
+
+
+def test_idle_ends_are_cut_on_request(tmp_path):
+    root, n, still = folders.write(tmp_path / "drive", [80] * 6, cameras=()), 80, 15
+    for file in (root / "data").rglob("*.parquet"):
+        table = pq.read_table(file)
+        for name in ("action", "observation.state"):
+            values = np.cumsum(table[name].to_pylist(), axis=0).reshape(-1, n, 2)
+            values[:, :still], values[:, -still:] = values[:, still, None], values[:, -still - 1, None]
+            column = pa.array(values.reshape(-1, 2).tolist())
+            table = table.set_column(table.column_names.index(name), name, column)
+        pq.write_table(table, file)
+    Path("labels.csv").write_text("id,label\n1,expert\n4,good\n0,bad\n")
+    trims = json.loads(ok("check", root, "--json", "-q").stdout)["trims"]
+    ends = {trim["id"]: (trim["first"], trim["end"]) for trim in trims}
+    assert ends[4] == (still, n - still)
+    printed = ok("keep", root, "-o", "kept", "--trim", "--verdicts", "labels.csv").stdout
+    assert "Trimmed 2 of them by 60 steps" in printed
+    kept, whole = rpil.read("kept"), rpil.read(root).select([1, 4])
+    for m in (0, 1):
+        first, end = whole.offsets[m] + still, whole.offsets[m + 1] - still
+        np.testing.assert_array_equal(kept.actions[kept.offsets[m] : kept.offsets[m + 1]], whole.actions[first:end])
+    refused("cannot be trimmed", "keep", root, "-o", "k.json", "--trim", "--verdicts", "labels.csv")
+    refused("new folder with -o", "keep", root, "--in-place", "--trim", "--verdicts", "labels.csv")
+
+
+def test_a_folder_is_checked_and_mended(tmp_path):
+    root = folders.write(tmp_path / "drive", [20] * 4, cameras=())
+    assert "does not agree" not in ok("check", root).stdout
+    place = root / "meta" / "info.json"
+    place.write_text(place.read_text().replace('"total_frames": 80', '"total_frames": 7'))
+    assert "total_frames is 7, and the data hold 80" in ok("check", root).stdout
+    found = json.loads(ok("check", root, "--json", "-o", "f.json").stdout)
+    assert [one["what"] for one in found["folder"]] == ["totals"]
+    assert json.loads(Path("f.json").read_text()) == found
+    assert call("check", root, "--fail-on", "any").exit_code == 1
+    assert "info.json.bak" in ok("check", root, "--fix").stderr
+    assert "does not agree" not in ok("check", root).stdout
+    refused("for folders of LeRobot", "check", root / "data" / "chunk-000" / "file-000.parquet", "--fix")

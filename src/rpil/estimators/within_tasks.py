@@ -1,0 +1,184 @@
+"""Demonstrations judged within their tasks and sessions, by what a recording and its user say of them."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable, Hashable, Mapping, Sequence, Set
+from dataclasses import dataclass, replace
+from itertools import chain
+from typing import TypedDict
+
+import numpy as np
+
+from rpil.audit.record import Audit
+from rpil.audit.subset import select
+from rpil.audit.tasks import MIN_DEMONSTRATIONS, join_audits, split_by_task
+from rpil.data.demonstrations import Demonstrations
+from rpil.data.errors import DataError
+from rpil.data.facts import Facts, Outcome, check_outcome, check_sessions, given_order, given_outcome, tells
+from rpil.data.id_values import Label, Pair, better_than, check_ids, parse_answers
+from rpil.data.reference import with_reference
+from rpil.estimators.task import DemonstratorNames, Labels
+from rpil.formats import read_demonstrators
+from rpil.formats.dataset import Dataset
+from rpil.formats.recording import Recording
+from rpil.numerics.types import Array
+
+
+class Beside(TypedDict):
+    """Arguments of `RPIL.fit`."""
+
+    demonstrators: DemonstratorNames | None
+    outcome: Array | None
+    order: Array | None
+
+
+@dataclass(frozen=True, eq=False)
+class Known:
+    """What is known of demonstrations beside their steps; answers and demonstrators by ids as text."""
+
+    labels: Mapping[str, Label]
+    pairs: Sequence[Pair]
+    demonstrators: Mapping[str, Hashable]
+    facts: Facts
+    reference: Demonstrations | None = None
+    reference_outcome: Array | None = None
+    answers_source: str = "the labels"
+    """In messages."""
+
+    @classmethod
+    def of(
+        cls,
+        recording: Recording,
+        labels: Labels | None,
+        demonstrators: DemonstratorNames | None,
+        outcome: Outcome | None,
+        order: Sequence[float] | Array | None,
+    ) -> Known:
+        """What a user says, and where he is silent, what the columns say that were named when it was opened."""
+        ids, source, facts = recording.demonstrations.ids, recording.description.source, recording.facts
+        rows = labels.items() if isinstance(labels, Mapping) else labels or ()
+        by_name, pairs = parse_answers(((str(m), word) for m, word in rows), "the labels") if rows else ({}, [])
+        check_ids([*by_name, *chain.from_iterable(pairs)], ids, source, "the labels")
+        if demonstrators is None and recording.options.operator is not None:
+            demonstrators = read_demonstrators(recording.options.operator, recording)
+        if outcome is not None:
+            facts = replace(facts, outcome=given_outcome(outcome, ids, source), outcome_name="outcome")
+        elif facts.outcome is not None:
+            check_outcome(facts.outcome, f"the outcome {facts.outcome_name!r}", source)
+        if order is not None:
+            facts = replace(facts, order=given_order(order, ids, source))
+        return cls(by_name, pairs, _by_id(demonstrators, ids, source), facts)
+
+    @property
+    def answers(self) -> list[tuple[str, str]]:
+        """Labels and pairs as ids and words."""
+        return [*self.labels.items(), *((better, better_than(worse)) for better, worse in self.pairs)]
+
+    @property
+    def arguments(self) -> Beside:
+        """What `RPIL.fit` takes beside the demonstrations."""
+        outcome = self.facts.outcome if tells(self.facts.outcome) else None  # of a session it may be the same for all
+        return {"demonstrators": self.demonstrators or None, "outcome": outcome, "order": self.facts.order}
+
+    def select(self, rows: Sequence[int], ids: Set[str]) -> Known:
+        """What is known of the demonstrations at `rows`, which are called `ids`; pairs of which both are among them."""
+        return replace(
+            self,
+            labels={m: label for m, label in self.labels.items() if m in ids},
+            pairs=[pair for pair in self.pairs if ids >= {*pair}],
+            demonstrators={m: name for m, name in self.demonstrators.items() if m in ids},
+            facts=self.facts.select(rows),
+        )
+
+    def with_good(self, ids: Sequence[str]) -> Known:
+        """The same after the reference was appended: the `ids` of its demonstrations are labelled as good."""
+        outcome, of_reference = self.facts.outcome, self.reference_outcome
+        if outcome is not None and of_reference is not None:
+            outcome = np.concatenate([outcome, of_reference])
+        labels: dict[str, Label] = {**self.labels, **dict.fromkeys(ids, "good")}
+        # No file states the order of two recordings.
+        return replace(self, labels=labels, facts=replace(self.facts, outcome=outcome, order=None), reference=None)
+
+
+def _by_id(demonstrators: DemonstratorNames | None, ids: Sequence[object], source: str) -> dict[str, Hashable]:
+    """The demonstrators by the ids of their demonstrations as text."""
+    if isinstance(demonstrators, Mapping):
+        check_ids(demonstrators, ids, source, "the demonstrators")
+        return {str(m): name for m, name in demonstrators.items()}
+    if demonstrators is not None and len(demonstrators) != len(ids):
+        raise DataError(
+            f"{source}: {len(demonstrators)} demonstrators for {len(ids)} demonstrations; give one for each."
+        )
+    return {} if demonstrators is None else dict(zip(map(str, ids), demonstrators, strict=True))
+
+
+Judge = Callable[[Demonstrations | Dataset, Known], Audit]
+"""Judges demonstrations that belong together."""
+
+
+def groups_of(recording: Recording, known: Known) -> dict[str, list[int]]:
+    """The numbers of the demonstrations of each task and session; a `DataError` where sessions divide nothing."""
+    if recording.options.session:
+        check_sessions(known.facts.sessions, recording.options.session, recording.description.source)
+    return split_by_task(recording.demonstrations.ids, recording.tasks, known.facts.sessions)
+
+
+def judge_within_tasks(recording: Recording, known: Known, judge: Judge) -> Audit:
+    """The audit of the demonstrations of a recording, each judged within its task and session.
+
+    Where there is a reference, its demonstrations are judged beside those of each group. A group of one demonstration
+    is not judged.
+    """
+    demonstrations, places = recording.demonstrations, groups_of(recording, known)
+    if len(places) == 1:
+        return _with_facts(_judged(demonstrations, known, judge), known)
+    what = "sessions" if recording.options.session else "tasks"
+    what = f"tasks and {what}" if recording.options.session and len({*recording.tasks.values()}) > 1 else what
+    audits: dict[str, Audit] = {}
+    n_pairs = 0
+    for group, rows in places.items():
+        _warn_of_few(group, len(rows), recording)
+        own = known.select(rows, {str(demonstrations.ids[m]) for m in rows})
+        n_pairs += len(own.pairs)
+        if len(rows) > 1 or known.reference is not None:
+            audits[group] = _judged(demonstrations.select(rows), own, judge)
+    _warn_of_pairs(known.answers_source, len(known.pairs) - n_pairs, what)
+    return _with_facts(join_audits(audits, places, demonstrations.ids, demonstrations.offsets, what), known)
+
+
+def _judged(demonstrations: Demonstrations | Dataset, known: Known, judge: Judge) -> Audit:
+    """The audit of the demonstrations, which are judged together with those of the reference if there is one."""
+    if known.reference is None:
+        return judge(demonstrations, known)
+    n, own = len(demonstrations), demonstrations.select(slice(None))  # in memory
+    both = with_reference(own, known.reference)
+    return select(judge(both, known.with_good([str(name) for name in both.ids[n:]])), range(n), own.ids)
+
+
+def _with_facts(audit: Audit, known: Known) -> Audit:
+    """The audit with the sessions and the order of its demonstrations."""
+    return replace(audit, sessions=known.facts.sessions, order=known.facts.order)
+
+
+def _warn_of_pairs(source: str, n: int, what: str) -> None:
+    """Warn where `n` pairs compare demonstrations that are not judged together."""
+    if n:
+        pairs = f"{n} pairs compare" if n > 1 else "1 pair compares"
+        text = f"{source}: {pairs} demonstrations of different {what}, and {'are' if n > 1 else 'is'} left out."
+        warnings.warn(text, stacklevel=1)
+
+
+def _warn_of_few(group: str, n: int, recording: Recording) -> None:
+    """Warn where a task or session has too few demonstrations."""
+    if n < MIN_DEMONSTRATIONS:
+        said, options = recording.description, recording.options
+        what = "session" if options.session else "task"
+        remedy = (
+            "leave out --session or session=" if options.session else f"add --exclude {said.task_column} or exclude="
+        )
+        warnings.warn(
+            f"{said.source}: the {what} {group!r} has {n} demonstrations, too few to judge them well; to judge all "
+            f"{what}s as one, {remedy}.",
+            stacklevel=1,
+        )

@@ -1,0 +1,80 @@
+"""Numbers of the user's own for each step, such as those of an encoder of images, as more observations."""
+
+from __future__ import annotations
+
+import zipfile
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from rpil.data.demonstrations import Demonstrations
+from rpil.data.errors import DataError
+from rpil.data.files import StrPath, check_extension, check_readable
+from rpil.data.guard import guarded
+from rpil.data.npy import ARRAY, read_arrays
+from rpil.formats import table as flat
+from rpil.formats.parquet_pages import check_table
+from rpil.formats.recording import Recording
+from rpil.numerics.types import Array
+
+_INDEX = "index"
+
+
+def with_embeddings(recording: Recording, path: StrPath) -> Recording:
+    """The recording with the columns of a Parquet or NPZ file as more observations of each step.
+
+    They are joined on ``index``, the number of a step; the demonstrations are read into memory. A `DataError` where
+    either has no ``index``, or the file lacks a step or holds one twice.
+    """
+    names, index, values = _read(check_readable(check_extension(path, (".parquet", ".npz"), "embeddings")))
+    description = recording.description
+    text = f"{len(names):,} observations are from {Path(path).name}."
+
+    def load() -> Demonstrations:
+        found = recording.demonstrations
+        demonstrations = found if isinstance(found, Demonstrations) else found.select(slice(None))
+        own = recording.step_columns(slice(0, demonstrations.n_steps))
+        if own is None or _INDEX not in own.column_names:
+            raise DataError(f"{description.source}: no column {_INDEX!r} numbers its steps; leave --embeddings out.")
+        steps = own[_INDEX].to_numpy()
+        rows = np.minimum(np.searchsorted(index, steps), len(index) - 1)
+        lost = np.flatnonzero(index[rows] != steps)
+        if len(lost):
+            raise DataError(f"{path}: {len(lost):,} steps are not in it, the first is {steps[lost[0]]}; add them.")
+        observations = np.concatenate([demonstrations.observations, values[rows]], axis=1)
+        return replace(
+            demonstrations,
+            observations=observations,
+            observation_names=(*demonstrations.observation_names, *names),
+        )
+
+    described = replace(description, observations=(*description.observations, *names), notes=(*description.notes, text))
+    return replace(recording, description=described, load=load)
+
+
+def _read(path: Path) -> tuple[tuple[str, ...], Array, Array]:
+    """Names of the K columns, the index of each row (N,), in order, and the values (N, K)."""
+    with guarded(path):
+        if path.suffix.lower() == ".npz":
+            with zipfile.ZipFile(path) as stored:
+                members = [name for name in stored.namelist() if name.endswith(ARRAY)]
+                arrays = read_arrays(stored, members, path.name)
+            names = (name.removesuffix(ARRAY) for name in members)
+            columns = {name: np.atleast_1d(array) for name, array in zip(names, arrays, strict=True)}
+        else:
+            import pyarrow.parquet as pq
+
+            check_table(path)
+            table = pq.read_table(path)
+            read = {name: flat.numbers_or_missing(table[name]) for name in table.column_names}
+            columns = {name: values for name, values in read.items() if values is not None}
+        if _INDEX not in columns or len(columns) < 2:
+            raise DataError(f"{path}: it needs a column 'index', and others of numbers; write them.")
+        index = columns.pop(_INDEX).reshape(-1).astype(np.int64)
+        blocks = {name: np.reshape(values, (len(index), -1)) for name, values in columns.items()}
+        order = np.argsort(index, kind="stable")
+        index, values = index[order], np.concatenate(list(blocks.values()), axis=1)[order].astype(np.float32)
+        if not len(index) or (np.diff(index) == 0).any() or not np.isfinite(values).all():
+            raise DataError(f"{path}: a step is there twice, or a number is missing, or there is none; write it again.")
+        return flat.part_names({name: block.shape[1] for name, block in blocks.items()}, {}), index, values

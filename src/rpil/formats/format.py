@@ -1,0 +1,135 @@
+"""What the library knows of a format: one record, with which the module of the format ends."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence, Set
+from dataclasses import dataclass
+from pathlib import Path
+
+from rpil.data.arrays import Id
+from rpil.data.demonstrations import Demonstrations
+from rpil.data.errors import DataError
+from rpil.data.files import StrPath, replacing
+from rpil.data.names import natural_key, quoted
+from rpil.formats.columns import ColumnOptions
+from rpil.formats.recording import Recording
+from rpil.numerics.types import Array
+
+Trims = Mapping[str, tuple[int, int]]
+"""The first step to keep of some demonstrations, and the one after the last, by ids as text."""
+
+Keep = Callable[[Path, Path, Sequence[Id], ColumnOptions], None]
+"""Writes the demonstrations of these ids, in the order of the file, with all that the first path says of them."""
+
+
+def check_same_kind(path: Path, output: Path) -> None:
+    """A `DataError` where the data are a file and `output` has another extension, or a folder and it is a list."""
+    if path.is_dir() and output.suffix.lower() == ".json":
+        raise not_a_folder(output)
+    if path.is_file() and output.suffix.lower() != path.suffix.lower():
+        raise DataError(f"{output}: give it the extension {path.suffix}, or write another format with rpil convert.")
+
+
+def not_a_folder(output: Path) -> DataError:
+    """The error that the name of the `output` is that of a file, where the data are a folder."""
+    return DataError(f"{output}: the data are a folder, so name a folder, or write a table with rpil convert.")
+
+
+def no_commands(path: Path, ids: Sequence[object], kept: Sequence[object], output: StrPath) -> list[str]:
+    """No lines."""
+    return []
+
+
+@dataclass(frozen=True)
+class Defect:
+    """Something of a folder that does not agree with its data; `place` is a file, or an episode."""
+
+    what: str
+    place: str
+    sentence: str
+    can_be_mended: bool = False
+
+
+@dataclass(frozen=True)
+class Format:
+    """What a format can do; what is left out of the record, it cannot.
+
+    Attributes
+    ----------
+    name : str
+        In messages.
+    claims : function of a path
+        Whether the file or folder there has this format. A library's error means that it has not; a `DataError` is for
+        what no other format may open either.
+    read : function of a path and the options for columns
+        The `Recording`; a `DataError` where it cannot be read.
+    keep : Keep
+        Ids are as `read` gives them, or text. Nothing is at the output where it fails.
+    suffixes : tuple of str
+        Extensions of its files; those that `write` writes have the first.
+    write : function of a path, demonstrations and arrays (M,) by name, optional
+        Writes demonstrations, and true values for each, which `read` ignores.
+    check_output : function of the path of the data and that of the output
+        A `DataError` where `keep` cannot write to the output, before any work.
+    trim, check_trim : functions as `keep` and `check_output`, optional
+        Write demonstrations without some first and last steps: the fourth argument is the range to keep of some ids.
+    find_defects, mend : functions of a path, optional
+        What beside the demonstrations does not agree with them (with True, in videos too), and mending what is safe.
+    mask : function of a path and ids, optional
+        Lists some demonstrations in the file itself.
+    commands_to_keep : function of a path, all ids, those kept, and the output of `keep`
+        Lines with what to give the tool that wrote the data, so that it takes the kept ones only.
+    notes_on_weights : tuple of str
+        Sentences on how that tool takes weights.
+    read_address : function of a pattern or an address of several files, and the options for columns, optional
+        The `Recording`.
+    stays_on_disk : function of a path
+        Whether the data stay on disk where the user does not say.
+    """
+
+    name: str
+    claims: Callable[[Path], bool]
+    read: Callable[[Path, ColumnOptions], Recording]
+    keep: Keep
+    suffixes: tuple[str, ...] = ()
+    write: Callable[[Path, Demonstrations, Mapping[str, Array]], None] | None = None
+    check_output: Callable[[Path, Path], object] = check_same_kind
+    trim: Callable[[Path, Path, Sequence[Id], Trims], None] | None = None
+    check_trim: Callable[[Path, Path], object] = check_same_kind
+    find_defects: Callable[[Path, bool], list[Defect]] | None = None
+    mend: Callable[[Path], Iterable[str]] | None = None
+    mask: Callable[[Path, Sequence[Id]], None] | None = None
+    commands_to_keep: Callable[[Path, Sequence[object], Sequence[object], StrPath], list[str]] = no_commands
+    notes_on_weights: tuple[str, ...] = ()
+    read_address: Callable[[StrPath, ColumnOptions], Recording] | None = None
+    stays_on_disk: Callable[[StrPath], bool] = lambda _: False
+
+
+def keep_by_own_ids(keep: Callable[[Path, Path, Sequence[Id]], None]) -> Keep:
+    """The `Keep` of a format whose demonstrations have ids of their own, which refuses a column of ids."""
+
+    def checked(path: Path, output: Path, ids: Sequence[Id], options: ColumnOptions) -> None:
+        if options.id:
+            raise DataError(
+                f"{path}: it is given back by its own ids; leave id out, or write a table with rpil convert."
+            )
+        keep(path, output, ids)
+
+    return checked
+
+
+def keep_one_file(keep: Callable[[Path, Path, Set[str], ColumnOptions], set[str]]) -> Keep:
+    """The `Keep` of a format of single files, by a function that writes what there is of these ids and returns them."""
+
+    def checked(path: Path, output: Path, ids: Sequence[Id], options: ColumnOptions) -> None:
+        wanted = {*map(str, ids)}
+        with replacing(output) as temporary:
+            check_found(wanted, keep(path, temporary, wanted, options), path)
+
+    return checked
+
+
+def check_found(wanted: Set[str], found: Set[str], path: Path) -> None:
+    """A `DataError` where some of the ids `wanted` were not `found` at `path`."""
+    if missing := sorted(wanted - found, key=natural_key):
+        raise DataError(f"{path}: no demonstration is called {quoted(missing, 5)}; give ids that rpil.read gives.")

@@ -1,0 +1,196 @@
+"""Whether what LeRobot's ``meta`` says, and its videos, agree with the data; totals and statistics can be mended."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from functools import cached_property, partial
+from pathlib import Path
+
+import numpy as np
+
+from rpil.data.errors import DataError, MissingExtraError
+from rpil.data.files import replacing
+from rpil.data.guard import guarded
+from rpil.data.json_files import Parsed, read_json
+from rpil.formats import lerobot_stats as stats
+from rpil.formats.description import listed
+from rpil.formats.format import Defect
+from rpil.formats.lerobot import cameras, fill, frame_rate
+from rpil.formats.lerobot_episodes import read_episodes, read_lines
+from rpil.formats.lerobot_frames import Shot, find_faults
+from rpil.formats.lerobot_kept import PATHS, video_place
+from rpil.formats.lerobot_video import load_av
+from rpil.formats.store import find_files
+
+INFO, STATS = "meta/info.json", "meta/stats.json"
+
+TOLERANCE, SHARES = 1e-3, (1e-5, 1e-3)
+"""Standard deviations, and shares of the largest value, the second for a standard deviation, by which a statistic may
+differ: LeRobot subtracts squares of short floats."""
+
+
+@dataclass(frozen=True, eq=False)
+class Folder:
+    """A folder of LeRobot at `path`; errors of reading are `DataError`."""
+
+    path: Path
+
+    @cached_property
+    def info(self) -> dict[str, Parsed]:
+        """What ``info.json`` says."""
+        return dict(read_json(self.path / INFO))
+
+    @cached_property
+    def data(self) -> dict[int, tuple[int, int, str]]:
+        """Rows, the smallest ``index`` and the file of each episode, by the data."""
+        import pyarrow.parquet as pq
+
+        found: dict[int, tuple[int, int, str]] = {}
+        for file in find_files(self.path)[1]:
+            has_index = "index" in pq.read_schema(file).names
+            table = pq.read_table(file, columns=["episode_index", *["index"] * has_index])
+            numbers, starts, counts = np.unique(table["episode_index"], return_index=True, return_counts=True)
+            for m, row, n in zip(numbers.tolist(), starts.tolist(), counts.tolist(), strict=True):
+                first = table["index"][row].as_py() if has_index else -1
+                found[m] = n, first, os.path.relpath(file, self.path)
+        return found
+
+    @cached_property
+    def episodes(self) -> dict[int, dict[str, Parsed]]:
+        """What ``meta`` says of each episode, without its statistics; empty where it says nothing."""
+        lines = self.path / "meta" / "episodes.jsonl"
+        if lines.exists():
+            rows = read_lines(lines)
+        elif lines.with_suffix("").exists():
+            table = read_episodes(self.path)
+            table = table.select([name for name in table.column_names if not name.startswith("stats/")])
+            rows = table.to_pylist()
+        else:
+            rows = []
+        return {int(row["episode_index"]): row for row in rows}
+
+    @property
+    def is_whole(self) -> bool:
+        """Whether the data hold the episodes that ``meta`` lists, and no others."""
+        return self.data.keys() == self.episodes.keys()
+
+    def shots(self) -> list[Shot]:
+        """Where the frames of each episode that is there are, by camera."""
+        found, size = [], int(self.info.get("chunks_size", 1000))
+        for camera in cameras(self.info, "video"):
+            for m in sorted(self.data.keys() & self.episodes.keys()):
+                row, names = self.episodes[m], [f"videos/{camera}/{name}" for name in ("chunk_index", "file_index")]
+                chunk, file = (row[name] for name in names) if names[0] in row else (m // size, m)
+                start = row.get(f"videos/{camera}/from_timestamp", 0.0)
+                end = row.get(f"videos/{camera}/to_timestamp", np.inf)
+                place = video_place(self.path, self.info, camera, chunk, file)
+                found.append(Shot(camera, m, place, start, end, self.data[m][0]))
+        return found
+
+
+def find_defects(path: Path, look: bool) -> list[Defect]:
+    """What of a folder does not agree with its data; `look` decodes the videos, which takes a while."""
+    folder = Folder(path)
+    found: dict[Defect, None] = {}
+    for rule in (_in_totals, _in_episodes, _in_statistics, partial(_in_videos, look=look)):
+        try:
+            with guarded(path / "meta"):
+                found |= dict.fromkeys(rule(folder))
+        except DataError as error:
+            found[Defect("metadata", "meta", str(error).rstrip("."))] = None
+    return list(found)
+
+
+def _in_videos(folder: Folder, look: bool) -> Iterator[Defect]:
+    """Without the package for videos, only whether their files are there, unless they are to be looked at."""
+    fps, shots = frame_rate(folder.info.get("fps")), folder.shots()
+    try:
+        load_av()
+    except MissingExtraError:
+        if look:
+            raise
+        shots = [shot for shot in shots if not shot.path.is_file()]
+    return (Defect(*one) for one in find_faults(shots, fps, look)) if fps else iter(())
+
+
+def _totals(folder: Folder) -> dict[str, int]:
+    return {"total_episodes": len(folder.data), "total_frames": sum(n for n, _, _ in folder.data.values())}
+
+
+def _in_totals(folder: Folder) -> Iterator[Defect]:
+    for name, number in _totals(folder).items():
+        if folder.info.get(name, number) != number:
+            said = f"{name} is {folder.info[name]}, and the data hold {number}"
+            yield Defect("totals", INFO, said, folder.is_whole)
+
+
+def _in_episodes(folder: Folder) -> Iterator[Defect]:
+    if not folder.episodes:
+        yield Defect("episode table", "meta", "it does not list the episodes")
+        return
+    lost = folder.episodes.keys() - folder.data.keys()
+    if lost:
+        said = f"{len(lost)} of the {len(folder.episodes)} episodes that it lists are not in the data"
+        yield Defect("episode table", "meta", f"{said}, the first is {min(lost)}")
+    for m, (n, first, file) in folder.data.items():
+        row = folder.episodes.get(m)
+        if row is None:
+            yield Defect("episode table", str(m), "meta does not list it")
+            continue
+        expected = {"length": n} | ({"dataset_from_index": first, "dataset_to_index": first + n} if first >= 0 else {})
+        wrong = [
+            f"{name} is {row[name]}, not {value}" for name, value in expected.items() if row.get(name, value) != value
+        ]
+        places = {name: row[f"data/{name}"] for name in ("chunk_index", "file_index") if f"data/{name}" in row}
+        named = fill(str(folder.info.get("data_path") or PATHS["v3.0"][0]), **places) if places else file
+        wrong += [f"its data are in {file}, not in {named}"] if named != file else []
+        if wrong:
+            yield Defect("episode table", str(m), "; ".join(wrong))
+
+
+def _in_statistics(folder: Folder) -> Iterator[Defect]:
+    place = folder.path / STATS
+    if not place.is_file() or not folder.is_whole:
+        return
+    said = read_json(place)
+    for name, found in stats.of_data(folder.path / "data", said).items():
+        names = [what for what in ("min", "max", "mean", "std") if what in said[name]]
+        largest = np.max([np.abs(found[what]) for what in names], axis=0) if names else 0.0
+        for what in names:
+            slack = TOLERANCE * np.asarray(found.get("std", 0.0)) + SHARES[what == "std"] * largest + 1e-9
+            here, data = np.ravel(said[name][what]), np.ravel(found[what])
+            if here.shape != data.shape or not (np.abs(here - data) <= slack).all():
+                numbers = (listed([f"{number:.6g}" for number in values], 3) for values in (here, data))
+                yield Defect("statistics", STATS, "{} of {} is {}; of the data {}".format(what, name, *numbers), True)
+                break
+
+
+def mend(path: Path) -> list[str]:
+    """Write totals and statistics of numbers again where they are wrong; the sentences on what was done.
+
+    A backup of each file lies beside it, with the extension .bak, or .bak2 and so on.
+    """
+    folder, done = Folder(path), []
+    with guarded(path / "meta"):
+        if folder.is_whole and list(_in_totals(folder)):
+            done.append(_replace(path / INFO, folder.info | _totals(folder)))
+        if list(_in_statistics(folder)):
+            said = read_json(path / STATS)
+            done.append(_replace(path / STATS, said | stats.of_data(path / "data", said)))
+    return done
+
+
+def _replace(place: Path, content: Mapping[str, Parsed]) -> str:
+    """Write a file of JSON anew, after a backup."""
+    backup = place.with_name(f"{place.name}.bak")
+    number = 2
+    while backup.exists():
+        backup, number = place.with_name(f"{place.name}.bak{number}"), number + 1
+    shutil.copyfile(place, backup)
+    with replacing(place) as temporary:
+        temporary.write_text(json.dumps(content, indent=4), encoding="utf-8")
+    return f"Written again: {place}; what it was is in {backup.name}."

@@ -1,0 +1,226 @@
+"""One pass over the rows of a recording: the kind of the actions, ranges, missing values, operators and tasks."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from rpil.data.arrays import MAX_CLASSES, ActionKind, Id, are_whole, as_actions, kind_by_count, number_reason
+from rpil.data.errors import DataError
+from rpil.formats import table as flat
+from rpil.formats.columns import Columns
+from rpil.formats.layout import Layout
+from rpil.formats.order import Order
+from rpil.formats.rows import Rows
+from rpil.formats.starts import OrderCheck, Starts
+from rpil.formats.table import Place
+from rpil.formats.table_facts import pairs_of
+from rpil.numerics.types import Array, Int
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+
+@dataclass(eq=False)
+class Actions:
+    """The distinct actions and the range of continuous ones, collected table by table.
+
+    Attributes
+    ----------
+    classes : (K,) array
+        The distinct actions, in order; empty where they are continuous.
+    low, high : (A,) arrays
+    fault : DataError, optional
+        The first value that cannot be an action.
+    kind, reason : str
+        "discrete", "continuous" or, where they cannot be what is wanted, "refused"; and why.
+    """
+
+    layout: Layout
+    wanted: ActionKind
+    classes: Array = field(default_factory=lambda: np.empty(0))
+    low: Array = field(default_factory=lambda: np.array([np.inf]))
+    high: Array = field(default_factory=lambda: np.array([-np.inf]))
+    fault: DataError | None = None
+    kind: str = "continuous"
+    reason: str = ""
+    _n_steps: int = 0
+    _whole: bool = True
+
+    @property
+    def _is_text(self) -> bool:
+        return self.layout.action.kind == "U"
+
+    def add(self, table: pa.Table, at: Place) -> None:
+        """Add the actions of a table; values that cannot be actions are left out, and the first is the `fault`."""
+        name = self.layout.actions[0][0]
+        self._n_steps += len(table)
+        try:
+            self._add(table, at)
+        except DataError as error:
+            self.fault = self.fault or error
+            if not self.layout.n_parts and table[name].null_count < len(table):
+                self._add(table.select([name]).drop_null(), at)
+
+    def _add(self, table: pa.Table, at: Place) -> None:
+        if self.layout.n_parts:
+            numbers = np.empty((len(table), self.layout.n_parts), self.layout.action)
+            self.layout.fill_actions(numbers, table, at)
+            self._add_numbers(numbers)
+            return
+        values = flat.column_values(table, self.layout.actions[0][0], at).reshape(-1)
+        if not self._is_text:
+            values = self._add_numbers(values)
+            self._whole = self._whole and (values.dtype.kind != "f" or are_whole(values))
+        if self._whole and (self._is_text or self.wanted == "discrete" or len(self.classes) <= MAX_CLASSES):
+            classes = np.unique(as_actions(values, at(0), "discrete"))
+            self.classes = np.union1d(self.classes, classes) if len(self.classes) else classes
+
+    def _add_numbers(self, values: Array) -> Array:
+        """Add numbers, (N,) or (N, A); those that are there."""
+        self.low = np.fmin(self.low, np.fmin.reduce(values, axis=0))
+        self.high = np.fmax(self.high, np.fmax.reduce(values, axis=0))
+        return values if values.dtype.kind != "f" or values.ndim > 1 else values[~np.isnan(values)]
+
+    def finish(self, source: str) -> Layout:
+        """Decide what the actions are; the layout with their type."""
+        layout = self.layout
+        if layout.n_parts:
+            self.reason = number_reason(layout.n_parts)
+            return layout
+        try:
+            count = len(self.classes), self._n_steps, self._is_text, self._whole, self.wanted
+            self.kind, self.reason = kind_by_count(*count, "")
+        except DataError as error:
+            self.kind, self.reason = "refused", str(error).removeprefix(": ").rstrip(".")
+            self.fault = self.fault or DataError(f"{source}{error}")
+            return layout
+        if self.kind == "discrete":
+            return replace(layout, action=self.classes.dtype)
+        self.classes = np.empty(0)
+        return replace(layout, action=np.dtype(np.float32 if layout.action == np.float32 else np.float64), n_parts=1)
+
+
+@dataclass(eq=False)
+class Statistics:
+    """Ranges, missing values and constant parts of the columns of data, collected table by table.
+
+    They are those of the values: to read what the footer of a damaged file says of them would end the process.
+
+    Attributes
+    ----------
+    missing : dict of str to int
+        Missing values by column.
+    low, high : dict of str to array
+        Smallest and largest of the numbers (K,) of a column.
+    """
+
+    columns: Sequence[str]
+    missing: dict[str, int] = field(default_factory=dict)
+    low: dict[str, Array] = field(default_factory=dict)
+    high: dict[str, Array] = field(default_factory=dict)
+    _last: dict[str, Array] = field(default_factory=dict)
+    _within: dict[str, Array] = field(default_factory=dict)
+    _always: dict[str, Array] = field(default_factory=dict)
+    _goes_on: bool = False
+
+    def add(self, table: pa.Table, begins: Array) -> None:
+        """Add a table, in which demonstrations begin at the rows `begins`."""
+        same = np.ones(len(table), dtype=bool)
+        same[begins] = False
+        for name in self.columns:
+            values = flat.numbers_or_missing(table[name])
+            n_missing = table[name].null_count if values is None else int(np.isnan(values).sum())
+            if n_missing:
+                self.missing[name] = self.missing.get(name, 0) + n_missing
+            if values is not None and values.size and values.shape[1:] == self.low.get(name, values[0]).shape:
+                self._add(name, values, same)
+        self._goes_on = self._goes_on or bool(same.any())
+
+    def _add(self, name: str, values: Array, same: Array) -> None:
+        repeats = values == np.concatenate([self._last.get(name, values[:1]), values[:-1]])
+        within, always = repeats[same].all(axis=0), repeats.all(axis=0)
+        low, high = np.fmin.reduce(values, axis=0), np.fmax.reduce(values, axis=0)
+        if name in self.low:
+            low, high = np.fmin(self.low[name], low), np.fmax(self.high[name], high)
+            within, always = self._within[name] & within, self._always[name] & always
+        self.low[name], self.high[name], self._last[name] = low, high, values[-1:]
+        self._within[name], self._always[name] = within, always
+
+    def ranges(self, names: Mapping[str, Sequence[str]]) -> dict[str, tuple[float, float]]:
+        """Smallest and largest of the numbers that are there; `names` are those of the numbers of each column."""
+        found = ((names[m], self.low[m].tolist(), self.high[m].tolist()) for m in self.columns if m in self.low)
+        return {name: (a, b) for parts in found for name, a, b in zip(*parts, strict=True) if a == a}
+
+    def constant(self, names: Mapping[str, Sequence[str]]) -> list[str]:
+        """Names of the numbers that differ between demonstrations, and never within one."""
+        if not self._goes_on:
+            return []
+        found = ((names[m], (self._within[m] & ~self._always[m]).tolist()) for m in names if m in self._within)
+        return [name for parts in found for name, is_constant in zip(*parts, strict=True) if is_constant]
+
+
+@dataclass(frozen=True, eq=False)
+class Places:
+    """Where the M demonstrations of a recording are, and what orders their steps."""
+
+    ids: tuple[Id, ...]
+    offsets: Int[Array, " _"]
+    order: Order
+
+    def demonstration_of(self, row: int) -> str:
+        """The demonstration of a row, for messages."""
+        return f", demonstration {self.ids[int(np.searchsorted(self.offsets, row, side='right')) - 1]!r}"
+
+    def begins(self, row: int, n_rows: int) -> Array:
+        """The rows of a table of `n_rows` rows, the first of which is `row`, at which demonstrations begin."""
+        first, last = np.searchsorted(self.offsets[:-1], [row, row + n_rows])
+        return np.asarray(self.offsets[first:last] - row)
+
+
+@dataclass(frozen=True, eq=False)
+class Scan:
+    """What one pass over the rows of a recording finds; pairs are of an id, as text, and an operator or a task."""
+
+    places: Places
+    layout: Layout
+    actions: Actions
+    statistics: Statistics
+    operators: list[tuple[str, object]]
+    tasks: list[tuple[str, object]]
+
+
+def scan(rows: Rows, layout: Layout, columns: Columns, source: str, places: Places | None = None) -> Scan:
+    """Read all rows once.
+
+    Parameters
+    ----------
+    places : Places, optional
+        Where the demonstrations are, for rows whose ids have been read; else they are read here, and a `DataError`
+        says where the rows of a demonstration lie apart or are out of order.
+    """
+    starts, orders = Starts(columns.episode), OrderCheck(columns)
+    actions, statistics = Actions(layout, columns.action_kind), Statistics(layout.columns)
+    pairs: dict[str, dict[tuple[str, object], None]] = {name: {} for name in (columns.operator, columns.task) if name}
+    names = list(dict.fromkeys([*columns.data, *pairs, *(() if places else (*columns.orders, *columns.parts))]))
+    for row, table, at in rows.tables(0, rows.runs[-1][1], names, places.demonstration_of if places else _nowhere):
+        if places is not None:
+            begins = places.begins(row, len(table))
+        else:
+            table.validate(full=True)  # text from a damaged file need not be Unicode
+            begins = starts.add(row, table, at)
+            orders.add(table, begins, at)
+        actions.add(table, at)
+        statistics.add(table, begins)
+        for name in pairs:
+            pairs[name] |= dict.fromkeys(pairs_of(table, name, *flat.id_codes(table, columns.episode, at)))
+    places = places or Places(*starts.finish(rows, columns.episode, source), orders.finish(source))
+    found = (list(pairs.get(name or "", ())) for name in (columns.operator, columns.task))
+    return Scan(places, actions.finish(source), actions, statistics, *found)
+
+
+def _nowhere(row: int) -> str:
+    return ""

@@ -1,0 +1,104 @@
+"""A recording is judged within its tasks and sessions, from Python as by the command."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.compute
+import pyarrow.parquet as pq
+import pytest
+
+import rpil
+from command_line import ok
+from problems import make
+from rpil.data.errors import DataError
+from rpil.formats import table as flat
+from small import FAST, SMALL
+
+
+@pytest.fixture(scope="module")
+def both(tmp_path_factory):
+    """Two tasks whose experts act in opposite ways; the second one's operator is another."""
+    table = flat.from_demonstrations(make("random", 0, n_good=8, n_bad=3, steps=(20, 30)).demonstrations, {})
+    episode = table.column_names.index("episode_index")
+    action = table.column_names.index("action")
+    mirrored = table.set_column(action, "action", pa.array(2 - table["action"].to_numpy()))
+    left = pa.array([int(name[1:]) for name in table["episode_index"].to_pylist()])
+    table = table.set_column(episode, "episode_index", left)
+    mirrored = mirrored.set_column(episode, "episode_index", pa.compute.add(left, 100))
+    tasks, n = pa.concat_tables([table, mirrored]), len(table)
+    path = tmp_path_factory.mktemp("tasks") / "both.parquet"
+    tasks = tasks.append_column("task", [["left"] * n + ["right"] * n])
+    pq.write_table(tasks.append_column("who", [["Ann"] * n + ["Bob"] * n]), path)
+    return path
+
+
+def rpil_of(recording, **options):
+    return rpil.RPIL(features="folded", settings=FAST).fit(recording, **options)
+
+
+@pytest.fixture(scope="module")
+def judged(both):
+    return rpil_of(rpil.open(both))
+
+
+def test_python_and_the_command_say_the_same(both, judged):
+    found = json.loads(ok("audit", both, "--json", "-q", settings=FAST).stdout)
+    of_command = {row["id"]: row["log_odds"] for row in found["demonstrations"]}
+    of_python = dict(zip(judged.audit_.ids, judged.audit_.log_odds.tolist(), strict=True))
+    assert of_python == of_command
+    assert max(map(abs, of_python.values())) > 1
+    assert judged.audit_.assumptions[0].startswith("Demonstrations are judged within their tasks: left (11:")
+
+
+def test_each_task_is_judged_as_if_it_were_alone(both, judged, tmp_path):
+    table = pq.read_table(both)
+    pq.write_table(table.filter(pa.compute.equal(table["task"], "left")), tmp_path / "left.parquet")
+    alone = rpil_of(rpil.open(tmp_path / "left.parquet")).audit_
+    np.testing.assert_array_equal(judged.audit_.log_odds[: len(alone.ids)], alone.log_odds)
+
+
+def test_one_policy_is_learned_from_all_tasks(both, judged, tmp_path):
+    demonstrations = rpil.read(both)
+    weighted = rpil.BehavioralCloning(features="folded").fit(
+        demonstrations.observations, demonstrations.actions, sample_weight=judged.audit_.step_weight
+    )
+    np.testing.assert_allclose(judged.coef_, weighted.coef_, atol=0.05 * np.abs(weighted.coef_).max())
+    assert judged.predict(demonstrations.observations).shape == demonstrations.actions.shape
+    with pytest.raises(DataError, match="several tasks"):
+        judged.score_demonstrations(demonstrations)
+    with pytest.raises(DataError, match="several tasks"):
+        rpil.save(judged, tmp_path / "policy")
+
+
+def test_labels_and_pairs_go_to_their_task(both):
+    labels = [(0, "good"), (1, "better than 101"), (2, "better than 9")]
+    with pytest.warns(UserWarning, match="the labels: 1 pair compares demonstrations of different tasks, and is left"):
+        audit = rpil_of(rpil.open(both), labels=labels).audit_
+    assert audit.answers.labels[0] == 1
+    assert audit.answers.pairs.tolist() == [[2, 9]]
+    with pytest.raises(DataError, match="no demonstration is called '77'"):
+        rpil_of(rpil.open(both), labels={77: "good"})
+
+
+def test_what_was_named_when_it_was_opened_is_used(both):
+    audit = rpil_of(rpil.open(both, exclude="task", operator="who")).audit_
+    assert {one.name for one in audit.demonstrators} == {"Ann", "Bob"}
+    assert not rpil_of(rpil.open(both, exclude="task")).audit_.demonstrators
+    by_hand = rpil_of(rpil.open(both, exclude="task"), demonstrators=["Ann"] * 11 + ["Bob"] * 11).audit_
+    np.testing.assert_array_equal(audit.log_odds, by_hand.log_odds)
+    with pytest.raises(DataError, match="3 demonstrators for 22 demonstrations"):
+        rpil_of(rpil.open(both), demonstrators=["Ann"] * 3)
+    sessions = rpil_of(rpil.open(both, exclude="task", session="who")).audit_
+    assert sessions.assumptions[0].startswith("Demonstrations are judged within their sessions: Ann (11:")
+    assert sessions.sessions == ("Ann",) * 11 + ("Bob",) * 11
+
+
+def test_data_on_disk(both, judged):
+    on_disk = rpil.open(both, on_disk=True)
+    assert isinstance(on_disk.demonstrations, rpil.Dataset)
+    np.testing.assert_allclose(rpil_of(on_disk).audit_.log_odds, judged.audit_.log_odds)
+    one_task = rpil.RPIL(features="folded", settings=SMALL).fit(rpil.open(both, on_disk=True, exclude="task"))
+    assert len(one_task.audit_.ids) == 22

@@ -1,0 +1,68 @@
+"""`rpil.open` gives a recording that is asked for what the commands print."""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+import pytest
+
+import rpil
+from recordings import changed, demonstrations, recording
+from rpil.data.errors import DataError
+from rpil.faults.settings import FaultSettings
+
+EPISODES = recording()
+
+
+def spiky():
+    observations = EPISODES[3][0].copy()
+    observations[40, 0] += 90
+    return changed(EPISODES, 3, observations=observations)
+
+
+@pytest.mark.parametrize("suffix", [".parquet", ".csv", ".npz"])
+def test_everything_is_asked_of_one_recording(tmp_path, suffix):
+    rpil.write(tmp_path / f"a{suffix}", demonstrations(spiky()))
+    opened = rpil.open(tmp_path / f"a{suffix}")
+    assert opened.describe().demonstrations == 12
+    assert {(found.rule, found.id) for found in opened.faults().findings} == {("spike", 3)}
+    opened.keep([0, 5], tmp_path / f"b{suffix}")
+    assert rpil.read(tmp_path / f"b{suffix}").ids == (0, 5)
+    np.testing.assert_array_equal(opened.demonstrations.actions, demonstrations(EPISODES).actions)
+    with pytest.raises(DataError, match="no demonstration is called '77'"):
+        opened.keep([77], tmp_path / f"c{suffix}")
+
+
+def test_what_is_said_of_faults_is_used(tmp_path):
+    rpil.write(tmp_path / "a.parquet", demonstrations(spiky()))
+    opened = rpil.open(tmp_path / "a.parquet")
+    assert opened.faults(expected={"spike": ["3"]}).n_expected == 1
+    assert not opened.faults(settings=FaultSettings(min_demonstrations=99)).findings
+    assert opened.faults().not_checked["dropped frames"] == "the recording has no timestamps"
+
+
+def test_missing_values_are_reported_and_not_learned_from(tmp_path):
+    rows = [{"episode": m, "x": float(n), "action": n % 2} for m in range(9) for n in range(20)]
+    frame = pd.DataFrame(rows)
+    frame.loc[[3, 4], "x"] = np.nan
+    opened = rpil.open(frame)
+    assert {(found.rule, found.id) for found in opened.faults().findings} == {("missing values", 0)}
+    assert opened.faults(skip_bad=True).set_aside == (0,)
+    with pytest.raises(DataError, match="demonstration 0"):
+        rpil.RPIL().fit(opened)
+    with pytest.raises(DataError, match="not opened from a file"):
+        opened.keep([1], tmp_path / "a.csv")
+
+
+def test_columns_are_chosen_as_by_read(tmp_path):
+    (tmp_path / "texts").mkdir()
+    rpil.write(tmp_path / "texts" / "a.csv", demonstrations(EPISODES))
+    opened = rpil.open(tmp_path / "texts" / "a.csv", observations=["observation.0"])
+    assert opened.demonstrations.n_observations == 1
+    opened.keep([1], tmp_path / "b.csv")  # all columns
+    assert rpil.read(tmp_path / "b.csv").n_observations == 3
+    assert isinstance(rpil.open(tmp_path / "texts").demonstrations, rpil.Demonstrations)
+    (tmp_path / "tables").mkdir()
+    rpil.write(tmp_path / "tables" / "a.parquet", demonstrations(EPISODES))
+    assert isinstance(rpil.open(tmp_path / "tables").demonstrations, rpil.Dataset)
+    assert isinstance(rpil.open(tmp_path / "tables", on_disk=False).demonstrations, rpil.Demonstrations)

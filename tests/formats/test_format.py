@@ -1,0 +1,71 @@
+"""What every format's record refuses, and what it leaves out."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+import rpil
+from rpil import formats
+from rpil.data.demonstrations import Demonstrations
+from rpil.data.errors import DataError
+from rpil.formats.columns import ColumnOptions
+from rpil.formats.format import Format, keep_by_own_ids, keep_one_file
+from rpil.formats.registry import Found
+from samples import SAMPLES
+
+TOY = Demonstrations.from_episodes([([[1.0], [2.0]], [0, 1]), ([[3.0]], [1])])
+
+
+def test_what_is_left_out_cannot_be_done(tmp_path):
+    path = tmp_path / "a.toy"
+    path.write_text("x")
+    bare = Found(path, Format("toy", Path.is_file, lambda path, options: None, lambda *_: None))
+    with pytest.raises(DataError, match="only HDF5 of robomimic can list"):
+        bare.mask([0])
+    assert bare.commands_to_keep([0, 1], [1]) == []
+    assert bare.format.notes_on_weights == ()
+    assert not bare.format.stays_on_disk(path)
+
+
+def test_ids_of_its_own():
+    kept = []
+    keep = keep_by_own_ids(lambda *given: kept.append(given))
+    keep(Path("a"), Path("b"), [1], ColumnOptions())
+    assert kept == [(Path("a"), Path("b"), [1])]
+    with pytest.raises(DataError, match="given back by its own ids"):
+        keep(Path("a"), Path("b"), [1], ColumnOptions(id="run"))
+
+
+def test_one_file_is_whole_or_not_there(tmp_path):
+    def write(path, output, ids, options):
+        output.write_text(" ".join(sorted(ids)))
+        return ids - {"9"}
+
+    keep = keep_one_file(write)
+    keep(tmp_path / "a", tmp_path / "b", [1, 2], ColumnOptions())
+    assert (tmp_path / "b").read_text() == "1 2"
+    with pytest.raises(DataError, match="no demonstration is called '9'"):
+        keep(tmp_path / "a", tmp_path / "c", [9], ColumnOptions())
+    assert [file.name for file in tmp_path.iterdir()] == ["b"]
+
+
+@pytest.mark.parametrize("name", ["out.csv", "out.hdf5", "out.zip", "out.json"])
+def test_a_folder_is_no_file(tmp_path, name):
+    data = SAMPLES["folder of CSV"](tmp_path)
+    with pytest.raises(DataError, match="the data are a folder, so name a folder"):
+        formats.keep(data, tmp_path / name, ["0"])
+
+
+def test_an_extension_of_another_format(tmp_path):
+    rpil.write(tmp_path / "a.csv", TOY)
+    with pytest.raises(DataError, match=r"give it the extension \.csv"):
+        formats.keep(tmp_path / "a.csv", tmp_path / "b.parquet", [0])
+
+
+def test_addresses_are_not_given_back(tmp_path):
+    with pytest.raises(DataError, match="only files of this computer"):
+        formats.keep("s3://bucket/data", tmp_path / "some", [1])
+    with pytest.raises(DataError, match="no such file"):
+        formats.keep(Path("s3://bucket/data"), tmp_path / "some", [1])

@@ -1,0 +1,104 @@
+"""Formats other than Parquet on disk: what is read there is what is read into memory."""
+
+from __future__ import annotations
+
+import errno
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+
+import samples
+from rpil import Dataset, formats
+from rpil.data.errors import DataError
+from rpil.data.memory import limited
+from rpil.formats import read_recording, rows
+from rpil.formats.columns import ColumnOptions
+
+
+@pytest.fixture(autouse=True)
+def small_batches(monkeypatch):
+    monkeypatch.setattr(rows, "BATCH_ROWS", 7)
+    monkeypatch.setattr("rpil.formats.parts.BATCH_ROWS", 7)
+
+
+def both(path, options=ColumnOptions()):
+    memory, disk = (read_recording(path, options, on_disk=on_disk) for on_disk in (False, True))
+    assert isinstance(disk.demonstrations, Dataset)
+    assert disk.description.to_dict() == memory.description.to_dict()
+    here, there = memory.demonstrations, disk.demonstrations.select(slice(None))
+    assert (here.ids, here.observation_names) == (there.ids, there.observation_names)
+    assert here.action_names in ((), there.action_names)  # NPZ has none
+    for name in ("observations", "actions", "offsets"):
+        assert getattr(here, name).dtype == getattr(there, name).dtype
+        np.testing.assert_array_equal(getattr(here, name), getattr(there, name))
+    np.testing.assert_array_equal(memory.times().timestamps, disk.times().timestamps)
+    assert memory.tasks == disk.tasks
+    return memory, disk
+
+
+@pytest.mark.parametrize("name", samples.SAMPLES)
+def test_every_format(tmp_path, name):
+    path = samples.SAMPLES[name](tmp_path)
+    options = ColumnOptions(operator="operator") if "text" in name else ColumnOptions()
+    both(path, options)
+
+
+def table(ids, actions, decimal="."):
+    separator = ";" if decimal == "," else ","
+    lines = [["episode_id", "step", "observation.x", "action", "task"]]
+    lines += [
+        [m, k, f"{k / 7:.3f}".replace(".", decimal), a, "lift"]
+        for k, (m, a) in enumerate(zip(ids, actions, strict=True))
+    ]
+    return "".join(separator.join(map(str, line)) + "\n" for line in lines)
+
+
+@pytest.mark.parametrize(
+    ("ids", "actions", "decimal"),
+    [
+        (["1"] * 9 + ["2"] * 9, [0, 1, 1] * 6, "."),
+        (["1"] * 9 + ["02"] * 9, [0, 1, 1] * 6, "."),  # the ids are text because the last one is
+        (["a"] * 9 + ["b"] * 9, [0] * 17 + ["0.5"], "."),  # so is it with numbers
+        (["a"] * 9 + ["b"] * 9, [0] * 17 + ["left"], "."),
+        (["a"] * 9 + ["b"] * 9, ["0,25", 1, 2] * 6, ","),
+    ],
+)
+def test_text_tables(tmp_path, monkeypatch, ids, actions, decimal):
+    monkeypatch.setattr("rpil.formats.csv._BLOCK_BYTES", 1 << 8)
+    (tmp_path / "a.csv").write_text(table(ids, actions, decimal))
+    both(tmp_path / "a.csv")
+
+
+def test_folders_of_text_tables(tmp_path):
+    for name in ("run1", "run2"):
+        (tmp_path / f"{name}.csv").write_text(table([3] * 9, [0, 1, 1] * 3).replace("episode_id", "speed"))
+    memory, disk = both(tmp_path)
+    assert memory.demonstrations.ids == ("run1", "run2")
+    assert memory.facts.order.tolist() == disk.facts.order.tolist() == [0, 1]
+
+
+def test_a_fault_names_file_demonstration_and_row(tmp_path):
+    (tmp_path / "a.csv").write_text(table(["a"] * 9 + ["b"] * 9, [0, 1, 1] * 5 + [0, "", 1]))
+    with pytest.raises(DataError, match=r"a\.csv, row 17: column 'action' has no value"):
+        read_recording(tmp_path / "a.csv", on_disk=True).demonstrations  # noqa: B018
+
+
+def test_what_takes_too_much_memory_goes_to_disk(tmp_path):
+    (tmp_path / "a.csv").write_text(table(["a"] * 400 + ["b"] * 400, [0, 1] * 400))
+    assert not isinstance(read_recording(tmp_path / "a.csv", on_disk=None).demonstrations, Dataset)
+    with limited("50kB"):
+        assert isinstance(read_recording(tmp_path / "a.csv", on_disk=None).demonstrations, Dataset)
+        with pytest.raises(DataError, match="of memory, more than"):
+            formats.read(tmp_path / "a.csv")
+
+
+def test_a_full_disk_is_said(tmp_path, monkeypatch):
+    (tmp_path / "a.csv").write_text(table(["a"] * 9, [0, 1, 1] * 3))
+
+    def full(*_):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(pq.ParquetWriter, "write_table", full)
+    with pytest.raises(DataError, match=r"a\.csv: no space is left in .*; set TMPDIR"):
+        read_recording(tmp_path / "a.csv", on_disk=True)
