@@ -238,9 +238,6 @@ KINDS: dict[str, Kind] = {
     "idle tail": Kind(_idle(False), (1, 2, 3), IDLE_UNIT, "idle tail"),
     "length, cut": Kind(cut, (4, 7, 10), "times shorter", "length"),
     "sign": Kind(_column("sign", lambda x, *_: -x), (1,), "column", "sign"),
-    "offset": Kind(
-        _column("offset", lambda x, size, sd, way: x + way * size * sd), (0.5,), "standard deviations", "offset"
-    ),
     "exchanged": Kind(exchange, (1,), "pair", "exchanged"),
     "action early": Kind(
         _rows(lambda e, n, _: np.column_stack([e[:-1, :n], e[1:, n:]])), (1,), "step", "shifted action"

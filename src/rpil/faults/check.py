@@ -16,11 +16,11 @@ from rpil.faults.duplicates import find_duplicates
 from rpil.faults.expected import leave_out
 from rpil.faults.frames import find_frame_counts, find_frame_times, frame_time
 from rpil.faults.lag import find_lag
-from rpil.faults.maprules import session
+from rpil.faults.maprules import MAP_COMPARISONS
 from rpil.faults.measure import Learned, measure
 from rpil.faults.naming import learn
 from rpil.faults.record import RULES, FaultReport, Finding, Rule
-from rpil.faults.rules import Evidence
+from rpil.faults.rules import COMPARISONS, Evidence, is_lag_known
 from rpil.faults.settings import FaultSettings
 from rpil.faults.whole import learn_ends
 from rpil.formats.dataset import Dataset
@@ -35,6 +35,7 @@ NEEDS: dict[str, Callable[[Evidence], str | None]] = {
     "actions": lambda seen: None if seen.columns.is_action.any() else CODES.format("action"),
     "columns": lambda seen: None if seen.columns.names else CODES.format("observation or action"),
     "map": lambda seen: "no state corresponds to an action" if seen.learned.namer is None else None,
+    "lag": lambda seen: None if seen.learned.lag.pairs else "no observation goes with an action",
     "several": lambda seen: _too_few(seen),
 }
 """Why a rule does not apply, by what it needs."""
@@ -87,8 +88,7 @@ def find_faults(
         seen = Evidence(measured, columns, learned, ids, demonstrations.lengths[kept], seconds, settings)
         why |= {name: reason for name, rule in RULES.items() if (reason := _reason(rule, seen))}
         found += find_duplicates(seen)
-        finders = dict.fromkeys(rule.find for rule in RULES.values() if rule.find)
-        for comparison in chain.from_iterable(find(seen) for find in finders):
+        for comparison in chain.from_iterable(compare(seen) for compare in (*COMPARISONS, *MAP_COMPARISONS)):
             if comparison.rule not in why:
                 found += comparison.findings(ids)
                 silent = unknown.get(comparison.rule, comparison.names)
@@ -120,8 +120,6 @@ def without_consequences(found: Iterable[Finding]) -> list[Finding]:
     held = [f for f in found if f.rule in ("frozen sensor", "frozen action", "saturation")]
     ends = {(f.id, f.column, step) for f in held for step in (f.first, f.last + 1)}
     meet = {(f.id, f.last) for f in found if f.rule == "two episodes"}
-    exchanged = {f.id for f in found if f.rule == "exchanged"}
-    found = [f for f in found if f.rule != "never moves" or f.id not in exchanged]
     remade = {f.id for f in found if f.rule in ("never moves", "next state", "two episodes")}
     timed = {f.id for f in found if f.rule in ("frame rate", "two episodes")}
     return [
@@ -164,14 +162,13 @@ def _too_few(seen: Evidence) -> str | None:
 def _usual(seen: Evidence) -> dict[str, str]:
     """What is usual in these data."""
     usual = {}
-    lag, names = seen.learned.lag, seen.columns.names
-    if lag.is_known and seen.learned.namer is not None:
-        first, second = names[lag.action], names[lag.state]
-        if lag.steps < 0:
+    names = seen.columns.names
+    if is_lag_known(seen):
+        best = seen.learned.lag.pairs[0]
+        first, second = names[best.action], names[best.state]
+        if best.lag < 0:
             first, second = second, first
-        usual["lag"] = f"{second} follows {first} after {seen.duration(abs(lag.steps))}"
-    if changed := session(seen):
-        usual["session"] = changed
+        usual["lag"] = f"{second} follows {first} after {seen.duration(abs(best.lag))}"
     if seen.seconds is not None:
         usual["dropped frames"] = f"a frame every {1e3 * seen.seconds:.4g} ms"
     return usual

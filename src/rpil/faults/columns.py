@@ -3,7 +3,6 @@ usually move."""
 
 from __future__ import annotations
 
-import re
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -45,8 +44,6 @@ class Columns:
     motion: float = 1.0
     labels: tuple[str, ...] = ()
     """Of all columns, `column_labels`."""
-    numbered: Int[Array, " N"] = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
-    """Of the columns that move at all, codes included."""
     rotations: tuple[int, ...] = ()
     """The first of four observations that are a quaternion."""
     towards: Float[Array, "Q 4"] = field(default_factory=lambda: np.zeros((0, 4)))
@@ -100,16 +97,13 @@ def describe_columns(sample: Block, labels: tuple[str, ...], settings: FaultSett
     everything = list(zip(labels, sample.observations.T[:width], strict=False))
     if sample.actions.ndim == 2:
         everything += zip(labels[n_observations:], sample.actions.T, strict=True)
-    driven = _is_driven([name for name, _ in everything], [column for _, column in everything], settings)
-    measured = [k for k, (_, x) in enumerate(everything) if driven[k] and _is_measurement(x, settings)]
-    moving = [k for k, (_, column) in enumerate(everything) if column.min() < column.max()]
+    measured = [k for k, (_, x) in enumerate(everything) if _is_measurement(x, settings)]
     number = np.array([k if k < width else k - width + n_observations for k in measured], dtype=np.int64)
     chosen = tuple(everything[k][0] for k in measured)
     ones = np.ones(len(number))
-    numbered = np.array([k if k < width else k - width + n_observations for k in moving], dtype=np.int64)
     turns = _rotations(sample.observations[:, :width])
     towards = np.array([sample.observations[0, k : k + 4] for k in turns]).reshape(len(turns), 4)
-    empty = Columns(chosen, number, number >= n_observations, ones, ones, ones, 1.0, labels, numbered, turns, towards)
+    empty = Columns(chosen, number, number >= n_observations, ones, ones, ones, 1.0, labels, turns, towards)
     if not chosen:
         return empty
     values = empty.of(sample)
@@ -142,17 +136,6 @@ def _rotations(observations: Array) -> tuple[int, ...]:
         if is_free and np.allclose(size[:, k : k + 4].sum(axis=1), 1.0, atol=1e-3) and size[:, k : k + 4].std() > 0:
             found.append(k)
     return tuple(found)
-
-
-def _is_driven(names: list[str], values: list[Array], settings: FaultSettings) -> list[bool]:
-    """Whether a column moves, beside its siblings: those whose names differ from its own by numbers."""
-    kinds = [re.sub(r"\d+", "#", name) for name in names]
-    wide = np.array([float(np.ptp(column)) for column in values])
-    usual = {kind: float(np.median(wide[[k == kind for k in kinds]])) for kind in set(kinds)}
-    return [
-        not re.search("'.*[a-z]", kind) or size >= settings.least_driven * usual[kind]
-        for kind, size in zip(kinds, wide, strict=True)
-    ] if names else []  # fmt: skip
 
 
 def _spread(values: Float[Array, "C T"]) -> Float[Array, " C"]:

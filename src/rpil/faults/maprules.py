@@ -2,70 +2,51 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 import numpy as np
-from scipy.stats import mannwhitneyu
 
-from rpil.faults.record import finds
 from rpil.faults.rules import Comparison, Evidence
-from rpil.faults.undo import SHIFTS, UNITS
 from rpil.numerics.types import Array
 
 TRIED = {
     "sign": ("sign",),
-    "scale": ("scale",),
-    "offset": ("offset",),
     "exchanged": ("exchanged",),
-    "shifted action": ("+1", "-1"),
-    "lag": SHIFTS[2:],
+    "shifted action": ("actions late", "actions early"),
     "reversed": ("reversed",),
     "frame rate": ("frame rate",),
 }
 """Rule to the faults that are tried."""
 
+SENTENCES = {
+    "sign": "{} has the other sign",
+    "exchanged": "{} are exchanged",
+    "actions late": "the actions are one step late",
+    "actions early": "the actions are one step early",
+    "reversed": "time is reversed: it runs backwards",
+    "frame rate": "it has half the frame rate of the others: every other step is missing",
+}
 
-@finds("lag", "sign", "offset", "exchanged", "shifted action", "reversed", "frame rate")
+
 def compare_maps(seen: Evidence) -> Iterator[Comparison]:
     """Demonstrations that fit the map between states and actions of the others once a fault is undone."""
     namer, by = seen.learned.namer, seen.measured
     if namer is None:
         return
-    tried, whole = namer.tried, [(0, length - 1) for length in seen.lengths.astype(int).tolist()]
-    names = np.array(seen.columns.names)[namer.frame.column]
+    tried, names = namer.tried, np.array(seen.columns.names)[namer.frame.column]
     for rule, kinds in TRIED.items():
         own = np.flatnonzero(np.isin(tried.kind, kinds))
-        if not len(own):
-            continue
         called = tuple(" and ".join(names[c[c >= 0]]) for c in tried.columns[own])
         limit = np.where(np.isnan(namer.limit[own]), np.inf, namer.limit[own])
-        value = np.where(by.named[:, None] == own, by.gain[:, :1], 0.0)
+        value = np.where(by.named[:, None] == own, by.gain[:, None], 0.0)
 
-        def say(m: int, k: int, rule: str = rule, own: Array = own, called: tuple[str, ...] = called) -> str:
-            h, off = own[k], by.gain[m, 1]
-            by_factor = UNITS[k // len(names)] if rule == "scale" else 1.0
-            spread = namer.frame.spread[tried.columns[h, 0]]
-            steps = int(tried.kind[h]) if rule == "lag" else 0
-            way = "sooner" if steps > 0 else "later"
-            words = {
-                "sign": f"{called[k]} has the other sign",
-                "scale": f"{called[k]} has {1 / by_factor:.3g} times its usual size: perhaps another unit",
-                "offset": f"{called[k]} is off by {-off * spread:.3g}, {abs(off):.2g} of its standard deviations",
-                "exchanged": f"{called[k]} are exchanged",
-                "shifted action": f"the actions are one step {'late' if tried.kind[h] == '+1' else 'early'}",
-                "lag": f"the state follows the action {seen.duration(abs(steps))} {way} than is usual",
-                "reversed": "time is reversed: it runs backwards",
-                "frame rate": "it has half the frame rate of the others: every other step is missing",
-            }
-            return f"{words[rule]}; undone, it fits the others"
+        def say(m: int, k: int, own: Array = own, called: tuple[str, ...] = called) -> str:
+            return f"{SENTENCES[tried.kind[own[k]]].format(called[k])}; undone, it fits the others"
 
-        severity = np.where(np.isfinite(limit), value / limit, np.nan)
-        if rule == "lag":
-            value = np.abs([int(kind) for kind in tried.kind[own]]) * np.ones_like(value)
-        yield Comparison(rule, called, value, np.broadcast_to(limit, value.shape), severity, lambda m, _: whole[m], say)
+        if len(own):
+            yield Comparison.above(rule, called, value, limit, lambda m, _: (0, int(seen.lengths[m]) - 1), say)
 
 
-@finds("two episodes")
 def compare_boundaries(seen: Evidence) -> Iterator[Comparison]:
     """Demonstrations that hold an end and then a beginning."""
     ends, by = seen.learned.ends, seen.measured
@@ -84,7 +65,6 @@ def compare_boundaries(seen: Evidence) -> Iterator[Comparison]:
     )
 
 
-@finds("next state")
 def compare_next_states(seen: Evidence) -> Iterator[Comparison]:
     """Demonstrations whose actions are the next state, where those of others are not."""
     moves, same = seen.measured.next_state.sum(axis=1).T
@@ -101,39 +81,28 @@ def compare_next_states(seen: Evidence) -> Iterator[Comparison]:
     )
 
 
-@finds("never moves")
 def compare_ranges(seen: Evidence) -> Iterator[Comparison]:
-    """Columns, codes such as an open gripper included, that move in the others and never in this one."""
-    by, s, columns = seen.measured, seen.settings, seen.columns
-    names = tuple(columns.labels[k] for k in columns.numbered)
-    usual = np.median(by.ranges, axis=0)
-    still = by.ranges <= s.least_range * usual
-    low = np.where(still, np.inf, by.ranges).min(axis=0)
-    steady = np.isin(columns.numbered, columns.number[columns.moving >= s.min_moving])  # or as far each time
-    is_known = (usual > 0) & (still.mean(axis=0) < 0.25) & (steady | (low >= s.steady_range * usual))
-    least = np.where(is_known, 0.5, np.inf)
+    """Columns that move in the others, about as far in each, and never in this one."""
+    by, s, names = seen.measured, seen.settings, seen.columns.names
+    ranges = by.high - by.low
+    usual = np.median(ranges, axis=0)
+    still = ranges <= s.least_range * usual
+    low, high = np.where(still, np.inf, ranges).min(axis=0), ranges.max(axis=0)
+    is_known = (still.mean(axis=0) < 0.25) & (low >= s.steady_range * usual) & (s.steady_range * high <= usual)
     yield Comparison.above(
         "never moves",
         names,
         still.astype(float),
-        least,
+        np.where(is_known & (usual > 0), 0.5, np.inf),
         lambda m, _: (0, int(seen.lengths[m]) - 1),
         lambda m, c: f"{names[c]} never moves, and in the others it does",
     )
 
 
-def session(seen: Evidence) -> str | None:
-    """Whether the first quarter of the demonstrations differs from the last, in words: that is no fault."""
-    quarter = len(seen.ids) // 4
-    level = seen.measured.level
-    if quarter < 3 or not level.shape[1]:
-        return None
-    chance = mannwhitneyu(level[:quarter], level[-quarter:], axis=0).pvalue
-    many = int((chance < 0.01 / level.shape[1]).sum())
-    if not many:
-        return None
-    worst = seen.columns.names[int(np.argmin(chance))]
-    return (
-        f"the first quarter of the demonstrations differs from the last in {many} of {level.shape[1]} columns, most in "
-        f"{worst}: perhaps another session, setup or calibration, which is no fault"
-    )
+MAP_COMPARISONS: tuple[Callable[[Evidence], Iterator[Comparison]], ...] = (
+    compare_maps,
+    compare_boundaries,
+    compare_next_states,
+    compare_ranges,
+)
+"""The rules that compare whole demonstrations."""

@@ -11,12 +11,12 @@ from rpil.data.copies import digests
 from rpil.data.demonstrations import Block, Demonstrations
 from rpil.faults import segments
 from rpil.faults.columns import Columns
-from rpil.faults.lag import Lag
+from rpil.faults.lag import Lag, shifts
 from rpil.faults.missing import set_aside
 from rpil.faults.naming import Namer, name_block
 from rpil.faults.record import Finding
 from rpil.faults.settings import FaultSettings
-from rpil.faults.whole import Ends, next_state, ranges
+from rpil.faults.whole import Ends, next_state
 from rpil.formats.dataset import Dataset
 from rpil.numerics.types import Array, Bool, Float, Int, Shaped
 
@@ -60,11 +60,12 @@ class Measured:
     repeat_run: Int[Array, " M"]
     head: Int[Array, " M"]  # idle steps at the beginning
     tail: Int[Array, " M"]
+    shift: Int[Array, " M"]  # of the lag from the usual one
+    shift_gain: Float[Array, " M"]  # in agreement of the cross-correlations, relative to the usual one
     named: Int[Array, " M"]  # the fault that `Namer` names, or -1
-    gain: Float[Array, "M 2"]  # of undoing it, and the offset of its column
+    gain: Float[Array, " M"]  # of undoing it
     boundary: Float[Array, "M 2"]  # how unlike one between two demonstrations the best step is, and that step
     next_state: Float[Array, "M A 2"]  # whether each action moves, and is then the next state
-    ranges: Float[Array, "M N"]  # of `Columns.numbered`
     signature: Float[Array, "M S"]
     digest: Shaped[Array, " M"]
 
@@ -130,10 +131,10 @@ def _measure_block(
         ),
         head,
         tail,
+        *shifts(values, change, offsets, learned.lag.pairs, settings),
         *name_block(learned.namer, values, block, numbers),
         _boundaries(learned.ends, values[~columns.is_action], offsets),
         next_state(block),
-        ranges(block, columns),
         _signatures(values, offsets, directions),
         digests(block.observations, block.actions, block.offsets),
     )
@@ -153,18 +154,21 @@ def _spikes_and_jumps(change: Array, size: Array, offsets: Array) -> tuple[Array
 
 
 def _idle_ends(motion: Array, moves: Array, offsets: Array, s: FaultSettings) -> tuple[Array, Array]:
-    """Steps before the first and after the last step that moves, of each demonstration. A controller that settles,
-    whose motion goes on to decay, is not idle."""
+    """Steps before the first and after the last step that moves, of each demonstration. Where motion
+    grows slowly, or decays as that of a controller that settles, nothing is idle."""
     n, steps = len(moves), np.arange(len(moves))
     first = np.minimum.reduceat(np.where(moves, steps, n), offsets[:-1])
     last = np.maximum.reduceat(np.where(moves, steps, -1), offsets[:-1])
     nothing = first == n
     head = np.where(nothing, np.diff(offsets), np.maximum(first - 1 - offsets[:-1], 0))
     tail = np.where(nothing, 0, offsets[1:] - 1 - last)
-    for m in np.flatnonzero(tail >= s.min_idle).tolist():
-        end, third = int(offsets[m + 1]), int(tail[m]) // 3
-        begins, goes_on = (motion[end - k * third : end - (k - 1) * third].mean() for k in (3, 2))
-        tail[m] = 0 if 0 < s.settling * goes_on < begins else tail[m]
+    for idle, ends, way in ((head, offsets[:-1], 1), (tail, offsets[1:], -1)):
+        for m in np.flatnonzero(idle >= s.min_idle).tolist():
+            first = ends[m] if way > 0 else ends[m] - idle[m]
+            own = motion[first + 1 : first + idle[m]][::way]
+            third = len(own) // 3
+            if 0 < s.settling * own[1 : third + 1].mean() < own[-third:].mean():
+                idle[m] = 0
     return head, tail
 
 

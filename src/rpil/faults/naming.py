@@ -1,7 +1,7 @@
 """Which fault, when undone, makes a demonstration fit the maps of the others: limits from a sample, then each block.
 
-For a fault of columns, the gain of undoing it where it is follows from the gain of undoing it where it is not; faults
-of time are planted into the sample. Where the two gains overlap, that fault of that column is not known.
+For a linear fault, the gain of undoing it where it is follows from the gain of undoing it where it is not; the others
+are planted into the sample. Where the two gains overlap, that fault of that column is not known.
 """
 
 from __future__ import annotations
@@ -11,89 +11,74 @@ from dataclasses import dataclass
 import numpy as np
 
 from rpil.data.demonstrations import Block
-from rpil.faults.alignment import Frame, fit_maps, misfit
 from rpil.faults.columns import Columns
 from rpil.faults.lag import Lag
+from rpil.faults.maps import OF_ROWS, Frame, Tried, fit_maps, gains, left_over, misfit, plant, undo
 from rpil.faults.settings import FaultSettings
-from rpil.faults.undo import OF_ROWS, SHIFTS, UNITS, Tried, Weights, plant, scores, whole_gain
 from rpil.numerics.types import Array, Float, Int
 
 
 @dataclass(frozen=True, eq=False)
 class Namer:
-    """What names the fault of a demonstration; `limit` (H,) are gains from which a fault is named, NaN where nothing is
-    known, and `far` (C,) the offsets, in standard deviations."""
+    """What names the fault of a demonstration.
+
+    Attributes
+    ----------
+    maps : (F, K, D) array
+        `fit_maps`.
+    usual : (K,) array
+        Mean squares.
+    limit, rest : (H,) arrays
+        Gain from which a fault is named, NaN where nothing is known; and what may be left over beyond the usual then.
+    screen : float
+        What a demonstration leaves over beyond the usual, from which on faults are tried.
+    """
 
     frame: Frame
     tried: Tried
-    weights: tuple[Weights, ...]
+    maps: Float[Array, "F K D"]
+    usual: Float[Array, " K"]
     limit: Float[Array, " H"]
-    far: Float[Array, " C"]
-    screen: float  # what a demonstration leaves over beyond the usual, from which on faults are tried
+    rest: Float[Array, " H"]
+    screen: float
 
-    def name(self, number: int, values: Float[Array, "T C"]) -> tuple[int, float, float]:
-        """The fault tried that a demonstration has, or -1; what undoing it gains; and the offset of its column."""
-        weights = self.weights[number % len(self.weights)]
-        moments = self.frame.moments(values)
+    def name(self, number: int, values: Float[Array, "T C"]) -> tuple[int, float]:
+        """The fault tried that a demonstration has, or -1, and what undoing it gains."""
+        maps, moments = self.maps[number % len(self.maps)], self.frame.moments(values)
         if moments is None:
-            return -1, 0.0, 0.0
-        excess = float(np.log(misfit(weights.maps, moments) / weights.usual).sum() / 2)
+            return -1, 0.0
+        excess = float(np.log(misfit(maps, moments) / self.usual).sum() / 2)
         if excess <= self.screen:
-            return -1, 0.0, 0.0
-        found = scores(values, weights, self.frame, self.tried)
-        if found is None:
-            return -1, 0.0, 0.0
-        gain, off = found
-        fits = np.ones(len(gain), dtype=bool)
-        fits[self.tried.kind == "offset"] = np.abs(off) > self.far
-        fits[self.tried.kind == "scale"] = self._has_size(moments).ravel()
-        # A fault explains what is odd; of one column, with noise, a part of it.
-        share = np.select([np.isin(self.tried.kind, SHIFTS), self.tried.kind == "frame rate"], [0.5, 0.0], 0.2)
-        gain = np.where(fits & (gain > np.maximum(self.limit, share * excess)), gain, 0.0)
+            return -1, 0.0
+        gain = gains(values, moments, maps, self.frame, self.tried)
+        gain = np.where((gain > self.limit) & (excess - gain <= self.rest), gain, 0.0)
         best = int(np.argmax(gain))
-        column = self.tried.columns[best, 0]
-        return (best, float(gain[best]), float(off[column])) if gain[best] > 0 else (-1, 0.0, 0.0)
-
-    def _has_size(self, moments: Array) -> Array:
-        """Whether each column has about the size that it would have in each other unit, (U, C)."""
-        now, frame = self.frame.places()[:, 1], self.frame
-        square = frame.spread**2 * moments[now, now] + 2 * frame.spread * frame.centre * moments[now, -1]
-        size = np.log(np.maximum(square + frame.centre**2, 1e-300)) - np.log(frame.spread**2 + frame.centre**2)
-        factor = np.log(UNITS)[:, None]
-        return np.asarray(np.abs(size / 2 + factor) < 0.75 * np.abs(factor))
+        return (best, float(gain[best])) if gain[best] > 0 else (-1, 0.0)
 
 
 def name_block(namer: Namer | None, values: Float[Array, "C T"], block: Block, numbers: Array) -> tuple[Array, Array]:
-    """`Namer.name` of each demonstration of a block: faults, (M,), and gains and offsets, (M, 2)."""
-    found = np.tile([-1.0, 0.0, 0.0], (len(numbers), 1))
+    """`Namer.name` of each demonstration of a block, (M,) and (M,)."""
+    found = np.tile([-1.0, 0.0], (len(numbers), 1))
     if namer is not None:
         rows = values[namer.frame.column].T
         for m, (number, first, end) in enumerate(zip(numbers, block.offsets, block.offsets[1:], strict=False)):
             found[m] = namer.name(int(number), rows[first:end])
-    return found[:, 0].astype(int), found[:, 1:]
+    return found[:, 0].astype(int), found[:, 1]
 
 
 def learn(
-    sample: Block, numbers: Int[Array, " M"], columns: Columns, lag: Lag, n_all: int,
-    s: FaultSettings,
-) -> Namer | None:  # fmt: skip
+    sample: Block, numbers: Int[Array, " M"], columns: Columns, lag: Lag, n_all: int, s: FaultSettings
+) -> Namer | None:
     """The maps of a sample, and the limits of the gains in it; None where no map tells anything."""
-    action, state = np.flatnonzero(columns.is_action), np.flatnonzero(~columns.is_action)
-    if len(action) and len(state):
-        chosen_actions = np.sort(np.argsort(-lag.related.max(axis=1), kind="stable")[: s.map_columns])
-        follows = lag.related[chosen_actions].max(axis=0)
-        action, state = action[chosen_actions], state[np.sort(np.argsort(-follows, kind="stable")[: s.map_columns])]
+    action, state = (chosen[: s.map_columns] for chosen in lag.most_related)
     if not len(action) or not len(state) or len(numbers) < s.min_demonstrations:
         return None
-    values, own = columns.of(sample), np.concatenate([state, action])
-    values = values[own]
+    own = np.concatenate([np.sort(state), np.sort(action)])
+    values = columns.of(sample)[own]
     rows = [values[:, a:b].T for a, b in zip(sample.offsets, sample.offsets[1:], strict=False)]
     spread, best = values.std(axis=1), None
-    leap = 2 * np.quantile([np.abs(np.diff(x, axis=0)).max(axis=0, initial=0) for x in rows], 0.75, axis=0) + 1e-12
-    for steps in dict.fromkeys([0, 1, 2, *[lag.steps] * lag.is_known]):
-        frame = Frame(
-            own, len(state), steps, np.median(values, axis=1), np.where(spread > 0, spread, 1.0), leap, s.map_rows
-        )
+    for steps in dict.fromkeys([0, 1, 2, *[pair.lag for pair in lag.pairs[:1]]]):
+        frame = Frame(own, len(state), steps, np.where(spread > 0, spread, 1.0), s.map_rows)
         seen = [frame.moments(x) for x in rows]
         kept = [m for m, g in enumerate(seen) if g is not None]
         if len(kept) < s.min_demonstrations:
@@ -102,55 +87,53 @@ def learn(
         moments = np.stack([g for g in seen if g is not None])
         maps = fit_maps(moments, fold, frame, s)
         left = np.log([misfit(maps[f], g) for f, g in zip(fold, moments, strict=True)])
-        usual = np.median(left, axis=0)
         apart = _apart([rows[m] for m in kept[:: -(-len(kept) // s.lag_sample)]], maps[0], frame)
         if best is None or apart > best[0]:
-            best = apart, frame, maps, np.exp(usual), left - usual, kept
+            best = apart, frame, maps, left, kept
     if best is None or not best[2].any():
         return None
-    _, frame, maps, usual, excess, kept = best
-    tried = Tried.of(frame)
-    weights = tuple(Weights.of(b, usual, frame, tried.pairs) for b in maps)
+    _, frame, maps, left, kept = best
+    usual = np.median(left, axis=0)
+    excess = (left - usual).sum(axis=1) / 2
     share = max(1.0 - s.map_tested / n_all, 0.0)
-    screen = float(np.quantile(excess.sum(axis=1) / 2, share)) if share else -np.inf
-    chosen = [kept[k] for k in np.unique(np.linspace(0, len(kept) - 1, s.map_sample).astype(int))]
-    clean, planted, off = _gains([rows[m] for m in chosen], numbers[chosen] % s.map_folds, weights, frame, tried)
-    limit = _limits(clean, planted, s)
-    far = np.maximum(s.offset_factor * np.quantile(np.abs(off), 0.75, axis=0), s.least_offset)
-    used: Array = np.any(maps, axis=(0, 1))
-    is_known = (far < s.largest_offset) & used[frame.places()[:, 1]]
-    limit[tried.kind == "offset"] = np.where(is_known, s.least_gain, np.nan)
-    return Namer(frame, tried, weights, limit, far, screen)
+    screen = float(np.quantile(excess, share)) if share else -np.inf
+    chosen = np.unique(np.linspace(0, len(kept) - 1, s.map_sample).astype(int))
+    tried, sampled = Tried.of(frame), [kept[k] for k in chosen]
+    clean, planted, rest = _gains([rows[m] for m in sampled], maps[numbers[sampled] % s.map_folds], frame, tried, usual)
+    return Namer(frame, tried, maps, np.exp(usual), _limits(clean, planted, s), _above(rest, s), screen)
 
 
 def _apart(rows: list[Array], maps: Array, frame: Frame) -> float:
     """How far apart the gains of undoing faults of all columns are, without and with the fault."""
-    return sum(
-        float(np.median([whole_gain(kind, plant(kind, x, frame.n_states), maps, frame) for x in rows]))
-        - float(np.median([whole_gain(kind, x, maps, frame) for x in rows]))
-        for kind in ("reversed", "frame rate", "+1", "-1")
-    )
+    clean, planted, _ = _gains(rows, np.broadcast_to(maps, (len(rows), *maps.shape)), frame, Tried.of(frame), 0.0)
+    return float((np.median(planted, axis=0) - np.median(clean, axis=0))[-len(OF_ROWS) :].sum())
 
 
-def _gains(
-    rows: list[Array], fold: Array, weights: tuple[Weights, ...], frame: Frame, tried: Tried
-) -> tuple[Array, Array, Array]:
-    """Gains of undoing each fault in demonstrations without, and with it, (M, H), and offsets, (M, C)."""
-    clean, planted, offsets = [], [], []
-    whole = {kind: int(np.flatnonzero(tried.kind == kind)[0]) for kind in OF_ROWS}
-    for x, f in zip(rows, fold.tolist(), strict=True):
-        found = scores(x, weights[f], frame, tried)
-        assert found is not None
-        gain, off = found
-        with_fault = -gain
-        scale = np.flatnonzero(tried.kind == "scale").reshape(len(UNITS) // 2, 2, -1)
-        with_fault[scale] = -gain[scale[:, ::-1]]  # the other unit is the inverse
-        for kind, h in whole.items():
-            with_fault[h] = whole_gain(kind, plant(kind, x, frame.n_states), weights[f].maps, frame)
+def _gains(rows: list[Array], maps: Array, frame: Frame, tried: Tried, usual: Array | float) -> tuple[Array, ...]:
+    """Gains of undoing each fault in demonstrations without, and with it, and what is left over then, (M, H)."""
+    clean, planted, rest = [], [], []
+    for x, own in zip(rows, maps, strict=True):
+        moments = frame.moments(x)
+        assert moments is not None
+        gain = gains(x, moments, own, frame, tried)
+        with_fault, excess = -gain, np.full(len(gain), (np.log(misfit(own, moments)) - usual).sum() / 2)
+        for h, kind in enumerate(OF_ROWS, start=len(gain) - len(OF_ROWS)):
+            changed = plant(kind, x, frame.n_states)
+            other = frame.moments(changed)
+            if other is not None:
+                before = misfit(own, other)
+                with_fault[h] = left_over(undo(kind, changed, frame.n_states), own, frame, before)
+                excess[h] = (np.log(before) - usual).sum() / 2 - with_fault[h]
         clean.append(gain)
         planted.append(with_fault)
-        offsets.append(off)
-    return np.array(clean), np.array(planted), np.array(offsets)
+        rest.append(excess)
+    return np.array(clean), np.array(planted), np.array(rest)
+
+
+def _above(rest: Array, s: FaultSettings) -> Array:
+    """From where on what is left over is unusual (Tukey 1977)."""
+    low, high = np.quantile(rest, [0.25, 0.75], axis=0)
+    return np.asarray(high + s.map_rest * (high - low))
 
 
 def _limits(clean: Array, planted: Array, s: FaultSettings) -> Array:

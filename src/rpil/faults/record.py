@@ -3,23 +3,19 @@
 from __future__ import annotations
 
 import math
-import typing
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, field
 
 from rpil.data.arrays import Id
 
 DIFFER = "demonstrations differ too much in this to know what is usual"
+LAGS_DIFFER = "the lag between action and state is not the same in most demonstrations"
 RESTS = "{} rest for long, or demonstrations differ too much in this"
 UNTOLD = "undone, clean demonstrations fit the map between states and actions as well"
 
 
-Finder = Callable[..., Iterator[typing.Any]]
-"""From what was measured to comparisons of demonstrations."""
-
-
-@dataclass(eq=False)
+@dataclass(frozen=True)
 class Rule:
     """A rule without a model; see docs/faults.md.
 
@@ -31,14 +27,11 @@ class Rule:
         What must be there, names of `rpil.faults.check.NEEDS`.
     unknown : str
         Why it says nothing where it applies and nothing can be known.
-    find : callable, optional
-        From what was measured to comparisons of demonstrations, which may be those of several rules; `finds` sets it.
     """
 
     words: str
     needs: tuple[str, ...] = ()
     unknown: str = DIFFER
-    find: Finder | None = None
 
 
 COLUMNS, MAPS = ("columns", "several"), ("map", "several")
@@ -61,9 +54,8 @@ RULES = {
     "spike": Rule("one value is far from both its neighbours", COLUMNS),
     "jump": Rule("a column leaps from one step to the next and stays there", COLUMNS),
     "scale": Rule("a column has another unit or scale than elsewhere", COLUMNS),
-    "lag": Rule("the state follows the action sooner or later than elsewhere", MAPS, UNTOLD),
+    "lag": Rule("the state follows the action sooner or later than elsewhere", ("lag", "several"), LAGS_DIFFER),
     "sign": Rule("a column has the other sign", MAPS, UNTOLD),
-    "offset": Rule("a column is off by a constant, as by another calibration", MAPS, UNTOLD),
     "exchanged": Rule("two columns are exchanged", MAPS, UNTOLD),
     "shifted action": Rule("the actions are one step early or late", MAPS, UNTOLD),
     "reversed": Rule("time runs backwards", MAPS, UNTOLD),
@@ -72,24 +64,13 @@ RULES = {
     "two episodes": Rule(
         "it holds two episodes", ("observations", "several"), "beginnings and ends are not unlike the rest"
     ),
-    "never moves": Rule("a column that moves in the others never does", ("several",)),
+    "never moves": Rule("a column that moves in the others never does", COLUMNS),
     "idle head": Rule("nothing moves for long at the beginning", COLUMNS),
     "idle tail": Rule("nothing moves for long at the end", COLUMNS),
     "duplicate": Rule("another demonstration is the same, or nearly"),
     "length": Rule("it is far longer or shorter than the others", ("several",)),
 }
 """Every rule."""
-
-
-def finds(*names: str) -> Callable[[Finder], Finder]:
-    """The function below compares demonstrations for these rules."""
-
-    def register(find: Finder) -> Finder:
-        for name in names:
-            RULES[name].find = find
-        return find
-
-    return register
 
 
 @dataclass(frozen=True)

@@ -9,9 +9,8 @@ import numpy as np
 
 from rpil.data.arrays import Id
 from rpil.faults.columns import Columns
-from rpil.faults.fences import fence, two_fences
 from rpil.faults.measure import Learned, Measured
-from rpil.faults.record import Finding, finds
+from rpil.faults.record import Finding
 from rpil.faults.settings import FaultSettings
 from rpil.numerics.types import Array, Float
 
@@ -86,7 +85,23 @@ class Comparison:
             )
 
 
-@finds("spike", "jump")
+def fence(values: Array, factor: float, least: Array | float, settings: FaultSettings) -> Array:
+    """Where values (M, ...) of demonstrations begin to be unusual; infinite where they differ too much to tell.
+
+    With quartiles q1 and q3 over the demonstrations, and s = `least`, the size below which values do not differ:
+
+        (q3 + s) max(factor, r),    r = ((q3 + s) / (q1 + s))^fence,    for r up to `max_spread`.
+    """
+    low, high = np.quantile(values, [0.25, 0.75], axis=0, method="lower") + least
+    spread = (high / np.maximum(low, 1e-300)) ** settings.fence
+    return np.asarray(np.where(spread <= settings.max_spread, high * np.maximum(factor, spread), np.inf))
+
+
+def two_fences(values: Array, factor: float, settings: FaultSettings) -> tuple[Array, Array]:
+    """Where positive values (M, ...) begin to be unusually small, and unusually large."""
+    return 1.0 / fence(1.0 / values, factor, 0.0, settings), fence(values, factor, 0.0, settings)
+
+
 def compare_leaps(seen: Evidence) -> Iterator[Comparison]:
     """Spikes and jumps: larger than usual, than the usual largest change, and than a share of the column's spread."""
     by, s, columns = seen.measured, seen.settings, seen.columns
@@ -120,7 +135,6 @@ def compare_leaps(seen: Evidence) -> Iterator[Comparison]:
     )
 
 
-@finds("frozen sensor", "frozen action", "saturation")
 def compare_constant_runs(seen: Evidence) -> Iterator[Comparison]:
     """Frozen sensors, frozen actions and saturation: one value for long, while others move."""
     by, s, columns = seen.measured, seen.settings, seen.columns
@@ -133,6 +147,7 @@ def compare_constant_runs(seen: Evidence) -> Iterator[Comparison]:
     usual_bottom = (by.low <= bottom + near).mean(axis=0) >= s.common_limit
     usual_top = (by.high >= top - near).mean(axis=0) >= s.common_limit
     at_limit = (at_bottom & usual_bottom) | (at_top & usual_top)
+    at_limit |= by.run_step == 0  # what has not been touched yet rests
     is_extreme = (by.run_value == bottom) | (by.run_value == top)
     for rule, own, is_fault in (
         ("saturation", np.arange(len(columns.names)), is_extreme & ~at_limit),
@@ -153,7 +168,6 @@ def compare_constant_runs(seen: Evidence) -> Iterator[Comparison]:
         yield Comparison.above(rule, names, np.where(is_fault, by.still, 0)[:, own], limits[own], steps, say)
 
 
-@finds("repeated frames")
 def compare_repeated_rows(seen: Evidence) -> Iterator[Comparison]:
     """Rows that repeat the one before while everything moves."""
     by, s = seen.measured, seen.settings
@@ -171,7 +185,6 @@ def compare_repeated_rows(seen: Evidence) -> Iterator[Comparison]:
     )
 
 
-@finds("idle head", "idle tail")
 def compare_idle_ends(seen: Evidence) -> Iterator[Comparison]:
     """Idle beginnings and ends, which may be trimmed."""
     s, lengths = seen.settings, seen.lengths.astype(int)
@@ -190,7 +203,6 @@ def compare_idle_ends(seen: Evidence) -> Iterator[Comparison]:
         yield Comparison.above(rule, ("",), idle, np.asarray(limit), steps, say)
 
 
-@finds("length")
 def compare_lengths(seen: Evidence) -> Iterator[Comparison]:
     """Demonstrations far longer or shorter than the others."""
     lengths = seen.lengths.astype(float)[:, None]
@@ -208,7 +220,6 @@ def compare_lengths(seen: Evidence) -> Iterator[Comparison]:
     )
 
 
-@finds("scale")
 def compare_scales(seen: Evidence) -> Iterator[Comparison]:
     """Columns whose values and changes are both many times larger, or smaller, than elsewhere.
 
@@ -232,3 +243,42 @@ def compare_scales(seen: Evidence) -> Iterator[Comparison]:
 
     limits = np.where(larger > smaller, high, low) / np.median(levels, axis=0)
     yield Comparison("scale", columns.names, ratio, limits, severity, lambda m, _: (0, int(seen.lengths[m]) - 1), say)
+
+
+def compare_lags(seen: Evidence) -> Iterator[Comparison]:
+    """Demonstrations whose state follows the action sooner or later than elsewhere."""
+    by, s = seen.measured, seen.settings
+    steps = np.abs(by.shift)
+    least_gain = float(fence(by.shift_gain, s.shift_factor, s.smallest_gain, s))
+    severity = np.where(steps >= s.min_shift, by.shift_gain / least_gain, 0.0)
+    if not is_lag_known(seen):
+        severity = np.full(len(steps), np.nan)
+
+    def say(m: int, _: int) -> str:
+        off = seen.duration(int(steps[m]))
+        return f"the state follows the action {off} {'later' if by.shift[m] > 0 else 'sooner'} than is usual"
+
+    limit = np.full((len(steps), 1), float(s.min_shift))
+    whole = "lag", ("",), steps[:, None].astype(float), limit, severity[:, None]
+    yield Comparison(*whole, lambda m, _: (0, int(seen.lengths[m]) - 1), say)
+
+
+def is_lag_known(seen: Evidence) -> bool:
+    """Whether most demonstrations have the same lag."""
+    s, by = seen.settings, seen.measured
+    agree = ((np.abs(by.shift) < s.min_shift) | (by.shift_gain < s.smallest_gain)).mean() >= s.min_agreement
+    return bool(
+        seen.learned.lag.pairs and agree and np.isfinite(fence(by.shift_gain, s.shift_factor, s.smallest_gain, s))
+    )
+
+
+COMPARISONS: tuple[Callable[[Evidence], Iterator[Comparison]], ...] = (
+    compare_leaps,
+    compare_constant_runs,
+    compare_repeated_rows,
+    compare_idle_ends,
+    compare_lengths,
+    compare_scales,
+    compare_lags,
+)
+"""The rules that compare demonstrations."""

@@ -24,8 +24,6 @@ class FaultSettings:
         have fewer.
     max_columns : int
         Observation columns beyond which observations are images, whose columns no rule compares.
-    least_driven : float
-        Range of a column, relative to the columns whose names differ by numbers only, below which nothing drives it.
     fence : float
         Distances of the upper quartile from the lower one, in logarithms, that a value may lie above the upper
         quartile. benchmarks/faults.py.
@@ -64,27 +62,36 @@ class FaultSettings:
         Steps. Shorter idle heads and tails are no fault.
     idle_factor : float
         Times the usual idle head, or tail.
-    farthest_lag, max_lag, far_lag : int, int, float
-        Steps. Lags between action and state at which the usual one is sought, in both directions; and from where on,
-        and for which share, correlations count for less: motion that repeats has many.
+    max_lag : int
+        Steps. Lags between action and state that are looked at, in both directions.
+    max_partners : int
+        States, those most correlated with an action, of which one is chosen for it.
+    max_shift, min_shift : int
+        Steps by which a lag may differ from the usual one at most, and from which on that is a fault.
+        benchmarks/faults.py.
+    memories : tuple of int
+        Steps that an action remembers, which are taken out before it is correlated with the state; the first with
+        which there is a correlation. benchmarks/faults.py.
     min_correlation : float
-        Correlation of an action with the state, in the pilot, from which their lag is known.
+        Correlation of an action with the state, in the pilot, from which their lag is looked at. benchmarks/faults.py.
+    min_agreement : float
+        Share of the demonstrations that must have the usual lag.
+    shift_factor, smallest_gain : float
+        Times the usual gain in agreement by a shift, and gain by which demonstrations do not differ; gains are relative
+        to the usual agreement of the cross-correlations. benchmarks/faults.py.
     map_columns, map_rows, map_folds, map_ridge : int, int, int, float
         States, and actions, of the map between them; windows of a demonstration that are looked at; parts of the
         demonstrations, each judged by maps of the others; and the penalty of least squares, of variance 1.
     map_trim, map_unknown : float, float
         Share of the demonstrations that shape the maps, and of the variance that a map leaves over where it tells
         nothing.
-    lag_sample, map_sample, map_tail : int, int, float
-        Demonstrations that choose the lag of the map, and in which faults are planted, and quartile distances from the
-        medians by which gains with and without must differ.
+    lag_sample, map_sample, map_tail, map_rest : int, int, float, float
+        Demonstrations that choose the lag of the map, and in which faults are planted, and quartile distances by which
+        gains with and without must differ, and beyond which what is left over is unusual.
     map_tested : int
         Demonstrations, about, those with the most misfit, in which faults are tried at most.
     least_gain : float
         Logarithm of likelihood for each step that undoing a fault gains at least. benchmarks/faults.py.
-    offset_factor, least_offset, largest_offset : float
-        Times the usual offset, offset that is no fault, and limit from which on nothing is known, in standard
-        deviations. benchmarks/faults.py.
     length_factor : float
         Times the usual length, or its inverse. benchmarks/faults.py.
     scale_factor : float
@@ -97,12 +104,12 @@ class FaultSettings:
     least_range : float
         Range of a column, relative to the lower quartile, below which it never moves.
     steady_range : float
-        Range of a column, relative to the median, that demonstrations have at least in which it moves at all.
+        Range of a column, relative to the median, or its inverse, within which demonstrations lie in which it moves.
     common_limit : float
         Share of the demonstrations that reach the lowest or highest value of a column, from which that is a limit of
         the robot, where it may rest.
     settling : float
-        Times by which motion decays from the first to the second third of a tail of a controller that settles.
+        Times by which motion decays from the first to the last third of a tail of a controller that settles.
     min_duplicate : int
         Steps from which equal demonstrations of codes alone are duplicates: shorter ones are equal by chance.
     """
@@ -112,17 +119,16 @@ class FaultSettings:
     pilot_steps: int = 50_000
     min_distinct: int = 20
     max_columns: int = 1_000
-    least_driven: float = 0.05
     fence: float = 2.0
     max_spread: float = 5.0
-    spike_factor: float = 2.0
-    jump_factor: float = 2.0
+    spike_factor: float = 2.5
+    jump_factor: float = 2.5
     smallest: float = 0.5
-    change_factor: float = 1.25
+    change_factor: float = 1.75
     smallest_leap: float = 0.1
     frozen_factor: float = 2.5
     smallest_run: float = 2.0
-    min_frozen: int = 10
+    min_frozen: int = 14
     least_moving: float = 0.1
     min_moving: float = 0.5
     frame_gap: float = 0.5
@@ -132,30 +138,33 @@ class FaultSettings:
     idle_motion: float = 0.05
     min_idle: int = 10
     idle_factor: float = 3.0
-    farthest_lag: int = 64
     max_lag: int = 20
-    far_lag: float = 0.8
+    max_partners: int = 4
+    max_shift: int = 10
+    min_shift: int = 2
+    memories: tuple[int, ...] = (3, 1)
     min_correlation: float = 0.3
+    min_agreement: float = 0.75
+    shift_factor: float = 3.0
+    smallest_gain: float = 0.03
     map_columns: int = 16
-    map_rows: int = 256
+    map_rows: int = 128
     map_folds: int = 5
     map_ridge: float = 1e-4
     map_trim: float = 0.7
     map_unknown: float = 0.8
     lag_sample: int = 6
     map_sample: int = 40
-    map_tail: float = 1.5
-    map_tested: int = 500
-    least_gain: float = 0.75
-    offset_factor: float = 2.5
-    least_offset: float = 0.25
-    largest_offset: float = 0.4
+    map_tail: float = 2.5
+    map_rest: float = 1.5
+    map_tested: int = 200
+    least_gain: float = 1.0
     length_factor: float = 2.0
     scale_factor: float = 8.0
     near_share: float = 0.005
     near_duplicate: tuple[float, float] = (0.02, 0.2)
     least_range: float = 0.005
-    steady_range: float = 0.5
+    steady_range: float = 0.25
     common_limit: float = 0.25
-    settling: float = 3.0
+    settling: float = 1.25
     min_duplicate: int = 50

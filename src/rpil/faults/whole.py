@@ -1,4 +1,4 @@
-"""What is measured of whole demonstrations: two in one, actions that are the next state, columns that never move."""
+"""What is measured of whole demonstrations: two in one, and actions that are the next state."""
 
 from __future__ import annotations
 
@@ -85,14 +85,3 @@ def next_state(block: Block, n_steps: int = 16) -> Float[Array, "M A 2"]:
             near = np.abs(actions[:, :, None] - after[:, None, :]) <= 1e-6 * wide[:, None]
             out[m] = np.column_stack([wide > 0, (wide > 0) & near.all(axis=0).any(axis=1)])
     return out
-
-
-def ranges(block: Block, columns: Columns) -> Float[Array, "M C"]:
-    """Of all columns that are compared or are codes: the largest value less the smallest."""
-    out = []
-    for k in columns.numbered:
-        n = block.observations.shape[1]
-        column = block.observations[:, k] if k < n else block.actions[:, k - n]
-        top, low = (f.reduceat(column, block.offsets[:-1]) for f in (np.maximum, np.minimum))
-        out.append(np.subtract(top, low, dtype=np.float64))
-    return np.array(out).reshape(len(columns.numbered), len(block.offsets) - 1).T
