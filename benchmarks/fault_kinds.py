@@ -43,21 +43,17 @@ class Clean:
         heads = [[np.argmin(np.append(s[::k], False)) for s in still] for k in (1, -1)]
         self.idle = tuple(np.quantile(heads, 0.75, axis=1))
         self.distinct = np.array([len(np.unique(column)) >= 20 for column in rows.T])
-        self.report = find_faults(demonstrations)
+        self.report, self.names = find_faults(demonstrations), column_labels(demonstrations)
 
-    @property
-    def names(self) -> list[str]:
-        """Names of the columns, as in the findings."""
-        return list(column_labels(self.demonstrations))
+    def of_rule(self, rule: str) -> Array:
+        """Whether each column measures something and is one of those that the rule is about."""
+        kind = {"frozen sensor": "observation", "frozen action": "action"}.get(rule, "")
+        return self.distinct & np.array([name.startswith(kind) for name in self.names])
 
     def columns(self, rule: str) -> Array:
-        """Numbers of the columns that measure something and of which the rule says that it can know."""
-        if rule in self.report.not_checked:
-            return np.arange(0)
-        unknown = self.report.unknown.get(rule, ())
-        kind = {"frozen sensor": "observation", "frozen action": "action"}.get(rule, "")
-        known = [name not in unknown and name.startswith(kind) for name in self.names]
-        return np.flatnonzero(self.distinct & np.array(known))
+        """Numbers of the columns of which the rule says that it can know."""
+        unknown = self.names if rule in self.report.not_checked else self.report.unknown.get(rule, ())
+        return np.flatnonzero(self.of_rule(rule) & ~np.isin(self.names, unknown))
 
     def pick(self, rule: str, rng: np.random.Generator) -> int | None:
         return int(rng.choice(columns)) if len(columns := self.columns(rule)) else None
@@ -67,10 +63,9 @@ class Clean:
         it can know; None where the rule is about actions and these are discrete."""
         if rule in ("frozen action", "lag") and self.demonstrations.is_discrete:
             return None
-        if rule not in (*HELD, "spike", "jump", "scale", "sign", "offset", "never moves"):
+        if rule not in (*HELD, "spike", "jump", "scale", "sign", "never moves"):
             return float(rule not in self.report.not_checked or rule == "dropped frames")
-        kind = {"frozen sensor": "observation", "frozen action": "action"}.get(rule, "")
-        n_columns = sum(d and name.startswith(kind) for d, name in zip(self.distinct, self.names, strict=True))
+        n_columns = int(self.of_rule(rule).sum())
         return len(self.columns(rule)) / n_columns if n_columns else None
 
 
@@ -174,19 +169,6 @@ def _idle(at_head: bool) -> Fault:
     return idle
 
 
-def cut(episode: Array, clean: Clean, size: float, rng: np.random.Generator) -> Array | None:
-    """Only the first 1 / size of the demonstration is there."""
-    return episode[: int(len(episode) / size)] if len(episode) >= 3 * size else None
-
-
-def lengthen(episode: Array, clean: Clean, size: float, rng: np.random.Generator) -> Array | None:
-    """The recording was not stopped: the demonstration is played back and forth until it is so many times as long."""
-    back = np.concatenate([episode, episode[::-1]])
-    longer = np.concatenate([back] * int(np.ceil(size / 2)))[: int(size * len(episode))].copy()
-    longer[:, -1] = np.arange(len(longer)) / FPS
-    return longer
-
-
 def exchange(episode: Array, clean: Clean, size: float, rng: np.random.Generator) -> Array | None:
     """Two actions are exchanged, or two observations where there is one action."""
     known, other = clean.columns("exchanged"), episode.copy()
@@ -220,6 +202,7 @@ class Kind:
     alike: tuple[str, ...] = ()  # rules that name the same fault as well
 
 
+_cut: Fault = lambda e, _, size, __: e[: int(len(e) / size)] if len(e) >= 3 * size else None  # noqa: E731
 HELD = ("frozen sensor", "frozen action", "saturation")
 HELD_UNIT, IDLE_UNIT = (f"times 15 steps, or 4 usual {what}" for what in ("longest runs", "idle ends"))
 KINDS: dict[str, Kind] = {
@@ -236,7 +219,7 @@ KINDS: dict[str, Kind] = {
     "lag": Kind(delay, (3, 5, 8), "steps late or early", "lag"),
     "idle head": Kind(_idle(True), (1, 2, 3), IDLE_UNIT, "idle head"),
     "idle tail": Kind(_idle(False), (1, 2, 3), IDLE_UNIT, "idle tail"),
-    "length, cut": Kind(cut, (4, 7, 10), "times shorter", "length"),
+    "length, cut": Kind(_cut, (4, 7, 10), "times shorter", "length"),
     "sign": Kind(_column("sign", lambda x, *_: -x), (1,), "column", "sign"),
     "exchanged": Kind(exchange, (1,), "pair", "exchanged"),
     "action early": Kind(
@@ -252,7 +235,6 @@ KINDS: dict[str, Kind] = {
     "frame rate": Kind(_rows(lambda e, n, _: e[::2]), (0.5,), "times the rate", "frame rate"),
     "two episodes": Kind(_rows(lambda e, n, other: np.concatenate([e, other])), (2,), "in one", "two episodes"),
     "reversed": Kind(_rows(lambda e, n, _: e[::-1]), (1,), "time", "reversed"),
-    "length, run on": Kind(lengthen, (4, 7, 10), "times longer", "length"),
 }
 
 
