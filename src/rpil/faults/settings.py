@@ -124,11 +124,11 @@ class FaultSettings:
     spike_factor: float = 2.5
     jump_factor: float = 2.5
     smallest: float = 0.5
-    change_factor: float = 1.75
+    change_factor: float = 1.5
     smallest_leap: float = 0.1
     frozen_factor: float = 2.5
     smallest_run: float = 2.0
-    min_frozen: int = 14
+    min_frozen: int = 12
     least_moving: float = 0.1
     min_moving: float = 0.5
     frame_gap: float = 0.5
