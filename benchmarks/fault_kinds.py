@@ -9,6 +9,7 @@ import numpy as np
 
 from rpil.data.demonstrations import Demonstrations
 from rpil.faults.check import find_faults
+from rpil.faults.columns import column_labels
 from rpil.formats.times import Times
 from rpil.numerics.types import Array
 
@@ -19,17 +20,8 @@ FPS = 30.0
 class Clean:
     """Clean demonstrations, and how their columns usually move: observations first, then actions.
 
-    Attributes
-    ----------
-    episodes : list of (T, C) arrays
-    n_observations : int
-    spread, leap : (C,) arrays
-        Standard deviation, and 99.9 % quantile of the changes from one step to the next, at least .05 spreads.
-    idle : (2,)
-        Upper quartile of the steps at the beginning, and at the end, in which nothing moves.
-    run : (C,) array
-        Upper quartile over the demonstrations of the longest run of one value.
-    high : (C,) array
+    `spread` are standard deviations, `leap` the 99.9 % quantiles of changes from one step to the next, at least .05
+    spreads, and `run` and `idle` the upper quartiles of the longest run of one value and of the idle ends.
     """
 
     demonstrations: Demonstrations
@@ -48,41 +40,33 @@ class Clean:
         self.leap = np.maximum(np.quantile(changes, 0.999, axis=0), 0.05 * self.spread)
         self.run = np.quantile([_longest_runs(e) for e in self.episodes], 0.75, axis=0)
         still = [(np.abs(np.diff(e, axis=0)) <= 0.05 * self.leap).all(axis=1) for e in self.episodes]
-        self.idle = tuple(np.quantile([_leading(s[::step]) for s in still], 0.75) for step in (1, -1))
+        heads = [[np.argmin(np.append(s[::k], False)) for s in still] for k in (1, -1)]
+        self.idle = tuple(np.quantile(heads, 0.75, axis=1))
         self.distinct = np.array([len(np.unique(column)) >= 20 for column in rows.T])
-        self.report = find_faults(demonstrations)
+        self.report, self.names = find_faults(demonstrations), column_labels(demonstrations)
 
-    @property
-    def names(self) -> list[str]:
-        """Names of the columns, as in the findings."""
-        n_actions = len(self.spread) - self.n_observations
-        observations = [f"observation {name!r}" for name in self.demonstrations.observation_names]
-        return observations + [f"action {a}" for a in range(n_actions)]
+    def of_rule(self, rule: str) -> Array:
+        """Whether each column measures something and is one of those that the rule is about."""
+        kind = {"frozen sensor": "observation", "frozen action": "action"}.get(rule, "")
+        return self.distinct & np.array([name.startswith(kind) for name in self.names])
 
     def columns(self, rule: str) -> Array:
-        """Numbers of the columns that measure something and of which the rule says that it can know."""
-        if rule in self.report.not_checked:
-            return np.arange(0)
-        unknown = self.report.unknown.get(rule, ())
-        kind = {"frozen sensor": "observation", "frozen action": "action"}.get(rule, "")
-        known = [name not in unknown and name.startswith(kind) for name in self.names]
-        return np.flatnonzero(self.distinct & np.array(known))
+        """Numbers of the columns of which the rule says that it can know."""
+        unknown = self.names if rule in self.report.not_checked else self.report.unknown.get(rule, ())
+        return np.flatnonzero(self.of_rule(rule) & ~np.isin(self.names, unknown))
+
+    def pick(self, rule: str, rng: np.random.Generator) -> int | None:
+        return int(rng.choice(columns)) if len(columns := self.columns(rule)) else None
 
     def known(self, rule: str) -> float | None:
         """Share of the columns that measure something, or 1 or 0 for the data as a whole, about which a rule says that
         it can know; None where the rule is about actions and these are discrete."""
-        about_actions = rule in ("frozen action", "lag")
-        if about_actions and self.demonstrations.is_discrete:
+        if rule in ("frozen action", "lag") and self.demonstrations.is_discrete:
             return None
-        if rule not in ("frozen sensor", "frozen action", "saturation", "spike", "jump", "scale"):
+        if rule not in (*HELD, "spike", "jump", "scale", "sign", "never moves"):
             return float(rule not in self.report.not_checked or rule == "dropped frames")
-        kind = {"frozen sensor": "observation", "frozen action": "action"}.get(rule, "")
-        n_columns = sum(d and name.startswith(kind) for d, name in zip(self.distinct, self.names, strict=True))
+        n_columns = int(self.of_rule(rule).sum())
         return len(self.columns(rule)) / n_columns if n_columns else None
-
-
-def _leading(still: Array) -> int:
-    return int(np.argmin(np.append(still, False)))
 
 
 def _longest_runs(episode: Array) -> list[int]:
@@ -96,13 +80,9 @@ None where it is too short or nothing in it moves."""
 
 
 def _place(episode: Array, steps: int, rng: np.random.Generator) -> int | None:
-    """A random first step for a fault of so many steps, which leaves at least two before and after."""
+    """A first step for a fault of so many steps, with at least two before and after."""
     room = len(episode) - steps - 4
     return int(2 + rng.integers(room + 1)) if room >= 0 else None
-
-
-def _pick(columns: Array, rng: np.random.Generator) -> int | None:
-    return int(rng.choice(columns)) if len(columns) else None
 
 
 def drop(episode: Array, clean: Clean, size: float, rng: np.random.Generator) -> Array | None:
@@ -128,7 +108,7 @@ def repeat(episode: Array, clean: Clean, size: float, rng: np.random.Generator) 
 
 def _hold(rule: str) -> Fault:
     def hold(episode: Array, clean: Clean, size: float, rng: np.random.Generator) -> Array | None:
-        column = _pick(clean.columns(rule), rng)
+        column = clean.pick(rule, rng)
         steps = 0 if column is None else int(size * max(15, 4 * clean.run[column]))
         start = _place(episode, steps, rng)
         if start is None or column is None:
@@ -140,34 +120,29 @@ def _hold(rule: str) -> Fault:
     return hold
 
 
-def spike(episode: Array, clean: Clean, size: float, rng: np.random.Generator) -> Array | None:
-    """One value is off by so many times the largest usual change of its column."""
-    start, column = _place(episode, 1, rng), _pick(clean.columns("spike"), rng)
-    if start is None or column is None:
-        return None
-    off = episode.copy()
-    off[start, column] += size * clean.leap[column] * rng.choice([-1.0, 1.0])
-    return off
+def _leap(rule: str) -> Fault:
+    """One value, or all values of a column from a step on, are off by so many times its largest usual change."""
+
+    def leap(episode: Array, clean: Clean, size: float, rng: np.random.Generator) -> Array | None:
+        start, column, off = _place(episode, 1, rng), clean.pick(rule, rng), episode.copy()
+        if start is None or column is None:
+            return None
+        off[start : start + 1 if rule == "spike" else None, column] += size * clean.leap[column] * rng.choice([-1, 1])
+        return off
+
+    return leap
 
 
-def jump(episode: Array, clean: Clean, size: float, rng: np.random.Generator) -> Array | None:
-    """All values of a column after a step are off by so many times its largest usual change."""
-    start, column = _place(episode, 1, rng), _pick(clean.columns("jump"), rng)
-    if start is None or column is None:
-        return None
-    off = episode.copy()
-    off[start:, column] += size * clean.leap[column] * rng.choice([-1.0, 1.0])
-    return off
+def _column(rule: str, change: Callable[[Array, float, float, int], Array]) -> Fault:
+    """A column is changed, given the size, its standard deviation and a sign."""
 
+    def make(episode: Array, clean: Clean, size: float, rng: np.random.Generator) -> Array | None:
+        column, other = clean.pick(rule, rng), episode.copy()
+        if column is not None:
+            other[:, column] = change(episode[:, column], size, clean.spread[column], int(rng.choice([-1, 1])))
+        return None if column is None else other
 
-def scale(episode: Array, clean: Clean, size: float, rng: np.random.Generator) -> Array | None:
-    """A column is in another unit, larger or smaller."""
-    column = _pick(clean.columns("scale"), rng)
-    if column is None:
-        return None
-    other = episode.copy()
-    other[:, column] *= size ** rng.choice([-1.0, 1.0])
-    return other
+    return make
 
 
 def delay(episode: Array, clean: Clean, size: float, rng: np.random.Generator) -> Array | None:
@@ -194,18 +169,26 @@ def _idle(at_head: bool) -> Fault:
     return idle
 
 
-def cut(episode: Array, clean: Clean, size: float, rng: np.random.Generator) -> Array | None:
-    """Only the first 1 / size of the demonstration is there."""
-    steps = int(len(episode) / size)
-    return episode[:steps] if steps >= 3 else None
+def exchange(episode: Array, clean: Clean, size: float, rng: np.random.Generator) -> Array | None:
+    """Two actions are exchanged, or two observations where there is one action."""
+    known, other = clean.columns("exchanged"), episode.copy()
+    own = known[known >= clean.n_observations]
+    own = own if len(own) > 1 else known[known < clean.n_observations]
+    pair = rng.choice(own, 2, replace=False) if len(own) > 1 else own
+    other[:, pair] = episode[:, pair[::-1]]
+    return other if len(pair) > 1 else None
 
 
-def lengthen(episode: Array, clean: Clean, size: float, rng: np.random.Generator) -> Array | None:
-    """The recording was not stopped: the demonstration is played back and forth until it is so many times as long."""
-    back = np.concatenate([episode, episode[::-1]])
-    longer = np.concatenate([back] * int(np.ceil(size / 2)))[: int(size * len(episode))].copy()
-    longer[:, -1] = np.arange(len(longer)) / FPS
-    return longer
+def _rows(change: Callable[[Array, int, Array], Array]) -> Fault:
+    """All rows are changed, given the number of observations and another demonstration; the clock goes on."""
+
+    def make(episode: Array, clean: Clean, size: float, rng: np.random.Generator) -> Array | None:
+        if clean.demonstrations.is_discrete:
+            return None
+        other = change(episode[:, :-1], clean.n_observations, clean.episodes[int(rng.integers(len(clean.episodes)))])
+        return np.column_stack([other, np.arange(len(other)) / FPS])
+
+    return make
 
 
 @dataclass(frozen=True)
@@ -213,29 +196,45 @@ class Kind:
     """A kind of fault: how it is made, its sizes with their unit, and the rule that should find it."""
 
     make: Fault
-    sizes: tuple[float, float, float]
+    sizes: tuple[float, ...]
     unit: str
     rule: str
     alike: tuple[str, ...] = ()  # rules that name the same fault as well
 
 
+_cut: Fault = lambda e, _, size, __: e[: int(len(e) / size)] if len(e) >= 3 * size else None  # noqa: E731
 HELD = ("frozen sensor", "frozen action", "saturation")
-HELD_UNIT = "times 15 steps, or 4 usual longest runs"
-IDLE_UNIT = "times 15 steps, or 4 usual idle ends"
+HELD_UNIT, IDLE_UNIT = (f"times 15 steps, or 4 usual {what}" for what in ("longest runs", "idle ends"))
 KINDS: dict[str, Kind] = {
     "dropped frames": Kind(drop, (1, 3, 10), "frames", "dropped frames"),
     "repeated frames": Kind(repeat, (1, 3, 10), "frames, without timestamps", "repeated frames"),
     "frozen sensor": Kind(_hold("frozen sensor"), (1, 2, 3), HELD_UNIT, "frozen sensor", HELD),
     "frozen action": Kind(_hold("frozen action"), (1, 2, 3), HELD_UNIT, "frozen action", HELD),
     "saturation": Kind(_hold("saturation"), (1, 2, 3), HELD_UNIT, "saturation", HELD),
-    "spike": Kind(spike, (3, 6, 12), "times the 99.9 % quantile of changes", "spike"),
-    "jump": Kind(jump, (3, 6, 12), "times the 99.9 % quantile of changes", "jump"),
-    "scale": Kind(scale, (25.4, 57.3, 1000), "times or the inverse", "scale"),
+    "spike": Kind(_leap("spike"), (3, 6, 12), "times the 99.9 % quantile of changes", "spike"),
+    "jump": Kind(_leap("jump"), (3, 6, 12), "times the 99.9 % quantile of changes", "jump"),
+    "scale": Kind(
+        _column("scale", lambda x, size, _, way: x * size**way), (25.4, 57.3, 1000), "times or the inverse", "scale"
+    ),
     "lag": Kind(delay, (3, 5, 8), "steps late or early", "lag"),
     "idle head": Kind(_idle(True), (1, 2, 3), IDLE_UNIT, "idle head"),
     "idle tail": Kind(_idle(False), (1, 2, 3), IDLE_UNIT, "idle tail"),
-    "length, cut": Kind(cut, (4, 7, 10), "times shorter", "length"),
-    "length, run on": Kind(lengthen, (4, 7, 10), "times longer", "length"),
+    "length, cut": Kind(_cut, (4, 7, 10), "times shorter", "length"),
+    "sign": Kind(_column("sign", lambda x, *_: -x), (1,), "column", "sign"),
+    "exchanged": Kind(exchange, (1,), "pair", "exchanged"),
+    "action early": Kind(
+        _rows(lambda e, n, _: np.column_stack([e[:-1, :n], e[1:, n:]])), (1,), "step", "shifted action"
+    ),
+    "next state": Kind(
+        _rows(lambda e, n, _: np.column_stack([e[:-1, :n], np.resize(e[1:, :n].T, (e.shape[1] - n, len(e) - 1)).T])),
+        (1,),
+        "step",
+        "next state",
+    ),
+    "never moves": Kind(_column("never moves", lambda x, *_: np.full_like(x, x[0])), (1,), "column", "never moves"),
+    "frame rate": Kind(_rows(lambda e, n, _: e[::2]), (0.5,), "times the rate", "frame rate"),
+    "two episodes": Kind(_rows(lambda e, n, other: np.concatenate([e, other])), (2,), "in one", "two episodes"),
+    "reversed": Kind(_rows(lambda e, n, _: e[::-1]), (1,), "time", "reversed"),
 }
 
 

@@ -184,6 +184,8 @@ WITHOUT_TESTS = {
     "faults/columns.py": "tests/faults/test_check.py",
     "faults/measure.py": "tests/faults/test_rules.py",
     "faults/lag.py": "tests/faults/test_rules.py",
+    "faults/naming.py": "tests/faults/test_maprules.py",
+    "faults/whole.py": "tests/faults/test_maprules.py",
     "faults/duplicates.py": "tests/faults/test_rules.py",
     "faults/missing.py": "tests/faults/test_rules.py",
     "faults/record.py": "tests/faults/test_rules.py",

@@ -75,8 +75,7 @@ def test_exit_code(fail_on, code):
     ("name", "text"),
     [
         ("faults.json", '{"spike": [4]}'),
-        ("faults.yaml", "# on purpose\nspike: [4, 5]\n"),
-        ("faults.yml", "spike:\n  - 4\nidle-head: all\n"),
+        ("faults.toml", "# on purpose\nspike = [4, 5]\nidle-head = 'all'\n"),
     ],
 )
 def test_expected_findings_do_not_fail(name, text):
@@ -89,13 +88,13 @@ def test_expected_findings_do_not_fail(name, text):
 
 @pytest.mark.parametrize(
     ("text", "match"),
-    [("spikes: [4]", "no rule 'spikes'"), ("spike 4", "line 1"), ("spike: [4", "line 1")],
+    [("spikes = [4]", "no rule 'spikes'"), ("spike 4", "line 1"), ("spike = [4", "TOML")],
 )
 def test_expected_in_another_form_is_refused(text, match):
     write("data.parquet")
-    with open("faults.yaml", "w") as file:
+    with open("faults.toml", "w") as file:
         file.write(text)
-    refused(match, "check", "data.parquet", "--expected", "faults.yaml")
+    refused(match, "check", "data.parquet", "--expected", "faults.toml")
 
 
 def test_unknown_rule_is_refused():

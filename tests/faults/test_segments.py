@@ -7,7 +7,6 @@ import itertools
 import numpy as np
 
 from rpil.faults import segments
-from rpil.faults.lag import centred, whitened
 
 OFFSETS = np.array([0, 1, 4, 9, 30])
 VALUES = np.random.default_rng(0).integers(0, 3, size=(4, 30)).astype(float)
@@ -43,12 +42,3 @@ def test_longest_runs():
     for m, (a, b) in enumerate(itertools.pairwise(OFFSETS)):
         for c in range(len(VALUES)):
             assert tuple(found[m, c]) == longest(VALUES[c, a:b], counts[a:b])
-
-
-def test_whitening_takes_out_what_a_series_remembers():
-    memory = np.array([0.4, -0.2])
-    found, own = whitened(VALUES[0], memory, OFFSETS), centred(VALUES[0], OFFSETS)
-    for a, b in itertools.pairwise(OFFSETS):
-        np.testing.assert_array_equal(found[a : min(a + 2, b)], 0)
-        expected = own[a + 2 : b] - 0.4 * own[a + 1 : b - 1] + 0.2 * own[a : max(b - 2, a)]
-        np.testing.assert_allclose(found[a + 2 : b], expected)

@@ -182,7 +182,7 @@ def test_deep_json():
     with pytest.raises(DataError, match=path.name):
         formats.keep(path, "kept", [0])
     data = sample("CSV")
-    for name in ("deep.json", "deep.yaml"):
+    for name in ("deep.json", "deep.toml"):
         Path(name).write_text(DEEP)
         refused(name, "check", data, "--expected", name)
     for option in ("--labels", "--operator"):

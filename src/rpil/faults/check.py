@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Mapping
+from collections import defaultdict
+from collections.abc import Callable, Collection, Iterable, Mapping
 from itertools import chain
 
 import numpy as np
@@ -14,31 +15,30 @@ from rpil.faults.columns import column_labels, describe_columns, pilot
 from rpil.faults.duplicates import find_duplicates
 from rpil.faults.expected import leave_out
 from rpil.faults.frames import find_frame_counts, find_frame_times, frame_time
-from rpil.faults.lag import find_pairs
-from rpil.faults.measure import measure
-from rpil.faults.record import RULES, FaultReport, Finding
+from rpil.faults.lag import find_lag
+from rpil.faults.maprules import MAP_COMPARISONS
+from rpil.faults.measure import Learned, measure
+from rpil.faults.naming import learn
+from rpil.faults.record import RULES, FaultReport, Finding, Rule
 from rpil.faults.rules import COMPARISONS, Evidence, is_lag_known
 from rpil.faults.settings import FaultSettings
+from rpil.faults.whole import learn_ends
 from rpil.formats.dataset import Dataset
 from rpil.formats.times import Times
 
 FAULT_SETTINGS = FaultSettings()
 """The default."""
 
-TOO_DIFFERENT = {
-    "": "demonstrations differ too much in this to know what is usual",
-    "lag": "the lag between action and state is not the same in most demonstrations",
-    "frozen action": "actions rest for long, or demonstrations differ too much in this",
-    "frozen sensor": "observations rest for long, or demonstrations differ too much in this",
-    "saturation": "columns rest for long, or demonstrations differ too much in this",
+CODES = "no {} measures something: they are constant, codes or pixels"
+NEEDS: dict[str, Callable[[Evidence], str | None]] = {
+    "observations": lambda seen: CODES.format("observation") if seen.columns.is_action.all() else None,
+    "actions": lambda seen: None if seen.columns.is_action.any() else CODES.format("action"),
+    "columns": lambda seen: None if seen.columns.names else CODES.format("observation or action"),
+    "map": lambda seen: "no state corresponds to an action" if seen.learned.namer is None else None,
+    "lag": lambda seen: None if seen.learned.lag.pairs else "no observation goes with an action",
+    "several": lambda seen: _too_few(seen),
 }
-"""Why a rule that applies says nothing."""
-
-COLUMN_RULES = ("frozen sensor", "frozen action", "saturation", "spike", "jump", "scale", "idle head", "idle tail")
-"""Rules that compare columns which measure something."""
-
-WHOLE_RULES = ("lag", "length", "repeated frames")
-"""Rules that compare demonstrations as a whole."""
+"""Why a rule does not apply, by what it needs."""
 
 
 def find_faults(
@@ -69,27 +69,32 @@ def find_faults(
     """
     with allow_missing():
         labels = column_labels(demonstrations)
-        sample = pilot(demonstrations, labels, settings)
+        sample, numbers = pilot(demonstrations, labels, settings)
         columns = describe_columns(sample, labels, settings)
-        pairs = find_pairs(columns.of(sample), sample.offsets, columns, settings)
-        measured, kept, missing = measure(demonstrations, columns, pairs, settings)
+        lag = find_lag(columns.of(sample), sample.offsets, columns, settings)
+        namer = learn(sample, numbers, columns, lag, len(demonstrations), settings)
+        learned = Learned(lag, namer, learn_ends(sample, columns, settings))
+        measured, kept, missing = measure(demonstrations, columns, learned, settings)
     found = [*missing, *find_frame_counts(times, demonstrations), *find_frame_times(times, demonstrations, settings)]
     seconds = frame_time(times, demonstrations)
-    why, unknown, usual, trims = _no_times(times), {}, {}, {}
+    why, usual, trims = _no_times(times), {}, {}
+    known: dict[str, bool] = defaultdict(bool)
+    unknown: dict[str, tuple[str, ...]] = {}
     if measured is None or (missing and not skip_bad):
         others = (rule for rule in RULES if rule not in ("missing values", "frame count", "dropped frames"))
         why |= dict.fromkeys(others, "values are missing; set these demonstrations aside with --skip-bad")
     else:
         ids = tuple(name for name, keep in zip(demonstrations.ids, kept, strict=True) if keep)
-        seen = Evidence(measured, columns, pairs, ids, demonstrations.lengths[kept], seconds, settings)
-        why |= _not_applicable(seen)
+        seen = Evidence(measured, columns, learned, ids, demonstrations.lengths[kept], seconds, settings)
+        why |= {name: reason for name, rule in RULES.items() if (reason := _reason(rule, seen))}
         found += find_duplicates(seen)
-        for comparison in chain.from_iterable(compare(seen) for compare in COMPARISONS):
+        for comparison in chain.from_iterable(compare(seen) for compare in (*COMPARISONS, *MAP_COMPARISONS)):
             if comparison.rule not in why:
                 found += comparison.findings(ids)
-                unknown[comparison.rule] = comparison.unknown
-                if len(comparison.unknown) == len(comparison.names):
-                    why[comparison.rule] = TOO_DIFFERENT.get(comparison.rule, TOO_DIFFERENT[""])
+                silent = unknown.get(comparison.rule, comparison.names)
+                unknown[comparison.rule] = tuple(name for name in silent if name in comparison.unknown)
+                known[comparison.rule] |= len(comparison.unknown) < len(comparison.names)
+        why |= {name: RULES[name].unknown for name, is_known in known.items() if not is_known}
         usual, trims = _usual(seen), _trims(seen) if seen.columns.names else {}
     found, n_expected = leave_out(without_consequences(found), expected or {})
     return FaultReport(
@@ -106,11 +111,24 @@ def find_faults(
 
 
 def without_consequences(found: Iterable[Finding]) -> list[Finding]:
-    """The findings without the jumps at the ends of frozen and saturated stretches, which end with a leap."""
-    found = list(found)
+    """The worst finding of each rule and demonstration, without what follows from another: jumps at the ends of frozen
+    and saturated stretches and where two episodes meet, and lags and lengths that a change of time explains."""
+    worst: dict[tuple[str, Id], Finding] = {}
+    for f in sorted(found, key=lambda f: -f.severity):
+        worst.setdefault((f.rule, f.id), f)
+    found = list(worst.values())
     held = [f for f in found if f.rule in ("frozen sensor", "frozen action", "saturation")]
     ends = {(f.id, f.column, step) for f in held for step in (f.first, f.last + 1)}
-    return [f for f in found if f.rule != "jump" or (f.id, f.column, f.last) not in ends]
+    meet = {(f.id, f.last) for f in found if f.rule == "two episodes"}
+    remade = {f.id for f in found if f.rule in ("never moves", "next state", "two episodes")}
+    timed = {f.id for f in found if f.rule in ("frame rate", "two episodes")}
+    return [
+        f
+        for f in found
+        if not (f.rule == "jump" and ((f.id, f.column, f.last) in ends or (f.id, f.last) in meet))
+        and not (f.rule == "length" and f.id in timed)
+        and not ("map" in RULES[f.rule].needs and f.id in remade)
+    ]
 
 
 def _trims(seen: Evidence) -> dict[Id, tuple[int, int]]:
@@ -131,30 +149,22 @@ def _no_times(times: Times) -> dict[str, str]:
     return why
 
 
-def _not_applicable(seen: Evidence) -> dict[str, str]:
-    """The rules that do not apply to such data, and why."""
-    columns, n_actions = seen.columns, int(seen.columns.is_action.sum())
-    codes = "no {} measures something: they are constant, codes or pixels"
-    why = {}
-    if len(columns.names) == n_actions:
-        why["frozen sensor"] = codes.format("observation")
-    if not n_actions:
-        why["frozen action"] = codes.format("action")
-    if not columns.names:
-        why |= dict.fromkeys(COLUMN_RULES, codes.format("observation or action"))
-    if not seen.pairs:
-        why["lag"] = "no observation goes with an action"
-    if len(seen.ids) < seen.settings.min_demonstrations:
-        few = f"it takes {seen.settings.min_demonstrations} demonstrations to know what is usual"
-        why |= {rule: few for rule in (*COLUMN_RULES, *WHOLE_RULES) if rule not in why}
-    return why
+def _reason(rule: Rule, seen: Evidence) -> str | None:
+    """Why a rule does not apply to such data."""
+    return next((reason for need in rule.needs if (reason := NEEDS[need](seen))), None)
+
+
+def _too_few(seen: Evidence) -> str | None:
+    least = seen.settings.min_demonstrations
+    return f"it takes {least} demonstrations to know what is usual" if len(seen.ids) < least else None
 
 
 def _usual(seen: Evidence) -> dict[str, str]:
     """What is usual in these data."""
     usual = {}
+    names = seen.columns.names
     if is_lag_known(seen):
-        best, names = max(seen.pairs, key=lambda pair: pair.correlation), seen.columns.names
+        best = seen.learned.lag.pairs[0]
         first, second = names[best.action], names[best.state]
         if best.lag < 0:
             first, second = second, first

@@ -3,7 +3,7 @@ usually move."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -44,6 +44,10 @@ class Columns:
     motion: float = 1.0
     labels: tuple[str, ...] = ()
     """Of all columns, `column_labels`."""
+    rotations: tuple[int, ...] = ()
+    """The first of four observations that are a quaternion."""
+    towards: Float[Array, "Q 4"] = field(default_factory=lambda: np.zeros((0, 4)))
+    """Of each quaternion, a rotation whose sign the others take: q and -q are the same."""
 
     def of(self, block: Block) -> Float[Array, "C T"]:
         """Their values in a block."""
@@ -51,7 +55,10 @@ class Columns:
         own = block.observations.T[self.number[~self.is_action]]
         if self.is_action.any():
             own = np.concatenate([own, block.actions.T[self.number[self.is_action] - n]])
-        return np.ascontiguousarray(own, dtype=np.float64)
+        own = np.ascontiguousarray(own, dtype=np.float64)
+        for first, towards in zip(self.rotations, self.towards, strict=True):
+            own[(self.number >= first) & (self.number < first + 4)] *= _signs(block, first, towards)
+        return own
 
     def motion_of(self, size: Float[Array, "C T"]) -> Float[Array, " T"]:
         """Mean over the columns of the size of their change, relative to their usual one and at most 3."""
@@ -67,9 +74,11 @@ def column_labels(demonstrations: Demonstrations | Dataset) -> tuple[str, ...]:
     return (*(f"observation {name!r}" for name in demonstrations.observation_names), *actions)
 
 
-def pilot(demonstrations: Demonstrations | Dataset, labels: tuple[str, ...], settings: FaultSettings) -> Block:
-    """Demonstrations spread evenly over the data, of at most so many steps that the settings allow; those with missing
-    values are left out, unless all have some."""
+def pilot(
+    demonstrations: Demonstrations | Dataset, labels: tuple[str, ...], settings: FaultSettings
+) -> tuple[Block, Array]:
+    """Demonstrations spread evenly over the data, of at most so many steps that the settings allow, and their numbers;
+    those with missing values are left out, unless all have some."""
     size = min(len(demonstrations), settings.pilot_demonstrations)
     spread = np.unique(np.linspace(0, len(demonstrations) - 1, size).astype(int))
     share = settings.pilot_steps / max(int(demonstrations.lengths[spread].sum()), 1)
@@ -78,7 +87,7 @@ def pilot(demonstrations: Demonstrations | Dataset, labels: tuple[str, ...], set
     sample = demonstrations.select(spread)
     block = Block(0, sample.observations, sample.actions, sample.offsets)
     kept, mask, _ = set_aside(block, sample.ids, labels)
-    return kept if mask.any() else block
+    return (kept, spread[mask]) if mask.any() else (block, spread)
 
 
 def describe_columns(sample: Block, labels: tuple[str, ...], settings: FaultSettings) -> Columns:
@@ -88,11 +97,13 @@ def describe_columns(sample: Block, labels: tuple[str, ...], settings: FaultSett
     everything = list(zip(labels, sample.observations.T[:width], strict=False))
     if sample.actions.ndim == 2:
         everything += zip(labels[n_observations:], sample.actions.T, strict=True)
-    measured = [k for k, (_, column) in enumerate(everything) if _is_measurement(column, settings)]
+    measured = [k for k, (_, x) in enumerate(everything) if _is_measurement(x, settings)]
     number = np.array([k if k < width else k - width + n_observations for k in measured], dtype=np.int64)
     chosen = tuple(everything[k][0] for k in measured)
     ones = np.ones(len(number))
-    empty = Columns(chosen, number, number >= n_observations, ones, ones, ones, labels=labels)
+    turns = _rotations(sample.observations[:, :width])
+    towards = np.array([sample.observations[0, k : k + 4] for k in turns]).reshape(len(turns), 4)
+    empty = Columns(chosen, number, number >= n_observations, ones, ones, ones, 1.0, labels, turns, towards)
     if not chosen:
         return empty
     values = empty.of(sample)
@@ -103,6 +114,28 @@ def describe_columns(sample: Block, labels: tuple[str, ...], settings: FaultSett
     usual = _median_or_one(motion[motion > 0])
     moves = motion > settings.idle_motion * usual
     return replace(columns, moving=(size > 0)[:, moves].mean(axis=1) if moves.any() else ones, motion=usual)
+
+
+def _signs(block: Block, first: int, towards: Array) -> Float[Array, " T"]:
+    """1 or -1 for each step: with it, a quaternion goes on from the step before, and begins near `towards`."""
+    turned = block.observations[:, first : first + 4].astype(np.float64)
+    before = np.roll(turned, 1, axis=0)
+    before[block.offsets[:-1]] = towards
+    same = np.where((turned * before).sum(axis=1) < 0, -1.0, 1.0)
+    sign = np.cumprod(same)
+    lengths = np.diff(block.offsets)
+    return sign * np.repeat(sign[block.offsets[:-1]] * same[block.offsets[:-1]], lengths)
+
+
+def _rotations(observations: Array) -> tuple[int, ...]:
+    """The first of each four columns of length 1 that turn."""
+    found: list[int] = []
+    size = observations.astype(np.float64) ** 2
+    for k in range(observations.shape[1] - 3):
+        is_free = not found or k >= found[-1] + 4
+        if is_free and np.allclose(size[:, k : k + 4].sum(axis=1), 1.0, atol=1e-3) and size[:, k : k + 4].std() > 0:
+            found.append(k)
+    return tuple(found)
 
 
 def _spread(values: Float[Array, "C T"]) -> Float[Array, " C"]:

@@ -5,14 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
+from sklearn.neighbors import NearestNeighbors
 
 from rpil.faults.record import Finding
 from rpil.faults.rules import Evidence
 from rpil.faults.settings import FaultSettings
 from rpil.numerics.types import Array
-
-WINDOW = 3
-"""Neighbours looked at on each side, in the order along each direction."""
 
 
 def find_duplicates(seen: Evidence) -> Iterator[Finding]:
@@ -22,7 +20,8 @@ def find_duplicates(seen: Evidence) -> Iterator[Finding]:
         yield _finding(seen, m, twin, 0.0, 0.0, "it is the same as demonstration")
     signatures = seen.measured.signature
     if seen.columns.names and len(signatures) >= seen.settings.min_demonstrations:
-        distance, nearest = nearest_neighbours(signatures)
+        distances, numbers = NearestNeighbors(n_neighbors=1).fit(signatures).kneighbors()
+        distance, nearest = distances[:, 0], numbers[:, 0]
         limit = near_limit(distance, seen.settings)
         for m in np.flatnonzero(distance < limit).tolist():
             twin = int(nearest[m])
@@ -61,21 +60,3 @@ def _exact(seen: Evidence) -> dict[int, int]:
             if twin != m:
                 found[m] = twin
     return found
-
-
-def nearest_neighbours(points: Array) -> tuple[Array, Array]:
-    """Distance and number of the nearest other point, among those near it along one of the coordinates.
-
-    With M points this takes M log M time; a nearer point that is far in the order along every coordinate is missed,
-    which cannot be a near duplicate.
-    """
-    n = len(points)
-    best, nearest = np.full(n, np.inf), np.zeros(n, dtype=np.int64)
-    for order in np.argsort(points, axis=0).T:
-        for step in range(1, min(WINDOW, n - 1) + 1):
-            a, b = order[:-step], order[step:]
-            distance = np.sqrt(np.square(points[a] - points[b], dtype=np.float64).sum(axis=1))
-            for near, other in ((a, b), (b, a)):
-                closer = distance < best[near]
-                best[near[closer]], nearest[near[closer]] = distance[closer], other[closer]
-    return best, nearest

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tomllib
 from collections.abc import Collection, Iterable, Mapping
 
 from rpil.data.errors import DataError
@@ -25,19 +26,18 @@ def rule_name(word: str, where: str) -> str:
 def read_expected(path: StrPath) -> dict[str, set[str]]:
     """Rule to the ids, as text, of the demonstrations in which its findings are so on purpose.
 
-    The file is a JSON object of rule to a list of ids or ``"all"``, or the same in the simplest form of YAML: on each
-    line ``rule: [id, id]`` or ``rule: all``, or ``rule:`` and below it lines ``- id``; ``#`` begins a comment.
+    The file is a JSON object of rule to a list of ids or ``"all"``, or the same in TOML: ``spike = [3, 7]``.
 
     Raises
     ------
     DataError
         One sentence that names the file and the line: another form, or a rule that does not exist.
     """
-    path = check_readable(check_extension(path, (".json", ".yaml", ".yml"), "what is expected"))
-    with guarded(path.name, "it is not valid JSON in UTF-8", "write an object of rule to list of ids"):
+    path = check_readable(check_extension(path, (".json", ".toml"), "what is expected"))
+    form = path.suffix[1:].upper()
+    with guarded(path.name, f"it is not valid {form} in UTF-8", "write rules with lists of ids"):
         text = read_text(path, LARGEST_TABLE, "utf-8-sig")
-        is_json = path.suffix.lower() == ".json"
-        content = parse(text, path.name, LARGEST_TABLE) if is_json else _read_yaml(text, path.name)
+        content = tomllib.loads(text) if form == "TOML" else parse(text, path.name, LARGEST_TABLE)
     if not isinstance(content, dict):
         raise DataError(f'{path.name}: it holds no object of rule to list of ids; write, say, {{"spike": [3, 7]}}.')
     expected: dict[str, set[str]] = {}
@@ -47,25 +47,6 @@ def read_expected(path: StrPath) -> dict[str, set[str]]:
             raise DataError(f"{path.name}: {word!r} needs a list of demonstration ids, or the word {ALL}.")
         expected.setdefault(rule_name(word, path.name), set()).update(map(str, listed))
     return expected
-
-
-def _read_yaml(text: str, name: str) -> dict[str, list[str]]:
-    """The simplest form of YAML; see `read_expected`."""
-    content: dict[str, list[str]] = {}
-    rule = ""
-    for number, raw in enumerate(text.splitlines(), start=1):
-        line = raw.split(" #")[0].strip()
-        if not line or line.startswith(("#", "---")):
-            continue
-        if line.startswith("- ") and rule:
-            content[rule].append(line[2:].strip().strip("\"'"))
-            continue
-        rule, colon, rest = line.partition(":")
-        if not colon or raw[0].isspace() or ("[" in rest) != rest.strip().endswith("]"):
-            raise DataError(f"{name}, line {number}: write rule: [id, id], or rule: and below it lines - id.")
-        items = rest.strip().removeprefix("[").removesuffix("]").split(",")
-        content[rule] = [item.strip().strip("\"'") for item in items if item.strip()]
-    return content
 
 
 def leave_out(found: Iterable[Finding], expected: Mapping[str, Collection[str]]) -> tuple[list[Finding], int]:

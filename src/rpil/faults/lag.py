@@ -45,31 +45,62 @@ class Pair:
         return float(np.abs(self.usual).max())
 
 
-def find_pairs(
-    values: Float[Array, "C T"], offsets: Int[Array, " _"], columns: Columns, settings: FaultSettings
-) -> tuple[Pair, ...]:
+@dataclass(frozen=True, eq=False)
+class Lag:
+    """The pairs, the most correlated first, and the largest correlation of each action with each state, (A, S)."""
+
+    pairs: tuple[Pair, ...]
+    columns: Columns
+    related: Float[Array, "A S"]
+
+    @property
+    def most_related(self) -> tuple[Int[Array, " A"], Int[Array, " S"]]:
+        """Numbers of the actions and of the states, those most correlated with a state, or action, first."""
+        of_action, of_state = (-self.related.max(axis=axis, initial=0.0) for axis in (1, 0))
+        action, state = np.flatnonzero(self.columns.is_action), np.flatnonzero(~self.columns.is_action)
+        return action[np.argsort(of_action, kind="stable")], state[np.argsort(of_state, kind="stable")]
+
+
+def find_lag(values: Float[Array, "C T"], offsets: Int[Array, " _"], columns: Columns, settings: FaultSettings) -> Lag:
     """The state column that is best aligned with each action, for the actions that have one.
 
-    The longest memory with which there is one tells the lag best.
+    The longest memory with which there is one tells the lag best. Of many states, those are looked at whose changes are
+    most correlated with the action or its changes.
     """
-    if columns.is_action.all() or np.isnan(values).any():  # where all have missing values, these alone are reported
-        return ()
-    found = []
-    for action in np.flatnonzero(columns.is_action).tolist():
+    action, state = np.flatnonzero(columns.is_action), np.flatnonzero(~columns.is_action)
+    if not len(action) or not len(state) or np.isnan(values).any():  # missing values are reported alone
+        return Lag((), columns, np.zeros((len(action), len(state))))
+    change = segments.changes(values, offsets)
+    related, found = _related(values, change, action, state, offsets, settings), []
+    for row, own in zip(related, action.tolist(), strict=True):
+        near = state[np.sort(np.argsort(-row, kind="stable")[: settings.max_partners])]
         for order in settings.memories:
-            pair = _best_pair(values, offsets, columns, action, order, settings.max_lag)
+            pair = _best_pair(values, change, offsets, own, near, order, settings.max_lag)
             if pair.correlation >= settings.min_correlation:
                 found.append(pair)
                 break
-    return tuple(found)
+    return Lag(tuple(sorted(found, key=lambda pair: -pair.correlation)), columns, related)
 
 
-def _best_pair(values: Array, offsets: Array, columns: Columns, action: int, order: int, max_lag: int) -> Pair:
-    state = np.flatnonzero(~columns.is_action)
+def _related(values: Array, change: Array, action: Array, state: Array, offsets: Array, s: FaultSettings) -> Array:
+    """The largest correlation, over the lags, of each action or its change with the change of each state, (A, S)."""
+    drivers = np.concatenate([change[action], np.stack([centred(a, offsets) for a in values[action]])])
+    (first, _), (other, _) = (_padded(series, offsets, s.max_lag) for series in (drivers, change[state]))
+    power = np.outer((drivers**2).sum(axis=1), (change[state] ** 2).sum(axis=1))
+    middle = first[:, s.max_lag : -s.max_lag]
+    best = np.zeros((len(drivers), len(state)))
+    for k in range(2 * s.max_lag + 1):
+        np.maximum(best, np.abs(middle @ other[:, k : k + middle.shape[1]].T), out=best)
+    return np.asarray((best / np.sqrt(power + 1e-300)).reshape(2, len(action), -1).max(axis=0))
+
+
+def _best_pair(
+    values: Array, change: Array, offsets: Array, action: int, state: Array, order: int, max_lag: int
+) -> Pair:
     memory = _memory(values[action], offsets, order)
     driver = whitened(values[action], memory, offsets)
     candidates = []
-    for of_change, series in ((False, values[state]), (True, segments.changes(values[state], offsets))):
+    for of_change, series in ((False, values[state]), (True, change[state])):
         responses = np.stack([whitened(column, memory, offsets) for column in series])
         usual = _correlations(driver, responses, offsets, max_lag)
         s = int(np.argmax(np.abs(usual).max(axis=1)))

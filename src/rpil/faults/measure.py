@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass, fields
 
 import numpy as np
@@ -10,10 +11,12 @@ from rpil.data.copies import digests
 from rpil.data.demonstrations import Block, Demonstrations
 from rpil.faults import segments
 from rpil.faults.columns import Columns
-from rpil.faults.lag import Pair, shifts
+from rpil.faults.lag import Lag, shifts
 from rpil.faults.missing import set_aside
+from rpil.faults.naming import Namer, name_block
 from rpil.faults.record import Finding
 from rpil.faults.settings import FaultSettings
+from rpil.faults.whole import Ends, next_state
 from rpil.formats.dataset import Dataset
 from rpil.numerics.types import Array, Bool, Float, Int, Shaped
 
@@ -23,6 +26,15 @@ CACHE_STEPS = 8_192
 PARTS, DIRECTIONS, LENGTH_WEIGHT = 8, 8, 10.0
 """Of a signature: parts of a demonstration, random directions of its columns, and standard deviations of a column to
 which a length e times longer amounts."""
+
+
+@dataclass(frozen=True, eq=False)
+class Learned:
+    """What a sample of the demonstrations tells, beside the columns."""
+
+    lag: Lag
+    namer: Namer | None
+    ends: Ends | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,7 +61,11 @@ class Measured:
     head: Int[Array, " M"]  # idle steps at the beginning
     tail: Int[Array, " M"]
     shift: Int[Array, " M"]  # of the lag from the usual one
-    shift_gain: Float[Array, " M"]
+    shift_gain: Float[Array, " M"]  # in agreement of the cross-correlations, relative to the usual one
+    named: Int[Array, " M"]  # the fault that `Namer` names, or -1
+    gain: Float[Array, " M"]  # of undoing it
+    boundary: Float[Array, "M 2"]  # how unlike one between two demonstrations the best step is, and that step
+    next_state: Float[Array, "M A 2"]  # whether each action moves, and is then the next state
     signature: Float[Array, "M S"]
     digest: Shaped[Array, " M"]
 
@@ -57,7 +73,7 @@ class Measured:
 def measure(
     demonstrations: Demonstrations | Dataset,
     columns: Columns,
-    pairs: tuple[Pair, ...],
+    learned: Learned,
     settings: FaultSettings,
 ) -> tuple[Measured | None, Bool[Array, " M"], list[Finding]]:
     """What was measured of the demonstrations without missing values, block by block; None where none is.
@@ -73,13 +89,19 @@ def measure(
             masks.append(kept)
             missing += found
             if kept.any():
-                parts.append(_measure_block(block, columns, pairs, directions, settings))
+                numbers = whole.first + np.flatnonzero(kept)
+                parts.append(_measure_block(block, numbers, columns, learned, directions, settings))
     joined = {f.name: np.concatenate([getattr(part, f.name) for part in parts]) for f in fields(Measured) if parts}
     return Measured(**joined) if parts else None, np.concatenate(masks), missing
 
 
 def _measure_block(
-    block: Block, columns: Columns, pairs: tuple[Pair, ...], directions: Array, settings: FaultSettings
+    block: Block,
+    numbers: Array,
+    columns: Columns,
+    learned: Learned,
+    directions: Array,
+    settings: FaultSettings,
 ) -> Measured:
     values, offsets = columns.of(block), block.offsets
     change = segments.changes(values, offsets)
@@ -89,8 +111,7 @@ def _measure_block(
     motion = columns.motion_of(size)
     moves = motion > settings.idle_motion * columns.motion
     still, run_step, run = segments.longest_runs(changed, moves, offsets)
-    head, tail = _idle_ends(moves, offsets)
-    shift, gain = shifts(values, change, offsets, pairs, settings)
+    head, tail = _idle_ends(motion, moves, offsets, settings)
     return Measured(
         *segments.largest(spike, offsets),
         *segments.largest(jump, offsets),
@@ -110,8 +131,10 @@ def _measure_block(
         ),
         head,
         tail,
-        shift,
-        gain,
+        *shifts(values, change, offsets, learned.lag.pairs, settings),
+        *name_block(learned.namer, values, block, numbers),
+        _boundaries(learned.ends, values[~columns.is_action], offsets),
+        next_state(block),
         _signatures(values, offsets, directions),
         digests(block.observations, block.actions, block.offsets),
     )
@@ -130,14 +153,30 @@ def _spikes_and_jumps(change: Array, size: Array, offsets: Array) -> tuple[Array
     return np.maximum(spike, 0.0), jump
 
 
-def _idle_ends(moves: Array, offsets: Array) -> tuple[Array, Array]:
-    """Steps before the first and after the last step that moves, of each demonstration."""
+def _idle_ends(motion: Array, moves: Array, offsets: Array, s: FaultSettings) -> tuple[Array, Array]:
+    """Steps before the first and after the last step that moves, of each demonstration. Where motion
+    grows slowly, or decays as that of a controller that settles, nothing is idle."""
     n, steps = len(moves), np.arange(len(moves))
     first = np.minimum.reduceat(np.where(moves, steps, n), offsets[:-1])
     last = np.maximum.reduceat(np.where(moves, steps, -1), offsets[:-1])
     nothing = first == n
     head = np.where(nothing, np.diff(offsets), np.maximum(first - 1 - offsets[:-1], 0))
-    return head, np.where(nothing, 0, offsets[1:] - 1 - last)
+    tail = np.where(nothing, 0, offsets[1:] - 1 - last)
+    for idle, ends, way in ((head, offsets[:-1], 1), (tail, offsets[1:], -1)):
+        for m in np.flatnonzero(idle >= s.min_idle).tolist():
+            first = ends[m] if way > 0 else ends[m] - idle[m]
+            own = motion[first + 1 : first + idle[m]][::way]
+            third = len(own) // 3
+            if 0 < s.settling * own[1 : third + 1].mean() < own[-third:].mean():
+                idle[m] = 0
+    return head, tail
+
+
+def _boundaries(ends: Ends | None, values: Array, offsets: Array) -> Array:
+    """`Ends.boundary` of each demonstration, (M, 2)."""
+    if ends is None or np.isnan(ends.limit):
+        return np.tile([np.inf, 0.0], (len(offsets) - 1, 1))
+    return np.array([ends.boundary(values[:, a:b]) for a, b in itertools.pairwise(offsets)])
 
 
 def _repeats(changed: Array, moves: Array, offsets: Array) -> tuple[Array, Array, Array]:

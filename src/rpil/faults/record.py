@@ -9,24 +9,68 @@ from dataclasses import asdict, dataclass, field
 
 from rpil.data.arrays import Id
 
+DIFFER = "demonstrations differ too much in this to know what is usual"
+LAGS_DIFFER = "the lag between action and state is not the same in most demonstrations"
+RESTS = "{} rest for long, or demonstrations differ too much in this"
+UNTOLD = "undone, clean demonstrations fit the map between states and actions as well"
+
+
+@dataclass(frozen=True)
+class Rule:
+    """A rule without a model; see docs/faults.md.
+
+    Attributes
+    ----------
+    words : str
+        What it finds.
+    needs : tuple of str
+        What must be there, names of `rpil.faults.check.NEEDS`.
+    unknown : str
+        Why it says nothing where it applies and nothing can be known.
+    """
+
+    words: str
+    needs: tuple[str, ...] = ()
+    unknown: str = DIFFER
+
+
+COLUMNS, MAPS = ("columns", "several"), ("map", "several")
 RULES = {
-    "missing values": "a value is NaN or infinite",
-    "frame count": "the recording says that it has more or fewer frames",
-    "dropped frames": "the time between two frames is too long",
-    "repeated frames": "the time between two frames is too short, or a row repeats the one before while all moves",
-    "frozen sensor": "an observation stays the same for long while others change",
-    "frozen action": "an action stays the same for long while others change",
-    "saturation": "a column stays at its lowest or highest value for long",
-    "spike": "one value is far from both its neighbours",
-    "jump": "a column leaps from one step to the next and stays there",
-    "scale": "a column has another unit or scale than elsewhere",
-    "lag": "the state follows the action sooner or later than elsewhere",
-    "idle head": "nothing moves for long at the beginning",
-    "idle tail": "nothing moves for long at the end",
-    "duplicate": "another demonstration is the same, or nearly",
-    "length": "it is far longer or shorter than the others",
+    "missing values": Rule("a value is NaN or infinite"),
+    "frame count": Rule("the recording says that it has more or fewer frames"),
+    "dropped frames": Rule("the time between two frames is too long"),
+    "repeated frames": Rule(
+        "the time between two frames is too short, or a row repeats the one before while all moves", ("several",)
+    ),
+    "frozen sensor": Rule(
+        "an observation stays the same for long while others change",
+        ("observations", *COLUMNS),
+        RESTS.format("observations"),
+    ),
+    "frozen action": Rule(
+        "an action stays the same for long while others change", ("actions", *COLUMNS), RESTS.format("actions")
+    ),
+    "saturation": Rule("a column stays at its lowest or highest value for long", COLUMNS, RESTS.format("columns")),
+    "spike": Rule("one value is far from both its neighbours", COLUMNS),
+    "jump": Rule("a column leaps from one step to the next and stays there", COLUMNS),
+    "scale": Rule("a column has another unit or scale than elsewhere", COLUMNS),
+    "lag": Rule("the state follows the action sooner or later than elsewhere", ("lag", "several"), LAGS_DIFFER),
+    "sign": Rule("a column has the other sign", MAPS, UNTOLD),
+    "exchanged": Rule("two columns are exchanged", MAPS, UNTOLD),
+    "shifted action": Rule("the actions are one step early or late", MAPS, UNTOLD),
+    "reversed": Rule("time runs backwards", MAPS, UNTOLD),
+    "frame rate": Rule("it has half the frame rate of the others", MAPS, UNTOLD),
+    "next state": Rule("the action is the next state", ("several",), "the action is the next state in most"),
+    "two episodes": Rule(
+        "it holds two episodes", ("observations", "several"), "beginnings and ends are not unlike the rest"
+    ),
+    "never moves": Rule("a column that moves in the others never does", COLUMNS),
+    "idle head": Rule("nothing moves for long at the beginning", COLUMNS),
+    "idle tail": Rule("nothing moves for long at the end", COLUMNS),
+    "duplicate": Rule("another demonstration is the same, or nearly"),
+    "length": Rule("it is far longer or shorter than the others", ("several",)),
 }
-"""Every rule and what it finds. Rules without a model; see docs/faults.md."""
+"""Every rule."""
 
 
 @dataclass(frozen=True)

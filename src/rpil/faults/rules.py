@@ -9,8 +9,7 @@ import numpy as np
 
 from rpil.data.arrays import Id
 from rpil.faults.columns import Columns
-from rpil.faults.lag import Pair
-from rpil.faults.measure import Measured
+from rpil.faults.measure import Learned, Measured
 from rpil.faults.record import Finding
 from rpil.faults.settings import FaultSettings
 from rpil.numerics.types import Array, Float
@@ -22,7 +21,7 @@ class Evidence:
 
     measured: Measured
     columns: Columns
-    pairs: tuple[Pair, ...]
+    learned: Learned
     ids: tuple[Id, ...]
     lengths: Array
     seconds: float | None  # between two frames, if that is known
@@ -118,7 +117,9 @@ def compare_leaps(seen: Evidence) -> Iterator[Comparison]:
         return f"{leap} ({jumps[c]:.3g} at most is usual)"
 
     spikes, jumps = (
-        np.maximum(fence(value, factor, s.smallest * least, s), least)
+        np.where(
+            columns.moving < s.least_moving, np.inf, np.maximum(fence(value, factor, s.smallest * least, s), least)
+        )
         for value, factor in ((by.spike, s.spike_factor), (by.jump, s.jump_factor))
     )
     yield Comparison.above(
@@ -139,11 +140,19 @@ def compare_constant_runs(seen: Evidence) -> Iterator[Comparison]:
     by, s, columns = seen.measured, seen.settings, seen.columns
     limits = np.maximum(fence(by.still, s.frozen_factor, s.smallest_run, s), s.min_frozen)
     limits = np.where(columns.moving >= s.min_moving, limits, np.inf)
-    is_extreme = (by.run_value == by.low.min(axis=0)) | (by.run_value == by.high.max(axis=0))
+    bottom, top = by.low.min(axis=0), by.high.max(axis=0)
+    near = 0.01 * (top - bottom)
+    at_bottom, at_top = by.run_value <= bottom + near, by.run_value >= top - near
+    # Where many demonstrations reach a limit it is the robot's own.
+    usual_bottom = (by.low <= bottom + near).mean(axis=0) >= s.common_limit
+    usual_top = (by.high >= top - near).mean(axis=0) >= s.common_limit
+    at_limit = (at_bottom & usual_bottom) | (at_top & usual_top)
+    at_limit |= by.run_step == 0  # what has not been touched yet rests
+    is_extreme = (by.run_value == bottom) | (by.run_value == top)
     for rule, own, is_fault in (
-        ("saturation", np.arange(len(columns.names)), is_extreme),
-        ("frozen sensor", np.flatnonzero(~columns.is_action), ~is_extreme),
-        ("frozen action", np.flatnonzero(columns.is_action), ~is_extreme),
+        ("saturation", np.arange(len(columns.names)), is_extreme & ~at_limit),
+        ("frozen sensor", np.flatnonzero(~columns.is_action), ~is_extreme & ~at_limit),
+        ("frozen action", np.flatnonzero(columns.is_action), ~is_extreme & ~at_limit),
     ):
 
         def steps(m: int, k: int, own: Array = own) -> tuple[int, int]:
@@ -258,16 +267,18 @@ def is_lag_known(seen: Evidence) -> bool:
     """Whether most demonstrations have the same lag."""
     s, by = seen.settings, seen.measured
     agree = ((np.abs(by.shift) < s.min_shift) | (by.shift_gain < s.smallest_gain)).mean() >= s.min_agreement
-    return bool(seen.pairs and agree and np.isfinite(fence(by.shift_gain, s.shift_factor, s.smallest_gain, s)))
+    return bool(
+        seen.learned.lag.pairs and agree and np.isfinite(fence(by.shift_gain, s.shift_factor, s.smallest_gain, s))
+    )
 
 
 COMPARISONS: tuple[Callable[[Evidence], Iterator[Comparison]], ...] = (
-    compare_repeated_rows,
-    compare_constant_runs,
     compare_leaps,
-    compare_scales,
-    compare_lags,
+    compare_constant_runs,
+    compare_repeated_rows,
     compare_idle_ends,
     compare_lengths,
+    compare_scales,
+    compare_lags,
 )
 """The rules that compare demonstrations."""

@@ -44,6 +44,8 @@ class FaultSettings:
         Steps by which such runs do not differ.
     min_frozen : int
         Steps. Shorter runs of one value are no fault.
+    least_moving : float
+        Share of the steps in motion in which a column changes, from which its leaps are looked at.
     min_moving : float
         Share of the steps in motion in which a column changes, from which it may be frozen: a gripper, a switch or a
         controller that is on or off rests for long.
@@ -62,6 +64,8 @@ class FaultSettings:
         Times the usual idle head, or tail.
     max_lag : int
         Steps. Lags between action and state that are looked at, in both directions.
+    max_partners : int
+        States, those most correlated with an action, of which one is chosen for it.
     max_shift, min_shift : int
         Steps by which a lag may differ from the usual one at most, and from which on that is a fault.
         benchmarks/faults.py.
@@ -75,6 +79,19 @@ class FaultSettings:
     shift_factor, smallest_gain : float
         Times the usual gain in agreement by a shift, and gain by which demonstrations do not differ; gains are relative
         to the usual agreement of the cross-correlations. benchmarks/faults.py.
+    map_columns, map_rows, map_folds, map_ridge : int, int, int, float
+        States, and actions, of the map between them; windows of a demonstration that are looked at; parts of the
+        demonstrations, each judged by maps of the others; and the penalty of least squares, of variance 1.
+    map_trim, map_unknown : float, float
+        Share of the demonstrations that shape the maps, and of the variance that a map leaves over where it tells
+        nothing.
+    lag_sample, map_sample, map_tail, map_rest : int, int, float, float
+        Demonstrations that choose the lag of the map, and in which faults are planted, and quartile distances by which
+        gains with and without must differ, and beyond which what is left over is unusual.
+    map_tested : int
+        Demonstrations, about, those with the most misfit, in which faults are tried at most.
+    least_gain : float
+        Logarithm of likelihood for each step that undoing a fault gains at least. benchmarks/faults.py.
     length_factor : float
         Times the usual length, or its inverse. benchmarks/faults.py.
     scale_factor : float
@@ -84,6 +101,15 @@ class FaultSettings:
     near_duplicate : tuple of float
         Distance of two demonstrations below which, whatever that share, they are near duplicates, and above which they
         are not; relative to the median distance from the nearest other one.
+    least_range : float
+        Range of a column, relative to the lower quartile, below which it never moves.
+    steady_range : float
+        Range of a column, relative to the median, or its inverse, within which demonstrations lie in which it moves.
+    common_limit : float
+        Share of the demonstrations that reach the lowest or highest value of a column, from which that is a limit of
+        the robot, where it may rest.
+    settling : float
+        Times by which motion decays from the first to the last third of a tail of a controller that settles.
     min_duplicate : int
         Steps from which equal demonstrations of codes alone are duplicates: shorter ones are equal by chance.
     """
@@ -95,14 +121,15 @@ class FaultSettings:
     max_columns: int = 1_000
     fence: float = 2.0
     max_spread: float = 5.0
-    spike_factor: float = 2.0
-    jump_factor: float = 2.0
+    spike_factor: float = 2.5
+    jump_factor: float = 2.5
     smallest: float = 0.5
-    change_factor: float = 1.25
+    change_factor: float = 1.5
     smallest_leap: float = 0.1
     frozen_factor: float = 2.5
     smallest_run: float = 2.0
-    min_frozen: int = 10
+    min_frozen: int = 12
+    least_moving: float = 0.1
     min_moving: float = 0.5
     frame_gap: float = 0.5
     repeat_motion: float = 0.5
@@ -112,6 +139,7 @@ class FaultSettings:
     min_idle: int = 10
     idle_factor: float = 3.0
     max_lag: int = 20
+    max_partners: int = 4
     max_shift: int = 10
     min_shift: int = 2
     memories: tuple[int, ...] = (3, 1)
@@ -119,8 +147,24 @@ class FaultSettings:
     min_agreement: float = 0.75
     shift_factor: float = 3.0
     smallest_gain: float = 0.03
+    map_columns: int = 16
+    map_rows: int = 128
+    map_folds: int = 5
+    map_ridge: float = 1e-4
+    map_trim: float = 0.7
+    map_unknown: float = 0.8
+    lag_sample: int = 6
+    map_sample: int = 40
+    map_tail: float = 2.5
+    map_rest: float = 1.5
+    map_tested: int = 200
+    least_gain: float = 1.0
     length_factor: float = 2.0
     scale_factor: float = 8.0
     near_share: float = 0.005
     near_duplicate: tuple[float, float] = (0.02, 0.2)
+    least_range: float = 0.005
+    steady_range: float = 0.25
+    common_limit: float = 0.25
+    settling: float = 1.25
     min_duplicate: int = 50

@@ -1,0 +1,108 @@
+"""The rules about whole demonstrations: whether undoing a fault mends them, and what they are made of."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+
+import numpy as np
+
+from rpil.faults.rules import Comparison, Evidence
+from rpil.numerics.types import Array
+
+TRIED = {
+    "sign": ("sign",),
+    "exchanged": ("exchanged",),
+    "shifted action": ("actions late", "actions early"),
+    "reversed": ("reversed",),
+    "frame rate": ("frame rate",),
+}
+"""Rule to the faults that are tried."""
+
+SENTENCES = {
+    "sign": "{} has the other sign",
+    "exchanged": "{} are exchanged",
+    "actions late": "the actions are one step late",
+    "actions early": "the actions are one step early",
+    "reversed": "time is reversed: it runs backwards",
+    "frame rate": "it has half the frame rate of the others: every other step is missing",
+}
+
+
+def compare_maps(seen: Evidence) -> Iterator[Comparison]:
+    """Demonstrations that fit the map between states and actions of the others once a fault is undone."""
+    namer, by = seen.learned.namer, seen.measured
+    if namer is None:
+        return
+    tried, names = namer.tried, np.array(seen.columns.names)[namer.frame.column]
+    for rule, kinds in TRIED.items():
+        own = np.flatnonzero(np.isin(tried.kind, kinds))
+        called = tuple(" and ".join(names[c[c >= 0]]) for c in tried.columns[own])
+        limit = np.where(np.isnan(namer.limit[own]), np.inf, namer.limit[own])
+        value = np.where(by.named[:, None] == own, by.gain[:, None], 0.0)
+
+        def say(m: int, k: int, own: Array = own, called: tuple[str, ...] = called) -> str:
+            return f"{SENTENCES[tried.kind[own[k]]].format(called[k])}; undone, it fits the others"
+
+        if len(own):
+            yield Comparison.above(rule, called, value, limit, lambda m, _: (0, int(seen.lengths[m]) - 1), say)
+
+
+def compare_boundaries(seen: Evidence) -> Iterator[Comparison]:
+    """Demonstrations that hold an end and then a beginning."""
+    ends, by = seen.learned.ends, seen.measured
+    limit = np.nan if ends is None else ends.limit
+    step = by.boundary[:, 1].astype(int)
+    unlike, m = by.boundary[:, :1], len(by.boundary)
+    severity = np.where(unlike < limit, 1.0 + (limit - unlike), 0.0) if np.isfinite(limit) else np.full((m, 1), np.nan)
+    yield Comparison(
+        "two episodes",
+        ("",),
+        unlike,
+        np.full((m, 1), limit),
+        np.minimum(severity, 100.0),
+        lambda m, _: (int(step[m]) - 1, int(step[m])),
+        lambda m, _: f"step {step[m]} is like a beginning, and the one before like an end: perhaps two episodes in one",
+    )
+
+
+def compare_next_states(seen: Evidence) -> Iterator[Comparison]:
+    """Demonstrations whose actions are the next state, where those of others are not."""
+    moves, same = seen.measured.next_state.sum(axis=1).T
+    share = same / np.maximum(moves, 1.0)
+    usual = float(np.median(share))
+    limit = (1.0 + usual) / 2 if usual < 0.75 else np.inf  # some actions, of a hand, may be so always
+    yield Comparison.above(
+        "next state",
+        ("",),
+        share,
+        np.asarray(limit),
+        lambda m, _: (0, int(seen.lengths[m]) - 1),
+        lambda m, _: f"{100 * share[m]:.0f} % of the actions that move are the state at the next step",
+    )
+
+
+def compare_ranges(seen: Evidence) -> Iterator[Comparison]:
+    """Columns that move in the others, about as far in each, and never in this one."""
+    by, s, names = seen.measured, seen.settings, seen.columns.names
+    ranges = by.high - by.low
+    usual = np.median(ranges, axis=0)
+    still = ranges <= s.least_range * usual
+    low, high = np.where(still, np.inf, ranges).min(axis=0), ranges.max(axis=0)
+    is_known = (still.mean(axis=0) < 0.25) & (low >= s.steady_range * usual) & (s.steady_range * high <= usual)
+    yield Comparison.above(
+        "never moves",
+        names,
+        still.astype(float),
+        np.where(is_known & (usual > 0), 0.5, np.inf),
+        lambda m, _: (0, int(seen.lengths[m]) - 1),
+        lambda m, c: f"{names[c]} never moves, and in the others it does",
+    )
+
+
+MAP_COMPARISONS: tuple[Callable[[Evidence], Iterator[Comparison]], ...] = (
+    compare_maps,
+    compare_boundaries,
+    compare_next_states,
+    compare_ranges,
+)
+"""The rules that compare whole demonstrations."""

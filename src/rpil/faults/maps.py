@@ -1,0 +1,179 @@
+"""Linear maps between states and actions, and what a demonstration gains in fit by undoing a fault.
+
+A window holds the states and the actions of three steps, the states `lag` steps later, less their means over the
+demonstration: a level that differs by a calibration or a session is no fault. Least squares, on other demonstrations,
+tell two maps of it: the action of the middle step from the states of all three, and the next change of
+the state from the state and the actions until then. Both are maps of the robot and its controller rather than of who
+demonstrates, and rows of one matrix B whose B z is what they leave over of a window z. With the mean G of z z' over a
+demonstration, the mean squares e are the diagonal of B G B'.
+
+Undoing a fault gains sum_k log(e_k / e'_k) / 2, with e' afterwards. Signs and exchanged columns are linear in z: what
+is left over becomes r + q, and e' = e + 2 <r, q> + <q, q>.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from rpil.faults.settings import FaultSettings
+from rpil.numerics.types import Array, Float, Int
+
+WIDTH = 3
+"""Steps of a window."""
+
+FLOOR = 1e-7
+"""Added to mean squares, of columns of variance 1: rounding of 32-bit numbers."""
+
+OF_ROWS = ("reversed", "frame rate", "actions late", "actions early")
+"""Faults of all columns."""
+
+
+@dataclass(frozen=True, eq=False)
+class Frame:
+    """Which columns the window holds: S states, then A actions, C in all.
+
+    Attributes
+    ----------
+    column : (C,) int array
+        Numbers of `Columns`.
+    n_states : int
+    lag : int
+        Steps after which the states follow the actions.
+    spread : (C,) array
+    rows : int
+        Windows of a demonstration that are looked at, at most.
+    """
+
+    column: Int[Array, " C"]
+    n_states: int
+    lag: int
+    spread: Float[Array, " C"]
+    rows: int
+
+    def places(self) -> Int[Array, "C 3"]:
+        """Where in a window each column is, at the step before, at the step, and after."""
+        n, width = self.n_states, len(self.column)
+        step = np.arange(WIDTH)
+        states = np.arange(n)[:, None] + n * step
+        return np.concatenate([states, WIDTH * n + np.arange(width - n)[:, None] + (width - n) * step])
+
+    def moments(self, values: Float[Array, "T C"]) -> Float[Array, "D D"] | None:
+        """G of a demonstration, whose columns are those of the frame; None where it is too short."""
+        n, size = self.n_states, len(values) - abs(self.lag) - WIDTH + 1
+        if size < 2 * WIDTH:
+            return None
+        every = -(-size // self.rows)
+        sides = ((values[:, :n], max(self.lag, 0)), (values[:, n:], max(-self.lag, 0)))
+        parts = [side[first + k : first + k + size : every] for side, first in sides for k in range(WIDTH)]
+        window = np.concatenate(parts, axis=1, dtype=np.float64)
+        window -= window.mean(axis=0)
+        scale = np.empty(window.shape[1])
+        scale[self.places()] = self.spread[:, None]
+        return np.asarray(window.T @ window / (len(window) * np.outer(scale, scale)))
+
+
+def maps_of(mean: Float[Array, "D D"], frame: Frame, ridge: float) -> Float[Array, "K D"]:
+    """B, from the mean of G over demonstrations; K = A + S."""
+    n = frame.n_states
+    before, now, after = frame.places().T
+    out = np.zeros((len(frame.column), len(mean)))
+    n_actions = len(now) - n
+    for rows, x, y in (
+        (slice(0, n_actions), [*before[:n], *now[:n], *after[:n]], mean[:, now[n:]]),
+        (slice(n_actions, None), [*now[:n], *before[n:], *now[n:]], mean[:, after[:n]] - mean[:, now[:n]]),
+    ):
+        out[rows, x] = -np.linalg.solve(mean[np.ix_(x, x)] + ridge * np.eye(len(x)), y[x]).T
+    rest = np.arange(n_actions, len(out))
+    out[np.arange(n_actions), now[n:]] = 1.0
+    out[rest, after[:n]] += 1.0
+    out[rest, now[:n]] -= 1.0
+    return out
+
+
+def misfit(maps: Float[Array, "K D"], moments: Float[Array, "D D"]) -> Float[Array, " K"]:
+    """Mean squares of what the maps leave over in a demonstration."""
+    return np.asarray(((maps @ moments) * maps).sum(axis=1) + FLOOR)
+
+
+def fit_maps(moments: Float[Array, "M D D"], fold: Int[Array, " M"], frame: Frame, s: FaultSettings) -> Array:
+    """B for each fold of the demonstrations, of the others, (F, K, D).
+
+    Those that are fitted worst are left out, so that faults do not shape the maps. A map that tells nothing is 0.
+    """
+    n_folds, usual = int(fold.max()) + 1, np.ones(len(fold), dtype=bool)
+    for _ in range(3):
+        own = [usual & (fold != f) if (usual & (fold != f)).any() else fold >= 0 for f in range(n_folds)]
+        maps = np.stack([maps_of(moments[rows].mean(axis=0), frame, s.map_ridge) for rows in own])
+        left = np.log([misfit(maps[f], g) for f, g in zip(fold, moments, strict=True)])
+        off = (left - np.median(left, axis=0)).mean(axis=1)
+        usual = off <= np.quantile(off, s.map_trim)
+    mean, n = moments[usual].mean(axis=0), frame.n_states
+    _, now, after = frame.places().T
+    step = mean[after[:n], after[:n]] + mean[now[:n], now[:n]] - 2 * mean[now[:n], after[:n]]
+    power = np.concatenate([mean[now[n:], now[n:]], step])
+    return maps * (np.median(np.exp(left), axis=0) < s.map_unknown * power)[:, None]
+
+
+def plant(kind: str, values: Float[Array, "T C"], n_states: int) -> Float[Array, "_ C"]:
+    """A demonstration with one of the faults `OF_ROWS`."""
+    if kind in ("reversed", "frame rate"):
+        return values[::-1] if kind == "reversed" else values[::2]
+    late = int(kind == "actions late")
+    states, actions = values[late : len(values) - 1 + late, :n_states], values[1 - late : len(values) - late, n_states:]
+    return np.concatenate([states, actions], axis=1)
+
+
+def undo(kind: str, values: Float[Array, "T C"], n_states: int) -> Float[Array, "_ C"]:
+    """A demonstration without it."""
+    if kind != "frame rate":
+        other = {"actions late": "actions early", "actions early": "actions late"}
+        return plant(other.get(kind, kind), values, n_states)
+    out = np.repeat(values, 2, axis=0)[:-1].astype(float)
+    out[1::2] = (values[1:] + values[:-1]) / 2
+    return out
+
+
+@dataclass(frozen=True, eq=False)
+class Tried:
+    """The faults that are tried, H of them, linear ones first: `columns` are positions in the frame, -1 where none is
+    meant."""
+
+    kind: Array
+    columns: Int[Array, "H 2"]
+
+    @classmethod
+    def of(cls, frame: Frame) -> Tried:
+        """All faults of the columns of a frame: each sign, pairs of states or of actions, and those of all columns."""
+        width, n = len(frame.column), frame.n_states
+        pairs = [(i, j) for low, high in ((0, n), (n, width)) for i in range(low, high) for j in range(i + 1, high)]
+        alone = [(c, -1) for c in range(width)]
+        kind = ["sign"] * width + ["exchanged"] * len(pairs) + list(OF_ROWS)
+        return cls(np.array(kind), np.array(alone + pairs + [(-1, -1)] * len(OF_ROWS)))
+
+    def changes(self, maps: Float[Array, "K D"], frame: Frame) -> tuple[Float[Array, "Q K 6"], Int[Array, "Q 6"]]:
+        """How undoing the linear faults, Q of them, changes B, and at which entries of a window."""
+        at, first = frame.places(), self.columns[: -len(OF_ROWS), 0]
+        second = np.where(self.columns[: len(first), 1] < 0, first, self.columns[: len(first), 1])
+        own, other = maps[:, at[first]], maps[:, at[second]]
+        ratio = (frame.spread[first] / frame.spread[second])[:, None]
+        is_sign = (first == second)[:, None]
+        change = np.where(is_sign, -2 * own, other * ratio - own), np.where(is_sign, 0.0, own / ratio - other)
+        return np.concatenate(change, axis=2).transpose(1, 0, 2), np.concatenate([at[first], at[second]], axis=1)
+
+
+def gains(values: Float[Array, "T C"], moments: Array, maps: Array, frame: Frame, tried: Tried) -> Float[Array, " H"]:
+    """What undoing each fault gains in a demonstration."""
+    change, place = tried.changes(maps, frame)
+    seen, left = maps @ moments, misfit(maps, moments)
+    first = (change * seen[:, place].transpose(1, 0, 2)).sum(axis=2)
+    second = (np.matmul(change, moments[place[:, :, None], place[:, None, :]]) * change).sum(axis=2)
+    gain = np.log(left / np.maximum(left + 2 * first + second, FLOOR)).sum(axis=1) / 2
+    return np.append(gain, [left_over(undo(k, values, frame.n_states), maps, frame, left) for k in OF_ROWS])
+
+
+def left_over(values: Float[Array, "T C"], maps: Array, frame: Frame, before: Float[Array, " K"]) -> float:
+    """What a demonstration gains over mean squares `before`, 0 where it is too short."""
+    moments = frame.moments(values)
+    return 0.0 if moments is None else float(np.log(before / misfit(maps, moments)).sum() / 2)

@@ -1,0 +1,75 @@
+"""Faults of the map between states and actions, and of whole demonstrations, are named."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from recordings import changed, demonstrations, recording
+from rpil.data.demonstrations import Demonstrations
+from rpil.faults.check import find_faults
+
+CLEAN = recording()
+M = 5  # the demonstration with the fault
+X, A = CLEAN[M]
+T = len(X)
+SIGN = np.array([1, -1, 1])
+
+PLANTED = {
+    "sign": ({"observations": X * SIGN}, "observation '1'"),
+    "exchanged": ({"actions": A[:, [2, 1, 0]]}, "action 0 and action 2"),
+    "shifted action": ({"observations": X[:-1], "actions": A[1:]}, ""),
+    "lag": ({"observations": X[5:], "actions": A[:-5]}, ""),
+    "next state": ({"observations": X[:-1], "actions": X[1:]}, ""),
+    "never moves": ({"actions": np.where(SIGN < 0, A[:1], A)}, "action 1"),
+    "two episodes": ({"observations": np.vstack([X, CLEAN[3][0]]), "actions": np.vstack([A, CLEAN[3][1]])}, ""),
+}
+
+
+@pytest.mark.parametrize("rule", PLANTED)
+def test_planted_fault_is_named_and_nobody_else_is_accused(rule):
+    arrays, column = PLANTED[rule]
+    report = find_faults(demonstrations(changed(CLEAN, M, **arrays)))
+    assert {f.id for f in report.findings} == {M}
+    (found,) = [f for f in report.findings if f.rule == rule]
+    places = [[c for c in name if c.isdigit()] for name in (found.column, column)]
+    assert rule == "two episodes" or places[0] == places[1]  # the state of an action is as good
+
+
+@pytest.mark.parametrize(("rule", "rows"), [("frame rate", slice(None, None, 2)), ("reversed", slice(None, None, -1))])
+def test_other_times_are_named_where_a_motor_is_slow(rule, rows):
+    driven = []
+    for _, command in recording(joints=2, seed=3):
+        position = np.zeros_like(command)
+        for t in range(1, len(command)):
+            position[t] = position[t - 1] + (command[t - 1] - position[t - 1]) / 3
+        driven.append((position, command))
+    x, a = driven[M]
+    report = find_faults(demonstrations(changed(driven, M, observations=x[rows], actions=a[rows])))
+    assert (rule, M) in {(f.rule, f.id) for f in report.findings}
+
+
+def test_without_a_state_that_goes_with_an_action_maps_are_not_checked():
+    rng = np.random.default_rng(0)
+    episodes = [(rng.normal(size=(60, 2)), rng.normal(size=(60, 1))) for _ in range(12)]
+    report = find_faults(Demonstrations.from_episodes(episodes))
+    assert report.findings == ()
+    assert {"sign", "reversed", "exchanged"} <= set(report.not_checked)
+
+
+def test_level_and_columns_that_rest_at_first_are_no_faults():
+    late = [
+        (x + m * 0.2, np.where(np.arange(len(a))[:, None] < 60 * (m == M), a[60], a)) for m, (x, a) in enumerate(CLEAN)
+    ]
+    report = find_faults(demonstrations(late))
+    assert not {"sign", "exchanged", "frozen action"} & {f.rule for f in report.findings}
+
+
+def test_quaternions_that_change_sign_are_no_faults():
+    rng, turned = np.random.default_rng(1), []
+    for x, a in CLEAN:
+        angle = np.cumsum(rng.normal(size=len(x))) * 0.02
+        quaternion = np.column_stack([np.cos(angle), np.sin(angle), 0 * angle, 0 * angle])
+        flips = np.where(np.arange(len(x)) // 40 % 2, -1.0, 1.0)[:, None] * rng.choice([-1, 1])
+        turned.append((np.column_stack([x, quaternion * flips]), a))
+    assert find_faults(demonstrations(turned)).findings == ()
