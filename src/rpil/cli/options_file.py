@@ -6,7 +6,6 @@ import json
 import tomllib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
 import click
 
@@ -82,7 +81,7 @@ def _value(key: str, value: object, path: Path) -> str | bool | list[str]:
     return [str(one) for one in values] if key in LISTS else str(value)
 
 
-def write_options(data: str, params: Mapping[str, Any]) -> Path:
+def write_options(data: str, params: Mapping[str, str | bool | Sequence[str] | None]) -> Path:
     """Write the options that a command was called with beside the `data`; the file."""
     path, lines = place_of(data), []
     for key in KEYS:

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, TypeVar, cast
 
-from rpil.data.cells import from_cell, from_cells, to_cell, to_cells
+from rpil.data.cells import from_cell, to_cell, to_cells
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
 from rpil.data.files import replacing
@@ -27,6 +27,7 @@ from rpil.formats.recording import Recording, from_batches, from_table
 from rpil.formats.spool import Copy, is_on_disk, spool
 from rpil.formats.store import copied_rows
 from rpil.formats.table import refuse_id_in_two_files
+from rpil.formats.text_types import exact, exact_type, texts_of, written_as
 from rpil.numerics.types import Array
 
 if TYPE_CHECKING:
@@ -86,7 +87,7 @@ def _read(files: Sequence[Text], columns: Columns, source: str, format_name: str
     tables = [_named(_read_table(file, columns, _whole), file, columns) for file in files]
     may_go_on = columns.episode != FILE
     refuse_id_in_two_files([table[columns.episode] for table in tables], [f.name for f in files], source, may_go_on)
-    table = _exact(pa.concat_tables(tables, promote_options="permissive"), columns, decimal)
+    table = exact(pa.concat_tables(tables, promote_options="permissive"), columns, decimal)
     sizes = {file.name: len(table) for file, table in zip(files, tables, strict=True)}
     return from_table(table, columns, source, format_name, notes=notes, files=sizes)
 
@@ -110,10 +111,10 @@ def _copied(
         refuse_id_in_two_files(ids, [file.name for file in files], source, False)
     kinds: dict[str, set[str]] = {}
     for table in tables():
-        for name, column in _texts(table, columns, decimal).items():
-            kinds.setdefault(name, set()).update(_written_as(column, name in columns.actions))
-    types = {name: _exact_type(found) for name, found in kinds.items()}
-    return sizes, (_exact(table, columns, decimal, types) for table in tables())
+        for name, column in texts_of(table, columns, decimal).items():
+            kinds.setdefault(name, set()).update(written_as(column, name in columns.actions))
+    types = {name: exact_type(found) for name, found in kinds.items()}
+    return sizes, (exact(table, columns, decimal, types) for table in tables())
 
 
 def _named(table: pa.Table, file: Text, columns: Columns) -> pa.Table:
@@ -256,62 +257,6 @@ def _parsed(path: Path, dialect: Dialect, read_table: Callable[[dict[str, object
             if "block" not in str(error) or block == _MAX_BLOCK_BYTES:
                 raise
             block = min(block * 32, _MAX_BLOCK_BYTES)
-
-
-def _exact(table: pa.Table, columns: Columns, decimal: str, types: Mapping[str, pa.DataType] | None = None) -> pa.Table:
-    """Ids, single actions, operators and tasks as the numbers that they are, if that loses nothing; or by `types`."""
-    for name, column in _texts(table, columns, decimal).items():
-        kind = types[name] if types else _exact_type(_written_as(column, name in columns.actions))
-        table = table.set_column(table.column_names.index(name), name, column.cast(kind))
-    return table
-
-
-def _texts(table: pa.Table, columns: Columns, decimal: str) -> dict[str, pa.ChunkedArray]:
-    """The columns of text but observations, without spaces around; "" as null."""
-    import pyarrow as pa
-    import pyarrow.compute as pc
-
-    found = {}
-    for name in table.column_names:
-        if name not in columns.observations and flat.kind_of_type(table[name].type) == "text":
-            column = from_cells(pc.utf8_trim_whitespace(table[name].cast(pa.string())))
-            if name in columns.actions and decimal == ",":
-                column = pc.replace_substring(column, ",", ".")
-            found[name] = pc.if_else(pc.equal(column, ""), None, column)
-    return found
-
-
-def _written_as(column: pa.ChunkedArray, floats: bool) -> set[str]:
-    """How the texts of a column are written, all together: as whole numbers that come back ("number"), that do not, as
-    01 and -0 do ("digits"), as decimals if `floats` ("decimal"), or otherwise ("text"); and whether any has more digits
-    than a float ("long")."""
-    import pyarrow as pa
-
-    with suppress(pa.ArrowInvalid):
-        return {"number" if column.cast(pa.int64()).cast(pa.string()).equals(column) else "digits", *_long(column)}
-    if floats:
-        with suppress(pa.ArrowInvalid):
-            column.cast(pa.float64())
-            return {"decimal", *_long(column)}
-    return {"text"}
-
-
-def _long(column: pa.ChunkedArray) -> tuple[str, ...]:
-    import pyarrow.compute as pc
-
-    return ("long",) if pc.any(pc.match_substring_regex(column, r"^[+-]?\d{19,}$")).as_py() else ()
-
-
-def _exact_type(written: set[str]) -> pa.DataType:
-    """Integers if that loses nothing, else floats where there are decimals, else text.
-
-    Whole numbers of over 64 bits stay text, because several would become the same float.
-    """
-    import pyarrow as pa
-
-    if "text" in written or {"decimal", "long"} <= written:
-        return pa.string()
-    return pa.float64() if "decimal" in written else pa.string() if "digits" in written else pa.int64()
 
 
 def keep_text(path: Path, output: Path, ids: Set[str], options: ColumnOptions) -> set[str]:

@@ -138,7 +138,7 @@ class Arrays(Mapping[str, Any]):
 
     def __init__(self, group: h5py.Group) -> None:
         self.group = group
-        self._found: dict[str, Any] = {}
+        self._found: dict[str, object] = {}
 
     def first(self, names: Sequence[str]) -> h5py.Dataset | None:
         """The first of the arrays of these names; None where there is none."""

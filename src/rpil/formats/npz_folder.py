@@ -6,7 +6,6 @@ import zipfile
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -96,11 +95,11 @@ def _part(name: str, file: Path, about: Path | None) -> Part:
         raise DataError(f"{where}: {several[0]!r} says that it holds several demonstrations; give its path alone.")
     single = {one: array[:].reshape(-1)[0] for one, array in arrays.items() if may_be_outcome(one) and array.is_single}
     said = {one: value for one, value in _said(about).items() if one not in single} if about else {}
-    whole: dict[str, Id] = {_EPISODE_FILE: name, **said, **{one: value.item() for one, value in single.items()}}
+    whole: dict[str, Id | float] = {_EPISODE_FILE: name, **said, **{one: value.item() for one, value in single.items()}}
     return Part(n_steps, {one: array for one, array in arrays.items() if one not in whole}, whole)
 
 
-def _said(about: Path) -> dict[str, Any]:
+def _said(about: Path) -> dict[str, str | float]:
     """What the text beside a file says of the task and the outcome of its demonstration."""
     if not about.is_file():
         return {}
@@ -122,7 +121,7 @@ class _InFile:
     where: str
     member: str
     shape: tuple[int, ...]
-    dtype: np.dtype[Any]
+    dtype: np.dtype[np.generic]
 
     @property
     def is_single(self) -> bool:

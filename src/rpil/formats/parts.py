@@ -79,7 +79,7 @@ class Part:
 
     n_steps: int
     arrays: Mapping[str, Stored]
-    about: Mapping[str, Id] = field(default_factory=dict)
+    about: Mapping[str, Id | float] = field(default_factory=dict)
 
     def has_steps(self, name: str) -> bool:
         """Whether an array of this name has one value, or row of values, for each step."""

@@ -199,7 +199,6 @@ def from_scan(
     """The recording in rows that were read once; its demonstrations are in memory if the rows are."""
     places, metadata = found.places, origin.metadata
     columns = columns.without_observations(found.last_actions, "it repeats the last action")
-    in_memory = isinstance(rows, TableRows)
 
     @cache
     def read_clock() -> Clock | None:
@@ -207,17 +206,8 @@ def from_scan(
         return None if table is None else find_clock(table, columns, None, places.offsets)
 
     def load() -> Demonstrations | Dataset:
-        actions = found.actions
-        if actions.fault is not None and (actions.kind == "refused" or not are_allowed()):
-            raise actions.fault
-        layout, classes = found.layout, actions.classes
-        if actions.fault is not None and layout.action.kind in "iu":  # numbers with gaps are no classes
-            layout, classes = replace(layout, action=np.dtype(np.float64), n_parts=1), np.empty(0)
-        data = Dataset(
-            *(places.ids, places.offsets, origin.source, rows, layout),
-            *(classes, actions.low, actions.high),
-        )
-        return data.select(slice(None)) if in_memory else data
+        data = _dataset(rows, found, origin.source)
+        return data.select(slice(None)) if isinstance(rows, TableRows) else data
 
     def step_columns(steps: slice) -> pa.Table | None:
         names = list(dict.fromkeys([*columns.index, *([places.order.column] if places.order.column else [])]))
@@ -244,6 +234,16 @@ def from_scan(
         ids=places.ids,
         faulty=found.statistics.faulty,
     )
+
+
+def _dataset(rows: Rows, found: Scan, source: str) -> Dataset:
+    """The demonstrations in the rows; a `DataError` where a value cannot be an action."""
+    actions, layout, classes, places = found.actions, found.layout, found.actions.classes, found.places
+    if actions.fault is not None and (actions.kind == "refused" or not are_allowed()):
+        raise actions.fault
+    if actions.fault is not None and layout.action.kind in "iu":  # numbers with gaps are no classes
+        layout, classes = replace(layout, action=np.dtype(np.float64), n_parts=1), np.empty(0)
+    return Dataset(places.ids, places.offsets, source, rows, layout, classes, actions.low, actions.high)
 
 
 def _chosen(
