@@ -102,3 +102,10 @@ def test_data_on_disk(both, judged):
     np.testing.assert_allclose(rpil_of(on_disk).audit_.log_odds, judged.audit_.log_odds)
     one_task = rpil.RPIL(features="folded", settings=SMALL).fit(rpil.open(both, on_disk=True, exclude="task"))
     assert len(one_task.audit_.ids) == 22
+
+
+@pytest.mark.parametrize(("n", "is_few"), [(7, True), (8, False)])
+def test_few_demonstrations_are_said_to_be_few(both, n, is_few, recwarn):
+    recording = rpil.open(both, only=f"0-{n - 1}", exclude="task,who")
+    rpil_of(recording)
+    assert any(f"{n} demonstrations are too few" in str(one.message) for one in recwarn) == is_few
