@@ -138,7 +138,10 @@ READERS: dict[str, tuple[Maker, Reader]] = {
     "verdicts, CSV": (text("v.csv", "id,verdict\né0,expert\nb,adversary\n"), lambda path, _: read_verdicts(path)),
     "verdicts, Parquet": (parquet_verdicts, lambda path, _: read_verdicts(path)),
     "expected, JSON": (text("e.json", RULES), lambda path, _: read_expected(path)),
-    "expected, YAML": (text("e.yaml", "spike: [é0, 7]\nidle head:\n  - b\n"), lambda path, _: read_expected(path)),
+    "expected, TOML": (
+        text("e.toml", 'spike = ["é0"]\n"idle head" = ["b"]\n'),
+        lambda path, _: read_expected(path),
+    ),
 }
 
 

@@ -107,9 +107,13 @@ def _exit_with_error(sentence: str) -> NoReturn:
 def check_paths(inputs: Iterable[StrPath | None], *outputs: StrPath | None) -> None:
     """A `DataError`, before any work, where an output cannot be written, or is or joins an input."""
     from rpil.data import files
-    from rpil.formats.registry import suffixes
 
-    files.check_outputs(inputs, outputs, suffixes())
+    given, tables = list(inputs), []
+    if any(path and os.path.isdir(path) for path in given):  # else the import of all formats, which is slow, can wait
+        from rpil.formats.registry import suffixes
+
+        tables = suffixes()
+    files.check_outputs(given, outputs, tables)
 
 
 def open_recording(

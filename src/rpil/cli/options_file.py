@@ -13,7 +13,6 @@ from rpil.data.errors import DataError
 from rpil.data.files import replacing
 from rpil.data.folders import check_inside
 from rpil.data.guard import guarded
-from rpil.data.id_values import is_id_file
 from rpil.data.json_files import read_text
 
 NAME = "rpil.toml"
@@ -76,6 +75,8 @@ def _value(key: str, value: object, path: Path) -> str | bool | list[str]:
     values = value if isinstance(value, list) and key in LISTS else [value]
     if not all(isinstance(one, str | int) and not isinstance(one, bool) for one in values):
         raise DataError(f"{path}: {key} needs a text{' or a list of texts' if key in LISTS else ''}.")
+    from rpil.data.id_values import is_id_file
+
     if key == "operator" and is_id_file(str(value)):
         raise DataError(f"{path}: operator needs a column; name a file on the command line.")
     return [str(one) for one in values] if key in LISTS else str(value)
