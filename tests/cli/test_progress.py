@@ -74,7 +74,7 @@ def test_slow_imports_are_reported_within_two_seconds():
         start = time.monotonic()
         command = [sys.executable, "-c", script, "audit", "data.npz", *options]
         with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:
-            assert process.stderr.readline() in ("rpil: 1 s: starting\n", "rpil: 1 s: reading data.npz\n")
+            assert process.stderr.readline() == "rpil: 1 s: starting\n"
             assert time.monotonic() - start < 30  # long before the first import ends
             process.kill()
 
