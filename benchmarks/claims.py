@@ -194,7 +194,7 @@ def pairs_asked(rows: list[Row]) -> list[str]:
 def good_by_proba(rows: list[Row]) -> list[str]:
     """How many demonstrations of recorded sets with such a P(typical) are good; those of middling quality are left out.
 
-    `rpil.audit.words` quotes the last line.
+    `rpil.results.words` quotes the last line.
     """
     if not rows:
         return []

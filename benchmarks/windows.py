@@ -25,12 +25,12 @@ from typing import Any
 import numpy as np
 from sklearn.metrics import roc_auc_score
 
-from rpil.audit.reasons import MAX_LOG_RATIO
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
 from rpil.inference.settings import StepSettings
 from rpil.inference.step_trust import step_proba
 from rpil.numerics.types import Array
+from rpil.results.reasons import MAX_LOG_RATIO
 from rpil.simulation.corruptions import window
 from rpil.simulation.experts import expert
 from rpil.simulation.rollouts import record

@@ -23,8 +23,8 @@ from numpy.typing import NDArray
 from sklearn.ensemble import HistGradientBoostingClassifier
 
 from rpil import RPIL, Demonstrations, Settings
-from rpil.audit.plots import COLOURS, RankingDisplay
-from rpil.audit.words import SIDES
+from rpil.results.plots import COLOURS, RankingDisplay
+from rpil.results.words import SIDES
 
 Array = NDArray[Any]
 N_ACTIONS = 4

@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from rpil.audit.record import Audit, Interval
-from rpil.audit.words import SIDES, Verdict
 from rpil.inference.answers import Answers
+from rpil.results.record import Audit, Interval
+from rpil.results.words import SIDES, Verdict
 
 
 def make_audit(

@@ -20,12 +20,12 @@ from audits import make_audit
 from command_line import ok
 from problems import make
 from rpil import RPIL, Demonstrations, formats, load, save
-from rpil.audit.html.page import Article, render_page
 from rpil.data.archive import CLASSES
 from rpil.data.errors import DataError
 from rpil.formats import registry
 from rpil.mixture.adversaries.named import ADVERSARIES
 from rpil.numerics.blocks import add
+from rpil.results.html.page import Article, render_page
 from rpil.scale.memory import InMemory
 from rpil.scale.protocol import Engine, Shards
 from small import small_rpil

@@ -13,7 +13,7 @@ from beartype import BeartypeConf, beartype
 from jaxtyping import _import_hook, install_import_hook
 
 ROOMS = ("rpil.numerics", "rpil.policies", "rpil.mixture", "rpil.inference")
-ROOMS += tuple(f"rpil.audit.{file}" for file in ("record", "summary"))
+ROOMS += tuple(f"rpil.results.{file}" for file in ("record", "summary"))
 
 CHECKED_CALLS = 10
 """Calls of each function that are checked in each test: an iteration repeats the types of the one before, and EM would

@@ -29,7 +29,7 @@ ROOMS = {
     "policies": "pi(a|s), feature maps, their choice",
     "mixture": "the paper's model: adversaries, EM",
     "inference": "the judge: held-out scores, groups, verdicts",
-    "audit": "the result, figures, HTML report",
+    "results": "the result, figures, HTML report",
     "scale": "passes in memory, from disk, on a cluster",
     "estimators": "RPIL, BehavioralCloning, RMEnt, reweight",
     "simulation": "data with a known truth",

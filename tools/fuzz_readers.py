@@ -42,11 +42,11 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 
 import rpil
 from rpil import formats
-from rpil.audit.choice import read_verdicts
 from rpil.data.errors import DataError, MissingExtraError
 from rpil.data.memory import limited
 from rpil.faults.expected import read_expected
 from rpil.formats.dataset import Dataset
+from rpil.results.choice import read_verdicts
 from rpil.scale.ascent import AscentState
 from rpil.scale.checkpoint import Checkpoint
 from samples import SAMPLES, demonstrations

@@ -15,9 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from options import make_folder
-from rpil.audit.plots import COLOURS
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.files import replacing
+from rpil.results.plots import COLOURS
 from rpil.simulation.rollouts import record
 from rpil.simulation.simulate import simulate
 from study.experiments import EXPERIMENTS, N_BAD, N_GOOD, ours, paper_recipe, raw_trust_all

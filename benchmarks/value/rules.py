@@ -15,13 +15,13 @@ import numpy as np
 
 from contestants.likelihood import cleanlab
 from rpil import RPIL, Audit
-from rpil.audit.answering import with_answers
-from rpil.audit.choice import kept_ids
-from rpil.audit.verdict_table import verdict_columns
-from rpil.audit.words import SIDES
 from rpil.data.demonstrations import Demonstrations
 from rpil.inference.answers import Answers
 from rpil.numerics.types import Array
+from rpil.results.answering import with_answers
+from rpil.results.choice import kept_ids
+from rpil.results.verdict_table import verdict_columns
+from rpil.results.words import SIDES
 from value.information import information, scaled
 from value.worlds import World
 

@@ -7,7 +7,7 @@ from importlib import import_module
 TYPE_CHECKING = False  # for type checkers it is true; typing itself takes longer to import than all else here
 
 _HOME = {
-    "Audit": "rpil.audit.record",
+    "Audit": "rpil.results.record",
     "BehavioralCloning": "rpil.estimators.cloning",
     "Confusion": "rpil.mixture.adversaries.discrete",
     "DataError": "rpil.data.errors",
@@ -68,7 +68,6 @@ __all__ = [
 if TYPE_CHECKING:
     from typing import Any
 
-    from rpil.audit.record import Audit
     from rpil.data.demonstrations import Demonstrations
     from rpil.data.errors import DataError
     from rpil.estimators.cloning import BehavioralCloning
@@ -87,6 +86,7 @@ if TYPE_CHECKING:
     from rpil.mixture.settings import MixtureSettings
     from rpil.policies.softmax import SoftmaxPolicy
     from rpil.policies.torch import TorchPolicy
+    from rpil.results.record import Audit
     from rpil.scale.dask import DaskEngine
     from rpil.scale.settings import SampleSettings
     from rpil.simulation.comparison import compare

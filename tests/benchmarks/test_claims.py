@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from claims import Job, audited, good_by_proba, people, point_masses, report
-from rpil.audit.words import WORDS
+from rpil.results.words import WORDS
 from worlds.recorded import CHANGES, changed
 from worlds.simulated import PAPER, of_paper
 

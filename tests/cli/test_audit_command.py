@@ -16,11 +16,11 @@ import pytest
 from command_line import npz, ok
 from problems import make_continuous
 from rpil import formats
-from rpil.audit.answering import NEXT_STEPS
-from rpil.audit.words import WORDS
 from rpil.data.demonstrations import Demonstrations
 from rpil.estimators.persistence import load
 from rpil.inference.findings import FINDINGS
+from rpil.results.answering import NEXT_STEPS
+from rpil.results.words import WORDS
 
 
 def test_commands_with_continuous_actions():

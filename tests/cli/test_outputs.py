@@ -116,7 +116,7 @@ def test_interruption_says_what_is_kept(folder, monkeypatch):
         raise KeyboardInterrupt
 
     arguments = ["audit", folder / "good.parquet", "--weights", "w.csv", "--keep", "k.json"]
-    monkeypatch.setattr("rpil.audit.verdict_table.write_kept", interrupt)
+    monkeypatch.setattr("rpil.results.verdict_table.write_kept", interrupt)
     result = call(*arguments)
     assert (result.exit_code, result.stdout) == (130, "")
     assert result.stderr == "rpil: interrupted; w.csv is written.\n"

@@ -11,12 +11,12 @@ import numpy as np
 import pytest
 
 from audits import make_audit
-from rpil.audit.answering import NEXT_STEPS, question
-from rpil.audit.record import Audit, Demonstrator, Interval
 from rpil.cli import terminal
 from rpil.cli.outputs import OUTPUTS
 from rpil.formats import read_labels
 from rpil.inference.findings import FINDINGS
+from rpil.results.answering import NEXT_STEPS, question
+from rpil.results.record import Audit, Demonstrator, Interval
 
 
 @pytest.mark.parametrize("finding", ["nobody stands out", "nothing could be learned"])

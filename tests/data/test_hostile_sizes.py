@@ -282,7 +282,7 @@ FILES = {
     "letters.parquet": (lambda path: write_letters(path, 4 * 10**8), READ),
     "letters-on-disk.parquet": (lambda path: write_letters(path, 4 * 10**8), OPEN),
     "operator.parquet": (lambda path: write_letters(path, 4 * 10**8, "operator"), "hostile:read_operator"),
-    "verdicts.parquet": (lambda path: write_letters(path, 4 * 10**8), "rpil.audit.choice:read_verdicts"),
+    "verdicts.parquet": (lambda path: write_letters(path, 4 * 10**8), "rpil.results.choice:read_verdicts"),
     "zeros-hidden.parquet": (lambda path: write_zeros(path, 6 * 10**7, says=20), READ),
     "zeros-hidden-on-disk.parquet": (lambda path: write_zeros(path, 6 * 10**7, says=20), OPEN),
     "lerobot-letters": (beside_lerobot("meta/episodes/lerobot-letters.parquet"), READ),

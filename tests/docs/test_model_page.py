@@ -6,10 +6,10 @@ import importlib
 import re
 from pathlib import Path
 
-from rpil.audit.settings import AuditSettings
 from rpil.inference import settings
 from rpil.inference.channels import CHANNELS
 from rpil.inference.groups import CLUSTER_DISTANCE
+from rpil.results.settings import AuditSettings
 
 TEXT = (Path(__file__).parents[2] / "docs" / "model.md").read_text(encoding="utf-8")
 FLAT = " ".join(TEXT.split())

@@ -10,7 +10,7 @@ from pathlib import Path
 import matplotlib
 import pytest
 
-from rpil.audit.plots import AuditPlots
+from rpil.results.plots import AuditPlots
 
 TEXT = (Path(__file__).parents[2] / "docs" / "python.md").read_text(encoding="utf-8")
 BLOCKS = re.findall(r"^```(python|text)\n(.*?)^```", TEXT, re.MULTILINE | re.DOTALL)

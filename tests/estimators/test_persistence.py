@@ -8,10 +8,10 @@ from sklearn.linear_model import LogisticRegression
 from archives import LOST, mountain_car, npy, refused, rewrite
 from problems import make, make_continuous
 from rpil import RPIL, BehavioralCloning, Confusion, Demonstrations, RMEnt, Settings, load, save
-from rpil.audit.settings import AuditSettings
 from rpil.data.errors import DataError
 from rpil.mixture.adversaries.discrete import Uniform
 from rpil.mixture.adversaries.named import ADVERSARIES
+from rpil.results.settings import AuditSettings
 from small import mixture as mixture_settings
 
 

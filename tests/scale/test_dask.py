@@ -23,10 +23,10 @@ import pytest
 from command_line import call
 from problems import make, make_continuous
 from rpil import DaskEngine, DataError, formats, open_dataset
-from rpil.audit.settings import AuditSettings
 from rpil.data.demonstrations import Block, Demonstrations
 from rpil.data.fit_data import FitData
 from rpil.inference.settings import JudgeSettings
+from rpil.results.settings import AuditSettings
 from rpil.scale import dask as engine
 from rpil.scale.ascent import block_statistics
 from rpil.scale.fit import StepWeights

@@ -8,11 +8,11 @@ from itertools import pairwise
 import numpy as np
 
 from problems import make
-from rpil.audit.settings import AuditSettings
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.fit_data import FitData
 from rpil.inference.settings import JudgeSettings
 from rpil.inference.step_trust import step_trust
+from rpil.results.settings import AuditSettings
 from rpil.scale.fit import StepWeights
 from small import small_rpil
 

@@ -19,9 +19,9 @@ from rpil.cli.progress import StageProgress, show_stages
 from rpil.data.files import replacing
 
 if TYPE_CHECKING:
-    from rpil.audit.record import Audit
     from rpil.faults.record import FaultReport
     from rpil.formats.format import Defect
+    from rpil.results.record import Audit
 
 MAX_FINDINGS = 30
 """Findings that are printed."""
@@ -118,8 +118,8 @@ def defect_lines(defects: Sequence[Defect]) -> list[str]:
 
 def audit_fault_lines(report: FaultReport, audit: Audit, file: str) -> list[str]:
     """The recording faults beside an audit: how many, and those that may explain low trust."""
-    from rpil.audit.words import SIDES
     from rpil.faults.record import explain
+    from rpil.results.words import SIDES
 
     if not report.findings:
         return ["No recording faults found."]

@@ -23,7 +23,6 @@ from rpil.data.errors import DataError, MissingExtraError
 from rpil.data.files import StrPath
 
 if TYPE_CHECKING:
-    from rpil.audit.record import Audit
     from rpil.data.demonstrations import Demonstrations
     from rpil.estimators.rpil import RPIL
     from rpil.estimators.settings import Settings
@@ -31,6 +30,7 @@ if TYPE_CHECKING:
     from rpil.formats.columns import ColumnOptions
     from rpil.formats.dataset import Dataset
     from rpil.formats.recording import Recording
+    from rpil.results.record import Audit
     from rpil.scale.protocol import Engine
 
 

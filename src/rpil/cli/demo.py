@@ -14,16 +14,16 @@ from markupsafe import Markup
 from scipy.stats import spearmanr
 
 from rpil import formats
-from rpil.audit.html.number_format import format_number
-from rpil.audit.html.page import Article, html_environment, write_page
-from rpil.audit.html.pictures import returns_figure, score_figure
-from rpil.audit.record import Audit
-from rpil.audit.words import SIDES
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError, MissingExtraError
 from rpil.estimators.cloning import BehavioralCloning
 from rpil.estimators.rpil import RPIL
 from rpil.numerics.types import Array, Bool, Float, Shaped
+from rpil.results.html.number_format import format_number
+from rpil.results.html.page import Article, html_environment, write_page
+from rpil.results.html.pictures import returns_figure, score_figure
+from rpil.results.record import Audit
+from rpil.results.words import SIDES
 from rpil.simulation.experts import expert
 from rpil.simulation.rollouts import Policy, Returns, rollout
 

@@ -32,11 +32,11 @@ from rpil.cli.terminal import print_lines
 from rpil.data.errors import DataError
 
 if TYPE_CHECKING:
-    from rpil.audit.choice import Table
     from rpil.data.arrays import Id
     from rpil.formats.columns import ColumnOptions
     from rpil.formats.recording import Recording
     from rpil.formats.registry import Found
+    from rpil.results.choice import Table
 
 
 @click.command()
@@ -70,9 +70,9 @@ def keep(
     """
     if share is not None and at_least is not None:
         raise click.UsageError("--share and --at-least exclude each other: leave one out")
-    from rpil.audit.choice import kept_ids
-    from rpil.audit.verdict_table import verdict_columns
     from rpil.formats.registry import find
+    from rpil.results.choice import kept_ids
+    from rpil.results.verdict_table import verdict_columns
 
     found = find(file)
     _check_output(found, output, options.pop("in_place"), trim)
@@ -136,8 +136,8 @@ def _read_all(file: str, columns: ColumnOptions, progress: StageProgress, stream
 
 def _verdicts_on(read: Recording, path: str) -> Table:
     """The rows of a file of verdicts about the demonstrations that are read; others in the same file have none."""
-    from rpil.audit.choice import read_verdicts, rows_of
     from rpil.data.id_values import check_ids
+    from rpil.results.choice import read_verdicts, rows_of
 
     table = read_verdicts(path)
     check_ids(table["id"], read.ids, path, "the ids")

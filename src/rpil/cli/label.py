@@ -26,7 +26,7 @@ from rpil.cli.progress import show_stages
 from rpil.data.errors import DataError
 
 if TYPE_CHECKING:
-    from rpil.audit.record import Audit
+    from rpil.results.record import Audit
 
 MIN_QUESTIONS, MAX_QUESTIONS = 4, 8
 """From the first on it ends where the answers leave no demonstration open; the second is the most that one run asks."""
@@ -206,8 +206,8 @@ def _read_key(keys: str) -> str:
 
 def question_lines(audit: Audit, question: tuple[Hashable, ...], number: int, fps: float | None) -> Iterator[str]:
     """The question in words, with the facts about its demonstrations; never what the audit thinks of them."""
-    from rpil.audit.answering import where_to_look
-    from rpil.audit.facts import in_words
+    from rpil.results.answering import where_to_look
+    from rpil.results.facts import in_words
 
     where = " or ".join(where_to_look(audit, name, fps) for name in question)
     what = f"Which is better: {where}?" if len(question) == 2 else f"Is it good or bad: {where}?"

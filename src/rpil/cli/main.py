@@ -45,7 +45,7 @@ from rpil.cli.outputs import OUTPUTS, Audited, judged_within, lines_after_output
 from rpil.cli.progress import StageProgress, show_stages
 
 if TYPE_CHECKING:
-    from rpil.audit.record import Audit
+    from rpil.results.record import Audit
 
 N_LABELS = 3
 """Demonstrations that an audit proposes to label."""

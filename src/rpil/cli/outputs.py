@@ -15,11 +15,11 @@ from rpil.cli.commands import tell_if_interrupted
 from rpil.cli.progress import StageProgress
 
 if TYPE_CHECKING:
-    from rpil.audit.record import Audit
     from rpil.data.demonstrations import Demonstrations
     from rpil.faults.record import FaultReport
     from rpil.formats.dataset import Dataset
     from rpil.formats.recording import Recording
+    from rpil.results.record import Audit
 
 OUTPUTS = ("weights", "verdicts", "keep", "report")
 """The options that name these files, in the order in which they are written."""
@@ -38,31 +38,31 @@ class Audited:
     @cached_property
     def lost(self) -> tuple[str, ...]:
         """What is lost without those that `--keep` does not list; see `lost_without`."""
-        from rpil.audit.verdict_table import kept
+        from rpil.results.verdict_table import kept
 
         return lost_without(self.recording.demonstrations, kept(self.audit))
 
 
 def lost_without(demonstrations: Demonstrations | Dataset, kept: Collection[object]) -> tuple[str, ...]:
     """What only demonstrations that are not kept visit, where their observations are in memory."""
-    from rpil.audit.lost import lost_places
     from rpil.data.demonstrations import Demonstrations
+    from rpil.results.lost import lost_places
 
     return lost_places(demonstrations, kept) if isinstance(demonstrations, Demonstrations) else ()
 
 
 def write_outputs(paths: Mapping[str, str | None], given: Audited, seconds: float, progress: StageProgress) -> None:
     """Write the files of `OUTPUTS` whose paths are given; the audit took so many `seconds`."""
-    from rpil.audit.verdict_table import kept, write_kept, write_verdicts
     from rpil.formats.weights import write_weights
+    from rpil.results.verdict_table import kept, write_kept, write_verdicts
 
     audit = given.audit
 
     def write_report(path: str) -> None:
         from markupsafe import Markup
 
-        from rpil.audit.html.faults import faults_section
-        from rpil.audit.html.page import Article, write_page
+        from rpil.results.html.faults import faults_section
+        from rpil.results.html.page import Article, write_page
 
         def lines(text: Sequence[str]) -> Markup:
             return Markup("<p>%s</p>") % Markup("<br>").join(text)
@@ -99,8 +99,8 @@ def write_outputs(paths: Mapping[str, str | None], given: Audited, seconds: floa
 def lines_after_output(title: str, path: str, given: Audited) -> list[str]:
     """What the file at `path`, an output, leaves out, and what to do with it where the tool that wrote the data takes
     it."""
-    from rpil.audit.verdict_table import kept
     from rpil.formats.registry import find
+    from rpil.results.verdict_table import kept
 
     if title == "weights":
         return [*find(given.source).format.notes_on_weights]
@@ -114,7 +114,7 @@ def lines_after_output(title: str, path: str, given: Audited) -> list[str]:
 
 def tell_if_too_many(audit: Audit, limit: str | None) -> int:
     """The exit code under a `WordLimit`: 1, with a line on stderr, if more are unlike or bad than it allows, else 0."""
-    from rpil.audit.words import n_lower
+    from rpil.results.words import n_lower
 
     word, _, most = (limit or "").partition(":")
     # Those called unlike without an answer are not bad; those called bad are unlike the good ones.
@@ -132,6 +132,6 @@ def tell_if_too_many(audit: Audit, limit: str | None) -> int:
 
 def judged_within(audit: Audit) -> tuple[str, ...]:
     """The sentence on the tasks within which demonstrations were judged; none where there is one task."""
-    from rpil.audit.tasks import AuditOfTasks
+    from rpil.results.tasks import AuditOfTasks
 
     return audit.assumptions[:1] if isinstance(audit, AuditOfTasks) else ()

@@ -19,7 +19,7 @@ import click
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from rpil.audit.record import Audit, Demonstrator
+    from rpil.results.record import Audit, Demonstrator
 
 SIDE_COLOURS = {"upper": "green", "open": "yellow", "lower": "red"}
 
@@ -105,7 +105,7 @@ def worst_and_doubtful(audit: Audit, n_rows: int) -> list[int]:
 def _print_ranking(audit: Audit, shown: Sequence[int]) -> None:
     from rich.text import Text
 
-    from rpil.audit.words import SIDES
+    from rpil.results.words import SIDES
 
     parts = audit.evidence_columns()
     sums = (f"{'+' if k else '='} {name}" for k, name in enumerate(parts))
@@ -185,7 +185,7 @@ def verdict_sentence(audit: Audit) -> str:
 def next_steps(audit: Audit, labels_file: str, command: str, n_labels: int = 3) -> str:
     """What to do next: the question that decides most, or the demonstrations to label, what to write to `labels_file`,
     and what to run then. `command` is the command without ``--labels``."""
-    from rpil.audit.answering import NEXT_STEPS
+    from rpil.results.answering import NEXT_STEPS
 
     exists = os.path.exists(labels_file) or bool(audit.labelled)
     lines = [f"Group {letter}, {len(ids)} demonstrations: {join_ids(ids)}" for letter, ids in _groups(audit).items()]

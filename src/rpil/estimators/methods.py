@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 from sklearn.base import clone
 
-from rpil.audit.words import SIDES
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
 from rpil.data.frames import Backend, DataFrame, data_frame
@@ -20,6 +19,7 @@ from rpil.estimators.cloning import BehavioralCloning
 from rpil.estimators.rment import RMEnt
 from rpil.estimators.rpil import RPIL
 from rpil.numerics.types import Array, Bool, Float, Int
+from rpil.results.words import SIDES
 
 N_BOOTSTRAP = 2000
 """Of the bootstrap: enough for two digits of a 95 % interval."""

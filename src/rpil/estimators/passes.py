@@ -7,7 +7,6 @@ from functools import partial
 
 import numpy as np
 
-from rpil.audit.record import Audit
 from rpil.data.copies import copies_among
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.fit_data import FitData
@@ -19,6 +18,7 @@ from rpil.numerics.types import Array
 from rpil.policies.features import FeatureMap, ridge_of
 from rpil.policies.linear import linear_policy
 from rpil.policies.protocol import AdditivePolicy
+from rpil.results.record import Audit
 from rpil.scale.ascent import AscentState, ascend, gather_steps
 from rpil.scale.checkpoint import Checkpoint
 from rpil.scale.disk import Streamed

@@ -13,7 +13,6 @@ from typing import Any
 import numpy as np
 from sklearn.utils.validation import check_is_fitted
 
-from rpil.audit.words import SIDES
 from rpil.data.archive import VERSION, Decoder, encode, read_archive, rpil_version, stored_name, write_archive
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
@@ -24,6 +23,7 @@ from rpil.estimators.rpil import RPIL
 from rpil.estimators.settings import Settings
 from rpil.inference.findings import FINDINGS
 from rpil.numerics.types import Array
+from rpil.results.words import SIDES
 
 ESTIMATOR_SCHEMA = "rpil fitted estimator"
 

@@ -12,11 +12,6 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Protocol
 
-from rpil.audit.deviations import deviations
-from rpil.audit.record import Audit, Interval
-from rpil.audit.settings import AuditSettings
-from rpil.audit.step_weights import is_anyone_trusted
-from rpil.audit.summary import audit_from_judgement, audit_from_mixture
 from rpil.data.copies import Copies, copies_among
 from rpil.data.demonstrations import Block, Demonstrations
 from rpil.data.errors import DataError
@@ -39,6 +34,11 @@ from rpil.policies.cross_fitted import cross_fitted_policy
 from rpil.policies.features import FeatureMap, IdentityMap, ridge_of
 from rpil.policies.linear import linear_policy
 from rpil.policies.protocol import CrossFittedPolicy
+from rpil.results.deviations import deviations
+from rpil.results.record import Audit, Interval
+from rpil.results.settings import AuditSettings
+from rpil.results.step_weights import is_anyone_trusted
+from rpil.results.summary import audit_from_judgement, audit_from_mixture
 from rpil.scale.protocol import Engine, Shards
 
 Progress = Callable[[str], None]

@@ -9,10 +9,6 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from rpil.audit.assumptions import IN_SAMPLE_POLICY, assumption_sentences
-from rpil.audit.record import Audit
-from rpil.audit.settings import AuditSettings
-from rpil.audit.summary import audit_from_judgement
 from rpil.data.checks import check_settings
 from rpil.data.copies import copies_among
 from rpil.data.demonstrations import Demonstrations
@@ -27,6 +23,10 @@ from rpil.inference.trust import judge, repeated
 from rpil.numerics.types import Array
 from rpil.policies.features import FeatureMap, FeatureSettings
 from rpil.policies.folds import deal
+from rpil.results.assumptions import IN_SAMPLE_POLICY, assumption_sentences
+from rpil.results.record import Audit
+from rpil.results.settings import AuditSettings
+from rpil.results.summary import audit_from_judgement
 
 P = TypeVar("P")
 LogProb = Callable[[Any, Array, Array], object]

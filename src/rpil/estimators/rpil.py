@@ -11,8 +11,6 @@ from numpy.typing import ArrayLike
 from sklearn.utils.validation import check_is_fitted
 from threadpoolctl import threadpool_limits
 
-from rpil.audit import assumptions
-from rpil.audit.record import Audit
 from rpil.data.coding import encode_demonstrations
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
@@ -34,6 +32,8 @@ from rpil.mixture.adversaries.protocol import Adversary
 from rpil.mixture.em import State, e_step
 from rpil.numerics.types import Array
 from rpil.policies.protocol import CrossFittedPolicy
+from rpil.results import assumptions
+from rpil.results.record import Audit
 from rpil.scale.protocol import Engine
 
 
@@ -46,7 +46,7 @@ class RPIL(PolicyEstimator):
 
         y_m = (1 / N_m) sum_n [ log pi(a_n | s_n) - log q(a_n) ],
 
-    where q is the reference. The probability, see `rpil.audit.words`, follows from the mixture of one or two groups
+    where q is the reference. The probability, see `rpil.results.words`, follows from the mixture of one or two groups
     fitted to the scores. With a named `adversary`, RPIL fits the mixture of the paper (eq. 7, 9, 11) by EM instead:
 
         p(D) = prod_m [ p prod_n pi(a_n | s_n) + (1 - p) prod_n psi(a_n | s_n) ].

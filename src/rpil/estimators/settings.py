@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from rpil.audit.settings import AuditSettings
 from rpil.data.archive import stored
 from rpil.data.checks import check_settings
 from rpil.inference.settings import JudgeSettings
 from rpil.mixture.settings import MixtureSettings
 from rpil.policies.cross_fitted import CrossFitSettings
 from rpil.policies.selection import SelectionSettings
+from rpil.results.settings import AuditSettings
 from rpil.scale.settings import AscentSettings, SampleSettings
 
 

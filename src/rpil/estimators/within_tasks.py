@@ -10,9 +10,6 @@ from typing import TypedDict
 
 import numpy as np
 
-from rpil.audit.record import Audit
-from rpil.audit.subset import select
-from rpil.audit.tasks import MIN_DEMONSTRATIONS, join_audits, split_by_task
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
 from rpil.data.facts import Facts, Outcome, check_outcome, check_sessions, given_order, given_outcome, tells
@@ -23,6 +20,9 @@ from rpil.formats import read_demonstrators
 from rpil.formats.dataset import Dataset
 from rpil.formats.recording import Recording
 from rpil.numerics.types import Array
+from rpil.results.record import Audit
+from rpil.results.subset import select
+from rpil.results.tasks import MIN_DEMONSTRATIONS, join_audits, split_by_task
 
 
 class Beside(TypedDict):

@@ -14,9 +14,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rpil.audit.record import Audit
-from rpil.audit.settings import AuditSettings
-from rpil.audit.step_weights import is_anyone_trusted, step_weight, typical_reliability
 from rpil.data.coding import encode_actions
 from rpil.data.demonstrations import Block
 from rpil.data.fit_data import FitData
@@ -32,6 +29,9 @@ from rpil.inference.step_trust import StepTrust, step_trust
 from rpil.inference.trust import Evidence, Judgement, conclude
 from rpil.numerics.types import Array
 from rpil.policies.features import FeatureMap
+from rpil.results.record import Audit
+from rpil.results.settings import AuditSettings
+from rpil.results.step_weights import is_anyone_trusted, step_weight, typical_reliability
 
 
 @dataclass(frozen=True, eq=False)

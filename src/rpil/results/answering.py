@@ -1,0 +1,224 @@
+"""Answers to an audit: what they change, and what to ask next. No policy is fitted again."""
+
+from __future__ import annotations
+
+from collections.abc import Hashable, Mapping, Sequence
+from dataclasses import replace
+from typing import Protocol, TypeVar
+
+import numpy as np
+from scipy.special import expit
+
+from rpil.data.errors import DataError
+from rpil.data.id_values import match_labels, match_pairs
+from rpil.inference.answered import Answered, answer, most_telling
+from rpil.inference.answers import Answers, check_copied_labels
+from rpil.inference.findings import FINDINGS
+from rpil.inference.step_trust import step_proba
+from rpil.numerics.types import Array, Float, Int
+from rpil.results.groups import TWO_GROUPS
+from rpil.results.reasons import MAX_LOG_RATIO, Stretch, worst_stretch
+from rpil.results.settings import AuditSettings
+from rpil.results.step_weights import step_weight
+from rpil.results.text import printable
+from rpil.results.words import WORDS, Verdict, Words
+
+Id = TypeVar("Id", bound=Hashable)
+
+NOT_USED = "Lengths and rewards were not used."
+"""The assumption without answers."""
+
+NEXT_STEPS = {
+    "some are unlike": "Look at the worst steps of a few that are called unlike; they need not be worse.",
+    "answered": "Look at the worst steps of a few that are called bad, and label a demonstration whose word is wrong.",
+    "mixture": "Look at the worst steps of a few adversaries, and label a demonstration whose word is wrong.",
+    "two groups": "Look at one demonstration of either group, and say which is better.",
+    "in doubt": "Look at the lowest ranked demonstrations, and label those that you can judge.",
+    "nobody stands out": "Look at the lowest ranked demonstrations, and label those that you can judge.",
+    "nothing could be learned": "Check that the observations contain what the actions depend on, or give more "
+    "demonstrations.",
+}
+"""What to do next, by finding."""
+
+
+class Judged(Protocol):
+    """What this module reads of an audit (`rpil.results.record.Audit`)."""
+
+    @property
+    def ids(self) -> tuple[Hashable, ...]: ...
+    @property
+    def anchor(self) -> str: ...
+    @property
+    def finding(self) -> str: ...
+    @property
+    def reliability(self) -> Float[Array, " M"]: ...
+    @property
+    def pair(self) -> tuple[Hashable, ...]: ...
+    @property
+    def answers(self) -> Answers: ...
+    @property
+    def columns(self) -> Float[Array, "M D"]: ...
+    @property
+    def copy_of(self) -> Int[Array, " M"]: ...
+    @property
+    def log_odds(self) -> Float[Array, " M"]: ...
+    @property
+    def from_actions(self) -> Float[Array, " M"]: ...
+    @property
+    def from_demonstrator(self) -> Float[Array, " M"]: ...
+    @property
+    def expert_proba(self) -> Float[Array, " M"]: ...
+    @property
+    def lengths(self) -> Int[Array, " M"]: ...
+    @property
+    def step_log_ratio(self) -> Float[Array, " N"]: ...
+    @property
+    def step_weight(self) -> Float[Array, " N"]: ...
+    @property
+    def words(self) -> Words: ...
+    @property
+    def doubts(self) -> tuple[str, ...]: ...
+    @property
+    def notes(self) -> tuple[str, ...]: ...
+    @property
+    def assumptions(self) -> tuple[str, ...]: ...
+    @property
+    def settings(self) -> AuditSettings: ...
+    def steps(self, index: int) -> slice: ...
+    def index(self, demonstration: Hashable) -> int: ...
+
+
+A = TypeVar("A", bound=Judged)
+
+
+def with_answers(audit: A, labels: Mapping[Id, str], pairs: Sequence[tuple[Id, Id]]) -> A:
+    """The audit with answers beside those that it has; see `Audit.answered`."""
+    if not audit.columns.size:
+        raise DataError("This audit keeps nothing to learn from answers; give the labels to fit().")
+    known = merged(audit, labels, pairs)
+    check_copied_labels(known, audit.copy_of, audit.ids)
+    if not known.once(audit.copy_of).any:
+        return audit
+    found = answer(audit.columns, known, audit.settings.answers, audit.copy_of)
+    log_odds = found.log_odds + audit.from_demonstrator
+    proba, words = expit(log_odds), found.words * (np.sign(log_odds) == found.words)
+    log_ratio = np.clip(audit.step_log_ratio, -MAX_LOG_RATIO, MAX_LOG_RATIO)
+    step = step_proba(audit.reliability, log_ratio, audit.lengths, audit.settings.steps)
+    return replace(  # type: ignore[type-var]  # every audit is a dataclass
+        audit,
+        finding="answered",
+        anchor="answers",
+        log_odds=log_odds,
+        from_label=found.log_odds - audit.from_actions,
+        expert_proba=proba,
+        verdicts=verdicts_of(words, "answers"),
+        step_weight=step_weight(audit.lengths, proba, audit.reliability, step, audit.settings),
+        identifiable=True,
+        competing=(),
+        answers=known,
+        contradicting=tuple(audit.ids[m] for m in found.contradicting.tolist()),
+        doubts=doubts_of_answers(found),
+        notes=tuple(note for note in audit.notes if TWO_GROUPS not in note),
+        assumptions=_assumptions(audit, known),
+    )
+
+
+def _assumptions(audit: Judged, known: Answers) -> tuple[str, ...]:
+    """The sentences of an audit, without those that answers replace."""
+    said = sentence_of(audit.answers, audit.copy_of)
+    old = {*FINDINGS.values(), audit.words.explanation, *audit.doubts, said, NOT_USED}
+    kept = (one for one in audit.assumptions if one not in old and TWO_GROUPS not in one)
+    return (FINDINGS["answered"], WORDS["answers"].explanation, *kept, sentence_of(known, audit.copy_of))
+
+
+def merged(audit: Judged, labels: Mapping[Id, str], pairs: Sequence[tuple[Id, Id]]) -> Answers:
+    """The answers of an audit and these; a new label replaces an old one."""
+    known, unknown = audit.answers, np.full(len(audit.ids), np.nan)
+    signs = known.labels.copy() if len(known.labels) else np.zeros(len(audit.ids), dtype=np.int64)
+    for m, is_good in match_labels(labels, audit.ids).items():
+        signs[m] = 1 if is_good else -1
+    old = [(audit.ids[better], audit.ids[worse]) for better, worse in known.pairs.tolist()]
+    compared = match_pairs([*old, *pairs], audit.ids)
+    return Answers(signs, compared, known.outcome if len(known.outcome) else unknown)
+
+
+def verdicts_of(words: Int[Array, " M"], anchor: str) -> tuple[Verdict, ...]:
+    """The words 1, 0 and -1 as verdicts of an anchor."""
+    vocabulary = WORDS[anchor]
+    return tuple({1: vocabulary.upper, 0: "open", -1: vocabulary.lower}[word] for word in words.tolist())
+
+
+def doubts_of_answers(found: Answered) -> tuple[str, ...]:
+    """What speaks against words by these answers."""
+    if found.count == 1:
+        return ("One answer alone gives no word: give a second one that agrees.",)
+    return ()
+
+
+def sentence_of(known: Answers, copy_of: Int[Array, " M"]) -> str:
+    """How many answers there are, about different demonstrations."""
+    known = known.once(copy_of) if len(known.labels) else known
+    counts = {
+        "labels": int(np.count_nonzero(known.labels)),
+        "pairs": len(known.pairs),
+        "outcomes": int(np.isfinite(known.outcome).sum()),
+    }
+    given = ", ".join(f"{count:,} {name if count > 1 else name[:-1]}" for name, count in counts.items() if count)
+    return f"P(good) is learned from {given or 'no answers'}, each of which may be wrong."
+
+
+def is_asked(audit: Judged) -> bool:
+    """Whether the audit asks which of its pair is better: before any answer, where something could be learned."""
+    unanswered = audit.anchor == "none" and not audit.answers.any
+    return unanswered and len(audit.pair) == 2 and audit.finding != "nothing could be learned"
+
+
+def question(audit: Judged, fps: float | None = None) -> str:
+    """The question whose answer would say most, and where to look: the worst stretch of either demonstration.
+
+    Seconds are named where the frames a second, `fps`, are known.
+    """
+    return f"Which is better: {' or '.join(where_to_look(audit, name, fps) for name in audit.pair)}?"
+
+
+def question_to_dict(audit: Judged) -> dict[str, object] | None:
+    """The question as numbers and text: the pair, the first and the last step to look at in each (None where no step
+    stands out), and the question itself; None where nothing is asked."""
+    if not is_asked(audit):
+        return None
+    stretches = [_stretch(audit, name) for name in audit.pair]
+    look_at = [None if stretch is None else [stretch.first, stretch.last] for stretch in stretches]
+    return {"pair": list(audit.pair), "look_at": look_at, "text": question(audit)}
+
+
+def where_to_look(audit: Judged, name: Hashable, fps: float | None = None) -> str:
+    """The demonstration, with its worst stretch in steps and, where the frames a second are known, seconds."""
+    stretch = _stretch(audit, name)
+    if stretch is None:
+        return printable(name)
+    span = f"step {stretch.first}" if stretch.first == stretch.last else f"steps {stretch.first} to {stretch.last}"
+    seconds = f", {stretch.first / fps:.1f} to {(stretch.last + 1) / fps:.1f} s" if fps else ""
+    return f"{printable(name)} (look at {span}{seconds})"
+
+
+def _stretch(audit: Judged, name: Hashable) -> Stretch | None:
+    """The worst stretch of a demonstration."""
+    steps = audit.step_log_ratio[audit.steps(audit.index(name))]
+    return worst_stretch(np.clip(steps, -MAX_LOG_RATIO, MAX_LOG_RATIO)) if len(steps) else None
+
+
+def suggest(audit: Judged, k: int) -> tuple[Hashable, ...]:
+    """Ids of up to `k` demonstrations whose labels would say most, the best first; none is labelled, a copy of one that
+    is, or of another one among them.
+
+    See `rpil.inference.answered.most_telling`. Without columns, the middle of the ranking.
+    """
+    if k < 1:
+        raise DataError(f"k={k!r} labels cannot be suggested; ask for one at least.")
+    labels = audit.answers.labels if len(audit.answers.labels) else np.zeros(len(audit.ids), dtype=np.int64)
+    if not audit.columns.size:
+        order = np.argsort(np.abs(2 * np.argsort(np.argsort(audit.log_odds)) - (len(audit.ids) - 1)), kind="stable")
+        return tuple(audit.ids[m] for m in order.tolist() if not labels[m])[:k]
+    first, known = np.unique(audit.copy_of, return_index=True)[1], merged(audit, {}, ()).once(audit.copy_of)
+    chosen = first[most_telling(audit.columns[first], known, audit.settings.answers, k)]
+    return tuple(audit.ids[m] for m in chosen.tolist())

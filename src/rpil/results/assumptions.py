@@ -1,0 +1,72 @@
+"""The assumptions of an audit, one sentence each, and the warnings that a fit gives to its user."""
+
+from __future__ import annotations
+
+import warnings
+
+from sklearn.exceptions import ConvergenceWarning
+
+from rpil.data.errors import user_stack_level
+from rpil.inference.findings import FINDINGS
+from rpil.results.answering import NOT_USED, sentence_of
+from rpil.results.record import Audit
+
+IN_SAMPLE_POLICY = (
+    "The policy was scored on the steps that it was trained on; this assumes that it cannot memorise actions."
+)
+
+
+def linear_policy(feature_kind: str) -> str:
+    """The assumption of the policy of `rpil.policies.linear`, with features of this kind."""
+    return f"The policy is linear in {feature_kind} features."
+
+
+def custom_policy(type_name: str) -> str:
+    """The assumption of a policy that the user gave."""
+    return f"The policy is a {type_name}; each demonstration was scored by a copy that was fitted without it."
+
+
+def assumption_sentences(
+    audit: Audit,
+    policy: str = "",
+    *,
+    p_two_groups: float | None = None,
+    expert_share: float | None = None,
+    demonstrators: str = "",
+) -> tuple[str, ...]:
+    """The finding, the meaning of the probability, and all that an audit assumed, as sentences for `Audit.assumptions`.
+
+    `policy` and `demonstrators` are sentences about these. `p_two_groups` is the judge's probability that there are two
+    groups of scores; `expert_share` is the prior probability of an expert, where the user fixed it.
+    """
+    sentences = (
+        FINDINGS[audit.finding],
+        audit.words.explanation,
+        "" if p_two_groups is None else f"P(two groups of scores) is {p_two_groups:.2f}.",
+        policy,
+        *audit.doubts,
+        *audit.notes,
+        sentence_of(audit.answers, audit.copy_of) if audit.anchor == "answers" else NOT_USED,
+        "A demonstration is good or bad as a whole." if audit.anchor == "named adversary" else "",
+        "" if expert_share is None else f"The share of experts was fixed at {expert_share}.",
+        f"{len(audit.labelled)} labels were taken as certain."
+        if audit.labelled and audit.anchor == "named adversary"
+        else "",
+        demonstrators,
+    )
+    return tuple(filter(None, sentences))
+
+
+def missing_steps(finding: str, n: int) -> str:
+    """That `n` independent steps are missing to tell demonstrations from noise; empty where nobody stands out for other
+    reasons, or some do."""
+    if not n or finding not in ("nobody stands out", "nothing could be learned"):
+        return ""
+    return f"Demonstrations are short: it takes about {n:,} more independent steps each to tell one from noise."
+
+
+def warn_if_not_converged(converged: bool) -> None:
+    """Warn of a fit that ended before it converged."""
+    if not converged:
+        message = "EM stopped at max_iter before it converged; raise max_iter or tol."
+        warnings.warn(message, ConvergenceWarning, stacklevel=user_stack_level())

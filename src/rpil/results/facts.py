@@ -1,0 +1,75 @@
+"""Facts about demonstrations beside the words of an audit: they change no word, and say nothing about quality.
+
+Most are ranks within the demonstrations that were judged together, from 0 to 1: 1 is the longest, the one with the most
+pauses, and so on. They are the ranks of the channels from which answers learn (`rpil.inference.channels`), and of
+others, from which none does (`rpil.inference.facts`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from scipy.stats import norm, rankdata
+
+from rpil.inference.channels import CHANNELS
+from rpil.inference.facts import DYNAMICS, TIME_LIMIT
+from rpil.numerics.types import Array, Float
+from rpil.results.text import printable
+
+RANKS: Mapping[str, tuple[str, int]] = {
+    "length": ("length", 1),
+    "pauses": ("motion", -1),
+    "smoothness": ("smoothness", 1),
+    "path": ("short path", -1),
+    "unusual end": ("common end", -1),
+}
+"""Each fact that is a rank: the channel that it is read from, and whether it grows or falls with it."""
+
+Fact = float | int | str
+
+
+def ranks_beside(facts: Mapping[str, Float[Array, " M"]]) -> dict[str, Float[Array, " M"]]:
+    """Facts of `rpil.inference.facts` with ranks from 0 to 1 in the place of numbers."""
+    found = dict(facts)
+    if DYNAMICS in found:
+        found[DYNAMICS] = (rankdata(found[DYNAMICS]) - 0.5) / len(found[DYNAMICS])
+    return found
+
+
+def known_facts(
+    columns: Float[Array, "M D"],
+    beside: Mapping[str, Float[Array, " M"]],
+    sessions: Sequence[str],
+    order: Float[Array, " M"] | None,
+) -> dict[str, tuple[Fact, ...]]:
+    """The facts about M demonstrations by name; those that are not known are left out.
+
+    The names are those of `RANKS`; "dynamics", 1 where the next state follows best from state and action; "time limit",
+    1 where the demonstration has the largest length, as several others do, else 0; "session"; and "order", the place
+    among the demonstrations, from 1 on. `columns` are those of an audit, which begin with the normal scores of the
+    channels; `beside` are `ranks_beside`.
+    """
+    found: dict[str, tuple[Fact, ...]] = {}
+    if columns.shape[1] >= len(CHANNELS):
+        for name, (channel, sign) in RANKS.items():
+            ranks = norm.cdf(sign * columns[:, CHANNELS.index(channel)])
+            found[name] = tuple(np.round(ranks, 6).tolist())
+    if DYNAMICS in beside:
+        found[DYNAMICS] = tuple(np.round(beside[DYNAMICS], 6).tolist())
+    if TIME_LIMIT in beside:
+        found[TIME_LIMIT] = tuple(beside[TIME_LIMIT].astype(int).tolist())
+    if len(sessions):
+        found["session"] = tuple(sessions)
+    if order is not None:
+        found["order"] = tuple(rankdata(order, method="min").astype(int).tolist())
+    return found
+
+
+def in_words(facts: Mapping[str, Sequence[Fact]], m: int) -> str:
+    """The facts about demonstration `m` in one line, or nothing."""
+    parts = [f"{name} {facts[name][m]:.2f}" for name in (*RANKS, DYNAMICS) if name in facts]
+    parts += ["time limit reached"] if TIME_LIMIT in facts and facts[TIME_LIMIT][m] else []
+    parts += [f"session {printable(facts['session'][m])}"] if "session" in facts else []
+    parts += [f"number {facts['order'][m]:,} of {len(facts['order']):,} in order"] if "order" in facts else []
+    return ", ".join(parts)

@@ -1,0 +1,150 @@
+"""What leaving demonstrations out would lose: the places that none of the kept ones visits.
+
+Where a demonstration is left out, the policy never sees its states. That is no loss where kept demonstrations visit the
+same places, and one where it alone starts behind the object. Both its start and its states are compared with those of
+the kept ones: by the distance to the nearest, in spreads of the observations.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Collection, Sequence
+from decimal import ROUND_CEILING, ROUND_FLOOR, Context, Decimal
+
+import numpy as np
+from scipy.spatial.distance import cdist
+from scipy.special import stdtrit
+
+from rpil.data.demonstrations import Demonstrations
+from rpil.numerics.regression import ROUNDING, robust_scale
+from rpil.numerics.types import Array, Bool, Float, Int, Num
+from rpil.results.text import listed, printable
+
+MAX_STATES = 5000
+"""States of the kept demonstrations that are compared, and of the others."""
+
+SAME_PLACE = 0.1
+"""Spreads up to which two states are the same place."""
+
+TIMES_FARTHER = 2.0
+"""Than the farthest of the kept ones a demonstration must be, because tails of distances may be heavy."""
+
+FALSE_ALARMS = 0.01
+"""Probability of any sentence where all demonstrations are alike."""
+
+MIN_KEPT = 3
+"""Demonstrations whose distances from one another say what is usual, at least."""
+
+DIGITS = 3
+"""Of a bound, unless more are needed to tell it from the demonstration that is beyond it."""
+
+
+def lost_places(demonstrations: Demonstrations, kept: Collection[object]) -> tuple[str, ...]:
+    """A sentence for each place that only demonstrations that are not kept visit.
+
+    For each demonstration that is left out the distance of its start to the nearest start of a kept one is compared
+    with what is usual among the kept ones, each left out in turn; and so is the median distance of its states to the
+    nearest state. A distance counts if it is twice the largest of theirs, and larger than the 99 % point of the next
+    one that is alike, were logarithms normal; the level is shared among all that are left out.
+
+    Parameters
+    ----------
+    demonstrations : Demonstrations
+        All of them. Without observations that are finite nothing is said.
+    kept : collection of ids
+        Those to keep; compared as text.
+
+    Returns
+    -------
+    tuple of str
+        Such as "No kept demonstration starts with obs.3 above 0.41; 12 does.", with the observation in which it is
+        farthest outside of what the kept ones reach; most often none.
+    """
+    names = {str(name) for name in kept}
+    is_kept = np.array([str(name) in names for name in demonstrations.ids])
+    observed = demonstrations.observations
+    if is_kept.sum() < MIN_KEPT or is_kept.all() or not observed.shape[1] or not np.isfinite(observed).all():
+        return ()
+    chosen = np.concatenate([_thin(np.flatnonzero(is_kept == side), MAX_STATES) for side in (True, False)])
+    rows, owner = _some_states(demonstrations, chosen, is_kept[chosen])
+    begins = demonstrations.offsets[:-1]
+    starts, scale = (
+        observed[begins],
+        robust_scale(observed[rows], np.searchsorted(owner, np.arange(len(chosen) + 1)))[1],
+    )
+    far_start = _far(starts[chosen] / scale, np.arange(len(chosen)), is_kept[chosen])
+    far_states = _far(observed[rows] / scale, owner, is_kept[chosen]) & ~far_start
+    least, most = (extreme.reduceat(observed, begins) for extreme in (np.minimum, np.maximum))
+    reached = least[is_kept].min(axis=0), most[is_kept].max(axis=0)
+    started = starts[is_kept].min(axis=0), starts[is_kept].max(axis=0)
+    lost: dict[tuple[str, str], list[object]] = defaultdict(list)
+    for m in chosen[far_start].tolist():
+        where = _outside(starts[m : m + 1], started, scale, demonstrations.observation_names)
+        lost["starts with", where].append(demonstrations.ids[m])
+    for m in chosen[far_states].tolist():
+        where = _outside(demonstrations.episode(m)[0], reached, scale, demonstrations.observation_names)
+        lost["reaches", where].append(demonstrations.ids[m])
+    return tuple(_sentence(verb, where, who) for (verb, where), who in lost.items())
+
+
+def _sentence(verb: str, where: str, who: Sequence[object]) -> str:
+    """What no kept demonstration does, and who does; without a `where`, near what it does not come."""
+    if where:
+        return f"No kept demonstration {verb} {where}; {listed(who)} {'do' if len(who) > 1 else 'does'}."
+    near = {"starts with": "starts near the start", "reaches": "comes near half of the states"}[verb]
+    return f"No kept demonstration {near} of {listed(who)}."
+
+
+def _thin(values: Int[Array, " R"], most: int) -> Int[Array, " S"]:
+    """At most so many of the values, evenly spaced."""
+    places = np.linspace(0, len(values) - 1, min(most, len(values))).round().astype(int)
+    return np.asarray(values[np.unique(places)])
+
+
+def _some_states(
+    demonstrations: Demonstrations, chosen: Int[Array, " C"], is_kept: Bool[Array, " C"]
+) -> tuple[Int[Array, " R"], Int[Array, " R"]]:
+    """Rows of states of the chosen demonstrations, and which of these each is of."""
+    share = np.where(is_kept, MAX_STATES // is_kept.sum(), MAX_STATES // (~is_kept).sum())
+    offsets = demonstrations.offsets
+    rows = [_thin(np.arange(offsets[m], offsets[m + 1]), n) for m, n in zip(chosen, share.tolist(), strict=True)]
+    return np.concatenate(rows), np.repeat(np.arange(len(chosen)), [len(own) for own in rows])
+
+
+def _far(states: Float[Array, "R D"], owner: Int[Array, " R"], is_kept: Bool[Array, " C"]) -> Bool[Array, " C"]:
+    """Which of the demonstrations that are not kept are farther from the kept ones than these from one another."""
+    distance = np.zeros(len(is_kept))
+    of_kept = is_kept[owner]
+    for m in range(len(is_kept)):
+        own = owner == m
+        distance[m] = np.median(cdist(states[own], states[of_kept & ~own]).min(axis=1))
+    size = np.log(np.maximum(distance, ROUNDING))
+    usual, n = size[is_kept], int(is_kept.sum())
+    level = FALSE_ALARMS / (2 * (~is_kept).sum())  # starts and states of each are compared
+    limit = usual.mean() + stdtrit(n - 1, 1 - level) * usual.std(ddof=1) * np.sqrt(1 + 1 / n)
+    return np.asarray(~is_kept & (distance > max(np.exp(limit), TIMES_FARTHER * distance[is_kept].max(), SAME_PLACE)))
+
+
+def _outside(
+    states: Num[Array, "R D"], reached: tuple[Array, Array], scale: Float[Array, " D"], names: Sequence[str]
+) -> str:
+    """The observation in which states are farthest outside of what the kept ones reach, and its bound, which no kept
+    one passes and some of the states do; or nothing."""
+    low, high = reached
+    beyond = np.array([np.maximum(low - states, 0).mean(axis=0), np.maximum(states - high, 0).mean(axis=0)]) / scale
+    side, column = divmod(int(beyond.argmax()), beyond.shape[1])
+    if not beyond[side, column]:
+        return ""
+    name = f"observation {names[column]}" if names[column].isdigit() else printable(names[column])
+    bound, farthest = float((low, high)[side][column]), float((states.min(axis=0), states.max(axis=0))[side][column])
+    return f"{name} {('below', 'above')[side]} {_outwards(bound, farthest)}"
+
+
+def _outwards(bound: float, farthest: float) -> str:
+    """The bound with few digits, rounded towards the value `farthest`, which it does not reach."""
+    rounding = ROUND_CEILING if farthest > bound else ROUND_FLOOR
+    for digits in range(DIGITS, 17):
+        rounded = float(Context(prec=digits, rounding=rounding).create_decimal(Decimal(bound)))
+        if (rounded - farthest) * (bound - farthest) > 0:
+            return f"{rounded:.{max(digits, 12)}g}"
+    return repr(bound)

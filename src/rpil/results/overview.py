@@ -1,0 +1,44 @@
+"""An audit in about eight lines of text: the finding, the words, the doubts, the question, and the lowest three."""
+
+from __future__ import annotations
+
+from rpil.inference.findings import FINDINGS
+from rpil.results.result import AuditResult
+from rpil.results.text import one_line
+
+N_LOWEST = 3
+"""Demonstrations that the text names."""
+
+MAX_NAME = 40
+"""Characters of an id in the text."""
+
+
+def overview_text(audit: AuditResult) -> str:
+    """What ``repr`` of an audit is."""
+    lines = [f"Audit: {audit.finding}. {FINDINGS[audit.finding]}", counts(audit)]
+    if audit.doubts:
+        more = len(audit.doubts) - 1
+        lines.append(f"Doubt: {audit.doubts[0]}" + f" ({more} more in doubts)" * (more > 0))
+    if audit.question:
+        lines.append(f"Question: {audit.question}")
+    lowest = audit.ranking()[::-1][:N_LOWEST].tolist()
+    names = [shortened(audit.ids[m]) for m in lowest]
+    width = max(map(len, names))
+    lines.append(f"The lowest {len(lowest)} by log-odds, of {len(audit.ids):,}:")
+    for m, name in zip(lowest, names, strict=True):
+        chance = f"{audit.words.probability} {audit.expert_proba[m]:.2f}"
+        lines.append(f"  {name:<{width}}  {audit.verdicts[m]}, {chance}, log-odds {audit.log_odds[m]:+.1f}")
+    return "\n".join([*lines, "All: to_frame(), plot.ranking(), to_html(path)."])
+
+
+def counts(audit: AuditResult) -> str:
+    """How many demonstrations and steps there are, and how many have which word, in one line."""
+    words = ", ".join(f"{n:,} {word}" for word, n in audit.verdict_counts().items())
+    n = len(audit.ids)
+    return f"{n:,} demonstration{'s' * (n != 1)}, {int(audit.offsets[-1]):,} steps: {words}."
+
+
+def shortened(name: object) -> str:
+    """An id in one short line."""
+    text = one_line(name)
+    return text if len(text) <= MAX_NAME else text[: MAX_NAME - 3] + "..."

@@ -1,0 +1,158 @@
+"""`Audit`: what a fit found out about demonstrations, with the pictures and tables that a notebook shows."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from rpil.data.archive import stored
+from rpil.data.files import StrPath
+from rpil.data.frames import Backend, DataFrame, data_frame
+from rpil.results.overview import overview_text
+from rpil.results.plots import AuditPlots
+from rpil.results.result import AuditResult, Demonstrator, Interval
+from rpil.results.verdict_table import verdict_columns
+
+__all__ = ["Audit", "Demonstrator", "Interval"]
+
+
+@stored(
+    offsets="M+1",
+    log_odds="M",
+    from_actions="M",
+    from_demonstrator="M",
+    from_label="M",
+    expert_proba="M",
+    reliability="M",
+    reliability_interval="M 2",
+    step_log_ratio="N",
+    step_weight="N",
+    history="iterations",
+    columns="M channels",
+    copy_of="M",
+)
+@dataclass(frozen=True, eq=False, repr=False)
+class Audit(AuditResult):
+    """The result about the demonstrations: M of them, with N steps in all.
+
+    In a notebook it shows itself in a few lines; `to_frame` has a row for each demonstration, and `plot` the pictures.
+
+    Attributes
+    ----------
+    ids : tuple
+        Ids of the demonstrations, in the order of the data.
+    offsets : (M + 1,) int array
+        Demonstration m has the steps ``offsets[m]:offsets[m + 1]``.
+    finding : str
+        One of `rpil.inference.findings.FINDINGS`.
+    log_odds : (M,) array
+        log P - log(1 - P), in nats, where P is the probability that `words` names; the sum of `evidence`.
+    from_actions, from_demonstrator, from_label : (M,) arrays
+        The parts of `log_odds`, in nats: from the actions of the demonstration itself, from the other demonstrations of
+        its demonstrator, and from its label.
+    expert_proba : (M,) array
+        The probability that `words` names and explains: ``sigmoid(log_odds)``, or 0.5 where the finding is "two
+        groups" or "nothing could be learned" and nothing was answered.
+    reliability : (M,) array
+        Share of the steps of the demonstration that are like those of the trusted: posterior mean.
+    reliability_interval : (M, 2) array
+        Its 95 % posterior interval.
+    verdicts : tuple of str
+        The upper and the lower one of `words`, or "open" where the data do not decide.
+    step_log_ratio : (N,) array
+        ``log pi(a|s) - log psi(a|s)`` of each step, in nats.
+    step_weight : (N,) array
+        Weight of each step for training a policy, in [0, 1].
+    prior : Interval
+        Share of the demonstrations that the upper one of `words` describes.
+    identifiable : bool
+        False where two groups of demonstrations each have a policy of their own and nothing says which one is good.
+    competing : tuple of tuple of ids
+        These two groups.
+    pair : tuple of ids
+        Two demonstrations of which the answer to "which is better?" would say most; empty where there are none.
+    adversary : str
+        Name of the adversary of the mixture, or of the reference of the judge.
+    history : (T,) array
+        Mean log-likelihood of the training group in each round, or the objective of EM in each iteration, in nats.
+    assumptions : tuple of str
+        The assumptions of the audit, one sentence each.
+    demonstrators : tuple of Demonstrator
+        The most trusted first; empty where demonstrators were not given.
+    answers : Answers
+        The labels, pairs and outcomes that were given.
+    contradicting : tuple of ids
+        Demonstrations whose label contradicts the other answers.
+    doubts : tuple of str
+        Reasons not to call anybody unlike the others, one sentence each.
+    notes : tuple of str
+        What else a user should know: parts that are not judged, sessions, copies, how two groups differ, missing steps.
+    columns : (M, D) array
+        What answers learn from, see `rpil.inference.answered`; (M, 0) where there is none.
+    copy_of : (M,) int array
+        Index of the first of the copies of each demonstration, which may be itself.
+    deviations : tuple of str
+        What each demonstration does in its worst steps, against what the trusted do there, or ""; empty where the data
+        are not in memory (`rpil.results.deviations`).
+    anchor : {"none", "answers", "named adversary"}
+        What says who is good; see `rpil.results.words`.
+    sessions : tuple of str
+        The session of each demonstration; empty where none are known, as in an audit that was read from a file.
+    order : (M,) array or None
+        The place of each demonstration in the order in which they were made, where that is stated; as `sessions`.
+    beside : dict of name to (M,) array
+        Facts from which no answer learns, see `rpil.results.facts.ranks_beside`; as `sessions`.
+    settings : AuditSettings
+        Those by which verdicts and weights were given.
+    """
+
+    @property
+    def plot(self) -> AuditPlots:
+        """Pictures: ``plot.ranking()``, ``plot.steps(id)`` and ``plot.sessions()``."""
+        return AuditPlots(self)
+
+    def to_frame(self, backend: Backend | None = None) -> DataFrame:
+        """A data frame with a row for each demonstration, in the order of the data.
+
+        The columns are those of the verdicts that ``rpil audit --verdicts`` writes: id, verdict, expert_proba (the
+        probability that `words` names), log_odds and its parts, reliability, n_steps, facts, and the reason;
+        demonstrator where demonstrators were given, and session where sessions are known.
+
+        Parameters
+        ----------
+        backend : {"pandas", "polars", "pyarrow"}, optional
+            By default the first of these that is installed; pyarrow always is.
+
+        Raises
+        ------
+        DataError
+            If the backend is unknown or not installed.
+        """
+        who = {str(name): str(one.name) for one in self.demonstrators for name in one.demonstrations}
+        columns = verdict_columns(self, who)
+        for name in ("faults", "task", "run") if who else ("faults", "task", "run", "demonstrator"):
+            del columns[name]  # an audit does not know these
+        if self.sessions:
+            columns["session"] = self.sessions
+        return data_frame(columns, backend)
+
+    def to_html(self, path: StrPath, title: str = "Audit of demonstrations") -> None:
+        """Write the report of ``rpil audit --report`` to a file: one page, which needs no network.
+
+        It has no section on recording faults, which an audit does not know.
+
+        Raises
+        ------
+        DataError
+            If the path cannot be written.
+        """
+        from rpil.results.html.page import Article, write_page
+
+        write_page(path, [Article(title, self, "in memory")])
+
+    def __repr__(self) -> str:
+        return overview_text(self)
+
+    def _repr_html_(self) -> str:
+        from rpil.results.html.overview import overview_html
+
+        return overview_html(self)

@@ -1,0 +1,270 @@
+"""What an audit holds: the ranking of the demonstrations, their verdicts, the weights of their steps, what was assumed.
+
+Pictures and tables read it from here; `rpil.results.record.Audit` is what users get.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Hashable, Mapping, Sequence
+from dataclasses import asdict, dataclass, field, replace
+from functools import cached_property
+from typing import Self
+
+import numpy as np
+
+from rpil.data.archive import NOT_STORED, stored
+from rpil.data.errors import DataError
+from rpil.data.run import run_id
+from rpil.inference.answers import Answers
+from rpil.inference.groups import expert_share_interval
+from rpil.numerics.types import Array, Float, Int
+from rpil.results import answering
+from rpil.results.answering import Id
+from rpil.results.facts import Fact, known_facts
+from rpil.results.reasons import MAX_LOG_RATIO, Grounds, worst_stretch
+from rpil.results.settings import AuditSettings
+from rpil.results.words import SIDES, WORDS, Verdict, Words
+
+MAX_LOG_ODDS = 1e9
+"""Nats. Infinite log-odds become this, because JSON has no infinity: of steps that an adversary can never take."""
+
+
+@stored()
+@dataclass(frozen=True)
+class Interval:
+    """A mean with a 95 % interval."""
+
+    mean: float
+    low: float
+    high: float
+
+
+@stored()
+@dataclass(frozen=True)
+class Demonstrator:
+    """Trust in a demonstrator who gave several demonstrations; `Audit.verdict_counts` counts their words."""
+
+    name: Hashable
+    trust: Interval
+    """The mean of `Audit.expert_proba` that is expected of another demonstration of this demonstrator."""
+    demonstrations: tuple[Hashable, ...]
+    """Their ids."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class AuditResult:
+    """The fields of `rpil.results.record.Audit`, which describes them, and what follows from them."""
+
+    ids: tuple[Hashable, ...]
+    offsets: Int[Array, " _"]
+    finding: str
+    log_odds: Float[Array, " M"]
+    from_actions: Float[Array, " M"]
+    from_demonstrator: Float[Array, " M"]
+    from_label: Float[Array, " M"]
+    expert_proba: Float[Array, " M"]
+    reliability: Float[Array, " M"]
+    reliability_interval: Float[Array, "M 2"]
+    verdicts: tuple[Verdict, ...]
+    step_log_ratio: Float[Array, " N"]
+    step_weight: Float[Array, " N"]
+    prior: Interval
+    adversary: str
+    history: Float[Array, " T"]
+    identifiable: bool = True
+    competing: tuple[tuple[Hashable, ...], ...] = ()
+    pair: tuple[Hashable, ...] = ()
+    assumptions: tuple[str, ...] = ()
+    demonstrators: tuple[Demonstrator, ...] = ()
+    answers: Answers = field(default_factory=Answers.none)
+    contradicting: tuple[Hashable, ...] = ()
+    doubts: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
+    columns: Float[Array, "M D"] = field(default_factory=lambda: np.empty((0, 0)))
+    copy_of: Int[Array, " M"] = field(default_factory=lambda: np.empty(0, dtype=np.int64))
+    deviations: tuple[str, ...] = ()
+    anchor: str = "none"
+    sessions: tuple[str, ...] = field(default=(), metadata=NOT_STORED)
+    order: Float[Array, " M"] | None = field(default=None, metadata=NOT_STORED)
+    beside: dict[str, Float[Array, " M"]] = field(default_factory=dict, metadata=NOT_STORED)
+    settings: AuditSettings = field(default=AuditSettings(), metadata=NOT_STORED)  # files hold the estimator's
+
+    @property
+    def evidence(self) -> dict[str, Float[Array, " M"]]:
+        """The parts of `log_odds` by name, in nats."""
+        return {"actions": self.from_actions, "demonstrator": self.from_demonstrator, "label": self.from_label}
+
+    def evidence_columns(self) -> dict[str, Float[Array, " M"]]:
+        """The parts of `log_odds` that a table shows: those that are not all 0, and none where there is only one."""
+        parts = {name: part for name, part in self.evidence.items() if part.any()}
+        return parts if len(parts) > 1 else {}
+
+    @cached_property
+    def reasons(self) -> tuple[str, ...]:
+        """The reason for the verdict on each demonstration, one sentence each."""
+        log_ratio = np.clip(self.step_log_ratio, -MAX_LOG_RATIO, MAX_LOG_RATIO, dtype=float)
+        score = np.add.reduceat(log_ratio, self.offsets[:-1]) / self.lengths
+        trusted = score[[SIDES[verdict] == "upper" for verdict in self.verdicts]]
+        letters = {name: letter for letter, group in self.groups.items() for name in group}
+        known = self.answers.shared(self.copy_of) if len(self.answers.labels) else self.answers
+        known_of = dict(zip(self.ids, zip(known.labels.tolist(), known.outcome.tolist(), strict=True), strict=False))
+        grounds = (
+            Grounds(
+                finding=self.finding,
+                words=self.words,
+                verdict=self.verdicts[m],
+                log_odds=float(self.log_odds[m]),
+                from_actions=float(self.from_actions[m]),
+                from_demonstrator=float(self.from_demonstrator[m]),
+                label=known_of.get(name, (0, np.nan))[0],
+                has_outcome=math.isfinite(known_of.get(name, (0, np.nan))[1]),
+                contradicts=name in self.contradicting,
+                group=letters.get(name, ""),
+                score=float(score[m]),
+                trusted_score=float(np.median(trusted)) if len(trusted) else math.nan,
+                stretch=worst_stretch(log_ratio[self.steps(m)]),
+                deviation=self.deviations[m] if self.deviations else "",
+            )
+            for m, name in enumerate(self.ids)
+        )
+        return tuple(each.sentence() for each in grounds)
+
+    @property
+    def labelled(self) -> tuple[Hashable, ...]:
+        """Ids of the demonstrations whose label was given."""
+        return tuple(self.ids[m] for m in np.flatnonzero(self.answers.labels).tolist())
+
+    @property
+    def groups(self) -> dict[str, tuple[Hashable, ...]]:
+        """The `competing` groups by their names, A and B."""
+        return dict(zip("AB", self.competing, strict=False))
+
+    @property
+    def words(self) -> Words:
+        """The words of the verdicts, and the name and the meaning of `expert_proba`."""
+        return WORDS[self.anchor]
+
+    def verdict_counts(self, ids: Sequence[Hashable] | None = None) -> dict[str, int]:
+        """The number of demonstrations with each word: of all, or of those called `ids`."""
+        verdict_of: dict[Hashable, str] = dict(zip(self.ids, self.verdicts, strict=True))
+        verdicts = [verdict_of[name] for name in (self.ids if ids is None else ids)]
+        own = (self.words.upper, "open", self.words.lower)
+        # Where tasks are judged by themselves, some may have an anchor and others none.
+        return {word: verdicts.count(word) for word in SIDES if word in own or word in self.verdicts}
+
+    @property
+    def lengths(self) -> Int[Array, " M"]:
+        """Steps of each demonstration."""
+        return np.diff(self.offsets)
+
+    def ranking(self) -> Int[Array, " M"]:
+        """Indices of the demonstrations, the most trusted first."""
+        return np.argsort(-self.log_odds, kind="stable")
+
+    @cached_property
+    def facts(self) -> dict[str, tuple[Fact, ...]]:
+        """Facts about each demonstration by name, which change no word; see `rpil.results.facts.known_facts`."""
+        return known_facts(self.columns, self.beside, self.sessions, self.order)
+
+    @property
+    def question(self) -> str | None:
+        """The question whose answer would say most, "which is better?", and where to look; None after an answer."""
+        return answering.question(self) if answering.is_asked(self) else None
+
+    def suggest_labels(self, k: int = 3) -> tuple[Hashable, ...]:
+        """Ids of up to `k` demonstrations without a label whose labels would say most, the best first; see
+        `rpil.results.answering.suggest`.
+
+        Raises
+        ------
+        DataError
+            If `k` is not positive.
+        """
+        return answering.suggest(self, k)
+
+    def answered(self, labels: Mapping[Id, str] | None = None, pairs: Sequence[tuple[Id, Id]] = ()) -> Self:
+        """The same audit with these answers beside those that it has; no policy is fitted again.
+
+        Parameters
+        ----------
+        labels : mapping of id to {"good", "bad"}
+        pairs : sequence of (id, id)
+            The better and the worse of two demonstrations.
+
+        Raises
+        ------
+        DataError
+            If an id or a label is unknown, or answers contradict each other.
+        """
+        found = answering.with_answers(self, labels or {}, pairs)
+        share = Interval(*expert_share_interval(found.expert_proba, 1.0))
+        return found if found is self else replace(found, prior=share)
+
+    def worst_steps(self, index: int, k: int = 5) -> list[int]:
+        """Up to `k` steps of demonstration `index` with the lowest log-ratios below 0, counted from its first step."""
+        ratio = self.step_log_ratio[self.steps(index)]
+        worst = np.argsort(ratio, kind="stable")[:k]
+        return [int(n) for n in worst if ratio[n] < 0]
+
+    def index(self, demonstration: Hashable) -> int:
+        """Index of the demonstration with this id.
+
+        Raises
+        ------
+        DataError
+            If there is none.
+        """
+        if demonstration not in self.ids:
+            known = ", ".join(map(repr, self.ids[:5])) + ", ..." * (len(self.ids) > 5)
+            raise DataError(f"No demonstration is called {demonstration!r}; choose one of the ids {known}.")
+        return self.ids.index(demonstration)
+
+    def steps(self, index: int) -> slice:
+        """The rows of demonstration `index`."""
+        return slice(int(self.offsets[index]), int(self.offsets[index + 1]))
+
+    @property
+    def run_id(self) -> str:
+        """What the report, the JSON and the weights of one run have in common; see `rpil.data.run.run_id`."""
+        return run_id(self.ids, self.offsets, self.log_odds)
+
+    def to_dict(self) -> dict[str, object]:
+        """The audit as numbers, text, lists and dicts, as ``rpil audit --json`` prints it; the most trusted first."""
+        facts = self.facts
+        return {
+            "n_demonstrations": len(self.ids),
+            "n_steps": int(self.offsets[-1]),
+            "finding": self.finding,
+            "anchor": self.anchor,
+            "adversary": self.adversary,
+            "prior": asdict(self.prior),
+            "identifiable": self.identifiable,
+            "groups": [list(group) for group in self.competing],
+            "pair": list(self.pair),
+            "question": answering.question_to_dict(self),
+            "doubts": list(self.doubts),
+            "notes": list(self.notes),
+            "contradicting": list(self.contradicting),
+            "assumptions": list(self.assumptions),
+            "demonstrations": [
+                {
+                    "id": self.ids[m],
+                    "n_steps": int(self.lengths[m]),
+                    "log_odds": float(self.log_odds[m]),
+                    "evidence": {name: float(part[m]) for name, part in self.evidence.items()},
+                    "expert_proba": float(self.expert_proba[m]),
+                    "reliability": float(self.reliability[m]),
+                    "verdict": self.verdicts[m],
+                    "reason": self.reasons[m],
+                    "worst_steps": self.worst_steps(m),
+                    "facts": {name: values[m] for name, values in facts.items()},
+                }
+                for m in self.ranking().tolist()
+            ],
+            "demonstrators": [
+                {"name": who.name, "trust": asdict(who.trust), "n_demonstrations": len(who.demonstrations)}
+                | {"verdicts": self.verdict_counts(who.demonstrations)}
+                for who in self.demonstrators
+            ],
+        }

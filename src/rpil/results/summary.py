@@ -1,0 +1,142 @@
+"""The audit that a user reads, from a judgement or from EM with a named adversary."""
+
+from __future__ import annotations
+
+from collections.abc import Hashable, Sequence
+
+import numpy as np
+from scipy.special import expit
+
+from rpil.data.demonstrators import Demonstrators
+from rpil.data.fit_data import FitData
+from rpil.inference.answers import Answers
+from rpil.inference.claims import Doubt
+from rpil.inference.trust import Judgement
+from rpil.mixture.em import Result
+from rpil.numerics.types import Array, Float, Int
+from rpil.results.answering import doubts_of_answers, verdicts_of
+from rpil.results.facts import ranks_beside
+from rpil.results.groups import groups_differ
+from rpil.results.record import Audit
+from rpil.results.result import MAX_LOG_ODDS, Demonstrator, Interval
+from rpil.results.settings import AuditSettings
+from rpil.results.step_weights import step_weight
+from rpil.results.text import printable
+from rpil.results.words import WORDS, Anchor
+
+MAX_NAMED = 20
+"""Demonstrations that a sentence names, at most."""
+
+
+def audit_from_judgement(
+    judgement: Judgement, data: FitData, ids: Sequence[Hashable], answers: Answers, settings: AuditSettings
+) -> Audit:
+    """The audit of the judge, of demonstrations that are called `ids`."""
+    steps, finding, claims = judgement.step_trust, judgement.finding, judgement.claims
+    anchor: Anchor = "none" if judgement.answered is None else "answers"
+    known = judgement.answered
+    groups = claims.groups if known is None else None
+    log_odds = np.clip(judgement.log_odds, -MAX_LOG_ODDS, MAX_LOG_ODDS)
+    proba = expit(log_odds)
+    if finding in ("two groups", "nothing could be learned"):
+        proba = np.full(len(proba), 0.5)
+    doubts = tuple(doubt_sentence(doubt, ids, data) for doubt in claims.doubts) if known is None else ()
+    differ = () if groups is None else groups_differ(groups, judgement.columns, claims.contrast, data)
+    return Audit(
+        ids=tuple(ids),
+        offsets=np.asarray(data.offsets, dtype=np.int64),
+        finding=finding,
+        log_odds=log_odds,
+        from_actions=judgement.from_actions,
+        from_demonstrator=judgement.from_demonstrator,
+        from_label=judgement.from_answers,
+        expert_proba=proba,
+        reliability=steps.reliability,
+        reliability_interval=steps.interval,
+        verdicts=verdicts_of(judgement.words, anchor),
+        step_log_ratio=judgement.log_ratio,
+        step_weight=step_weight(data.lengths, proba, steps.reliability, steps.step, settings),
+        prior=Interval(*judgement.expert_share),
+        identifiable=finding != "two groups",
+        competing=() if groups is None else tuple(tuple(ids[m] for m in group) for group in groups),
+        pair=() if judgement.pair is None else tuple(ids[m] for m in judgement.pair),
+        adversary="frequent actions" if data.space.kind == "discrete" else "any action",
+        history=judgement.scores.fit.history,
+        demonstrators=rank_demonstrators(data.demonstrators, judgement.demonstrator_trust, ids),
+        anchor=anchor,
+        answers=answers,
+        contradicting=() if known is None else tuple(ids[m] for m in known.contradicting.tolist()),
+        doubts=doubts if known is None else doubts_of_answers(known),
+        notes=differ,
+        columns=judgement.columns,
+        copy_of=judgement.copy_of,
+        beside=ranks_beside(judgement.beside),
+        settings=settings,
+    )
+
+
+def doubt_sentence(doubt: Doubt, ids: Sequence[Hashable], data: FitData) -> str:
+    """The sentence of a doubt, with the names of its demonstrations, and of its part of the action."""
+    names = [str(ids[m]) for m in doubt.members.tolist()]
+    shown = names if len(names) <= MAX_NAMED else [*names[:MAX_NAMED], "..."]
+    part = "" if doubt.part is None else printable(data.action_name(doubt.part))
+    return doubt.sentence.replace("{members}", ", ".join(shown)).replace("{part}", part)
+
+
+def audit_from_mixture(
+    data: FitData,
+    result: Result,
+    expert_share: Interval,
+    ids: Sequence[Hashable],
+    settings: AuditSettings,
+) -> Audit:
+    """The audit of EM with a named adversary. A demonstration is good or bad as a whole there, so its reliability and
+    the weight of its steps are P(expert)."""
+    posterior = result.posterior
+    from_actions = np.nan_to_num(posterior.log_odds, posinf=MAX_LOG_ODDS, neginf=-MAX_LOG_ODDS)
+    log_odds = certain(from_actions, data.labels, settings)
+    proba = expit(log_odds)
+    return Audit(
+        ids=tuple(ids),
+        offsets=np.asarray(data.offsets, dtype=np.int64),
+        finding="mixture",
+        anchor="named adversary",
+        log_odds=log_odds,
+        from_actions=from_actions,
+        from_demonstrator=np.zeros(len(log_odds)),
+        from_label=log_odds - from_actions,
+        expert_proba=proba,
+        reliability=proba,
+        reliability_interval=np.stack([proba, proba], axis=1),
+        verdicts=tuple(WORDS["named adversary"].verdict(p, settings.min_verdict_proba) for p in proba),
+        step_log_ratio=posterior.log_ratio,
+        step_weight=data.per_step(proba),
+        prior=expert_share,
+        adversary=result.state.adversary.name,
+        history=result.history,
+        answers=Answers.of_labels(data.labels.astype(np.int64)),
+        columns=np.empty((len(ids), 0)),
+        copy_of=np.arange(len(ids)),
+        settings=settings,
+    )
+
+
+def certain(log_odds: Float[Array, " M"], labels: Int[Array, " M"], settings: AuditSettings) -> Float[Array, " M"]:
+    """Log-odds in which labels (1 good, -1 bad, 0 unknown) are as good as certain; all become finite."""
+    log_odds = np.clip(log_odds, -MAX_LOG_ODDS, MAX_LOG_ODDS)
+    labelled: Array = labels * np.maximum(np.abs(log_odds), settings.min_label_log_odds)
+    return np.where(labels == 0, log_odds, labelled)
+
+
+def rank_demonstrators(
+    demonstrators: Demonstrators, trust: Float[Array, "U 3"], ids: Sequence[Hashable]
+) -> tuple[Demonstrator, ...]:
+    """The demonstrators with a name, the most trusted first; `trust` holds the mean and the 95 % interval of each."""
+    if not demonstrators.informative:
+        return ()
+    ranked = []
+    for u, name in enumerate(demonstrators.names):
+        if name is not None:
+            own = tuple(ids[m] for m in np.flatnonzero(demonstrators.index == u).tolist())
+            ranked.append(Demonstrator(name, Interval(*map(float, trust[u])), own))
+    return tuple(sorted(ranked, key=lambda demonstrator: -demonstrator.trust.mean))

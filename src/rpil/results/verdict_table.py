@@ -1,0 +1,111 @@
+"""The verdicts of an audit as files: a table with one row for each demonstration, and the demonstrations to keep."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Hashable, Mapping, Sequence
+from pathlib import Path
+from types import MappingProxyType
+
+from rpil.data.files import StrPath, check_extension, replacing
+from rpil.faults.record import Finding
+from rpil.formats import csv, parquet
+from rpil.results.result import AuditResult
+from rpil.results.words import SIDES
+
+TABLE_EXTENSIONS = (".csv", ".parquet", ".json")
+
+
+def verdict_columns(
+    audit: AuditResult,
+    demonstrators: Mapping[str, str],
+    findings: Sequence[Finding] = (),
+    tasks: Mapping[str, str] = MappingProxyType({}),
+) -> dict[str, Sequence[object]]:
+    """The columns of the table, in the order of the data; `demonstrators` and `tasks` by ids as text."""
+    faults: dict[str, list[str]] = {}
+    for found in findings:
+        faults.setdefault(str(found.id), []).append(found.rule)
+    return {
+        "id": file_ids(audit.ids),
+        "verdict": audit.verdicts,
+        "expert_proba": audit.expert_proba.tolist(),
+        "log_odds": audit.log_odds.tolist(),
+        **{f"from_{part}": values.tolist() for part, values in audit.evidence.items()},
+        "reliability": audit.reliability.tolist(),
+        "demonstrator": [demonstrators.get(str(name), "") for name in audit.ids],
+        "task": [tasks.get(str(name), "") for name in audit.ids],
+        "n_steps": audit.lengths.tolist(),
+        **{f"fact_{name.replace(' ', '_')}": values for name, values in audit.facts.items()},
+        "faults": [", ".join(faults.get(str(name), ())) for name in audit.ids],
+        "reason": list(audit.reasons),
+        "run": [audit.run_id] * len(audit.ids),
+    }
+
+
+def write_verdicts(
+    path: StrPath,
+    audit: AuditResult,
+    demonstrators: Mapping[str, str],
+    findings: Sequence[Finding] = (),
+    tasks: Mapping[str, str] = MappingProxyType({}),
+) -> None:
+    """Write one row for each demonstration to a .csv, .parquet or .json file, in the order of the data.
+
+    The columns are id, verdict, expert_proba, log_odds and its parts from_actions, from_demonstrator and from_label in
+    nats, reliability, demonstrator, task, n_steps, `Audit.facts` as fact_length and so on where they are
+    known, faults, reason, and the run id. JSON holds a list of objects.
+
+    Parameters
+    ----------
+    demonstrators, tasks : mapping of id, as text, to name
+        May be empty; a demonstration that is not in it gets an empty text.
+    findings : sequence of Finding
+        Recording faults; the column faults names the rules, the worst first.
+
+    Raises
+    ------
+    DataError
+        Where the path has another extension, or cannot be written.
+    """
+    path = check_extension(path, TABLE_EXTENSIONS, "verdicts")
+    columns = verdict_columns(audit, demonstrators, findings, tasks)
+    if path.suffix.lower() == ".json":
+        _write_json(path, [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)])
+        return
+    import pyarrow as pa
+
+    writer = csv if path.suffix.lower() == ".csv" else parquet
+    writer.write_tables(path, iter([pa.table(columns)]))
+
+
+def kept(audit: AuditResult) -> list[Hashable]:
+    """The ids of all demonstrations but those that are called unlike, bad or adversary, in the order of the data."""
+    return [name for name, verdict in zip(audit.ids, audit.verdicts, strict=True) if SIDES[verdict] != "lower"]
+
+
+def write_kept(path: StrPath, audit: AuditResult) -> None:
+    """Write ``{"episodes": [...], "run": ...}``: the `kept` ids, and the run id.
+
+    Ids are in the order of the data. Whole numbers are written as such: then the list is what LeRobot takes as the
+    episodes of a data set.
+
+    Raises
+    ------
+    DataError
+        Where the path has another extension, or cannot be written.
+    """
+    own = set(kept(audit))
+    ids = [name for old, name in zip(audit.ids, file_ids(audit.ids), strict=True) if old in own]
+    _write_json(check_extension(path, (".json",), "demonstrations to keep"), {"episodes": ids, "run": audit.run_id})
+
+
+def file_ids(ids: Sequence[Hashable]) -> list[int] | list[str]:
+    """Ids as whole numbers where all are, else as text."""
+    numbers = [name for name in ids if isinstance(name, int)]
+    return numbers if len(numbers) == len(ids) else list(map(str, ids))
+
+
+def _write_json(path: Path, value: object) -> None:
+    with replacing(path) as temporary:
+        temporary.write_text(json.dumps(value, allow_nan=False, indent=1) + "\n", encoding="utf-8")

@@ -1,0 +1,196 @@
+"""Answers to an audit are judged as answers to a fit are, and no policy is fitted again."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from audits import make_audit
+from problems import make, one_sentence
+from rpil import RPIL, DataError, Demonstrations, Settings, load, save
+from rpil.inference.findings import FINDINGS
+from rpil.inference.settings import JudgeSettings, StepSettings
+from rpil.results.answering import NEXT_STEPS, NOT_USED, question
+from rpil.results.record import Audit
+from rpil.results.words import WORDS
+
+TOY = make("random", 3, n_good=7, n_bad=4, steps=(13, 13))
+LABELS = {"d0": "good", "d1": "good", "d9": "bad", "d10": "bad"}
+
+
+@pytest.fixture(scope="module")
+def model() -> RPIL:
+    return RPIL().fit(TOY.demonstrations)
+
+
+@pytest.fixture(scope="module")
+def audit(model) -> Audit:
+    return model.audit_
+
+
+def test_every_finding_has_a_next_step():
+    assert NEXT_STEPS.keys() == FINDINGS.keys()
+    assert all(sentence.endswith(".") for sentence in NEXT_STEPS.values())
+
+
+@pytest.mark.parametrize(
+    ("labels", "pairs"), [(LABELS, ()), ({}, [("d0", "d9"), ("d3", "d8")]), ({"d2": "good"}, [("d5", "d7")])]
+)
+def test_answers_to_an_audit_are_those_of_a_fit(audit, labels, pairs):
+    later = audit.answered(labels, pairs)
+    together = [*labels.items(), *((better, f"better than {worse}") for better, worse in pairs)]
+    fitted = RPIL().fit(TOY.demonstrations, labels=together).audit_
+    assert later.verdicts == fitted.verdicts
+    assert later.finding == fitted.finding == "answered"
+    assert later.anchor == fitted.anchor == "answers"
+    assert set(later.assumptions) == set(fitted.assumptions)
+    for name in ("log_odds", "from_actions", "from_label", "expert_proba"):
+        np.testing.assert_allclose(getattr(later, name), getattr(fitted, name), atol=1e-9)
+    np.testing.assert_allclose(sum(later.evidence.values()), later.log_odds, atol=1e-9)
+    assert (later.prior.low, later.prior.mean, later.prior.high) == pytest.approx(
+        (fitted.prior.low, fitted.prior.mean, fitted.prior.high)
+    )
+    assert (later.step_weight <= np.repeat(later.expert_proba, later.lengths) + 1e-12).all()
+
+
+def test_steps_are_weighed_after_answers_as_the_fit_was_told_to(audit, tmp_path):
+    settings = Settings(judge=JudgeSettings(steps=StepSettings(stay=0.3, p_stretches=0.9)))
+    fitted = RPIL(settings=settings).fit(TOY.demonstrations)
+    save(fitted, tmp_path / "model.rpil")
+    together = RPIL(settings=settings).fit(TOY.demonstrations, labels=LABELS).audit_
+    for unanswered in (fitted.audit_, load(tmp_path / "model.rpil").audit_):
+        np.testing.assert_allclose(unanswered.answered(LABELS).step_weight, together.step_weight, atol=1e-9)
+    assert np.abs(audit.answered(LABELS).step_weight - together.step_weight).max() > 0.01
+
+
+def test_answers_in_turn_are_answers_at_once(audit):
+    one = audit.answered({"d0": "good", "d9": "good"}).answered({"d9": "bad"}, [("d3", "d8")])
+    both = audit.answered({"d0": "good", "d9": "bad"}, [("d3", "d8")])
+    np.testing.assert_array_equal(one.log_odds, both.log_odds)
+    assert one.assumptions == both.assumptions
+    assert both.labelled == ("d0", "d9")
+    assert "P(good) is learned from 2 labels, 1 pair, each of which may be wrong." in both.assumptions
+    assert both.assumptions[:2] == (FINDINGS["answered"], WORDS["answers"].explanation)
+    assert NOT_USED in audit.assumptions
+    assert NOT_USED not in both.assumptions
+
+
+def test_one_answer_alone_gives_no_word(audit):
+    for one in (audit.answered({"d0": "good"}), audit.answered(pairs=[("d0", "d9")])):
+        assert set(one.verdicts) == {"open"}
+        assert one.doubts == ("One answer alone gives no word: give a second one that agrees.",)
+    assert audit.answered(LABELS).doubts == ()
+
+
+def test_no_answer_changes_nothing(audit):
+    assert audit.answered() is audit
+    assert audit.answered({}, []) is audit
+
+
+def test_a_saved_audit_keeps_its_answers(tmp_path):
+    outcome = np.where(TOY.is_good, 1.0, np.nan)
+    outcome[-2:] = 0.0
+    fitted = RPIL().fit(TOY.demonstrations, labels=[*LABELS.items(), ("d3", "better than d8")], outcome=outcome)
+    save(fitted, tmp_path / "model.rpil")
+    kept = load(tmp_path / "model.rpil").audit_
+    for name in ("labels", "pairs", "outcome"):
+        np.testing.assert_array_equal(getattr(kept.answers, name), getattr(fitted.audit_.answers, name))
+    np.testing.assert_array_equal(kept.columns, fitted.audit_.columns)
+    assert kept.labelled == tuple(LABELS)
+    more = {"d4": "good"}
+    np.testing.assert_array_equal(kept.answered(more).log_odds, fitted.audit_.answered(more).log_odds)
+
+
+@pytest.mark.parametrize(
+    ("labels", "pairs", "match"),
+    [
+        ({"nobody": "good"}, (), "no demonstration is called 'nobody'"),
+        ({"d0": "perhaps"}, (), "the label 'perhaps' is unknown; use 'good' or 'bad'"),
+        ({}, [("d0", "d0")], "it is compared with itself; name two"),
+        ({}, [("d0", "d1"), ("d1", "d0")], "each is better than the other; keep one answer"),
+        ({}, [("d0", "nobody")], "no demonstration is called 'nobody'"),
+    ],
+)
+def test_unusable_answers_are_refused_in_one_sentence(audit, labels, pairs, match):
+    with pytest.raises(DataError, match=match) as error:
+        audit.answered(labels, pairs)
+    assert one_sentence(error)
+
+
+@pytest.fixture(scope="module")
+def copied() -> Audit:
+    """An audit in which the last demonstration is a copy of the first."""
+    episodes = list(TOY.demonstrations)
+    return RPIL().fit(Demonstrations.from_episodes([*episodes, episodes[0]])).audit_
+
+
+def test_labels_of_copies_that_contradict_each_other_are_refused_where_they_are_the_only_ones(copied):
+    first, last = copied.ids[0], copied.ids[-1]
+    with pytest.raises(DataError, match="a copy of it, bad; leave out one of the labels") as error:
+        copied.answered({first: "good", last: "bad"})
+    assert one_sentence(error)
+
+
+def test_labels_of_copies_are_counted_once(copied):
+    first, last = copied.ids[0], copied.ids[-1]
+    both = copied.answered({first: "good", last: "good"})
+    assert both.doubts == ("One answer alone gives no word: give a second one that agrees.",)
+    assert both.assumptions[-1] == "P(good) is learned from 1 label, each of which may be wrong."
+    said = [one for one in both.answered({copied.ids[1]: "good"}).assumptions if "is learned from" in one]
+    assert said == ["P(good) is learned from 2 labels, each of which may be wrong."]
+
+
+def test_an_answer_that_contradicts_an_earlier_one_is_refused(audit):
+    with pytest.raises(DataError, match="each is better than the other"):
+        audit.answered(pairs=[("d0", "d9")]).answered(pairs=[("d9", "d0")])
+
+
+def test_a_named_adversary_learns_from_labels_in_a_fit_alone():
+    with pytest.raises(DataError, match=r"give the labels to fit\(\)"):
+        make_audit(anchor="named adversary", finding="mixture").answered({0: "good"})
+
+
+def test_a_wrong_label_is_named_and_the_right_ones_are_not():
+    toy = make("random", 0, n_good=10, n_bad=10, steps=(60, 60))
+    right = {f"d{m}": "good" if m < 10 else "bad" for m in (0, 1, 2, 3, 10, 11, 12)}
+    audit = RPIL().fit(toy.demonstrations).audit_.answered(right | {"d13": "good"})
+    assert audit.contradicting == ("d13",)
+    assert audit.verdicts[13] != "good"
+
+
+def test_question_names_two_demonstrations_and_where_to_look(audit):
+    ratio = np.ones(80)
+    ratio[45:48] = -3.0
+    made = make_audit(("typical", "unlike"), lengths=[40, 40], step_log_ratio=ratio, pair=(0, 1))
+    assert question(made) == "Which is better: 0 or 1 (look at steps 5 to 7)?"
+    assert len(set(audit.pair)) == 2
+    good, bad = (TOY.ids.index(name) for name in audit.pair)
+    assert TOY.is_good[good]
+    assert not TOY.is_good[bad]
+
+
+def test_suggested_labels_have_no_label_yet(audit):
+    assert len(set(audit.suggest_labels(4))) == 4
+    assert audit.suggest_labels(2) == audit.suggest_labels(4)[:2]
+    known = audit.answered(dict.fromkeys(audit.suggest_labels(4), "good"))
+    assert not {*known.labelled} & {*known.suggest_labels(100)}
+    assert len(known.suggest_labels(100)) == len(audit.ids) - 4
+    with pytest.raises(DataError, match="ask for one at least"):
+        audit.suggest_labels(0)
+
+
+def test_without_columns_labels_are_asked_for_in_the_middle_of_the_ranking():
+    made = make_audit()
+    assert {made.index(name) for name in made.suggest_labels(2)} == set(made.ranking()[4:6].tolist())
+    labelled = make_audit(labels=dict.fromkeys(made.suggest_labels(2), 1))
+    assert {made.index(name) for name in labelled.suggest_labels(2)} == set(made.ranking()[[3, 6]].tolist())
+
+
+def test_weights_of_steps_follow_the_answers(audit):
+    answered = audit.answered(LABELS)
+    for name in ("d9", "d10"):
+        assert answered.step_weight[answered.steps(audit.index(name))].max() < 0.2
+    nobody = replace(audit, expert_proba=np.zeros(len(audit.ids))).answered(LABELS)
+    assert np.isfinite(nobody.step_weight).all()

@@ -1,0 +1,70 @@
+"""The sentences about the assumptions, and the warnings of a fit."""
+
+from __future__ import annotations
+
+import warnings
+
+import pytest
+from sklearn.exceptions import ConvergenceWarning
+
+from audits import make_audit
+from rpil.inference.findings import FINDINGS
+from rpil.results import assumptions
+from rpil.results.answering import NOT_USED
+from rpil.results.words import WORDS
+
+
+@pytest.mark.parametrize("finding", FINDINGS)
+@pytest.mark.parametrize("anchor", WORDS)
+def test_sentences_begin_with_the_finding_and_the_meaning_of_the_probability(finding, anchor):
+    sentences = assumptions.assumption_sentences(make_audit(finding=finding, anchor=anchor))
+    assert sentences[:2] == (FINDINGS[finding], WORDS[anchor].explanation)
+    assert len(sentences) == 3 + (anchor == "named adversary")
+    assert all(sentence.endswith(".") for sentence in sentences)
+
+
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [
+        ({"policy": assumptions.linear_policy("spline")}, "spline"),
+        ({"policy": assumptions.custom_policy("TorchPolicy")}, "TorchPolicy"),
+        ({"p_two_groups": 0.256}, "0.26"),
+        ({"expert_share": 0.75}, "0.75"),
+        ({"demonstrators": "Ann gave all."}, "Ann gave all."),
+    ],
+)
+def test_each_fact_adds_one_sentence(given, words):
+    plain, more = (assumptions.assumption_sentences(make_audit(), **options) for options in ({}, given))
+    (added,) = set(more) - set(plain)
+    assert words in added
+
+
+def test_labels_and_whole_demonstrations_are_assumptions_too():
+    audit = make_audit(anchor="named adversary", labels={0: 1, 1: 1, 2: -1})
+    sentences = assumptions.assumption_sentences(audit)
+    assert "A demonstration is good or bad as a whole." in sentences
+    assert "3 labels were taken as certain." in sentences
+
+
+def test_good_fit_gives_no_warning():
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        assumptions.warn_if_not_converged(True)
+    assert caught == []
+
+
+def test_warnings_name_the_remedy_and_point_at_the_caller():
+    with pytest.warns(ConvergenceWarning, match="raise max_iter or tol") as caught:
+        assumptions.warn_if_not_converged(False)
+    assert {record.filename for record in caught} == {__file__}
+
+
+def test_answers_and_doubts_are_told_in_the_place_of_what_was_not_used():
+    audit = make_audit(
+        anchor="answers", labels={0: 1, 1: -1}, doubts=("One part says most.",), notes=("Part 3 rests.",)
+    )
+    sentences = assumptions.assumption_sentences(audit)
+    assert {"One part says most.", "Part 3 rests."} <= set(sentences)
+    assert "P(good) is learned from 2 labels, each of which may be wrong." in sentences
+    assert NOT_USED not in sentences
+    assert NOT_USED in assumptions.assumption_sentences(make_audit())

@@ -1,0 +1,59 @@
+"""Facts beside the words: ranks by the columns of an audit, sessions and the order."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from rpil.inference.channels import CHANNELS, normal_scores
+from rpil.results.facts import RANKS, in_words, known_facts, ranks_beside
+
+UNKNOWN = np.empty((4, 0))
+
+
+def columns(**channels):
+    """The columns of four demonstrations: channels that are named, others of 0, and the group of scores."""
+    values = np.zeros((4, len(CHANNELS)))
+    for name, column in channels.items():
+        values[:, CHANNELS.index(name.replace("_", " "))] = column
+    return np.column_stack([normal_scores(values), np.full(4, 9.0)])
+
+
+@pytest.mark.parametrize(
+    ("channel", "fact", "ranks"),
+    [
+        ("length", "length", [0.125, 0.375, 0.625, 0.875]),
+        ("smoothness", "smoothness", [0.125, 0.375, 0.625, 0.875]),
+        ("motion", "pauses", [0.875, 0.625, 0.375, 0.125]),
+        ("short_path", "path", [0.875, 0.625, 0.375, 0.125]),
+        ("common_end", "unusual end", [0.875, 0.625, 0.375, 0.125]),
+    ],
+)
+def test_a_fact_is_the_rank_of_its_channel_and_grows_with_its_name(channel, fact, ranks):
+    found = known_facts(columns(**{channel: [1.0, 2.0, 3.0, 50.0]}), {}, (), None)
+    assert set(found) == set(RANKS)
+    assert found[fact] == pytest.approx(ranks)
+    assert all(values == pytest.approx([0.5] * 4) for name, values in found.items() if name != fact)
+
+
+def test_what_is_not_known_is_left_out():
+    assert known_facts(UNKNOWN, {}, (), None) == {}
+    assert known_facts(UNKNOWN, {}, ("mon", "mon", "tue", "tue"), None) == {"session": ("mon", "mon", "tue", "tue")}
+    assert known_facts(UNKNOWN, {}, (), np.array([7.5, 1.0, 9.0, 2.0])) == {"order": (3, 1, 4, 2)}
+
+
+def test_facts_from_which_nothing_is_learned():
+    measured = {"dynamics": np.array([-3.0, 9.0, -3.0, 1.0]), "time limit": np.array([1.0, 0.0, 1.0, 1.0])}
+    beside = ranks_beside(measured)
+    found = known_facts(UNKNOWN, beside, (), None)
+    assert found == {"dynamics": (0.25, 0.875, 0.25, 0.625), "time limit": (1, 0, 1, 1)}
+    assert [in_words(found, m) for m in (0, 1)] == ["dynamics 0.25, time limit reached", "dynamics 0.88"]
+    assert measured["dynamics"].tolist() == [-3.0, 9.0, -3.0, 1.0]
+    assert ranks_beside({}) == {}
+
+
+def test_facts_in_words():
+    found = known_facts(columns(length=[1.0, 2.0, 3.0, 4.0]), {}, ("mon", "mon", "tue\x1b", "tue"), np.arange(4.0))
+    ranks = "length 0.62, pauses 0.50, smoothness 0.50, path 0.50, unusual end 0.50"
+    assert in_words(found, 2) == f"{ranks}, session tue\\x1b, number 3 of 4 in order"
+    assert in_words({}, 0) == ""

@@ -1,0 +1,178 @@
+"""What leaving out would lose: named where one demonstration alone goes there, and hardly ever where all are alike."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+import pytest
+
+from rpil.data.demonstrations import Demonstrations
+from rpil.results.lost import lost_places
+
+NAMES = ("hand", "obs.3", "speed")
+
+
+def reaches(starts, rng, goal=1.0):
+    """One demonstration for each start, (M, 2), from there to the goal, with a third observation that is noise."""
+    episodes = []
+    for start in starts:
+        share = np.linspace(0, 1, 40)[:, None]
+        path = start + share * (goal - np.asarray(start)) + 0.01 * rng.normal(size=(40, 2))
+        episodes.append((np.hstack([path, rng.normal(size=(40, 1))]), rng.integers(2, size=40)))
+    return Demonstrations.from_episodes(episodes, observation_names=NAMES)
+
+
+def usual_starts(n, rng):
+    return rng.uniform([-0.5, -0.5], [0.5, 0.4], size=(n, 2))
+
+
+def test_the_only_one_that_starts_somewhere_is_named_with_its_observation():
+    rng = np.random.default_rng(0)
+    starts = np.vstack([usual_starts(30, rng), [[0.0, 4.0]]])
+    demonstrations = reaches(starts, rng)
+    highest = max(demonstrations.episode(m)[0][0, 1] for m in range(30) if m not in (3, 5))
+    kept = [m for m in range(30) if m not in (3, 5)]
+    assert lost_places(demonstrations, kept) == (
+        f"No kept demonstration starts with obs.3 above {np.ceil(highest * 1000) / 1000:.3f}; 30 does.",
+    )
+    assert lost_places(demonstrations, [*kept, 30]) == ()
+
+
+def test_several_that_start_there_share_a_sentence_and_one_that_is_kept_is_enough():
+    rng = np.random.default_rng(1)
+    starts = np.vstack([usual_starts(30, rng), [[-5.0, 0.0], [-5.2, 0.1], [-4.9, -0.1]]])
+    demonstrations = reaches(starts, rng)
+    (found,) = lost_places(demonstrations, range(30))
+    assert re.fullmatch(r"No kept demonstration starts with hand below -0\.\d+; 30, 31 and 32 do\.", found)
+    assert lost_places(demonstrations, range(31)) == ()
+
+
+def test_states_that_nobody_else_reaches_are_named_where_the_start_is_usual():
+    rng = np.random.default_rng(2)
+    usual = reaches(usual_starts(25, rng), rng)
+    detour = usual.episode(4)[0].copy()
+    detour[5:, 0] -= 6
+    episodes = [*usual, (detour, usual.episode(4)[1])]
+    (found,) = lost_places(Demonstrations.from_episodes(episodes, observation_names=NAMES), range(25))
+    lowest = min(observations[:, 0].min() for observations, _ in usual)
+    assert found == f"No kept demonstration reaches hand below {np.floor(lowest * 1000) / 1000:.3f}; 25 does."
+
+
+def test_a_hole_within_all_ranges_is_named_without_an_observation():
+    rng = np.random.default_rng(3)
+    angle = np.linspace(0, 2 * np.pi, 60, endpoint=False)
+    starts = [*(9 * np.column_stack([np.cos(angle), np.sin(angle)])), [0.0, 0.0]]
+    episodes = [(np.tile(start, (5, 1)) + 0.01 * rng.normal(size=(5, 2)), np.zeros(5, int)) for start in starts]
+    found = lost_places(Demonstrations.from_episodes(episodes), range(60))
+    assert found == ("No kept demonstration starts near the start of 60.",)
+
+
+def test_columns_without_a_name_are_called_observations():
+    rng = np.random.default_rng(4)
+    starts = [*rng.normal(size=(20, 1)), [50.0]]
+    episodes = [(start + rng.normal(size=(30, 1)), np.zeros(30, int)) for start in starts]
+    (found,) = lost_places(Demonstrations.from_episodes(episodes), range(20))
+    assert found.startswith("No kept demonstration starts with observation 0 above ")
+
+
+@pytest.mark.parametrize(("n", "width", "n_left_out"), [(30, 6, 10), (30, 6, 25), (100, 4, 10), (12, 2, 4)])
+def test_demonstrations_that_are_alike_hardly_ever_lose_a_place(n, width, n_left_out):
+    alarms = 0
+    for seed in range(20):
+        rng = np.random.default_rng(seed)
+        episodes = []
+        for _ in range(n):
+            x = rng.normal(size=(int(rng.integers(30, 80)), width))
+            for t in range(1, len(x)):
+                x[t] = 0.95 * x[t - 1] + 0.3 * x[t]
+            episodes.append((x, np.zeros(len(x), int)))
+        alarms += bool(lost_places(Demonstrations.from_episodes(episodes), rng.permutation(n)[n_left_out:].tolist()))
+    assert alarms <= 1
+
+
+def test_units_change_nothing():
+    rng = np.random.default_rng(5)
+    demonstrations = reaches(np.vstack([usual_starts(20, rng), [[0.0, 4.0]], usual_starts(5, rng)]), rng)
+    millimetres = [(observations * [1000, 1, 0.001], actions) for observations, actions in demonstrations]
+    changed = Demonstrations.from_episodes(millimetres, observation_names=NAMES)
+    assert lost_places(changed, range(20)) == lost_places(demonstrations, range(20)) != ()
+
+
+def test_more_states_than_are_compared():
+    rng = np.random.default_rng(6)
+    starts = np.vstack([usual_starts(300, rng), [[0.0, 9.0]]])
+    (found,) = lost_places(reaches(starts, rng), range(300))  # 12,000 states
+    assert found.startswith("No kept demonstration starts with obs.3 above 0.")
+
+
+def test_equal_starts_and_columns_that_never_change_are_no_place():
+    rng = np.random.default_rng(7)
+    episodes = [(np.hstack([np.arange(20)[:, None], np.ones((20, 1))]), rng.integers(2, size=20)) for _ in range(8)]
+    assert lost_places(Demonstrations.from_episodes(episodes), range(5)) == ()
+
+
+def test_nothing_is_said_where_nothing_is_left_out_or_too_few_are_kept():
+    rng = np.random.default_rng(8)
+    demonstrations = reaches(np.vstack([usual_starts(5, rng), [[0.0, 40.0]]]), rng)
+    assert lost_places(demonstrations, range(6)) == ()
+    assert lost_places(demonstrations, range(2)) == ()
+    assert lost_places(demonstrations, []) == ()
+
+
+def test_ids_are_compared_as_text_and_many_are_cut_short():
+    rng = np.random.default_rng(9)
+    starts = np.vstack([usual_starts(30, rng), np.array([[0.0, 9.0]]) + 0.1 * rng.normal(size=(8, 2))])
+    (found,) = lost_places(reaches(starts, rng), [str(m) for m in range(30)])
+    assert found.startswith("No kept demonstration starts with obs.3 above 0.")
+    assert found.endswith("; 30, 31, 32, 33, 34 and 3 more do.")
+
+
+@pytest.mark.parametrize(("scale", "offset"), [(1, 0), (10, 1234.4), (0.1, 5e6), (1, -1e4)])
+@pytest.mark.parametrize("kind", [np.float64, np.float32])
+def test_no_kept_one_is_beyond_the_bound_and_each_that_is_named_is(scale, offset, kind):
+    rng = np.random.default_rng(10)
+    starts = [*rng.normal(size=40), 30.0, 34.0, -30.0]
+    episodes = [
+        ((offset + scale * (start + rng.normal(size=(20, 1)))).astype(kind), np.zeros(20, int)) for start in starts
+    ]
+    first = [float(observations[0, 0]) for observations, _ in episodes]
+    found = lost_places(Demonstrations.from_episodes(episodes), range(40))
+    parts = [re.search(r"(above|below) (\S+); (.+) do", sentence).groups() for sentence in found]
+    assert sorted((side, who) for side, _, who in parts) == [("above", "40 and 41"), ("below", "42")]
+    for side, bound, who in parts:
+        sign = 1 if side == "above" else -1
+        assert all(sign * value <= sign * float(bound) for value in first[:40])
+        assert all(sign * first[int(name)] > sign * float(bound) for name in who.split(" and "))
+
+
+def test_where_two_are_left_out_in_the_same_place_each_sentence_is_true():
+    rng = np.random.default_rng(11)
+    starts = np.vstack([0.3 * rng.normal(size=(10, 2)), [[20.0, 25.0], [25.0, 20.0]]])
+    episodes = [(start + 0.3 * rng.normal(size=(20, 2)), np.zeros(20, int)) for start in starts]
+    found = lost_places(Demonstrations.from_episodes(episodes), range(10))
+    assert sorted(re.sub(r"above \S+;", "above x;", sentence) for sentence in found) == [
+        "No kept demonstration starts with observation 0 above x; 11 does.",
+        "No kept demonstration starts with observation 1 above x; 10 does.",
+    ]
+
+
+def test_states_in_a_hole_are_named_without_an_observation():
+    rng = np.random.default_rng(12)
+    angle = np.linspace(0, 2 * np.pi, 40)
+    circle = np.column_stack([np.cos(angle), np.sin(angle)])
+    episodes = [(circle + 0.01 * rng.normal(size=(40, 2)), np.zeros(40, int)) for _ in range(12)]
+    inside = np.where(np.arange(40)[:, None] == 0, circle, 0.05 * circle)
+    found = lost_places(Demonstrations.from_episodes([*episodes, (inside, np.zeros(40, int))]), range(12))
+    assert found == ("No kept demonstration comes near half of the states of 12.",)
+
+
+@pytest.mark.parametrize("shift", [60, -60])
+def test_whole_numbers_without_a_sign(shift):
+    rng = np.random.default_rng(13)
+    rows = [rng.integers(100, 120, size=(20, 3)) + shift * (m == 11) for m in range(12)]
+    signed, unsigned = (
+        Demonstrations.from_episodes([(row.astype(kind), np.zeros(20, int)) for row in rows])
+        for kind in (np.int64, np.uint8)
+    )
+    assert lost_places(unsigned, range(11)) == lost_places(signed, range(11)) != ()

@@ -1,0 +1,51 @@
+"""An audit as text: about eight lines, each true."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from audits import make_audit
+from rpil.inference.findings import FINDINGS
+from rpil.results.overview import counts, overview_text, shortened
+
+
+def test_the_text_names_finding_words_doubts_question_and_the_lowest_three():
+    audit = make_audit(ids=list("abcdefghij"), doubts=("One reason.", "Another."), pair=("a", "j"))
+    finding, words, doubt, question, head, *lowest, last = overview_text(audit).splitlines()
+    assert finding == f"Audit: some are unlike. {FINDINGS['some are unlike']}"
+    assert words == f"10 demonstrations, {audit.offsets[-1]:,} steps: 5 typical, 1 open, 4 unlike."
+    assert doubt == "Doubt: One reason. (1 more in doubts)"
+    assert question == f"Question: {audit.question}"
+    assert head == "The lowest 3 by log-odds, of 10:"
+    names = [line.split()[0] for line in lowest]
+    assert names == [audit.ids[m] for m in np.argsort(audit.log_odds)[:3]]
+    m = audit.index(names[0])
+    assert f"unlike, P(typical) {audit.expert_proba[m]:.2f}, log-odds {audit.log_odds[m]:+.1f}" in lowest[0]
+    assert "to_frame()" in last
+
+
+def test_without_doubts_and_question_there_are_fewer_lines():
+    text = overview_text(make_audit())
+    assert len(text.splitlines()) == 7
+    assert "Doubt" not in text
+    assert "Question" not in text
+
+
+def test_the_words_are_those_of_the_anchor():
+    audit = make_audit(("good",) * 2 + ("bad",), anchor="answers", finding="answered", lengths=[700, 700, 1])
+    assert counts(audit) == "3 demonstrations, 1,401 steps: 2 good, 0 open, 1 bad."
+    assert "bad, P(good)" in overview_text(audit)
+
+
+def test_one_demonstration_has_no_plural():
+    assert counts(make_audit(("open",), lengths=[5])).startswith("1 demonstration, 5 steps")
+
+
+def test_names_stay_in_one_short_line():
+    assert shortened("a\nb\tc") == "a b c"
+    assert shortened("x" * 41) == "x" * 37 + "..."
+    assert shortened("x" * 40) == "x" * 40
+    assert shortened(7) == "7"
+    audit = make_audit(("open",) * 3, ids=["a\nb", "x" * 500, "\u202e"])
+    assert len(overview_text(audit).splitlines()) == 7
+    assert max(map(len, overview_text(audit).splitlines())) < 120

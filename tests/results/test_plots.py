@@ -1,0 +1,187 @@
+"""The pictures show the numbers of the audit, on the axes that they are given."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import matplotlib
+import numpy as np
+import pytest
+from matplotlib.colors import to_hex
+from matplotlib.figure import Figure
+
+from audits import make_audit
+from rpil.data.errors import DataError
+from rpil.results import plots
+from rpil.results.words import SIDES
+
+AUDIT_DISPLAYS = [
+    *(plots.RankingDisplay, plots.LengthDisplay, plots.TimelineDisplay, plots.SessionsDisplay, plots.HistoryDisplay)
+]
+
+
+@pytest.fixture(autouse=True)
+def closed_figures() -> Iterator[None]:
+    matplotlib.use("Agg")
+    import matplotlib.pyplot as plt
+
+    yield
+    plt.close("all")
+
+
+def test_importing_plots_does_not_import_matplotlib() -> None:
+    code = "import sys, rpil.results.plots; sys.exit('matplotlib' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+@pytest.mark.parametrize("display", AUDIT_DISPLAYS)
+def test_display_draws_on_given_axes_without_pyplot(display: type) -> None:
+    import matplotlib.pyplot as plt
+
+    ax = Figure().subplots()
+    shown = display.from_audit(make_audit(), ax=ax)
+    assert shown.ax_ is ax
+    assert shown.figure_ is ax.figure
+    assert plt.get_fignums() == []
+
+
+@pytest.mark.parametrize("display", AUDIT_DISPLAYS)
+def test_display_makes_a_new_figure_at_each_plot(display: type) -> None:
+    shown = display.from_audit(make_audit())
+    first = shown.figure_
+    assert shown.plot() is shown
+    assert shown.figure_ is not first
+
+
+def test_running_mean_is_the_mean_of_the_window_cut_at_the_ends() -> None:
+    values = np.array([1.0, 2.0, 6.0, 3.0])
+    np.testing.assert_allclose(plots.running_mean(values, 3), [1.5, 3.0, 11 / 3, 4.5])
+    np.testing.assert_allclose(plots.running_mean(values), values)
+    np.testing.assert_allclose(plots.running_mean(values, 100), np.full(4, 3.0))
+
+
+def test_ranking_shows_every_demonstration_in_order_with_its_interval_and_colour() -> None:
+    audit = make_audit()
+    ax = plots.RankingDisplay.from_audit(audit).ax_
+    order = audit.ranking()
+    assert [text.get_text() for text in ax.get_yticklabels()] == [str(audit.ids[m]) for m in order]
+    assert ax.yaxis_inverted()
+    for line, bars in zip(ax.lines, ax.collections, strict=True):
+        verdict = line.get_label().split()[0]
+        assert line.get_color() == plots.COLOURS[SIDES[verdict]] == to_hex(bars.get_color()[0])
+        rows = line.get_ydata()
+        assert all(audit.verdicts[order[row]] == verdict for row in rows)
+        np.testing.assert_array_equal(line.get_xdata(), audit.reliability[order[rows]])
+        ends = [segment[:, 0] for segment in bars.get_segments()]
+        np.testing.assert_array_equal(ends, audit.reliability_interval[order[rows]])
+    assert [text.get_text() for text in ax.get_legend().texts] == ["typical (5)", "open (1)", "unlike (4)"]
+
+
+def test_ranking_by_log_odds_keeps_labelled_demonstrations_in_the_picture() -> None:
+    audit = make_audit(("typical", "typical", "unlike"), log_odds=np.array([np.inf, 4.0, -np.inf]))
+    ax = plots.RankingDisplay.from_audit(audit, quantity="log_odds").ax_
+    drawn = np.concatenate(
+        [line.get_xdata() for line in ax.lines if line.get_label().startswith(("typical", "unlike"))]
+    )
+    np.testing.assert_array_equal(drawn, [8.0, 4.0, -8.0])
+
+
+def test_ranking_of_many_demonstrations_shows_ranks_and_no_ids() -> None:
+    ax = plots.RankingDisplay.from_audit(make_audit(("typical", "unlike") * 50)).ax_
+    assert ax.get_ylabel() == "Rank"
+    assert len(ax.get_yticks()) < 20
+
+
+def test_ranking_refuses_an_unknown_quantity() -> None:
+    with pytest.raises(ValueError, match="'reliability' or 'log_odds'"):
+        plots.RankingDisplay.from_audit(make_audit(), quantity="trust")
+
+
+def test_length_shows_reliability_against_steps() -> None:
+    audit = make_audit()
+    ax = plots.LengthDisplay.from_audit(audit).ax_
+    drawn = {tuple(point) for line in ax.lines for point in line.get_xydata()}
+    assert drawn == set(zip(audit.lengths.astype(float), audit.reliability, strict=True))
+    assert ax.get_xscale() == "linear"
+    assert plots.LengthDisplay.from_audit(make_audit(("typical",) * 2, lengths=[10, 900])).ax_.get_xscale() == "log"
+
+
+def test_timeline_marks_the_worst_steps_of_the_demonstration_asked_for() -> None:
+    audit = make_audit(ids="abcdefghij", lengths=[500] * 10)
+    ax = plots.TimelineDisplay.from_audit(audit, demonstration="h").ax_
+    ratio = audit.step_log_ratio[audit.offsets[7] : audit.offsets[8]]
+    points, _, mean, marks = ax.lines
+    np.testing.assert_array_equal(points.get_ydata(), ratio)
+    np.testing.assert_allclose(mean.get_ydata(), plots.running_mean(ratio))
+    assert list(marks.get_xdata()) == audit.worst_steps(7)
+    assert str(audit.worst_steps(7)[0]) in [text.get_text().strip() for text in ax.texts]
+    assert ax.get_title() == "Demonstration h"
+
+
+def test_timeline_shows_the_least_trusted_demonstration_by_default() -> None:
+    audit = make_audit()
+    ax = plots.TimelineDisplay.from_audit(audit).ax_
+    assert ax.get_title() == f"Demonstration {audit.ids[audit.ranking()[-1]]}"
+
+
+def test_timeline_of_an_unknown_demonstration_is_refused() -> None:
+    with pytest.raises(DataError, match=r"No demonstration is called 'x'; choose one of the ids 0, 1, 2, 3, 4, \.\.\."):
+        plots.TimelineDisplay.from_audit(make_audit(), demonstration="x")
+
+
+def test_history_shows_the_objective_of_every_round() -> None:
+    audit = make_audit()
+    (line,) = plots.HistoryDisplay.from_audit(audit).ax_.lines
+    np.testing.assert_array_equal(line.get_xdata(), np.arange(1, 6))
+    np.testing.assert_array_equal(line.get_ydata(), audit.history)
+
+
+@pytest.mark.parametrize("display", [plots.RankingDisplay, plots.TimelineDisplay])
+def test_names_are_text_and_not_formulas(display: type, tmp_path: Path) -> None:
+    audit = make_audit(("typical", "unlike"), ids=("$\\frac$ \ud800", "cost $5$ \x07"))
+    shown = display.from_audit(audit)
+    texts = [*shown.ax_.get_yticklabels(), shown.ax_.title]
+    assert r"cost $5$ \x07" in {text.get_text().removeprefix("Demonstration ") for text in texts}
+    for ending in ("png", "svg"):
+        shown.figure_.savefig(tmp_path / f"picture.{ending}")
+    assert "cost $5$" in (tmp_path / "picture.svg").read_text(encoding="utf-8")
+
+
+def drawn(display: plots.SessionsDisplay) -> dict[float, float]:
+    """The log-odds at each place."""
+    dots = [line for line in display.ax_.lines if line.get_marker() == "o"]
+    return {x: y for line in dots for x, y in zip(*line.get_data(), strict=True)}
+
+
+def test_sessions_are_drawn_one_after_the_other_in_the_order_of_recording() -> None:
+    sessions = ("late",) * 3 + ("early", "late") + ("early",) * 5
+    order = np.array([9.0, 7.5, 8.0, 1.0, 7.0, 2.0, 3.0, 4.0, 5.0, 6.0])
+    audit = make_audit(sessions=sessions, order=order)
+    shown = plots.SessionsDisplay.from_audit(audit)
+    by_place = [3, 5, 6, 7, 8, 9, 4, 1, 2, 0]
+    assert drawn(shown) == dict(enumerate(audit.log_odds[by_place].tolist()))
+    bounds = [line.get_xdata()[0] for line in shown.ax_.lines if line.get_linestyle() == ":"]
+    assert bounds == [5.5]
+    assert [text.get_text() for text in shown.ax_.get_xticklabels()] == ["early", "late"]
+
+
+def test_without_sessions_the_order_of_the_data_is_drawn() -> None:
+    audit = make_audit()
+    shown = plots.SessionsDisplay.from_audit(audit)
+    assert drawn(shown) == dict(enumerate(audit.log_odds.tolist()))
+    assert shown.ax_.get_xlabel() == "Place in the data"
+    assert not [line for line in shown.ax_.lines if line.get_linestyle() == ":"]
+
+
+def test_an_audit_draws_its_pictures() -> None:
+    audit, ax = make_audit(ids=list("abcdefghij")), Figure().subplots()
+    assert isinstance(audit.plot.ranking(quantity="log_odds"), plots.RankingDisplay)
+    shown = audit.plot.steps("d", ax=ax)
+    assert shown.ax_ is ax
+    assert ax.get_title() == "Demonstration d"
+    assert isinstance(audit.plot.sessions(), plots.SessionsDisplay)
+    with pytest.raises(DataError, match="No demonstration is called 'z'"):
+        audit.plot.steps("z")

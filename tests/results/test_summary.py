@@ -1,0 +1,157 @@
+"""From a posterior to verdicts, step weights and demonstrators, by rules that are written down."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.special import logit
+
+from audits import make_audit
+from problems import make, pooled_state
+from rpil.data.demonstrators import Demonstrators
+from rpil.data.fit_data import FitData
+from rpil.data.spaces import Box, Discrete
+from rpil.inference.claims import Doubt
+from rpil.mixture.em import Posterior, Result, run_em
+from rpil.mixture.settings import MixtureSettings
+from rpil.results.record import Audit, Interval
+from rpil.results.settings import AuditSettings
+from rpil.results.step_weights import is_anyone_trusted, step_weight, typical_reliability
+from rpil.results.summary import (
+    audit_from_mixture,
+    doubt_sentence,
+    rank_demonstrators,
+)
+
+SHARE = Interval(0.3, 0.2, 0.4)
+IDS = ("a", "b", "c", "d", "e")
+LENGTHS = np.array([3, 1, 4, 2, 5])
+
+
+def mixture_audit(
+    log_odds: tuple[float, ...], labels: tuple[int, ...] = (0,) * 5, settings: AuditSettings = AuditSettings()
+) -> Audit:
+    """The audit of five demonstrations with these posterior log-odds."""
+    offsets = np.concatenate([[0], np.cumsum(LENGTHS)])
+    n = int(offsets[-1])
+    data = FitData(np.ones((n, 1)), np.zeros(n, dtype=int), offsets, Discrete(3), np.array(labels))
+    state = pooled_state(data, "uniform")
+    posterior = Posterior(np.array(log_odds), np.zeros(5), np.zeros(5), np.linspace(-1, 1, n), np.zeros((n, 3)))
+    result = Result(state, posterior, np.array([-2.0, -1.0]), True)
+    return audit_from_mixture(data, result, SHARE, IDS, settings)
+
+
+def test_verdicts_change_at_the_thresholds():
+    edge = float(logit(0.9))
+    audit = mixture_audit((edge + 1e-6, edge - 1e-6, 0.0, -edge + 1e-6, -edge - 1e-6))
+    assert audit.verdicts == ("expert", "open", "open", "open", "adversary")
+    assert (audit.anchor, audit.finding, audit.words.probability) == ("named adversary", "mixture", "P(expert)")
+    np.testing.assert_allclose(audit.expert_proba, 1 / (1 + np.exp(-audit.log_odds)))
+
+
+def test_verdict_threshold_is_a_setting():
+    audit = mixture_audit((1.0, -1.0, 0.1, -0.1, 0.0), settings=AuditSettings(min_verdict_proba=0.6))
+    assert audit.verdicts == ("expert", "adversary", "open", "open", "open")
+
+
+def test_labels_are_as_good_as_certain():
+    audit = mixture_audit((-50.0, 50.0, -1.0, 1.0, 3.0), labels=(1, -1, 1, -1, 0))
+    assert audit.verdicts == ("expert", "adversary", "expert", "adversary", "expert")
+    assert audit.labelled == ("a", "b", "c", "d")
+    np.testing.assert_allclose(audit.log_odds, [50.0, -50.0, 20.0, -20.0, 3.0])
+    np.testing.assert_allclose(sum(audit.evidence.values()), audit.log_odds)
+
+
+def test_infinite_log_odds_become_finite():
+    audit = mixture_audit((np.inf, -np.inf, 0.0, 1e6, -1e6), labels=(0, 0, 0, 0, 1))
+    assert np.isfinite(audit.log_odds).all()
+    assert audit.verdicts[:2] == ("expert", "adversary")
+    np.testing.assert_allclose(audit.log_odds[2:], [0.0, 1e6, 1e6])
+
+
+def test_mixture_trusts_all_steps_of_a_demonstration_alike():
+    audit = mixture_audit((50.0, -50.0, 0.0, 2.0, -2.0))
+    assert audit.identifiable
+    assert audit.prior == SHARE
+    np.testing.assert_array_equal(audit.reliability, audit.expert_proba)
+    np.testing.assert_array_equal(audit.reliability_interval, audit.expert_proba[:, None] * [1, 1])
+    np.testing.assert_array_equal(audit.step_weight, np.repeat(audit.expert_proba, LENGTHS))
+
+
+def test_audit_keeps_the_history_and_the_adversary_of_em():
+    toy = make("random", 0)
+    data = toy.problem()
+    result = run_em(data, pooled_state(data, "uniform"), MixtureSettings(max_iter=5))
+    audit = audit_from_mixture(data, result, SHARE, toy.ids, AuditSettings())
+    assert audit.adversary == "uniform"
+    np.testing.assert_array_equal(audit.history, result.history)
+
+
+def test_a_doubt_names_demonstrations_and_the_column_of_the_action():
+    data = FitData(
+        np.ones((5, 1)), np.zeros((5, 2)), np.arange(6), Box(np.zeros(2), np.ones(2)), np.zeros(5, dtype=int)
+    )
+    doubt = Doubt("{members}: part {part}.", np.array([3, 1]), 1)
+    assert doubt_sentence(doubt, IDS, data) == "d, b: part 1."
+    named = replace(data, action_names=("pan", "lift\x1b"))
+    assert doubt_sentence(doubt, IDS, named) == "d, b: part lift\\x1b."
+    assert doubt_sentence(replace(doubt, sentence="{members}.", part=None), IDS, named) == "d, b."
+
+
+def split_weights(
+    proba: list[float], reliability: list[float], settings: AuditSettings = AuditSettings()
+) -> tuple[list[np.ndarray], list[np.ndarray]]:
+    """Weights of the steps of each demonstration, and P(the step is an expert's) of each."""
+    step, ends = np.linspace(0, 1, 15), np.cumsum(LENGTHS)[:-1]
+    weight = step_weight(LENGTHS, np.array(proba), np.array(reliability), step, settings)
+    return np.split(weight, ends), np.split(step, ends)
+
+
+def test_steps_of_a_reliable_expert_have_the_full_weight():
+    weight, step = split_weights([1.0, 0.0, 1.0, 0.0, 0.5], [1.0, 1.0, 0.5, 0.5, 0.9])
+    np.testing.assert_allclose(weight[0], 1.0)
+    np.testing.assert_allclose(weight[1], 0.0, atol=1e-12)
+    np.testing.assert_allclose(weight[2], step[2])
+    np.testing.assert_allclose(weight[3], 0.0, atol=1e-12)
+    np.testing.assert_allclose(weight[4], 0.5)
+
+
+def test_full_weight_reliability_is_a_setting():
+    settings = AuditSettings(full_weight_reliability=0.4)
+    weight, _ = split_weights([1.0, 0.0, 1.0, 0.0, 0.5], [1.0, 1.0, 0.5, 0.5, 0.9], settings)
+    np.testing.assert_allclose(weight[2], 1.0)
+
+
+def test_full_weight_is_relative_to_a_typical_expert():
+    """Where the typical expert is only half reliable, the policy misfits: all steps of such experts count in full."""
+    weight, step = split_weights([1.0, 1.0, 1.0, 1.0, 0.0], [0.5, 0.5, 0.5, 0.1, 0.5])
+    for m in range(3):
+        np.testing.assert_allclose(weight[m], 1.0)
+    np.testing.assert_allclose(weight[3], step[3])
+    np.testing.assert_allclose(weight[4], 0.0, atol=1e-12)
+
+
+def test_weights_are_empty_where_steps_are_not_kept():
+    assert step_weight(LENGTHS, np.ones(5), np.ones(5), np.empty(0), AuditSettings()).shape == (0,)
+
+
+@pytest.mark.parametrize(("proba", "trusted"), [(0.0, False), (0.06, False), (0.07, True), (1.0, True)])
+def test_someone_is_trusted_from_one_expected_step(proba, trusted):
+    expert_proba = np.full(5, proba)  # times 15 steps
+    assert is_anyone_trusted(expert_proba, LENGTHS) is trusted
+    assert typical_reliability(np.full(5, 0.7), expert_proba, LENGTHS) == (0.7 if trusted else 1.0)
+
+
+def test_demonstrators_are_ranked_by_trust_and_counted_by_verdict():
+    demonstrators = Demonstrators.from_names(["Ann", "Bob", "Ann", None, "Bob"])
+    trust = np.array([[0.2, 0.1, 0.3], [0.8, 0.7, 0.9], [0.5, 0.0, 1.0]])
+    bob, ann = rank_demonstrators(demonstrators, trust, IDS)
+    assert (bob.name, bob.demonstrations) == ("Bob", (IDS[1], IDS[4]))
+    assert (ann.name, ann.demonstrations) == ("Ann", (IDS[0], IDS[2]))
+    audit = make_audit(("unlike", "typical", "open", "typical", "typical"), ids=IDS, demonstrators=(bob, ann))
+    assert audit.verdict_counts(bob.demonstrations) == {"typical": 2, "open": 0, "unlike": 0}
+    assert audit.verdict_counts(ann.demonstrations) == {"typical": 0, "open": 1, "unlike": 1}
+    assert bob.trust == Interval(0.8, 0.7, 0.9)
+    assert rank_demonstrators(Demonstrators(), trust, IDS) == ()

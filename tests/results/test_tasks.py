@@ -1,0 +1,68 @@
+"""Several tasks: what was found within each comes back at the right place, and single demonstrations stay open."""
+
+import numpy as np
+
+from audits import make_audit
+from rpil.results.tasks import ALONE, join_audits, split_by_task
+
+
+def test_each_demonstration_keeps_what_its_own_task_says():
+    lift, turn = make_audit(), make_audit(ids=[f"t{m}" for m in range(10)])
+    ids = [name for pair in zip(lift.ids, turn.ids, strict=True) for name in pair] + ["alone"]
+    tasks = dict.fromkeys(map(str, lift.ids), "lift") | dict.fromkeys(turn.ids, "turn") | {"alone": "push"}
+    places = split_by_task(ids, tasks)
+    assert places == {"lift": [*range(0, 20, 2)], "turn": [*range(1, 20, 2)], "push": [20]}
+    lengths = [*np.ravel([lift.lengths, turn.lengths], order="F"), 7]
+    offsets = np.concatenate([[0], np.cumsum(lengths)])
+    audit = join_audits({"lift": lift, "turn": turn}, places, ids, offsets)
+    assert audit.ids == tuple(ids)
+    for part, rows in ((lift, places["lift"]), (turn, places["turn"])):
+        assert [audit.verdicts[m] for m in rows] == [*part.verdicts]
+        assert [audit.reasons[m] for m in rows] == [*part.reasons]
+        np.testing.assert_array_equal(audit.log_odds[rows], part.log_odds)
+        np.testing.assert_array_equal(audit.reliability_interval[rows], part.reliability_interval)
+        for k, m in enumerate(rows):
+            np.testing.assert_array_equal(audit.step_weight[audit.steps(m)], part.step_weight[part.steps(k)])
+            assert audit.worst_steps(m) == part.worst_steps(k)
+    assert (audit.verdicts[20], audit.expert_proba[20], audit.reasons[20]) == ("open", 0.5, ALONE)
+    assert audit.finding == lift.finding
+    assert audit.assumptions[0] == (
+        f"Demonstrations are judged within their tasks: lift (10: {lift.finding}), turn (10: {turn.finding}), "
+        "push (1: not judged)."
+    )
+
+
+def test_facts_stay_with_their_tasks():
+    steps = {"lengths": [1, 1]}
+    one = make_audit(
+        ("open",) * 2, **steps, beside={"dynamics": np.array([0.75, 0.25]), "time limit": np.array([0.0, 1.0])}
+    )
+    other = make_audit(("open",) * 2, **steps, ids="ab", beside={"dynamics": np.array([0.25, 0.75])})
+    places = {"one": [0, 2], "other": [1, 3], "alone": [4]}
+    audit = join_audits({"one": one, "other": other}, places, [0, "a", 1, "b", "c"], np.arange(6))
+    assert audit.facts == {"dynamics": (0.75, 0.25, 0.25, 0.75, 0.5), "time limit": (0, 0, 1, 0, 0)}
+
+
+def test_without_any_audit_nothing_is_known():
+    audit = join_audits({}, {"a": [0], "b": [1]}, ["x", "y"], np.array([0, 2, 5]))
+    assert audit.finding == "nothing could be learned"
+    assert audit.verdicts == ("open", "open")
+    assert audit.to_dict()["n_steps"] == 5
+
+
+def test_copies_and_notes_keep_their_tasks():
+    steps, same = {"lengths": [1, 1]}, "One demonstration is a copy of 1 other: each is judged once."
+    one = make_audit(("open",) * 2, **steps, notes=(same, "Part 3 rests."), copy_of=np.array([0, 0]))
+    other = make_audit(("open",) * 2, **steps, ids="ab", notes=(same,), copy_of=np.array([0, 0]))
+    places = {"one": [0, 2], "other": [1, 3], "alone": [4]}
+    audit = join_audits({"one": one, "other": other}, places, [0, "a", 1, "b", "c"], np.arange(6))
+    assert audit.copy_of.tolist() == [0, 1, 0, 1, 4]
+    assert audit.notes == (same, "one: Part 3 rests.")
+
+
+def test_a_note_names_five_tasks_at_most():
+    noted = make_audit(("open",), lengths=[1], notes=("Part 3 rests.",))
+    audits = {f"block\x1b {k}": noted for k in range(9)} | {"other": make_audit(("open",), lengths=[1])}
+    audit = join_audits(audits, {task: [m] for m, task in enumerate(audits)}, range(10), np.arange(11))
+    names = ", ".join(rf"block\x1b {k}" for k in range(5))
+    assert audit.notes == (f"{names} and 4 more: Part 3 rests.",)

@@ -1,0 +1,29 @@
+"""Names from data are shown as they are, but for characters that cannot be seen."""
+
+from __future__ import annotations
+
+import pytest
+
+from rpil.results.text import listed, printable
+
+
+@pytest.mark.parametrize(
+    ("name", "shown"),
+    [
+        (7, "7"),
+        ("naïve 漢字", "naïve 漢字"),
+        ("two\nlines\tand a tab", "two\nlines\tand a tab"),
+        ("\x1b[31mred", r"\x1b[31mred"),
+        ("right \u202e left", r"right \u202e left"),
+        ("half \ud800", r"half \ud800"),
+    ],
+)
+def test_invisible_characters_are_escaped(name, shown):
+    assert printable(name) == shown
+    printable(name).encode("utf-8")
+
+
+def test_five_names_are_listed_and_the_others_counted():
+    assert listed(["a"]) == "a"
+    assert listed([1, "b\x1b", 3]) == r"1, b\x1b and 3"
+    assert listed(range(1005)) == "0, 1, 2, 3, 4 and 1,000 more"

@@ -1,0 +1,72 @@
+"""Verdicts as files: all formats hold the same rows, and the list to keep holds the trusted ids."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pyarrow as pa
+import pyarrow.csv
+import pyarrow.parquet as pq
+import pytest
+
+from audits import make_audit
+from rpil.data.errors import DataError
+from rpil.results.verdict_table import write_kept, write_verdicts
+
+COLUMNS = [
+    "id", "verdict", "expert_proba", "log_odds", "from_actions", "from_demonstrator", "from_label", "reliability",
+    "demonstrator", "task", "n_steps", "faults", "reason", "run",
+]  # fmt: skip
+
+
+def read_rows(path: Path) -> list[dict[str, object]]:
+    if path.suffix == ".json":
+        return list(json.loads(path.read_text(encoding="utf-8")))
+    if path.suffix == ".parquet":
+        return list(pq.read_table(path).to_pylist())
+    return list(pa.csv.read_csv(path).to_pylist())
+
+
+@pytest.mark.parametrize("extension", [".csv", ".parquet", ".json"])
+@pytest.mark.parametrize("ids", [None, ["a,b", 'say "x"', "é", "01", "=1", "5", "6", "7", "8", "9"]])
+def test_every_format_holds_one_row_for_each_demonstration(tmp_path, extension, ids):
+    audit = make_audit(ids=ids)
+    path = tmp_path / f"verdicts{extension}"
+    write_verdicts(path, audit, {str(audit.ids[2]): "Ann"}, tasks={str(audit.ids[3]): "lift"})
+    rows = read_rows(path)
+    assert list(rows[0]) == COLUMNS
+    quote = "'" if extension == ".csv" else ""  # a spreadsheet would compute =1
+    assert [row["id"] for row in rows] == [f"{quote}=1" if name == "=1" else name for name in audit.ids]
+    assert [row["verdict"] for row in rows] == list(audit.verdicts)
+    assert [row["expert_proba"] for row in rows] == audit.expert_proba.tolist()
+    assert [row["log_odds"] for row in rows] == audit.log_odds.tolist()
+    assert [row["reliability"] for row in rows] == audit.reliability.tolist()
+    assert [row["n_steps"] for row in rows] == audit.lengths.tolist()
+    assert [row["demonstrator"] for row in rows] == ["", "", "Ann", *[""] * 7]
+    assert [row["task"] for row in rows] == ["", "", "", "lift", *[""] * 6]
+    for row in rows:
+        assert row["run"] == audit.run_id
+        assert row["from_actions"] + row["from_demonstrator"] + row["from_label"] == pytest.approx(row["log_odds"])
+
+
+@pytest.mark.parametrize(
+    ("verdicts", "ids", "kept"),
+    [
+        (("typical", "unlike", "typical"), (7, 3, 1), [7, 1]),
+        (("unlike", "typical"), ("a", 7), ["7"]),
+        (("open", "bad", "adversary", "good"), (0, 1, 2, 3), [0, 3]),
+        (("unlike", "unlike"), (0, 1), []),
+    ],
+)
+def test_kept_are_the_trusted_in_the_form_of_lerobot(tmp_path, verdicts, ids, kept):
+    audit = make_audit(verdicts, ids=ids)
+    write_kept(tmp_path / "keep.json", audit)
+    assert json.loads((tmp_path / "keep.json").read_text()) == {"episodes": kept, "run": audit.run_id}
+
+
+@pytest.mark.parametrize("write", [write_kept, lambda path, audit: write_verdicts(path, audit, {})])
+def test_other_extensions_are_refused(tmp_path, write):
+    with pytest.raises(DataError, match=r"v\.txt: unknown extension '\.txt' for .*; use one of .*\.json"):
+        write(tmp_path / "v.txt", make_audit())
+    assert not list(tmp_path.iterdir())

@@ -1,0 +1,64 @@
+"""The vocabularies, and the words that audits with and without labels use."""
+
+from __future__ import annotations
+
+import pytest
+
+from audits import make_audit
+from problems import make
+from rpil.estimators.rpil import RPIL
+from rpil.results.words import SIDES, WORDS, n_lower
+
+
+@pytest.mark.parametrize("anchor", WORDS)
+def test_each_vocabulary_names_its_probability_in_one_sentence(anchor):
+    words = WORDS[anchor]
+    assert words.probability == f"P({words.upper})"
+    assert words.explanation.startswith(f"{words.probability} is the probability")
+    assert words.explanation.endswith(".")
+    assert words.explanation.count(". ") == 0
+    assert [SIDES[word] for word in (words.upper, "open", words.lower)] == ["upper", "open", "lower"]
+
+
+def test_without_an_anchor_the_sentence_is_conditional():
+    assert "if those who agree are the good ones, it is P(good)" in WORDS["none"].explanation
+
+
+def test_words_change_at_the_thresholds():
+    words = WORDS["none"]
+    assert [words.verdict(p, 0.9) for p in (0.9, 0.899, 0.101, 0.099)] == ["typical", "open", "open", "unlike"]
+
+
+def test_lower_words_of_all_vocabularies_are_counted():
+    assert n_lower(("unlike", "bad", "adversary", "open", "good", "typical", "expert")) == 3
+
+
+def test_counts_have_the_words_of_the_audit_and_those_that_occur():
+    audit = make_audit(("good", "good", "typical", "unlike"))
+    assert audit.verdict_counts() == {"typical": 1, "good": 2, "open": 0, "unlike": 1}
+    assert audit.verdict_counts((3,)) == {"typical": 0, "good": 0, "open": 0, "unlike": 1}
+
+
+@pytest.mark.parametrize(
+    ("options", "anchor", "finding"),
+    [
+        ({}, "none", "some are unlike"),
+        ({"labels": {"d0": "good", "d11": "bad"}}, "answers", "answered"),
+        ({"labels": {"d0": "expert", "d11": "adversary"}}, "answers", "answered"),
+        ({"adversary": "uniform"}, "named adversary", "mixture"),
+        ({"adversary": "uniform", "labels": {"d0": "good"}}, "named adversary", "mixture"),
+    ],
+)
+def test_a_fit_uses_the_words_of_its_anchor(options, anchor, finding):
+    data = make("random", 0).demonstrations
+    audit = RPIL(**options).fit(data).audit_
+    assert (audit.anchor, audit.finding) == (anchor, finding)
+    assert set(audit.verdicts) <= {audit.words.upper, "open", audit.words.lower}
+    assert audit.words.lower in audit.verdicts
+    assert audit.assumptions[1] == WORDS[anchor].explanation
+
+
+def test_experience_is_said_where_probabilities_are_graded():
+    for words in WORDS.values():
+        assert words.meaning([0.5, 0.6]) == " ".join(filter(None, (words.explanation, words.experience)))
+        assert words.meaning([0.5, 0.5]) == words.explanation
