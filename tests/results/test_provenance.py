@@ -17,14 +17,19 @@ from rpil.estimators.settings import Settings
 from rpil.formats.recording import from_demonstrations
 from rpil.inference.settings import ClaimSettings, JudgeSettings
 from rpil.results import provenance
-from rpil.results.provenance import Digest, Provenance, changed_settings, digest
+from rpil.results.provenance import Provenance, changed_settings, digest
 from rpil.results.verdict_table import write_kept, write_verdicts
 
 
 def test_a_file_has_the_digest_that_every_tool_computes(tmp_path):
     (tmp_path / "a.csv").write_bytes(b"1,2\n")
     expected = hashlib.sha256(b"1,2\n").hexdigest()
-    assert digest(tmp_path / "a.csv") == Digest(str(tmp_path / "a.csv"), 4, expected, "the bytes")
+    assert digest(tmp_path / "a.csv") == {
+        "path": str(tmp_path / "a.csv"),
+        "bytes": 4,
+        "sha256": expected,
+        "of": "the bytes",
+    }
 
 
 @pytest.mark.parametrize("is_large", [False, True])
@@ -37,28 +42,28 @@ def test_the_digest_of_a_folder_changes_with_names_sizes_and_ends(tmp_path, monk
     (folder / "a.csv").write_bytes(b"abc")
     (folder / "b" / "c.csv").write_bytes(b"xyz")
     first = digest(folder)
-    assert first.n_bytes == 6
-    assert first.of.endswith("the last 64 KiB of each file" if is_large else "the bytes of each file")
+    assert first["bytes"] == 6
+    assert first["of"].endswith("the last 64 KiB of each file" if is_large else "the bytes of each file")
     (folder / ".git").mkdir()
     (folder / ".git" / "index").write_bytes(b"1")  # no reader reads it
     assert digest(folder) == first
-    found = {first.sha256}
+    found = {first["sha256"]}
     for name, content in (("a.csv", b"abd"), ("a.csv", b"abcd"), ("d.csv", b"")):
         before = (folder / name).read_bytes() if (folder / name).exists() else None
         (folder / name).write_bytes(content)
-        found.add(digest(folder).sha256)
+        found.add(digest(folder)["sha256"])
         (folder / name).write_bytes(before) if before is not None else (folder / name).unlink()
     (folder / "b" / "c.csv").rename(folder / "b" / "e.csv")
-    assert len(found | {digest(folder).sha256}) == 5
+    assert len(found | {digest(folder)["sha256"]}) == 5
     assert (folder / "a.csv").write_bytes(b"Abc")
-    assert (digest(folder).sha256 in found) is False
+    assert (digest(folder)["sha256"] in found) is False
     (folder / "b" / "e.csv").rename(folder / "b" / "c.csv")
-    assert (digest(folder).sha256 == first.sha256) is is_large  # of a large file only the end is read
+    assert (digest(folder)["sha256"] == first["sha256"]) is is_large  # of a large file only the end is read
 
 
 def test_an_address_is_not_read_again():
-    assert digest("hf://datasets/somebody/some").sha256 == ""
-    assert "address" in digest("hf://datasets/somebody/some").of
+    assert digest("hf://datasets/somebody/some")["sha256"] == ""
+    assert "address" in digest("hf://datasets/somebody/some")["of"]
 
 
 def test_settings_that_differ_are_named():

@@ -16,7 +16,6 @@ from typing import TYPE_CHECKING, Any, NoReturn
 import click
 
 from rpil.cli import INTERRUPTED, tell_of_interruption
-from rpil.cli.given import read_known
 from rpil.cli.options import FitOptions, command_words
 from rpil.cli.progress import ProgressTiming, StageProgress
 from rpil.cli.terminal import print_warnings, to_one_line
@@ -199,7 +198,9 @@ def fit_rpil(
     if n_tasks > 1:
         message = f"{file}: its {n_tasks} tasks are judged and learned as one; rpil audit judges each by itself."
         warnings.warn(message, stacklevel=1)
-    known = read_known(recording, options)
+    from rpil.estimators.within_tasks import Known
+
+    known = Known.of(recording, options.labels, options.operator, None, None)
     return _fit(file, recording.demonstrations, known, options, progress, engine), _names(known)
 
 
@@ -213,10 +214,10 @@ def audit_by_task(
 ) -> tuple[Audit, Mapping[str, str]]:
     """The audit of the demonstrations in `file`, each judged within its task and session, beside those of a
     `reference`; and the demonstrators as `fit_rpil`."""
-    from rpil.estimators.within_tasks import judge_within_tasks
+    from rpil.estimators.within_tasks import Known, judge_within_tasks
     from rpil.formats.dataset import Dataset
 
-    known = read_known(recording, options, reference)
+    known = Known.of(recording, options.labels, options.operator, None, None, reference)
 
     def judge(demonstrations: Demonstrations | Dataset, own: Known) -> Audit:
         there = engine if isinstance(demonstrations, Dataset) else None

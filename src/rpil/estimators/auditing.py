@@ -3,22 +3,20 @@
 from __future__ import annotations
 
 import os
-import reprlib
 from collections.abc import Callable, Iterable
 from dataclasses import replace
-from itertools import chain
 from typing import Unpack, cast
 
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
 from rpil.data.facts import Outcome
 from rpil.data.files import StrPath
-from rpil.data.id_values import better_than, check_ids, is_id_file
+from rpil.data.id_values import is_id_file
 from rpil.estimators.rpil import RPIL
 from rpil.estimators.settings import Settings
 from rpil.estimators.task import Labels
 from rpil.estimators.within_tasks import Known, judge_within_tasks
-from rpil.formats import AuditOptions, read, read_answers, read_demonstrators, read_recording
+from rpil.formats import AuditOptions, read, read_recording
 from rpil.formats.arrow import Frame, read_frame
 from rpil.formats.columns import ColumnOptions
 from rpil.formats.dataset import Dataset
@@ -79,9 +77,7 @@ def audit(
     options = replace(ColumnOptions(**columns), outcome=outcome if isinstance(outcome, str) else None)
     options = replace(options, operator=None) if from_file else options
     recording = _opened(data, options)
-    words = _read_words(labels, recording) if isinstance(labels, str | os.PathLike) else labels
-    who = _read_operators(str(operator), recording) if from_file else None
-    known = Known.of(recording, words or None, who, None if isinstance(outcome, str) else outcome, None)
+    known = Known.of(recording, labels, operator, None if isinstance(outcome, str) else outcome, None)
 
     def judge(demonstrations: Demonstrations | Dataset, own: Known) -> Audit:
         model = RPIL(
@@ -90,19 +86,13 @@ def audit(
         return model.fit(demonstrations, labels=own.answers or None, **own.arguments).audit_
 
     found = judge_within_tasks(recording, known, judge)
-    answers = {"labels": labels, "outcome": outcome}
-    given = {name: repr(value) for name, value in ({"random_state": random_state or None} | columns).items() if value}
-    given = {name: reprlib.repr(value) for name, value in answers.items() if value is not None} | given
     path = data if isinstance(data, str | os.PathLike) else None
-    call = ", ".join(
-        [
-            type(data).__name__ if path is None else repr(os.fspath(path)),
-            *(f"{name}={text}" for name, text in given.items()),
-        ]
-    )
+    given = {"labels": labels, "outcome": outcome, "random_state": random_state or None, **columns}
+    texts = (f", {name}={value!r:.300}" for name, value in given.items() if value is not None)
+    call = f"rpil.audit({type(data).__name__ if path is None else repr(os.fspath(path))}{''.join(texts)})"
     files = labels if isinstance(labels, str | os.PathLike) else None, operator if from_file else None
     changed = changed_options(AUDIT_FEATURES, AUDIT_ADVERSARY, settings)
-    made = Provenance.of(recording, path, f"rpil.audit({call})", random_state, changed, files)
+    made = Provenance.of(recording, path, call, random_state, changed, files)
     return replace(found, provenance=made)
 
 
@@ -125,25 +115,3 @@ def _opened(data: object, options: ColumnOptions) -> Recording:
         return data
     demonstrations = data if isinstance(data, Demonstrations) else read(cast("Iterable[object]", data))
     return from_demonstrations(demonstrations, "demonstrations in memory")
-
-
-def _read_words(path: StrPath, recording: Recording) -> list[tuple[str, str]]:
-    """The answers in a file as ids and words, without those about demonstrations that were left out of the data."""
-    labels, pairs = read_answers(path)
-    own = _own_ids([*labels, *chain.from_iterable(pairs)], recording, str(path), "the labels")
-    words = [(better, better_than(worse)) for better, worse in pairs if {better, worse} <= own]
-    return [*((m, label) for m, label in labels.items() if m in own), *words]
-
-
-def _read_operators(path: str, recording: Recording) -> dict[str, str]:
-    """The demonstrators in a file, by ids; as `_read_words`."""
-    operators = read_demonstrators(path, recording)
-    own = _own_ids(operators, recording, path, "the demonstrators")
-    return {m: name for m, name in operators.items() if m in own}
-
-
-def _own_ids(names: Iterable[str], recording: Recording, path: str, what: str) -> set[str]:
-    """The ids of a recording; a `DataError` where a file `names` others than those and the ones that were left out."""
-    ids = recording.demonstrations.ids
-    check_ids(names, recording.ids or ids, path, what)
-    return {*map(str, ids)}

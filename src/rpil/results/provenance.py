@@ -28,43 +28,10 @@ PROVENANCE_KEY = "rpil.provenance"
 _MOST_DIGESTED, _MOST_FILES, _END = 256 * 2**20, 10_000, 64 * 2**10
 """More bytes than this are not read for a digest, nor more files opened; then the end of each file is."""
 
-_LIBRARIES = "numpy", "scipy", "scikit-learn", "pyarrow"
-
-
-@dataclass(frozen=True)
-class Digest:
-    """A digest of one file or folder, or of demonstrations in memory."""
-
-    path: str
-    n_bytes: int
-    sha256: str
-    """Hexadecimal; empty where `of` says why there is none."""
-    of: str
-    """What was digested."""
-
 
 @dataclass(frozen=True)
 class Provenance:
-    """How a result was made.
-
-    Attributes
-    ----------
-    rpil, python : str
-        Versions.
-    libraries : mapping of str to str
-        Versions of the libraries that compute and read.
-    command : str
-        The command to paste, or the call of Python.
-    seed : int
-    settings : mapping of str to object
-        Those that are not the defaults, by their names with dots.
-    columns : mapping of str to object
-        The columns that were read, by their roles, and what was left out.
-    files : tuple of Digest
-        The data first, then other files.
-    time : str
-        When the result was made, in UTC; ``SOURCE_DATE_EPOCH`` takes its place, so that outputs can be repeated.
-    """
+    """How a result was made; `settings` are those that are not the defaults, `files` the data and then other files."""
 
     rpil: str
     python: str
@@ -73,8 +40,9 @@ class Provenance:
     seed: int
     settings: Mapping[str, object]
     columns: Mapping[str, object]
-    files: tuple[Digest, ...]
+    files: tuple[Mapping[str, str | int], ...]
     time: str
+    """In UTC; ``SOURCE_DATE_EPOCH`` takes its place, so that outputs can be repeated."""
 
     @classmethod
     def of(
@@ -87,20 +55,19 @@ class Provenance:
         others: Iterable[StrPath | None],
     ) -> Provenance:
         """That of a result about the recording at a `path`, or in memory; `others` are other files, where given."""
-        embeddings = recording.options.embeddings
+        embeddings, seconds = recording.options.embeddings, os.environ.get("SOURCE_DATE_EPOCH", "")
+        moment = datetime.fromtimestamp(int(seconds) if seconds.isdecimal() else time.time(), UTC)
+        more = (digest(other) for other in (embeddings, *others) if other is not None)
         return cls(
-            rpil_version(),
-            platform.python_version(),
-            {name: version(name) for name in _LIBRARIES},
-            command,
-            seed,
-            settings,
-            _columns(recording),
-            (
-                _in_memory(recording) if path is None else digest(path),
-                *(digest(other) for other in (embeddings, *others) if other is not None),
-            ),
-            _now(),
+            rpil=rpil_version(),
+            python=platform.python_version(),
+            libraries={name: version(name) for name in ("numpy", "scipy", "scikit-learn", "pyarrow")},
+            command=command,
+            seed=seed,
+            settings=settings,
+            columns=_columns(recording),
+            files=(_in_memory(recording) if path is None else digest(path), *more),
+            time=moment.isoformat(timespec="seconds"),
         )
 
     def to_dict(self) -> dict[str, object]:
@@ -118,63 +85,52 @@ def changed_settings(given: object, default: object, name: str = "") -> dict[str
     return {} if given == default else {name: given if plain else repr(given)}
 
 
-def digest(path: StrPath) -> Digest:
-    """The digest of a file, or of the files of a folder with their names, in order.
+def digest(path: StrPath) -> dict[str, str | int]:
+    """Size and SHA-256 of a file, or of the files of a folder with their names, in order.
 
     Of more than 256 MiB, or 10,000 files, it is that of names, sizes and the last 64 KiB of each of the first 10,000
     files, where Parquet keeps its footer. What is at an address is not read again, nor are hidden files.
     """
-    place = Path(path)
+    place, found = Path(path), hashlib.sha256()
     if not place.exists():
-        return Digest(str(path), 0, "", "nothing: it is an address or a pattern")
+        return {"path": str(path), "bytes": 0, "sha256": "", "of": "nothing: it is an address or a pattern"}
     inside = [] if place.is_file() else place.rglob("*")
     seen = (file for file in inside if file.is_file() and not any(map(is_hidden, file.relative_to(place).parts)))
     files = [place] if place.is_file() else sorted(seen)
     sizes = [file.stat().st_size for file in files]
     is_whole = sum(sizes) <= _MOST_DIGESTED and len(files) <= _MOST_FILES
-    found = hashlib.sha256()
-    for file, size in zip(files, sizes, strict=True):
-        if file is not place or not is_whole:
+    of = (
+        "the last 64 KiB of each file" if not is_whole else "the bytes" if place.is_file() else "the bytes of each file"
+    )
+    if not (place.is_file() and is_whole):
+        of = f"names, sizes and {of}"
+        for file, size in zip(files, sizes, strict=True):
             found.update(os.fsencode(f"{file.relative_to(place).as_posix()}\0{size}\0"))
     for file, size in zip(files[:_MOST_FILES], sizes, strict=False):
         with file.open("rb") as content:
             content.seek(0 if is_whole else max(size - _END, 0))
             while block := content.read(2**20):
                 found.update(block)
-    of = (
-        "the last 64 KiB of each file" if not is_whole else "the bytes" if place.is_file() else "the bytes of each file"
-    )
-    of = of if place.is_file() and is_whole else f"names, sizes and {of}"
-    return Digest(str(path), sum(sizes), found.hexdigest(), of)
+    return {"path": str(path), "bytes": sum(sizes), "sha256": found.hexdigest(), "of": of}
 
 
-def _in_memory(recording: Recording) -> Digest:
+def _in_memory(recording: Recording) -> dict[str, str | int]:
     """The digest of demonstrations that come from no file, or from one whose place is not known any more."""
     data, source = recording.demonstrations, recording.description.source
     if not isinstance(data, Demonstrations):
-        return Digest(source, 0, "", "nothing: the data are on disk, and their place is not known")
+        return {"path": source, "bytes": 0, "sha256": "", "of": "nothing: the place of the data is not known"}
     found = hashlib.sha256(repr(data.ids).encode("utf-8", "surrogatepass"))
     for array in (data.offsets, data.observations, data.actions):
         found.update(array.tobytes())
-    return Digest(source, data.observations.nbytes + data.actions.nbytes, found.hexdigest(), "arrays in memory")
+    n_bytes = data.observations.nbytes + data.actions.nbytes
+    return {"path": source, "bytes": n_bytes, "sha256": found.hexdigest(), "of": "arrays in memory"}
 
 
 def _columns(recording: Recording) -> dict[str, object]:
+    """The columns that were read by their roles, what was left out, and what was asked for."""
     said, options = recording.description, recording.options
-    own: dict[str, object] = {
-        "id": said.id_column,
-        "order": said.order_column,
-        "action": list(said.actions),
-        "action_kind": said.action_kind,
-        "observations": list(said.observations),
-        "ignored": dict(said.ignored),
-    }
+    own: dict[str, object] = {"id": said.id_column, "order": said.order_column, "action_kind": said.action_kind}
+    read = {"action": list(said.actions), "observations": list(said.observations), "ignored": dict(said.ignored)}
     asked = {name: getattr(options, name) for name in ("operator", "task", "session", "outcome", "only", "without")}
     given = {name: value if isinstance(value, str | int) else list(value) for name, value in asked.items() if value}
-    return own | given
-
-
-def _now() -> str:
-    seconds = os.environ.get("SOURCE_DATE_EPOCH", "")
-    moment = int(seconds) if seconds.isdecimal() else time.time()
-    return datetime.fromtimestamp(moment, UTC).isoformat(timespec="seconds")
+    return {**own, **read, **given}
