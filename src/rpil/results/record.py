@@ -103,6 +103,8 @@ class Audit(AuditResult):
         Facts from which no answer learns, see `rpil.results.facts.ranks_beside`; as `sessions`.
     settings : AuditSettings
         Those by which verdicts and weights were given.
+    provenance : Provenance or None
+        How the audit was made, before any answers through `answered`: of `rpil.audit` and the commands.
     """
 
     @property
