@@ -16,7 +16,7 @@ from rpil.data.fit_data import FitData
 from rpil.data.spaces import Box, Discrete
 from rpil.inference.settings import HeldOutSettings
 from rpil.results.deviations import MAX_STEPS, deviations
-from rpil.results.evidence import final_comparison
+from rpil.results.evidence import beside_final_policy
 
 RATIO = np.ones(80)
 RATIO[50:56] = -2.0
@@ -26,14 +26,14 @@ AUDIT = make_audit(("typical", "unlike"), step_log_ratio=RATIO, lengths=[40, 40]
 def compared(actions: np.ndarray, names: tuple[str, ...] = ()) -> Comparison:
     """Discrete actions, or continuous ones beside a policy with the mean 0."""
     n_parts = actions.shape[1] if actions.ndim > 1 else 0
-    space = Box(np.full(n_parts, -9.0), np.full(n_parts, 9.0)) if n_parts else Discrete(3)
+    space = Box(np.full(n_parts, -99.0), np.full(n_parts, 99.0)) if n_parts else Discrete(3)
     offsets, labels = np.array([0, len(actions) // 2, len(actions)]), np.zeros(2, dtype=int)
     data = FitData(np.ones((len(actions), 1)), actions, offsets, space, labels, action_names=names)
 
     def outputs(rows: np.ndarray) -> np.ndarray:
         return np.zeros((len(rows), n_parts)) if n_parts else np.log(np.full((len(rows), 3), 1 / 3))
 
-    return final_comparison(replace(AUDIT, offsets=offsets), None, data, outputs, HeldOutSettings())
+    return beside_final_policy(replace(AUDIT, offsets=offsets), None, data, outputs, HeldOutSettings())
 
 
 def test_most_frequent_other_action_is_named_with_the_action_of_the_trusted() -> None:

@@ -35,7 +35,7 @@ from rpil.policies.features import FeatureMap, IdentityMap, ridge_of
 from rpil.policies.linear import linear_policy
 from rpil.policies.protocol import CrossFittedPolicy
 from rpil.results.deviations import deviations
-from rpil.results.evidence import final_comparison, held_out_comparison, traces, worth_a_look
+from rpil.results.evidence import beside_final_policy, beside_judge, traces, worth_a_look
 from rpil.results.record import Audit, Interval
 from rpil.results.settings import AuditSettings
 from rpil.results.step_weights import is_anyone_trusted
@@ -293,7 +293,7 @@ class FullFit:
         return replace(data, labels=task.labels, demonstrators=task.demonstrators)
 
     def fit_policy(self, posed: JudgeInput, decision: TrustDecision) -> tuple[Features, FinalPolicy, TrustDecision]:
-        audit, read = decision.audit, posed.data
+        audit, judged = decision.audit, posed
         if posed.copies is not None:  # the policy learns from copies as well
             every = self._demonstrations
             posed = replace(posed, demonstrations=every, data=self._data(every, posed.features))
@@ -305,11 +305,11 @@ class FullFit:
         def outputs(rows: Array) -> Array:
             return policy.outputs(features.design(posed.demonstrations.observations[rows]))
 
-        own, settings = self.options.policy is not None, self.options.settings.judge.held_out
-        if decision.judgement is None or (own and data.space.kind == "continuous"):
-            compared = final_comparison(audit, decision.judgement, data, outputs, settings)
+        found, settings = decision.judgement, self.options.settings.judge.held_out
+        if found is None or (self.options.policy is not None and data.space.kind == "continuous"):
+            compared = beside_final_policy(audit, found, data, outputs, settings)
         else:
-            compared = held_out_comparison(decision.judgement, read, posed.copies, self.options.seed, settings)
+            compared = beside_judge(found, judged.data, judged.copies, self.options.seed, settings)
         phrases = deviations(audit, compared, self.task.classes, outputs)
         drawn = audit.traces or traces(audit, compared, worth_a_look(audit))
         return features, policy, replace(decision, audit=replace(audit, deviations=phrases, traces=drawn))

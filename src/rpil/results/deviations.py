@@ -4,20 +4,18 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Callable
+from functools import partial
+from itertools import starmap
 
 import numpy as np
 
 from rpil.inference.findings import DECIDED
-from rpil.numerics.types import Array, Float, Int
-from rpil.results.evidence import Comparison, part_name, shares
+from rpil.numerics.types import Array, Int
+from rpil.results.evidence import Comparison, Outputs, part_name, shares
 from rpil.results.reasons import MAX_LOG_RATIO, worst_stretch
 from rpil.results.record import Audit
 from rpil.results.text import printable
 from rpil.results.words import SIDES
-
-Outputs = Callable[[Int[Array, " R"]], Float[Array, "R K"]]
-"""The log-probabilities of the policy of the trusted in some of the steps."""
 
 MAX_STEPS = 20
 """Steps of a stretch that are compared, those with the lowest log-ratios: enough to name an action."""
@@ -36,15 +34,16 @@ def deviations(audit: Audit, compared: Comparison, classes: Array, outputs: Outp
     if audit.finding not in DECIDED or "upper" not in map(SIDES.get, audit.verdicts):
         return ()
     worst = [_worst_steps(audit, m) for m in range(len(audit.ids))]
+    place = np.searchsorted(compared.members, audit.copy_of)
+    rows = [compared.data.offsets[k] + steps for k, steps in zip(place, worst, strict=True)]
     if compared.data.space.kind == "continuous":
-        return tuple(_far_part(compared, m, steps) if len(steps) else "" for m, steps in enumerate(worst))
+        return tuple(starmap(partial(_far_part, compared), zip(rows, worst, strict=True)))
     every = np.concatenate([audit.offsets[m] + steps for m, steps in enumerate(worst)])
     if not len(every):
         return ()
     expected = np.split(outputs(every), np.cumsum([len(steps) for steps in worst])[:-1])
     likely = (classes[each.argmax(axis=1)] for each in expected)
-    taken = (classes[compared.data.actions[compared.rows(m)[steps]]] for m, steps in enumerate(worst))
-    return tuple(map(_other_action, taken, likely))
+    return tuple(map(_other_action, (classes[compared.data.actions[own]] for own in rows), likely))
 
 
 def _worst_steps(audit: Audit, index: int) -> Int[Array, " R"]:
@@ -69,16 +68,14 @@ def _other_action(taken: Array, likely: Array) -> str:
     return f"{compared} ({count} of its {len(taken)} worst steps)"
 
 
-def _far_part(compared: Comparison, index: int, steps: Int[Array, " R"]) -> str:
+def _far_part(compared: Comparison, rows: Int[Array, " R"], steps: Int[Array, " R"]) -> str:
     """The part of the action with most of the evidence in these steps, in that step of them in which it leaves the band
     of the typical by the median distance; "" where it does not."""
-    seen = compared.view(compared.rows(index)[steps])
-    share = shares((seen.log_ratio - compared.typical.log_ratio).sum(axis=0))
+    if not len(rows):
+        return ""
+    share = shares(compared.evidence[rows].sum(axis=0))
     j = int(np.argmax(share))
-    value, low, high = (
-        seen.value[:, j],
-        *(seen.mean[:, j] + end[j] for end in (compared.typical.low, compared.typical.high)),
-    )
+    value, low, high = (each[rows, j] for each in (compared.value, compared.low, compared.high))
     away = np.maximum(low - value, value - high)
     own = int(np.argsort(away, kind="stable")[len(away) // 2])
     if away[own] <= 0:
@@ -94,4 +91,4 @@ def _digits(value: float, low: float, high: float) -> tuple[str, ...]:
     """A value outside a band and both ends of the band, with the digits that tell them apart."""
     differences = [size for size in (high - low, max(low - value, value - high)) if size > 0]
     decimals = max(0, -math.floor(math.log10(min(differences))))
-    return tuple(f"{number:.{decimals}f}" for number in (value, low, high))
+    return tuple(f"{round(number, decimals) + 0.0:.{decimals}f}" for number in (value, low, high))  # no minus zero
