@@ -14,7 +14,7 @@ from hostile import write_long_list
 from rpil import formats
 from rpil.data.errors import DataError
 from rpil.data.memory import limited
-from rpil.formats.lerobot_check import find_defects
+from rpil.formats.lerobot.check import find_defects
 from rpil.formats.parquet_pages import page_sizes
 
 ROWS = 500

@@ -69,12 +69,17 @@ class ReadOptions(TypedDict, total=False):
     skip_bad: bool
 
 
-class OpenOptions(ReadOptions, total=False):
-    """All of `ColumnOptions`."""
+class AuditOptions(ReadOptions, total=False):
+    """All of `ColumnOptions` but the outcome."""
 
     operator: str | None
     task: str | None
     session: str | None
+
+
+class OpenOptions(AuditOptions, total=False):
+    """All of `ColumnOptions`."""
+
     outcome: str | None
 
 

@@ -16,7 +16,7 @@ from rpil.data.memory import check_memory
 from rpil.formats import table as flat
 from rpil.formats.columns import ColumnOptions
 from rpil.formats.format import Format, keep_one_file
-from rpil.formats.lerobot import format_name
+from rpil.formats.lerobot.metadata import format_name
 from rpil.formats.parquet_pages import check_groups
 from rpil.formats.recording import Recording, from_scan, from_table
 from rpil.formats.rows import BATCH_ROWS

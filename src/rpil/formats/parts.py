@@ -18,7 +18,7 @@ from rpil.formats import table as flat
 from rpil.formats.column_search import find_columns
 from rpil.formats.columns import ColumnOptions, Kind
 from rpil.formats.description import listed
-from rpil.formats.lerobot import Metadata
+from rpil.formats.lerobot.metadata import Metadata
 from rpil.formats.recording import Recording, from_batches
 from rpil.formats.rows import BATCH_ROWS
 from rpil.formats.spool import is_on_disk

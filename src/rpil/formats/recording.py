@@ -22,7 +22,7 @@ from rpil.formats.columns import ColumnOptions, Columns
 from rpil.formats.dataset import Dataset
 from rpil.formats.description import Description, listed, outcome_options
 from rpil.formats.layout import Layout
-from rpil.formats.lerobot import Metadata
+from rpil.formats.lerobot.metadata import Metadata
 from rpil.formats.order import Order, check_one_id, find_order
 from rpil.formats.rows import Rows, TableRows
 from rpil.formats.scan import Places, Scan, scan

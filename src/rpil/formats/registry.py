@@ -23,7 +23,6 @@ from rpil.formats import (
     folder,
     hdf5,
     imitation,
-    lerobot_folder,
     minari,
     npz,
     npz_folder,
@@ -35,6 +34,7 @@ from rpil.formats import (
 from rpil.formats.columns import ColumnOptions
 from rpil.formats.embeddings import with_embeddings
 from rpil.formats.format import Defect, Format, check_own_ids, not_a_folder
+from rpil.formats.lerobot import folder as lerobot
 from rpil.formats.recording import Recording
 from rpil.formats.selection import with_chosen
 from rpil.formats.store import may_be_many_files
@@ -42,7 +42,7 @@ from rpil.formats.store import may_be_many_files
 FORMATS: tuple[Format, ...] = (
     parquet.FORMAT,
     csv.FORMAT,
-    lerobot_folder.FORMAT,
+    lerobot.FORMAT,
     zarr.FORMAT,
     minari.FORMAT,
     imitation.FORMAT,

@@ -23,7 +23,7 @@ from rpil.formats.column_search import find_columns
 from rpil.formats.columns import ColumnOptions, Columns, check_unique
 from rpil.formats.dialect import TEXT_SUFFIXES
 from rpil.formats.layout import Layout
-from rpil.formats.lerobot import Metadata, choose_files, read_metadata
+from rpil.formats.lerobot.metadata import Metadata, choose_files, read_metadata
 from rpil.formats.parquet_pages import check_pages
 from rpil.formats.rows import BATCH_ROWS, ChosenRows
 from rpil.formats.spool import Copy

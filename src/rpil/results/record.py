@@ -106,6 +106,8 @@ class Audit(AuditResult):
         (`rpil.results.traces`); as `sessions`.
     settings : AuditSettings
         Those by which verdicts and weights were given.
+    provenance : Provenance or None
+        How the audit was made, before any answers through `answered`: of `rpil.audit` and the commands.
     """
 
     @property

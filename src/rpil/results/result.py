@@ -23,6 +23,7 @@ from rpil.numerics.types import Array, Float, Int
 from rpil.results import answering
 from rpil.results.answering import Id
 from rpil.results.facts import Fact, known_facts
+from rpil.results.provenance import Provenance
 from rpil.results.reasons import MAX_LOG_RATIO, Grounds, worst_stretch
 from rpil.results.settings import AuditSettings
 from rpil.results.traces import Traces
@@ -92,6 +93,7 @@ class AuditResult:
     beside: dict[str, Float[Array, " M"]] = field(default_factory=dict, metadata=NOT_STORED)
     traces: dict[Hashable, Traces] = field(default_factory=dict, metadata=NOT_STORED)
     settings: AuditSettings = field(default=AuditSettings(), metadata=NOT_STORED)  # files hold the estimator's
+    provenance: Provenance | None = field(default=None, metadata=NOT_STORED)
 
     @property
     def evidence(self) -> dict[str, Float[Array, " M"]]:
@@ -277,4 +279,4 @@ class AuditResult:
                 | {"verdicts": self.verdict_counts(who.demonstrations)}
                 for who in self.demonstrators
             ],
-        }
+        } | ({} if self.provenance is None else {"provenance": self.provenance.to_dict()})

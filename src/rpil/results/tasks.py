@@ -102,6 +102,7 @@ def join_audits(
         deviations=tuple(deviations) if any(deviations) else (),
         sessions=(),
         settings=parts[0].settings if parts else AuditSettings(),
+        provenance=None,
         own_reasons=tuple(reasons),
     )
 

@@ -17,7 +17,7 @@ from rpil.data.folders import check_inside
 from rpil.data.json_files import Parsed
 from rpil.data.names import quoted
 from rpil.formats.columns import ColumnOptions
-from rpil.formats.lerobot import fill
+from rpil.formats.lerobot.metadata import fill
 from rpil.formats.parquet import keep_rows
 from rpil.formats.parquet_pages import check_column_sizes
 from rpil.formats.store import find_files

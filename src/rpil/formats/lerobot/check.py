@@ -17,14 +17,14 @@ from rpil.data.errors import DataError, MissingExtraError
 from rpil.data.files import replacing
 from rpil.data.guard import guarded
 from rpil.data.json_files import Parsed, read_json
-from rpil.formats import lerobot_stats as stats
 from rpil.formats.description import listed
 from rpil.formats.format import Defect
-from rpil.formats.lerobot import cameras, chunk_size, fill, frame_rate
-from rpil.formats.lerobot_episodes import read_episodes, read_lines
-from rpil.formats.lerobot_frames import Shot, find_faults
-from rpil.formats.lerobot_kept import PATHS, video_place
-from rpil.formats.lerobot_video import load_av
+from rpil.formats.lerobot import stats
+from rpil.formats.lerobot.episodes import read_episodes, read_lines
+from rpil.formats.lerobot.frames import Shot, find_faults
+from rpil.formats.lerobot.kept import PATHS, video_place
+from rpil.formats.lerobot.metadata import cameras, chunk_size, fill, frame_rate
+from rpil.formats.lerobot.video import load_av
 from rpil.formats.parquet_pages import check_column_sizes
 from rpil.formats.store import find_files
 

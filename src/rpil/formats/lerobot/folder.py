@@ -21,13 +21,13 @@ from rpil.data.id_values import check_ids
 from rpil.data.json_files import LARGEST_METADATA, Parsed, read_json
 from rpil.data.names import quoted
 from rpil.formats import folder
-from rpil.formats import lerobot_stats as stats
 from rpil.formats.format import Format, keep_by_own_ids
-from rpil.formats.lerobot import cameras, chunk_size, read_info
-from rpil.formats.lerobot_check import find_defects, mend
-from rpil.formats.lerobot_episodes import EpisodeLines, EpisodeTable
-from rpil.formats.lerobot_kept import PATHS, Kept, Trims
-from rpil.formats.lerobot_video import load_av
+from rpil.formats.lerobot import stats
+from rpil.formats.lerobot.check import find_defects, mend
+from rpil.formats.lerobot.episodes import EpisodeLines, EpisodeTable
+from rpil.formats.lerobot.kept import PATHS, Kept, Trims
+from rpil.formats.lerobot.metadata import cameras, chunk_size, read_info
+from rpil.formats.lerobot.video import load_av
 from rpil.formats.parquet_pages import check_pages
 from rpil.formats.store import find_files, opened
 

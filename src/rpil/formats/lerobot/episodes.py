@@ -14,9 +14,8 @@ import numpy as np
 
 from rpil.data.errors import DataError
 from rpil.data.json_files import LARGEST_TABLE, Parsed, parse_lines, read_text
-from rpil.formats import lerobot_stats as stats
-from rpil.formats import lerobot_video as video
-from rpil.formats.lerobot_kept import Kept, video_place, with_column
+from rpil.formats.lerobot import stats, video
+from rpil.formats.lerobot.kept import Kept, video_place, with_column
 from rpil.formats.parquet_pages import check_table
 
 if TYPE_CHECKING:
