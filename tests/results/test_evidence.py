@@ -66,7 +66,7 @@ def test_the_parts_sum_to_the_log_ratios_of_the_judge_less_those_of_the_median_t
     compared = beside_judge(judgement, data, None, 3, HeldOutSettings())
     less = judgement.log_ratio - compared.evidence.sum(axis=1)
     # The errors of the typical have another scale than those of the demonstrations that taught the policies.
-    assert np.ptp(less) < (1e-9 if discrete else 0.01 * np.ptp(judgement.log_ratio))
+    assert np.ptp(less) < (1e-9 if discrete else 0.02 * np.ptp(judgement.log_ratio))
     typical = judgement.claims.lower.upper
     np.testing.assert_allclose(np.median(data.sum_steps(compared.evidence)[typical], axis=0), 0, atol=1e-9)
 
