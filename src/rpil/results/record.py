@@ -103,6 +103,9 @@ class Audit(AuditResult):
         The place of each demonstration in the order in which they were made, where that is stated; as `sessions`.
     beside : dict of name to (M,) array
         Facts from which no answer learns, see `rpil.results.facts.ranks_beside`; as `sessions`.
+    traces : dict of id to Traces
+        The parts of the action with most of the evidence, of up to 300 demonstrations that are most worth a look
+        (`rpil.results.traces`); as `sessions`.
     settings : AuditSettings
         Those by which verdicts and weights were given.
     own_reasons : tuple of str
@@ -115,7 +118,7 @@ class Audit(AuditResult):
 
     @property
     def plot(self) -> AuditPlots:
-        """Pictures: ``plot.ranking()``, ``plot.steps(id)`` and ``plot.sessions()``."""
+        """Pictures: ``plot.ranking()``, ``plot.steps(id)``, ``plot.evidence(id)`` and ``plot.sessions()``."""
         return AuditPlots(self)
 
     def to_frame(self, backend: Backend | None = None) -> DataFrame:

@@ -19,6 +19,7 @@ from rpil.data.plain import to_plain
 from rpil.data.run import run_id
 from rpil.inference.answers import Answers
 from rpil.inference.groups import expert_share_interval
+from rpil.inference.step_trust import step_proba
 from rpil.numerics.types import Array, Float, Int
 from rpil.results import answering
 from rpil.results.answering import Id
@@ -26,6 +27,7 @@ from rpil.results.facts import Fact, known_facts
 from rpil.results.provenance import Provenance
 from rpil.results.reasons import MAX_LOG_RATIO, Grounds, worst_stretch
 from rpil.results.settings import AuditSettings
+from rpil.results.traces import Traces
 from rpil.results.words import SIDES, WORDS, Verdict, Words
 
 MAX_LOG_ODDS = 1e9
@@ -90,6 +92,7 @@ class AuditResult:
     sessions: tuple[str, ...] = field(default=(), metadata=NOT_STORED)
     order: Float[Array, " M"] | None = field(default=None, metadata=NOT_STORED)
     beside: dict[str, Float[Array, " M"]] = field(default_factory=dict, metadata=NOT_STORED)
+    traces: dict[Hashable, Traces] = field(default_factory=dict, metadata=NOT_STORED)
     settings: AuditSettings = field(default=AuditSettings(), metadata=NOT_STORED)  # files hold the estimator's
     own_reasons: tuple[str, ...] = field(default=(), metadata=NOT_STORED)
     within: str = field(default="", metadata=NOT_STORED)
@@ -213,6 +216,13 @@ class AuditResult:
         ratio = self.step_log_ratio[self.steps(index)]
         worst = np.argsort(ratio, kind="stable")[:k]
         return [int(n) for n in worst if ratio[n] < 0]
+
+    def step_trust(self, index: int) -> Float[Array, " n"]:
+        """P(the step is like those of the trusted) of each step of demonstration `index`, whatever its own verdict."""
+        own = self.step_log_ratio[self.steps(index)]
+        log_ratio = np.clip(own, -MAX_LOG_RATIO, MAX_LOG_RATIO, dtype=float)
+        one = slice(index, index + 1)
+        return step_proba(self.reliability[one], log_ratio, self.lengths[one], self.settings.steps)
 
     def index(self, demonstration: Hashable) -> int:
         """Index of the demonstration with this id.

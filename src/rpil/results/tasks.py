@@ -89,6 +89,7 @@ def join_audits(
         columns=_joined_columns(audits, places, n),
         copy_of=_joined_copies(audits, places, n),
         beside=_joined_beside(audits, places, n),
+        traces={name: own for audit in parts for name, own in audit.traces.items()},
         # Each verdict keeps the word of its task; where tasks differ, the probability is what it is without an anchor.
         anchor=anchors.pop() if len(anchors) == 1 else "none",
         deviations=tuple(deviations) if any(deviations) else (),
