@@ -12,7 +12,7 @@ Its share is among the parts that point where the sum over all parts points.
 from __future__ import annotations
 
 from collections.abc import Callable, Hashable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -158,6 +158,12 @@ def worth_a_look(audit: Audit, size: int = MAX_DRAWN) -> Int[Array, " K"]:
     lower = np.array([SIDES[verdict] == "lower" for verdict in audit.verdicts])
     in_question = np.array([name in asked for name in audit.ids])
     return np.lexsort([audit.log_odds, ~in_question, ~lower])[:size]
+
+
+def with_fewer_traces(audit: Audit, size: int) -> Audit:
+    """The audit with the traces of up to `size` demonstrations, those most worth a look."""
+    chosen = [audit.ids[m] for m in worth_a_look(audit, size).tolist()]
+    return replace(audit, traces={name: audit.traces[name] for name in chosen if name in audit.traces})
 
 
 def part_name(data: FitData, j: int) -> str:
