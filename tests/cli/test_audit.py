@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import re
 import shlex
@@ -108,8 +109,11 @@ def test_audit_prints_json(folder):
     assert list(audit) == [
         "run", "input", "n_demonstrations", "n_steps", "finding", "anchor", "adversary", "prior", "identifiable",
         "groups", "pair", "question", "doubts", "notes", "contradicting", "assumptions", "demonstrations",
-        "demonstrators", "faults",
+        "demonstrators", "provenance", "faults",
     ]  # fmt: skip
+    assert audit["provenance"]["command"] == f"rpil audit {folder / 'good.parquet'} --json"
+    digest = hashlib.sha256((folder / "good.parquet").read_bytes()).hexdigest()
+    assert [file["sha256"] for file in audit["provenance"]["files"]] == [digest]
     assert audit["faults"]["findings"] == []
     assert audit["n_demonstrations"] == 12
     assert audit["n_steps"] == formats.read(folder / "good.parquet").n_steps
@@ -137,14 +141,18 @@ def test_audit_does_not_choose_features(folder, monkeypatch):
     def never(*_):
         pytest.fail("features were chosen")
 
-    folded = ok("audit", folder / "good.parquet", "--json", "--features", "folded").stdout
+    def printed(*more):
+        found = json.loads(ok("audit", folder / "good.parquet", "--json", *more).stdout)
+        assert found["provenance"].pop("command").endswith(" ".join(["--json", *more]))
+        return found
+
+    folded = printed("--features", "folded")
     chosen = load(folder / "policy").audit_.to_dict()
     monkeypatch.setattr("rpil.estimators.final_policy.choose_features", never)
-    assert ok("audit", folder / "good.parquet", "--json").stdout == folded
-    printed = json.loads(folded)["demonstrations"]
-    for row in printed:  # which files do not hold
+    assert printed() == folded
+    for row in folded["demonstrations"]:  # which files do not hold
         del row["facts"]["dynamics"], row["facts"]["time limit"]
-    assert printed == chosen["demonstrations"]
+    assert folded["demonstrations"] == chosen["demonstrations"]
 
 
 def test_audit_writes_a_report_and_weights(folder):

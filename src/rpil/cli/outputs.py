@@ -39,6 +39,11 @@ class Audited:
     faults: FaultReport
     demonstrators: Mapping[str, str]
 
+    @property
+    def provenance(self) -> dict[str, object]:
+        """How the audit was made."""
+        return {} if self.audit.provenance is None else self.audit.provenance.to_dict()
+
     @cached_property
     def lost(self) -> tuple[str, ...]:
         """What is lost without those that `--keep` does not list; see `lost_without`."""
@@ -149,6 +154,4 @@ def tell_if_too_many(audit: Audit, limit: str | None) -> int:
 
 def judged_within(audit: Audit) -> tuple[str, ...]:
     """The sentence on the tasks within which demonstrations were judged; none where there is one task."""
-    from rpil.results.tasks import AuditOfTasks
-
-    return audit.assumptions[:1] if isinstance(audit, AuditOfTasks) else ()
+    return audit.assumptions[:1] if audit.within else ()
