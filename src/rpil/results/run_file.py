@@ -16,7 +16,8 @@ from typing import NoReturn
 from rpil.data.errors import DataError
 from rpil.data.files import StrPath, check_readable, replacing
 from rpil.results.drawings import MAX_BINS
-from rpil.results.view import FORMAT_NAME, FORMAT_VERSION, MAX_DRAWN, MAX_FOUND, View
+from rpil.results.groups import MAX_PARTS
+from rpil.results.view import FORMAT_NAME, FORMAT_VERSION, MAX_DRAWINGS, MAX_FOUND, View
 
 MAX_RUN_BYTES = 64 * 2**20
 MAX_RUN_DEMONSTRATIONS = 100_000
@@ -145,8 +146,11 @@ def _mapping(key: Check, check: Check) -> Check:
     return check_all
 
 
-def _any(value: object, where: str) -> None:
-    _of(len(json.dumps(value)) <= MAX_RUN_BYTES // 16, where, "short")
+def _any(value: object, where: str, depth: int = 8) -> None:
+    """Any value that is not too deep."""
+    _of(depth > 0, where, "as shallow as it should be")
+    for one in value.values() if isinstance(value, dict) else value if isinstance(value, list) else ():
+        _any(one, where, depth - 1)
 
 
 def _shape(view: View) -> dict[str, Check]:
@@ -260,16 +264,23 @@ def _drawings(steps: Mapping[int, int]) -> Check:
     """Drawings of demonstrations with so many `steps`."""
 
     def check(value: object, where: str) -> None:
-        _of(isinstance(value, dict) and len(value) <= MAX_DRAWN, where, f"up to {MAX_DRAWN} drawings")
+        _of(isinstance(value, dict) and len(value) <= MAX_DRAWINGS, where, f"up to {MAX_DRAWINGS} drawings")
         for name, drawn in value.items() if isinstance(value, dict) else ():
             _of(name.isascii() and name.isdigit() and len(name) < 9 and int(name) in steps, where, "of demonstrations")
-            bins = min(steps[int(name)], MAX_BINS)
-            part: dict[str, Check] = {"name": _text, "share": _share}
+            own = drawn if isinstance(drawn, dict) else {}
+            n, width = steps[int(name)], own.get("width")
+            bins = min(n, MAX_BINS)
+            _of(type(width) is int and width > 0, where, "a number of steps")
+            points = -(-n // int(str(width)))
+            part: dict[str, Check] = {"name": _text, "share": _share, "nats": _number}
             fields: dict[str, Check] = {
                 "bins": _equal(bins),
                 "ratio": _curves(bins, ("min", "mean", "max")),
                 "trust": _curves(bins, ("mean",)),
-                "parts": _each(_curves(bins, ("value", "low", "high"), part), most=10),
+                "width": _whole(n + 1),
+                "compared_with": _among(("typical", "trusted")),
+                "taken": _record({"names": _each(_text, most=256), "codes": _packed(0, points)}),
+                "parts": _each(_curves(points, ("value", "low", "high"), part), most=MAX_PARTS),
             }
             _record(fields)(drawn, f"{where}.{name}")
 
@@ -277,11 +288,17 @@ def _drawings(steps: Mapping[int, int]) -> Check:
 
 
 def _curves(bins: int, names: tuple[str, ...], others: Mapping[str, Check] = {}) -> Check:
-    def packed(value: object, where: str) -> None:
+    return _record({"from": _number, "to": _number, **dict.fromkeys(names, _packed(bins)), **others})
+
+
+def _packed(*sizes: int) -> Check:
+    """Base64 of one of these numbers of bytes."""
+
+    def check(value: object, where: str) -> None:
         try:
-            size = len(base64.b64decode(value if isinstance(value, str) else "", validate=True))
+            size = len(base64.b64decode(value if isinstance(value, str) else "*", validate=True))
         except (binascii.Error, ValueError):
             size = -1
-        _of(size == bins, where, f"a curve of {bins} bins")
+        _of(size in sizes, where, f"a curve of {sizes[-1]} points")
 
-    return _record({"from": _number, "to": _number, **dict.fromkeys(names, packed), **others})
+    return check

@@ -37,8 +37,8 @@ const makeDetail = (model, place, act) => {
       box.append(el("p", { class: "muted" }, `Not drawn: only the ${Object.keys(view.drawings).length} most worth a look are.`));
       return;
     }
-    const said = (step) => {
-      readout.textContent = step === null ? `${view.fps ? "seconds" : "steps"} from its start` : `step ${step}${view.fps ? `, ${model.seconds(step)}` : ""}`;
+    const said = (step, more = "") => {
+      readout.textContent = step === null ? `${view.fps ? "seconds" : "steps"} from its start` : `step ${step}${view.fps ? `, ${model.seconds(step)}` : ""}${more}`;
     };
     said(null);
     charts = stepCharts(model, m, drawing, box, said);

@@ -20,6 +20,8 @@ const stepCharts = (model, m, drawing, place, readout) => {
   const { d, view } = model, colours = palette(), n = d.n_steps[m], bins = drawing.bins;
   const first = Array.from({ length: bins }, (_, k) => Math.floor((k * n) / bins));
   const unit = view.fps || 1, x = first.map((start) => start / unit);
+  // What the pointer is at, and for actions that are classes, which was taken.
+  const inBins = (k) => readout(k === null ? null : first[k]);
   const stretch = d.stretch[m], worst = d.worst[m].map((step) => step / unit);
   // Where to look: the worst steps in a row as a stripe, each of the worst as a mark at the foot.
   const marks = (u) => {
@@ -31,7 +33,7 @@ const stepCharts = (model, m, drawing, place, readout) => {
     for (const step of worst) ctx.fillRect(at(step) - 1, bbox.top + bbox.height - 7, 2.5, 7);
     ctx.restore();
   };
-  const one = (title, curves, band, range, height) => {
+  const one = (title, x, curves, band, range, height, say = inBins) => {
     const box = el("div", { class: "chart" });
     place.append(el("figure", {}, el("figcaption", {}, title), box));
     const data = [x, ...curves.map((own) => own.values)];
@@ -41,21 +43,24 @@ const stepCharts = (model, m, drawing, place, readout) => {
       bands: band ? [{ series: [curves.length, curves.length - 1], fill: band, dir: -1 }] : [],
       axes: [axisOf(colours, { size: 22, grid: { show: false }, values: plainNumbers }), axisOf(colours, { size: 44, values: plainNumbers, space: 24 })],
       cursor: { y: false, drag: { x: false, y: false }, points: { size: 6 }, sync: { key: "steps" } },
-      hooks: { drawClear: [marks], setCursor: [(u) => readout(u.cursor.idx === null || u.cursor.idx === undefined ? null : first[u.cursor.idx])] },
+      hooks: { drawClear: [marks], setCursor: [(u) => say(u.cursor.idx ?? null)] },
     };
     return new uPlot(options, data, box);
   };
+  const taken = atob(drawing.taken.codes), points = Array.from({ length: Math.ceil(n / drawing.width) }, (_, k) => k * drawing.width);
+  const inPoints = (k) => readout(k === null ? null : points[k], k === null || !taken ? "" : `, took ${printable(drawing.taken.names[taken.charCodeAt(k)])}`);
+  const edge = curve(shade(colours.upper, 0.5), 0.7);
   const charts = drawing.parts.map((part) => one(
-    `${printable(part.name)}: ${percent(part.share)} of the evidence`,
-    [{ values: unpack(part, "value"), style: curve(colours.ink, 1.7) }, { values: unpack(part, "low"), style: curve(shade(colours.upper, 0.5), 0.7) },
-      { values: unpack(part, "high"), style: curve(shade(colours.upper, 0.5), 0.7) }],
-    shade(colours.upper, 0.18), undefined, 130));
+    `${taken ? "Probability of the action taken" : printable(part.name)}: ${percent(part.share)} of the evidence; the band is 5 to 95 % of the ${drawing.compared_with} ones`,
+    points.map((step) => step / unit),
+    [{ values: unpack(part, "value"), style: curve(colours.ink, 1.7) }, { values: unpack(part, "low"), style: edge }, { values: unpack(part, "high"), style: edge }],
+    shade(colours.upper, 0.18), undefined, 130, inPoints));
   const ratio = drawing.ratio;
-  charts.push(one("Log-ratio of the steps, in nats; below 0 speaks against it",
+  charts.push(one("Log-ratio of the steps, in nats; below 0 speaks against it", x,
     [{ values: first.map(() => 0), style: curve(colours.muted, 1) }, { values: unpack(ratio, "mean"), style: curve(colours.ink, 1.7) },
       { values: unpack(ratio, "min"), style: curve(shade(colours.open, 0.4), 0.5) }, { values: unpack(ratio, "max"), style: curve(shade(colours.open, 0.4), 0.5) }],
     shade(colours.open, 0.25), undefined, 130));
-  charts.push(one("Weight of the steps in training",
+  charts.push(one("Trust in the steps", x,
     [{ values: unpack(drawing.trust, "mean"), style: { ...curve(colours.upper), fill: shade(colours.upper, 0.15) } }], null, [0, 1], 84));
   return charts;
 };
