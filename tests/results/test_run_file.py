@@ -175,7 +175,7 @@ def test_other_files_are_refused(tmp_path, content):
 def test_infinite_numbers_are_refused(tmp_path, view):
     file = tmp_path / "run.json"
     file.write_text(json.dumps(changed(view, "mean_weight", 0.123456)).replace("0.123456", "1e999"))
-    with pytest.raises(DataError, match="mean_weight is not a number"):
+    with pytest.raises(DataError, match="its part mean_weight is wrong"):
         read_run(file)
 
 

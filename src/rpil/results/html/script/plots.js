@@ -1,6 +1,6 @@
 // Drawings: curves of steps, the order of recording, and how two groups are spread.
 const MAX_NAMED = 12;
-const POWERS = [-1e4, -1e3, -100, -10, -3, 0, 3, 10, 100, 1e3, 1e4];
+const POWERS = [-1e5, -1e4, -1e3, -100, -10, -3, 0, 3, 10, 100, 1e3, 1e4, 1e5];
 const palette = () => {
   const style = getComputedStyle(document.documentElement);
   return Object.fromEntries(["ink", "muted", "line", "page", "upper", "open", "lower"].map((name) => [name, style.getPropertyValue(`--${name}`).trim()]));
@@ -48,10 +48,10 @@ const stepCharts = (model, m, drawing, place, readout) => {
     return new uPlot(options, data, box);
   };
   const taken = atob(drawing.taken.codes), points = Array.from({ length: Math.ceil(n / drawing.width) }, (_, k) => k * drawing.width);
-  const inPoints = (k) => readout(k === null ? null : points[k], k === null || !taken ? "" : `, took ${printable(drawing.taken.names[taken.charCodeAt(k)])}`);
+  const inPoints = (k) => readout(k === null ? null : points[k], k === null || !taken ? "" : `, took ${printable(drawing.taken.names[taken.charCodeAt(k)] ?? "")}`);
   const edge = curve(shade(colours.upper, 0.5), 0.7);
   const charts = drawing.parts.map((part) => one(
-    `${taken ? "Probability of the action taken" : printable(part.name)}: ${percent(part.share)} of the evidence; the band is 5 to 95 % of the ${drawing.compared_with} ones`,
+    `${taken ? "Probability of the action taken" : printable(part.name)}: ${percent(part.share)} of the evidence`,
     points.map((step) => step / unit),
     [{ values: unpack(part, "value"), style: curve(colours.ink, 1.7) }, { values: unpack(part, "low"), style: edge }, { values: unpack(part, "high"), style: edge }],
     shade(colours.upper, 0.18), undefined, 130, inPoints));
@@ -112,7 +112,7 @@ const orderChart = (model, box, chosen, choose) => {
   };
   const made = new uPlot({
     width: Math.max(280, box.clientWidth), height: 220, legend: { show: false }, padding: [10, 10, 0, 0],
-    scales: { x: { time: false, range: [0.5, row.length + 0.5] }, y: { distr: 4, asinh: 3 } },
+    scales: { x: { time: false, range: [0.5, row.length + 0.5] }, y: { distr: 4, asinh: 3, range: (_, low, high) => [1.5 * Math.min(low, -2), 1.5 * Math.max(high, 2)] } },
     series: [{}, { paths: () => null, points: { show: false } }],
     axes: [axisOf(colours, { size: 26, grid: { show: false }, incrs: [1, 2, 5, 10, 20, 50, 100, 200, 500, 1000, 2000, 5000] }), axisOf(colours, { size: 52, values: plainNumbers, splits: (_, axis, low, high) => POWERS.filter((value) => value >= low && value <= high) })],
     cursor: { y: false, drag: { x: false, y: false }, points: { show: false } },
