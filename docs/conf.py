@@ -38,10 +38,16 @@ html_theme = "pydata_sphinx_theme"
 html_title = "rpil"
 html_show_sourcelink = html_copy_source = False
 html_math_renderer = "mathml"
+html_static_path = ["_static"]
+html_css_files = ["site.css"]
+smartquotes = False  # they would make one dash of the two of an option
 html_theme_options = {"show_prev_next": False, "secondary_sidebar_items": ["page-toc"]}
 
 RUN = ("plot_ranking", "plot_steps", "plot_methods", "plot_step_weights")
 """The examples that are run for the site; the others need a simulator or torch, and are shown."""
+
+MAX_SIGNATURE = 600
+"""Characters; the constructors of estimators have fewer."""
 
 sphinx_gallery_conf = {
     "examples_dirs": [str(ROOT / "examples")],
@@ -56,10 +62,19 @@ sphinx_gallery_conf = {
 
 def visit_math(translator: Any, node: nodes.math | nodes.math_block) -> None:
     """A formula as MathML, which browsers draw without a script."""
-    display = "block" if isinstance(node, nodes.math_block) else "inline"
-    translator.body.append(convert(node.astext(), display=display))
+    is_block = isinstance(node, nodes.math_block)
+    formula = convert(node.astext(), display="block" if is_block else "inline")
+    translator.body.append(f'<div class="formula">{formula}</div>' if is_block else formula)
     raise nodes.SkipNode
 
 
+def shorten_signature(
+    app: Any, what: str, name: str, obj: Any, options: Any, signature: str | None, returned: str
+) -> Any:
+    """No page of defaults before a class that users never make: its attributes are described below."""
+    return ("(...)", returned) if signature is not None and len(signature) > MAX_SIGNATURE else None
+
+
 def setup(app: Any) -> None:
+    app.connect("autodoc-process-signature", shorten_signature)
     app.add_html_math_renderer("mathml", (visit_math, None), (visit_math, None))
