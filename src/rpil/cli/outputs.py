@@ -137,6 +137,4 @@ def tell_if_too_many(audit: Audit, limit: str | None) -> int:
 
 def judged_within(audit: Audit) -> tuple[str, ...]:
     """The sentence on the tasks within which demonstrations were judged; none where there is one task."""
-    from rpil.results.tasks import AuditOfTasks
-
-    return audit.assumptions[:1] if isinstance(audit, AuditOfTasks) else ()
+    return audit.assumptions[:1] if audit.within else ()

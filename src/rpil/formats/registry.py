@@ -13,6 +13,7 @@ from rpil.data.errors import DataError, MissingExtraError
 from rpil.data.files import StrPath, check_exists, check_extension, check_readable, check_writable
 from rpil.data.folders import check_folder
 from rpil.data.guard import guarded
+from rpil.data.held import holding
 from rpil.data.memory import TooLargeError
 from rpil.data.missing import allow_missing
 from rpil.formats import (
@@ -84,7 +85,7 @@ class Found:
         if on_disk is None and not self.format.stays_on_disk(self.path):
             with suppress(TooLargeError):
                 return self.read(options)
-        with guarded(str(self.path)), spool.on_disk(on_disk is not False), allow_missing(options.skip_bad):
+        with holding(), guarded(str(self.path)), spool.on_disk(on_disk is not False), allow_missing(options.skip_bad):
             if self.format.read_address is not None and not Path(self.path).exists():
                 recording = self.format.read_address(self.path, options)
             else:
@@ -103,7 +104,7 @@ class Found:
         trims: Mapping[Id, tuple[int, int]] | None = None,
     ) -> None:
         """Write some demonstrations to `output`; see `rpil.formats.keep`."""
-        with guarded(str(self.path)):
+        with holding(), guarded(str(self.path)):
             new = self.check_output(output, bool(trims))
             if not ids:
                 raise DataError(f"{self.path}: no demonstration is to be kept; choose others.")

@@ -116,6 +116,7 @@ def with_answers(audit: A, labels: Mapping[Id, str], pairs: Sequence[tuple[Id, I
         identifiable=True,
         competing=(),
         answers=known,
+        own_reasons=(),
         contradicting=tuple(audit.ids[m] for m in found.contradicting.tolist()),
         doubts=doubts_of_answers(found),
         notes=tuple(note for note in audit.notes if TWO_GROUPS not in note),
