@@ -206,9 +206,7 @@ def _warn_of_few(group: str, n: int, recording: Recording) -> None:
     if n < MIN_DEMONSTRATIONS:
         said, options = recording.description, recording.options
         what = "session" if options.session else "task"
-        remedy = (
-            "leave out --session or session=" if options.session else f"add --exclude {said.task_column} or exclude="
-        )
+        remedy = "leave out session=" if options.session else f"add exclude={said.task_column!r}"
         warnings.warn(
             f"{said.source}: the {what} {group!r} has {n} demonstrations, too few to judge them well; to judge all "
             f"{what}s as one, {remedy}.",
