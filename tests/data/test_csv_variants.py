@@ -212,7 +212,9 @@ def test_observations_that_tell_demonstrations_apart_are_noted(tmp_path):
     for rows in (None, SHUFFLED):
         (tmp_path / "a.csv").write_text(text(BASE | more, rows=rows))
         notes = read_recording(tmp_path / "a.csv").description.notes
-        assert notes == ("Constant within each demonstration: seed, wind; leave out what those who acted did not see.",)
+        assert notes == (
+            "Constant within each demonstration: seed, wind; leave out what the demonstrators did not see.",
+        )
 
 
 def test_an_id_in_two_files_is_refused(tmp_path):

@@ -57,7 +57,7 @@ def find_faults(
     times : Times
         Timestamps, frame rate and lengths that the recording states, as far as it does.
     expected : mapping of rule to ids, optional
-        What is so on purpose (`read_expected`); these findings are counted and left out.
+        Findings that the user declares expected (`read_expected`); they are counted and left out.
     skip_bad : bool
         Where values are missing, set those demonstrations aside and apply the other rules to the rest; by default only
         the missing values are reported then.

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import zipfile
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,7 +11,7 @@ from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
 from rpil.data.files import StrPath, check_extension, check_readable
 from rpil.data.guard import guarded
-from rpil.data.npy import ARRAY, read_arrays
+from rpil.data.npy import opened_npz
 from rpil.formats import table as flat
 from rpil.formats.parquet_pages import read_table
 from rpil.formats.recording import Recording
@@ -57,11 +56,8 @@ def _read(path: Path) -> tuple[tuple[str, ...], Array, Array]:
     """Names of the K columns, the index of each row (N,), in order, and the values (N, K)."""
     with guarded(path):
         if path.suffix.lower() == ".npz":
-            with zipfile.ZipFile(path) as stored:
-                members = [name for name in stored.namelist() if name.endswith(ARRAY)]
-                arrays = read_arrays(stored, members, path.name)
-            names = (name.removesuffix(ARRAY) for name in members)
-            columns = {name: np.atleast_1d(array) for name, array in zip(names, arrays, strict=True)}
+            with opened_npz(path) as stored:
+                columns = {name: np.atleast_1d(array) for name, array in stored.read(stored.names).items()}
         else:
             table = read_table(path)
             wanted = [name for name in table.column_names if flat.kind_of_type(table[name].type) in ("list", "number")]

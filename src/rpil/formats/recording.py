@@ -276,7 +276,7 @@ def _one_step_note(column: str, n: int, n_steps: int) -> tuple[str, ...]:
 
 
 def _constant_note(names: list[str]) -> tuple[str, ...]:
-    text = f"Constant within each demonstration: {listed(names)}; leave out what those who acted did not see."
+    text = f"Constant within each demonstration: {listed(names)}; leave out what the demonstrators did not see."
     return (text,) if names else ()
 
 
