@@ -258,7 +258,20 @@ def _describe(columns: Columns, found: Scan, origin: Origin, clock: Clock | None
         missing=found.statistics.missing,
         ranges=found.statistics.ranges(names),
         outcomes=outcome_options([*metadata.split_outcomes, *columns.outcomes]),
-        notes=(*_constant_note(constant), *origin.notes, *metadata.notes(len(places.ids), n_steps)),
+        notes=(
+            *_one_step_note(columns.episode, len(places.ids), n_steps),
+            *_constant_note(constant),
+            *origin.notes,
+            *metadata.notes(len(places.ids), n_steps),
+        ),
+    )
+
+
+def _one_step_note(column: str, n: int, n_steps: int) -> tuple[str, ...]:
+    return (
+        (f"Each demonstration has one step: is {column} the right column of the demonstration?",)
+        if 1 < n == n_steps
+        else ()
     )
 
 
