@@ -116,7 +116,7 @@ def replacing(path: StrPath) -> Iterator[Path]:
 def new_folder(path: StrPath) -> Iterator[Path]:
     """Yield a folder beside `path` to fill, which is called `path` if the block ends without an error.
 
-    A `DataError` where `path` is there already, or cannot be written. What killed processes left is removed.
+    A `DataError` where `path` is there already, or cannot be written. Temporary files of dead processes are deleted.
     """
     path = Path(path)
     if path.exists():
@@ -150,7 +150,7 @@ def cannot_be_written(path: StrPath, reason: str) -> DataError:
 def beside(path: Path) -> Iterator[Path]:
     """Yield the path of a temporary file or folder beside `path`, which is removed at the end if it is there.
 
-    What killed processes of this computer left beside `path` is removed first.
+    Temporary files beside `path` of dead processes of this computer are deleted first.
     """
     temporary = temporary_path(path)
     try:

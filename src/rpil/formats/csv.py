@@ -197,7 +197,7 @@ def _read_table(file: Text, columns: Columns, read: Callable[..., Rows]) -> Rows
                 raise
             raise DataError(
                 f"{file.path.name}: a column holds values of another type further on; read it into memory with "
-                "--no-stream or rpil.read."
+                "rpil.read."
             ) from error
 
 

@@ -62,7 +62,7 @@ def _find_arrays(found: Iterable[str], options: ColumnOptions, source: str) -> l
     """Names of the arrays of observations, actions and ids among those `found`."""
     unused = [name for name in ("exclude", "order", "task") if getattr(options, name)]
     if unused:
-        raise DataError(f"{source}: an NPZ file holds arrays and no columns; leave out --{unused[0]} or {unused[0]}=.")
+        raise DataError(f"{source}: an NPZ file holds arrays and no columns; leave out {unused[0]}=.")
     wanted = []
     for given, usual in zip((options.observations, options.action, options.id or ()), SPELLINGS, strict=True):
         names = as_list(given) or usual

@@ -60,7 +60,7 @@ class Metadata:
         strays = f"Left out, because meta does not list them: {quoted(self.strays, 5)}."
         said = (unusable, bool(self.unusable)), (strays, bool(self.strays)), (unseen, n > 0)
         return tuple(text for text, holds in said if holds) + tuple(
-            f"meta/info.json says {name} = {self.sizes[name]}, but the data hold {n:,} {what}; the data are believed."
+            f"meta/info.json says {name} = {self.sizes[name]}, but the data hold {n:,} {what}; the data decide."
             for name, (n, what) in found.items()
             if self.sizes.get(name, n) != n
         )
