@@ -190,7 +190,6 @@ WITHOUT_TESTS = {
     "faults/missing.py": "tests/faults/test_rules.py",
     "faults/record.py": "tests/faults/test_rules.py",
     "faults/expected.py": "tests/cli/test_check.py",
-    "results/html/faults.py": "tests/cli/test_check.py",
     "data/missing.py": "tests/faults/test_rules.py",
     "results/settings.py": "values alone; the file that uses them is tested",
     "inference/settings.py": "values alone",

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+import re
+import shlex
 import warnings
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
 from rpil.cli.commands import tell_if_interrupted
+from rpil.cli.options import command_words
 from rpil.cli.progress import StageProgress
 
 if TYPE_CHECKING:
@@ -20,8 +23,9 @@ if TYPE_CHECKING:
     from rpil.formats.dataset import Dataset
     from rpil.formats.recording import Recording
     from rpil.results.record import Audit
+    from rpil.results.view import About
 
-OUTPUTS = ("weights", "verdicts", "keep", "report")
+OUTPUTS = ("weights", "verdicts", "keep", "report", "save")
 """The options that name these files, in the order in which they are written."""
 
 
@@ -34,11 +38,6 @@ class Audited:
     recording: Recording
     faults: FaultReport
     demonstrators: Mapping[str, str]
-
-    @property
-    def provenance(self) -> dict[str, object]:
-        """How the audit was made."""
-        return {} if self.audit.provenance is None else self.audit.provenance.to_dict()
 
     @cached_property
     def lost(self) -> tuple[str, ...]:
@@ -59,25 +58,15 @@ def lost_without(demonstrations: Demonstrations | Dataset, kept: Collection[obje
 def write_outputs(paths: Mapping[str, str | None], given: Audited, seconds: float, progress: StageProgress) -> None:
     """Write the files of `OUTPUTS` whose paths are given; the audit took so many `seconds`."""
     from rpil.formats.weights import write_weights
+    from rpil.results.html.page import Article, write_page
+    from rpil.results.run_file import write_run
     from rpil.results.verdict_table import kept, write_kept, write_verdicts
+    from rpil.results.view import make_view
 
     audit = given.audit
 
-    def write_report(path: str) -> None:
-        from markupsafe import Markup
-
-        from rpil.results.html.faults import faults_section
-        from rpil.results.html.page import Article, write_page
-
-        def lines(text: Sequence[str]) -> Markup:
-            return Markup("<p>%s</p>") % Markup("<br>").join(text)
-
-        title = f"Audit of {Path(given.source).name}"
-        sections = [("What was read", lines(given.recording.description.short()))]
-        if given.lost:
-            sections.append((f"What is lost without the {audit.words.lower} ones", lines(given.lost)))
-        sections.append(faults_section(given.faults))
-        write_page(path, [Article(title, audit, given.source, sections=sections, seconds=seconds)])
+    command = click.get_current_context()
+    view = cache(lambda: make_view(audit, _about(given, seconds, command)))
 
     def write_keep(path: str) -> None:
         write_kept(path, audit)
@@ -91,7 +80,8 @@ def write_outputs(paths: Mapping[str, str | None], given: Audited, seconds: floa
             path, audit, given.demonstrators, given.faults.findings, given.recording.tasks
         ),
         "keep": write_keep,
-        "report": write_report,
+        "report": lambda path: write_page(path, [Article(view())]),
+        "save": lambda path: write_run(path, view()),
     }
     for title in OUTPUTS:
         path = paths[title]
@@ -99,6 +89,28 @@ def write_outputs(paths: Mapping[str, str | None], given: Audited, seconds: floa
             progress(f"writing {path}")
             writers[title](path)
             tell_if_interrupted(f"{path} is written")
+
+
+def _about(given: Audited, seconds: float, ctx: click.Context) -> About:
+    """What the report shows beside the audit, which took so many `seconds`."""
+    from rpil.results.view import About
+
+    read, lerobot = given.recording.description, given.recording.description.format.startswith("LeRobot")
+    hub = re.match(r"hf://datasets/([\w.-]+/[\w.-]+)", given.source)
+    return About(
+        title=f"Audit of {Path(given.source).name}",
+        source=given.source,
+        read=read.short(),
+        lost=given.lost,
+        faults=given.faults,
+        tasks=given.recording.tasks,
+        demonstrators=given.demonstrators,
+        fps=read.fps or given.recording.times().fps,
+        lerobot=lerobot,
+        hub=hub[1] if hub and lerobot else "",
+        command=shlex.join(command_words(ctx, str(ctx.info_name))),
+        seconds=seconds,
+    )
 
 
 def lines_after_output(title: str, path: str, given: Audited) -> list[str]:

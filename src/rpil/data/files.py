@@ -18,6 +18,7 @@ from fnmatch import fnmatch
 from pathlib import Path
 
 from rpil.data.errors import DataError
+from rpil.data.held import held_bytes
 
 _SYNCED_AT_ONCE = 32
 """Files: a disk writes many at once as fast as one."""
@@ -63,7 +64,7 @@ def check_readable(path: StrPath) -> Path:
     if path.stat().st_size == 0:
         raise DataError(f"{path}: the file is empty; write it again.")
     if path.stat().st_size < _MOST_OF_POINTER:
-        with path.open("rb") as file:
+        with held_bytes(path) as file:
             refuse_pointer(file.read(len(_POINTER)), path)
     return path
 

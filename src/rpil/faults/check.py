@@ -82,7 +82,7 @@ def find_faults(
     unknown: dict[str, tuple[str, ...]] = {}
     if measured is None or (missing and not skip_bad):
         others = (rule for rule in RULES if rule not in ("missing values", "frame count", "dropped frames"))
-        why |= dict.fromkeys(others, "values are missing; set these demonstrations aside with --skip-bad")
+        why |= dict.fromkeys(others, "values are missing; set these demonstrations aside with skip_bad=True")
     else:
         ids = tuple(name for name, keep in zip(demonstrations.ids, kept, strict=True) if keep)
         seen = Evidence(measured, columns, learned, ids, demonstrations.lengths[kept], seconds, settings)

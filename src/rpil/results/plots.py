@@ -109,25 +109,6 @@ class RankingDisplay(_AuditDisplay):
         return self
 
 
-class LengthDisplay(_AuditDisplay):
-    """Reliability against the number of steps."""
-
-    def plot(self, ax: Axes | None = None) -> Self:
-        """Draw one dot and its 95 % interval for each demonstration."""
-        ax = self._prepare_axes(ax)
-        audit, lengths, verdicts = self.audit, self.audit.lengths, np.array(self.audit.verdicts)
-        for verdict in audit.verdict_counts():
-            mask, colour = verdicts == verdict, COLOURS[SIDES[verdict]]
-            if mask.any():
-                ax.vlines(lengths[mask], *audit.reliability_interval[mask].T, color=colour, alpha=0.25, linewidth=1.5)
-                ax.plot(lengths[mask], audit.reliability[mask], "o", color=colour, markersize=4.5, label=verdict)
-        if lengths.max() > 20 * lengths.min() > 0:
-            ax.set_xscale("log")
-        ax.set(ylim=(-0.03, 1.03), xlabel="Steps", ylabel="Reliability")
-        _add_legend(ax)
-        return self
-
-
 class TimelineDisplay(_AuditDisplay):
     """The log-ratio ``log pi(a|s) - log psi(a|s)`` of each step of one demonstration, in nats."""
 
@@ -254,20 +235,6 @@ class SessionsDisplay(_AuditDisplay):
         by = "Place in the data" if audit.order is None else "Order of recording"
         ax.set(xlabel=f"Session, and {by[:1].lower()}{by[1:]}" if len(starts) > 1 else by, ylabel="Log-odds (nats)")
         _add_legend(ax)
-        return self
-
-
-class HistoryDisplay(_AuditDisplay):
-    """The objective of each round: the log-likelihood of the training group, or the objective of EM."""
-
-    def plot(self, ax: Axes | None = None) -> Self:
-        """Draw the objective against the round."""
-        from matplotlib.ticker import MaxNLocator
-
-        ax, history = self._prepare_axes(ax), self.audit.history
-        ax.plot(np.arange(1, len(history) + 1), history, "-o", color=COLOURS["upper"], markersize=2.5)
-        ax.xaxis.set_major_locator(MaxNLocator(integer=True))
-        ax.set(xlabel="Round", ylabel="Objective (nats)")
         return self
 
 

@@ -160,7 +160,7 @@ class Audit(AuditResult):
     def to_html(self, path: StrPath, title: str = "Audit of demonstrations") -> None:
         """Write the report of ``rpil audit --report`` to a file: one page, which needs no network.
 
-        It has no section on recording faults, which an audit does not know.
+        It tells nothing of recording faults, which an audit does not know.
 
         Raises
         ------
@@ -168,8 +168,9 @@ class Audit(AuditResult):
             If the path cannot be written.
         """
         from rpil.results.html.page import Article, write_page
+        from rpil.results.view import About, make_view
 
-        write_page(path, [Article(title, self, "in memory")])
+        write_page(path, [Article(make_view(self, About(title, "in memory")))])
 
     def __repr__(self) -> str:
         return overview_text(self)

@@ -14,7 +14,8 @@ import pyarrow.csv
 import pyarrow.parquet as pq
 import pytest
 
-from command_line import npz, ok
+from browser import browsing, needs_chromium
+from command_line import npz, ok, refused
 from problems import make_continuous
 from rpil import formats
 from rpil.data.demonstrations import Demonstrations
@@ -216,3 +217,41 @@ def test_two_groups_in_json(folder):
     assert all(note.startswith("The two groups: ") for note in audit["notes"])
     assert len(audit["notes"]) == 2
     assert result.stderr == ""
+
+
+def test_a_saved_run_makes_the_same_report_again(folder):
+    data = folder / "good.parquet"
+    result = ok("audit", data, "--report", "r.html", "--save", "run.json", "--exclude", "is_good")
+    assert "Report: r.html" in result.stdout
+    assert "Save: run.json" in result.stdout
+    assert ok("report", "run.json", "-o", "again.html").stdout == "Report: again.html\n"
+    page = Path("again.html").read_text()
+    assert page == Path("r.html").read_text()
+    assert f"rpil audit {data} --exclude is_good --labels labels.csv" in re.sub(r" --(report|save) \S+", "", page)
+    Path("other.json").write_text("{}")
+    refused(r"other\.json: it is no run of rpil audit --save", "report", "other.json", "-o", "again.html")
+    assert Path("again.html").read_text() == page
+
+
+@pytest.mark.slow
+@needs_chromium
+def test_marks_made_in_the_report_are_labels_of_the_next_audit(folder, tmp_path):
+    data = folder / "good.parquet"
+    before = json.loads(ok("audit", data, "--report", "r.html", "--json").stdout)
+    with browsing(tmp_path / "profile") as browser:
+        browser.send("Browser.setDownloadBehavior", behavior="allow", downloadPath=str(tmp_path))
+        browser.open(Path("r.html"))
+        browser.click('[data-filter=verdict][data-value="unlike"]')
+        browser.press("b", "j", "b", "Escape")
+        browser.click('[data-filter=verdict][data-value="typical"]')
+        browser.press("g")
+        browser.reload()
+        browser.click("[data-role=labels]")
+        while not (tmp_path / "labels.csv").exists():
+            browser.evaluate("new Promise(done => setTimeout(done, 20))")
+        assert browser.errors == []
+    after = json.loads(ok("audit", data, "--labels", tmp_path / "labels.csv", "--json").stdout)
+    assert after["anchor"] == "answers"
+    assert (tmp_path / "labels.csv").read_text().count("bad") == 2
+    old, new = ({one["id"]: one["log_odds"] for one in each["demonstrations"]} for each in (before, after))
+    assert all(abs(old[name] - new[name]) > 0.01 for name in old)
