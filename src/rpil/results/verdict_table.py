@@ -102,8 +102,12 @@ def write_kept(path: StrPath, audit: AuditResult) -> None:
 
 def file_ids(ids: Sequence[Hashable]) -> list[int] | list[str]:
     """Ids as whole numbers where all are, else as text."""
-    numbers = [name for name in ids if isinstance(name, int)]
-    return numbers if len(numbers) == len(ids) else list(map(str, ids))
+    return [name for name in ids if isinstance(name, int)] if is_whole(ids) else list(map(str, ids))
+
+
+def is_whole(ids: Sequence[Hashable]) -> bool:
+    """Whether all ids are whole numbers."""
+    return all(isinstance(name, int) for name in ids)
 
 
 def _write_json(path: Path, value: object) -> None:
