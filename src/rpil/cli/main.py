@@ -43,6 +43,7 @@ from rpil.cli.options import (
 from rpil.cli.options_file import file_argument
 from rpil.cli.outputs import OUTPUTS, Audited, judged_within, lines_after_output, tell_if_too_many, write_outputs
 from rpil.cli.progress import StageProgress, show_stages
+from rpil.cli.review import review
 
 if TYPE_CHECKING:
     from rpil.results.record import Audit
@@ -79,7 +80,7 @@ def main(ctx: click.Context, /) -> None:
         click.echo(ctx.get_help())
 
 
-for command in (check, info, label, keep, convert, evaluate):
+for command in (check, info, label, review, keep, convert, evaluate):
     main.add_command(command)
 
 

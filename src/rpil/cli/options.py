@@ -250,13 +250,13 @@ def pop_columns(options: dict[str, Value]) -> ColumnOptions:
 
 
 def command_words(ctx: click.Context, name: str) -> list[str]:
-    """The command `name` with the arguments of `ctx`, without --labels, --resume and --quiet."""
+    """The command `name` with the arguments of `ctx`, without --labels, --resume, --quiet and those of a server."""
     words = ["rpil", name]
     for param in ctx.command.params:
         value = ctx.params.get(str(param.name))
         if isinstance(param, click.Argument):
             words.append(str(value))
-        elif param.name not in ("labels", "resume", "quiet") and is_given(ctx, param):
+        elif param.name not in ("labels", "resume", "quiet", "port", "browser") and is_given(ctx, param):
             if isinstance(value, bool):
                 words += param.opts[:1] if value else param.secondary_opts[:1]
             else:

@@ -24,7 +24,7 @@ from rpil.formats import folder
 from rpil.formats import lerobot_stats as stats
 from rpil.formats.format import Format, keep_by_own_ids
 from rpil.formats.lerobot import cameras, chunk_size, read_info
-from rpil.formats.lerobot_check import find_defects, mend
+from rpil.formats.lerobot_check import find_defects, find_shots, mend
 from rpil.formats.lerobot_episodes import EpisodeLines, EpisodeTable
 from rpil.formats.lerobot_kept import PATHS, Kept, Trims
 from rpil.formats.lerobot_video import load_av
@@ -200,4 +200,5 @@ FORMAT = Format(
     stays_on_disk=folder.holds_parquet,
     find_defects=find_defects,
     mend=mend,
+    shots=find_shots,
 )

@@ -186,14 +186,14 @@ def question_to_dict(audit: Judged) -> dict[str, object] | None:
     stands out), and the question itself; None where nothing is asked."""
     if not is_asked(audit):
         return None
-    stretches = [_stretch(audit, name) for name in audit.pair]
+    stretches = [stretch_of(audit, name) for name in audit.pair]
     look_at = [None if stretch is None else [stretch.first, stretch.last] for stretch in stretches]
     return {"pair": list(audit.pair), "look_at": look_at, "text": question(audit)}
 
 
 def where_to_look(audit: Judged, name: Hashable, fps: float | None = None) -> str:
     """The demonstration, with its worst stretch in steps and, where the frames a second are known, seconds."""
-    stretch = _stretch(audit, name)
+    stretch = stretch_of(audit, name)
     if stretch is None:
         return printable(name)
     span = f"step {stretch.first}" if stretch.first == stretch.last else f"steps {stretch.first} to {stretch.last}"
@@ -201,7 +201,7 @@ def where_to_look(audit: Judged, name: Hashable, fps: float | None = None) -> st
     return f"{printable(name)} (look at {span}{seconds})"
 
 
-def _stretch(audit: Judged, name: Hashable) -> Stretch | None:
+def stretch_of(audit: Judged, name: Hashable) -> Stretch | None:
     """The worst stretch of a demonstration."""
     steps = audit.step_log_ratio[audit.steps(audit.index(name))]
     return worst_stretch(np.clip(steps, -MAX_LOG_RATIO, MAX_LOG_RATIO)) if len(steps) else None

@@ -51,7 +51,7 @@ command
 provenance
     Whatever is known of version, settings, columns and so on, by name.
 drawings
-    For the `MAX_DRAWN` first in the order of looking, by number as text: bins, ratio (min, mean, max of the log-ratios
+    For the first in the order of looking, by number as text: bins, ratio (min, mean, max of the log-ratios
     in each bin), trust (mean weight of the steps), parts (of the action: name, share of the evidence, value, low and
     high of what is typical there). Curves are packed by `rpil.results.drawings.packed`; bin k of B begins at step
     ``k * n_steps // B``.
@@ -115,8 +115,8 @@ class About:
     """Makes the parts of the action with most of the evidence about a demonstration."""
 
 
-def make_view(audit: AuditResult, about: About) -> View:
-    """The view of an audit."""
+def make_view(audit: AuditResult, about: About, drawn: int = MAX_DRAWN) -> View:
+    """The view of an audit, with drawings of the `drawn` first in the order of looking."""
     order, n_review = looking_order(audit)
     asked = answering.is_asked(audit)
     places = {name: m for m, name in enumerate(audit.ids)}
@@ -154,7 +154,7 @@ def make_view(audit: AuditResult, about: About) -> View:
         "hub": about.hub,
         "command": about.command,
         "provenance": dict(about.provenance),
-        "drawings": {str(m): drawing(audit, m, about.traces(m)) for m in order[:MAX_DRAWN]},
+        "drawings": {str(m): drawing(audit, m, about.traces(m)) for m in order[:drawn]},
     }
 
 
