@@ -74,7 +74,7 @@ def review_of(audit, labels="labels.csv", videos=None, finish=None, page=None):
         about=About("Review of d.parquet", "d.parquet", fps=10.0, command="rpil audit d.parquet"),
         videos=videos or Videos.of("d.parquet", audit.ids, 10.0),
         finish=finish or (lambda _: []),
-        page=page or (lambda view: f"<!DOCTYPE html><p>{view['version']}"),
+        page=page or (lambda state, view: f"<!DOCTYPE html><p>{state['version']} {view['title']}"),
     )
 
 

@@ -36,14 +36,16 @@ def client(review):
 
 def test_the_state_is_the_view_and_the_question(client, review, audit):
     state = client.get("/api/view")
-    assert state["view"] == json.loads(json.dumps(make_view(audit, review.about, 0)))
+    view = make_view(audit, review.about, 0) | {"question": "", "pair": [], "look_at": []}
+    assert state["view"] == json.loads(json.dumps(view))
+    assert list(state["asked"]["buttons"]) == ["1", "2", "3", "4", "u", "s"]
     pair = [audit.index(name) for name in audit.pair]
     assert state["asked"]["demonstrations"] == pair
     assert state["asked"]["sentence"].startswith("Which is better: ")
     assert [line.split(":")[0] for line in state["asked"]["facts"]] == [str(name) for name in audit.pair]
     assert (state["version"], state["n_answers"], state["can_undo"]) == (0, 0, False)
     status, headers, content = client.ask("GET", "/")
-    assert (status, content) == (200, b"<!DOCTYPE html><p>0")
+    assert (status, content) == (200, b"<!DOCTYPE html><p>0 Review of d.parquet")
     assert headers["content-type"].startswith("text/html")
 
 
@@ -54,7 +56,9 @@ def test_an_answer_says_what_moved_and_asks_the_next(client, audit):
     assert state["lines"][0] == "Now: 0 good, 24 open, 0 bad."
     assert any(line.startswith("P(good) moved most: ") for line in state["lines"])
     answered = audit.answered({}, [audit.pair])
-    assert state["view"]["demonstrations"]["verdict"] == list(answered.verdicts)
+    assert client.get("/api/view")["lines"] == state["lines"]
+    assert client.get("/api/view")["view"]["demonstrations"]["verdict"] == list(answered.verdicts)
+    assert list(state["asked"]["buttons"].items()) == [("g", "Good"), ("b", "Bad"), ("u", "Cannot tell"), ("s", "Skip")]
     assert state["asked"]["demonstrations"] == [audit.index(name) for name in answered.suggest_labels(1)]
     assert (state["version"], state["n_answers"], state["can_undo"]) == (1, 1, True)
     assert read_answers("labels.csv") == ({}, [tuple(map(str, audit.pair))])

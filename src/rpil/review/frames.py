@@ -15,14 +15,18 @@ from rpil.formats.registry import find_format
 FRAME_WIDTH = 320
 """Pixels."""
 
+NOT_THERE = "The videos of these data are not in their folder."
+
 
 @dataclass(frozen=True)
 class Videos:
-    """Where the frames of each demonstration are in the folder `top`: of each camera, by number of the demonstration."""
+    """Where each camera saw each demonstration, by its number, in the folder `top`."""
 
     top: Path
     fps: float
     shots: Mapping[int, Sequence[Shot]] = field(default_factory=dict)
+    has_frames: bool = False
+    """Whether single frames can be shown."""
     note: str = ""
     """A sentence on what cannot be shown, and why."""
 
@@ -43,8 +47,8 @@ class Videos:
         try:
             load_av()
         except MissingExtraError as error:
-            return cls(top, fps, shots, str(error) if shots else "")
-        return cls(top, fps, shots, "" if shots else "The videos of these data are not in their folder.")
+            return cls(top, fps, shots, False, str(error) if shots else NOT_THERE)
+        return cls(top, fps, shots, bool(shots), "" if shots else NOT_THERE)
 
     def cameras(self, m: int) -> list[dict[str, object]]:
         """The name of each camera that saw demonstration `m`, and where in its file: seconds, and None for the end."""

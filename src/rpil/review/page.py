@@ -5,6 +5,6 @@ from __future__ import annotations
 from rpil.results.view import View
 
 
-def page_of(view: View) -> str:
+def page_of(state: View, view: View) -> str:
     """The page, which begins with a view."""
-    return "<!DOCTYPE html><title>%s</title>" % view["view"]["title"]  # type: ignore
+    return f"<!DOCTYPE html><title>{view['title']}</title>"

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 from rpil.data.errors import DataError, MissingExtraError
 from rpil.results.answering import stretch_of
 from rpil.results.drawings import drawing
+from rpil.results.text import printable
 from rpil.results.view import About, View, make_view
 from rpil.review.frames import Videos
 from rpil.review.security import Application, Gate, guarded_by
@@ -34,32 +35,43 @@ WHY = {
 class Review:
     """What the server shows and changes.
 
-    `finish` writes files for what follows, and returns sentences on them; `page` is the page around a view.
+    `finish` writes files for what follows, and returns sentences on them; `page` is the page of a `state` and a `view`.
     """
 
     session: Session
     about: About
     videos: Videos
     finish: Callable[[Audit], list[str]]
-    page: Callable[[View], str]
+    page: Callable[[View, View], str]
     lock: Lock = field(default_factory=Lock)
+    _drawn: tuple[int, View] | None = None
+
+    def view(self) -> View:
+        """The view of the audit, without the question, which `state` has, and drawings, which `demonstration` has."""
+        if self._drawn is None or self._drawn[0] != self.session.version:
+            view = make_view(self.session.audit, self.about, 0) | {"question": "", "pair": [], "look_at": []}
+            self._drawn = self.session.version, view
+        return self._drawn[1]
 
     def state(self) -> View:
-        """The view without drawings, which `demonstration` has, and what is asked."""
-        session, audit = self.session, self.session.audit
-        question = session.question
-        asked = {
-            "demonstrations": [audit.index(name) for name in question],
-            "sentence": question_sentence(audit, question, self.about.fps),
-            "why": WHY[len(question)],
-            "facts": list(fact_lines(audit, question)),
-        }
+        """What is asked, and what the last answer changed; all that a page needs to answer."""
+        session, audit, question = self.session, self.session.audit, self.session.question
+        asked: View = {"demonstrations": [audit.index(name) for name in question]}
+        if question:
+            first = [f"{printable(name)} is better" for name in question]
+            asked["sentence"] = question_sentence(audit, question, self.about.fps)
+            asked["why"] = WHY[len(question)]
+            asked["facts"] = list(fact_lines(audit, question))
+            words = [*first, "Both good", "Both bad"] if len(question) == 2 else ["Good", "Bad"]
+            keys = ANSWER_KEYS[len(question)]
+            asked["buttons"] = dict(zip(keys, [*words, "Cannot tell", "Skip"], strict=True))
         return {
-            "view": make_view(audit, self.about, 0),
             "version": session.version,
-            "asked": asked if question else None,
+            "asked": asked,
+            "lines": session.lines,
             "n_answers": len(session.rows),
             "can_undo": session.can_undo,
+            "path": session.path,
         }
 
     def demonstration(self, m: int) -> View:
@@ -72,6 +84,7 @@ class Review:
             "drawing": drawing(audit, m, self.about.traces(m)),
             "look": None if stretch is None else [stretch.first, stretch.last],
             "videos": self.videos.cameras(m),
+            "frames": self.videos.has_frames,
             "note": self.videos.note,
         }
 
@@ -115,14 +128,14 @@ def application(review: Review, gate: Gate) -> Application:
 
         return Route(path, endpoint, methods=["POST"])
 
-    def locked(respond: Callable[[], View]) -> View:
+    def shown(respond: Callable[[View, View], Response]) -> Response:
         with review.lock:
-            return respond()
+            return respond(review.state(), review.view())
 
     videos, session = review.videos, review.session
     routes = [
-        get("/", lambda: HTMLResponse(review.page(locked(review.state)))),
-        get("/api/view", lambda: JSONResponse(locked(review.state))),
+        get("/", lambda: shown(lambda state, view: HTMLResponse(review.page(state, view)))),
+        get("/api/view", lambda: shown(lambda state, view: JSONResponse({"view": view, **state}))),
         get("/api/version", lambda: JSONResponse({"version": session.version})),
         get("/api/demonstration/{m:int}", lambda m: JSONResponse(review.demonstration(m))),
         get("/video/{m:int}/{camera:int}", lambda m, camera: FileResponse(videos.file(m, camera))),
@@ -148,7 +161,8 @@ def _changed(review: Review, change: Change, body: bytes) -> tuple[View, int]:
         if given.get("version") != review.session.version:
             return {"error": "Another tab has answered since; look again."}, 409
         try:
-            return {"lines": change(given), **review.state()}, 200
+            lines = change(given)
+            return {**review.state(), "lines": lines}, 200
         except DataError as error:
             return {"error": str(error)}, 400
 

@@ -110,11 +110,14 @@ class Session:
         With all answers.
     version : int
         Counts the changes, so that two who answer can tell whether they saw the same.
+    lines : list of str
+        What the last change did, in sentences.
     """
 
     def __init__(self, start: Audit, path: str, before: bytes | None, most: int | None) -> None:
         self.path, self.before, self.version = path, before, 0
         self.audit = start
+        self.lines: list[str] = []
         self._written = before
         self._asking = Asking(start, most)
         self._earlier: list[Asking] = []
@@ -141,25 +144,26 @@ class Session:
         written; nothing has changed then.
         """
         last = self._asking
-        lines = self._go_to(last.after(question, key))
+        self._go_to(last.after(question, key))
         self._earlier.append(last)
-        return lines
+        return self.lines
 
     def undo(self) -> list[str]:
         """Take the last answer of this run back, where there is one; sentences on what that changed."""
-        lines = self._go_to(self._earlier[-1]) if self._earlier else []
-        del self._earlier[-1:]
-        return lines
+        if not self._earlier:
+            return []
+        self._go_to(self._earlier[-1])
+        del self._earlier[-1]
+        return self.lines
 
-    def _go_to(self, asking: Asking) -> list[str]:
-        audit, lines = self.audit, []
+    def _go_to(self, asking: Asking) -> None:
+        audit, lines = self.audit, list[str]()
         if asking.rows != self.rows:
             audit = asking.audit()
             lines = list(change_lines(self.audit, audit))
             self._write(asking.rows)
         self.question = asking.question(audit)
-        self.audit, self._asking, self.version = audit, asking, self.version + 1
-        return lines
+        self.audit, self.lines, self._asking, self.version = audit, lines, asking, self.version + 1
 
     def _write(self, rows: Rows) -> None:
         """Write the answers, whole or not at all; without any the file is as it was."""
