@@ -81,7 +81,8 @@ const live = (() => {
   const media = ({ view, d }, m) => {
     const found = seen.get(m), fps = view.fps;
     if (!found?.videos) return "";
-    const steps = [...d.worst[m]].slice(0, 3).sort((a, b) => a - b), [first, end] = d.stretch[m] ? [d.stretch[m][0], d.stretch[m][1] + 1] : [0, d.n_steps[m]];
+    const n = d.n_steps[m], [first, end] = d.stretch[m] ? [d.stretch[m][0], d.stretch[m][1] + 1] : [0, n];
+    const steps = d.worst[m].length ? d.worst[m].slice(0, 3).sort((a, b) => a - b) : [0, n >> 1, n - 1];
     const films = found.videos.map(({ camera, start }, k) => {
       const film = el("video", { controls: true, muted: true, preload: "metadata", src: `/video/${m}/${k}#t=${start + first / fps},${start + end / fps}` });
       const frames = found.frames ? steps.map((step) => el("button", { type: "button", title: `Step ${step}`, onclick: () => {
@@ -104,7 +105,12 @@ const live = (() => {
       }
     });
   }, POLL);
-  const labels = (view) => Object.fromEntries(view.answers.filter(([, word]) => word in KEYS).map(([m, word]) => [view.demonstrations.id[m], word]));
+  // The marks of the page are the labels that were given.
+  const store = (view) => ({
+    lasts: true,
+    read: () => Object.fromEntries(view.answers.filter(([, word]) => word in KEYS).map(([m, word]) => [view.demonstrations.id[m], word])),
+    write: () => {},
+  });
   begin();
-  return { first: () => asked[0] ?? null, labels, load, media, undo, press, mark: (word, m) => press(KEYS[word], m) };
+  return { first: () => asked[0] ?? null, store, load, media, undo, press, mark: (word, m) => press(KEYS[word], m) };
 })();

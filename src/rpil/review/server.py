@@ -136,6 +136,7 @@ def application(review: Review, gate: Gate) -> Application:
     routes = [
         get("/", lambda: shown(lambda state, view: HTMLResponse(review.page(state, view)))),
         get("/api/view", lambda: shown(lambda state, view: JSONResponse({"view": view, **state}))),
+        get("/favicon.ico", lambda: Response(status_code=204)),
         get("/api/version", lambda: JSONResponse({"version": session.version})),
         get("/api/demonstration/{m:int}", lambda m: JSONResponse(review.demonstration(m))),
         get("/video/{m:int}/{camera:int}", lambda m, camera: FileResponse(videos.file(m, camera))),
