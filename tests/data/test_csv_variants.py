@@ -218,7 +218,7 @@ def test_observations_that_tell_demonstrations_apart_are_noted(tmp_path):
 def test_an_id_in_two_files_is_refused(tmp_path):
     for name in ("a.csv", "b.csv"):
         (tmp_path / name).write_text(text(BASE))
-    with pytest.raises(DataError, match=r"demonstration '0': it is both in a.csv and in b.csv; give each"):
+    with pytest.raises(DataError, match=r"demonstration 0: it is both in a.csv and in b.csv; give each"):
         formats.read(tmp_path)
 
 

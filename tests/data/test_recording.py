@@ -144,7 +144,8 @@ def test_on_disk_rows_out_of_order_are_refused(tmp_path):
     rows[[40, 41]] = rows[[41, 40]]
     pq.write_table(TABLE.take(rows), tmp_path / "a.parquet")
     with pytest.raises(
-        DataError, match=r"a.parquet, row 42: rows are not in the order of 'frame_index'; sort the file"
+        DataError,
+        match=r"a.parquet, demonstration 1, row 42: rows are not in the order of 'frame_index'; sort the file",
     ):
         open_dataset(tmp_path / "a.parquet")
     pq.write_table(TABLE.take(SHUFFLED), tmp_path / "b.parquet")

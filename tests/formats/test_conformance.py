@@ -304,18 +304,16 @@ def counted(path: Path) -> Iterator[Callable[[], int]]:
 
 
 MOST_OPENS = {
-    **dict.fromkeys(("CSV", "TSV, UTF-16", "folder of CSV", "Minari, Arrow"), (3, 6)),
+    **dict.fromkeys(("CSV", "TSV, UTF-16", "Minari, Arrow", "Minari, Parquet"), (3, 6)),
     **dict.fromkeys(("CSV of discrete actions", "CSV, semicolons, Windows", "CSV, compressed"), (4, 7)),
+    "folder of CSV": (3, 6),
     "NPZ": (3, 5),
-    **dict.fromkeys(("Parquet", "Parquet of lists", "folder of Parquet"), (3, 5)),
-    "LeRobot": (4, 7),
-    "Minari, Parquet": (4, 7),
-    "Minari, HDF5": (1, 2),
+    **dict.fromkeys(("Parquet", "Parquet of lists", "folder of Parquet", "aloha", "Minari, HDF5", "Donkeycar"), (1, 2)),
+    "LeRobot": (2, 7),
     "imitation": (1, 3),
-    **dict.fromkeys(("imitation, NPZ", "robomimic"), (3, 4)),
-    **dict.fromkeys(("d4rl", "aloha"), (4, 5)),
+    "imitation, NPZ": (3, 4),
+    **dict.fromkeys(("robomimic", "d4rl"), (2, 3)),
     "folder of NPZ": (4, 5),
-    "Donkeycar": (1, 2),
     **dict.fromkeys(("Zarr 2", "Zarr 3"), (3, 7)),
     **dict.fromkeys(("Zarr 2, ZIP", "Zarr 3, ZIP"), (2, 3)),
 }

@@ -18,9 +18,7 @@ from rpil.data.errors import DataError
 from rpil.results import plots
 from rpil.results.words import SIDES
 
-AUDIT_DISPLAYS = [
-    *(plots.RankingDisplay, plots.LengthDisplay, plots.TimelineDisplay, plots.SessionsDisplay, plots.HistoryDisplay)
-]
+AUDIT_DISPLAYS = [plots.RankingDisplay, plots.TimelineDisplay, plots.SessionsDisplay]
 
 
 @pytest.fixture(autouse=True)
@@ -100,15 +98,6 @@ def test_ranking_refuses_an_unknown_quantity() -> None:
         plots.RankingDisplay.from_audit(make_audit(), quantity="trust")
 
 
-def test_length_shows_reliability_against_steps() -> None:
-    audit = make_audit()
-    ax = plots.LengthDisplay.from_audit(audit).ax_
-    drawn = {tuple(point) for line in ax.lines for point in line.get_xydata()}
-    assert drawn == set(zip(audit.lengths.astype(float), audit.reliability, strict=True))
-    assert ax.get_xscale() == "linear"
-    assert plots.LengthDisplay.from_audit(make_audit(("typical",) * 2, lengths=[10, 900])).ax_.get_xscale() == "log"
-
-
 def test_timeline_marks_the_worst_steps_of_the_demonstration_asked_for() -> None:
     audit = make_audit(ids="abcdefghij", lengths=[500] * 10)
     ax = plots.TimelineDisplay.from_audit(audit, demonstration="h").ax_
@@ -130,13 +119,6 @@ def test_timeline_shows_the_least_trusted_demonstration_by_default() -> None:
 def test_timeline_of_an_unknown_demonstration_is_refused() -> None:
     with pytest.raises(DataError, match=r"No demonstration is called 'x'; choose one of the ids 0, 1, 2, 3, 4, \.\.\."):
         plots.TimelineDisplay.from_audit(make_audit(), demonstration="x")
-
-
-def test_history_shows_the_objective_of_every_round() -> None:
-    audit = make_audit()
-    (line,) = plots.HistoryDisplay.from_audit(audit).ax_.lines
-    np.testing.assert_array_equal(line.get_xdata(), np.arange(1, 6))
-    np.testing.assert_array_equal(line.get_ydata(), audit.history)
 
 
 @pytest.mark.parametrize("display", [plots.RankingDisplay, plots.TimelineDisplay])

@@ -10,6 +10,7 @@ import numpy as np
 from audits import make_audit
 from rpil.faults.record import FaultReport, Finding
 from rpil.inference.answers import Answers
+from rpil.results.answering import stretch_of
 from rpil.results.groups import TWO_GROUPS
 from rpil.results.record import Audit, Demonstrator, Interval
 from rpil.results.view import MAX_DRAWN, About, looking_order, make_view
@@ -32,6 +33,8 @@ def test_columns_are_those_of_the_audit_in_the_order_of_the_data():
     np.testing.assert_allclose(columns["p"], audit.expert_proba, atol=1e-9)
     np.testing.assert_allclose(np.transpose([columns["low"], columns["high"]]), audit.reliability_interval, atol=1e-9)
     assert columns["worst"] == [audit.worst_steps(m) for m in range(len(audit.ids))]
+    assert columns["stretch"] == [stretch_of(audit, m) for m in range(len(audit.ids))]
+    assert columns["stretch"][9][0] < 168 / 2 < columns["stretch"][9][1]  # it goes wrong in its middle
     assert found["counts"] == audit.verdict_counts()
     assert found["run"] == audit.run_id
 
@@ -54,7 +57,7 @@ def test_an_answered_question_is_not_asked_again_and_answers_are_kept():
     audit = make_audit(pair=(1, 7), labels={3: 1, 5: -1})
     audit = replace(audit, answers=Answers(audit.answers.labels, np.array([[2, 4]]), audit.answers.outcome))
     found = view(audit)
-    assert (found["question"], found["pair"], found["look_at"]) == ("", [], [])
+    assert (found["question"], found["pair"]) == ("", [])
     assert found["answers"] == [[3, "good"], [5, "bad"], [2, "better than 4"]]
 
 
@@ -81,7 +84,7 @@ def test_faults_are_folded_by_kind_and_point_to_their_demonstrations():
     reasons = {"sign": "too few", "scale": "too few", "spike": "no columns"}
     report = FaultReport(findings, reasons, {}, {"lag": "a lag of 2 steps"}, {}, 2, 10)
     found = view(make_audit(("typical", "unlike"), ids=("a", "b")), faults=report)["faults"]
-    assert [(kind["rule"], kind["count"]) for kind in found["kinds"]] == [("jump", 3), ("lag", 1)]
+    assert [(kind["rule"], kind["n"]) for kind in found["kinds"]] == [("jump", 3), ("lag", 1)]
     assert found["found"]["demonstration"] == [0, 1, 1, None]
     assert found["found"]["sentence"][3] == "gone: x leaps"
     assert found["not_checked"] == [

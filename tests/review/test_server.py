@@ -134,11 +134,8 @@ def test_answers_that_contradict_each_other_are_refused_with_a_sentence(client):
 def test_what_is_drawn_of_a_demonstration(client, review, audit):
     found = client.get("/api/demonstration/3")
     assert found["drawing"] == json.loads(json.dumps(drawing(audit, 3, ())))
-    first, last = found["look"]
-    assert 0 <= first <= last < audit.lengths[3]
     assert (found["videos"], found["note"]) == ([], "These data have no videos.")
-    looks = [client.get(f"/api/demonstration/{m}")["look"] for m in range(24)]
-    assert None in looks
+    assert client.ask("GET", "/api/demonstration/24")[0] == 404
 
 
 def test_finish_names_what_was_written(audit):

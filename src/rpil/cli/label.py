@@ -34,6 +34,9 @@ MAX_QUESTIONS = 8
 
 LABELS_FILE = "labels.csv"
 
+WITHOUT = "labels", "resume", "quiet", "port", "browser"
+"""Options that an audit with the answers does not need, or does not have."""
+
 _OTHER_KEYS = "u cannot tell, s skip, z undo, q quit"
 _KEYS_OF_PAIR = f"1 the first, 2 the second, 3 both good, 4 both bad, {_OTHER_KEYS}"
 _KEYS_OF_ONE = f"g good, b bad, {_OTHER_KEYS}"
@@ -102,7 +105,7 @@ def label(ctx: click.Context, /, file: str, **options: Value) -> None:
 
 def command_with_labels(ctx: click.Context, path: str) -> str:
     """The command ``rpil audit`` with the arguments of `ctx` and the answers at `path`."""
-    return shlex.join([*command_words(ctx, "audit"), "--labels", path])
+    return shlex.join([*command_words(ctx, "audit", WITHOUT), "--labels", path])
 
 
 def last_lines(session: Session, command: str) -> Iterator[str]:

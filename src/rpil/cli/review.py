@@ -6,16 +6,16 @@ import shlex
 import threading
 import webbrowser
 from contextlib import suppress
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
 from rpil.cli import terminal
 from rpil.cli.commands import CommandSettings
-from rpil.cli.label import Judged, command_with_labels, judge, last_lines
+from rpil.cli.label import WITHOUT, Judged, command_with_labels, judge, last_lines
 from rpil.cli.options import Value, command_words, with_label_options
 from rpil.cli.options_file import file_argument
+from rpil.cli.outputs import Audited, about
 from rpil.cli.progress import show_stages
 
 if TYPE_CHECKING:
@@ -47,7 +47,7 @@ def review(ctx: click.Context, /, file: str, port: int | None, browser: bool, **
         quiet = options["quiet"]
         with terminal.print_warnings():  # now, not when the page is closed
             judged = judge(file, options)
-            found = _review(file, judged, shlex.join(command_words(ctx, "audit")), quiet)
+            found = _review(file, judged, shlex.join(command_words(ctx, "audit", WITHOUT)), quiet)
         gate = Gate.new(listening.getsockname()[1])
         click.echo(f"The page is at {gate.url}  (Ctrl-C ends it)")
         if browser:
@@ -61,7 +61,6 @@ def _review(file: str, judged: Judged, command: str, quiet: bool) -> Review:
     """What the page shows and changes; `command` is that of an audit, without the answers."""
     from rpil.faults.recorded import faults_of
     from rpil.faults.settings import FaultSettings
-    from rpil.results.view import About
     from rpil.review.frames import Videos
     from rpil.review.outputs import write_beside
     from rpil.review.page import page_of
@@ -71,22 +70,15 @@ def _review(file: str, judged: Judged, command: str, quiet: bool) -> Review:
     audit, recording = judged.audit, judged.recording
     with show_stages(quiet, CommandSettings.current().timing) as progress:
         progress("looking for recording faults")
-        about = About(
-            title=f"Review of {Path(file).name}",
-            source=file,
-            read=recording.description.short(),
-            faults=faults_of(recording, None, None, False, FaultSettings()),
-            tasks=recording.tasks,
-            demonstrators=judged.demonstrators,
-            fps=judged.fps,
-            command=command,
-        )
+        faults = faults_of(recording, None, None, False, FaultSettings())
+        given = Audited(audit, file, recording, faults, judged.demonstrators)
+        shown = about(given, command)
         progress("looking for videos")
         videos = Videos.of(file, audit.ids, judged.fps)
     return Review(
         session=Session(audit, judged.path, judged.before, None),
-        about=about,
+        about=shown,
         videos=videos,
-        finish=lambda answered: list(write_beside(judged.path, file, answered, about, recording)),
+        finish=lambda answered: list(write_beside(judged.path, file, answered, shown, recording)),
         page=page_of,
     )

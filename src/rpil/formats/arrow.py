@@ -16,6 +16,7 @@ from rpil.formats.column_search import find_columns
 from rpil.formats.columns import ColumnOptions, check_unique
 from rpil.formats.recording import Recording, from_batches
 from rpil.formats.selection import with_chosen
+from rpil.formats.table_facts import Origin
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -59,7 +60,7 @@ def from_arrow(
     columns = find_columns(table.column_names, kinds, source, options)
     chosen = table.select(columns.all)
     check_memory(2 * chosen.nbytes, source)
-    return from_batches([chosen], columns, source, format_name, notes=notes)
+    return from_batches([chosen], columns, Origin(source, format_name, notes=notes))
 
 
 def _plain(table: pa.Table) -> pa.Table:

@@ -23,10 +23,12 @@ from rpil.formats.column_search import find_columns
 from rpil.formats.columns import ColumnOptions, Columns, check_unique
 from rpil.formats.dialect import TEXT_SUFFIXES, Dialect, find_dialect, without_suffix
 from rpil.formats.format import Format, keep_one_file
-from rpil.formats.recording import Recording, from_batches, from_table
-from rpil.formats.spool import Copy, is_on_disk, spool
+from rpil.formats.places import in_two_files
+from rpil.formats.recording import Recording, from_batches
+from rpil.formats.rows import Rows, TableRows
+from rpil.formats.spool import is_on_disk, spool
 from rpil.formats.store import copied_rows
-from rpil.formats.table import refuse_id_in_two_files
+from rpil.formats.table_facts import Origin
 from rpil.formats.text_types import exact, exact_type, texts_of, written_as
 from rpil.numerics.types import Array
 
@@ -77,51 +79,46 @@ def read_folder(paths: Sequence[Path], options: ColumnOptions, source: str) -> R
 
 
 def _read(files: Sequence[Text], columns: Columns, source: str, format_name: str, notes: tuple[str, ...]) -> Recording:
-    """The recording in text tables, one below the other."""
+    """The recording in text tables, one below the other, of which all texts decide what is a number.
+
+    Rows that stay on disk go through a temporary file for that.
+    """
+    seen: dict[str, str] = {}
+    for file in files if columns.episode == FILE else ():
+        if seen.setdefault(_id_of(file), file.name) != file.name:
+            raise in_two_files(_id_of(file), seen[_id_of(file)], file.name, source)
     decimal = files[0].dialect.decimal
-    if is_on_disk():
-        sizes, batches = _copied(files, columns, decimal, source)
-        return from_batches(batches, columns, source, format_name, notes=notes, files=sizes)
-    import pyarrow as pa
-
-    tables = [_named(_read_table(file, columns, _whole), file, columns) for file in files]
-    may_go_on = columns.episode != FILE
-    refuse_id_in_two_files([table[columns.episode] for table in tables], [f.name for f in files], source, may_go_on)
-    table = exact(pa.concat_tables(tables, promote_options="permissive"), columns, decimal)
-    sizes = {file.name: len(table) for file, table in zip(files, tables, strict=True)}
-    return from_table(table, columns, source, format_name, notes=notes, files=sizes)
-
-
-def _copied(
-    files: Sequence[Text], columns: Columns, decimal: str, source: str
-) -> tuple[dict[str, int], Iterator[pa.Table]]:
-    """Numbers of rows by file, and all rows, which go through a temporary file: all texts decide what is a number."""
-    copies = [(file, copied_rows(_read_table(file, columns, _copy), {})) for file in files]
-    sizes = {file.name: rows.runs[-1][1] for file, rows in copies}
+    found = [(file, _read_table(file, columns, _copy if is_on_disk() else _whole)) for file in files]
 
     def tables() -> Iterator[pa.Table]:
-        for file, rows in copies:
+        for file, rows in found:
             names = [name for name in columns.all if name in file.dialect.names]
-            yield from (_named(table, file, columns) for _, table, _ in rows.tables(0, sizes[file.name], names))
+            yield from (_named(table, file, columns) for _, table, _ in rows.tables(0, rows.runs[-1][1], names))
 
-    if columns.episode == FILE:
-        import pyarrow as pa
-
-        ids = [pa.chunked_array([[without_suffix(file.name)]]) for file in files]
-        refuse_id_in_two_files(ids, [file.name for file in files], source, False)
     kinds: dict[str, set[str]] = {}
     for table in tables():
         for name, column in texts_of(table, columns, decimal).items():
             kinds.setdefault(name, set()).update(written_as(column, name in columns.actions))
     types = {name: exact_type(found) for name, found in kinds.items()}
-    return sizes, (exact(table, columns, decimal, types) for table in tables())
+    sizes = {file.name: rows.runs[-1][1] for file, rows in found}
+    return from_batches(
+        (exact(table, columns, decimal, types) for table in tables()),
+        columns,
+        Origin(source, format_name, notes=notes),
+        sizes,
+    )
+
+
+def _id_of(file: Text) -> str:
+    """The demonstration that a file is, where no column names it."""
+    return without_suffix(file.name)
 
 
 def _named(table: pa.Table, file: Text, columns: Columns) -> pa.Table:
     """The table with a column of the file's name where this names the demonstration."""
     if columns.episode != FILE:
         return table
-    return table.append_column(FILE, [[without_suffix(file.name)] * len(table)])
+    return table.append_column(FILE, [[_id_of(file)] * len(table)])
 
 
 def write(path: Path, demonstrations: Demonstrations, truth: Mapping[str, Array]) -> None:
@@ -166,7 +163,7 @@ def find_text_columns(path: Path, dialect: Dialect, options: ColumnOptions, defa
     return find_columns(dialect.names, kinds, path.name, options, default_id)
 
 
-def _read_table(file: Text, columns: Columns, read: Callable[..., _Result]) -> _Result:
+def _read_table(file: Text, columns: Columns, read: Callable[..., Rows]) -> Rows:
     """What `read` makes of the columns to read, ids and single actions as text."""
     import pyarrow as pa
     from pyarrow import csv
@@ -178,7 +175,7 @@ def _read_table(file: Text, columns: Columns, read: Callable[..., _Result]) -> _
     types = {name: pa.string() for name in names if name in texts}
     floats = {name: pa.float64() for name in (*columns.observations, *columns.actions) if name not in texts}
 
-    def converted(parsing: dict[str, object], column_types: Mapping[str, pa.DataType] = types | floats) -> _Result:
+    def converted(parsing: dict[str, object], column_types: Mapping[str, pa.DataType] = types | floats) -> Rows:
         decimal = file.dialect.decimal
         convert = csv.ConvertOptions(
             decimal_point=decimal, include_columns=names, column_types=column_types, strings_can_be_null=False
@@ -203,19 +200,19 @@ def _read_table(file: Text, columns: Columns, read: Callable[..., _Result]) -> _
             ) from error
 
 
-def _whole(path: Path, **options: object) -> pa.Table:
+def _whole(path: Path, **options: object) -> Rows:
     from pyarrow import csv
 
-    return csv.read_csv(path, **options)
+    return TableRows(csv.read_csv(path, **options), path.name)
 
 
-def _copy(path: Path, **options: object) -> Copy:
+def _copy(path: Path, **options: object) -> Rows:
     """A copy of the columns, of which a block at a time is in memory: the first tells the types of other columns."""
     import pyarrow as pa
     from pyarrow import csv
 
     with csv.open_csv(path, **options) as reader:
-        return spool((pa.Table.from_batches([batch]) for batch in reader), path.name)
+        return copied_rows(spool((pa.Table.from_batches([batch]) for batch in reader), path.name), {})
 
 
 def _parsed(path: Path, dialect: Dialect, read_table: Callable[[dict[str, object]], _Result]) -> _Result:

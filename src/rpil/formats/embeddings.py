@@ -14,7 +14,7 @@ from rpil.data.files import StrPath, check_extension, check_readable
 from rpil.data.guard import guarded
 from rpil.data.npy import ARRAY, read_arrays
 from rpil.formats import table as flat
-from rpil.formats.parquet_pages import check_table
+from rpil.formats.parquet_pages import read_table
 from rpil.formats.recording import Recording
 from rpil.numerics.types import Array
 
@@ -63,10 +63,7 @@ def _read(path: Path) -> tuple[tuple[str, ...], Array, Array]:
             names = (name.removesuffix(ARRAY) for name in members)
             columns = {name: np.atleast_1d(array) for name, array in zip(names, arrays, strict=True)}
         else:
-            import pyarrow.parquet as pq
-
-            check_table(path)
-            table = pq.read_table(path)
+            table = read_table(path)
             wanted = [name for name in table.column_names if flat.kind_of_type(table[name].type) in ("list", "number")]
             read = {name: flat.numbers_or_missing(table[name]) for name in wanted}
             columns = {name: values for name, values in read.items() if values is not None}

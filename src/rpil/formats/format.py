@@ -12,7 +12,7 @@ from rpil.data.errors import DataError
 from rpil.data.files import StrPath, replacing
 from rpil.data.names import natural_key, quoted
 from rpil.formats.columns import ColumnOptions
-from rpil.formats.lerobot_frames import Shot
+from rpil.formats.lerobot.frames import Shot
 from rpil.formats.recording import Recording
 from rpil.numerics.types import Array
 

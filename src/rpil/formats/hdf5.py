@@ -19,6 +19,7 @@ from rpil.data.arrays import Id, check_width
 from rpil.data.errors import DataError, MissingExtraError
 from rpil.data.files import cannot_be_written, check_readable, replacing
 from rpil.data.guard import guarded
+from rpil.data.held import held
 from rpil.data.memory import BYTES_PER_NUMBER, check_memory
 from rpil.data.names import natural_key
 from rpil.formats.columns import ColumnOptions
@@ -62,7 +63,7 @@ def opened(path: Path) -> Iterator[h5py.File]:
     except ImportError as error:
         raise MissingExtraError(f"{path.name} is HDF5, which", "hdf5") from error
     fault = "no HDF5 file, or a damaged one", "copy or write it again"
-    with guarded(path.name, *fault), h5py.File(check_readable(path), "r") as file:
+    with guarded(path.name, *fault), held(path, lambda: h5py.File(check_readable(path), "r")) as file:
         yield file
 
 

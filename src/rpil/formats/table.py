@@ -215,21 +215,6 @@ def id_codes(table: pa.Table, name: str, at: Place) -> tuple[list[int | str], Ar
     return encoded.dictionary.to_pylist(), encoded.indices.to_numpy().astype(np.int64)
 
 
-def refuse_id_in_two_files(
-    columns: Sequence[pa.ChunkedArray], files: Sequence[str], source: str, may_go_on: bool = True
-) -> None:
-    """A `DataError` where a demonstration is in two files, unless it `may_go_on` at the beginning of the second."""
-    seen: dict[object, int] = {}
-    for k, column in enumerate(columns if len(columns) > 1 else ()):
-        for m in column.unique().to_pylist():
-            j = seen.setdefault(m, k)
-            goes_on = may_go_on and j == k - 1 and columns[j][-1].as_py() == m == column[0].as_py()
-            if j != k and not goes_on:
-                remedy = "give each demonstration its own id, in one file"
-                raise DataError(f"{source}, demonstration {m!r}: it is both in {files[j]} and in {files[k]}; {remedy}.")
-            seen[m] = k
-
-
 def numbers_or_missing(column: pa.ChunkedArray) -> Array | None:
     """A column as (N, K) floats with NaN for missing values; None for text, and for lists of unequal length."""
     import pyarrow as pa

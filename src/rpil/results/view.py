@@ -19,9 +19,8 @@ share
     mean, low, high: of the demonstrations that the upper word describes.
 adversary, mean_weight
     The reference of the judge; the mean weight of a step.
-question, pair, look_at
-    The question, or ""; the two demonstrations that it is about, or none; the first and the last step to look at in
-    each, or None.
+question, pair
+    The question, or ""; the two demonstrations that it is about, or none.
 doubts, notes, assumptions, lost, read
     Sentences; the last two are what leaving out the lower ones would lose, and what was read.
 contradicting
@@ -30,9 +29,10 @@ answers
     The labels and pairs that were given: [demonstration, "good", "bad" or "better than ID"].
 demonstrations
     Columns of M: id (text), verdict, log_odds, p, evidence (dict of columns, the parts of log_odds), reliability, low,
-    high (its interval), n_steps, reason, worst (lists of steps), look (the place in the order of looking, from 0 on),
-    group ("A", "B" or ""), task, demonstrator, session (text, "" where not known), order (whole numbers, or empty),
-    facts (dict of columns: ranks from 0 to 1, and "time limit", which is 0 or 1).
+    high (its interval), n_steps, reason, worst (lists of steps), stretch (the first and the last of the worst steps in
+    a row, or None), look (the place in the order of looking, from 0 on), group ("A", "B" or ""), task, demonstrator,
+    session (text, "" where not known), order (whole numbers, or empty), facts (dict of columns: ranks from 0 to 1, and
+    "time limit", which is 0 or 1).
 whole_ids
     Whether the ids are whole numbers.
 n_review
@@ -42,7 +42,7 @@ differ
 demonstrators
     For each name, mean, low, high (trust), n (demonstrations) and counts (of words); the most trusted first.
 faults
-    Recording faults: kinds (of each rule, words and count), found (columns rule, demonstration or None, first, last,
+    Recording faults: kinds (of each rule, words and n), found (columns rule, demonstration or None, first, last,
     sentence; the worst first), not_checked (of each reason, rules), usual (sentences).
 fps, lerobot, hub
     Frames a second, or None; whether the ids are episodes of LeRobot; the data set's name on its hub, or "".
@@ -120,7 +120,6 @@ def make_view(audit: AuditResult, about: About, drawn: int = MAX_DRAWN) -> View:
     order, n_review = looking_order(audit)
     asked = answering.is_asked(audit)
     places = {name: m for m, name in enumerate(audit.ids)}
-    looked = answering.question_to_dict(audit)
     return {
         "format": FORMAT_NAME,
         "version": FORMAT_VERSION,
@@ -131,7 +130,6 @@ def make_view(audit: AuditResult, about: About, drawn: int = MAX_DRAWN) -> View:
         **_finding(audit),
         "question": answering.question(audit, about.fps) if asked else "",
         "pair": [places[name] for name in audit.pair] if asked else [],
-        "look_at": looked["look_at"] if looked else [],
         "doubts": list(audit.doubts),
         "notes": [note for note in audit.notes if TWO_GROUPS not in note],
         "differ": [note for note in audit.notes if TWO_GROUPS in note],
@@ -222,6 +220,7 @@ def _columns(audit: AuditResult, about: About, order: Sequence[int]) -> View:
         "n_steps": audit.lengths.tolist(),
         "reason": list(audit.reasons),
         "worst": [audit.worst_steps(m) for m in range(len(names))],
+        "stretch": [answering.stretch_of(audit, m) for m in range(len(names))],
         "look": look.tolist(),
         "group": [letters.get(name, "") for name in audit.ids],
         "task": [about.tasks.get(name, "") for name in names],
@@ -257,7 +256,7 @@ def _faults(audit: AuditResult, report: FaultReport | None) -> View:
         reasons.setdefault(reason, []).append(rule)
     return {
         "kinds": [
-            {"rule": rule, "words": RULES[rule].words, "count": count}
+            {"rule": rule, "words": RULES[rule].words, "n": count}
             for rule, count in sorted(report.counts.items(), key=lambda item: -item[1])
         ],
         "found": {

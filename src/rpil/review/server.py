@@ -10,7 +10,6 @@ from threading import Lock
 from typing import TYPE_CHECKING
 
 from rpil.data.errors import DataError, MissingExtraError
-from rpil.results.answering import stretch_of
 from rpil.results.drawings import drawing
 from rpil.results.text import printable
 from rpil.results.view import About, View, make_view
@@ -75,14 +74,12 @@ class Review:
         }
 
     def demonstration(self, m: int) -> View:
-        """What is drawn and played of one demonstration: `look` are the first and the last step to look at."""
+        """What is drawn and played of one demonstration."""
         audit = self.session.audit
         if not 0 <= m < len(audit.ids):
             raise DataError("There is no such demonstration.")
-        stretch = stretch_of(audit, audit.ids[m])
         return {
             "drawing": drawing(audit, m, self.about.traces(m)),
-            "look": None if stretch is None else [stretch.first, stretch.last],
             "videos": self.videos.cameras(m),
             "frames": self.videos.has_frames,
             "note": self.videos.note,

@@ -9,7 +9,7 @@ import pytest
 import lerobot_folders as folders
 from rpil import formats
 from rpil.data.errors import DataError
-from rpil.formats.lerobot_check import find_defects, mend
+from rpil.formats.lerobot.check import find_defects, mend
 
 pytest.importorskip("av", reason="needs the extra video")
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import re
 import shlex
@@ -13,7 +14,8 @@ import pyarrow.csv
 import pyarrow.parquet as pq
 import pytest
 
-from command_line import npz, ok
+from browser import browsing, needs_chromium
+from command_line import npz, ok, refused
 from problems import make_continuous
 from rpil import formats
 from rpil.data.demonstrations import Demonstrations
@@ -107,8 +109,11 @@ def test_audit_prints_json(folder):
     assert list(audit) == [
         "run", "input", "n_demonstrations", "n_steps", "finding", "anchor", "adversary", "prior", "identifiable",
         "groups", "pair", "question", "doubts", "notes", "contradicting", "assumptions", "demonstrations",
-        "demonstrators", "faults",
+        "demonstrators", "provenance", "faults",
     ]  # fmt: skip
+    assert audit["provenance"]["command"] == f"rpil audit {folder / 'good.parquet'} --json"
+    digest = hashlib.sha256((folder / "good.parquet").read_bytes()).hexdigest()
+    assert [file["sha256"] for file in audit["provenance"]["files"]] == [digest]
     assert audit["faults"]["findings"] == []
     assert audit["n_demonstrations"] == 12
     assert audit["n_steps"] == formats.read(folder / "good.parquet").n_steps
@@ -136,14 +141,18 @@ def test_audit_does_not_choose_features(folder, monkeypatch):
     def never(*_):
         pytest.fail("features were chosen")
 
-    folded = ok("audit", folder / "good.parquet", "--json", "--features", "folded").stdout
+    def printed(*more):
+        found = json.loads(ok("audit", folder / "good.parquet", "--json", *more).stdout)
+        assert found["provenance"].pop("command").endswith(" ".join(["--json", *more]))
+        return found
+
+    folded = printed("--features", "folded")
     chosen = load(folder / "policy").audit_.to_dict()
     monkeypatch.setattr("rpil.estimators.final_policy.choose_features", never)
-    assert ok("audit", folder / "good.parquet", "--json").stdout == folded
-    printed = json.loads(folded)["demonstrations"]
-    for row in printed:  # which files do not hold
+    assert printed() == folded
+    for row in folded["demonstrations"]:  # which files do not hold
         del row["facts"]["dynamics"], row["facts"]["time limit"]
-    assert printed == chosen["demonstrations"]
+    assert folded["demonstrations"] == chosen["demonstrations"]
 
 
 def test_audit_writes_a_report_and_weights(folder):
@@ -208,3 +217,41 @@ def test_two_groups_in_json(folder):
     assert all(note.startswith("The two groups: ") for note in audit["notes"])
     assert len(audit["notes"]) == 2
     assert result.stderr == ""
+
+
+def test_a_saved_run_makes_the_same_report_again(folder):
+    data = folder / "good.parquet"
+    result = ok("audit", data, "--report", "r.html", "--save", "run.json", "--exclude", "is_good")
+    assert "Report: r.html" in result.stdout
+    assert "Save: run.json" in result.stdout
+    assert ok("report", "run.json", "-o", "again.html").stdout == "Report: again.html\n"
+    page = Path("again.html").read_text()
+    assert page == Path("r.html").read_text()
+    assert f"rpil audit {data} --exclude is_good --labels labels.csv" in re.sub(r" --(report|save) \S+", "", page)
+    Path("other.json").write_text("{}")
+    refused(r"other\.json: it is no run of rpil audit --save", "report", "other.json", "-o", "again.html")
+    assert Path("again.html").read_text() == page
+
+
+@pytest.mark.slow
+@needs_chromium
+def test_marks_made_in_the_report_are_labels_of_the_next_audit(folder, tmp_path):
+    data = folder / "good.parquet"
+    before = json.loads(ok("audit", data, "--report", "r.html", "--json").stdout)
+    with browsing(tmp_path / "profile") as browser:
+        browser.send("Browser.setDownloadBehavior", behavior="allow", downloadPath=str(tmp_path))
+        browser.open(Path("r.html"))
+        browser.click('[data-filter=verdict][data-value="unlike"]')
+        browser.press("b", "j", "b", "Escape")
+        browser.click('[data-filter=verdict][data-value="typical"]')
+        browser.press("g")
+        browser.reload()
+        browser.click("[data-role=labels]")
+        while not (tmp_path / "labels.csv").exists():
+            browser.evaluate("new Promise(done => setTimeout(done, 20))")
+        assert browser.errors == []
+    after = json.loads(ok("audit", data, "--labels", tmp_path / "labels.csv", "--json").stdout)
+    assert after["anchor"] == "answers"
+    assert (tmp_path / "labels.csv").read_text().count("bad") == 2
+    old, new = ({one["id"]: one["log_odds"] for one in each["demonstrations"]} for each in (before, after))
+    assert all(abs(old[name] - new[name]) > 0.01 for name in old)

@@ -16,7 +16,7 @@ from rpil.formats.registry import find
 av = pytest.importorskip("av", reason="needs the extra video")
 
 LENGTHS = (9, 12, 7, 10, 8, 11, 6)
-REAL = Path(__file__).parents[3] / "shared" / "data" / "formats"
+REAL = Path(__file__).parents[4] / "shared" / "data" / "formats"
 CODED = {
     "two frames": ("libx264", {"g": "2", "crf": "30"}),
     "both ways": ("libx264", {"g": "7", "bf": "3", "x264-params": "scenecut=0"}),

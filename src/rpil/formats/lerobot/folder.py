@@ -21,15 +21,13 @@ from rpil.data.id_values import check_ids
 from rpil.data.json_files import LARGEST_METADATA, Parsed, read_json
 from rpil.data.names import quoted
 from rpil.formats import folder
-from rpil.formats import lerobot_stats as stats
 from rpil.formats.format import Format, keep_by_own_ids
-from rpil.formats.lerobot import cameras, chunk_size, read_info
-from rpil.formats.lerobot_check import find_defects, find_shots, mend
-from rpil.formats.lerobot_episodes import EpisodeLines, EpisodeTable
-from rpil.formats.lerobot_kept import PATHS, Kept, Trims
-from rpil.formats.lerobot_video import load_av
-from rpil.formats.parquet_pages import check_pages
-from rpil.formats.store import find_files, opened
+from rpil.formats.lerobot import stats
+from rpil.formats.lerobot.check import Folder, find_defects, find_shots, mend
+from rpil.formats.lerobot.episodes import EpisodeLines, EpisodeTable
+from rpil.formats.lerobot.kept import PATHS, Kept, Trims
+from rpil.formats.lerobot.metadata import cameras, chunk_size, read_info
+from rpil.formats.lerobot.video import load_av
 
 read = folder.read
 
@@ -80,7 +78,7 @@ def check_output(path: Path, output: Path, trim: bool = False) -> dict[str, Pars
 def keep(path: Path, output: Path, ids: Sequence[Id], trims: Trims = MappingProxyType({})) -> None:
     """Write ``{"episodes": [...]}`` where `output` ends in .json, else a new folder in the layout of its version."""
     info = check_output(path, output, bool(trims))
-    check_ids(ids, _ids(path), str(path), "them")
+    check_ids(ids, Folder(path).data, str(path), "them")
     if output.suffix.lower() == ".json":
         with replacing(output) as temporary:
             temporary.write_text(json.dumps({"episodes": sorted(map(int, ids))}, indent=1) + "\n")
@@ -133,20 +131,6 @@ def _write_statistics(kept: Kept, by_episode: Sequence[Mapping[str, stats.Statis
         message = f"{kept.path}: the statistics of {quoted(left, 5)} are still those of all episodes, because the "
         warnings.warn(f"{message}recording does not say them by episode.", stacklevel=1)
     place.write_text(json.dumps(old | found, indent=4), encoding="utf-8")
-
-
-def _ids(path: Path) -> set[int]:
-    """The numbers of the episodes in the data files."""
-    from pyarrow import fs
-
-    found: set[int] = set()
-    for file in find_files(path)[1]:
-        filesystem = fs.LocalFileSystem()
-        with opened(filesystem, file) as stored:
-            check_pages(filesystem, file, stored, ["episode_index"])
-            for batch in stored.iter_batches(columns=["episode_index"]):
-                found.update(batch["episode_index"].unique().to_pylist())
-    return found
 
 
 def commands(path: Path, ids: Sequence[object], kept: Sequence[object], output: StrPath = "") -> list[str]:

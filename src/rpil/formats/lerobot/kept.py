@@ -17,9 +17,9 @@ from rpil.data.folders import check_inside
 from rpil.data.json_files import Parsed
 from rpil.data.names import quoted
 from rpil.formats.columns import ColumnOptions
-from rpil.formats.lerobot import fill
+from rpil.formats.lerobot.metadata import fill
 from rpil.formats.parquet import keep_rows
-from rpil.formats.parquet_pages import check_column_sizes
+from rpil.formats.parquet_pages import read_table
 from rpil.formats.store import find_files
 from rpil.formats.table import numbers_or_missing
 from rpil.numerics.types import Array
@@ -98,15 +98,11 @@ class Kept:
 
     def _read_marks(self, file: Path) -> list[str]:
         """Find what the last row of each trimmed episode says of its end; those of which a cut row has a reward."""
-        import pyarrow.parquet as pq
-
-        own = [name for name in (*END_MARKS, REWARD) if name in pq.read_schema(file).names]
+        table = read_table(file, ["episode_index", "frame_index", *END_MARKS, REWARD])
+        own = table.column_names[2:]
         if not own:
             return []
-        columns = ["episode_index", "frame_index", *own]
-        check_column_sizes([file], columns, file.name)
-        table = pq.read_table(file, columns=columns)
-        old, frames = (table[name].to_numpy() for name in columns[:2])
+        old, frames = (table[name].to_numpy() for name in ("episode_index", "frame_index"))
         rewards, rewarded = numbers_or_missing(table[REWARD]) if REWARD in own else None, []
         for name in sorted(self.trims.keys() & self.wanted & set(map(str, np.unique(old).tolist())), key=int):
             first, end = self.trims[name]

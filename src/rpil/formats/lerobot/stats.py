@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rpil.data.json_files import Parsed
+from rpil.data.memory import check_memory
 from rpil.formats import table as flat
-from rpil.formats.parquet_pages import check_column_sizes
+from rpil.formats.parquet_pages import read_table
 from rpil.numerics.types import Array
 
 if TYPE_CHECKING:
@@ -51,6 +52,7 @@ def joined(episodes: Sequence[Statistics]) -> dict[str, Parsed]:
 
 def of_data(data: Path, like: Mapping[str, Statistics]) -> dict[str, dict[str, Parsed]]:
     """Those of the columns of numbers in the Parquet files of a folder that are named in `like`."""
+    import pyarrow as pa
     import pyarrow.parquet as pq
 
     files = sorted(data.rglob("*.parquet"))
@@ -58,8 +60,11 @@ def of_data(data: Path, like: Mapping[str, Statistics]) -> dict[str, dict[str, P
     names = [name for name in like if name in schema.names and flat.kind_of_type(schema.field(name).type) != "nested"]
     found: dict[str, dict[str, Parsed]] = {}
     for name in names:  # of which one is in memory
-        check_column_sizes(files, [name], f"{data}, column {name!r}")
-        found |= of_table(pq.read_table(data, columns=[name]), like)
+        tables: list[pa.Table] = []
+        for file in files:
+            tables.append(read_table(file, [name]))
+            check_memory(sum(table.nbytes for table in tables), f"{data}, column {name!r}")
+        found |= of_table(pa.concat_tables(tables, promote_options="permissive"), like)
     return found
 
 

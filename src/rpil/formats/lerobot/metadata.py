@@ -14,10 +14,9 @@ from rpil.data.errors import DataError
 from rpil.data.folders import check_inside
 from rpil.data.guard import guarded
 from rpil.data.json_files import LARGEST_METADATA, LARGEST_TABLE, Parsed, parse, parse_lines
-from rpil.data.memory import check_memory
 from rpil.data.names import quoted
 from rpil.formats.columns import SPLITS
-from rpil.formats.parquet_pages import check_pages, check_table
+from rpil.formats.parquet_pages import read_table
 
 if TYPE_CHECKING:
     from pyarrow import fs
@@ -259,7 +258,6 @@ def listed_files(info: Mapping[str, Parsed], lengths: Mapping[Id, int], present:
 
 def _lengths(filesystem: fs.FileSystem, meta: PurePosixPath) -> dict[Id, int]:
     """Steps by episode: of version 3 in ``episodes/``, before in ``episodes.jsonl``; empty where neither is there."""
-    import pyarrow.parquet as pq
     from pyarrow import fs
 
     with guarded(meta, "it does not say how long each episode is", "write it again"):
@@ -269,11 +267,8 @@ def _lengths(filesystem: fs.FileSystem, meta: PurePosixPath) -> dict[Id, int]:
         except FileNotFoundError:
             folder = fs.FileSelector(str(meta / "episodes"), recursive=True, allow_not_found=True)
             files = sorted(info.path for info in filesystem.get_file_info(folder) if info.path.endswith(".parquet"))
-            rows = []
-            for file in files:
-                with filesystem.open_input_file(file) as stream, pq.ParquetFile(stream) as table:
-                    check_memory(check_pages(filesystem, file, table, table.schema_arrow.names), file)
-                    rows += table.read(columns=["episode_index", "length"]).to_pylist()
+            wanted = ["episode_index", "length"]
+            rows = [row for file in files for row in read_table(file, wanted, filesystem).to_pylist()]
         return {int(row["episode_index"]): int(row["length"]) for row in rows}
 
 
@@ -292,12 +287,10 @@ def _tasks(filesystem: fs.FileSystem, meta: PurePosixPath) -> dict[str, str] | N
     Empty where there are none, None where they are damaged.
     """
     import pyarrow as pa
-    import pyarrow.parquet as pq
 
     try:
-        with suppress(FileNotFoundError), filesystem.open_input_file(str(meta / "tasks.parquet")) as file:
-            check_table(str(meta / "tasks.parquet"), filesystem)
-            table = pq.read_table(file)
+        with suppress(FileNotFoundError):
+            table = read_table(meta / "tasks.parquet", None, filesystem)
             text = next((name for name in table.column_names if name != "task_index"), "task_index")
             return dict(zip(map(str, table["task_index"].to_pylist()), map(str, table[text].to_pylist()), strict=True))
         with suppress(FileNotFoundError), filesystem.open_input_stream(str(meta / "tasks.jsonl")) as stream:

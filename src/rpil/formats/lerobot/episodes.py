@@ -14,10 +14,9 @@ import numpy as np
 
 from rpil.data.errors import DataError
 from rpil.data.json_files import LARGEST_TABLE, Parsed, parse_lines, read_text
-from rpil.formats import lerobot_stats as stats
-from rpil.formats import lerobot_video as video
-from rpil.formats.lerobot_kept import Kept, video_place, with_column
-from rpil.formats.parquet_pages import check_table
+from rpil.formats.lerobot import stats, video
+from rpil.formats.lerobot.kept import Kept, video_place, with_column
+from rpil.formats.parquet_pages import read_table
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -35,14 +34,11 @@ _OF_VIDEO = "chunk_index", "file_index", "from_timestamp", "to_timestamp"
 def read_episodes(path: Path) -> pa.Table:
     """The table of the episodes of a folder of version 3.0; a `DataError` where there is none."""
     import pyarrow as pa
-    import pyarrow.parquet as pq
 
     files = sorted((path / "meta" / "episodes").rglob("*.parquet"))
     if not files:
         raise DataError(f"{path}: meta/episodes has no table of the episodes; download it again.")
-    for file in files:
-        check_table(file)
-    return pa.concat_tables(map(pq.read_table, files), promote_options="permissive")
+    return pa.concat_tables(map(read_table, files), promote_options="permissive")
 
 
 def _rows_of(names: Sequence[object], wanted: set[str], path: Path) -> dict[int, int]:

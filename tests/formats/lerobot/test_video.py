@@ -6,7 +6,7 @@ import pytest
 import lerobot_folders as folders
 from rpil import formats
 from rpil.data.errors import DataError
-from rpil.formats.lerobot_video import Packets, cut, look
+from rpil.formats.lerobot.video import Packets, cut, look
 
 pytest.importorskip("av", reason="needs the extra video")
 

@@ -17,15 +17,15 @@ from rpil.data.errors import DataError, MissingExtraError
 from rpil.data.files import replacing
 from rpil.data.guard import guarded
 from rpil.data.json_files import Parsed, read_json
-from rpil.formats import lerobot_stats as stats
 from rpil.formats.description import listed
 from rpil.formats.format import Defect
-from rpil.formats.lerobot import cameras, chunk_size, fill, frame_rate
-from rpil.formats.lerobot_episodes import read_episodes, read_lines
-from rpil.formats.lerobot_frames import Shot, find_faults
-from rpil.formats.lerobot_kept import PATHS, video_place
-from rpil.formats.lerobot_video import load_av
-from rpil.formats.parquet_pages import check_column_sizes
+from rpil.formats.lerobot import stats
+from rpil.formats.lerobot.episodes import read_episodes, read_lines
+from rpil.formats.lerobot.frames import Shot, find_faults
+from rpil.formats.lerobot.kept import PATHS, video_place
+from rpil.formats.lerobot.metadata import cameras, chunk_size, fill, frame_rate
+from rpil.formats.lerobot.video import load_av
+from rpil.formats.parquet_pages import read_table
 from rpil.formats.store import find_files
 
 INFO, STATS = "meta/info.json", "meta/stats.json"
@@ -58,14 +58,11 @@ class Folder:
     @cached_property
     def data(self) -> dict[int, Rows]:
         """The rows of each episode, by the data."""
-        import pyarrow.parquet as pq
-
         found: dict[int, Rows] = {}
         for file in find_files(self.path)[1]:
-            names = pq.read_schema(file).names
-            columns = ["episode_index", *(name for name in ("index", "timestamp") if name in names)]
-            check_column_sizes([file], columns, Path(file).name)
-            table = pq.read_table(file, columns=columns)
+            with guarded(file):
+                table = read_table(file, ["episode_index", "index", "timestamp"])
+            columns = table.column_names
             numbers, starts, counts = np.unique(table["episode_index"], return_index=True, return_counts=True)
             for m, row, n in zip(numbers.tolist(), starts.tolist(), counts.tolist(), strict=True):
                 first = table["index"][row].as_py() if "index" in columns else -1

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from rpil.data.errors import DataError
-from rpil.formats import lerobot_video as video
+from rpil.formats.lerobot import video
 from rpil.numerics.types import Array
 
 DARK = 32  # brightness, of 0 to 255, that no pixel of a black frame exceeds
