@@ -86,7 +86,7 @@ def test_the_port_can_be_chosen_and_the_page_needs_its_token(data):
         assert (answer.status, list(json.loads(answer.read()))) == (403, ["error"])
         connection.close()
         page = client.ask("GET", "/")[2].decode()
-        assert "Review of d.parquet" in page
+        assert "Audit of d.parquet" in page
 
 
 def test_without_the_extra_it_is_named_before_any_work(monkeypatch):

@@ -1,7 +1,7 @@
 // The questions of a review: each answer is posted, and the page shows what the server then knows.
 const live = (() => {
   const POLL = 1500; // milliseconds
-  const KEYS = { good: "g", bad: "b", "": "u" };
+  const KEYS = { good: "g", bad: "b" };
   const seen = new Map(); // what the server told of a demonstration, until the next answer
   let version = null, asked = [], last = Promise.resolve();
 
@@ -82,7 +82,7 @@ const live = (() => {
     const found = seen.get(m), fps = view.fps;
     if (!found?.videos) return "";
     const n = d.n_steps[m], [first, end] = d.stretch[m] ? [d.stretch[m][0], d.stretch[m][1] + 1] : [0, n];
-    const steps = d.worst[m].length ? d.worst[m].slice(0, 3).sort((a, b) => a - b) : [0, n >> 1, n - 1];
+    const steps = [...new Set([first, d.worst[m][0] ?? (first + end) >> 1, end - 1])].sort((a, b) => a - b);
     const films = found.videos.map(({ camera, start }, k) => {
       const film = el("video", { controls: true, muted: true, preload: "metadata", src: `/video/${m}/${k}#t=${start + first / fps},${start + end / fps}` });
       const frames = found.frames ? steps.map((step) => el("button", { type: "button", title: `Step ${step}`, onclick: () => {
@@ -93,6 +93,8 @@ const live = (() => {
     });
     return el("div", { class: "media" }, films, found.note ? el("p", { class: "muted" }, printable(found.note)) : "");
   };
+
+  const passing = (m) => el("button", { type: "button", onclick: () => press("u", m) }, "Cannot tell ", el("kbd", {}, "u"));
 
   // Another tab may answer.
   setInterval(() => {
@@ -112,5 +114,5 @@ const live = (() => {
     write: () => {},
   });
   begin();
-  return { first: () => asked[0] ?? null, store, load, media, undo, press, mark: (word, m) => press(KEYS[word], m) };
+  return { first: () => asked[0] ?? null, store, load, media, passing, undo, press, mark: (word, m) => press(KEYS[word], m) };
 })();
