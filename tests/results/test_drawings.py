@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from audits import make_audit
-from rpil.results.drawings import LEVELS, MAX_BINS, NO_VALUE, Trace, bin_starts, drawing, packed
+from rpil.results.drawings import LEVELS, MAX_BINS, NO_VALUE, bin_starts, drawing, packed
+from rpil.results.traces import Part, Traces
 
 
 def unpacked(curves, name):
@@ -42,15 +43,25 @@ def test_bins_are_nearly_equal_and_hold_every_step(n_steps):
 
 
 def test_drawing_has_the_steps_of_its_demonstration():
-    audit = make_audit(("typical", "unlike"), lengths=[40, 1000])
-    trace = Trace("elbow", 0.61234, np.arange(1000.0), np.full(1000, -1.0), np.full(1000, 2000.0))
-    drawn = drawing(audit, 1, [trace])
-    ratio, weight = audit.step_log_ratio[40:].reshape(200, 5), audit.step_weight[40:].reshape(200, 5)
+    part = Part("elbow", 0.61234, -321.987654, np.arange(500.0), np.full(500, -1.0), np.full(500, 2000.0))
+    traces = {1: Traces("continuous", (part,), 2, compared_with="trusted")}
+    audit = make_audit(("typical", "unlike"), lengths=[40, 1000], traces=traces)
+    drawn = drawing(audit, 1)
+    ratio, trust = audit.step_log_ratio[40:].reshape(200, 5), audit.step_trust(1).reshape(200, 5)
     level = (ratio.max() - ratio.min()) / LEVELS
     for name, values in (("min", ratio.min(1)), ("mean", ratio.mean(1)), ("max", ratio.max(1))):
         np.testing.assert_allclose(unpacked(drawn["ratio"], name), values, atol=level)
-    np.testing.assert_allclose(unpacked(drawn["trust"], "mean"), weight.mean(1), atol=1 / LEVELS)
+    np.testing.assert_allclose(unpacked(drawn["trust"], "mean"), trust.mean(1), atol=1 / LEVELS)
     (part,) = drawn["parts"]
-    assert (part["name"], part["share"]) == ("elbow", 0.6123)
-    np.testing.assert_allclose(unpacked(part, "value"), np.arange(2.0, 1000, 5), atol=2001 / LEVELS)
+    assert (part["name"], part["share"], part["nats"]) == ("elbow", 0.6123, -321.988)
+    assert (drawn["width"], drawn["compared_with"]) == (2, "trusted")
+    np.testing.assert_allclose(unpacked(part, "value"), np.arange(500.0), atol=2001 / LEVELS)
     np.testing.assert_allclose(unpacked(part, "high"), 2000, atol=1)
+    assert drawing(audit, 0)["parts"] == []
+
+
+def test_discrete_actions_are_named():
+    part = Part("action", 1.0, -3.0, np.full(3, 0.5), np.zeros(3), np.ones(3))
+    audit = make_audit(("unlike",), lengths=[3], traces={0: Traces("discrete", (part,), 1, ("left", "up", "left"))})
+    taken = drawing(audit, 0)["taken"]
+    assert [taken["names"][code] for code in base64.b64decode(taken["codes"])] == ["left", "up", "left"]

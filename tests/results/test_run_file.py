@@ -13,18 +13,24 @@ from rpil.data.errors import DataError
 from rpil.faults.record import FaultReport, Finding
 from rpil.inference.answers import Answers
 from rpil.results import run_file
-from rpil.results.drawings import Trace
 from rpil.results.html.page import Article, render_page
+from rpil.results.provenance import Provenance
 from rpil.results.record import Demonstrator, Interval
 from rpil.results.run_file import read_run, write_run
+from rpil.results.traces import Part, Traces
 from rpil.results.view import About, make_view
 
 
 def full_view():
     """A view in which nothing is empty."""
     ids = tuple(f"d{k}" for k in range(10))
+    part = Part("action", 0.6, -3.0, np.arange(40.0), np.full(40, np.nan), np.ones(40))
+    made = Provenance("1", "3.11", {"numpy": "2"}, "rpil audit", 0, {}, {"id": ["a", 1, None]}, (), "2026-11-23")
     audit = make_audit(
         ids=ids,
+        lengths=[80] * 10,
+        traces={"d0": Traces("discrete", (part,), 2, ("up", "down") * 20)},
+        provenance=made,
         pair=("d1", "d9"),
         contradicting=("d2",),
         competing=(ids[:4], ids[4:]),
@@ -42,10 +48,6 @@ def full_view():
         (finding, replace(finding, id="gone")), {"sign": "too few"}, {}, {"lag": "2 steps"}, {}, 10, 99
     )
 
-    def traces(m):
-        n = audit.lengths[m]
-        return [Trace("elbow", 0.6, np.arange(n, dtype=float), np.full(n, np.nan), np.ones(n))]
-
     about = About(
         *("Audit", "x.csv"),
         read=("Ten.",),
@@ -57,9 +59,7 @@ def full_view():
         lerobot=True,
         hub="someone/drive",
         command="rpil audit x.csv",
-        provenance={"rpil": "1", "columns": {"id": ["a", 1, None]}},
         seconds=1.5,
-        traces=traces,
     )
     given = replace(audit, answers=Answers(np.arange(10) % 2, np.array([[0, 1]]), audit.answers.outcome))
     view = make_view(audit, about)
@@ -141,6 +141,12 @@ def test_a_run_is_read_as_it_was_written(tmp_path, make):
         ("drawings/0/ratio/mean", "AAAA"),
         ("drawings/0/ratio/mean", "!"),
         ("drawings/0/parts", [{}] * 20),
+        ("drawings/0/width", 0),
+        ("drawings/0/width", 1),
+        ("drawings/0/width", 10**6),
+        ("drawings/0/taken/codes", "AAAA"),
+        ("drawings/0/compared_with", "javascript:"),
+        ("provenance/columns", [[[[[[[[[1]]]]]]]]]),
         ("drawings/0/trust/to", "1"),
         ("version", 2),
         ("format", "other"),
@@ -169,7 +175,7 @@ def test_other_files_are_refused(tmp_path, content):
 def test_infinite_numbers_are_refused(tmp_path, view):
     file = tmp_path / "run.json"
     file.write_text(json.dumps(changed(view, "mean_weight", 0.123456)).replace("0.123456", "1e999"))
-    with pytest.raises(DataError, match="mean_weight is not a number"):
+    with pytest.raises(DataError, match="its part mean_weight is wrong"):
         read_run(file)
 
 

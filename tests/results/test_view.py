@@ -13,7 +13,7 @@ from rpil.inference.answers import Answers
 from rpil.results.answering import stretch_of
 from rpil.results.groups import TWO_GROUPS
 from rpil.results.record import Audit, Demonstrator, Interval
-from rpil.results.view import MAX_DRAWN, About, looking_order, make_view
+from rpil.results.view import MAX_DRAWINGS, About, looking_order, make_view
 
 
 def view(audit: Audit, **about):
@@ -107,9 +107,9 @@ def test_groups_and_demonstrators():
 
 
 def test_those_most_worth_a_look_are_drawn():
-    n = MAX_DRAWN + 20
+    n = MAX_DRAWINGS + 20
     audit = make_audit(("typical",) * (n - 5) + ("unlike",) * 5, lengths=[6] * n)
-    assert [*map(int, view(audit)["drawings"])] == looking_order(audit)[0][:MAX_DRAWN]
+    assert [*map(int, view(audit)["drawings"])] == looking_order(audit)[0][:MAX_DRAWINGS]
 
 
 def test_infinite_log_odds_are_numbers():

@@ -133,7 +133,7 @@ def test_answers_that_contradict_each_other_are_refused_with_a_sentence(client):
 
 def test_what_is_drawn_of_a_demonstration(client, review, audit):
     found = client.get("/api/demonstration/3")
-    assert found["drawing"] == json.loads(json.dumps(drawing(audit, 3, ())))
+    assert found["drawing"] == json.loads(json.dumps(drawing(audit, 3)))
     assert (found["videos"], found["note"]) == ([], "These data have no videos.")
     assert client.ask("GET", "/api/demonstration/24")[0] == 404
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shlex
 import time
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
@@ -15,6 +15,7 @@ from rpil.cli.label import LABELS_FILE
 from rpil.cli.options import (
     FitOptions,
     OutputFile,
+    Value,
     WordLimit,
     command_words,
     json_option,
@@ -78,7 +79,7 @@ def audit(
     all_rows: bool,
     json_wanted: bool,
     fail_on: str | None,
-    **options: Any,
+    **options: Value,
 ) -> int:
     """Print how far each demonstration can be trusted, the least trusted first.
 

@@ -39,11 +39,6 @@ class Audited:
     faults: FaultReport
     demonstrators: Mapping[str, str]
 
-    @property
-    def provenance(self) -> dict[str, object]:
-        """How the audit was made."""
-        return {} if self.audit.provenance is None else self.audit.provenance.to_dict()
-
     @cached_property
     def lost(self) -> tuple[str, ...]:
         """What is lost without those that `--keep` does not list; see `lost_without`."""

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import base64
-from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -21,33 +19,25 @@ LEVELS = 254
 NO_VALUE = 255
 
 
-@dataclass(frozen=True, eq=False)
-class Trace:
-    """A part of the action by step, and the band from 5 to 95 % of what is typical in the same states."""
-
-    name: str
-    share: float
-    """Of the evidence about the demonstration."""
-    value: Float[Array, " n"]
-    low: Float[Array, " n"]
-    high: Float[Array, " n"]
-
-
-def drawing(audit: AuditResult, m: int, traces: Sequence[Trace]) -> dict[str, object]:
+def drawing(audit: AuditResult, m: int) -> dict[str, object]:
     """The drawing of demonstration `m`; see `rpil.results.view`."""
-    steps = audit.steps(m)
-    ratio = np.clip(audit.step_log_ratio[steps], -MAX_LOG_RATIO, MAX_LOG_RATIO).astype(float)
+    ratio = np.clip(audit.step_log_ratio[audit.steps(m)], -MAX_LOG_RATIO, MAX_LOG_RATIO).astype(float)
     starts = bin_starts(len(ratio))
     extremes = {"min": np.minimum.reduceat(ratio, starts), "max": np.maximum.reduceat(ratio, starts)}
-    trust = _means(np.asarray(audit.step_weight[steps], dtype=float), starts)
+    traces = audit.traces.get(audit.ids[m])
+    taken = traces.taken if traces else ()
+    names = sorted({*taken})
     return {
         "bins": len(starts),
         "ratio": packed({**extremes, "mean": _means(ratio, starts)}),
-        "trust": packed({"mean": trust}, (0.0, 1.0)),
+        "trust": packed({"mean": _means(audit.step_trust(m), starts)}, (0.0, 1.0)),
+        "width": traces.width if traces else 1,
+        "compared_with": traces.compared_with if traces else "typical",
+        "taken": {"names": names, "codes": _as_text(np.array([names.index(one) for one in taken]))},
         "parts": [
-            {"name": part.name, "share": round(part.share, 4)}
-            | packed({name: _means(getattr(part, name), starts) for name in ("value", "low", "high")})
-            for part in traces
+            {"name": part.name, "share": round(part.share, 4), "nats": _short(part.nats)}
+            | packed({"value": part.value, "low": part.low, "high": part.high})
+            for part in (traces.parts if traces else ())
         ],
     }
 
@@ -68,9 +58,13 @@ def packed(curves: dict[str, Array], limits: tuple[float, float] | None = None) 
     known = values[np.isfinite(values)]
     low, high = limits or ((float(known.min()), float(known.max())) if known.size else (0.0, 0.0))
     scaled = LEVELS * (values - low) / (high - low or 1.0)
-    codes = np.where(np.isfinite(values), np.clip(np.nan_to_num(scaled), 0, LEVELS).round(), NO_VALUE).astype(np.uint8)
-    texts = {name: base64.b64encode(row.tobytes()).decode() for name, row in zip(curves, codes, strict=True)}
-    return {"from": _short(low), "to": _short(high), **texts}
+    codes = np.where(np.isfinite(values), np.clip(np.nan_to_num(scaled), 0, LEVELS).round(), NO_VALUE)
+    return {"from": _short(low), "to": _short(high), **dict(zip(curves, map(_as_text, codes), strict=True))}
+
+
+def _as_text(codes: Int[Array, " P"]) -> str:
+    """Base64 of bytes."""
+    return base64.b64encode(codes.astype(np.uint8).tobytes()).decode()
 
 
 def _short(value: float) -> float:

@@ -10,28 +10,49 @@ import base64
 import binascii
 import json
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Container, Mapping
+from dataclasses import dataclass
 from typing import NoReturn
 
 from rpil.data.errors import DataError
 from rpil.data.files import StrPath, check_readable, replacing
 from rpil.results.drawings import MAX_BINS
-from rpil.results.view import FORMAT_NAME, FORMAT_VERSION, MAX_DRAWN, MAX_FOUND, View
+from rpil.results.groups import MAX_PARTS
+from rpil.results.view import FORMAT_NAME, FORMAT_VERSION, MAX_DRAWINGS, MAX_FOUND, View
 
 MAX_RUN_BYTES = 64 * 2**20
 MAX_RUN_DEMONSTRATIONS = 100_000
 MAX_RUN_TEXT = 20_000
 """Characters of a text."""
 MAX_RUN_LIST = 10_000
-"""Entries of a list that does not have one for each demonstration."""
+"""Entries of a list that does not have one for each demonstration, and of a dict."""
 MAX_RUN_NUMBER = 1e15
+MAX_RUN_DEPTH = 8
+"""Of the values of the provenance."""
 
-Check = Callable[[object, str], None]
-"""Raises `_Other` with the place of a value that is not as it should be."""
+
+@dataclass(frozen=True)
+class _Each:
+    """The shape of a list: of its values, and how many there are."""
+
+    shape: Shape
+    sizes: Container[int] = range(MAX_RUN_LIST + 1)
 
 
-class _Other(Exception):
-    """A value is not as it should be; the text is a clause that says what."""
+@dataclass(frozen=True)
+class _Named:
+    """The shape of a dict with any keys: of its values."""
+
+    shape: Shape
+
+
+Test = Callable[[object], bool]
+Shape = Test | _Each | _Named | Mapping[str, "Shape"]
+"""Of a value: what tells whether it is right, or the shape of its parts; a mapping has all keys of a dict."""
+
+
+class _OtherShape(Exception):
+    """A value has another shape; the text is where."""
 
 
 def write_run(path: StrPath, view: View) -> None:
@@ -47,241 +68,206 @@ def read_run(path: StrPath) -> View:
     with open(path, "rb") as file:
         content = file.read()
     try:
-        view = json.loads(content, parse_constant=_no_number)
+        view = json.loads(content, parse_constant=_refuse_constant)
         if not isinstance(view, dict) or view.get("format") != FORMAT_NAME:
-            raise _Other("it does not say that it is one")
+            raise _OtherShape("format")
         if view.get("version") != FORMAT_VERSION:
             raise DataError(f"{path}: another version of rpil wrote it; run rpil audit --save with this one.")
-        _record(_shape(view))(view, "")
-    except (_Other, ValueError, RecursionError) as error:
-        reason = str(error) if isinstance(error, _Other) else "it is not JSON"
-        raise DataError(f"{path}: it is no run of rpil audit --save: {reason}; write it again.") from error
+        _check(view, _shape(view), "")
+    except (_OtherShape, ValueError, RecursionError) as error:
+        where = f"its part {error} is wrong" if isinstance(error, _OtherShape) else "it is not JSON"
+        raise DataError(f"{path}: it is no run of rpil audit --save: {where}; write it again.") from error
     return view
 
 
-def _no_number(name: str) -> NoReturn:
-    raise _Other(f"it holds {name}")
+def _refuse_constant(name: str) -> NoReturn:
+    raise _OtherShape(name)
 
 
-def _of(wanted: bool, where: str, what: str) -> None:
-    if not wanted:
-        raise _Other(f"{where.removeprefix('.')[:80] or 'it'} is not {what}")
+def _check(value: object, shape: Shape, where: str) -> None:
+    """Compare a value with a shape."""
+    right = True
+    if isinstance(shape, _Each):
+        right = isinstance(value, list) and len(value) in shape.sizes
+        parts = [(f"[{k}]", one, shape.shape) for k, one in enumerate(value)] if isinstance(value, list) else []
+    elif isinstance(shape, _Named):
+        right = isinstance(value, dict) and len(value) <= MAX_RUN_LIST and all(map(_text, value))
+        parts = [(f".{name}", one, shape.shape) for name, one in value.items()] if isinstance(value, dict) else []
+    elif callable(shape):
+        right, parts = shape(value), []
+    else:
+        right = isinstance(value, dict) and value.keys() == shape.keys()
+        parts = (
+            [(f".{name}", value[name], own) for name, own in shape.items()] if isinstance(value, dict) and right else []
+        )
+    if not right:
+        raise _OtherShape(where.removeprefix(".")[:80])
+    for name, one, own in parts:
+        _check(one, own, where + name)
 
 
-def _text(value: object, where: str) -> None:
-    _of(isinstance(value, str) and len(value) <= MAX_RUN_TEXT, where, f"a text of up to {MAX_RUN_TEXT:,} characters")
+def _text(value: object) -> bool:
+    return isinstance(value, str) and len(value) <= MAX_RUN_TEXT
 
 
-def _matching(pattern: str) -> Check:
-    def check(value: object, where: str) -> None:
-        _of(isinstance(value, str) and re.fullmatch(pattern, value, re.DOTALL) is not None, where, "as it should be")
-
-    return check
+def _matching(pattern: str) -> Test:
+    return lambda value: isinstance(value, str) and re.fullmatch(pattern, value, re.DOTALL) is not None
 
 
-def _among(values: Mapping[str, object] | tuple[object, ...]) -> Check:
-    return lambda value, where: _of(isinstance(value, str) and value in values, where, "one of those that may be")
+def _among(values: Container[object]) -> Test:
+    return lambda value: isinstance(value, str) and value in values
 
 
-def _number(value: object, where: str) -> None:
-    is_one = isinstance(value, int | float) and not isinstance(value, bool) and abs(value) <= MAX_RUN_NUMBER
-    _of(is_one, where, "a number")
+def _flag(value: object) -> bool:
+    return isinstance(value, bool)
 
 
-def _share(value: object, where: str) -> None:
-    _number(value, where)
-    _of(isinstance(value, int | float) and 0 <= value <= 1, where, "a share")
+def _number(value: object) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) <= MAX_RUN_NUMBER
 
 
-def _whole(end: float) -> Check:
+def _share(value: object) -> bool:
+    return isinstance(value, int | float) and _number(value) and 0 <= value <= 1
+
+
+def _positive(value: object) -> bool:
+    return isinstance(value, int | float) and _number(value) and value > 0
+
+
+def _below(end: int) -> Test:
     """A whole number from 0 on, below `end`."""
-    return lambda value, where: _of(type(value) is int and 0 <= value < end, where, "a whole number in its range")
+    return lambda value: type(value) is int and 0 <= value < end
 
 
-def _equal(number: int) -> Check:
-    return lambda value, where: _of(value == number and type(value) is int, where, f"{number}")
+def _equal(number: int) -> Test:
+    return lambda value: type(value) is int and value == number
 
 
-def _flag(value: object, where: str) -> None:
-    _of(isinstance(value, bool), where, "true or false")
+def _optional(test: Test) -> Test:
+    return lambda value: value is None or test(value)
 
 
-def _optional(check: Check) -> Check:
-    return lambda value, where: None if value is None else check(value, where)
+def _shallow(value: object, depth: int = MAX_RUN_DEPTH) -> bool:
+    """Any value that is not too deep."""
+    parts = value.values() if isinstance(value, dict) else value if isinstance(value, list) else ()
+    return depth > 0 and all(_shallow(one, depth - 1) for one in parts)
 
 
-def _each(check: Check, size: int | None = None, most: int = MAX_RUN_LIST) -> Check:
-    """A list of `size` values, or of any number up to `most`."""
+def _packed(*sizes: int) -> Test:
+    """Base64 of one of these numbers of bytes."""
 
-    def check_all(value: object, where: str) -> None:
-        is_list = isinstance(value, list) and (len(value) <= most if size is None else len(value) == size)
-        _of(is_list, where, "a list of the right length")
-        for k, one in enumerate(value if isinstance(value, list) else ()):
-            check(one, f"{where}[{k}]")
+    def is_packed(value: object) -> bool:
+        try:
+            return isinstance(value, str) and len(base64.b64decode(value, validate=True)) in sizes
+        except (binascii.Error, ValueError):
+            return False
 
-    return check_all
-
-
-def _record(fields: Mapping[str, Check]) -> Check:
-    """A dict with these keys and no others."""
-
-    def check_all(value: object, where: str) -> None:
-        _of(isinstance(value, dict) and set(value) == set(fields), where, f"a record of {', '.join(fields)}")
-        for name, check in fields.items():
-            check(value[name] if isinstance(value, dict) else None, f"{where}.{name}")
-
-    return check_all
+    return is_packed
 
 
-def _mapping(key: Check, check: Check) -> Check:
-    """A dict with any keys like `key`."""
-
-    def check_all(value: object, where: str) -> None:
-        _of(isinstance(value, dict) and len(value) <= MAX_RUN_LIST, where, "a mapping of a size that may be")
-        for name, one in value.items() if isinstance(value, dict) else ():
-            key(name, where)
-            check(one, f"{where}.{name}")
-
-    return check_all
+_TEXTS, _STEP = _Each(_text), _below(int(MAX_RUN_NUMBER))
 
 
-def _any(value: object, where: str) -> None:
-    _of(len(json.dumps(value)) <= MAX_RUN_BYTES // 16, where, "short")
-
-
-def _shape(view: View) -> dict[str, Check]:
-    """The shape of a view, given how many demonstrations and which words it has."""
-    columns, counts = view.get("demonstrations"), view.get("counts")
-    ids = columns.get("id") if isinstance(columns, dict) else None
+def _shape(view: View) -> Shape:
+    """The shape of a view, given how many demonstrations, which words and which faults it has."""
+    columns, counts, faults, drawings = (view.get(key) for key in ("demonstrations", "counts", "faults", "drawings"))
     n_steps = columns.get("n_steps") if isinstance(columns, dict) else None
-    _each(_text, most=MAX_RUN_DEMONSTRATIONS)(ids, "demonstrations.id")
-    size = len(ids) if isinstance(ids, list) else 0
-    _each(_whole(MAX_RUN_NUMBER), size)(n_steps, "demonstrations.n_steps")
-    _of(size > 0, "demonstrations.id", "the ids of any")
-    steps = dict(enumerate(n_steps if isinstance(n_steps, list) else ()))
-    words: dict[str, object] = counts if isinstance(counts, dict) else {}
-    interval, texts, member = {"mean": _share, "low": _share, "high": _share}, _each(_text), _whole(size)
-    counted = _record(dict.fromkeys(words, _whole(MAX_RUN_NUMBER)))
+    _check(n_steps, _Each(_STEP, range(1, MAX_RUN_DEMONSTRATIONS + 1)), "demonstrations.n_steps")
+    steps: list[int] = n_steps if isinstance(n_steps, list) else []
+    words = list(counts) if isinstance(counts, dict) else []
+    member, counted = _below(len(steps)), dict.fromkeys(words, _STEP)
+    interval = dict.fromkeys(("mean", "low", "high"), _share)
     return {
         **dict.fromkeys(("format", "run", "title", "source", "adversary", "question", "command"), _text),
+        **dict.fromkeys(("doubts", "notes", "assumptions", "lost", "read", "differ"), _TEXTS),
         "version": _number,
         "seconds": _optional(_number),
-        "finding": _record({"name": _text, "sentence": _text, "next": _text, "decided": _flag}),
-        "words": _record(dict.fromkeys(("upper", "lower", "probability", "meaning"), _text) | {"threshold": _share}),
-        "sides": _record(dict.fromkeys(words, _among(("upper", "open", "lower")))),
+        "finding": {**dict.fromkeys(("name", "sentence", "next"), _text), "decided": _flag},
+        "words": {**dict.fromkeys(("upper", "lower", "probability", "meaning"), _text), "threshold": _share},
+        "sides": dict.fromkeys(words, _among(("upper", "open", "lower"))),
         "counts": counted,
-        "share": _record(interval),
+        "share": interval,
         "mean_weight": _share,
-        "pair": _each(member, most=2),
-        **dict.fromkeys(("doubts", "notes", "assumptions", "lost", "read", "differ"), texts),
-        "contradicting": _each(member),
-        "answers": _each(_answer(size), most=MAX_RUN_DEMONSTRATIONS),
-        "demonstrations": _columns(size, words, bool(view.get("whole_ids"))),
+        "pair": _Each(member, (0, 2)),
+        "contradicting": _Each(member),
+        "answers": _Each(
+            lambda value: isinstance(value, list) and len(value) == 2 and member(value[0]) and _text(value[1]),
+            range(MAX_RUN_DEMONSTRATIONS),
+        ),
+        "demonstrations": _columns(columns, len(steps), words, bool(view.get("whole_ids"))),
         "whole_ids": _flag,
-        "n_review": _whole(size + 1),
-        "demonstrators": _each(_record({**interval, "name": _text, "n": _whole(size + 1), "counts": counted})),
-        "faults": _faults(view.get("faults"), member),
+        "n_review": _below(len(steps) + 1),
+        "demonstrators": _Each({**interval, "name": _text, "n": _STEP, "counts": counted}),
+        "faults": _faults(faults, member),
         "fps": _optional(_positive),
         "lerobot": _flag,
         "hub": _matching(r"([\w.-]{1,100}/[\w.-]{1,100})?"),
-        "provenance": _mapping(_text, _any),
-        "drawings": _drawings(steps),
+        "provenance": _Named(_shallow),
+        "drawings": _drawings(drawings, steps),
     }
 
 
-def _positive(value: object, where: str) -> None:
-    _number(value, where)
-    _of(isinstance(value, int | float) and value > 0, where, "above 0")
+def _columns(columns: object, size: int, words: list[str], whole: bool) -> Shape:
+    """The shape of the columns of `size` demonstrations with these words."""
+    look = columns.get("look") if isinstance(columns, dict) else None
+    every, texts, numbers, shares = (size,), _Each(_text, (size,)), _Each(_number, (size,)), _Each(_share, (size,))
+    ordered = isinstance(look, list) and all(map(_STEP, look)) and sorted(look) == list(range(size))
+    return {
+        "id": _Each(_matching(r"-?\d{1,20}" if whole else ".{1,1000}"), every),
+        "verdict": _Each(_among(words), every),
+        "log_odds": numbers,
+        **dict.fromkeys(("p", "reliability", "low", "high"), shares),
+        "n_steps": _Each(_positive, every),
+        **dict.fromkeys(("reason", "task", "demonstrator", "session"), texts),
+        "evidence": _Named(numbers),
+        "worst": _Each(_Each(_STEP, range(100)), every),
+        "stretch": _Each(lambda value: value is None or _is_span(value), every),
+        "look": lambda _: ordered,
+        "group": _Each(_among(("", "A", "B")), every),
+        "order": _Each(_below(size + 1), (0, size)),
+        "facts": _Named(shares),
+    }
 
 
-def _answer(size: int) -> Check:
-    def check(value: object, where: str) -> None:
-        _of(isinstance(value, list) and len(value) == 2, where, "a demonstration and a word")
-        if isinstance(value, list):
-            _whole(size)(value[0], where)
-            _text(value[1], where)
-
-    return check
+def _is_span(value: object) -> bool:
+    return isinstance(value, list) and len(value) == 2 and all(map(_STEP, value))
 
 
-def _columns(size: int, words: Mapping[str, object], whole: bool) -> Check:
-    """The columns of `size` demonstrations with these words."""
-    texts, numbers, shares = _each(_text, size), _each(_number, size), _each(_share, size)
-    steps = _whole(MAX_RUN_NUMBER)
-    fields = _record(
-        {
-            "id": _each(_matching(r"-?\d{1,20}" if whole else ".{1,1000}"), size),
-            "verdict": _each(_among(words), size),
-            "log_odds": numbers,
-            **dict.fromkeys(("p", "reliability", "low", "high"), shares),
-            "n_steps": _each(_whole(MAX_RUN_NUMBER), size),
-            **dict.fromkeys(("reason", "task", "demonstrator", "session"), texts),
-            "evidence": _mapping(_text, numbers),
-            "worst": _each(_each(steps, most=100), size),
-            "stretch": _each(_optional(_each(steps, 2)), size),
-            "look": _each(_whole(size), size),
-            "group": _each(_among(("", "A", "B")), size),
-            "order": _each(_whole(size + 1), most=size),
-            "facts": _mapping(_text, shares),
-        }
-    )
-
-    def check(value: object, where: str) -> None:
-        fields(value, where)
-        if isinstance(value, dict):
-            _of(len(set(value["look"])) == size, f"{where}.look", "an order of all")
-            _of(len(value["order"]) in (0, size), f"{where}.order", "of all")
-
-    return check
-
-
-def _faults(faults: object, member: Check) -> Check:
+def _faults(faults: object, member: Test) -> Shape:
     found = faults.get("found") if isinstance(faults, dict) else None
-    size = len(found["rule"]) if isinstance(found, dict) and isinstance(found.get("rule"), list) else 0
-    step = _whole(MAX_RUN_NUMBER)
-    own = {
-        "rule": _each(_text, most=MAX_FOUND),
-        "demonstration": _each(_optional(member), size),
-        "first": _each(step, size),
-        "last": _each(step, size),
-        "sentence": _each(_text, size),
-    }
-    return _record(
-        {
-            "kinds": _each(_record({"rule": _text, "words": _text, "n": step})),
-            "found": _record(own if found else {}),
-            "not_checked": _each(_record({"reason": _text, "rules": _each(_text)})),
-            "usual": _each(_text),
-        }
+    rules = found.get("rule") if isinstance(found, dict) else None
+    every = (min(len(rules), MAX_FOUND),) if isinstance(rules, list) else ()
+    own = dict.fromkeys(("rule", "sentence"), _Each(_text, every)) | dict.fromkeys(
+        ("first", "last"), _Each(_STEP, every)
     )
+    return {
+        "kinds": _Each({"rule": _text, "words": _text, "n": _STEP}),
+        "found": {**own, "demonstration": _Each(_optional(member), every)} if found else {},
+        "not_checked": _Each({"reason": _text, "rules": _TEXTS}),
+        "usual": _TEXTS,
+    }
 
 
-def _drawings(steps: Mapping[int, int]) -> Check:
-    """Drawings of demonstrations with so many `steps`."""
-
-    def check(value: object, where: str) -> None:
-        _of(isinstance(value, dict) and len(value) <= MAX_DRAWN, where, f"up to {MAX_DRAWN} drawings")
-        for name, drawn in value.items() if isinstance(value, dict) else ():
-            _of(name.isascii() and name.isdigit() and len(name) < 9 and int(name) in steps, where, "of demonstrations")
-            bins = min(steps[int(name)], MAX_BINS)
-            part: dict[str, Check] = {"name": _text, "share": _share}
-            fields: dict[str, Check] = {
-                "bins": _equal(bins),
-                "ratio": _curves(bins, ("min", "mean", "max")),
-                "trust": _curves(bins, ("mean",)),
-                "parts": _each(_curves(bins, ("value", "low", "high"), part), most=10),
-            }
-            _record(fields)(drawn, f"{where}.{name}")
-
-    return check
-
-
-def _curves(bins: int, names: tuple[str, ...], others: Mapping[str, Check] = {}) -> Check:
-    def packed(value: object, where: str) -> None:
-        try:
-            size = len(base64.b64decode(value if isinstance(value, str) else "", validate=True))
-        except (binascii.Error, ValueError):
-            size = -1
-        _of(size == bins, where, f"a curve of {bins} bins")
-
-    return _record({"from": _number, "to": _number, **dict.fromkeys(names, packed), **others})
+def _drawings(drawings: object, steps: list[int]) -> Shape:
+    """The shapes of drawings of demonstrations with so many `steps`."""
+    given = drawings if isinstance(drawings, dict) else {}
+    if len(given) > MAX_DRAWINGS or not given.keys() <= {*map(str, range(len(steps)))}:
+        raise _OtherShape("drawings")
+    shapes: dict[str, Shape] = {}
+    for name, drawn in given.items():
+        n, width = steps[int(name)], drawn.get("width") if isinstance(drawn, dict) else None
+        if type(width) is not int or not 0 < width <= n:
+            raise _OtherShape(f"drawings.{name}.width")
+        bins, points = min(n, MAX_BINS), -(-n // width)
+        scale: dict[str, Shape] = {"from": _number, "to": _number}
+        part = {"name": _text, "share": _share, "nats": _number, **scale}
+        shapes[name] = {
+            "bins": _equal(bins),
+            "ratio": scale | dict.fromkeys(("min", "mean", "max"), _packed(bins)),
+            "trust": {**scale, "mean": _packed(bins)},
+            "width": _number,
+            "compared_with": _among(("typical", "trusted")),
+            "taken": {"names": _Each(_text, range(257)), "codes": _packed(0, points)},
+            "parts": _Each(part | dict.fromkeys(("value", "low", "high"), _packed(points)), range(MAX_PARTS + 1)),
+        }
+    return shapes

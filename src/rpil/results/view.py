@@ -49,17 +49,18 @@ fps, lerobot, hub
 command
     The whole command without ``--labels``, or "".
 provenance
-    Whatever is known of version, settings, columns and so on, by name.
+    Version, settings, columns and so on, by name, where they are known; see `rpil.results.provenance`.
 drawings
-    For the first in the order of looking, by number as text: bins, ratio (min, mean, max of the log-ratios
-    in each bin), trust (mean weight of the steps), parts (of the action: name, share of the evidence, value, low and
-    high of what is typical there). Curves are packed by `rpil.results.drawings.packed`; bin k of B begins at step
-    ``k * n_steps // B``.
+    For the first in the order of looking, by number as text. Of the steps in bins: bins (their number), ratio (min,
+    mean, max of the log-ratios) and trust (mean of the trust in the steps); bin k of B begins at step
+    ``k * n_steps // B``. Of the parts of the action with most of the evidence, in points of `width` steps: parts (name,
+    share of the evidence, nats, value, low and high of what is typical there), compared_with, and of discrete actions
+    taken (names, codes); see `rpil.results.traces`. Curves are packed by `rpil.results.drawings.packed`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -69,7 +70,7 @@ from rpil.faults.record import RULES, FaultReport
 from rpil.inference.findings import DECIDED, FINDINGS
 from rpil.numerics.types import Array
 from rpil.results import answering
-from rpil.results.drawings import Trace, drawing
+from rpil.results.drawings import drawing
 from rpil.results.groups import TWO_GROUPS
 from rpil.results.result import MAX_LOG_ODDS, AuditResult
 from rpil.results.verdict_table import is_whole
@@ -77,7 +78,7 @@ from rpil.results.words import SIDES
 
 FORMAT_NAME, FORMAT_VERSION = "rpil run", 1
 
-MAX_DRAWN = 300
+MAX_DRAWINGS = 300
 """Demonstrations with drawings, those that are most worth a look."""
 
 MAX_FOUND = 20_000
@@ -109,13 +110,10 @@ class About:
     lerobot: bool = False
     hub: str = ""
     command: str = ""
-    provenance: Mapping[str, object] = field(default_factory=dict)
     seconds: float | None = None
-    traces: Callable[[int], Sequence[Trace]] = lambda _: ()
-    """Makes the parts of the action with most of the evidence about a demonstration."""
 
 
-def make_view(audit: AuditResult, about: About, drawn: int = MAX_DRAWN) -> View:
+def make_view(audit: AuditResult, about: About, drawn: int = MAX_DRAWINGS) -> View:
     """The view of an audit, with drawings of the `drawn` first in the order of looking."""
     order, n_review = looking_order(audit)
     asked = answering.is_asked(audit)
@@ -151,8 +149,8 @@ def make_view(audit: AuditResult, about: About, drawn: int = MAX_DRAWN) -> View:
         "lerobot": about.lerobot,
         "hub": about.hub,
         "command": about.command,
-        "provenance": dict(about.provenance),
-        "drawings": {str(m): drawing(audit, m, about.traces(m)) for m in order[:drawn]},
+        "provenance": {} if audit.provenance is None else audit.provenance.to_dict(),
+        "drawings": {str(m): drawing(audit, m) for m in order[:drawn]},
     }
 
 

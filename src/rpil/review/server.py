@@ -79,7 +79,7 @@ class Review:
         if not 0 <= m < len(audit.ids):
             raise DataError("There is no such demonstration.")
         return {
-            "drawing": drawing(audit, m, self.about.traces(m)),
+            "drawing": drawing(audit, m),
             "videos": self.videos.cameras(m),
             "frames": self.videos.has_frames,
             "note": self.videos.note,

@@ -14,9 +14,10 @@ import pytest
 from audits import make_audit
 from browser import Browser, browsing, needs_chromium
 from rpil.faults.record import FaultReport, Finding
-from rpil.results.drawings import Trace
 from rpil.results.html.page import Article, write_page
+from rpil.results.provenance import Provenance
 from rpil.results.record import Audit
+from rpil.results.traces import Part, Traces
 from rpil.results.view import About, make_view
 
 pytestmark = [pytest.mark.slow, needs_chromium]
@@ -25,6 +26,9 @@ HOSTILE = (
     *("</script><script>document.title='ran'</script>", '"quoted", and more', "=HYPERLINK(1)", "'=1+1", "-5", "-5x"),
     *("\u202ereversed", "<img src=x onerror=document.title='ran'>", "constructor", "__proto__", "ends with \\"),
 )
+
+
+MADE = Provenance("1", "3.11", {"numpy": "2"}, "rpil audit x.csv", 0, {}, {"id": "trip"}, (), "2026-11-23")
 
 
 @pytest.fixture(scope="module")
@@ -45,14 +49,9 @@ def write(path: Path, audit: Audit, **about: object) -> Path:
     n = len(audit.ids)
     findings = (Finding("jump", audit.ids[-1], 3, 5, "x", 1.0, 0.5, 2.0, "it leaps"),)
 
-    def traces(m: int) -> list[Trace]:
-        value = np.arange(float(audit.lengths[m]))
-        return [Trace("elbow", 0.6, value, value - 1, value + 1)]
-
     given = {
         "faults": FaultReport(findings, {}, {}, {}, {}, n, 99),
         "demonstrators": {str(name): ("ann", "bob")[m % 2] for m, name in enumerate(audit.ids)},
-        "traces": traces,
         "command": "rpil audit x.csv",
     }
     write_page(path, [Article(make_view(audit, About("An audit", "x.csv", **(given | about))))])
@@ -133,8 +132,8 @@ def test_only_the_rows_that_can_be_seen_are_in_the_page(browser: Browser, tmp_pa
 
 
 def test_marks_survive_a_reload_and_are_downloaded(browser: Browser, tmp_path: Path) -> None:
-    audit = make_audit(labels={0: 1, 6: -1})
-    page = write(tmp_path / "r.html", audit, provenance={"rpil": "1"})
+    audit = make_audit(labels={0: 1, 6: -1}, provenance=MADE)
+    page = write(tmp_path / "r.html", audit)
     browser.open(page)
     first = column(browser, 1)[:3]
     browser.press("b", "j", "g", "j", "g", "u", "z")
@@ -149,11 +148,12 @@ def test_marks_survive_a_reload_and_are_downloaded(browser: Browser, tmp_path: P
     assert dict(rows[1:]) == given | marks
     assert len(rows) == 1 + len(given | marks)
     kept = json.loads(downloaded(tmp_path, browser, "keep", "keep.json"))
+    kept["provenance"]["files"] = tuple(kept["provenance"]["files"])
     bad = {m for m in range(10) if marks.get(str(m), "bad" if audit.verdicts[m] == "unlike" else "good") == "bad"}
     assert kept == {
         "episodes": [m for m in range(10) if m not in bad],
         "run": audit.run_id,
-        "provenance": {"rpil": "1"},
+        "provenance": MADE.to_dict(),
     }
     browser.click('[data-filter=mark][data-value="good"]')
     assert column(browser, 1) == first[1:]
@@ -188,7 +188,9 @@ def test_hostile_ids_are_text_and_are_labelled_as_they_are(browser: Browser, tmp
 
 
 def test_steps_are_drawn_in_seconds_with_links_to_the_hub(browser: Browser, tmp_path: Path) -> None:
-    audit = make_audit(("unlike", "typical"), lengths=[300, 90], order=np.array([1.0, 2.0]))
+    value = np.arange(300.0)
+    traces = {0: Traces("continuous", (Part("elbow", 0.6, -9.0, value, value - 1, value + 1),), 1)}
+    audit = make_audit(("unlike", "typical"), lengths=[300, 90], order=np.array([1.0, 2.0]), traces=traces)
     browser.open(write(tmp_path / "r.html", audit, fps=30.0, lerobot=True, hub="someone/drive"))
     assert browser.evaluate("document.querySelectorAll('.detail canvas').length") == 3
     assert "elbow: 60 % of the evidence" in browser.text(".detail")

@@ -22,6 +22,7 @@ from rpil.inference.settings import AnswerSettings, ClaimSettings
 from rpil.results.answering import NEXT_STEPS
 from rpil.results.html.page import Article, render_page, write_page
 from rpil.results.html.pictures import returns_figure
+from rpil.results.provenance import Provenance
 from rpil.results.record import Audit, Demonstrator, Interval
 from rpil.results.settings import AuditSettings
 from rpil.results.view import About, View, make_view
@@ -178,11 +179,13 @@ def test_faults_are_a_line_a_kind() -> None:
 
 def test_lost_places_demonstrators_and_provenance_are_told() -> None:
     who = Demonstrator("ann", Interval(0.8, 0.5, 0.9), (0, 1, 9))
-    made = {"rpil": "0.2.0", "seed": 7, "columns": {"id": "trip", "action": ["steer"]}}
-    text = Page(render(make_audit(demonstrators=(who,)), lost=("12 starts alone.",), provenance=made)).text
+    columns = {"id": "trip", "action": ["steer", "accel"]}
+    made = Provenance("0.2.0", "3.11", {"numpy": "2"}, "rpil audit x", 7, {}, columns, (), "2026-11-23")
+    text = Page(render(make_audit(demonstrators=(who,), provenance=made), lost=("12 starts alone.",))).text
     assert "What is lost without the unlike ones 12 starts alone." in text
     assert "ann 80 % (50–90) 3 2 0 1" in text
-    assert 'rpil 0.2.0 seed 7 columns {"id": "trip", "action": ["steer"]}' in text
+    assert "rpil 0.2.0 python 3.11 libraries numpy 2 command rpil audit x seed 7 settings" in text
+    assert "columns id trip, action steer; accel" in text
 
 
 def test_text_from_the_data_is_never_html() -> None:
@@ -190,7 +193,8 @@ def test_text_from_the_data_is_never_html() -> None:
     ids = (evil, '"><img src=x>')
     changes = {"assumptions": (evil,), "adversary": evil, "competing": ((ids[0],), (ids[1],)), "pair": ids}
     audit = make_audit(("typical", "unlike"), ids=ids, identifiable=False, doubts=(evil,), **changes)
-    about = {"title": evil, "source": evil, "read": (evil,), "command": evil, "provenance": {evil: evil}, "hub": evil}
+    audit = replace(audit, provenance=Provenance(evil, "", {evil: evil}, evil, 0, {}, {evil: [evil]}, (), evil))
+    about = {"title": evil, "source": evil, "read": (evil,), "command": evil, "hub": evil}
     text = render(audit, sections=[(evil, evil)], tasks={evil: evil}, **about)
     assert evil not in text
     assert "<!--" not in text

@@ -1,6 +1,6 @@
 // Drawings: curves of steps, the order of recording, and how two groups are spread.
 const MAX_NAMED = 12;
-const POWERS = [-1e4, -1e3, -100, -10, -3, 0, 3, 10, 100, 1e3, 1e4];
+const POWERS = [-1e5, -1e4, -1e3, -100, -10, -3, 0, 3, 10, 100, 1e3, 1e4, 1e5];
 const palette = () => {
   const style = getComputedStyle(document.documentElement);
   return Object.fromEntries(["ink", "muted", "line", "page", "upper", "open", "lower"].map((name) => [name, style.getPropertyValue(`--${name}`).trim()]));
@@ -20,6 +20,8 @@ const stepCharts = (model, m, drawing, place, readout) => {
   const { d, view } = model, colours = palette(), n = d.n_steps[m], bins = drawing.bins;
   const first = Array.from({ length: bins }, (_, k) => Math.floor((k * n) / bins));
   const unit = view.fps || 1, x = first.map((start) => start / unit);
+  // What the pointer is at, and for actions that are classes, which was taken.
+  const inBins = (k) => readout(k === null ? null : first[k]);
   const stretch = d.stretch[m], worst = d.worst[m].map((step) => step / unit);
   // Where to look: the worst steps in a row as a stripe, each of the worst as a mark at the foot.
   const marks = (u) => {
@@ -31,7 +33,7 @@ const stepCharts = (model, m, drawing, place, readout) => {
     for (const step of worst) ctx.fillRect(at(step) - 1, bbox.top + bbox.height - 7, 2.5, 7);
     ctx.restore();
   };
-  const one = (title, curves, band, range, height) => {
+  const one = (title, x, curves, band, range, height, say = inBins) => {
     const box = el("div", { class: "chart" });
     place.append(el("figure", {}, el("figcaption", {}, title), box));
     const data = [x, ...curves.map((own) => own.values)];
@@ -41,21 +43,24 @@ const stepCharts = (model, m, drawing, place, readout) => {
       bands: band ? [{ series: [curves.length, curves.length - 1], fill: band, dir: -1 }] : [],
       axes: [axisOf(colours, { size: 22, grid: { show: false }, values: plainNumbers }), axisOf(colours, { size: 44, values: plainNumbers, space: 24 })],
       cursor: { y: false, drag: { x: false, y: false }, points: { size: 6 }, sync: { key: "steps" } },
-      hooks: { drawClear: [marks], setCursor: [(u) => readout(u.cursor.idx === null || u.cursor.idx === undefined ? null : first[u.cursor.idx])] },
+      hooks: { drawClear: [marks], setCursor: [(u) => say(u.cursor.idx ?? null)] },
     };
     return new uPlot(options, data, box);
   };
+  const taken = atob(drawing.taken.codes), points = Array.from({ length: Math.ceil(n / drawing.width) }, (_, k) => k * drawing.width);
+  const inPoints = (k) => readout(k === null ? null : points[k], k === null || !taken ? "" : `, took ${printable(drawing.taken.names[taken.charCodeAt(k)] ?? "")}`);
+  const edge = curve(shade(colours.upper, 0.5), 0.7);
   const charts = drawing.parts.map((part) => one(
-    `${printable(part.name)}: ${percent(part.share)} of the evidence`,
-    [{ values: unpack(part, "value"), style: curve(colours.ink, 1.7) }, { values: unpack(part, "low"), style: curve(shade(colours.upper, 0.5), 0.7) },
-      { values: unpack(part, "high"), style: curve(shade(colours.upper, 0.5), 0.7) }],
-    shade(colours.upper, 0.18), undefined, 130));
+    `${taken ? "Probability of the action taken" : printable(part.name)}: ${percent(part.share)} of the evidence`,
+    points.map((step) => step / unit),
+    [{ values: unpack(part, "value"), style: curve(colours.ink, 1.7) }, { values: unpack(part, "low"), style: edge }, { values: unpack(part, "high"), style: edge }],
+    shade(colours.upper, 0.18), undefined, 130, inPoints));
   const ratio = drawing.ratio;
-  charts.push(one("Log-ratio of the steps, in nats; below 0 speaks against it",
+  charts.push(one("Log-ratio of the steps, in nats; below 0 speaks against it", x,
     [{ values: first.map(() => 0), style: curve(colours.muted, 1) }, { values: unpack(ratio, "mean"), style: curve(colours.ink, 1.7) },
       { values: unpack(ratio, "min"), style: curve(shade(colours.open, 0.4), 0.5) }, { values: unpack(ratio, "max"), style: curve(shade(colours.open, 0.4), 0.5) }],
     shade(colours.open, 0.25), undefined, 130));
-  charts.push(one("Weight of the steps in training",
+  charts.push(one("Trust in the steps", x,
     [{ values: unpack(drawing.trust, "mean"), style: { ...curve(colours.upper), fill: shade(colours.upper, 0.15) } }], null, [0, 1], 84));
   return charts;
 };
@@ -107,7 +112,7 @@ const orderChart = (model, box, chosen, choose) => {
   };
   const made = new uPlot({
     width: Math.max(280, box.clientWidth), height: 220, legend: { show: false }, padding: [10, 10, 0, 0],
-    scales: { x: { time: false, range: [0.5, row.length + 0.5] }, y: { distr: 4, asinh: 3 } },
+    scales: { x: { time: false, range: [0.5, row.length + 0.5] }, y: { distr: 4, asinh: 3, range: (_, low, high) => [1.5 * Math.min(low, -2), 1.5 * Math.max(high, 2)] } },
     series: [{}, { paths: () => null, points: { show: false } }],
     axes: [axisOf(colours, { size: 26, grid: { show: false }, incrs: [1, 2, 5, 10, 20, 50, 100, 200, 500, 1000, 2000, 5000] }), axisOf(colours, { size: 52, values: plainNumbers, splits: (_, axis, low, high) => POWERS.filter((value) => value >= low && value <= high) })],
     cursor: { y: false, drag: { x: false, y: false }, points: { show: false } },
