@@ -76,7 +76,7 @@ def test_every_answer_is_learned_from_and_written_at_once(audit):
     lines = session.answer(audit.pair, "1")
     assert rows() == ["id,label", f"{audit.pair[0]},better than {audit.pair[1]}"]
     assert lines[0] == "Now: 0 good, 24 open, 0 bad."
-    assert session.version == session.n_asked == 1
+    assert session.version == session.asking.n_asked == 1
     answered = audit.answered({}, [audit.pair])
     assert session.audit.verdicts == answered.verdicts
     assert session.question == answered.suggest_labels(1)
@@ -132,5 +132,5 @@ def test_what_cannot_be_written_changes_nothing(audit):
     Path("labels.csv").write_text("id,label\n1,better than 3\n5,bad\n")
     with pytest.raises(DataError, match="another program has changed it"):
         session.answer((3,), "b")
-    assert (session.version, session.rows, session.can_undo) == (0, (), False)
+    assert (session.version, session.asking.rows, session.can_undo) == (0, (), False)
     assert rows()[-1] == "5,bad"

@@ -111,10 +111,10 @@ def command_with_labels(ctx: click.Context, path: str) -> str:
 def last_lines(session: Session, command: str) -> Iterator[str]:
     """What was answered in a run that ends, and the command to run then."""
     yield ""
-    if not session.rows and session.before is None:
+    if not session.asking.rows and session.before is None:
         yield "No answer was given, and nothing was written."
         return
-    n = len(session.rows)
+    n = len(session.asking.rows)
     yield f"{n} answer{'s' * (n != 1)} of this run in {session.path}."
     yield f"Then run: {command}"
 
@@ -126,7 +126,7 @@ def ask(session: Session, fps: float | None) -> None:
     click.echo("Ranks are from 0, the least of all demonstrations, to 1, the most.")
     terminal.print_lines(contradiction_lines((), session.audit))
     while question := session.question:
-        number = f"Question {session.n_asked + 1} of {MAX_QUESTIONS} at most."
+        number = f"Question {session.asking.n_asked + 1} of {MAX_QUESTIONS} at most."
         terminal.print_lines(["", f"{number} {question_sentence(session.audit, question, fps)}"])
         terminal.print_lines(f"  {line}" for line in fact_lines(session.audit, question))
         key = _read_key(_KEYS_OF_PAIR if len(question) == 2 else _KEYS_OF_ONE)

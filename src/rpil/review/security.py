@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import hmac
-import json
-import secrets
 from collections.abc import Awaitable, Callable, Mapping, MutableMapping
 from dataclasses import dataclass
-from urllib.parse import parse_qs
+from secrets import token_urlsafe
 
 MAX_BODY = 4096
 """Bytes of what is posted: ids, a key and a version."""
@@ -33,14 +31,14 @@ Application = Callable[[Message, Receive, Send], Awaitable[None]]
 
 @dataclass(frozen=True)
 class Gate:
-    """The port of a server and the token that whoever asks must show, as a cookie or a header."""
+    """The port of a server, and the token that who asks must show as a cookie or a header."""
 
     port: int
     token: str
 
     @classmethod
     def new(cls, port: int) -> Gate:
-        return cls(port, secrets.token_urlsafe(32))
+        return cls(port, token_urlsafe(32))
 
     @property
     def url(self) -> str:
@@ -52,11 +50,18 @@ class Gate:
         """Its name: cookies of one computer are shared by all ports."""
         return f"rpil-review-{self.port}"
 
-    def refusal(self, method: str, headers: Mapping[str, str]) -> tuple[int, str] | None:
+    def knows(self, token: str) -> bool:
+        return hmac.compare_digest(token.encode(), self.token.encode())
+
+    def is_host(self, headers: Mapping[str, str]) -> bool:
+        """Whether this computer was asked by its own name: the owner of another name could make a browser read all."""
+        return headers.get("host") in (f"127.0.0.1:{self.port}", f"localhost:{self.port}")
+
+    def refusal(self, method: str, headers: Mapping[str, str], cookie: str) -> tuple[int, str] | None:
         """The status and the sentence with which a request is refused, or None."""
-        if (refused := self.refuse_host(headers)) is not None:
-            return refused
-        if not any(map(self.knows, [headers.get(TOKEN_HEADER, ""), *self._cookies(headers)])):
+        if not self.is_host(headers):
+            return 421, f"This server is called 127.0.0.1:{self.port}."
+        if not any(map(self.knows, [headers.get(TOKEN_HEADER, ""), cookie])):
             return 403, "This page needs the token of its address; open the address that rpil review printed."
         if method in ("GET", "HEAD"):
             return None
@@ -71,47 +76,27 @@ class Gate:
             return 411, "The length of an answer must be given."
         return (413, f"An answer has {MAX_BODY:,} bytes at most.") if int(length[:20]) > MAX_BODY else None
 
-    def refuse_host(self, headers: Mapping[str, str]) -> tuple[int, str] | None:
-        """The refusal where another name than this computer's was asked: its owner could make a browser read all."""
-        if headers.get("host") in (f"127.0.0.1:{self.port}", f"localhost:{self.port}"):
-            return None
-        return 421, f"This server is called 127.0.0.1:{self.port}."
-
-    def knows(self, token: str) -> bool:
-        return hmac.compare_digest(token.encode(), self.token.encode())
-
-    def _cookies(self, headers: Mapping[str, str]) -> list[str]:
-        pairs = (part.strip().partition("=") for part in headers.get("cookie", "").split(";"))
-        return [value for name, _, value in pairs if name == self.cookie]
-
 
 def guarded_by(gate: Gate, application: Application) -> Application:
     """The application behind a gate; the address with the token leads to the page, with a cookie."""
+    from starlette.datastructures import MutableHeaders
+    from starlette.requests import Request
+    from starlette.responses import JSONResponse, RedirectResponse
 
     async def guarded(scope: Message, receive: Receive, send: Send) -> None:
-        headers = {name.decode("latin-1"): value.decode("latin-1") for name, value in scope["headers"]}  # type: ignore[attr-defined]
-        method, path, query = str(scope["method"]), scope["path"], bytes(scope["query_string"])  # type: ignore[call-overload]
-
         async def send_with_headers(message: Message) -> None:
             if message["type"] == "http.response.start":
-                own = [(name.encode(), value.encode()) for name, value in RESPONSE_HEADERS.items()]
-                message["headers"] = [*message.get("headers", ()), *own]  # type: ignore[misc]
+                MutableHeaders(scope=message).update(RESPONSE_HEADERS)
             await send(message)
 
-        given = parse_qs(query.decode("latin-1")).get("token", []) if path == "/" and method == "GET" else []
-        if given and gate.refuse_host(headers) is None and gate.knows(given[0]):
-            cookie = f"{gate.cookie}={gate.token}; Path=/; HttpOnly; SameSite=Strict"
-            await _respond(send_with_headers, 303, "", location="/", set_cookie=cookie)
-        elif (refused := gate.refusal(method, headers)) is not None:
-            await _respond(send_with_headers, refused[0], json.dumps({"error": refused[1]}), connection="close")
-        else:
-            await application(scope, receive, send_with_headers)
+        request = Request(scope)
+        asked, given = (request.method, scope["path"]), request.query_params.get("token", "")
+        respond = application
+        if asked == ("GET", "/") and gate.is_host(request.headers) and gate.knows(given):
+            respond = RedirectResponse("/", 303)
+            respond.set_cookie(gate.cookie, gate.token, httponly=True, samesite="strict")
+        elif refused := gate.refusal(request.method, request.headers, request.cookies.get(gate.cookie, "")):
+            respond = JSONResponse({"error": refused[1]}, refused[0], {"connection": "close"})
+        await respond(scope, receive, send_with_headers)
 
     return guarded
-
-
-async def _respond(send: Send, status: int, text: str, **headers: str) -> None:
-    given = {"content-type": "application/json", "content-length": str(len(text.encode())), **headers}
-    named = [(name.replace("_", "-").encode(), value.encode()) for name, value in given.items()]
-    await send({"type": "http.response.start", "status": status, "headers": named})
-    await send({"type": "http.response.body", "body": text.encode()})

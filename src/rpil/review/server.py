@@ -10,12 +10,13 @@ from threading import Lock
 from typing import TYPE_CHECKING
 
 from rpil.data.errors import DataError, MissingExtraError
+from rpil.data.json_files import Parsed
 from rpil.results.drawings import drawing
 from rpil.results.text import printable
 from rpil.results.view import About, View, make_view
 from rpil.review.frames import Videos
 from rpil.review.security import Application, Gate, guarded_by
-from rpil.review.session import ANSWER_KEYS, Question, Session, fact_lines, question_sentence
+from rpil.review.session import ANSWER_KEYS, Session, fact_lines, question_sentence
 
 if TYPE_CHECKING:
     from starlette.requests import Request
@@ -68,7 +69,7 @@ class Review:
             "version": session.version,
             "asked": asked,
             "lines": session.lines,
-            "n_answers": len(session.rows),
+            "n_answers": len(session.asking.rows),
             "can_undo": session.can_undo,
             "path": session.path,
         }
@@ -85,21 +86,17 @@ class Review:
             "note": self.videos.note,
         }
 
-    def answer(self, given: Mapping[str, object]) -> list[str]:
+    def answer(self, given: Mapping[str, Parsed]) -> list[str]:
         """Answer as a page says it: the numbers of the demonstrations, and a key."""
-        numbers, key, ids = given.get("demonstrations"), given.get("key"), self.session.audit.ids
+        numbers, ids = given.get("demonstrations"), self.session.audit.ids
         known = isinstance(numbers, list) and all(type(m) is int and 0 <= m < len(ids) for m in numbers)
-        if not (
-            known and isinstance(numbers, list) and len({*numbers}) == len(numbers) and len(numbers) in ANSWER_KEYS
-        ):
-            raise DataError("An answer is about one demonstration, or about two; reload the page.")
-        if not isinstance(key, str) or len(key) != 1 or key not in ANSWER_KEYS[len(numbers)]:
-            raise DataError(f"An answer is one of {', '.join(ANSWER_KEYS[len(numbers)])}.")
-        question: Question = tuple(ids[m] for m in numbers)
-        return self.session.answer(question, key)
+        keys = ANSWER_KEYS.get(len(numbers), "") if known and len({*numbers}) == len(numbers) else ""
+        if given.get("key") not in [*keys]:
+            raise DataError("This answers no question about a demonstration, or about two; reload the page.")
+        return self.session.answer(tuple(ids[m] for m in numbers), given["key"])
 
 
-Change = Callable[[Mapping[str, object]], list[str]]
+Change = Callable[[Mapping[str, Parsed]], list[str]]
 """Changes what is known, as a page says it; sentences on what that did."""
 
 
@@ -168,11 +165,10 @@ def _changed(review: Review, change: Change, body: bytes) -> tuple[View, int]:
 def load_server() -> None:
     """A `MissingExtraError` where the packages of the server are not installed."""
     try:
-        import starlette
-        import uvicorn
+        import starlette  # noqa: F401
+        import uvicorn  # noqa: F401
     except ImportError as error:
         raise MissingExtraError("To review on a page", "review") from error
-    del starlette, uvicorn
 
 
 def listen(port: int) -> socket.socket:

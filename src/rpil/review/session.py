@@ -91,47 +91,18 @@ def rows_of(question: Question, key: str) -> Rows:
 
 
 class Session:
-    """A run of questions, with its audit and its file of labels.
+    """A run of questions about `start`, judged with the answers of the file `path`, which held `before`.
 
-    Parameters
-    ----------
-    start : Audit
-        Judged with the answers that are in the file.
-    path : str
-        The file of labels, to which every answer is added at once.
-    before : bytes or None
-        What it holds; None where it is not there.
-    most : int or None
-        Questions that the run asks at most.
-
-    Attributes
-    ----------
-    audit : Audit
-        With all answers.
-    version : int
-        Counts the changes, so that two who answer can tell whether they saw the same.
-    lines : list of str
-        What the last change did, in sentences.
+    `audit` has all answers, and `lines` say what the last one did. `version` counts the changes, so that two who answer
+    can tell whether they saw the same.
     """
 
     def __init__(self, start: Audit, path: str, before: bytes | None, most: int | None) -> None:
-        self.path, self.before, self.version = path, before, 0
-        self.audit = start
-        self.lines: list[str] = []
-        self._written = before
-        self._asking = Asking(start, most)
-        self._earlier: list[Asking] = []
-        self.question = self._asking.question(start)
-
-    @property
-    def rows(self) -> Rows:
-        """The answers of this run."""
-        return self._asking.rows
-
-    @property
-    def n_asked(self) -> int:
-        """Questions that were answered, also by "cannot tell"."""
-        return self._asking.n_asked
+        self.path, self.before, self.audit = path, before, start
+        self.version, self.lines = 0, list[str]()
+        self.asking = Asking(start, most)
+        self.question = self.asking.question(start)
+        self._written, self._earlier = before, list[Asking]()
 
     @property
     def can_undo(self) -> bool:
@@ -143,7 +114,7 @@ class Session:
         A `DataError` where the answer contradicts another so that both cannot be written, or the file cannot be
         written; nothing has changed then.
         """
-        last = self._asking
+        last = self.asking
         self._go_to(last.after(question, key))
         self._earlier.append(last)
         return self.lines
@@ -158,12 +129,12 @@ class Session:
 
     def _go_to(self, asking: Asking) -> None:
         audit, lines = self.audit, list[str]()
-        if asking.rows != self.rows:
+        if asking.rows != self.asking.rows:
             audit = asking.audit()
             lines = list(change_lines(self.audit, audit))
             self._write(asking.rows)
         self.question = asking.question(audit)
-        self.audit, self.lines, self._asking, self.version = audit, lines, asking, self.version + 1
+        self.audit, self.lines, self.asking, self.version = audit, lines, asking, self.version + 1
 
     def _write(self, rows: Rows) -> None:
         """Write the answers, whole or not at all; without any the file is as it was."""
