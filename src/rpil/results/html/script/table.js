@@ -14,15 +14,15 @@ const columnsOf = (model) => {
   };
   const text = (key, title, width) => ({ key, title, width, cell: (m) => printable(d[key][m]) });
   const all = [
-    { key: "look", title: "Look", width: 64, right: true, cell: (m) => d.look[m] + 1, faint: true },
-    { key: "id", title: "Demonstration", width: 140, head: true, cell: (m) => names[m] },
-    { key: "mark", title: "Mark", width: 70, cell: (m) => (model.marks.has(m)
+    { key: "look", title: "Look", width: 58, right: true, cell: (m) => d.look[m] + 1, faint: true },
+    { key: "id", title: "Demonstration", width: 126, head: true, cell: (m) => names[m] },
+    { key: "mark", title: "Mark", width: 66, cell: (m) => (model.marks.has(m)
       ? el("span", { class: `mark ${model.marks.get(m)}` }, model.marks.get(m)) : "") },
     { key: "verdict", title: "Word", width: 100, cell: (m) => el("span", { class: `verdict ${model.side(m)}` }, d.verdict[m]) },
-    { key: "p", title: view.words.probability, width: 96, right: true, cell: (m) => percent(d.p[m]) },
-    { key: "log_odds", title: "Log-odds", width: 92, right: true, cell: (m) => number(d.log_odds[m]) },
-    { key: "reliability", title: "Reliability", width: 142, cell: bar },
-    { key: "n_steps", title: "Steps", width: 74, right: true, cell: (m) => d.n_steps[m].toLocaleString("en") },
+    { key: "p", title: view.words.probability, width: 92, right: true, cell: (m) => percent(d.p[m]) },
+    { key: "log_odds", title: "Log-odds", width: 88, right: true, cell: (m) => number(d.log_odds[m]) },
+    { key: "reliability", title: "Reliability", width: 130, cell: bar },
+    { key: "n_steps", title: "Steps", width: 70, right: true, cell: (m) => d.n_steps[m].toLocaleString("en") },
     has("group") && text("group", "Group", 74),
     has("demonstrator") && text("demonstrator", "Operator", 110),
     has("session") && text("session", "Session", 110),
@@ -39,7 +39,7 @@ const makeTable = (model, box, prefix, choose) => {
   const rowId = (m) => `${prefix}row-${m}`;
   const heads = columns.map((column) => el("th", { scope: "col", class: column.right ? "right" : null },
     column.fixed ? el("div", { class: "plain" }, column.title)
-      : el("button", { type: "button", tabindex: -1, onclick: () => sort(column.key) }, column.title)));
+      : el("button", { type: "button", onclick: () => sort(column.key) }, column.title)));
   const body = el("tbody"), above = el("tbody", { "aria-hidden": "true" }), below = el("tbody", { "aria-hidden": "true" });
   const table = el("table", { class: "demonstrations", role: "grid", tabindex: 0, "aria-label": "Demonstrations",
     style: `width:max(100%, ${columns.reduce((sum, column) => sum + column.width, 0)}px)` },
