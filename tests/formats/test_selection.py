@@ -65,8 +65,8 @@ def test_an_id_may_look_like_a_range_or_a_list(read):
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"only": "7"}, "no demonstration is called '7'; .* correct --only or only="),
-        ({"without": "0,x"}, "no demonstration is called 'x'; .* correct --without or without="),
+        ({"only": "7"}, "no demonstration is called '7'; .* correct only="),
+        ({"without": "0,x"}, "no demonstration is called 'x'; .* correct without="),
         ({"only": "4-99999999999"}, "no demonstration is called '99999999999'"),
         ({"only": "1", "without": [1]}, "leave no demonstration"),
     ],

@@ -18,6 +18,7 @@ from fnmatch import fnmatch
 from pathlib import Path
 
 from rpil.data.errors import DataError
+from rpil.data.held import held_bytes
 
 _SYNCED_AT_ONCE = 32
 """Files: a disk writes many at once as fast as one."""
@@ -63,7 +64,7 @@ def check_readable(path: StrPath) -> Path:
     if path.stat().st_size == 0:
         raise DataError(f"{path}: the file is empty; write it again.")
     if path.stat().st_size < _MOST_OF_POINTER:
-        with path.open("rb") as file:
+        with held_bytes(path) as file:
             refuse_pointer(file.read(len(_POINTER)), path)
     return path
 
@@ -115,7 +116,7 @@ def replacing(path: StrPath) -> Iterator[Path]:
 def new_folder(path: StrPath) -> Iterator[Path]:
     """Yield a folder beside `path` to fill, which is called `path` if the block ends without an error.
 
-    A `DataError` where `path` is there already, or cannot be written. What killed processes left is removed.
+    A `DataError` where `path` is there already, or cannot be written. Temporary files of dead processes are deleted.
     """
     path = Path(path)
     if path.exists():
@@ -149,7 +150,7 @@ def cannot_be_written(path: StrPath, reason: str) -> DataError:
 def beside(path: Path) -> Iterator[Path]:
     """Yield the path of a temporary file or folder beside `path`, which is removed at the end if it is there.
 
-    What killed processes of this computer left beside `path` is removed first.
+    Temporary files beside `path` of dead processes of this computer are deleted first.
     """
     # The suffix is kept, because some writers (numpy.savez) add their own to a name without it.
     fits = len(os.fsencode(path.name)) <= _REPEATED_NAME

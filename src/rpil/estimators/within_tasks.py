@@ -22,6 +22,7 @@ from rpil.formats import read_answers, read_demonstrators
 from rpil.formats.dataset import Dataset
 from rpil.formats.recording import Recording
 from rpil.numerics.types import Array
+from rpil.results.evidence import MAX_DRAWN, with_fewer_traces
 from rpil.results.record import Audit
 from rpil.results.subset import select
 from rpil.results.tasks import MIN_DEMONSTRATIONS, join_audits, split_by_task
@@ -172,7 +173,8 @@ def judge_within_tasks(recording: Recording, known: Known, judge: Judge) -> Audi
         own = known.select(rows, {str(demonstrations.ids[m]) for m in rows})
         n_pairs += len(own.pairs)
         if len(rows) > 1 or known.reference is not None:
-            audits[group] = _judged(demonstrations.select(rows), own, judge)
+            judged = _judged(demonstrations.select(rows), own, judge)
+            audits[group] = with_fewer_traces(judged, -(-MAX_DRAWN * len(rows) // len(demonstrations)))
     _warn_of_pairs(known.answers_source, len(known.pairs) - n_pairs, what)
     return _with_facts(join_audits(audits, places, demonstrations.ids, demonstrations.offsets, what), known)
 
@@ -204,9 +206,7 @@ def _warn_of_few(group: str, n: int, recording: Recording) -> None:
     if n < MIN_DEMONSTRATIONS:
         said, options = recording.description, recording.options
         what = "session" if options.session else "task"
-        remedy = (
-            "leave out --session or session=" if options.session else f"add --exclude {said.task_column} or exclude="
-        )
+        remedy = "leave out session=" if options.session else f"add exclude={said.task_column!r}"
         warnings.warn(
             f"{said.source}: the {what} {group!r} has {n} demonstrations, too few to judge them well; to judge all "
             f"{what}s as one, {remedy}.",

@@ -147,7 +147,7 @@ class _Search:
                 if not hits and not (option == "exclude" and "list" in self.kinds.values()):
                     close = get_close_matches(pattern, self.names[:10_000], 3) or self.names
                     raise DataError(
-                        f"{self.source}: no column is called {pattern.strip()!r}; correct {option} "
+                        f"{self.source}: no column is called {pattern.strip()!r}; correct {option}= "
                         f"(found {quoted(close)})."
                     )
                 found |= dict.fromkeys(hits)
@@ -208,7 +208,7 @@ class _Search:
         if wanted is None:
             raise DataError(
                 f"{self.source}: no column says which demonstration a row is from: name it {EPISODE[0]}, or name the "
-                f"column with --id or id= (found {self.found()})."
+                f"column with id= (found {self.found()})."
             )
         others = [name for name in found if name != wanted]
         self.ignored |= dict.fromkeys(others, "another id")
@@ -229,8 +229,8 @@ class _Search:
             if numbers:
                 return numbers, False
         raise DataError(
-            f"{self.source}: no column holds the action: name it {ACTION[0]}, or name the columns with --action or "
-            f"action= (found {self.found()})."
+            f"{self.source}: no column holds the action: name it {ACTION[0]}, or name the columns with action= "
+            f"(found {self.found()})."
         )
 
     def refuse_written_lists(self, given: set[str]) -> None:
@@ -240,7 +240,7 @@ class _Search:
             if is_data and self.kinds.get(name) == "written list":
                 raise DataError(
                     f"{self.source}: column {name!r} holds lists that are written as text; write one column for each "
-                    "number, or leave it out with --exclude or exclude=."
+                    "number, or leave it out with exclude=."
                 )
 
     def found(self) -> str:
@@ -269,7 +269,7 @@ class _Search:
         if not free:
             raise DataError(
                 f"{self.source}: no column holds observations: name them observation.*, or name the columns with "
-                f"--observations or observations= (found {self.found()})."
+                f"observations= (found {self.found()})."
             )
         return named or list(free)
 

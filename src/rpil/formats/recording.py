@@ -263,7 +263,7 @@ def _describe(columns: Columns, found: Scan, origin: Origin, clock: Clock | None
 
 
 def _constant_note(names: list[str]) -> tuple[str, ...]:
-    text = f"Constant within each demonstration: {listed(names)}; leave out what those who acted did not see."
+    text = f"Constant within each demonstration: {listed(names)}; leave out what the demonstrators did not see."
     return (text,) if names else ()
 
 

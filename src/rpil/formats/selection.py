@@ -34,7 +34,7 @@ def with_chosen(recording: Recording, options: ColumnOptions) -> Recording:
         mask[[*_numbers(options.only, ids, source, "only")]] = True
     mask[[*_numbers(options.without, ids, source, "without")]] = False
     if not mask.any():
-        raise DataError(f"{source}: --only and --without, or only= and without=, leave no demonstration; correct them.")
+        raise DataError(f"{source}: only= and without= leave no demonstration; correct them.")
     n_asked = int(mask.sum())
     aside = [m for m in sorted(recording.faulty) if options.skip_bad and mask[m]]
     mask[aside] = False
@@ -62,7 +62,7 @@ def _numbers(wanted: Ids, ids: Sequence[Id], source: str, option: str) -> Iterat
         for name in [given] if given in places else map(str.strip, given.split(",")):
             ends = _RANGE.fullmatch(name)
             named = [name] if ends is None or name in places else sorted(ends.groups(), key=int)
-            check_ids(named, places, source, f"--{option} or {option}=")
+            check_ids(named, places, source, f"{option}=")
             low, high = named[0], named[-1]
             if low == high:
                 yield places[low]

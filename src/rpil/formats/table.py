@@ -97,7 +97,7 @@ def no_numbers(texts: Array, name: str, at: Place) -> DataError:
     row = next((row for row, text in enumerate(texts) if not _is_number(text)), 0)
     return DataError(
         f"{at(row)}: column {name!r} holds text ({str(texts[row])[:40]!r}) where numbers are due; write numbers, or "
-        "leave the column out with --exclude or exclude=."
+        "leave the column out with exclude=."
     )
 
 
