@@ -15,7 +15,7 @@ import pytest
 ROOT = Path(__file__).parents[1]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
 OPTIONAL = PROJECT["optional-dependencies"]
-FOR_USERS = set(OPTIONAL) - {"all", "dev", "value"}
+FOR_USERS = set(OPTIONAL) - {"all", "dev", "docs", "value"}
 PACKAGES = {"sklearn": "scikit-learn"}
 """Modules whose packages have other names."""
 

@@ -7,7 +7,7 @@ from contextlib import contextmanager
 import pytest
 
 from rpil.data import held as module
-from rpil.data.held import held, holding
+from rpil.data.held import held, held_bytes, holding
 
 
 @pytest.fixture
@@ -68,3 +68,17 @@ def closing(log):
         yield
     finally:
         log.append("closed")
+
+
+def test_the_bytes_of_a_held_file_are_read_from_the_first_one(tmp_path):
+    path = tmp_path / "a.txt"
+    path.write_bytes(b"abc")
+    with holding():
+        for _ in range(2):
+            with held_bytes(path) as stream:
+                assert stream.read() == b"abc"
+        path.unlink()
+        with held_bytes(path) as stream:
+            assert stream.read(1) == b"a"
+    with pytest.raises(FileNotFoundError), held_bytes(path):
+        pass

@@ -18,7 +18,7 @@ from rpil.inference.held_out import held_out_model
 from rpil.inference.settings import HeldOutSettings, JudgeSettings
 from rpil.inference.trust import Judgement, judge
 from rpil.policies.features import FeatureMap, FeatureSettings
-from rpil.results.evidence import beside_judge, shares, worth_a_look
+from rpil.results.evidence import beside_judge, shares, with_fewer_traces, worth_a_look
 from rpil.results.record import Audit
 from rpil.results.traces import MAX_POINTS
 
@@ -167,12 +167,20 @@ def test_the_lowest_word_is_drawn_first_then_what_is_in_question_then_the_least_
     verdicts = ("typical",) * 30 + ("unlike",) * 2
     odds = np.concatenate([np.linspace(3.0, 20.0, 30), [-3.0, -5.0]])
     audit = make_audit(verdicts, log_odds=odds, pair=(29, 31), contradicting=(28,), columns=np.empty((32, 0)))
-    asked = {28, 29, *audit.suggest_labels(10)} - {30, 31}
-    found = worth_a_look(audit).tolist()
+    asked = {28, 29, *audit.suggest_labels(3)} - {30, 31}
+    found = worth_a_look(audit, 31).tolist()
     assert found[:2] == [31, 30]
     assert found[2 : 2 + len(asked)] == sorted(asked)
-    assert found[2 + len(asked) :] == sorted(set(range(30)) - asked)
+    assert found[2 + len(asked) :] == sorted(set(range(30)) - asked)[:-1]
     assert worth_a_look(audit, 5).tolist() == found[:5]
+    assert worth_a_look(audit).tolist() == list(range(32))
+
+
+def test_fewer_traces_are_those_most_worth_a_look(audit: Audit) -> None:
+    fewer = with_fewer_traces(audit, 4)
+    assert list(fewer.traces) == [audit.ids[m] for m in worth_a_look(audit, 4)]
+    assert len(fewer.traces) == 4
+    assert all(own is audit.traces[name] for name, own in fewer.traces.items())
 
 
 def test_shares_are_of_the_parts_that_point_where_the_sum_points() -> None:

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, ExitStack, contextmanager
 from contextvars import ContextVar
-from typing import TypeVar, cast
-
-from rpil.data.files import StrPath
+from typing import BinaryIO, TypeVar, cast
 
 T = TypeVar("T")
 
@@ -34,7 +33,7 @@ def holding() -> Iterator[None]:
 
 
 @contextmanager
-def held(path: StrPath, open_it: Callable[[], AbstractContextManager[T]], kind: str = "") -> Iterator[T]:
+def held(path: str | os.PathLike[str], open_it: Callable[[], AbstractContextManager[T]], kind: str = "") -> Iterator[T]:
     """The file at `path` as `open_it` opens it, or as it was opened before within `holding`; closed after the block.
 
     `kind` tells apart what several libraries open.
@@ -53,3 +52,12 @@ def held(path: StrPath, open_it: Callable[[], AbstractContextManager[T]], kind: 
             return
         found[key] = stack.enter_context(open_it())
     yield cast(T, found[key])
+
+
+@contextmanager
+def held_bytes(path: str | os.PathLike[str]) -> Iterator[BinaryIO]:
+    """The bytes of a file from the first one on; to close this stream leaves the file that is held open."""
+    with held(path, lambda: open(path, "rb"), "bytes") as file:
+        file.seek(0)
+        with os.fdopen(os.dup(file.fileno()), "rb") as stream:
+            yield stream

@@ -45,7 +45,8 @@ def to_plain(value: object) -> object:
 
 def from_plain(node: Parsed, hint: Hint) -> Parsed:
     """The value of the type `hint` that `to_plain` made the `node` from; an error of some type where it is no such."""
-    origin, args = get_origin(hint), get_args(hint)
+    origin: Hint = get_origin(hint)
+    args = get_args(hint)
     if np.ndarray in (hint, origin) or hasattr(hint, "array_type"):  # which shape-checked arrays of the tests have
         return _array(**node)
     if is_dataclass(hint):
@@ -64,12 +65,8 @@ def from_plain(node: Parsed, hint: Hint) -> Parsed:
         return {from_plain(key, args[0]): from_plain(part, args[1]) for key, part in pairs}
     if hint is float and type(node) in (int, float, str):
         return _number(node)
-    choices: dict[Hint, tuple[type, ...]] = {
-        Hashable: (str, int, float, bool),
-        object: (object,),
-        type(None): (type(None),),
-    }
-    if node not in args if origin is Literal else not isinstance(node, choices.get(hint, hint)):
+    allowed: Hint = str | int | float | bool if hint is Hashable else hint
+    if node not in args if origin is Literal else not isinstance(node, allowed):
         raise TypeError(hint)
     return node
 

@@ -22,6 +22,7 @@ from rpil.formats import read_answers, read_demonstrators
 from rpil.formats.dataset import Dataset
 from rpil.formats.recording import Recording
 from rpil.numerics.types import Array
+from rpil.results.evidence import MAX_DRAWN, with_fewer_traces
 from rpil.results.record import Audit
 from rpil.results.subset import select
 from rpil.results.tasks import MIN_DEMONSTRATIONS, join_audits, split_by_task
@@ -71,13 +72,13 @@ class Known:
         else:
             where, rows = "the labels", labels.items() if isinstance(labels, Mapping) else labels or ()
             by_name, pairs = parse_answers(((str(m), word) for m, word in rows), where) if rows else ({}, [])
-            check_ids([*by_name, *chain.from_iterable(pairs)], read, source, where)
+            check_ids([*by_name, *chain.from_iterable(pairs)], ids, source, where)
         demonstrators = recording.options.operator if demonstrators is None else demonstrators
         if isinstance(demonstrators, str):
             who: Mapping[str, Hashable] = read_demonstrators(demonstrators, recording)
             check_ids(who, ids, demonstrators, "the demonstrators")
         else:
-            who = _by_id(demonstrators, read, source)
+            who = _by_id(demonstrators, read, source, ids)
         if order is not None:
             facts = replace(facts, order=given_order(order, read, source))
         known = cls(by_name, pairs, who, facts, answers_source=where).select(range(len(read)), {*map(str, read)})
@@ -128,10 +129,12 @@ class Known:
         return replace(self, labels=labels, facts=replace(self.facts, outcome=outcome, order=None), reference=None)
 
 
-def _by_id(demonstrators: DemonstratorNames | None, ids: Sequence[object], source: str) -> dict[str, Hashable]:
-    """The demonstrators by the ids of their demonstrations as text."""
+def _by_id(
+    demonstrators: DemonstratorNames | None, ids: Sequence[object], source: str, known: Sequence[object]
+) -> dict[str, Hashable]:
+    """The demonstrators by the `ids` of their demonstrations as text; a mapping may have others that are `known`."""
     if isinstance(demonstrators, Mapping):
-        check_ids(demonstrators, ids, source, "the demonstrators")
+        check_ids(demonstrators, known, source, "the demonstrators")
         return {str(m): name for m, name in demonstrators.items()}
     if demonstrators is not None and len(demonstrators) != len(ids):
         raise DataError(
@@ -172,7 +175,8 @@ def judge_within_tasks(recording: Recording, known: Known, judge: Judge) -> Audi
         own = known.select(rows, {str(demonstrations.ids[m]) for m in rows})
         n_pairs += len(own.pairs)
         if len(rows) > 1 or known.reference is not None:
-            audits[group] = _judged(demonstrations.select(rows), own, judge)
+            judged = _judged(demonstrations.select(rows), own, judge)
+            audits[group] = with_fewer_traces(judged, -(-MAX_DRAWN * len(rows) // len(demonstrations)))
     _warn_of_pairs(known.answers_source, len(known.pairs) - n_pairs, what)
     return _with_facts(join_audits(audits, places, demonstrations.ids, demonstrations.offsets, what), known)
 
@@ -204,9 +208,7 @@ def _warn_of_few(group: str, n: int, recording: Recording) -> None:
     if n < MIN_DEMONSTRATIONS:
         said, options = recording.description, recording.options
         what = "session" if options.session else "task"
-        remedy = (
-            "leave out --session or session=" if options.session else f"add --exclude {said.task_column} or exclude="
-        )
+        remedy = "leave out session=" if options.session else f"add exclude={said.task_column!r}"
         warnings.warn(
             f"{said.source}: the {what} {group!r} has {n} demonstrations, too few to judge them well; to judge all "
             f"{what}s as one, {remedy}.",

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import gzip
+import io
 import itertools
 import os
 import shutil
@@ -21,7 +22,7 @@ from rpil.data.guard import guarded
 from rpil.formats import table as flat
 from rpil.formats.column_search import find_columns
 from rpil.formats.columns import ColumnOptions, Columns, check_unique
-from rpil.formats.dialect import TEXT_SUFFIXES, Dialect, find_dialect, without_suffix
+from rpil.formats.dialect import TEXT_SUFFIXES, Dialect, find_dialect, text_bytes, without_suffix
 from rpil.formats.format import Format, keep_one_file
 from rpil.formats.places import in_two_files
 from rpil.formats.recording import Recording, from_batches
@@ -155,12 +156,13 @@ def find_text_columns(path: Path, dialect: Dialect, options: ColumnOptions, defa
 
     def head(parsing: dict[str, object]) -> pa.Table:
         convert = csv.ConvertOptions(decimal_point=dialect.decimal)
-        with csv.open_csv(path, convert_options=convert, **parsing) as reader:
+        with text_bytes(path) as text, csv.open_csv(text, convert_options=convert, **parsing) as reader:
             return pa.Table.from_batches(itertools.islice(reader, 1), reader.schema)
 
     with guarded(path.name, *_FAULT):
-        kinds = flat.kinds_of(_parsed(path, dialect, head).slice(0, flat.HEAD_ROWS))
-    return find_columns(dialect.names, kinds, path.name, options, default_id)
+        first = _parsed(path, dialect, head)
+        kinds = flat.kinds_of(first.slice(0, flat.HEAD_ROWS))
+    return find_columns(dialect.names, kinds, path.name, options, default_id, first)
 
 
 def _read_table(file: Text, columns: Columns, read: Callable[..., Rows]) -> Rows:
@@ -196,14 +198,15 @@ def _read_table(file: Text, columns: Columns, read: Callable[..., Rows]) -> Rows
                 raise
             raise DataError(
                 f"{file.path.name}: a column holds values of another type further on; read it into memory with "
-                "--no-stream or rpil.read."
+                "rpil.read."
             ) from error
 
 
 def _whole(path: Path, **options: object) -> Rows:
     from pyarrow import csv
 
-    return TableRows(csv.read_csv(path, **options), path.name)
+    with text_bytes(path) as text:
+        return TableRows(csv.read_csv(text, **options), path.name)
 
 
 def _copy(path: Path, **options: object) -> Rows:
@@ -211,7 +214,7 @@ def _copy(path: Path, **options: object) -> Rows:
     import pyarrow as pa
     from pyarrow import csv
 
-    with csv.open_csv(path, **options) as reader:
+    with text_bytes(path) as text, csv.open_csv(text, **options) as reader:
         return copied_rows(spool((pa.Table.from_batches([batch]) for batch in reader), path.name), {})
 
 
@@ -243,8 +246,8 @@ def _parsed(path: Path, dialect: Dialect, read_table: Callable[[dict[str, object
             if ragged:
                 ragged.clear()
                 reading.use_threads = False  # only then rows are numbered
-                with suppress(pa.ArrowInvalid):
-                    csv.read_csv(path, reading, parse)
+                with suppress(pa.ArrowInvalid), text_bytes(path) as text:
+                    csv.read_csv(text, reading, parse)
                 row = ragged[0]
                 raise DataError(
                     f"{path.name}, row {row.number - dialect.skip_rows}: {row.actual_columns} values for "
@@ -261,7 +264,12 @@ def keep_text(path: Path, output: Path, ids: Set[str], options: ColumnOptions) -
     dialect = find_dialect(path)
     column = dialect.names.index(find_text_columns(path, dialect, options).episode)
     encoding, found = dialect.encoding, set()
-    with _open(path, "rt", encoding) as source, _open(output, "wt", encoding) as target:
+    opener = gzip.open if path.suffix.lower() == ".gz" else open
+    with (
+        text_bytes(path) as stream,
+        io.TextIOWrapper(stream, encoding=encoding, newline="") as source,
+        cast(IO[str], opener(output, "wt", encoding=encoding, newline="")) as target,
+    ):
         target.writelines(itertools.islice(source, dialect.skip_rows))
         for lines, values in _rows(source, dialect.separator):
             is_comment = lines.lstrip().startswith("#") and len(values) != len(dialect.names)
@@ -280,11 +288,6 @@ def keep_text_or_file(path: Path, output: Path, ids: Set[str], options: ColumnOp
     if name in ids:
         shutil.copyfile(path, output)
     return {name} & ids
-
-
-def _open(path: Path, mode: str, encoding: str) -> IO[str]:
-    opener = gzip.open if path.suffix.lower() == ".gz" else open
-    return cast(IO[str], opener(path, mode, encoding=encoding, newline=""))
 
 
 def _rows(lines: Iterable[str], separator: str) -> Iterator[tuple[str, list[str]]]:

@@ -19,7 +19,7 @@ from rpil.data.arrays import Id, check_width
 from rpil.data.errors import DataError, MissingExtraError
 from rpil.data.files import cannot_be_written, check_readable, replacing
 from rpil.data.guard import guarded
-from rpil.data.held import held
+from rpil.data.held import held, held_bytes
 from rpil.data.memory import BYTES_PER_NUMBER, check_memory
 from rpil.data.names import natural_key
 from rpil.formats.columns import ColumnOptions
@@ -43,7 +43,7 @@ def is_hdf5(path: Path) -> bool:
     """Whether the file at `path` says by its name or its first bytes that it is HDF5."""
     if not path.is_file() or path.suffix.lower() in SUFFIXES:
         return path.is_file()
-    with path.open("rb") as file:
+    with held_bytes(path) as file:
         return file.read(len(_SIGNATURE)) == _SIGNATURE
 
 

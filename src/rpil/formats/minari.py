@@ -21,7 +21,7 @@ from rpil.formats.arrow import end_to_end, from_arrow, read_ipc
 from rpil.formats.columns import ColumnOptions
 from rpil.formats.description import listed
 from rpil.formats.format import Format, keep_by_own_ids
-from rpil.formats.parquet_pages import read_table
+from rpil.formats.parquet_pages import open_table
 from rpil.formats.parts import MAX_MATRIX, NUMBERED, Part, from_parts, without_steps
 from rpil.formats.recording import Recording
 
@@ -182,15 +182,18 @@ def _read_tables(data: Path, kind: str, source: str, options: ColumnOptions, not
 def _stored(folder: Path, kind: str, source: str) -> tuple[pa.Schema, pa.Table]:
     """The columns of an episode, and the values of those that hold more than images; errors of pyarrow stay so."""
     import pyarrow as pa
-    import pyarrow.parquet as pq
 
     files = sorted(folder.glob(f"*.{kind}"))
     if kind == "arrow":
         table = pa.concat_tables(read_ipc(file, f"{source}, demonstration {folder.name}") for file in files)
         return table.schema, table
-    schema = pq.read_schema(files[0])
-    names = list(dict.fromkeys(path[0] for _, (path, leaf) in _leaves(schema) if not _is_image(leaf)))
-    return schema, pa.concat_tables(read_table(file, names) for file in files)
+    schema, tables = pa.schema([]), []
+    for file in files:
+        with open_table(file) as episode:
+            schema = episode.file.schema_arrow
+            names = dict.fromkeys(path[0] for _, (path, leaf) in _leaves(schema) if not _is_image(leaf))
+            tables.append(episode.read(list(names)))
+    return schema, pa.concat_tables(tables)
 
 
 def _n_steps(folder: Path, n_rows: int) -> int:
@@ -225,10 +228,10 @@ def _copy_folders(data: Path, new: Path, ids: Sequence[Id], source: str) -> list
     lengths = []
     folders, kind = _folders(data), _json(data / _METADATA)["data_format"]
     for k, i in enumerate(_chosen(ids, folders, source)):
-        copy_folder(folders[i], new / str(k))
+        copy_folder(folders[i], new / str(k), without=(_METADATA,))
         about = _json(folders[i] / _METADATA)
         (new / str(k) / _METADATA).write_text(json.dumps({**about, "id": k}))
-        lengths.append(_n_steps(folders[i], len(_stored(folders[i], kind, source)[1])))
+        lengths.append(_n_steps(folders[i], len(_stored(new / str(k), kind, source)[1])))
     return lengths
 
 

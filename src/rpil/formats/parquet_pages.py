@@ -7,11 +7,13 @@ their headers, and to ask it for a column of a damaged footer may end the proces
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterator, Sequence
+from contextlib import AbstractContextManager, contextmanager
 from pathlib import PurePath
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from rpil.data.errors import DataError
+from rpil.data.held import held
 from rpil.data.memory import BYTES_PER_NUMBER, check_memory
 
 if TYPE_CHECKING:
@@ -61,30 +63,33 @@ def _group_bytes(stored: Stored, columns: Collection[str]) -> list[int]:
             if n % n_rows or n // n_rows > _LONGEST_LIST:
                 raise DataError(
                     f"{name}: lists hold {n:,} numbers in {n_rows:,} rows; write as many in every row, and "
-                    f"{_LONGEST_LIST:,} at most, or leave them out with --exclude or exclude=."
+                    f"{_LONGEST_LIST:,} at most, or leave them out with exclude=."
                 )
         found.append(sum(max(BYTES_PER_NUMBER * chunk.n_values, chunk.n_bytes) for chunk in chunks))
     return found
 
 
-def read_table(
-    path: PurePath | str, columns: Sequence[str] | None = None, filesystem: fs.FileSystem | None = None
-) -> pa.Table:
-    """The columns of a Parquet file that are there, by default all; a `DataError` where they do not fit in memory.
+def input_file(filesystem: fs.FileSystem, path: PurePath | str) -> AbstractContextManager[pa.NativeFile]:
+    """The bytes of a file; see `rpil.data.held`."""
+    return held(str(path), lambda: filesystem.open_input_file(str(path)), filesystem.type_name)
 
-    The path is that of a local file, or of one in a `filesystem`. Errors of pyarrow are left as they are.
-    """
+
+@contextmanager
+def open_table(path: PurePath | str, filesystem: fs.FileSystem | None = None) -> Iterator[Stored]:
+    """A local Parquet file, or one in a `filesystem`; errors of pyarrow are left as they are."""
     import pyarrow.parquet as pq
     from pyarrow import fs
 
-    filesystem = filesystem or fs.LocalFileSystem()
-    with filesystem.open_input_file(str(path)) as stream, pq.ParquetFile(stream) as file:
-        names = file.schema_arrow.names
-        chosen = names if columns is None else [name for name in columns if name in names]
-        stored = Stored(file, stream, PurePath(path).name)
-        where = stored.name if columns is None or len(columns) > 1 else f"{stored.name}, column {columns[0]!r}"
-        check_memory(check_pages(stored, chosen), where)
-        return file.read(chosen)
+    with input_file(filesystem or fs.LocalFileSystem(), path) as stream, pq.ParquetFile(stream) as file:
+        yield Stored(file, stream, PurePath(path).name)
+
+
+def read_table(
+    path: PurePath | str, columns: Sequence[str] | None = None, filesystem: fs.FileSystem | None = None
+) -> pa.Table:
+    """The rows of a file that `open_table` opens; see `Stored.read`."""
+    with open_table(path, filesystem) as stored:
+        return stored.read(columns)
 
 
 class Stored(NamedTuple):
@@ -93,6 +98,14 @@ class Stored(NamedTuple):
     file: pq.ParquetFile
     stream: pa.NativeFile
     name: str
+
+    def read(self, columns: Sequence[str] | None = None) -> pa.Table:
+        """Those of the columns that are there, by default all; a `DataError` where they do not fit in memory."""
+        names = self.file.schema_arrow.names
+        chosen = names if columns is None else [name for name in columns if name in names]
+        where = self.name if columns is None or len(columns) > 1 else f"{self.name}, column {columns[0]!r}"
+        check_memory(check_pages(self, chosen), where)
+        return self.file.read(chosen)
 
 
 class Chunk(NamedTuple):

@@ -1,4 +1,4 @@
-"""Arrays by name, as the flat table: for formats that hold arrays of steps, of one demonstration or of many."""
+"""Makes a recording of arrays of steps, one `Part` for each demonstration or file that holds them."""
 
 from __future__ import annotations
 

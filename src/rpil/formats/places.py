@@ -84,7 +84,7 @@ def find_places(rows: Rows, columns: Columns, source: str) -> tuple[Places, Rows
         return places, rows
     if isinstance(rows, TableRows):
         return places, replace(rows, place=moved)
-    ways = "read it into memory with --no-stream or rpil.read"
+    ways = "read it into memory with rpil.read"
     if apart is not None:
         raise DataError(
             f"{source}, demonstration {apart[0]!r}: its rows lie apart in {apart[1]}; sort them by {columns.episode}, "
@@ -159,7 +159,7 @@ def _check_one_id(table: pa.Table, columns: Columns, group: Array, order: Order,
             row = int(rows[np.flatnonzero(np.isin(rows, np.unique(group, return_index=True)[1], invert=True))[0]])
             raise DataError(
                 f"{at(row)}: column {name!r} changes within this demonstration; write a column of ids that no two "
-                f"demonstrations share, or, if {columns.episode!r} is one, say so with --id or id=."
+                f"demonstrations share, or, if {columns.episode!r} is one, say so with id=."
             )
 
 

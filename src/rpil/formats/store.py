@@ -17,7 +17,6 @@ from rpil.data.errors import DataError
 from rpil.data.files import StrPath, check_exists, refuse_pointer
 from rpil.data.folders import check_folder, check_inside, is_hidden
 from rpil.data.guard import guard, guarded, one_line
-from rpil.data.held import held
 from rpil.data.names import is_data
 from rpil.formats import table as flat
 from rpil.formats.column_search import find_columns
@@ -25,7 +24,7 @@ from rpil.formats.columns import ColumnOptions, Columns, check_unique
 from rpil.formats.dialect import TEXT_SUFFIXES
 from rpil.formats.layout import Layout
 from rpil.formats.lerobot.metadata import Metadata, choose_files, read_metadata
-from rpil.formats.parquet_pages import Stored, check_pages
+from rpil.formats.parquet_pages import Stored, check_pages, input_file
 from rpil.formats.rows import BATCH_ROWS, ChosenRows, names_at
 from rpil.formats.spool import Copy
 from rpil.formats.table import Place
@@ -118,9 +117,18 @@ class ParquetRows:
 @contextmanager
 def opened(filesystem: fs.FileSystem, path: str) -> Iterator[Stored]:
     """The open file, whose pages are checked as they are read; a `DataError` where it is no Parquet file."""
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
     try:
-        with held(path, lambda: _opened(filesystem, path)) as stored:
-            yield stored
+        # Neither mapped into memory, where mapped pages stay and count, nor fetched by whole row groups.
+        options = {"buffer_size": _BUFFER_BYTES, "pre_buffer": False, "page_checksum_verification": True}
+        with input_file(filesystem, path) as stream, pq.ParquetFile(stream, **options) as file:
+            # A text that repeats stays in memory once.
+            texts = [field.name for field in file.schema_arrow if pa.types.is_string(field.type)]
+            if texts:
+                file = pq.ParquetFile(stream, metadata=file.metadata, read_dictionary=texts, **options)
+            yield Stored(file, stream, PurePosixPath(path).name)
     except FileNotFoundError as error:
         raise DataError(f"{path}: there is no such file here; check the path.") from error
     except PermissionError as error:
@@ -135,24 +143,9 @@ def opened(filesystem: fs.FileSystem, path: str) -> Iterator[Stored]:
             raise
 
 
-@contextmanager
-def _opened(filesystem: fs.FileSystem, path: str) -> Iterator[Stored]:
-    import pyarrow as pa
-    import pyarrow.parquet as pq
-
-    # Neither mapped into memory, where mapped pages stay and count, nor fetched by whole row groups.
-    options = {"buffer_size": _BUFFER_BYTES, "pre_buffer": False, "page_checksum_verification": True}
-    with filesystem.open_input_file(path) as stream, pq.ParquetFile(stream, **options) as file:
-        # A text that repeats stays in memory once.
-        texts = [field.name for field in file.schema_arrow if pa.types.is_string(field.type)]
-        if texts:
-            file = pq.ParquetFile(stream, metadata=file.metadata, read_dictionary=texts, **options)
-        yield Stored(file, stream, PurePosixPath(path).name)
-
-
 def _is_unfinished(filesystem: fs.FileSystem, path: str) -> bool:
     """Whether a file begins as Parquet does, and lacks the end."""
-    with filesystem.open_input_file(path) as stream:
+    with input_file(filesystem, path) as stream:
         refuse_pointer(stream.read_at(100, 0), PurePosixPath(path).name)
         size = stream.size()
         return bool(size > 8 and stream.read_at(4, 0) == b"PAR1" != stream.read_at(4, size - 4))
@@ -233,10 +226,10 @@ def columns_of_file(stored: Stored, options: ColumnOptions) -> Columns:
     # Of images no value is read, and of very many columns the types are enough.
     plain = [name for name, kind in kinds.items() if kind in ("number", "text")][:_HEAD_COLUMNS]
     check_pages(stored, plain)
-    head = next(file.iter_batches(flat.HEAD_ROWS, columns=plain), None)
-    if head is not None:
-        kinds |= flat.kinds_of(pa.Table.from_batches([head]))
-    return find_columns(schema.names, kinds, stored.name, options)
+    batch = next(file.iter_batches(flat.HEAD_ROWS, columns=plain), None)
+    head = None if batch is None else pa.Table.from_batches([batch])
+    kinds |= {} if head is None else flat.kinds_of(head)
+    return find_columns(schema.names, kinds, stored.name, options, head=head)
 
 
 def check_columns(file: pq.ParquetFile, columns: Columns, name: str, first: str) -> None:

@@ -25,6 +25,9 @@ Place = Callable[[int], str]
 HEAD_ROWS = 1000
 """Rows by which the kinds of columns are told."""
 
+GUESSED_ROWS = 20_000
+"""Rows by which the roles of columns with strange names are guessed."""
+
 
 def kinds_of(head: pa.Table) -> dict[str, Kind]:
     """The kind of every column by its type and its first values; of none where there are no values."""
@@ -97,7 +100,7 @@ def no_numbers(texts: Array, name: str, at: Place) -> DataError:
     row = next((row for row, text in enumerate(texts) if not _is_number(text)), 0)
     return DataError(
         f"{at(row)}: column {name!r} holds text ({str(texts[row])[:40]!r}) where numbers are due; write numbers, or "
-        "leave the column out with --exclude or exclude=."
+        "leave the column out with exclude=."
     )
 
 

@@ -97,7 +97,7 @@ def _sessions(table: pa.Table, name: str, offsets: Array, ids: Sequence[Id], ori
     """The session of each demonstration."""
     if name == FILE_SESSION and name not in table.column_names:
         if not origin.files:
-            raise DataError(f"{origin.source}: its files make no sessions; name a column with --session.")
+            raise DataError(f"{origin.source}: its files make no sessions; name a column with session=.")
         return tuple(origin.files)
     encoded = table[name].dictionary_encode().unify_dictionaries().combine_chunks()
     codes = encoded.indices.fill_null(-1).to_numpy()
@@ -145,7 +145,7 @@ def _in_split(name: str, ids: Sequence[Id], origin: Origin) -> Float[Array, " M"
 def _others(columns: Columns) -> str:
     name = (columns.outcome or "").removeprefix("-")
     others = [other for other in columns.outcomes if other != name]
-    return f"name another column with --outcome ({quoted([*others, LENGTH])} may do)"
+    return f"name another column with outcome= ({quoted([*others, LENGTH])} may do)"
 
 
 def file_names(paths: Iterable[str]) -> list[str]:

@@ -12,7 +12,7 @@ Its share is among the parts that point where the sum over all parts points.
 from __future__ import annotations
 
 from collections.abc import Callable, Hashable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -20,10 +20,12 @@ import numpy as np
 from rpil.data.copies import Copies
 from rpil.data.fit_data import FitData
 from rpil.data.spaces import Discrete
+from rpil.inference.fitted_judge import SoftmaxRatio, StudentRatio
 from rpil.inference.held_out import HeldOutRidge, held_out_model, log_reference
 from rpil.inference.parts import ActionScale
 from rpil.inference.settings import HeldOutSettings
 from rpil.inference.trust import Judgement
+from rpil.numerics.blocks import linear
 from rpil.numerics.regression import error_scale, student_log_densities
 from rpil.numerics.types import Array, Bool, Float, Int
 from rpil.policies.softmax import at_actions
@@ -38,7 +40,7 @@ Outputs = Callable[[Int[Array, " R"]], Float[Array, "R O"]]
 
 MAX_DRAWN = 300
 """Demonstrations with traces."""
-N_SUGGESTED = 10
+N_SUGGESTED = 3
 """Demonstrations to label, which are drawn."""
 BAND = 0.05, 0.95
 
@@ -120,6 +122,21 @@ def beside_judge(
     return Comparison.of(data, members, expected, typical_members(judgement, members), settings)
 
 
+def beside_sample(
+    judgement: Judgement,
+    ratio: SoftmaxRatio | StudentRatio,
+    data: FitData,
+    members: Int[Array, " K"],
+    settings: HeldOutSettings,
+) -> Comparison:
+    """By the policy of a judge that read a sample; its policies are not held out. The `members` were read again."""
+    if isinstance(ratio, SoftmaxRatio):
+        expected = ratio.step_ratios(data.features, data.actions, settings)[0]
+    else:
+        expected = ratio.scaling.back(linear(data.features, ratio.weights))
+    return Comparison.of(data, members, expected, typical_members(judgement, members), settings)
+
+
 def beside_final_policy(
     audit: Audit, judgement: Judgement | None, data: FitData, outputs: Outputs, settings: HeldOutSettings
 ) -> Comparison:
@@ -134,11 +151,19 @@ def beside_final_policy(
 
 def worth_a_look(audit: Audit, size: int = MAX_DRAWN) -> Int[Array, " K"]:
     """Up to `size` demonstrations: those with the lower word, those in question, and then the others; of each, the
-    least trusted first."""
+    least trusted first. All in the order of the data where these are few enough."""
+    if len(audit.ids) <= size:
+        return np.arange(len(audit.ids))
     asked = {*audit.contradicting, *audit.pair, *audit.suggest_labels(N_SUGGESTED)}
     lower = np.array([SIDES[verdict] == "lower" for verdict in audit.verdicts])
     in_question = np.array([name in asked for name in audit.ids])
     return np.lexsort([audit.log_odds, ~in_question, ~lower])[:size]
+
+
+def with_fewer_traces(audit: Audit, size: int) -> Audit:
+    """The audit with the traces of up to `size` demonstrations, those most worth a look."""
+    chosen = [audit.ids[m] for m in worth_a_look(audit, size).tolist()]
+    return replace(audit, traces={name: audit.traces[name] for name in chosen if name in audit.traces})
 
 
 def part_name(data: FitData, j: int) -> str:
@@ -177,5 +202,6 @@ def _traces(compared: Comparison, place: int) -> Traces:
     if data.space.kind == "continuous":
         return Traces("continuous", parts, width, compared_with=compared.compared_with)
     least = data.actions[rows][least_points(compared.value[rows, 0], width)]
-    taken = tuple(printable(data.action_name(code)) for code in least.tolist())
+    names = {code: printable(data.action_name(code)) for code in set(least.tolist())}
+    taken = tuple(names[code] for code in least.tolist())
     return Traces("discrete", parts, width, taken, compared.compared_with)

@@ -59,6 +59,8 @@ def point_width(n_steps: int) -> int:
 
 def points(values: Float[Array, "n ..."], width: int) -> Float[Array, "P ..."]:
     """Means over `width` steps each, in single precision."""
+    if width == 1:
+        return np.asarray(values, dtype=np.float32)
     starts = np.arange(0, len(values), width)
     counts = np.diff(np.append(starts, len(values)))
     sums = np.add.reduceat(np.asarray(values, dtype=float), starts, axis=0)
@@ -67,5 +69,7 @@ def points(values: Float[Array, "n ..."], width: int) -> Float[Array, "P ..."]:
 
 def least_points(values: Float[Array, " n"], width: int) -> Int[Array, " P"]:
     """The step with the least value in each `width` steps."""
+    if width == 1:
+        return np.arange(len(values))
     starts = range(0, len(values), width)
     return np.array([start + int(np.argmin(values[start : start + width])) for start in starts])

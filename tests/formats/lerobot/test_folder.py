@@ -92,8 +92,8 @@ def test_data_are_believed_and_not_the_metadata(dataset):
     info = json.loads((dataset / "meta" / "info.json").read_text())
     (dataset / "meta" / "info.json").write_text(json.dumps(info | {"total_frames": 30, "total_episodes": 5}))
     expected = (
-        "meta/info.json says total_episodes = 5, but the data hold 4 demonstrations; the data are believed.",
-        "meta/info.json says total_frames = 30, but the data hold 22 steps; the data are believed.",
+        "meta/info.json says total_episodes = 5, but the data hold 4 demonstrations; the data decide.",
+        "meta/info.json says total_frames = 30, but the data hold 22 steps; the data decide.",
     )
     for on_disk in (False, True):
         assert formats.read_recording(dataset, on_disk=on_disk).description.notes == expected

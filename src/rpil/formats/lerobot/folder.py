@@ -17,13 +17,14 @@ from rpil.data.errors import DataError
 from rpil.data.files import StrPath, new_folder, replacing
 from rpil.data.folders import copy_folder
 from rpil.data.guard import guarded
+from rpil.data.held import held_bytes
 from rpil.data.id_values import check_ids
 from rpil.data.json_files import LARGEST_METADATA, Parsed, read_json
 from rpil.data.names import quoted
 from rpil.formats import folder
 from rpil.formats.format import Format, keep_by_own_ids
 from rpil.formats.lerobot import stats
-from rpil.formats.lerobot.check import Folder, find_defects, mend
+from rpil.formats.lerobot.check import Folder, find_defects, find_shots, mend
 from rpil.formats.lerobot.episodes import EpisodeLines, EpisodeTable
 from rpil.formats.lerobot.kept import PATHS, Kept, Trims
 from rpil.formats.lerobot.metadata import cameras, chunk_size, read_info
@@ -50,7 +51,7 @@ def claims(path: Path) -> bool:
 def check_output(path: Path, output: Path, trim: bool = False) -> dict[str, Parsed]:
     """What ``meta/info.json`` says; a `DataError` or `MissingExtraError` where `keep` cannot write to `output`."""
     place = path / "meta" / "info.json"
-    with place.open("rb") as file:
+    with held_bytes(place) as file:
         info = read_info(file.read(LARGEST_METADATA + 1), path.resolve().name)
     version = info.get("codebase_version")
     if output.suffix.lower() == ".json":
@@ -89,7 +90,7 @@ def keep(path: Path, output: Path, ids: Sequence[Id], trims: Trims = MappingProx
 
 def _write(path: Path, new: Path, info: dict[str, Parsed], ids: Sequence[object], trims: Trims) -> None:
     """Write the episodes `ids` of the folder `path` to the empty folder `new`; `info` is what ``info.json`` says."""
-    copy_folder(path / "meta", new / "meta", without="episodes")
+    copy_folder(path / "meta", new / "meta", without=("episodes", "info.json"))
     kept = Kept(path, new, info, {str(name) for name in ids}, trims)
     with guarded(path / "meta" / "episodes"):
         about = EpisodeTable.read(kept) if kept.is_v3 else EpisodeLines.read(kept)
@@ -157,7 +158,7 @@ def commands(path: Path, ids: Sequence[object], kept: Sequence[object], output: 
         return lines
     new = f"{root.rstrip('/')}_trusted"
     lines.append(f"LeRobot then normalises by the others too, which stay in meta/stats.json. {_NEW_FOLDER} {new}")
-    with suppress(DataError), (path / "meta" / "info.json").open("rb") as file:
+    with suppress(DataError), held_bytes(path / "meta" / "info.json") as file:
         if read_info(file.read(LARGEST_METADATA + 1), name).get("codebase_version") == "v3.0":
             words = ["lerobot-edit-dataset", "--repo_id", name, "--root", root, "--new_repo_id", f"{name}_trusted"]
             words += ["--new_root", new, "--operation.type", "delete_episodes"]
@@ -184,4 +185,5 @@ FORMAT = Format(
     stays_on_disk=folder.holds_parquet,
     find_defects=find_defects,
     mend=mend,
+    shots=find_shots,
 )

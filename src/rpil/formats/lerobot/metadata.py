@@ -16,7 +16,7 @@ from rpil.data.guard import guarded
 from rpil.data.json_files import LARGEST_METADATA, LARGEST_TABLE, Parsed, parse, parse_lines
 from rpil.data.names import quoted
 from rpil.formats.columns import SPLITS
-from rpil.formats.parquet_pages import read_table
+from rpil.formats.parquet_pages import input_file, read_table
 
 if TYPE_CHECKING:
     from pyarrow import fs
@@ -60,7 +60,7 @@ class Metadata:
         strays = f"Left out, because meta does not list them: {quoted(self.strays, 5)}."
         said = (unusable, bool(self.unusable)), (strays, bool(self.strays)), (unseen, n > 0)
         return tuple(text for text, holds in said if holds) + tuple(
-            f"meta/info.json says {name} = {self.sizes[name]}, but the data hold {n:,} {what}; the data are believed."
+            f"meta/info.json says {name} = {self.sizes[name]}, but the data hold {n:,} {what}; the data decide."
             for name, (n, what) in found.items()
             if self.sizes.get(name, n) != n
         )
@@ -181,9 +181,9 @@ def _read_start(filesystem: fs.FileSystem, path: PurePosixPath) -> bytes:
     with (
         guarded(path, remedy=remedy),
         suppress(FileNotFoundError),
-        filesystem.open_input_stream(str(path)) as stream,
+        input_file(filesystem, path) as stream,
     ):
-        return bytes(stream.read(LARGEST_METADATA + 1))
+        return bytes(stream.read_at(LARGEST_METADATA + 1, 0))
     raise FileNotFoundError(path)
 
 
@@ -262,8 +262,8 @@ def _lengths(filesystem: fs.FileSystem, meta: PurePosixPath) -> dict[Id, int]:
 
     with guarded(meta, "it does not say how long each episode is", "write it again"):
         try:
-            with filesystem.open_input_stream(str(meta / "episodes.jsonl")) as stream:
-                rows = parse_lines(stream.read(LARGEST_TABLE + 1), str(meta / "episodes.jsonl"), LARGEST_TABLE)
+            with input_file(filesystem, meta / "episodes.jsonl") as stream:
+                rows = parse_lines(stream.read_at(LARGEST_TABLE + 1, 0), str(meta / "episodes.jsonl"), LARGEST_TABLE)
         except FileNotFoundError:
             folder = fs.FileSelector(str(meta / "episodes"), recursive=True, allow_not_found=True)
             files = sorted(info.path for info in filesystem.get_file_info(folder) if info.path.endswith(".parquet"))
@@ -293,8 +293,8 @@ def _tasks(filesystem: fs.FileSystem, meta: PurePosixPath) -> dict[str, str] | N
             table = read_table(meta / "tasks.parquet", None, filesystem)
             text = next((name for name in table.column_names if name != "task_index"), "task_index")
             return dict(zip(map(str, table["task_index"].to_pylist()), map(str, table[text].to_pylist()), strict=True))
-        with suppress(FileNotFoundError), filesystem.open_input_stream(str(meta / "tasks.jsonl")) as stream:
-            rows = parse_lines(stream.read(LARGEST_TABLE + 1), str(meta / "tasks.jsonl"), LARGEST_TABLE)
+        with suppress(FileNotFoundError), input_file(filesystem, meta / "tasks.jsonl") as stream:
+            rows = parse_lines(stream.read_at(LARGEST_TABLE + 1, 0), str(meta / "tasks.jsonl"), LARGEST_TABLE)
             return {str(row["task_index"]): str(row["task"]) for row in rows}
     except (pa.ArrowException, OSError, ValueError, KeyError, TypeError, RecursionError):
         return None

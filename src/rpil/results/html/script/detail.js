@@ -33,6 +33,10 @@ const makeDetail = (model, place, act) => {
   };
   const drawCharts = (m, box, readout) => {
     const drawing = view.drawings[m];
+    if (!drawing && live) {
+      live.load(view, m, () => { if (shown === m) show(m); });
+      return;
+    }
     if (!drawing) {
       box.append(el("p", { class: "muted" }, `Not drawn: only the ${Object.keys(view.drawings).length} most worth a look are.`));
       return;
@@ -55,8 +59,9 @@ const makeDetail = (model, place, act) => {
         el("h3", {}, names[m]),
         el("span", { class: `verdict ${model.side(m)}` }, d.verdict[m]),
         el("span", { class: "muted" }, `${view.words.probability} ${percent(d.p[m])}, log-odds ${number(d.log_odds[m])}`, parts ? ` (${parts})` : "")),
-      el("p", { class: "buttons" }, button("good", "g", "Good"), button("bad", "b", "Bad"), button("", "u", "No mark"),
+      el("p", { class: "buttons" }, button("good", "g", "Good"), button("bad", "b", "Bad"), live ? live.passing(m) : button("", "u", "No mark"),
         el("span", { class: "turn" }, el("button", { type: "button", "aria-label": "Previous", onclick: () => act.step(-1) }, "‹"), el("button", { type: "button", "aria-label": "Next", onclick: () => act.step(1) }, "›"))),
+      live ? live.media(model, m) : "",
       el("p", {}, d.reason[m] && printable(d.reason[m])),
       view.pair.includes(m) ? el("p", {}, el("strong", {}, printable(view.question))) : "",
       view.contradicting.includes(m) ? el("p", {}, el("strong", {}, "Its label contradicts the other answers; look again.")) : "",
