@@ -153,16 +153,22 @@ def beside(path: Path) -> Iterator[Path]:
 
     Temporary files beside `path` of dead processes of this computer are deleted first.
     """
+    temporary = temporary_path(path)
+    try:
+        yield temporary
+    finally:
+        _remove(temporary)
+
+
+def temporary_path(path: Path) -> Path:
+    """A path beside `path` that names this process; what others that were killed left under such names is removed."""
     # The suffix is kept, because some writers (numpy.savez) add their own to a name without it.
     fits = len(os.fsencode(path.name)) <= _REPEATED_NAME
     stem = path.stem if fits else f"{zlib.crc32(os.fsencode(path.stem)):08x}"
     mark = f".{stem}.{zlib.crc32(platform.node().encode()):08x}-"
     temporary = path.with_name(f"{mark}{os.getpid()}-{uuid.uuid4().hex[:8]}{path.suffix}")
     _remove_abandoned(path.parent, mark, path.suffix)
-    try:
-        yield temporary
-    finally:
-        _remove(temporary)
+    return temporary
 
 
 def _remove_abandoned(folder: Path, mark: str, suffix: str) -> None:
