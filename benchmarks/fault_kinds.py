@@ -63,7 +63,7 @@ class Clean:
         it can know; None where the rule is about actions and these are discrete."""
         if rule in ("frozen action", "lag") and self.demonstrations.is_discrete:
             return None
-        if rule not in (*HELD, "spike", "jump", "scale", "sign", "never moves"):
+        if rule not in (*HELD, "spike", "jump", "scale", "sign", "offset", "never moves"):
             return float(rule not in self.report.not_checked or rule == "dropped frames")
         n_columns = int(self.of_rule(rule).sum())
         return len(self.columns(rule)) / n_columns if n_columns else None
@@ -138,9 +138,10 @@ def _column(rule: str, change: Callable[[Array, float, float, int], Array]) -> F
 
     def make(episode: Array, clean: Clean, size: float, rng: np.random.Generator) -> Array | None:
         column, other = clean.pick(rule, rng), episode.copy()
-        if column is not None:
-            other[:, column] = change(episode[:, column], size, clean.spread[column], int(rng.choice([-1, 1])))
-        return None if column is None else other
+        if column is None or not np.ptp(episode[:, column]):
+            return None
+        other[:, column] = change(episode[:, column], size, clean.spread[column], int(rng.choice([-1, 1])))
+        return other
 
     return make
 
@@ -174,9 +175,13 @@ def exchange(episode: Array, clean: Clean, size: float, rng: np.random.Generator
     known, other = clean.columns("exchanged"), episode.copy()
     own = known[known >= clean.n_observations]
     own = own if len(own) > 1 else known[known < clean.n_observations]
-    pair = rng.choice(own, 2, replace=False) if len(own) > 1 else own
+    unknown = clean.report.unknown.get("exchanged", ())
+    pairs = [(a, b) for a in own for b in own if a < b and f"{clean.names[a]} and {clean.names[b]}" not in unknown]
+    if not pairs:
+        return None
+    pair = np.array(pairs[int(rng.integers(len(pairs)))])
     other[:, pair] = episode[:, pair[::-1]]
-    return other if len(pair) > 1 else None
+    return other
 
 
 def _rows(change: Callable[[Array, int, Array], Array]) -> Fault:
@@ -222,6 +227,7 @@ KINDS: dict[str, Kind] = {
     "length, cut": Kind(_cut, (4, 7, 10), "times shorter", "length"),
     "sign": Kind(_column("sign", lambda x, *_: -x), (1,), "column", "sign"),
     "exchanged": Kind(exchange, (1,), "pair", "exchanged"),
+    "offset": Kind(_column("offset", lambda x, size, sd, way: x + size * sd * way), (0.5,), "sd of the column", "offset"),
     "action early": Kind(
         _rows(lambda e, n, _: np.column_stack([e[:-1, :n], e[1:, n:]])), (1,), "step", "shifted action"
     ),

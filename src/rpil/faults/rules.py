@@ -118,7 +118,7 @@ def compare_leaps(seen: Evidence) -> Iterator[Comparison]:
 
     spikes, jumps = (
         np.where(
-            columns.moving < s.least_moving, np.inf, np.maximum(fence(value, factor, s.smallest * least, s), least)
+            columns.moving < s.min_moving, np.inf, np.maximum(fence(value, factor, s.smallest * least, s), least)
         )
         for value, factor in ((by.spike, s.spike_factor), (by.jump, s.jump_factor))
     )
