@@ -18,6 +18,7 @@ SIGN = np.array([1, -1, 1])
 PLANTED = {
     "sign": ({"observations": X * SIGN}, "observation '1'"),
     "exchanged": ({"actions": A[:, [2, 1, 0]]}, "action 0 and action 2"),
+    "offset": ({"actions": A + 0.5 * (SIGN < 0)}, "action 1"),
     "shifted action": ({"observations": X[:-1], "actions": A[1:]}, ""),
     "lag": ({"observations": X[5:], "actions": A[:-5]}, ""),
     "next state": ({"observations": X[:-1], "actions": X[1:]}, ""),

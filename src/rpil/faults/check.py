@@ -92,9 +92,11 @@ def find_faults(
         for comparison in chain.from_iterable(compare(seen) for compare in (*COMPARISONS, *MAP_COMPARISONS)):
             if comparison.rule not in why:
                 found += comparison.findings(ids)
-                silent = unknown.get(comparison.rule, comparison.names)
-                unknown[comparison.rule] = tuple(name for name in silent if name in comparison.unknown)
-                known[comparison.rule] |= len(comparison.unknown) < len(comparison.names)
+                silent = dict.fromkeys(comparison.unknown)
+                unknown[comparison.rule] = tuple(
+                    n for n in unknown.get(comparison.rule, comparison.names) if n in silent
+                )
+                known[comparison.rule] |= len(silent) < len(comparison.names)
         why |= {name: RULES[name].unknown for name, is_known in known.items() if not is_known}
         usual, trims = _usual(seen), _trims(seen) if seen.columns.names else {}
     found, n_expected = leave_out(without_consequences(found), expected or {})

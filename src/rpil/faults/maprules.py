@@ -15,7 +15,7 @@ TRIED = {
     "offset": ("offset",),
     "shifted action": ("actions late", "actions early"),
     "reversed": ("reversed",),
-    "frame rate": ("frame rate", "doubled rate"),
+    "frame rate": ("frame rate",),
 }
 """Rule to the faults that are tried."""
 
@@ -27,7 +27,6 @@ SENTENCES = {
     "actions early": "the actions are one step early",
     "reversed": "time is reversed: it runs backwards",
     "frame rate": "it has half the frame rate of the others: every other step is missing",
-    "doubled rate": "it has twice the frame rate of the others",
 }
 
 

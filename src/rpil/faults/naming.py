@@ -17,6 +17,9 @@ from rpil.faults.maps import FLOOR, OF_ROWS, Frame, Tried, fit_maps, gains, leve
 from rpil.faults.settings import FaultSettings
 from rpil.numerics.types import Array, Float, Int
 
+EXPLAINED, CONSTANT = 2.0, 1.1
+"""Times what undoing a fault gains that may be unusual before: it explains at least half, and an offset nine tenths."""
+
 
 @dataclass(frozen=True, eq=False)
 class Level:
@@ -89,11 +92,11 @@ class Namer:
         within = self._within(moments, self.reach[number % len(self.maps)])
         if excess > self.screen:
             gain[:n] = gains(values, moments, maps, self.frame, self.tried)
-            gain[:n] *= (gain[:n] > self.limit[:n]) & (excess - gain[:n] <= self.rest) & within[:n]
+            gain[:n] *= (gain[:n] > self.limit[:n]) & (excess - self.rest <= gain[:n] * EXPLAINED) & within[:n]
         if not gain.any() and excess <= self.rest and within[n]:  # an offset changes the level alone
             level = levels(values, maps, self.frame)
             off = self.level.gains(level, per_column(maps, self.frame))
-            gain[n:] = off * ((off > self.limit[n:]) & (self.level.excess(level) - off <= self.level.rest))
+            gain[n:] = off * ((off > self.limit[n:]) & (self.level.excess(level) - self.level.rest <= off * CONSTANT))
         best = int(np.argmax(gain))
         return (best, float(gain[best])) if gain[best] > 0 else (-1, 0.0)
 
@@ -159,9 +162,12 @@ def _namer(rows: list[Array], numbers: Array, frame: Frame, n_all: int, s: Fault
     rest, screen = float(_above(excess, s.map_rest)), float(np.quantile(excess, share)) if share else -np.inf
     limit = np.maximum(_above(gain, s.map_tail), s.least_gain)
     middle = frame.places()[:, 1]
-    reach = [s.map_reach * moments[others(fold, f)].mean(axis=0)[middle, middle] * frame.spread**2 for f in range(len(maps))]
+    reach = [
+        s.map_reach * moments[others(fold, f)].mean(axis=0)[middle, middle] * frame.spread**2 for f in range(len(maps))
+    ]
     limit = np.append(limit, np.maximum(4.0 * np.quantile(off, 0.9, axis=0), s.offset_gain))
-    power = np.append(_planted(gain, s), [s.least_offset**2 / 2 * level.power(own) for own in column[:1]])
+    usual_ones = excess[some] <= np.quantile(excess, s.map_usual)
+    power = np.append(_planted(gain[usual_ones], s), [s.least_offset**2 / 2 * level.power(own) for own in column[:1]])
     known = np.where(power > limit, limit, np.nan)
     apart = float(-np.median(gain, axis=0)[tried.n_linear :].sum())
     return apart, Namer(frame, tried, maps, np.exp(usual), np.array(reach), level, known, rest, screen)
