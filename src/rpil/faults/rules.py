@@ -117,7 +117,9 @@ def compare_leaps(seen: Evidence) -> Iterator[Comparison]:
         return f"{leap} ({jumps[c]:.3g} at most is usual)"
 
     spikes, jumps = (
-        np.where(columns.moving < s.min_moving, np.inf, np.maximum(fence(value, factor, s.smallest * least, s), least))
+        np.where(
+            columns.moving < s.least_moving, np.inf, np.maximum(fence(value, factor, s.smallest * least, s), least)
+        )
         for value, factor in ((by.spike, s.spike_factor), (by.jump, s.jump_factor))
     )
     yield Comparison.above(

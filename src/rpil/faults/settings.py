@@ -44,9 +44,12 @@ class FaultSettings:
         Steps by which such runs do not differ.
     min_frozen : int
         Steps. Shorter runs of one value are no fault.
+    least_moving : float
+        Share of the steps in motion in which a column changes, from which its leaps are looked at: what is
+        touched leaps out of rest. benchmarks/faults.py.
     min_moving : float
-        Share of the steps in motion in which a column changes, from which it may be frozen or leap: a gripper, a switch
-        or a controller that is on or off rests for long, and what is touched leaps.
+        Share of the steps in motion in which a column changes, from which it may be frozen: a gripper, a switch or a
+        controller that is on or off rests for long.
     frame_gap : float
         Share of the time between two frames by which a time may be off before a frame counts as dropped or repeated.
     repeat_motion : float
@@ -135,6 +138,7 @@ class FaultSettings:
     frozen_factor: float = 2.5
     smallest_run: float = 2.0
     min_frozen: int = 12
+    least_moving: float = 0.25
     min_moving: float = 0.5
     frame_gap: float = 0.5
     repeat_motion: float = 0.5
